@@ -1,0 +1,60 @@
+"""Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
+
+from .dynamics.articulated import articulated_forward_dynamics
+from .dynamics.composite import mass_matrix
+from .dynamics.coriolis import coriolis_matrix
+from .dynamics.energy import kinetic_energy, link_kinetic_energies, momentum, potential_energy
+from .dynamics.forward import forward_dynamics
+from .dynamics.jacobians import jacobian, jacobian_rate
+from .dynamics.kinematics import link_poses
+from .dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
+from .dynamics.record import Recursion, bearing_loads, recursion
+from .edit import locked, mounted, with_payload
+from .errors import ModelError, RneError, SimulationError, SingularMassMatrixError, UrdfError
+from .model import Cylinder, Model
+from .robot import Robot, load
+from .robots import irb140
+from .simulation import Trajectory, simulate
+from .urdf import Finding, check, read_urdf, to_urdf
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Cylinder",
+    "Finding",
+    "Model",
+    "ModelError",
+    "Recursion",
+    "RneError",
+    "Robot",
+    "SimulationError",
+    "SingularMassMatrixError",
+    "Trajectory",
+    "UrdfError",
+    "articulated_forward_dynamics",
+    "bearing_loads",
+    "bias_torque",
+    "check",
+    "coriolis_matrix",
+    "coriolis_torque",
+    "forward_dynamics",
+    "gravity_torque",
+    "inverse_dynamics",
+    "irb140",
+    "jacobian",
+    "jacobian_rate",
+    "kinetic_energy",
+    "link_kinetic_energies",
+    "link_poses",
+    "load",
+    "locked",
+    "mass_matrix",
+    "momentum",
+    "mounted",
+    "potential_energy",
+    "read_urdf",
+    "recursion",
+    "simulate",
+    "to_urdf",
+    "with_payload",
+]

@@ -1,0 +1,61 @@
+"""The Coriolis matrix of the Christoffel symbols, from Jacobians."""
+
+from __future__ import annotations
+
+from ..model import Model
+from ..spatial import Array, cross, cross_matrix, rotate, transpose, zeros
+from .checks import checked
+from .jacobians import body_jacobian_rates, body_jacobians
+from .kinematics import joint_rates, joint_transforms
+
+
+@checked
+def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
+    """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
+
+    Parameters
+    ----------
+    model : Model
+    q, qd : ndarray, shape (..., n)
+        Joint positions and rates [rad or m, /s].
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+        [N m s/rad, N s or N s/m]
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or C overflows.
+
+    Notes
+    -----
+    A rigid body is a sum of points, and for a point C = m J^T dJ/dt gives the Christoffel symbols. Summed over the
+    body, with rates of components in its own axes:
+    C = m Jc^T (dJc + [omega]x Jc) + Jw^T (I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw).
+    dM/dt - 2C is skew: Siciliano et al. 2009, (7.49).
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.coriolis_matrix(rne.irb140(), [0] * 6, [0] * 6).any().item()
+    False
+    """
+    R, p = joint_transforms(model, q)
+    rates = joint_rates(model, qd)
+    all_Jw, all_Jv = body_jacobians(model, R, p)
+    all_dJw, all_dJv = body_jacobian_rates(model, R, p, rates, all_Jw, all_Jv)
+    C = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
+    for i in range(model.nb):
+        m, c, I = model.mass[i], model.com[i], model.inertia[i]
+        Jw, dJw = all_Jw[i], all_dJw[i]  # rows are joints: J^T of the docstring
+        Jc, dJc = all_Jv[i] + cross(Jw, c), all_dJv[i] + cross(dJw, c)
+        omega = (Jw * rates[..., :, None]).sum(-2)
+        spin = (I.trace() / 2) * cross_matrix(omega) - cross_matrix(rotate(I, omega))
+        linear = m * (dJc + cross(omega[..., None, :], Jc))
+        angular = dJw @ I + Jw @ transpose(spin)
+        C = C + Jc @ transpose(linear) + Jw @ transpose(angular)
+    if model.has_mimics:
+        C = model.coordinate_map.T @ C @ model.coordinate_map
+    return C

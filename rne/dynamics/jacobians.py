@@ -1,0 +1,152 @@
+"""Jacobians of bodies and links, and their rates.
+
+Internally a Jacobian is kept as rows: row j holds the velocity that unit rate of joint j gives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model import Model
+from ..spatial import Array, cross, transpose, zeros
+from .checks import checked
+from .kinematics import body_poses, joint_rates, joint_transforms
+
+
+def body_jacobians(model: Model, R: list[Array], p: list[Array]) -> tuple[list[Array], list[Array]]:
+    """Jw[i], Jv[i], shape (..., nb, 3): row j is body i's angular velocity, and its origin's velocity, per qd_j.
+
+    Everything in the axes of body i.
+    """
+    like = np.zeros((), dtype=np.result_type(*R, *p)) if R else np.zeros(())
+    leading = np.broadcast_shapes(*(x.shape[:-2] for x in R), *(x.shape[:-1] for x in p))
+    Jw: list[Array] = []
+    Jv: list[Array] = []
+    for i, parent in enumerate(model.parent):
+        w = zeros((*leading, model.nb, 3), like=like)
+        v = zeros((*leading, model.nb, 3), like=like)
+        if parent >= 0:
+            w += Jw[parent] @ R[i]  # rows: (R^T w)^T
+            v += (Jv[parent] + cross(Jw[parent], p[i][..., None, :])) @ R[i]
+        (w if model.is_revolute(i) else v)[..., i, :] = model.axis[i]
+        Jw.append(w)
+        Jv.append(v)
+    return Jw, Jv
+
+
+def body_jacobian_rates(
+    model: Model, R: list[Array], p: list[Array], qd: Array, Jw: list[Array], Jv: list[Array]
+) -> tuple[list[Array], list[Array]]:
+    """Rates of `body_jacobians`' components in the axes of body i, for joint rates qd, shape (..., nb)."""
+    dJw: list[Array] = []
+    dJv: list[Array] = []
+    for i, parent in enumerate(model.parent):
+        dw, dv = np.zeros_like(Jw[i]), np.zeros_like(Jv[i])
+        if parent >= 0:
+            b_qd = (model.axis[i] * qd[..., i, None])[..., None, :]
+            dw += dJw[parent] @ R[i]
+            dv += (dJv[parent] + cross(dJw[parent], p[i][..., None, :])) @ R[i]
+            if model.is_revolute(i):  # d/dt R^T = -qd [b]x R^T
+                dw -= cross(b_qd, Jw[parent] @ R[i])
+                dv -= cross(b_qd, (Jv[parent] + cross(Jw[parent], p[i][..., None, :])) @ R[i])
+            else:  # the joint's origin moves along its axis
+                dv += cross(Jw[parent] @ R[i], b_qd)
+        dJw.append(dw)
+        dJv.append(dv)
+    return dJw, dJv
+
+
+def _columns(model: Model, Jw: Array, Jv: Array, R0: Array) -> Array:
+    """Stack [angular; linear] in the root link's axes, one column a coordinate."""
+    rows = np.concatenate([Jw @ transpose(R0), Jv @ transpose(R0)], axis=-1)
+    J = np.swapaxes(rows, -1, -2)
+    return J @ model.coordinate_map if model.has_mimics else J
+
+
+@checked
+def jacobian(model: Model, q: Array, link: str) -> Array:
+    """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint rate.
+
+    Parameters
+    ----------
+    model : Model
+    q : ndarray, shape (..., n)
+        Joint positions [rad or m].
+    link : str
+        One of `model.link_names`.
+
+    Returns
+    -------
+    ndarray, shape (..., 6, n)
+        [omega; v] = J qd in the axes of the root link [1, m].
+
+    Raises
+    ------
+    ValueError
+        If `q` has the wrong shape or is not finite, or there is no such link.
+
+    Notes
+    -----
+    Siciliano et al. 2009, (3.29), with the angular part first as in Featherstone 2008.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.jacobian(rne.irb140(), [0] * 6, "link_1")[:, 0].round(3).tolist()
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    """
+    index = model.link_index(link)
+    body, offset = model.link_body[index], model.link_translation[index]
+    if body < 0:
+        return zeros((*q.shape[:-1], 6, model.n), like=q)
+    Jw, Jv = (J[body] for J in body_jacobians(model, *joint_transforms(model, q)))
+    R0, _ = body_poses(model, q)
+    return _columns(model, Jw, Jv + cross(Jw, offset), R0[body])
+
+
+@checked
+def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
+    """Time derivative of `jacobian` along the motion (q, qd).
+
+    Parameters
+    ----------
+    model : Model
+    q, qd : ndarray, shape (..., n)
+        Joint positions and rates [rad or m, /s].
+    link : str
+        One of `model.link_names`.
+
+    Returns
+    -------
+    ndarray, shape (..., 6, n)
+        dJ/dt in the axes of the root link [1/s, m/s]: the link's acceleration is J qdd + (dJ/dt) qd.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or there is no such link.
+
+    Notes
+    -----
+    Featherstone 2008, section 2.10: derivatives in moving coordinates.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.jacobian_rate(rne.irb140(), [0] * 6, [0] * 6, "link_6").any().item()
+    False
+    """
+    index = model.link_index(link)
+    body, offset = model.link_body[index], model.link_translation[index]
+    if body < 0:
+        return zeros((*q.shape[:-1], 6, model.n), like=q)
+    R, p = joint_transforms(model, q)
+    rates = joint_rates(model, qd)
+    all_Jw, all_Jv = body_jacobians(model, R, p)
+    all_dJw, all_dJv = body_jacobian_rates(model, R, p, rates, all_Jw, all_Jv)
+    Jw, Jv = all_Jw[body], all_Jv[body] + cross(all_Jw[body], offset)
+    dJw, dJv = all_dJw[body], all_dJv[body] + cross(all_dJw[body], offset)
+    omega = (Jw * rates[..., :, None]).sum(-2)[..., None, :]
+    R0, _ = body_poses(model, q)
+    # from the rate of components in moving axes to the rate of the vector: + omega x
+    return _columns(model, dJw + cross(omega, Jw), dJv + cross(omega, Jv), R0[body])

@@ -1,0 +1,66 @@
+"""The package's own exceptions. A plain mistake in an array argument stays a ValueError."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from numpy.linalg import LinAlgError
+
+if TYPE_CHECKING:
+    from .simulation import Trajectory
+
+
+class RneError(Exception):
+    """Base class of every exception that only this package raises."""
+
+
+class ModelError(RneError, ValueError):
+    """A robot model that contradicts itself or that an algorithm does not cover."""
+
+
+class UrdfError(ModelError):
+    """A mistake in a URDF file; the message names the file, the element and the attribute.
+
+    Attributes
+    ----------
+    finding : rne.urdf.Finding or None
+        The finding behind the error, with its line and its cure.
+    """
+
+    def __init__(self, message: str, finding: Any = None) -> None:
+        super().__init__(message)
+        self.finding = finding
+
+
+class SingularMassMatrixError(RneError, LinAlgError):
+    """Forward dynamics where some combination of joint motions moves no inertia.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        The joints of that combination.
+    """
+
+    def __init__(self, message: str, joints: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.joints = joints
+
+
+class SimulationError(RneError, RuntimeError):
+    """A simulation that did not reach its end.
+
+    Attributes
+    ----------
+    time : float
+        The time of the failure [s].
+    trajectory : Trajectory
+        The motion up to the last good step.
+    """
+
+    def __init__(self, message: str, time: float, trajectory: Trajectory) -> None:
+        super().__init__(message)
+        self.time = time
+        self.trajectory = trajectory
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.time, self.trajectory)

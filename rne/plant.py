@@ -1,0 +1,94 @@
+"""The right-hand side of a simulation: x = (q, qd), and the drives' work if there are drives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .robot import Robot
+from .spatial import Array
+
+STEP = 1e-30  # of the complex step: its square vanishes, so nothing cancels
+
+
+class NotFinite(ArithmeticError):
+    """A state or torque that is not finite, at a time."""
+
+    def __init__(self, message: str, time: float) -> None:
+        super().__init__(message)
+        self.time = time
+
+
+class Plant:
+    """dx/dt = f(t, x) of a robot under a torque law, counting its calls.
+
+    Parameters
+    ----------
+    robot : Robot
+    law : callable
+        f(t, q, qd) -> torques, shape (n,).
+    works : bool
+        False if the drives do nothing, so that no work is summed.
+    """
+
+    def __init__(self, robot: Robot, law: Callable[[float, Array, Array], ArrayLike], *, works: bool) -> None:
+        self.robot = robot
+        self.law = law
+        self.works = works
+        self.evaluations = 0
+
+    def torque(self, t: float, q: Array, qd: Array) -> Array:
+        """The law's torques, checked: a NaN or a wrong shape is named with its time."""
+        tau = np.asarray(self.law(t, q, qd), dtype=np.float64)
+        if tau.shape != (self.robot.n,):
+            raise ValueError(f"`torque` must return shape ({self.robot.n},), got {tau.shape} at t = {t:.6g} s")
+        if not np.isfinite(tau).all():
+            i = int(np.argmin(np.isfinite(tau)))
+            raise NotFinite(f"torque of {self.robot.joint_names[i]!r} is {tau[i]} at t = {t:.6g} s", t)
+        return tau
+
+    def _split(self, t: float, x: Array) -> tuple[Array, Array]:
+        n = self.robot.n
+        if not np.isfinite(x[: 2 * n]).all():
+            raise NotFinite(f"state is not finite at t = {t:.6g} s", t)
+        return x[:n], x[n : 2 * n]
+
+    def __call__(self, t: float, x: Array) -> Array:
+        """dx/dt."""
+        self.evaluations += 1
+        q, qd = self._split(t, x)
+        tau = self.torque(t, q, qd)
+        xd = [qd, self.robot.forward_dynamics(q, qd, tau)]
+        return np.concatenate([*xd, [tau @ qd]] if self.works else xd)
+
+    def jacobian(self, t: float, x: Array) -> Array:
+        """df/dx: the law by forward differences, the dynamics by complex step, all columns in one batch.
+
+        SciPy's own differences fail on a cyclic coordinate, for which no step is ever large enough.
+        """
+        n = self.robot.n
+        q, qd = self._split(t, x)
+        tau = self.torque(t, q, qd)
+        dtau = self._law_derivatives(t, x[: 2 * n], tau) if self.works else np.zeros((2 * n, n))
+        self.evaluations += 2 * n
+        nudged = x[: 2 * n] + 1j * STEP * np.eye(2 * n)
+        qdd = self.robot.forward_dynamics(nudged[:, :n], nudged[:, n:], tau + 1j * STEP * dtau)
+        J = np.zeros((len(x), len(x)))
+        J[:n, n : 2 * n] = np.eye(n)
+        J[n : 2 * n, : 2 * n] = qdd.imag.T / STEP
+        if self.works:
+            J[-1, : 2 * n] = dtau @ qd
+            J[-1, n : 2 * n] += tau
+        return J
+
+    def _law_derivatives(self, t: float, state: Array, tau: Array) -> Array:
+        """Row j: derivative of the torques by component j of (q, qd)."""
+        n = self.robot.n
+        rows = np.zeros((2 * n, n))
+        for j, x in enumerate(state):
+            moved = state.copy()
+            moved[j] += np.sqrt(np.finfo(float).eps) * max(abs(x), 1.0)
+            rows[j] = (self.torque(t, moved[:n], moved[n:]) - tau) / (moved[j] - x)
+        return rows

@@ -1,0 +1,204 @@
+"""The user's handle on a robot: each quantity a method. It alone chooses between methods."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import edit
+from .dynamics.composite import mass_matrix
+from .dynamics.coriolis import coriolis_matrix
+from .dynamics.energy import kinetic_energy, momentum, potential_energy
+from .dynamics.forward import forward_dynamics
+from .dynamics.jacobians import jacobian, jacobian_rate
+from .dynamics.kinematics import link_poses
+from .dynamics.newton_euler import (
+    External,
+    bias_torque,
+    coriolis_torque,
+    gravity_torque,
+    inverse_dynamics,
+)
+from .dynamics.record import Recursion, recursion
+from .model import STANDARD_GRAVITY, Model
+from .robots import BUILDERS
+from .spatial import Array
+from .urdf import read_urdf
+
+
+def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Robot:
+    """Load a robot by name or from a URDF file.
+
+    Parameters
+    ----------
+    source : str or path-like
+        "irb140", for which no file is read, or the path of a URDF file.
+    gravity : array_like, shape (3,)
+        In the axes of the root link [m/s^2].
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    UrdfError
+        For the first mistake in the file, naming file, element and attribute.
+    FileNotFoundError
+        If it is neither a robot's name nor a file.
+    ValueError
+        If `gravity` is not three finite numbers.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.load("irb140").joint_names[0]
+    'joint_1'
+    """
+    from dataclasses import replace
+
+    from .dynamics.checks import number_array
+
+    g = number_array("gravity", gravity, "(3,)")
+    if g.shape != (3,):
+        raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
+    if isinstance(source, str) and source in BUILDERS:
+        return Robot(replace(BUILDERS[source](), gravity=g))
+    if not os.path.exists(source):
+        raise FileNotFoundError(f"{os.fspath(source)!r} is neither a robot ({', '.join(BUILDERS)}) nor a file")
+    return Robot(read_urdf(source, gravity=g))
+
+
+class Robot:
+    """A robot and what can be asked of it.
+
+    Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
+    angles in radians; see the functions of the same names for details.
+
+    Parameters
+    ----------
+    model : Model
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> robot.inverse_dynamics([0] * 6, [0] * 6, [0] * 6).shape
+    (6,)
+    """
+
+    def __init__(self, model: Model) -> None:
+        if not isinstance(model, Model):
+            raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
+        self._model = model
+
+    @property
+    def model(self) -> Model:
+        """The robot's parameters."""
+        return self._model
+
+    @property
+    def n(self) -> int:
+        """Number of joint coordinates."""
+        return self._model.n
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints in the order of q."""
+        return self._model.joint_names
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """The links in the order of `link_poses`, the root first."""
+        return self._model.link_names
+
+    def inverse_dynamics(
+        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None
+    ) -> Array:
+        """Torques tau = M qdd + C qd + g, shape (..., n) [N m or N]; see `rne.inverse_dynamics`."""
+        return inverse_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(qdd), external=external)
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """M(q), shape (..., n, n), full and exactly symmetric [kg m^2, kg m or kg]; see `rne.mass_matrix`."""
+        return mass_matrix(self._model, np.asarray(q))
+
+    def forward_dynamics(
+        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None
+    ) -> Array:
+        """Accelerations, shape (..., n) [rad/s^2 or m/s^2]; see `rne.forward_dynamics`."""
+        return forward_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(tau), external=external)
+
+    def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None) -> Array:
+        """C qd + g, shape (..., n) [N m or N]; see `rne.bias_torque`."""
+        return bias_torque(self._model, np.asarray(q), np.asarray(qd), external=external)
+
+    def gravity_torque(self, q: ArrayLike) -> Array:
+        """g(q), shape (..., n) [N m or N]; see `rne.gravity_torque`."""
+        return gravity_torque(self._model, np.asarray(q))
+
+    def coriolis_torque(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """C(q, qd) qd, shape (..., n) [N m or N]; see `rne.coriolis_torque`."""
+        return coriolis_torque(self._model, np.asarray(q), np.asarray(qd))
+
+    def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """C(q, qd) of the Christoffel symbols, shape (..., n, n); see `rne.coriolis_matrix`."""
+        return coriolis_matrix(self._model, np.asarray(q), np.asarray(qd))
+
+    def kinetic_energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """Kinetic energy, shape (...) [J]; see `rne.kinetic_energy`."""
+        return kinetic_energy(self._model, np.asarray(q), np.asarray(qd))
+
+    def potential_energy(self, q: ArrayLike) -> Array:
+        """Potential energy, zero at the root link's origin, shape (...) [J]; see `rne.potential_energy`."""
+        return potential_energy(self._model, np.asarray(q))
+
+    def momentum(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """[Angular; linear] momentum about the root link's origin, shape (..., 6); see `rne.momentum`."""
+        return momentum(self._model, np.asarray(q), np.asarray(qd))
+
+    def link_poses(self, q: ArrayLike) -> Array:
+        """Pose of every link, shape (..., n_links, 4, 4) [1, m]; see `rne.link_poses`."""
+        return link_poses(self._model, np.asarray(q))
+
+    def jacobian(self, q: ArrayLike, link: str) -> Array:
+        """[omega; v] of a link's origin per joint rate, shape (..., 6, n); see `rne.jacobian`."""
+        return jacobian(self._model, np.asarray(q), link)
+
+    def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str) -> Array:
+        """Time derivative of the Jacobian, shape (..., 6, n); see `rne.jacobian_rate`."""
+        return jacobian_rate(self._model, np.asarray(q), np.asarray(qd), link)
+
+    def recursion(
+        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None
+    ) -> Recursion:
+        """Every omega, alpha, a, f and tau of every link; see `rne.recursion`."""
+        return recursion(self._model, np.asarray(q), np.asarray(qd), np.asarray(qdd), external=external)
+
+    def with_payload(
+        self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, link: str | None = None
+    ) -> Robot:
+        """The robot with a rigid body bolted to a link, the last one if not said; see `rne.with_payload`."""
+        return Robot(edit.with_payload(self._model, mass, com, inertia, self.link_names[-1] if link is None else link))
+
+    def locked(self, positions: Mapping[str, float]) -> Robot:
+        """The smaller robot with some joints fixed, {joint: position}; see `rne.locked`."""
+        return Robot(edit.locked(self._model, positions))
+
+    def mounted(self, rpy: ArrayLike) -> Robot:
+        """The robot with its root link turned in the world; see `rne.mounted`."""
+        return Robot(edit.mounted(self._model, rpy))
+
+    def __repr__(self) -> str:
+        model = self._model
+        lines = [
+            f"Robot {model.name!r}: {model.n} joints, {len(model.link_names)} links, "
+            f"{model.mass.sum():.6g} kg moving, gravity {model.gravity.tolist()} m/s^2"
+        ]
+        if model.has_mimics:
+            lines.append(f"  {model.nb - model.n} further joints mimic these")
+        if model.damping.any() or model.friction.any():
+            lines.append("  damping and friction of its <dynamics> are on record, not applied")
+        return "\n".join(lines)

@@ -1,0 +1,10 @@
+"""Robots built in code: no file is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..model import Model
+from .abb_irb140 import irb140
+
+BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}

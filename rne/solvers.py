@@ -1,0 +1,51 @@
+"""SciPy's solvers, watched: a failure inside a step ends the run with what was reached, instead of losing it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .errors import SingularMassMatrixError
+from .plant import NotFinite
+
+
+def watched(method: str, failures: list[tuple[float, str]]) -> Any:
+    """A subclass of one of SciPy's OdeSolver classes that reports a failed step as status 'failed'.
+
+    Parameters
+    ----------
+    method : str
+        Name of a solver of `scipy.integrate`.
+    failures : list
+        Receives (time, cause) of a failure.
+    """
+    import scipy.integrate
+
+    base = getattr(scipy.integrate, method)
+
+    class Watched(base):  # type: ignore[misc]
+        def step(self) -> str | None:
+            try:
+                message: str | None = super().step()
+            except NotFinite as error:
+                return self._fail(error.time, str(error))
+            except SingularMassMatrixError as error:
+                return self._fail(float(self.t), str(error))
+            except ValueError as error:
+                if "overflow" in str(error):
+                    return self._fail(float(self.t), f"the motion runs away: {error}")
+                raise
+            if self.status != "failed" and not np.isfinite(self.y).all():
+                return self._fail(float(self.t), f"state is not finite at t = {self.t:.6g} s")
+            if self.status == "failed":
+                failures.append((float(self.t), f"{method} gave up: {message}"))
+            return message
+
+        def _fail(self, time: float, cause: str) -> str:
+            self.status = "failed"
+            failures.append((time, cause))
+            return cause
+
+    Watched.__name__ = method
+    return Watched

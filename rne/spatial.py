@@ -1,0 +1,143 @@
+"""Three-vectors, rotations and the inertia of rigid bodies.
+
+Everything broadcasts over leading axes and takes any dtype: float32, float64, long double, complex,
+or object arrays of mpmath numbers. Nothing here knows about robots.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+# Entries of a rotation this close to 0 or +-1 are roundings of an exact 0 or +-1; a real angle is larger.
+SNAP = 4 * float(np.finfo(np.float64).eps)
+
+YZX, ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic orders of the axes
+# Small integers take on the dtype of what they meet. Row k of CROSS is [e_k]x, flattened.
+IDENTITY = np.eye(3, dtype=np.int8)
+CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], np.int8)
+
+
+def zeros(shape: tuple[int, ...], like: Array) -> Array:
+    """Zeros of the dtype of `like`, to be filled by assignment."""
+    return np.zeros(shape, dtype=like.dtype)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product a x b of vectors along the last axis."""
+    product: Array = a.take(YZX, -1) * b.take(ZXY, -1) - a.take(ZXY, -1) * b.take(YZX, -1)
+    return product
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Scalar product of vectors along the last axis."""
+    product: Array = (a * b).sum(-1)
+    return product
+
+
+def cross_matrix(v: Array) -> Array:
+    """The matrix [v]x with [v]x u = v x u, shape (..., 3, 3)."""
+    return (v @ CROSS).reshape(*v.shape, 3)
+
+
+def outer(a: Array, b: Array) -> Array:
+    """The matrix a b^T of two vectors, shape (..., 3, 3)."""
+    product: Array = a[..., :, None] * b[..., None, :]
+    return product
+
+
+def transpose(A: Array) -> Array:
+    """Transposed matrices."""
+    return np.swapaxes(A, -1, -2)
+
+
+def rotate(R: Array, v: Array) -> Array:
+    """R v: from the axes of the rotated frame to those of the frame it is seen from."""
+    product: Array = (R @ v[..., None])[..., 0]
+    return product
+
+
+def rotate_back(R: Array, v: Array) -> Array:
+    """R^T v: from the axes of the frame the rotation is seen from to those of the rotated frame."""
+    return rotate(transpose(R), v)
+
+
+def _elementwise(name: str) -> Any:
+    plain = getattr(math, name)
+
+    def apply(x: Any) -> Any:
+        if hasattr(x, name):
+            return getattr(x, name)()
+        if hasattr(x, "context"):  # mpmath: its own context has the precision
+            return getattr(x.context, name)(x)
+        return plain(x)
+
+    return np.frompyfunc(apply, 1, 1)
+
+
+_object_sin, _object_cos = _elementwise("sin"), _elementwise("cos")
+
+
+def sincos(angle: Array) -> tuple[Array, Array]:
+    """Sine and cosine; np.sin itself fails on mpmath numbers."""
+    if np.asarray(angle).dtype == object:
+        return _object_sin(angle), _object_cos(angle)
+    return np.sin(angle), np.cos(angle)
+
+
+def rotation_about(axis: Array, angle: Array) -> Array:
+    """Rotation by `angle` about the unit vector `axis` (Rodrigues), shape (..., 3, 3).
+
+    Written as b b^T + cos (1 - b b^T) + sin [b]x, so that about a coordinate axis every 0 and 1 is exact.
+    """
+    sin, cos = sincos(angle)
+    along = outer(axis, axis)
+    across = IDENTITY - along
+    product: Array = along + cos[..., None, None] * across + sin[..., None, None] * cross_matrix(axis)
+    return product
+
+
+def snap(x: Array) -> Array:
+    """Set entries within 4 eps of 0, 1 or -1 to them; larger deviations are real and stay."""
+    x = np.array(x)
+    for exact in (0, 1, -1):
+        x[np.abs(x - exact) <= SNAP] = exact
+    return x
+
+
+def rotation_from_rpy(rpy: Array) -> Array:
+    """URDF's fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), entries snapped."""
+    x, y, z = np.eye(3, dtype=np.asarray(rpy).dtype)
+    roll, pitch, yaw = (rotation_about(b, angle) for b, angle in zip((x, y, z), rpy, strict=True))
+    return snap(yaw @ pitch @ roll)
+
+
+def rpy_from_rotation(R: Array) -> Array:
+    """The roll, pitch and yaw of one rotation matrix; at pitch = +-pi/2, where they are not unique, roll is 0."""
+    pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
+    if math.hypot(R[0, 0], R[1, 0]) <= SNAP:
+        return np.array([0.0, pitch, math.atan2(-R[0, 1], R[1, 1])])
+    return np.array([math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])])
+
+
+def point_mass_inertia(mass: Array, c: Array) -> Array:
+    """Inertia about the origin of a point mass at c: m (c.c 1 - c c^T), the parallel-axis term [kg m^2]."""
+    product: Array = mass * (dot(c, c)[..., None, None] * IDENTITY - outer(c, c))
+    return product
+
+
+def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, Array]:
+    """One rigid body from several: (mass, centre of mass, inertia about it), all in the same frame.
+
+    Massless bodies may still carry a moment of inertia; a sum without mass has its centre at the origin.
+    """
+    mass = sum(m for m, _, _ in bodies)
+    moment = sum(m * c for m, c, _ in bodies)
+    com = moment / mass if mass > 0 else 0 * moment
+    inertia = sum(I + point_mass_inertia(m, c - com) for m, c, I in bodies)
+    return mass, com, inertia

@@ -1,0 +1,7 @@
+"""URDF text <-> Model. A file is untrusted input: it is validated before any other library sees it."""
+
+from .findings import Finding
+from .read import check, read_urdf
+from .write import to_urdf
+
+__all__ = ["Finding", "check", "read_urdf", "to_urdf"]

@@ -1,0 +1,87 @@
+"""What a validator finds in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ..errors import UrdfError
+
+ECHO = 80  # characters of a file's own text that are repeated in a message
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One remark on a URDF file.
+
+    Attributes
+    ----------
+    severity : {"error", "warning"}
+        Errors keep the robot from loading; with warnings it loads unchanged.
+    file : str
+    line : int or None
+    element : str
+        The link, joint or part of it that is meant.
+    message : str
+        What is wrong.
+    cure : str
+        What to do about it.
+    """
+
+    severity: Literal["error", "warning"]
+    file: str
+    line: int | None
+    element: str
+    message: str
+    cure: str
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.place}: {self.element}: {self.message}; {self.cure}"
+
+    @property
+    def place(self) -> str:
+        """File and line."""
+        return self.file if self.line is None else f"{self.file}:{self.line}"
+
+
+class Report:
+    """Collects the findings on one file."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.findings: list[Finding] = []
+
+    def error(self, where: Any, element: str, message: str, cure: str) -> None:
+        """Add an error; `where` is the XML element, a line, or None."""
+        self.findings.append(Finding("error", self.file, _line(where), element, message, cure))
+
+    def warning(self, where: Any, element: str, message: str, cure: str) -> None:
+        """Add a warning; `where` is the XML element, a line, or None."""
+        self.findings.append(Finding("warning", self.file, _line(where), element, message, cure))
+
+    @property
+    def errors(self) -> list[Finding]:
+        """The errors among the findings."""
+        return [finding for finding in self.findings if finding.severity == "error"]
+
+    def raise_first_error(self) -> None:
+        """Raise UrdfError for the first error, if there is one."""
+        for finding in self.errors:
+            message = f"{finding.place}: {finding.element}: {finding.message}; {finding.cure}"
+            raise UrdfError(message, finding)
+
+
+def _line(where: Any) -> int | None:
+    return where if isinstance(where, int) or where is None else where.sourceline
+
+
+def echo(value: object) -> str:
+    """A value of the file in quotes, cut to a length that fits a message."""
+    text = str(value)
+    return repr(text if len(text) <= ECHO else text[:ECHO] + "...")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in quotes, separated by commas."""
+    return ", ".join(echo(name) for name in names)

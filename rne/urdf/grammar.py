@@ -1,0 +1,131 @@
+"""Which elements and attributes a URDF has, and how numbers are written in it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from .findings import Report, echo
+
+# One finite decimal number in ASCII.
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
+
+
+class Rule(NamedTuple):
+    """What may stand in an element: attributes, children that stand once, children that may repeat."""
+
+    attributes: frozenset[str] = frozenset()
+    once: frozenset[str] = frozenset()
+    many: frozenset[str] = frozenset()
+
+
+def _rule(attributes: str = "", once: str = "", many: str = "") -> Rule:
+    return Rule(frozenset(attributes.split()), frozenset(once.split()), frozenset(many.split()))
+
+
+RULES = {
+    "robot": _rule("name version", many="link joint material transmission gazebo"),
+    "link": _rule("name", once="inertial", many="visual collision"),
+    "inertial": _rule(once="origin mass inertia"),
+    "origin": _rule("xyz rpy"),
+    "mass": _rule("value"),
+    "inertia": _rule("ixx ixy ixz iyy iyz izz"),
+    "joint": _rule(
+        "name type", once="origin parent child axis limit dynamics mimic calibration safety_controller"
+    ),
+    "parent": _rule("link"),
+    "child": _rule("link"),
+    "axis": _rule("xyz"),
+    "limit": _rule("lower upper effort velocity"),
+    "dynamics": _rule("damping friction"),
+    "mimic": _rule("joint multiplier offset"),
+    "visual": _rule("name", once="origin geometry", many="material"),
+    "geometry": _rule(once="cylinder box sphere mesh capsule"),
+    "cylinder": _rule("radius length"),
+}
+# Known, and of no weight for dynamics or the drawing: not looked into.
+UNREAD = frozenset("material transmission gazebo collision calibration safety_controller box sphere mesh capsule".split())
+
+
+def describe(element: Any) -> str:
+    """An element as a user would call it: link 'arm', joint 'elbow', or just its tag."""
+    name = element.get("name")
+    return f"{element.tag} {echo(name)}" if name is not None else f"<{element.tag}>"
+
+
+def elements(root: Any) -> Iterator[tuple[Any, str]]:
+    """Every element that is read, with the name of the link or joint it belongs to; no recursion."""
+    stack = [(root, "robot")]
+    while stack:
+        element, owner = stack.pop()
+        if element.tag in ("link", "joint"):
+            owner = describe(element)
+        yield element, owner
+        rule = RULES.get(element.tag, Rule())
+        inside = [c for c in element if c.tag in rule.once | rule.many and c.tag not in UNREAD]
+        stack.extend((child, owner) for child in reversed(inside))
+
+
+def check_grammar(root: Any, report: Report) -> None:
+    """Warn of unknown elements and attributes; refuse elements that stand twice where one is meant."""
+    for element, owner in elements(root):
+        rule = RULES[element.tag]
+        counts: dict[str, int] = {}
+        for child in element:
+            counts[child.tag] = counts.get(child.tag, 0) + 1
+            if child.tag not in rule.once | rule.many:
+                report.warning(
+                    child, owner, f"unknown element {echo(child.tag)} in <{element.tag}> is ignored", "remove it"
+                )
+            elif child.tag in rule.once and counts[child.tag] == 2:
+                report.error(child, owner, f"<{child.tag}> stands twice in <{element.tag}>", "keep the one that is meant")
+        for attribute in element.attrib:
+            if attribute not in rule.attributes:
+                report.warning(
+                    element, owner, f"unknown attribute {echo(attribute)} of <{element.tag}> is ignored", "remove it"
+                )
+
+
+def prune(root: Any) -> None:
+    """Remove everything that was not validated, so that no other library reads it."""
+    for element, _ in list(elements(root)):
+        rule = RULES[element.tag]
+        for child in list(element):
+            if child.tag not in rule.once | rule.many or child.tag in UNREAD:
+                element.remove(child)
+        for attribute in list(element.attrib):
+            if attribute not in rule.attributes:
+                del element.attrib[attribute]
+
+
+def numbers(
+    element: Any, attribute: str, owner: str, report: Report, *, count: int = 1, default: str | None = None
+) -> tuple[float, ...] | None:
+    """The finite numbers of one attribute, or None with a finding."""
+    text = element.get(attribute, default)
+    what = f"attribute {attribute!r} of <{element.tag}>"
+    if text is None:
+        report.error(element, owner, f"{what} is missing", f"give {_amount(count)}")
+        return None
+    tokens = text.split()
+    if len(tokens) != count:
+        report.error(element, owner, f"{what} must be {_amount(count)}, got {echo(text)}", "mend the attribute")
+        return None
+    values = tuple(float(token) if NUMBER.fullmatch(token) else math.nan for token in tokens)
+    if not all(math.isfinite(value) for value in values):
+        message = f"{what} must be {_amount(count)}, finite and decimal, got {echo(text)}"
+        report.error(element, owner, message, "mend the attribute")
+        return None
+    return values
+
+
+def number(element: Any, attribute: str, owner: str, report: Report, *, default: str | None = None) -> float | None:
+    """One finite number, or None with a finding."""
+    values = numbers(element, attribute, owner, report, default=default)
+    return None if values is None else values[0]
+
+
+def _amount(count: int) -> str:
+    return "one number" if count == 1 else f"{count} numbers"

@@ -1,0 +1,126 @@
+"""Model -> URDF text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..assembly import Part, Pose, disassemble
+from ..model import Model
+from ..spatial import rpy_from_rotation
+
+LARGEST = float(np.finfo(np.float64).max)
+
+
+def to_urdf(model: Model) -> str:
+    """The robot as URDF text; reading it back gives the same Model.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    str
+        Numbers have all their digits. Merged links come back as fixed joints, their inertia on the body's first
+        link. What a URDF has no place for stands in a comment: gravity other than (0, 0, -9.81), and armature.
+
+    Notes
+    -----
+    A rotation other than by right angles may change in its last digit, since a URDF holds angles. A limit that does
+    not exist is written as the largest double, which is read back as none.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.to_urdf(rne.irb140()).count("<joint ")
+    6
+    """
+    from lxml import etree
+
+    root = etree.Element("robot", name=model.name)
+    _comment(root, model.notes.get("robot"))
+    if model.gravity.tolist() != [0.0, 0.0, -9.81]:
+        _comment(root, f"gravity is {_text(model.gravity)} m/s^2 in the axes of the root link")
+    if model.armature.any():
+        _comment(root, f"armature of the joints is {_text(model.armature)}")
+    parts = disassemble(model)
+    for part in parts:
+        _comment(root, model.notes.get(part.link))
+        _link(root, model, part)
+        if part.joint:
+            _comment(root, model.notes.get(part.joint))
+            _joint(root, parts, part)
+    etree.indent(root)
+    text: str = etree.tostring(root, encoding="unicode", pretty_print=True)
+    return '<?xml version="1.0"?>\n' + text
+
+
+def _comment(root: Any, text: str | None) -> None:
+    from lxml import etree
+
+    if text:
+        root.append(etree.Comment(f" {text.replace('--', '- -')} "))
+
+
+def _number(x: Any) -> str:
+    value = float(np.clip(float(x), -LARGEST, LARGEST)) + 0.0
+    return repr(value).removesuffix(".0")
+
+
+def _text(vector: Any) -> str:
+    return " ".join(_number(x) for x in vector)
+
+
+def _origin(parent: Any, xyz: Any, rpy: Any) -> None:
+    from lxml import etree
+
+    etree.SubElement(parent, "origin", xyz=_text(xyz), rpy=_text(rpy))
+
+
+def _pose(parent: Any, place: Pose) -> None:
+    _origin(parent, place.p, rpy_from_rotation(place.R.astype(np.float64)))
+
+
+def _link(root: Any, model: Model, part: Part) -> None:
+    from lxml import etree
+
+    link = etree.SubElement(root, "link", name=part.link)
+    if part.mass or np.any(part.inertia):
+        inertial = etree.SubElement(link, "inertial")
+        _origin(inertial, part.com, np.zeros(3))
+        etree.SubElement(inertial, "mass", value=_number(part.mass))
+        entries = {f"i{a}{b}": part.inertia["xyz".index(a), "xyz".index(b)] for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+        etree.SubElement(inertial, "inertia", {name: _number(x) for name, x in entries.items()})
+    for shape in model.shapes:
+        if shape.link == part.link:
+            visual = etree.SubElement(link, "visual")
+            _origin(visual, shape.position, shape.rpy)
+            geometry = etree.SubElement(visual, "geometry")
+            etree.SubElement(geometry, "cylinder", radius=_number(shape.radius), length=_number(shape.length))
+
+
+def _joint(root: Any, parts: list[Part], part: Part) -> None:
+    from lxml import etree
+
+    joint = etree.SubElement(root, "joint", name=part.joint, type=part.kind)
+    _pose(joint, part.placement)
+    etree.SubElement(joint, "parent", link=parts[part.parent].link)
+    etree.SubElement(joint, "child", link=part.link)
+    if part.kind == "fixed":
+        return
+    etree.SubElement(joint, "axis", xyz=_text(part.axis))
+    bounds = {"lower": part.lower, "upper": part.upper} if part.kind != "continuous" else {}
+    limits = bounds | {"effort": part.effort, "velocity": part.velocity}
+    etree.SubElement(joint, "limit", {name: _number(x) for name, x in limits.items()})
+    if part.damping or part.friction:
+        etree.SubElement(joint, "dynamics", damping=_number(part.damping), friction=_number(part.friction))
+    if part.mimic:
+        etree.SubElement(
+            joint,
+            "mimic",
+            joint=parts[part.mimic.driver].joint,
+            multiplier=_number(part.mimic.multiplier),
+            offset=_number(part.mimic.offset),
+        )
