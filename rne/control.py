@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .dynamics.checks import joint_array
+from .arguments import joint_array
 from .robot import Robot
 from .spatial import Array
 
@@ -51,6 +51,7 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike)
     )
 
     def law(t: float, q: Array, qd: Array) -> Array:
-        return robot.gravity_torque(q) - p * (np.asarray(q) - q_ref) - d * np.asarray(qd)
+        u: Array = robot.gravity_torque(q) - p * (np.asarray(q) - q_ref) - d * np.asarray(qd)
+        return u
 
     return law

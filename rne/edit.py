@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arguments import number_array
 from .assembly import Part, Pose, assemble, disassemble, pose
-from .dynamics.checks import number_array
 from .model import Model
 from .model_checks import inertia_error
 from .spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose

@@ -241,9 +241,9 @@ class Model:
 
 
 def _convert(array: Array, number: Callable[[float], Any]) -> Array:
-    converted = np.empty(array.shape, dtype=object)
-    converted.flat = [number(float(x)) for x in array.flat]
-    return converted
+    converted = np.empty(array.size, dtype=object)
+    converted[:] = [number(float(x)) for x in array.flat]
+    return converted.reshape(array.shape)
 
 
 def _rebuild(values: dict[str, Any]) -> Model:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import edit
+from .arguments import number_array
 from .dynamics.composite import mass_matrix
 from .dynamics.coriolis import coriolis_matrix
 from .dynamics.energy import kinetic_energy, momentum, potential_energy
@@ -58,10 +60,6 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     >>> rne.load("irb140").joint_names[0]
     'joint_1'
     """
-    from dataclasses import replace
-
-    from .dynamics.checks import number_array
-
     g = number_array("gravity", gravity, "(3,)")
     if g.shape != (3,):
         raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
@@ -171,14 +169,16 @@ class Robot:
         """Time derivative of the Jacobian, shape (..., 6, n); see `rne.jacobian_rate`."""
         return jacobian_rate(self._model, np.asarray(q), np.asarray(qd), link)
 
-    def recursion(
-        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None
-    ) -> Recursion:
+    def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
         """Every omega, alpha, a, f and tau of every link; see `rne.recursion`."""
         return recursion(self._model, np.asarray(q), np.asarray(qd), np.asarray(qdd), external=external)
 
     def with_payload(
-        self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, link: str | None = None
+        self,
+        mass: float,
+        com: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+        link: str | None = None,
     ) -> Robot:
         """The robot with a rigid body bolted to a link, the last one if not said; see `rne.with_payload`."""
         return Robot(edit.with_payload(self._model, mass, com, inertia, self.link_names[-1] if link is None else link))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .dynamics.checks import joint_array, number_array
+from .arguments import joint_array, number_array
 from .errors import RneError, SimulationError
 from .plant import Plant
 from .robot import Robot
@@ -125,7 +125,7 @@ def simulate(
         raise TypeError(f"`scene_or_robot` must be an rne.Robot, got {type(robot).__name__}")
     if method != "auto" and method not in METHODS:
         raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}")
-    x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(torque is not None)])
+    x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(0 if torque is None else 1)])
     end = _positive("duration", duration, zero_allowed=True)
     times = None if t_eval is None else _check_times(t_eval, end)
     tolerances = _positive("rtol", rtol), _positive("atol", atol)
@@ -172,7 +172,8 @@ def _run(
     if plant.works:
         atols[-1] = NO_SAY
         # All methods but LSODA take the mean square error of the components: one that is always 0 must not dilute it.
-        rtol, atols = (x * (1 if method == "LSODA" else np.sqrt(1 - 1 / len(x0))) for x in (rtol, atols))
+        undiluted = 1.0 if method == "LSODA" else float(np.sqrt(1 - 1 / len(x0)))
+        rtol, atols = rtol * undiluted, atols * undiluted
     options: dict[str, Any] = {"jac": plant.jacobian} if method in IMPLICIT else {}
     failures: list[tuple[float, str]] = []
     solution = solve_ivp(
@@ -208,9 +209,7 @@ def _trajectory(plant: Plant, t: Array, y: Array, method: str, status: int, mess
     kinetic, potential = plant.robot.kinetic_energy(q, qd), plant.robot.potential_energy(q)
     energy = kinetic + potential
     drift = float(np.abs(energy - energy[0] - work).max()) if len(t) else 0.0
-    return Trajectory(
-        t, q, qd, qdd, tau, kinetic, potential, energy, work, drift, evaluations, method, status, message
-    )
+    return Trajectory(t, q, qd, qdd, tau, kinetic, potential, energy, work, drift, evaluations, method, status, message)
 
 
 def _torque_law(robot: Robot, torque: ArrayLike | TorqueLaw | None) -> TorqueLaw:

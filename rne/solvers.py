@@ -24,7 +24,7 @@ def watched(method: str, failures: list[tuple[float, str]]) -> Any:
 
     base = getattr(scipy.integrate, method)
 
-    class Watched(base):  # type: ignore[misc]
+    class Watched(base):  # type: ignore[misc, valid-type]
         def step(self) -> str | None:
             try:
                 message: str | None = super().step()

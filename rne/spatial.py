@@ -36,7 +36,7 @@ def cross(a: Array, b: Array) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """Scalar product of vectors along the last axis."""
-    product: Array = (a * b).sum(-1)
+    product: Array = (a * b).sum(-1, keepdims=True)[..., 0]  # an array even of two single object vectors
     return product
 
 
@@ -137,7 +137,7 @@ def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, 
     Massless bodies may still carry a moment of inertia; a sum without mass has its centre at the origin.
     """
     mass = sum(m for m, _, _ in bodies)
-    moment = sum(m * c for m, c, _ in bodies)
+    moment: Array = np.sum([m * c for m, c, _ in bodies], axis=0)
     com = moment / mass if mass > 0 else 0 * moment
-    inertia = sum(I + point_mass_inertia(m, c - com) for m, c, I in bodies)
+    inertia: Array = np.sum([I + point_mass_inertia(m, c - com) for m, c, I in bodies], axis=0)
     return mass, com, inertia

@@ -45,7 +45,10 @@ class Force(NamedTuple):
 
 
 class Hinge(NamedTuple):
-    """What pass 3 needs of joint i: U = I^A S in two parts, d = S^T U, u = tau - S^T p^A, and the bias c."""
+    """What pass 3 needs of joint i: U = I^A S in two parts, d = S^T U, u = tau - S^T p^A, and the bias c.
+
+    d and u have shape (..., 1).
+    """
 
     U_moment: Array
     U_force: Array
@@ -76,11 +79,11 @@ def seen_from_parent(inertia: Inertia, force: Force, R: Array, p: Array) -> tupl
 
 def eliminate_joint(inertia: Inertia, bias: Force, hinge: Hinge) -> tuple[Inertia, Force]:
     """What the parent feels of the body behind a free joint: I^a and p^a of Featherstone 2008, (7.25) and (7.24)."""
-    n, f, d = hinge.U_moment, hinge.U_force, hinge.d[..., None, None]
+    n, f, d = hinge.U_moment, hinge.U_force, hinge.d[..., None]
     I = inertia.I - outer(n, n) / d
     H = inertia.H - outer(n, f) / d
     M = inertia.M - outer(f, f) / d
-    share = (hinge.u / hinge.d)[..., None]
+    share = hinge.u / hinge.d
     moment = bias.moment + rotate(I, hinge.c_angular) + rotate(H, hinge.c_linear) + n * share
     force = bias.force + rotate(transpose(H), hinge.c_angular) + rotate(M, hinge.c_linear) + f * share
     return Inertia(I, H, M), Force(moment, force)
@@ -94,13 +97,14 @@ def hinge_of(
     b_qd = b * qd[..., i, None]
     if model.is_revolute(i):
         n, f = rotate(inertia.I, b), rotate(transpose(inertia.H), b)
-        d, u = dot(b, n), tau[..., i] - dot(b, bias.moment)
+        d, pull = dot(b, n), dot(b, bias.moment)
         c_angular, c_linear = cross(omega, b_qd), cross(v, b_qd)
     else:
         n, f = rotate(inertia.H, b), rotate(inertia.M, b)
-        d, u = dot(b, f), tau[..., i] - dot(b, bias.force)
+        d, pull = dot(b, f), dot(b, bias.force)
         c_angular, c_linear = np.zeros_like(b_qd), cross(omega, b_qd)
-    return Hinge(n, f, d + model.armature[i], u, c_angular, c_linear)
+    d, u = d[..., None] + model.armature[i], tau[..., i, None] - pull[..., None]
+    return Hinge(n, f, d, u, c_angular, c_linear)
 
 
 def _judge(model: Model, result: tuple[Array, Array], arguments: Mapping[str, Any]) -> Array:
@@ -178,9 +182,9 @@ def articulated_forward_dynamics(
         h = hinges[i]
         alpha_i = rotate_back(R[i], alpha_p) + h.c_angular
         a_i = rotate_back(R[i], a_p + cross(alpha_p, p[i])) + h.c_linear
-        qdd_i = (h.u - dot(h.U_moment, alpha_i) - dot(h.U_force, a_i)) / h.d
-        b_qdd = model.axis[i] * qdd_i[..., None]
+        qdd_i = (h.u - dot(h.U_moment, alpha_i)[..., None] - dot(h.U_force, a_i)[..., None]) / h.d
+        b_qdd = model.axis[i] * qdd_i
         alpha.append(alpha_i + b_qdd if model.is_revolute(i) else alpha_i)
         a.append(a_i if model.is_revolute(i) else a_i + b_qdd)
-        qdd[..., i], pivots[..., i] = qdd_i, h.d
+        qdd[..., i], pivots[..., i] = qdd_i[..., 0], h.d[..., 0]
     return qdd, pivots

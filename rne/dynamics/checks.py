@@ -13,24 +13,23 @@ from dataclasses import fields, is_dataclass
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from ..arguments import is_finite, joint_array, number_array
 from ..model import Model
 from ..spatial import Array
 
 P = ParamSpec("P")
 R = TypeVar("R")
-R_co = TypeVar("R_co", covariant=True)
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 
 JOINT_ARGUMENTS = ("q", "qd", "qdd", "tau")
 
 
-class Checked(Protocol[P, R_co, T_co]):
+class Checked(Protocol[P, R, T_co]):
     """A public function together with the bare recursion it wraps."""
 
-    core: Callable[..., R_co]
+    core: Callable[..., R]
     __name__: str
 
     def __call__(self, model: Model, *args: P.args, **kwargs: P.kwargs) -> T_co: ...
@@ -91,42 +90,6 @@ def check_arguments(model: Model, given: Mapping[str, Any]) -> tuple[Model, dict
     return model_for(model, dtype, every), checked_arguments
 
 
-def joint_array(name: str, value: ArrayLike, model: Model) -> Array:
-    """Check one array of joint values: numbers, finite, with the coordinates along the last axis."""
-    n = model.n
-    array = number_array(name, value, f"(..., {n})")
-    if array.ndim == 0 or array.shape[-1] != n:
-        cure = ""
-        if array.ndim == 2 and array.shape[0] == n:
-            cure = f"; states go along the first axis: pass `{name}`.T, of shape {array.shape[::-1]}"
-        raise ValueError(f"`{name}` must have shape (..., {n}) for robot {model.name!r}, got {array.shape}{cure}")
-    return array
-
-
-def number_array(name: str, value: ArrayLike, shape: str) -> Array:
-    """An array of finite numbers; integers become float64."""
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got rows of unequal length") from None
-    if array.dtype.kind in "iu":
-        array = array.astype(np.float64)
-    if array.dtype.kind not in "fcO":
-        raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got dtype {array.dtype}")
-    finite = is_finite(array)
-    if not finite.all():
-        index = tuple(int(k) for k in np.argwhere(~finite)[0])
-        raise ValueError(f"`{name}` must be finite, got {array[index]} at index {index}")
-    return array
-
-
-def is_finite(array: Array) -> Array:
-    """Elementwise finiteness, for mpmath numbers too."""
-    if array.dtype == object:
-        return np.asarray((array - array) == 0, dtype=bool)
-    return np.isfinite(array)
-
-
 def check_external(model: Model, external: Any) -> dict[str, Array]:
     """Check wrenches by link name: shape (..., 6), [moment; force]."""
     if not isinstance(external, Mapping):
@@ -154,7 +117,7 @@ def common_leading_shape(arrays: Mapping[str, Array]) -> tuple[int, ...]:
 
 def model_for(model: Model, dtype: np.dtype[Any], arrays: list[Array]) -> Model:
     """The model in the dtype of the arguments, so that the arithmetic stays in it."""
-    if dtype == object:
+    if dtype.kind == "O":
         numbers = (x for array in arrays for x in array.flat if hasattr(x, "context"))
         example = next(numbers, None)
         return model if example is None else model.astype(object, example.context.mpf)

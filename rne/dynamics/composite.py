@@ -99,5 +99,3 @@ def reduce_to_coordinates(model: Model, M: Array) -> Array:
     lower_rows, lower_columns = np.tril_indices(model.n, -1)
     reduced[..., lower_columns, lower_rows] = reduced[..., lower_rows, lower_columns]
     return reduced
-
-

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import SingularMassMatrixError
 from ..model import Model
-from ..spatial import Array
+from ..spatial import Array, zeros
 from .checks import judged
 from .composite import mass_matrix
 from .newton_euler import External, bias_torque
@@ -34,7 +34,7 @@ def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
     the order that keeps a light tip's digits.
     """
     L = M.copy()
-    D = np.zeros_like(M[..., 0])
+    D = zeros(M.shape[:-1], like=M)
     for k in reversed(range(len(parent))):
         above = np.array(ancestors(parent, k), dtype=int)
         row = L[..., k, above]

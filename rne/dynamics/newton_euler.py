@@ -44,9 +44,7 @@ class Motion(NamedTuple):
     a_c: list[Array]
 
 
-def forward_recursion(
-    model: Model, R: list[Array], p: list[Array], qd: Array, qdd: Array, a_base: Array
-) -> Motion:
+def forward_recursion(model: Model, R: list[Array], p: list[Array], qd: Array, qdd: Array, a_base: Array) -> Motion:
     """Velocities and accelerations of every body, from the base outwards.
 
     `qd`, `qdd` are rates of the moving joints; `a_base` is the base's acceleration: -gravity, so that every body

@@ -7,4 +7,6 @@ from collections.abc import Callable
 from ..model import Model
 from .abb_irb140 import irb140
 
+__all__ = ["BUILDERS", "irb140"]
+
 BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}

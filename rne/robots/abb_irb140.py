@@ -106,9 +106,12 @@ def _notes() -> dict[str, str]:
     notes = {"robot": NOTES["robot"], "base_link": NOTES["base_link"]}
     for i, link in enumerate(LINKS, 1):
         limits = NOTES["limits"] + (NOTES["unlimited"] if i in (4, 6) else "")
-        notes[f"joint_{i}"] = f"Origin: R_i^{{i-1}} and r_{{i-2,i-1}} of the thesis for i = {i}; axis b_{i} (3.30). {limits}"
+        notes[f"joint_{i}"] = (
+            f"Origin: R_i^{{i-1}} and r_{{i-2,i-1}} of the thesis for i = {i}; axis b_{i} (3.30). {limits}"
+        )
         notes[f"link_{i}"] = (
-            f"Table 4.1: cylinder of {link.mass} kg, radius {link.radius} m, height {link.height} m; centre r_{{{i - 1},c{i}}}; "
+            f"Table 4.1: cylinder of {link.mass} kg, radius {link.radius} m, height {link.height} m; "
+            f"centre r_{{{i - 1},c{i}}}; "
             "moments m r^2/2 along, m (3 r^2 + h^2)/12 across (4.25)-(4.31)."
             if link.mass
             else "No mass and no length in the thesis."

@@ -26,8 +26,7 @@ def read_bytes(path: str | os.PathLike[str], report: Report) -> bytes | None:
         report.error(None, "file", "is not a regular file", "give the path of a URDF file")
         return None
     with file.open("rb") as stream:
-        data = stream.read(MAX_BYTES + 1)
-    return data
+        return stream.read(MAX_BYTES + 1)
 
 
 def parse(data: bytes, report: Report) -> Any | None:
@@ -75,7 +74,10 @@ def _first_pass(data: bytes, report: Report) -> None:
         depth += 1
         if depth > MAX_DEPTH:
             report.error(
-                parser.CurrentLineNumber, "file", f"is nested deeper than {MAX_DEPTH} elements", "a URDF needs about 6"
+                parser.CurrentLineNumber,
+                "file",
+                f"is nested deeper than {MAX_DEPTH} elements",
+                "a URDF needs about 6",
             )
             raise _Refused
 

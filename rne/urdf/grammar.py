@@ -32,9 +32,7 @@ RULES = {
     "origin": _rule("xyz rpy"),
     "mass": _rule("value"),
     "inertia": _rule("ixx ixy ixz iyy iyz izz"),
-    "joint": _rule(
-        "name type", once="origin parent child axis limit dynamics mimic calibration safety_controller"
-    ),
+    "joint": _rule("name type", once="origin parent child axis limit dynamics mimic calibration safety_controller"),
     "parent": _rule("link"),
     "child": _rule("link"),
     "axis": _rule("xyz"),
@@ -46,7 +44,20 @@ RULES = {
     "cylinder": _rule("radius length"),
 }
 # Known, and of no weight for dynamics or the drawing: not looked into.
-UNREAD = frozenset("material transmission gazebo collision calibration safety_controller box sphere mesh capsule".split())
+UNREAD = frozenset(
+    [
+        "material",
+        "transmission",
+        "gazebo",
+        "collision",
+        "calibration",
+        "safety_controller",
+        "box",
+        "sphere",
+        "mesh",
+        "capsule",
+    ]
+)
 
 
 def describe(element: Any) -> str:
@@ -77,14 +88,25 @@ def check_grammar(root: Any, report: Report) -> None:
             counts[child.tag] = counts.get(child.tag, 0) + 1
             if child.tag not in rule.once | rule.many:
                 report.warning(
-                    child, owner, f"unknown element {echo(child.tag)} in <{element.tag}> is ignored", "remove it"
+                    child,
+                    owner,
+                    f"unknown element {echo(child.tag)} in <{element.tag}> is ignored",
+                    "remove it",
                 )
             elif child.tag in rule.once and counts[child.tag] == 2:
-                report.error(child, owner, f"<{child.tag}> stands twice in <{element.tag}>", "keep the one that is meant")
+                report.error(
+                    child,
+                    owner,
+                    f"<{child.tag}> stands twice in <{element.tag}>",
+                    "keep the one that is meant",
+                )
         for attribute in element.attrib:
             if attribute not in rule.attributes:
                 report.warning(
-                    element, owner, f"unknown attribute {echo(attribute)} of <{element.tag}> is ignored", "remove it"
+                    element,
+                    owner,
+                    f"unknown attribute {echo(attribute)} of <{element.tag}> is ignored",
+                    "remove it",
                 )
 
 

@@ -182,8 +182,8 @@ def _inertial(link: Any, centre: Pose) -> dict[str, Any]:
     return {"mass": link.inertial.mass, "com": centre.p, "inertia": (inertia + inertia.T) / 2}
 
 
-def _limits(joint: Any) -> dict[str, float]:
-    values: dict[str, float] = {}
+def _limits(joint: Any) -> dict[str, Any]:
+    values: dict[str, Any] = {}
     if joint.limit is not None:
         bounded = joint.type in ("revolute", "prismatic")
         values = {

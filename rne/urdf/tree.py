@@ -77,7 +77,12 @@ def _check_one_root(root: Any, links: list[Any], joints: list[Any], report: Repo
     roots = [link.get("name") for link in links if link.get("name") not in joint_above]
     loops = _loops(joint_above)
     if loops:
-        report.error(loops[0], describe(loops[0]), f"joints in a loop: {listed(j.get('name') for j in loops)}", "cut it")
+        report.error(
+            loops[0],
+            describe(loops[0]),
+            f"joints in a loop: {listed(j.get('name') for j in loops)}",
+            "cut it",
+        )
     if len(roots) > 1:
         report.error(root, "robot", f"several roots: links {listed(roots)}", "join them, or remove all but one")
 
@@ -128,7 +133,12 @@ def _check_mimic_ends(joint: Any, by_name: dict[str, Any], done: set[str], repor
     while name in by_name and by_name[name].find("mimic") is not None and name not in done:
         if name in chain:
             circle = chain[chain.index(name) :]
-            report.error(joint, describe(joint), f"<mimic> in a circle: {listed(circle)}", "let one of them move freely")
+            report.error(
+                joint,
+                describe(joint),
+                f"<mimic> in a circle: {listed(circle)}",
+                "let one of them move freely",
+            )
             break
         chain.append(name)
         name = by_name[name].find("mimic").get("joint")

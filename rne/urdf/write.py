@@ -91,7 +91,9 @@ def _link(root: Any, model: Model, part: Part) -> None:
         inertial = etree.SubElement(link, "inertial")
         _origin(inertial, part.com, np.zeros(3))
         etree.SubElement(inertial, "mass", value=_number(part.mass))
-        entries = {f"i{a}{b}": part.inertia["xyz".index(a), "xyz".index(b)] for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+        entries = {
+            f"i{a}{b}": part.inertia["xyz".index(a), "xyz".index(b)] for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+        }
         etree.SubElement(inertial, "inertia", {name: _number(x) for name, x in entries.items()})
     for shape in model.shapes:
         if shape.link == part.link:

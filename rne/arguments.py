@@ -1,0 +1,45 @@
+"""Arrays that come from a user: what is wrong with one is said with its name, what was expected and what came."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .model import Model
+from .spatial import Array
+
+
+def joint_array(name: str, value: ArrayLike, model: Model) -> Array:
+    """Check one array of joint values: numbers, finite, with the coordinates along the last axis."""
+    n = model.n
+    array = number_array(name, value, f"(..., {n})")
+    if array.ndim == 0 or array.shape[-1] != n:
+        cure = ""
+        if array.ndim == 2 and array.shape[0] == n:
+            cure = f"; states go along the first axis: pass `{name}`.T, of shape {array.shape[::-1]}"
+        raise ValueError(f"`{name}` must have shape (..., {n}) for robot {model.name!r}, got {array.shape}{cure}")
+    return array
+
+
+def number_array(name: str, value: ArrayLike, shape: str) -> Array:
+    """An array of finite numbers; integers become float64."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got rows of unequal length") from None
+    if array.dtype.kind in "iu":
+        array = array.astype(np.float64)
+    if array.dtype.kind not in "fcO":
+        raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got dtype {array.dtype}")
+    finite = is_finite(array)
+    if not finite.all():
+        index = tuple(int(k) for k in np.argwhere(~finite)[0])
+        raise ValueError(f"`{name}` must be finite, got {array[index]} at index {index}")
+    return array
+
+
+def is_finite(array: Array) -> Array:
+    """Elementwise finiteness, for mpmath numbers too."""
+    if array.dtype == object:
+        return np.asarray((array - array) == 0, dtype=bool)
+    return np.isfinite(array)

@@ -1,0 +1,36 @@
+import pytest
+
+import rne
+from rne.robots.chains import random_tree
+
+from .helpers import Oracle, data_robots
+
+TREES = {
+    "single": random_tree(1, seed=1),
+    "serial": random_tree(6, seed=2, prismatic=0, branching=0),
+    "sliders": random_tree(5, seed=3, prismatic=1),
+    "mixed": random_tree(7, seed=4),
+    "bushy": random_tree(12, seed=5, branching=0.8),
+    "mimics": random_tree(5, seed=6, mimics=3),
+}
+
+
+@pytest.fixture(params=TREES, scope="session")
+def tree(request):
+    """A random tree: joints of all types, branches, tools on fixed joints, any direction of gravity."""
+    return TREES[request.param]
+
+
+@pytest.fixture(scope="session")
+def irb140():
+    return rne.load("irb140")
+
+
+@pytest.fixture(scope="session")
+def irb140_oracle(irb140):
+    return Oracle(irb140.model, rne.to_urdf(irb140.model))
+
+
+@pytest.fixture(scope="session")
+def ur5():
+    return rne.load(data_robots()["ur_description/ur5_robot"])

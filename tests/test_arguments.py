@@ -1,0 +1,191 @@
+"""Shapes broadcast, wrong arguments are refused with the exact words."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import mutually_broadcastable_shapes
+
+import rne
+from rne.robots.chains import random_tree
+
+TREE = random_tree(3, seed=9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(mutually_broadcastable_shapes(num_shapes=3, max_dims=3, max_side=3), st.integers(0, 2**32 - 1))
+def test_leading_axes_broadcast_as_single_states_would(shapes, seed):
+    rng = np.random.default_rng(seed)
+    q, qd, x = (rng.normal(size=(*shape, 3)) for shape in shapes.input_shapes)
+    got = rne.inverse_dynamics(TREE, q, qd, x)
+    assert got.shape == (*shapes.result_shape, 3)
+    assert rne.forward_dynamics(TREE, q, qd, x).shape == got.shape
+    assert rne.mass_matrix(TREE, q).shape == (*q.shape, 3)
+    assert rne.kinetic_energy(TREE, q, qd).shape == np.broadcast_shapes(q.shape, qd.shape)[:-1]
+    full = [np.broadcast_to(v, got.shape).reshape(-1, 3) for v in (q, qd, x)]
+    single = np.array([rne.inverse_dynamics(TREE, *s) for s in zip(*full, strict=True)]).reshape(got.shape)
+    np.testing.assert_allclose(got, single, rtol=0, atol=1e-13 * max(1, np.abs(single).max(initial=0)))
+
+
+def test_arguments_are_not_changed():
+    q = np.linspace(0, 1, 3)
+    before = q.copy()
+    rne.forward_dynamics(TREE, q, q, q)
+    assert np.array_equal(q, before)
+
+
+def refused(call, text, error=ValueError):
+    with pytest.raises(error, match="^" + re.escape(text) + "$"):
+        call()
+
+
+def test_wrong_length(irb140):
+    refused(
+        lambda: irb140.gravity_torque(np.zeros(5)), "`q` must have shape (..., 6) for robot 'irb140', got (5,)"
+    )
+
+
+def test_a_number_is_no_state(irb140):
+    refused(lambda: irb140.gravity_torque(0.0), "`q` must have shape (..., 6) for robot 'irb140', got ()")
+
+
+def test_transposed_batch_is_named(irb140):
+    refused(
+        lambda: irb140.gravity_torque(np.zeros((6, 100))),
+        "`q` must have shape (..., 6) for robot 'irb140', got (6, 100); states go along the first axis: "
+        "pass `q`.T, of shape (100, 6)",
+    )
+
+
+def test_nan_is_refused_with_its_place(irb140):
+    q = np.zeros((3, 6))
+    q[2, 1] = np.nan
+    refused(lambda: irb140.mass_matrix(q), "`q` must be finite, got nan at index (2, 1)")
+
+
+def test_infinity_in_another_argument(irb140):
+    qd = [0, 0, np.inf, 0, 0, 0]
+    refused(lambda: irb140.bias_torque([0] * 6, qd), "`qd` must be finite, got inf at index (2,)")
+
+
+def test_words_are_no_numbers(irb140):
+    text = "`q` must be an array of numbers of shape (..., 6), got dtype <U1"
+    refused(lambda: irb140.gravity_torque(["a"] * 6), text)
+
+
+def test_ragged_rows():
+    refused(
+        lambda: rne.gravity_torque(TREE, [[0, 1], [2]]),
+        "`q` must be an array of numbers of shape (..., 3), got rows of unequal length",
+    )
+
+
+def test_leading_shapes_that_do_not_fit():
+    refused(
+        lambda: rne.bias_torque(TREE, np.zeros((2, 3)), np.zeros((5, 3))),
+        "leading shapes must broadcast against each other, got `q` (2, 3), `qd` (5, 3)",
+    )
+
+
+def test_overflow_is_an_error_not_an_infinity():
+    refused(
+        lambda: rne.coriolis_torque(TREE, np.ones(3), np.full(3, 1e200)),
+        "coriolis_torque overflows float64 for these arguments; the result is not finite",
+    )
+
+
+def test_external_on_an_unknown_link():
+    refused(
+        lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"hand": np.zeros(6)}),
+        f"`external` must name links of {list(TREE.link_names)}, got 'hand'",
+    )
+
+
+def test_external_of_a_wrong_shape():
+    refused(
+        lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"link0": np.zeros(3)}),
+        "`external['link0']` must have shape (..., 6), [moment; force], got (3,)",
+    )
+
+
+def test_external_that_is_no_mapping():
+    refused(
+        lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external=np.zeros(6)),
+        "`external` must be a mapping of link name to wrench, got ndarray",
+    )
+
+
+def test_external_batches_broadcast_too():
+    wrench = np.random.default_rng(0).normal(size=(4, 6))
+    got = rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"link2": wrench})
+    assert got.shape == (4, 3)
+
+
+def test_jacobian_of_an_unknown_link():
+    names = list(TREE.link_names)
+    refused(lambda: rne.jacobian(TREE, np.zeros(3), "hand"), f"`link` must be one of {names}, got 'hand'")
+
+
+def test_a_robot_is_not_a_model(irb140):
+    refused(
+        lambda: rne.gravity_torque(irb140, np.zeros(6)),
+        "`model` must be an rne.Model, got Robot; a Robot has it as .model",
+        TypeError,
+    )
+    refused(lambda: rne.Robot("irb140"), "`model` must be an rne.Model, got str", TypeError)
+
+
+def test_load_of_neither_name_nor_file():
+    refused(lambda: rne.load("irb14"), "'irb14' is neither a robot (irb140) nor a file", FileNotFoundError)
+
+
+def test_gravity_of_a_wrong_shape():
+    refused(lambda: rne.load("irb140", gravity=[9.81]), "`gravity` must have shape (3,), got (1,)")
+
+
+def test_gravity_is_a_keyword_of_load():
+    weightless = rne.load("irb140", gravity=[0, 0, 0])
+    assert not weightless.gravity_torque(np.ones(6)).any()
+
+
+class TestSingularMassMatrix:
+    def test_massless_joint_is_named(self):
+        from rne.assembly import Part, assemble
+
+        arm = assemble(
+            "ghost",
+            [
+                Part(link="base"),
+                Part(link="a", joint="j1", kind="revolute", parent=0, mass=1.0, com=np.array([0, 1.0, 0])),
+                Part(link="b", joint="j2", kind="revolute", parent=1),
+            ],
+        )
+        with pytest.raises(rne.SingularMassMatrixError) as caught:
+            rne.forward_dynamics(arm, [0, 0], [0, 0], [0, 0])
+        assert str(caught.value) == "M is singular: nothing with inertia moves with 'j2'"
+        assert caught.value.joints == ("j2",)
+        assert isinstance(caught.value, np.linalg.LinAlgError)
+
+    @pytest.mark.parametrize("forward", [rne.forward_dynamics, rne.articulated_forward_dynamics])
+    def test_two_parallel_sliders_are_named(self, forward):
+        from rne.assembly import Part, assemble
+
+        third = Part(link="c", joint="swing", kind="revolute", parent=2, mass=0.7, com=np.array([0.1, 0.3, 0.2]))
+        arm = assemble(
+            "sliders",
+            [
+                Part(link="base"),
+                Part(link="a", joint="left", kind="prismatic", parent=0),
+                Part(link="b", joint="right", kind="prismatic", parent=1, mass=1.3),
+                third,
+            ],
+        )
+        q = np.array([[0.1, 0.2, 0.3], [0.5, -0.7, 1.1]])
+        with pytest.raises(rne.SingularMassMatrixError) as caught:
+            forward(arm, q, q, q)
+        assert caught.value.joints == ("left", "right")
+        assert str(caught.value).startswith(
+            "M is singular to working precision at state (0,): a combined motion of 'left', 'right' moves no inertia"
+        )

@@ -1,0 +1,92 @@
+"""One text, many number types: float32, float64, long double, complex, mpmath."""
+
+import mpmath
+import numpy as np
+import pytest
+
+import rne
+
+from .helpers import EPS, relative, states
+
+CALLS = {
+    "inverse_dynamics": (rne.inverse_dynamics, 3),
+    "mass_matrix": (rne.mass_matrix, 1),
+    "bias_torque": (rne.bias_torque, 2),
+    "gravity_torque": (rne.gravity_torque, 1),
+    "coriolis_torque": (rne.coriolis_torque, 2),
+    "coriolis_matrix": (rne.coriolis_matrix, 2),
+    "kinetic_energy": (rne.kinetic_energy, 2),
+    "potential_energy": (rne.potential_energy, 1),
+    "momentum": (rne.momentum, 2),
+    "link_poses": (rne.link_poses, 1),
+    "forward_dynamics": (rne.forward_dynamics, 3),
+    "articulated_forward_dynamics": (rne.articulated_forward_dynamics, 3),
+}
+
+
+@pytest.fixture(params=CALLS)
+def call(request):
+    return CALLS[request.param]
+
+
+def exact(model, function, arguments):
+    """The same function on 50 digits, rounded to long double; the model's doubles are taken as exact."""
+    with mpmath.workdps(50):
+        numbers = [np.vectorize(mpmath.mpf, otypes=[object])(np.asarray(x, dtype=float)) for x in arguments]
+        result = function(model, *numbers)
+        return np.vectorize(lambda x: np.longdouble(mpmath.nstr(x, 25)), otypes=[np.longdouble])(result)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.longdouble])
+def test_result_is_in_the_dtype_of_the_arguments_and_exact_to_it(call, dtype):
+    function, count = call
+    model = rne.irb140().astype(dtype).astype(np.float64)  # the same rounded robot for both
+    arguments = [np.asarray(x, dtype=dtype) for x in states(6, 3, seed=1, rate=2.0, acceleration=5.0)[:count]]
+    got = function(rne.irb140(), *arguments)
+    assert got.dtype == dtype
+    solved = "forward" in function.__name__
+    kappa = np.linalg.cond(rne.mass_matrix(rne.irb140(), states(6, 3, seed=1)[0])).max() if solved else 1.0
+    reference = exact(model, function, arguments)
+    if got.ndim == 1:
+        got, reference = got[:, None], reference[:, None]
+    assert relative(got.astype(np.longdouble), reference) <= 100 * float(np.finfo(dtype).eps) * kappa
+
+
+def test_integers_are_numbers(irb140):
+    assert irb140.gravity_torque([0, 1, 0, 0, 0, 0]).dtype == np.float64
+
+
+def test_mixed_dtypes_take_the_finer(irb140):
+    q, qd, qdd = states(6)
+    assert irb140.inverse_dynamics(q.astype(np.float32), qd, qdd).dtype == np.float64
+
+
+def test_complex_arguments_give_exact_derivatives(irb140):
+    q, qd, _ = states(6)
+    h = 1e-6
+    exact_derivative = irb140.bias_torque(q + 1e-30j * qd, qd).imag / 1e-30
+    difference = (irb140.bias_torque(q + h * qd, qd) - irb140.bias_torque(q - h * qd, qd)) / (2 * h)
+    assert relative(difference[None], exact_derivative[None]) <= 1e-6
+
+
+def test_fifty_digits_through_every_layer():
+    """mpmath numbers keep their precision: forward dynamics undoes inverse dynamics to 40 digits."""
+    model = rne.irb140()
+    with mpmath.workdps(50):
+        q, qd, qdd = (np.array([mpmath.mpf(float(x)) for x in v], dtype=object) for v in states(6))
+        back = rne.forward_dynamics(model, q, qd, rne.inverse_dynamics(model, q, qd, qdd))
+        assert max(abs(a - b) for a, b in zip(back, qdd, strict=True)) < mpmath.mpf(10) ** -40
+
+
+def test_not_finite_mpmath_number_is_refused():
+    q = np.array([mpmath.mpf(0)] * 5 + [mpmath.mpf("nan")], dtype=object)
+    with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(5,\)$"):
+        rne.gravity_torque(rne.irb140(), q)
+
+
+def test_float64_error_is_a_few_roundings():
+    """Against 50 digits, over states up to 10 rad/s."""
+    model = rne.irb140()
+    arguments = states(6, 20)
+    error = relative(rne.inverse_dynamics(model, *arguments).astype(np.longdouble), exact(model, rne.inverse_dynamics, arguments))
+    assert error <= 40 * EPS

@@ -1,0 +1,129 @@
+"""Robots made from robots."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.robots.chains import random_tree
+
+from .helpers import EPS, relative, states
+
+
+def test_payload_adds_the_kinetic_energy_of_a_body(tree):
+    """The payload's own energy, from its link's Jacobian: nothing of the link is overwritten."""
+    q, qd, _ = states(tree.n, 5)
+    mass, com, inertia = 1.7, np.array([0.1, -0.2, 0.3]), np.diag([0.02, 0.03, 0.04])
+    link = tree.link_names[-1]
+    loaded = rne.with_payload(tree, mass, com, inertia, link)
+    twist = (rne.jacobian(tree, q, link) @ qd[..., None])[..., 0]
+    R = rne.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
+    omega, v = twist[:, :3], twist[:, 3:] + np.cross(twist[:, :3], (R @ com))
+    own = (np.swapaxes(R, -1, -2) @ omega[..., None])[..., 0]
+    added = (mass * (v * v).sum(-1) + (own @ inertia * own).sum(-1)) / 2
+    expected = rne.kinetic_energy(tree, q, qd) + added
+    np.testing.assert_allclose(rne.kinetic_energy(loaded, q, qd), expected, rtol=1e-12)
+
+
+def test_payload_on_the_base_moves_nothing():
+    tree = random_tree(3, seed=1)
+    loaded = rne.with_payload(tree, 5.0, [0, 0, 1], None, "root")
+    s = states(3)
+    assert np.array_equal(rne.inverse_dynamics(loaded, *s), rne.inverse_dynamics(tree, *s))
+    assert loaded.base_mass == tree.base_mass + 5.0
+
+
+def test_locked_robot_is_the_full_robot_at_rest_in_those_joints(tree):
+    names = tree.joint_names[:: 2]
+    free = [name not in names for name in tree.joint_names]
+    q, qd, qdd = states(tree.n, 5)
+    values = np.linspace(0.3, 1.0, len(names))
+    for x, value in ((q, values), (qd, 0), (qdd, 0)):
+        x[:, ~np.array(free)] = value
+    smaller = rne.locked(tree, dict(zip(names, values, strict=True)))
+    assert smaller.joint_names == tuple(np.array(tree.joint_names)[free])
+    assert smaller.link_names == tree.link_names
+    full = rne.inverse_dynamics(tree, q, qd, qdd)
+    got = rne.inverse_dynamics(smaller, *(x[:, free] for x in (q, qd, qdd)))
+    assert np.abs(got - full[:, free]).max(initial=0) <= 1e-12 * np.abs(full).max()
+    np.testing.assert_allclose(
+        rne.link_poses(smaller, q[:, free]), rne.link_poses(tree, q), atol=1e-13
+    )
+
+
+def test_locking_everything_leaves_no_coordinates(irb140):
+    statue = irb140.locked(dict.fromkeys(irb140.joint_names, 0.2))
+    assert statue.n == 0
+    assert statue.model.base_mass == pytest.approx(75.0)
+
+
+def test_mounted_robot_is_the_robot_in_turned_gravity(irb140):
+    q, _, _ = states(6)
+    roof = irb140.mounted([np.pi, 0, 0])
+    assert roof.model.gravity.tolist() == [0, 0, 9.81]
+    assert relative(roof.gravity_torque(q)[None], -irb140.gravity_torque(q)[None]) <= 4 * EPS
+
+
+def test_mounting_keeps_gravitys_size(irb140):
+    slope = irb140.mounted([0.3, -0.7, 1.1])
+    assert np.linalg.norm(slope.model.gravity) == pytest.approx(9.81, rel=1e-15)
+
+
+def test_originals_are_unchanged(irb140):
+    irb140.with_payload(6.0)
+    irb140.locked({"joint_1": 1.0})
+    irb140.mounted([1, 0, 0])
+    assert irb140.model == rne.irb140()
+
+
+def refused(call, text):
+    with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
+        call()
+
+
+def test_errors(irb140):
+    refused(lambda: irb140.with_payload(-1.0), "payload on link 'link_6': the mass must be 0 or positive, got -1.0")
+    refused(lambda: irb140.with_payload(1.0, [0, 0]), "`com` must have shape (3,), got (2,)")
+    refused(lambda: irb140.with_payload(np.nan), "`mass` must be finite, got nan at index ()")
+    refused(
+        lambda: irb140.with_payload(1.0, [0, 0, 0], np.diag([1, 1, -1])),
+        "payload on link 'link_6': the inertia must have no negative eigenvalue, got -1 kg m^2",
+    )
+    refused(
+        lambda: irb140.locked({"joint_7": 0.0}),
+        f"`positions` must name joints of {list(irb140.joint_names)}, got 'joint_7'",
+    )
+    refused(lambda: irb140.mounted([0, 0]), "`rpy` must have shape (3,), got (2,)")
+
+
+class TestModel:
+    def test_arrays_are_read_only(self, irb140):
+        with pytest.raises(ValueError, match="read-only"):
+            irb140.model.mass[0] = 1.0
+
+    def test_pickles(self, tree):
+        import pickle
+
+        copy = pickle.loads(pickle.dumps(tree))
+        assert copy == tree
+        assert not copy.mass.flags.writeable
+
+    @pytest.mark.parametrize(
+        ("changes", "text"),
+        [
+            ({"mass": [1, -1, 1]}, "body of joint 'joint1': the mass must be 0 or positive, got -1.0"),
+            ({"mass": [1, 2]}, "`mass` must have shape (3,), got (2,)"),
+            ({"axis": np.ones((3, 3))}, "joint 'joint0': `axis` must be a unit vector, got length 1.7320508075688772"),
+            ({"rotation": np.ones((3, 3, 3))}, "joint 'joint0': `rotation` must be a rotation: orthogonal with determinant +1"),
+            ({"parent": (0, 0, 0)}, "joint 'joint0': parent must be one of the 0 bodies before it, got 0"),
+            ({"joint_types": ("planar",) * 3}, "joint 'joint0': type must be one of ['revolute', 'continuous', 'prismatic'], got 'planar'"),
+            ({"gravity": [0, 0, np.nan]}, "`gravity` must be finite, got nan at index (2,)"),
+            ({"parent": (-1,)}, "`parent` must have 3 entries, got 1"),
+        ],
+    )  # fmt: skip
+    def test_contradictions_are_named(self, changes, text):
+        from dataclasses import replace
+
+        with pytest.raises(rne.ModelError, match="^" + re.escape(text) + "$"):
+            replace(random_tree(3, seed=1), **changes)

@@ -1,0 +1,128 @@
+"""The IRB 140 of the thesis: its numbers, its URDF, what it claims."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rne
+from rne.report.main_job import settling_time
+from rne.control import pd_gravity
+from rne.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+
+from .helpers import ROOT, states
+
+URDF = ROOT / "robots" / "irb140.urdf"
+
+
+def test_urdf_is_what_the_writer_makes():
+    assert URDF.read_text(encoding="utf-8") == rne.to_urdf(rne.irb140())
+
+
+def test_urdf_loads_as_the_same_model():
+    assert rne.read_urdf(URDF) == rne.irb140()
+
+
+def test_urdf_has_no_findings(capsys):
+    assert rne.check(URDF) == []
+    assert capsys.readouterr().out == f"{URDF}: no findings\n"
+
+
+def test_load_by_name_reads_no_file(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "irb140").write_text("not a robot")
+    monkeypatch.setattr(Path, "open", lambda *a, **k: pytest.fail("a file was opened"))
+    assert rne.load("irb140").model == rne.irb140()
+
+
+def test_names(irb140):
+    assert irb140.joint_names == tuple(f"joint_{i}" for i in range(1, 7))
+    assert irb140.link_names == ("base_link", *(f"link_{i}" for i in range(1, 7)))
+    assert irb140.n == 6
+
+
+def test_axes_are_the_thesis_b_i(irb140):
+    assert irb140.model.axis.tolist() == [[0, -1, 0], [0, 0, 1], [0, -1, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1]]
+
+
+def test_holding_torque_6_21(irb140):
+    q = [0, math.pi / 2, -math.pi / 2, 0, 0, 0]
+    expected = np.array([0, -16.191, -2.409, 0, -0.029, 0]) * 9.81
+    np.testing.assert_allclose(irb140.gravity_torque(q), expected, atol=1e-13)
+
+
+def test_potential_energy_at_zero(irb140):
+    assert irb140.potential_energy(np.zeros(6)) == pytest.approx(370.87686, abs=1e-12)
+
+
+def test_potential_energy_is_the_sum_of_heights(irb140):
+    """(6.32) with (6.33)-(6.38), the last with the cos q4 that the thesis leaves out."""
+    q, _, _ = states(6, 100)
+    s2, c2, s23, c23 = np.sin(q[:, 1]), np.cos(q[:, 1]), np.sin(q[:, 1] + q[:, 2]), np.cos(q[:, 1] + q[:, 2])
+    h1 = 0.264
+    h2 = 0.352 + 0.201 * c2
+    h4 = 0.352 + 0.360 * c2 - 0.080 * s23
+    h6 = 0.352 + 0.360 * c2 - 0.380 * s23 + 0.029 * (-s23 * np.cos(q[:, 4]) - c23 * np.cos(q[:, 3]) * np.sin(q[:, 4]))
+    expected = 9.81 * (27 * h1 + 22 * h2 + 25 * h4 + 1 * h6)
+    np.testing.assert_allclose(irb140.potential_energy(q), expected, atol=1e-12)
+
+
+def test_record_follows_the_thesis_recursion(irb140):
+    """(3.29)-(3.38) and (3.24)-(3.27), written out with the thesis's own rotations and lengths."""
+    from rne.robots.abb_irb140 import LINKS, cylinder_inertia, frame_rotation
+
+    q, qd, qdd = states(6, seed=3)
+    record = irb140.recursion(q, qd, qdd)
+    R = [frame_rotation(link, x) for link, x in zip(LINKS, q, strict=True)]
+    w = a = ae = np.zeros(3)
+    R0 = np.eye(3)
+    forces = []
+    for i, link in enumerate(LINKS):
+        R0 = R0 @ R[i]
+        b = R[i].T @ [0, 0, 1]
+        w = R[i].T @ w + b * qd[i]
+        a = R[i].T @ a + b * qdd[i] + np.cross(w, b * qd[i])
+        start = R[i].T @ ae
+        ac = start + np.cross(a, link.r_com) + np.cross(w, np.cross(w, link.r_com))
+        ae = start + np.cross(a, link.r_end) + np.cross(w, np.cross(w, link.r_end))
+        g = R0.T @ [0, 0, -9.81]
+        for name, value in {"omega": w, "alpha": a, "a_c": ac, "a_e": ae, "gravity": g}.items():
+            np.testing.assert_allclose(getattr(record, name)[i], value, atol=1e-11, err_msg=f"{name} {i + 1}")
+        forces.append((w, a, link.mass * (ac - g)))
+    f = t = np.zeros(3)
+    below = np.eye(3)
+    for i in reversed(range(6)):
+        link, (w, a, net) = LINKS[i], forces[i]
+        I = cylinder_inertia(link.mass, link.radius, link.height, link.along)
+        f_next, t_next = below @ f, below @ t
+        f = f_next + net
+        arm = np.subtract(link.r_com, link.r_end)
+        t = t_next - np.cross(f, link.r_com) + np.cross(f_next, arm) + np.cross(w, I @ w) + I @ a
+        np.testing.assert_allclose(record.f[i], f, atol=1e-10)
+        np.testing.assert_allclose(record.tau[i], t, atol=1e-10)
+        np.testing.assert_allclose(record.u[i], t @ (R[i].T @ [0, 0, 1]), atol=1e-10)
+        below = R[i]
+
+
+def test_bearing_of_joint_1_carries_the_arms_weight(irb140):
+    still = np.zeros(6)
+    force, torque = rne.bearing_loads(irb140.recursion(still, still, still), irb140.model)
+    assert force[0] == pytest.approx(75 * 9.81, rel=1e-14)
+    assert torque.shape == (6,)
+
+
+def test_closed_loop_6_5_1_settles(irb140):
+    scene = CLOSED_LOOPS[0]
+    law = pd_gravity(irb140, KP, KD, scene.reference)
+    t = np.linspace(0, 5, 1001)
+    motion = rne.simulate(irb140, scene.start, np.zeros(6), 5.0, torque=law, t_eval=t)
+    assert motion.method == "LSODA"
+    assert settling_time(motion, np.array(scene.reference)) == pytest.approx(2.81, abs=0.03)
+    assert motion.evaluations <= 2500
+
+
+def test_hanging_arm_stays(irb140):
+    q = np.array([0, math.pi, -math.pi / 2, 0, 0, 0])
+    motion = rne.simulate(irb140, q, np.zeros(6), 2.0)
+    assert np.abs(motion.q - q).max() <= 1e-8

@@ -1,0 +1,184 @@
+"""Every quantity against Pinocchio, joints mapped by name."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rne
+
+from .helpers import EPS, Oracle, data_robots, each, relative, states
+
+EXACT = 1e-13  # of the largest entry: a few tens of roundings on six joints
+DATA = 1e-12  # robots of up to a hundred joints
+# Not a fixed-base tree of supported, physical parts; the loader says why (tested below).
+REFUSED = {
+    "alex_description/alex_psyonic_hands": "<mimic> names the unknown joint 'index_q1'",
+    "romeo_description/romeo_laas_small": "link 'body': <inertia>: the inertia must have no negative eigenvalue",
+    "tiago_description/tiago": "link 'base_antenna_left_link': <inertia>: the inertia must have no negative eigenvalue",
+    "tiago_description/tiago_dual": "link 'base_antenna_left_link': <inertia>: the inertia must have no negative",
+    "tiago_description/tiago_no_hand": "link 'base_antenna_left_link': <inertia>: the inertia must have no negative",
+    "ur_description/ur3": "there is no <link>",
+}
+LOADABLE = [name for name in data_robots() if name not in REFUSED]
+
+
+@pytest.fixture(params=["irb140", "ur5"], scope="module")
+def arm(request):
+    robot = request.getfixturevalue(request.param)
+    if request.param == "irb140":
+        return robot, request.getfixturevalue("irb140_oracle")
+    return robot, Oracle(robot.model, data_robots()["ur_description/ur5_robot"].read_text())
+
+
+@pytest.fixture(params=LOADABLE, scope="module")
+def data_arm(request):
+    path = data_robots()[request.param]
+    robot = rne.load(path)
+    return robot, Oracle(robot.model, path.read_text())
+
+
+class TestArms:
+    """IRB 140 and UR5, 1000 random states, rates up to 10 rad/s."""
+
+    def test_inverse_dynamics(self, arm):
+        robot, oracle = arm
+        s = states(robot.n, 1000)
+        assert relative(robot.inverse_dynamics(*s), each(oracle.rnea, *s)) <= EXACT
+
+    def test_mass_matrix(self, arm):
+        robot, oracle = arm
+        q, _, _ = states(robot.n, 1000)
+        assert relative(robot.mass_matrix(q), each(oracle.mass_matrix, q)) <= EXACT
+
+    def test_gravity_and_bias(self, arm):
+        robot, oracle = arm
+        q, qd, _ = states(robot.n, 1000)
+        assert relative(robot.gravity_torque(q), each(oracle.gravity, q)) <= EXACT
+        assert relative(robot.bias_torque(q, qd), each(oracle.bias, q, qd)) <= EXACT
+
+    def test_forward_dynamics_undoes_pinocchios_inverse_dynamics(self, arm):
+        robot, oracle = arm
+        q, qd, qdd = states(robot.n, 1000)
+        tau = each(oracle.rnea, q, qd, qdd)
+        kappa = np.linalg.cond(robot.mass_matrix(q))
+        error = np.abs(robot.forward_dynamics(q, qd, tau) - qdd).max(axis=1) / np.abs(qdd).max(axis=1)
+        assert (error <= kappa * EPS).all()
+
+    def test_articulated_bodies_undo_inverse_dynamics(self, arm):
+        robot, oracle = arm
+        q, qd, qdd = states(robot.n, 200)
+        tau = each(oracle.rnea, q, qd, qdd)
+        kappa = np.linalg.cond(robot.mass_matrix(q))
+        got = rne.articulated_forward_dynamics(robot.model, q, qd, tau)
+        assert (np.abs(got - qdd).max(axis=1) / np.abs(qdd).max(axis=1) <= 4 * kappa * EPS).all()
+
+
+class TestEveryDataRobot:
+    """Every robot of example-robot-data that loads."""
+
+    SAMPLES = 8
+
+    def test_torques_and_mass_matrix(self, data_arm):
+        robot, oracle = data_arm
+        q, qd, qdd = states(robot.n, self.SAMPLES)
+        assert relative(robot.inverse_dynamics(q, qd, qdd), each(oracle.rnea, q, qd, qdd)) <= DATA
+        assert relative(robot.mass_matrix(q), each(oracle.mass_matrix, q)) <= DATA
+        assert relative(robot.gravity_torque(q), each(oracle.gravity, q)) <= DATA
+        assert relative(robot.bias_torque(q, qd), each(oracle.bias, q, qd)) <= DATA
+
+    def test_forward_dynamics_by_backward_error_or_a_named_singularity(self, data_arm):
+        robot, oracle = data_arm
+        q, qd, qdd = states(robot.n, self.SAMPLES)
+        M, h = each(oracle.mass_matrix, q), each(oracle.bias, q, qd)
+        tau = each(oracle.rnea, q, qd, qdd)
+        try:
+            got = robot.forward_dynamics(q, qd, tau)
+        except rne.SingularMassMatrixError as error:
+            assert error.joints
+            scale = 1 / np.sqrt(np.maximum(np.diagonal(M, axis1=1, axis2=2), 1e-300))
+            smallest = np.linalg.eigvalsh(M * scale[:, :, None] * scale[:, None, :])[:, 0]
+            assert smallest.min() <= 100 * robot.n * EPS
+            return
+        residual = np.linalg.norm((M @ got[..., None])[..., 0] + h - tau, axis=-1)
+        norm_M = np.linalg.norm(M, axis=(1, 2))
+        size = norm_M * np.linalg.norm(got, axis=-1) + np.linalg.norm(h, axis=-1) + np.linalg.norm(tau, axis=-1)
+        assert (residual <= 10 * max(robot.n, 1) * EPS * size).all()
+
+    def test_link_poses(self, data_arm):
+        robot, oracle = data_arm
+        q, _, _ = states(robot.n)
+        data = oracle.pin.createData()
+        pin.framesForwardKinematics(oracle.pin, data, oracle.q(q))
+        poses = robot.link_poses(q)
+        for link, T in zip(robot.link_names, poses, strict=True):
+            theirs = data.oMf[oracle.pin.getFrameId(link, pin.FrameType.BODY)].homogeneous
+            assert np.abs(T - theirs).max() <= 1e-13 * max(1.0, np.abs(theirs).max()), link
+
+    def test_intermediate_velocities_accelerations_and_wrenches(self, data_arm):
+        robot, oracle = data_arm
+        q, qd, qdd = states(robot.n)
+        record = robot.recursion(q, qd, qdd)
+        oracle.rnea(q, qd, qdd)
+        for i, k in enumerate(oracle.joint_ids):
+            v, a_gravity, f = oracle.data.v[k], oracle.data.a_gf[k], oracle.data.f[k]
+            classical = a_gravity.linear + np.cross(v.angular, v.linear)
+            scale = [max(1.0, np.abs(x).max()) for x in (record.alpha, record.a_o, record.f, record.tau)]
+            assert np.abs(record.omega[i] - v.angular).max() <= DATA * max(1.0, np.abs(record.omega).max())
+            assert np.abs(record.alpha[i] - a_gravity.angular).max() <= DATA * scale[0]
+            assert np.abs(record.a_o[i] - record.gravity[i] - classical).max() <= DATA * scale[1]
+            assert np.abs(record.f[i] - f.linear).max() <= DATA * scale[2]
+            assert np.abs(record.tau[i] - f.angular).max() <= DATA * scale[3]
+
+    def test_energies(self, data_arm):
+        robot, oracle = data_arm
+        q, qd, _ = states(robot.n)
+        kinetic = pin.computeKineticEnergy(oracle.pin, oracle.data, oracle.q(q), oracle.rates(qd))
+        assert robot.kinetic_energy(q, qd) == pytest.approx(kinetic, rel=DATA, abs=1e-300)
+
+    def test_jacobians_and_their_rates(self, data_arm):
+        robot, oracle = data_arm
+        q, qd, _ = states(robot.n)
+        link = robot.link_names[-1]
+        if robot.n == 0:  # Pinocchio itself crashes here
+            assert robot.jacobian(q, link).shape == robot.jacobian_rate(q, qd, link).shape == (6, 0)
+            return
+        frame = oracle.pin.getFrameId(link, pin.FrameType.BODY)
+        data, world = oracle.pin.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        pin.computeJointJacobiansTimeVariation(oracle.pin, data, oracle.q(q), oracle.rates(qd))
+        pin.updateFramePlacements(oracle.pin, data)
+        G, order = robot.model.coordinate_map, [3, 4, 5, 0, 1, 2]
+        J = pin.getFrameJacobian(oracle.pin, data, frame, world)[np.ix_(order, oracle.v)] @ G
+        dJ = pin.getFrameJacobianTimeVariation(oracle.pin, data, frame, world)[np.ix_(order, oracle.v)] @ G
+        assert relative(robot.jacobian(q, link)[None], J[None]) <= DATA
+        assert np.abs(robot.jacobian_rate(q, qd, link) - dJ).max(initial=0) <= DATA * max(1, np.abs(dJ).max(initial=0))
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_data_robots_say_why(name):
+    with pytest.raises(rne.UrdfError, match=r".") as caught:
+        rne.load(data_robots()[name])
+    assert REFUSED[name] in str(caught.value)
+
+
+def test_every_data_robot_is_either_loaded_or_refused_by_name():
+    assert len(LOADABLE) >= 60
+    assert set(REFUSED) <= set(data_robots())
+
+
+def test_external_wrenches(ur5):
+    oracle = Oracle(ur5.model, data_robots()["ur_description/ur5_robot"].read_text())
+    q, qd, qdd = states(6, seed=7)
+    wrench = np.random.default_rng(8).normal(size=6)
+    forces = pin.StdVec_Force()
+    for _ in range(oracle.pin.njoints):
+        forces.append(pin.Force.Zero())
+    frame = oracle.pin.frames[oracle.pin.getFrameId("tool0", pin.FrameType.BODY)]
+    forces[frame.parentJoint] = frame.placement.act(pin.Force(wrench[3:], wrench[:3]))
+    got = ur5.inverse_dynamics(q, qd, qdd, external={"tool0": wrench})
+    assert relative(got, oracle.rnea(q, qd, qdd, forces)) <= EXACT
+
+
+def test_coriolis_matrix_is_pinocchios(arm):
+    robot, oracle = arm
+    q, qd, _ = states(robot.n, 20)
+    assert relative(robot.coriolis_matrix(q, qd), each(oracle.coriolis_matrix, q, qd)) <= DATA
