@@ -10,7 +10,7 @@ from .dynamics.kinematics import link_poses
 from .dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 from .dynamics.record import Recursion, bearing_loads, recursion
 from .edit import locked, mounted, with_payload
-from .errors import ModelError, RneError, SimulationError, SingularMassMatrixError, UrdfError
+from .errors import ModelError, NotFiniteError, RneError, SimulationError, SingularMassMatrixError, UrdfError
 from .model import Cylinder, Model
 from .robot import Robot, load
 from .robots import irb140
@@ -24,6 +24,7 @@ __all__ = [
     "Finding",
     "Model",
     "ModelError",
+    "NotFiniteError",
     "Recursion",
     "RneError",
     "Robot",

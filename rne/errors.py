@@ -32,6 +32,20 @@ class UrdfError(ModelError):
         self.finding = finding
 
 
+class NotFiniteError(RneError, ValueError):
+    """A result, state or torque that overflowed or is NaN; never returned in silence.
+
+    Attributes
+    ----------
+    time : float or None
+        In a simulation, when [s].
+    """
+
+    def __init__(self, message: str, time: float | None = None) -> None:
+        super().__init__(message)
+        self.time = time
+
+
 class SingularMassMatrixError(RneError, LinAlgError):
     """Forward dynamics where some combination of joint motions moves no inertia.
 

@@ -7,18 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .errors import NotFiniteError
 from .robot import Robot
 from .spatial import Array
 
 STEP = 1e-30  # of the complex step: its square vanishes, so nothing cancels
-
-
-class NotFinite(ArithmeticError):
-    """A state or torque that is not finite, at a time."""
-
-    def __init__(self, message: str, time: float) -> None:
-        super().__init__(message)
-        self.time = time
 
 
 class Plant:
@@ -46,13 +39,13 @@ class Plant:
             raise ValueError(f"`torque` must return shape ({self.robot.n},), got {tau.shape} at t = {t:.6g} s")
         if not np.isfinite(tau).all():
             i = int(np.argmin(np.isfinite(tau)))
-            raise NotFinite(f"torque of {self.robot.joint_names[i]!r} is {tau[i]} at t = {t:.6g} s", t)
+            raise NotFiniteError(f"torque of {self.robot.joint_names[i]!r} is {tau[i]} at t = {t:.6g} s", t)
         return tau
 
     def _split(self, t: float, x: Array) -> tuple[Array, Array]:
         n = self.robot.n
         if not np.isfinite(x[: 2 * n]).all():
-            raise NotFinite(f"state is not finite at t = {t:.6g} s", t)
+            raise NotFiniteError(f"state is not finite at t = {t:.6g} s", t)
         return x[:n], x[n : 2 * n]
 
     def __call__(self, t: float, x: Array) -> Array:
@@ -60,8 +53,14 @@ class Plant:
         self.evaluations += 1
         q, qd = self._split(t, x)
         tau = self.torque(t, q, qd)
-        xd = [qd, self.robot.forward_dynamics(q, qd, tau)]
-        return np.concatenate([*xd, [tau @ qd]] if self.works else xd)
+        qdd = self.robot.forward_dynamics(q, qd, tau)
+        if not self.works:
+            return np.concatenate([qd, qdd])
+        with np.errstate(over="ignore", invalid="ignore"):
+            power = tau @ qd
+        if not np.isfinite(power):
+            raise NotFiniteError(f"the power of the drives overflows at t = {t:.6g} s", t)
+        return np.concatenate([qd, qdd, [power]])
 
     def jacobian(self, t: float, x: Array) -> Array:
         """df/dx: the law by forward differences, the dynamics by complex step, all columns in one batch.

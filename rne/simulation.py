@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arguments import joint_array, number_array
-from .errors import RneError, SimulationError
+from .errors import NotFiniteError, RneError, SimulationError
 from .plant import Plant
 from .robot import Robot
 from .spatial import Array
@@ -138,7 +138,7 @@ def choose_method(plant: Plant, x0: Array, duration: float) -> tuple[str, str]:
     """The solver for this run, and why: the fastest decaying mode of the loop linearised at the start decides."""
     try:
         A = plant.jacobian(0.0, x0)[: 2 * plant.robot.n, : 2 * plant.robot.n]
-    except (RneError, ArithmeticError, ValueError):
+    except RneError:
         return "DOP853", "DOP853: the loop cannot be linearised at the start"
     if not A.size or not np.isfinite(A).all():
         return "DOP853", "DOP853: nothing to linearise at the start"
@@ -165,7 +165,7 @@ def _run(
 ) -> Trajectory:
     from scipy.integrate import solve_ivp
 
-    from .solvers import watched
+    from .solvers import FAILURES, watched
 
     rtol, atol = tolerances
     atols = np.full(len(x0), atol)
@@ -176,39 +176,54 @@ def _run(
         rtol, atols = rtol * undiluted, atols * undiluted
     options: dict[str, Any] = {"jac": plant.jacobian} if method in IMPLICIT else {}
     failures: list[tuple[float, str]] = []
-    solution = solve_ivp(
-        plant,
-        (0.0, duration),
-        x0,
-        method=watched(method, failures),
-        rtol=rtol,
-        atol=atols,
-        t_eval=t_eval,
-        **options,
-    )
-    message = f"{reason}; {solution.message}"
-    t = np.asarray(solution.t, dtype=float)
-    y = np.asarray(solution.y, dtype=float).T.reshape(len(t), len(x0))
-    status = int(solution.status)
-    if status == 0:
-        return _trajectory(plant, t, y, method, 0, message)
-    time, cause = failures[-1] if failures else (float(t[-1]) if len(t) else 0.0, str(solution.message))
-    trajectory = _trajectory(plant, t, y, method, -1, f"{reason}; {cause}")
+    t, y = np.zeros(0), np.zeros((0, len(x0)))
+    ending = ""
+    try:
+        solution = solve_ivp(
+            plant,
+            (0.0, duration),
+            x0,
+            method=watched(method, failures),
+            rtol=rtol,
+            atol=atols,
+            t_eval=t_eval,
+            **options,
+        )
+        t = np.asarray(solution.t, dtype=float)
+        y = np.asarray(solution.y, dtype=float).T.reshape(len(t), len(x0))
+        ending = str(solution.message)
+    except FAILURES as error:  # at the very start, before a first step
+        failures.append((0.0, str(error)))
+    trajectory = _trajectory(plant, t, y, method, f"{reason}; {ending}", failures)
+    if not failures:
+        return trajectory
+    time, cause = failures[0]
     raise SimulationError(f"simulation stopped at t = {time:.6g} s of {duration:g} s: {cause}", time, trajectory)
 
 
-def _trajectory(plant: Plant, t: Array, y: Array, method: str, status: int, message: str) -> Trajectory:
+def _trajectory(
+    plant: Plant, t: Array, y: Array, method: str, message: str, failures: list[tuple[float, str]]
+) -> Trajectory:
+    """The motion with its torques and energies; samples from a torque that is not finite on are left out."""
     n = plant.robot.n
+    evaluations = plant.evaluations
+    torques = []
+    for time, x in zip(t, y, strict=True):
+        try:
+            torques.append(plant.torque(float(time), x[:n], x[n : 2 * n]))
+        except NotFiniteError as error:
+            failures.append((float(time), str(error)))
+            break
+    tau = np.array(torques).reshape(len(torques), n)
+    t, y = t[: len(tau)], y[: len(tau)]
     q, qd = y[:, :n], y[:, n : 2 * n]
     work = y[:, 2 * n] if plant.works else np.zeros(len(t))
-    good = np.isfinite(y).all(axis=1)
-    t, q, qd, work = t[good], q[good], qd[good], work[good]
-    evaluations = plant.evaluations
-    tau = np.array([plant.torque(time, *state) for time, *state in zip(t, q, qd, strict=True)]).reshape(q.shape)
     qdd = plant.robot.forward_dynamics(q, qd, tau)
     kinetic, potential = plant.robot.kinetic_energy(q, qd), plant.robot.potential_energy(q)
     energy = kinetic + potential
     drift = float(np.abs(energy - energy[0] - work).max()) if len(t) else 0.0
+    status = -1 if failures else 0
+    message = failures[0][1] if failures else message
     return Trajectory(t, q, qd, qdd, tau, kinetic, potential, energy, work, drift, evaluations, method, status, message)
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from .errors import SingularMassMatrixError
-from .plant import NotFinite
+from .errors import NotFiniteError, SingularMassMatrixError
+
+FAILURES = (NotFiniteError, SingularMassMatrixError)
 
 
 def watched(method: str, failures: list[tuple[float, str]]) -> Any:
@@ -28,23 +29,17 @@ def watched(method: str, failures: list[tuple[float, str]]) -> Any:
         def step(self) -> str | None:
             try:
                 message: str | None = super().step()
-            except NotFinite as error:
-                return self._fail(error.time, str(error))
-            except SingularMassMatrixError as error:
-                return self._fail(float(self.t), str(error))
-            except ValueError as error:
-                if "overflow" in str(error):
-                    return self._fail(float(self.t), f"the motion runs away: {error}")
-                raise
+            except FAILURES as error:
+                return self._fail(getattr(error, "time", None), str(error))
             if self.status != "failed" and not np.isfinite(self.y).all():
-                return self._fail(float(self.t), f"state is not finite at t = {self.t:.6g} s")
+                return self._fail(None, f"state is not finite at t = {self.t:.6g} s")
             if self.status == "failed":
                 failures.append((float(self.t), f"{method} gave up: {message}"))
             return message
 
-        def _fail(self, time: float, cause: str) -> str:
+        def _fail(self, time: float | None, cause: str) -> str:
             self.status = "failed"
-            failures.append((time, cause))
+            failures.append((float(self.t if time is None else time), cause))
             return cause
 
     Watched.__name__ = method

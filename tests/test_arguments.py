@@ -42,9 +42,7 @@ def refused(call, text, error=ValueError):
 
 
 def test_wrong_length(irb140):
-    refused(
-        lambda: irb140.gravity_torque(np.zeros(5)), "`q` must have shape (..., 6) for robot 'irb140', got (5,)"
-    )
+    refused(lambda: irb140.gravity_torque(np.zeros(5)), "`q` must have shape (..., 6) for robot 'irb140', got (5,)")
 
 
 def test_a_number_is_no_state(irb140):

@@ -88,5 +88,7 @@ def test_float64_error_is_a_few_roundings():
     """Against 50 digits, over states up to 10 rad/s."""
     model = rne.irb140()
     arguments = states(6, 20)
-    error = relative(rne.inverse_dynamics(model, *arguments).astype(np.longdouble), exact(model, rne.inverse_dynamics, arguments))
+    error = relative(
+        rne.inverse_dynamics(model, *arguments).astype(np.longdouble), exact(model, rne.inverse_dynamics, arguments)
+    )
     assert error <= 40 * EPS

@@ -35,7 +35,7 @@ def test_payload_on_the_base_moves_nothing():
 
 
 def test_locked_robot_is_the_full_robot_at_rest_in_those_joints(tree):
-    names = tree.joint_names[:: 2]
+    names = tree.joint_names[::2]
     free = [name not in names for name in tree.joint_names]
     q, qd, qdd = states(tree.n, 5)
     values = np.linspace(0.3, 1.0, len(names))
@@ -47,9 +47,7 @@ def test_locked_robot_is_the_full_robot_at_rest_in_those_joints(tree):
     full = rne.inverse_dynamics(tree, q, qd, qdd)
     got = rne.inverse_dynamics(smaller, *(x[:, free] for x in (q, qd, qdd)))
     assert np.abs(got - full[:, free]).max(initial=0) <= 1e-12 * np.abs(full).max()
-    np.testing.assert_allclose(
-        rne.link_poses(smaller, q[:, free]), rne.link_poses(tree, q), atol=1e-13
-    )
+    np.testing.assert_allclose(rne.link_poses(smaller, q[:, free]), rne.link_poses(tree, q), atol=1e-13)
 
 
 def test_locking_everything_leaves_no_coordinates(irb140):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.report.main_job import settling_time
 from rne.control import pd_gravity
+from rne.report.main_job import settling_time
 from rne.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 from .helpers import ROOT, states
@@ -59,7 +59,7 @@ def test_potential_energy_at_zero(irb140):
 def test_potential_energy_is_the_sum_of_heights(irb140):
     """(6.32) with (6.33)-(6.38), the last with the cos q4 that the thesis leaves out."""
     q, _, _ = states(6, 100)
-    s2, c2, s23, c23 = np.sin(q[:, 1]), np.cos(q[:, 1]), np.sin(q[:, 1] + q[:, 2]), np.cos(q[:, 1] + q[:, 2])
+    _s2, c2, s23, c23 = np.sin(q[:, 1]), np.cos(q[:, 1]), np.sin(q[:, 1] + q[:, 2]), np.cos(q[:, 1] + q[:, 2])
     h1 = 0.264
     h2 = 0.352 + 0.201 * c2
     h4 = 0.352 + 0.360 * c2 - 0.080 * s23

@@ -43,7 +43,7 @@ class TestArms:
     def test_inverse_dynamics(self, arm):
         robot, oracle = arm
         s = states(robot.n, 1000)
-        assert relative(robot.inverse_dynamics(*s), each(oracle.rnea, *s)) <= EXACT
+        assert relative(robot.inverse_dynamics(*s), each(oracle.inverse_dynamics, *s)) <= EXACT
 
     def test_mass_matrix(self, arm):
         robot, oracle = arm
@@ -53,13 +53,13 @@ class TestArms:
     def test_gravity_and_bias(self, arm):
         robot, oracle = arm
         q, qd, _ = states(robot.n, 1000)
-        assert relative(robot.gravity_torque(q), each(oracle.gravity, q)) <= EXACT
-        assert relative(robot.bias_torque(q, qd), each(oracle.bias, q, qd)) <= EXACT
+        assert relative(robot.gravity_torque(q), each(oracle.gravity_torque, q)) <= EXACT
+        assert relative(robot.bias_torque(q, qd), each(oracle.bias_torque, q, qd)) <= EXACT
 
     def test_forward_dynamics_undoes_pinocchios_inverse_dynamics(self, arm):
         robot, oracle = arm
         q, qd, qdd = states(robot.n, 1000)
-        tau = each(oracle.rnea, q, qd, qdd)
+        tau = each(oracle.inverse_dynamics, q, qd, qdd)
         kappa = np.linalg.cond(robot.mass_matrix(q))
         error = np.abs(robot.forward_dynamics(q, qd, tau) - qdd).max(axis=1) / np.abs(qdd).max(axis=1)
         assert (error <= kappa * EPS).all()
@@ -67,7 +67,7 @@ class TestArms:
     def test_articulated_bodies_undo_inverse_dynamics(self, arm):
         robot, oracle = arm
         q, qd, qdd = states(robot.n, 200)
-        tau = each(oracle.rnea, q, qd, qdd)
+        tau = each(oracle.inverse_dynamics, q, qd, qdd)
         kappa = np.linalg.cond(robot.mass_matrix(q))
         got = rne.articulated_forward_dynamics(robot.model, q, qd, tau)
         assert (np.abs(got - qdd).max(axis=1) / np.abs(qdd).max(axis=1) <= 4 * kappa * EPS).all()
@@ -81,16 +81,16 @@ class TestEveryDataRobot:
     def test_torques_and_mass_matrix(self, data_arm):
         robot, oracle = data_arm
         q, qd, qdd = states(robot.n, self.SAMPLES)
-        assert relative(robot.inverse_dynamics(q, qd, qdd), each(oracle.rnea, q, qd, qdd)) <= DATA
+        assert relative(robot.inverse_dynamics(q, qd, qdd), each(oracle.inverse_dynamics, q, qd, qdd)) <= DATA
         assert relative(robot.mass_matrix(q), each(oracle.mass_matrix, q)) <= DATA
-        assert relative(robot.gravity_torque(q), each(oracle.gravity, q)) <= DATA
-        assert relative(robot.bias_torque(q, qd), each(oracle.bias, q, qd)) <= DATA
+        assert relative(robot.gravity_torque(q), each(oracle.gravity_torque, q)) <= DATA
+        assert relative(robot.bias_torque(q, qd), each(oracle.bias_torque, q, qd)) <= DATA
 
     def test_forward_dynamics_by_backward_error_or_a_named_singularity(self, data_arm):
         robot, oracle = data_arm
         q, qd, qdd = states(robot.n, self.SAMPLES)
-        M, h = each(oracle.mass_matrix, q), each(oracle.bias, q, qd)
-        tau = each(oracle.rnea, q, qd, qdd)
+        M, h = each(oracle.mass_matrix, q), each(oracle.bias_torque, q, qd)
+        tau = each(oracle.inverse_dynamics, q, qd, qdd)
         try:
             got = robot.forward_dynamics(q, qd, tau)
         except rne.SingularMassMatrixError as error:
@@ -107,18 +107,18 @@ class TestEveryDataRobot:
     def test_link_poses(self, data_arm):
         robot, oracle = data_arm
         q, _, _ = states(robot.n)
-        data = oracle.pin.createData()
-        pin.framesForwardKinematics(oracle.pin, data, oracle.q(q))
+        data = oracle.theirs.createData()
+        pin.framesForwardKinematics(oracle.theirs, data, oracle.q(q))
         poses = robot.link_poses(q)
         for link, T in zip(robot.link_names, poses, strict=True):
-            theirs = data.oMf[oracle.pin.getFrameId(link, pin.FrameType.BODY)].homogeneous
+            theirs = data.oMf[oracle.theirs.getFrameId(link, pin.FrameType.BODY)].homogeneous
             assert np.abs(T - theirs).max() <= 1e-13 * max(1.0, np.abs(theirs).max()), link
 
     def test_intermediate_velocities_accelerations_and_wrenches(self, data_arm):
         robot, oracle = data_arm
         q, qd, qdd = states(robot.n)
         record = robot.recursion(q, qd, qdd)
-        oracle.rnea(q, qd, qdd)
+        oracle.inverse_dynamics(q, qd, qdd)
         for i, k in enumerate(oracle.joint_ids):
             v, a_gravity, f = oracle.data.v[k], oracle.data.a_gf[k], oracle.data.f[k]
             classical = a_gravity.linear + np.cross(v.angular, v.linear)
@@ -132,7 +132,7 @@ class TestEveryDataRobot:
     def test_energies(self, data_arm):
         robot, oracle = data_arm
         q, qd, _ = states(robot.n)
-        kinetic = pin.computeKineticEnergy(oracle.pin, oracle.data, oracle.q(q), oracle.rates(qd))
+        kinetic = pin.computeKineticEnergy(oracle.theirs, oracle.data, oracle.q(q), oracle.rates(qd))
         assert robot.kinetic_energy(q, qd) == pytest.approx(kinetic, rel=DATA, abs=1e-300)
 
     def test_jacobians_and_their_rates(self, data_arm):
@@ -142,13 +142,13 @@ class TestEveryDataRobot:
         if robot.n == 0:  # Pinocchio itself crashes here
             assert robot.jacobian(q, link).shape == robot.jacobian_rate(q, qd, link).shape == (6, 0)
             return
-        frame = oracle.pin.getFrameId(link, pin.FrameType.BODY)
-        data, world = oracle.pin.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        pin.computeJointJacobiansTimeVariation(oracle.pin, data, oracle.q(q), oracle.rates(qd))
-        pin.updateFramePlacements(oracle.pin, data)
+        frame = oracle.theirs.getFrameId(link, pin.FrameType.BODY)
+        data, world = oracle.theirs.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        pin.computeJointJacobiansTimeVariation(oracle.theirs, data, oracle.q(q), oracle.rates(qd))
+        pin.updateFramePlacements(oracle.theirs, data)
         G, order = robot.model.coordinate_map, [3, 4, 5, 0, 1, 2]
-        J = pin.getFrameJacobian(oracle.pin, data, frame, world)[np.ix_(order, oracle.v)] @ G
-        dJ = pin.getFrameJacobianTimeVariation(oracle.pin, data, frame, world)[np.ix_(order, oracle.v)] @ G
+        J = pin.getFrameJacobian(oracle.theirs, data, frame, world)[np.ix_(order, oracle.v)] @ G
+        dJ = pin.getFrameJacobianTimeVariation(oracle.theirs, data, frame, world)[np.ix_(order, oracle.v)] @ G
         assert relative(robot.jacobian(q, link)[None], J[None]) <= DATA
         assert np.abs(robot.jacobian_rate(q, qd, link) - dJ).max(initial=0) <= DATA * max(1, np.abs(dJ).max(initial=0))
 
@@ -170,12 +170,12 @@ def test_external_wrenches(ur5):
     q, qd, qdd = states(6, seed=7)
     wrench = np.random.default_rng(8).normal(size=6)
     forces = pin.StdVec_Force()
-    for _ in range(oracle.pin.njoints):
+    for _ in range(oracle.theirs.njoints):
         forces.append(pin.Force.Zero())
-    frame = oracle.pin.frames[oracle.pin.getFrameId("tool0", pin.FrameType.BODY)]
+    frame = oracle.theirs.frames[oracle.theirs.getFrameId("tool0", pin.FrameType.BODY)]
     forces[frame.parentJoint] = frame.placement.act(pin.Force(wrench[3:], wrench[:3]))
     got = ur5.inverse_dynamics(q, qd, qdd, external={"tool0": wrench})
-    assert relative(got, oracle.rnea(q, qd, qdd, forces)) <= EXACT
+    assert relative(got, oracle.inverse_dynamics(q, qd, qdd, forces)) <= EXACT
 
 
 def test_coriolis_matrix_is_pinocchios(arm):

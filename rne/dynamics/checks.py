@@ -15,6 +15,7 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
 import numpy as np
 
 from ..arguments import is_finite, joint_array, number_array
+from ..errors import NotFiniteError
 from ..model import Model
 from ..spatial import Array
 
@@ -133,4 +134,4 @@ def check_result(name: str, result: Any) -> None:
         parts = [result]
     for part in parts:
         if isinstance(part, np.ndarray) and not is_finite(part).all():
-            raise ValueError(f"{name} overflows {part.dtype} for these arguments; the result is not finite")
+            raise NotFiniteError(f"{name} overflows {part.dtype} for these arguments; the result is not finite")

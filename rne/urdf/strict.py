@@ -34,12 +34,15 @@ def validate(root: Any, report: Report) -> None:
 
 
 def _is_robot(root: Any, report: Report) -> bool:
+    from lxml import etree
+
     tag = root.tag
     if tag.startswith("{") and tag.endswith("}robot"):  # a default namespace says nothing in a URDF
         namespace = tag[: tag.index("}") + 1]
         report.warning(root, "robot", f"default namespace {echo(namespace[1:-1])} is ignored", "remove xmlns")
         for element in root.iter():
             element.tag = element.tag.removeprefix(namespace)
+        etree.cleanup_namespaces(root)
     if root.tag != "robot":
         report.error(root, "file", f"the root element must be <robot>, got {echo(tag)}", "give a URDF file")
     return bool(root.tag == "robot")

@@ -1,0 +1,185 @@
+"""Motion: energy, work, stiffness, failures."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.control import pd_gravity
+from rne.robots.chains import random_tree, straight_chain
+
+METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
+
+
+@pytest.fixture
+def pendulum():
+    return rne.Robot(straight_chain(1, length=1.0))
+
+
+@pytest.fixture
+def double():
+    return rne.Robot(straight_chain(2))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_swings_the_pendulum_with_its_exact_period(pendulum, method):
+    """A rod of 1 m from 1 rad: T = 4 K(sin(1/2)) / w, w^2 = 3 g / 2 l."""
+    from scipy.special import ellipk
+
+    period = 4 * ellipk(np.sin(0.5) ** 2) / np.sqrt(1.5 * 9.81)
+    motion = rne.simulate(pendulum, [1.0], [0.0], period, method=method, rtol=1e-8, atol=1e-10)
+    assert motion.method == method
+    assert motion.t[-1] == period
+    assert motion.q[-1, 0] == pytest.approx(1.0, abs=1e-5)
+    assert motion.energy_drift <= 1e-4
+
+
+def test_tighter_tolerance_means_less_drift(double):
+    drifts = [
+        rne.simulate(double, [2.0, 0.0], [0.0, 0.0], 2.0, rtol=r, atol=r * 1e-3).energy_drift for r in (1e-5, 1e-9)
+    ]
+    assert drifts[1] < drifts[0] / 100
+
+
+def test_free_swing_keeps_the_energy_of_the_irb140(irb140):
+    """1 s of the swing here; the main job runs all 10 s and prints its drift."""
+    swing = rne.simulate(irb140, np.zeros(6), np.zeros(6), 1.0, rtol=1e-9)
+    assert swing.method == "DOP853"
+    assert swing.energy[0] == pytest.approx(370.87686, abs=1e-10)
+    assert swing.energy_drift <= 7e-6
+    assert not swing.work.any()
+
+
+@pytest.mark.parametrize("method", ["DOP853", "LSODA", "BDF"])
+def test_work_of_the_drives_is_the_gain_in_energy(double, method):
+    def push(t, q, qd):
+        return [np.sin(t), 0.3 - 0.1 * qd[1]]
+
+    motion = rne.simulate(double, [0.1, 0.2], [0.0, 0.0], 2.0, torque=push, method=method, rtol=1e-9, atol=1e-11)
+    assert np.abs(motion.work).max() > 0.1
+    assert motion.energy_drift <= 2e-6
+    np.testing.assert_allclose(motion.energy - motion.energy[0], motion.work, atol=2e-6)
+
+
+def test_record_is_consistent(double):
+    motion = rne.simulate(double, [0.5, 0.1], [0.0, 0.0], 0.5, torque=[0.1, -0.2])
+    T = len(motion.t)
+    assert motion.q.shape == motion.qd.shape == motion.qdd.shape == motion.tau.shape == (T, 2)
+    assert motion.kinetic.shape == motion.potential.shape == motion.energy.shape == motion.work.shape == (T,)
+    np.testing.assert_array_equal(motion.tau, np.tile([0.1, -0.2], (T, 1)))
+    np.testing.assert_allclose(double.inverse_dynamics(motion.q, motion.qd, motion.qdd), motion.tau, atol=1e-12)
+    np.testing.assert_array_equal(motion.energy, motion.kinetic + motion.potential)
+    assert (motion.status, motion.t[0], motion.t[-1]) == (0, 0.0, 0.5)
+
+
+@pytest.mark.parametrize("method", ["auto", "LSODA", "Radau"])
+def test_t_eval_is_the_grid_exactly(double, method):
+    grid = np.array([0.0, 0.1, 0.30000000000000004, 0.7])
+    assert np.array_equal(rne.simulate(double, [1, 0], [0, 0], 1.0, t_eval=grid, method=method).t, grid)
+
+
+def test_duration_zero_is_the_start(double):
+    motion = rne.simulate(double, [1, 0], [0, 0], 0.0)
+    assert motion.q.tolist()[0] == [1, 0]
+
+
+def test_stiff_loop_takes_lsoda_and_says_why(irb140):
+    law = pd_gravity(irb140, [50] * 6, [20] * 6, np.zeros(6))
+    motion = rne.simulate(irb140, np.full(6, 0.1), np.zeros(6), 0.5, torque=law)
+    assert motion.method == "LSODA"
+    assert re.match(r"LSODA: stiff, the fastest mode at the start decays at 1\.\d+e\+04 1/s, ", motion.message)
+
+
+def test_auto_counts_the_evaluations_of_its_jacobian(double):
+    calls = []
+
+    def damp(t, q, qd):
+        calls.append(t)
+        return -0.5 * qd
+
+    motion = rne.simulate(double, [1, 0], [0, 0], 0.5, torque=damp, method="LSODA", t_eval=[0.0, 0.5])
+    assert motion.evaluations <= len(calls) <= 2 * motion.evaluations
+
+
+def test_hard_damping_and_soft_spring_settle_alike_for_every_stiff_method(double):
+    def law(t, q, qd):
+        return -30.0 * q - 40.0 * qd
+
+    ends = [rne.simulate(double, [0.5, 0], [0, 0], 3.0, torque=law, method=m).q[-1] for m in ("LSODA", "Radau", "BDF")]
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-5)
+    np.testing.assert_allclose(ends[2], ends[0], atol=1e-5)
+
+
+class TestFailures:
+    @pytest.mark.parametrize("method", METHODS)
+    def test_torque_that_becomes_nan(self, double, method):
+        def law(t, q, qd):
+            return [np.nan if t > 0.2 else 0.0, 0.0]
+
+        with pytest.raises(rne.SimulationError) as caught:
+            rne.simulate(double, [1, 0], [0, 0], 1.0, torque=law, method=method)
+        error = caught.value
+        assert 0.2 < error.time < 1.0
+        assert 0 < error.trajectory.t[-1] <= 0.2
+        assert error.trajectory.tau.shape == error.trajectory.q.shape
+        assert np.isfinite(error.trajectory.q).all()
+        assert error.trajectory.status == -1
+        assert re.match(
+            r"simulation stopped at t = 0\.\d+ s of 1 s: torque of 'joint0' is nan at t = 0\.\d+ s$", str(error)
+        )
+
+    @pytest.mark.parametrize("method", METHODS)
+    def test_motion_that_runs_away(self, double, method):
+        def law(t, q, qd):
+            return 1e3 * qd**3
+
+        with pytest.raises(rne.SimulationError) as caught:
+            rne.simulate(double, [1, 0], [1, 0], 10.0, torque=law, method=method)
+        assert np.isfinite(caught.value.trajectory.qd).all()
+        assert caught.value.time < 10.0
+
+    def test_singular_mass_matrix(self):
+        from rne.assembly import Part, assemble
+
+        ghost = rne.Robot(assemble("ghost", [Part(link="b"), Part(link="a", joint="j", kind="revolute", parent=0)]))
+        with pytest.raises(rne.SimulationError, match="M is singular: nothing with inertia moves with 'j'"):
+            rne.simulate(ghost, [0.0], [0.0], 1.0)
+
+    def test_error_pickles(self, double):
+        import pickle
+
+        with pytest.raises(rne.SimulationError) as caught:
+            rne.simulate(double, [1, 0], [0, 0], 1.0, torque=lambda t, q, qd: [np.inf, 0])
+        copy = pickle.loads(pickle.dumps(caught.value))
+        assert (str(copy), copy.time) == (str(caught.value), caught.value.time)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"q0": [0]}, "`q0` must have shape (..., 2) for robot 'chain2', got (1,)"),
+        ({"q0": [[0, 0]]}, "`q0` must have shape (2,), one state, got (1, 2)"),
+        ({"qd0": [0, np.nan]}, "`qd0` must be finite, got nan at index (1,)"),
+        ({"duration": -1.0}, "`duration` must be positive, got -1.0"),
+        ({"rtol": 0.0}, "`rtol` must be positive, got 0.0"),
+        (
+            {"method": "Euler"},
+            "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Radau', 'BDF', 'LSODA'], got 'Euler'",
+        ),
+        ({"torque": [1.0]}, "`torque` must have shape (..., 2) for robot 'chain2', got (1,)"),
+        ({"torque": lambda t, q, qd: [1.0]}, "`torque` must return shape (2,), got (1,) at t = 0 s"),
+        ({"t_eval": [0.5, 0.1]}, "`t_eval` must ascend within [0, 1], got 0.1 ... 0.5"),
+        ({"t_eval": [0.0, 2.0]}, "`t_eval` must ascend within [0, 1], got 0 ... 2"),
+        ({"t_eval": [[0.0]]}, "`t_eval` must have shape (T,), got (1, 1)"),
+    ],
+)
+def test_wrong_arguments_are_named(double, changes, text):
+    arguments = {"q0": [0, 0], "qd0": [0, 0], "duration": 1.0} | changes
+    with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
+        rne.simulate(double, **arguments)
+
+
+def test_a_model_is_not_a_robot():
+    with pytest.raises(TypeError, match=r"^`scene_or_robot` must be an rne.Robot, got Model$"):
+        rne.simulate(random_tree(1, 1), [0], [0], 1.0)

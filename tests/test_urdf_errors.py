@@ -1,0 +1,323 @@
+"""Mistakes in a file: each is an error that names file, line, element and attribute, or a finding."""
+
+import builtins
+import io
+import os
+import re
+
+import pytest
+
+import rne
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>'
+LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+
+
+def link(name, inside=INERTIAL):
+    return f'<link name="{name}">{inside}</link>'
+
+
+def joint(name, parent, child, kind="revolute", inside='<axis xyz="0 0 1"/>' + LIMIT):
+    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{inside}</joint>'
+
+
+def robot(*elements, head='<?xml version="1.0"?>'):
+    """One element a line, so that lines in messages are easy to see."""
+    return "\n".join([head, '<robot name="r">', *elements, "</robot>"])
+
+
+ARM = [link("base"), link("arm"), joint("elbow", "base", "arm")]
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text):
+        path = tmp_path / "robot.urdf"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return write
+
+
+BOMB = "<!DOCTYPE b [" + '<!ENTITY a "aaaaaaaaaa">' + "".join(
+    f'<!ENTITY {b} "{("&" + a + ";") * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+) + "]>"  # fmt: skip
+
+ERRORS = {
+    "truncated": (
+        robot(*ARM)[:-60],
+        ":5: file: is not well-formed XML (unclosed token: line 5, column 95); mend the file, it may be cut off",
+    ),
+    "empty": ("", ":1: file: is not well-formed XML (no element found: line 1, column 0); mend the file, it may be cut off"),
+    "entity bomb": (
+        robot(link("&i;"), head='<?xml version="1.0"?>\n' + BOMB),
+        ":2: file: document type declarations and entities are not allowed; remove the <!DOCTYPE ...>",
+    ),
+    "external entity": (
+        robot(*ARM, head='<!DOCTYPE r SYSTEM "/etc/passwd">'),
+        ":1: file: document type declarations and entities are not allowed; remove the <!DOCTYPE ...>",
+    ),
+    "deep": (
+        robot("<a>" * 300 + "</a>" * 300),
+        ":3: file: is nested deeper than 256 elements; a URDF needs about 6",
+    ),
+    "not a robot": ("<sdf/>", ":1: file: the root element must be <robot>, got 'sdf'; give a URDF file"),
+    "no link": ('<robot name="r"/>', ":1: robot: there is no <link>; a robot needs at least its root link"),
+    "nan mass": (
+        robot(link("base", INERTIAL.replace('value="1"', 'value="nan"'))),
+        ":3: link 'base': attribute 'value' of <mass> must be one number, finite and decimal, got 'nan'; mend the attribute",
+    ),
+    "infinite mass": (
+        robot(link("base", INERTIAL.replace('value="1"', 'value="1e999"'))),
+        ":3: link 'base': attribute 'value' of <mass> must be one number, finite and decimal, got '1e999'; mend the attribute",
+    ),
+    "mass in other digits": (
+        robot(link("base", INERTIAL.replace('value="1"', 'value="1_0"'))),
+        ":3: link 'base': attribute 'value' of <mass> must be one number, finite and decimal, got '1_0'; mend the attribute",
+    ),
+    "two masses in one": (
+        robot(link("base", INERTIAL.replace('value="1"', 'value="1 2"'))),
+        ":3: link 'base': attribute 'value' of <mass> must be one number, got '1 2'; mend the attribute",
+    ),
+    "negative mass": (
+        robot(link("base", INERTIAL.replace('value="1"', 'value="-1"'))),
+        ":3: link 'base': attribute 'value' of <mass> must be 0 or positive, got '-1'; mend the mass",
+    ),
+    "no mass": (
+        robot(link("base", INERTIAL.replace('<mass value="1"/>', ""))),
+        ":3: link 'base': <mass> is missing in <inertial>; give it, or remove <inertial>",
+    ),
+    "no mass value": (
+        robot(link("base", INERTIAL.replace('value="1"', ""))),
+        ":3: link 'base': attribute 'value' of <mass> is missing; give one number",
+    ),
+    "missing ixx": (
+        robot(link("base", INERTIAL.replace('ixx="0.1"', ""))),
+        ":3: link 'base': attribute 'ixx' of <inertia> is missing; give one number",
+    ),
+    "no inertia": (
+        robot(link("base", '<inertial><mass value="1"/></inertial>')),
+        ":3: link 'base': <inertia> is missing in <inertial>; give it, or remove <inertial>",
+    ),
+    "negative inertia": (
+        robot(link("base", INERTIAL.replace('ixx="0.1"', 'ixx="-0.1"'))),
+        ":3: link 'base': <inertia>: the inertia must have no negative eigenvalue, got -0.1 kg m^2; "
+        "check signs and units of ixx ... izz",
+    ),
+    "two inertials": (
+        robot(link("base", INERTIAL * 2)),
+        ":3: link 'base': <inertial> stands twice in <link>; keep the one that is meant",
+    ),
+    "duplicate link": (
+        robot(*ARM, link("arm")),
+        ":6: link 'arm': the name stands twice, first in line 4; rename one link",
+    ),
+    "duplicate joint": (
+        robot(*ARM, link("hand"), joint("elbow", "arm", "hand")),
+        ":7: joint 'elbow': the name stands twice, first in line 5; rename one joint",
+    ),
+    "nameless link": (
+        robot('<link/>'),
+        ":3: <link>: attribute 'name' is missing; give every link and joint a name",
+    ),
+    "zero axis": (
+        robot(*ARM[:2], joint("elbow", "base", "arm", inside='<axis xyz="0 0 0"/>' + LIMIT)),
+        ":5: joint 'elbow': attribute 'xyz' of <axis> is zero; give the direction of the joint's axis",
+    ),
+    "short axis": (
+        robot(*ARM[:2], joint("elbow", "base", "arm", inside='<axis xyz="0 1"/>' + LIMIT)),
+        ":5: joint 'elbow': attribute 'xyz' of <axis> must be 3 numbers, got '0 1'; mend the attribute",
+    ),
+    "axis without xyz": (
+        robot(*ARM[:2], joint("elbow", "base", "arm", inside="<axis/>" + LIMIT)),
+        ":5: joint 'elbow': attribute 'xyz' of <axis> is missing; give 3 numbers",
+    ),
+    "no type": (
+        robot(*ARM[:2], '<joint name="elbow"><parent link="base"/><child link="arm"/></joint>'),
+        ":5: joint 'elbow': attribute 'type' is missing; give one of revolute, continuous, prismatic, fixed",
+    ),
+    "unsupported joints": (
+        robot(*ARM[:2], link("hand"), joint("a", "base", "arm", "floating"), joint("b", "arm", "hand", "planar")),
+        ":6: joint 'a': unsupported joints: joint 'a' of type 'floating', joint 'b' of type 'planar'; "
+        "supported are revolute, continuous, prismatic, fixed",
+    ),
+    "no parent": (
+        robot(*ARM[:2], '<joint name="elbow" type="fixed"><child link="arm"/></joint>'),
+        ':5: joint \'elbow\': <parent> is missing; give <parent link="..."/>',
+    ),
+    "unknown child": (
+        robot(*ARM[:2], joint("elbow", "base", "hand")),
+        ":5: joint 'elbow': <child> names the unknown link 'hand'; correct the name or add the link",
+    ),
+    "two parents": (
+        robot(*ARM, link("hand"), joint("b", "base", "hand"), joint("c", "arm", "hand")),
+        ":8: link 'hand': two parents, by joint 'b' and joint 'c'; a loop cannot be modelled; cut one joint",
+    ),
+    "cycle": (
+        robot(link("base"), link("a"), link("b"), joint("x", "a", "b"), joint("y", "b", "a")),
+        ":6: joint 'x': joints in a loop: 'x', 'y'; cut it",
+    ),
+    "own parent": (
+        robot(link("base"), link("a"), joint("x", "a", "a")),
+        ":5: joint 'x': joints in a loop: 'x'; cut it",
+    ),
+    "two roots": (
+        robot(*ARM, link("moon")),
+        ":2: robot: several roots: links 'base', 'moon'; join them, or remove all but one",
+    ),
+    "mimic of an unknown joint": (
+        robot(*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT + '<mimic joint="knee"/>')),
+        ":5: joint 'elbow': <mimic> names the unknown joint 'knee'; correct the name or add the joint",
+    ),
+    "mimic of itself": (
+        robot(*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT + '<mimic joint="elbow"/>')),
+        ":5: joint 'elbow': <mimic> in a circle: 'elbow'; let one of them move freely",
+    ),
+    "mimics in a circle": (
+        robot(
+            *ARM[:2],
+            link("hand"),
+            joint("a", "base", "arm", inside=LIMIT + '<mimic joint="b"/>'),
+            joint("b", "arm", "hand", inside=LIMIT + '<mimic joint="a"/>'),
+        ),
+        ":6: joint 'a': <mimic> in a circle: 'a', 'b'; let one of them move freely",
+    ),
+    "mimic of a fixed joint": (
+        robot(
+            *ARM[:2],
+            link("hand"),
+            joint("a", "base", "arm", "fixed", inside=""),
+            joint("b", "arm", "hand", inside=LIMIT + '<mimic joint="a"/>'),
+        ),
+        ":7: joint 'b': <mimic> names the fixed joint 'a'; name a joint that moves, or make this one fixed too",
+    ),
+    "long value": (
+        robot(link("base", INERTIAL.replace('value="1"', f'value="{"9x" * 100}"'))),
+        f":3: link 'base': attribute 'value' of <mass> must be one number, finite and decimal, got '{'9x' * 40}...'; "
+        "mend the attribute",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_mistake_is_an_error_in_these_words(name, write):
+    text, message = ERRORS[name]
+    path = write(text)
+    with pytest.raises(rne.UrdfError) as caught:
+        rne.load(path)
+    assert str(caught.value) == f"{path}{message}"
+    assert caught.value.finding.severity == "error"
+    assert isinstance(caught.value, ValueError)
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_check_prints_the_same_error(name, write, capsys):
+    text, message = ERRORS[name]
+    path = write(text)
+    findings = rne.check(path)
+    assert any(f.severity == "error" for f in findings)
+    place, rest = re.match(r"(:\d+)?: (.*)", message, re.DOTALL).groups()
+    assert f"error: {path}{place or ''}: {rest}" in capsys.readouterr().out
+
+
+WARNINGS = {
+    "triangle inequality": (
+        [link("base", INERTIAL.replace('ixx="0.1"', 'ixx="0.3"'))],
+        ":3: link 'base': <inertia>: the largest principal moment exceeds the sum of the two others, which no body has; "
+        "check ixx ... izz; torques are computed as written",
+    ),
+    "crossed limits": (
+        [*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT.replace("-1", "2"))],
+        ":5: joint 'elbow': <limit>: lower 2 is above upper 1; exchange them",
+    ),
+    "zero range": (
+        [*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT.replace("-1", "1"))],
+        ":5: joint 'elbow': <limit>: lower and upper are both 1, a range of zero; give the range",
+    ),
+    "no limit": (
+        [*ARM[:2], joint("elbow", "base", "arm", inside="")],
+        ":5: joint 'elbow': a revolute joint without <limit>; give it, or make the joint continuous",
+    ),
+    "massless": (
+        [link("base"), link("arm", ""), joint("elbow", "base", "arm")],
+        ":5: joint 'elbow': moves no inertia: forward dynamics will raise SingularMassMatrixError; "
+        "give its links mass, or make the joint fixed",
+    ),
+    "axis of a fixed joint": (
+        [*ARM[:2], joint("elbow", "base", "arm", "fixed", '<axis xyz="0 0 0"/>')],
+        ":5: joint 'elbow': a fixed joint has no <axis>; it is ignored; remove it",
+    ),
+    "mimic on a fixed joint": (
+        [*ARM[:2], joint("elbow", "base", "arm", "fixed", '<mimic joint="nobody"/>')],
+        ":5: joint 'elbow': a fixed joint mimics nothing; <mimic> is ignored; remove it",
+    ),
+    "unknown element": (
+        [link("base", INERTIAL + "<colour/>")],
+        ":3: link 'base': unknown element 'colour' in <link> is ignored; remove it",
+    ),
+    "unknown attribute": (
+        ['<link name="base" colour="red"/>'],
+        ":3: link 'base': unknown attribute 'colour' of <link> is ignored; remove it",
+    ),
+    "namespaced child": (
+        [link("base", '<x:thing xmlns:x="urn:x"/>')],
+        ":3: link 'base': unknown element '{urn:x}thing' in <link> is ignored; remove it",
+    ),
+    "broken visual": (
+        [link("base", '<visual><geometry><cylinder radius="a" length="1"/></geometry></visual>')],
+        ":3: link 'base': visual ignored: attribute 'radius' of <cylinder> must be one number, finite and decimal, got 'a'; "
+        "mend the attribute",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WARNINGS)
+def test_oddity_is_a_finding_and_the_robot_loads(name, write, capsys):
+    elements, message = WARNINGS[name]
+    path = write(robot(*elements))
+    findings = rne.check(path)
+    assert [f.severity for f in findings] == ["warning"]
+    assert capsys.readouterr().out == f"warning: {path}{message}\n"
+    assert rne.load(path).link_names[0] == "base"
+
+
+def test_no_file_but_the_urdf_is_opened(write, monkeypatch):
+    mesh = '<visual><geometry><mesh filename="file:///etc/hostname"/></geometry></visual>'
+    path = write(robot(link("base", INERTIAL + mesh), *ARM[1:]))
+    rne.load(path)  # imports everything
+    opened = []
+    real = {"open": builtins.open, "os.open": os.open, "io.open": io.open}
+
+    def watch(name):
+        def call(file, *args, **kwargs):
+            opened.append(file)
+            return real[name](file, *args, **kwargs)
+
+        return call
+
+    monkeypatch.setattr(builtins, "open", watch("open"))
+    monkeypatch.setattr(io, "open", watch("io.open"))
+    monkeypatch.setattr(os, "open", watch("os.open"))
+    rne.load(path)
+    assert {os.fspath(file) for file in opened} == {os.fspath(path)}
+
+
+def test_too_large_a_file(tmp_path):
+    path = tmp_path / "big.urdf"
+    with path.open("wb") as stream:
+        stream.truncate(16 * 2**20 + 1)
+    with pytest.raises(rne.UrdfError) as caught:
+        rne.load(path)
+    assert str(caught.value) == f"{path}: file: is larger than 16777216 bytes; split the robot or drop what is not URDF"
+
+
+def test_a_folder_is_not_a_file(tmp_path):
+    with pytest.raises(rne.UrdfError) as caught:
+        rne.load(tmp_path)
+    assert str(caught.value) == f"{tmp_path}: file: is not a regular file; give the path of a URDF file"
+
+
+def test_check_of_no_file(tmp_path):
+    path = str(tmp_path / "none.urdf")
+    with pytest.raises(FileNotFoundError, match="^" + re.escape(f"no such file: {path!r}") + "$"):
+        rne.check(path)
