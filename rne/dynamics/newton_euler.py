@@ -162,7 +162,7 @@ def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external:
     --------
     >>> import rne
     >>> rne.inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
-    -15.914
+    -22.499
     """
     return _newton_euler(model, q, qd, qdd, model.gravity, external)
 

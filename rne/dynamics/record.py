@@ -130,6 +130,12 @@ def link_ends(model: Model) -> list[Array] | None:
 def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
     """Magnitudes of force and torque that each joint's bearing carries across (revolute) or around its axis.
 
+    Parameters
+    ----------
+    record : Recursion
+    model : Model
+        The robot of the record.
+
     Returns
     -------
     force, torque : ndarray, shape (..., nb)
