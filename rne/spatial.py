@@ -131,6 +131,25 @@ def point_mass_inertia(mass: Array, c: Array) -> Array:
     return product
 
 
+def second_moments(inertia: Array) -> Array:
+    """Second moments of mass, the integral of r r^T, from the inertia about the same point: tr(I)/2 1 - I [kg m^2]."""
+    half = np.asarray(inertia.trace(axis1=-2, axis2=-1) / 2)
+    product: Array = half[..., None, None] * IDENTITY - inertia
+    return product
+
+
+def axial(A: Array) -> Array:
+    """The vector of A - A^T: the integral of r x (U r), where A = U times the integral of r r^T."""
+    return np.stack([A[..., 2, 1] - A[..., 1, 2], A[..., 0, 2] - A[..., 2, 0], A[..., 1, 0] - A[..., 0, 1]], axis=-1)
+
+
+def spin_matrix(omega: Array, alpha: Array) -> Array:
+    """The matrix U with U r = alpha x r + omega x (omega x r)."""
+    W = cross_matrix(omega)
+    product: Array = cross_matrix(alpha) + W @ W
+    return product
+
+
 def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, Array]:
     """One rigid body from several: (mass, centre of mass, inertia about it), all in the same frame.
 

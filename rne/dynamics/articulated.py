@@ -109,7 +109,8 @@ def hinge_of(
 
 def _judge(model: Model, result: tuple[Array, Array], arguments: Mapping[str, Any]) -> Array:
     qdd, pivots = result
-    raise_if_singular(model, pivots, mass_matrix.core(model, arguments["q"]))
+    q = arguments["q"]
+    raise_if_singular(model, pivots, np.diagonal(mass_matrix.core(model, q), axis1=-2, axis2=-1), q)
     return qdd
 
 

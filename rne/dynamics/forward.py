@@ -60,21 +60,24 @@ def solve_factored(L: Array, D: Array, parent: tuple[int, ...], y: Array) -> Arr
 
 
 def _judge(model: Model, result: tuple[Array, Array, Array], arguments: Mapping[str, Any]) -> Array:
-    qdd, pivots, M = result
-    raise_if_singular(model, pivots, M)
+    qdd, pivots, diagonal = result
+    raise_if_singular(model, pivots, diagonal, arguments["q"])
     return qdd
 
 
-def raise_if_singular(model: Model, pivots: Array, M: Array) -> None:
-    """Raise SingularMassMatrixError for the first state with a pivot that is only rounding."""
-    if not model.n:
-        return
-    pivots, diagonal = pivots.real, np.diagonal(M, axis1=-2, axis2=-1).real
+def singular_pivots(pivots: Array, diagonal: Array) -> Array:
+    """Where a pivot is nothing but the rounding of M's diagonal entry, or not a number at all."""
+    pivots, diagonal = pivots.real, diagonal.real
     eps = float(np.finfo(pivots.dtype).eps) if pivots.dtype != object else 0.0
-    singular = ~(np.asarray(pivots > SINGULAR * model.n * eps * diagonal, dtype=bool))
+    return ~np.asarray(pivots > SINGULAR * pivots.shape[-1] * eps * diagonal, dtype=bool)
+
+
+def raise_if_singular(model: Model, pivots: Array, diagonal: Array, q: Array) -> None:
+    """Raise SingularMassMatrixError for the first state with a pivot that is only rounding."""
+    singular = singular_pivots(pivots, diagonal)
     if singular.any():
         state = tuple(int(k) for k in np.argwhere(singular)[0][:-1])
-        raise singular_error(model, M[state].real, state)
+        raise singular_error(model, mass_matrix.core(model, q[state]).real, state)
 
 
 def singular_error(model: Model, M: Array, state: tuple[int, ...]) -> SingularMassMatrixError:
@@ -130,7 +133,7 @@ def forward_dynamics(
     -----
     M from composite bodies, factored as L^T D L without forming its inverse: Featherstone 2008, section 6.5.
     The relative error is about eps times the condition number of M. `forward_dynamics.core` returns
-    (qdd, pivots, M).
+    (qdd, pivots, diagonal of M).
 
     Examples
     --------
@@ -141,4 +144,4 @@ def forward_dynamics(
     M = mass_matrix.core(model, q)
     h = bias_torque.core(model, q, qd, external=external)
     L, D = factorise(M, model.coordinate_parent)
-    return solve_factored(L, D, model.coordinate_parent, tau - h), D, M
+    return solve_factored(L, D, model.coordinate_parent, tau - h), D, np.diagonal(M, axis1=-2, axis2=-1)

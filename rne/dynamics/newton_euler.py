@@ -11,12 +11,15 @@ Every vector of a recursion is in the axes of its own link's frame i, whose orig
 | angular acceleration                  | alpha[i]   | alpha_i   | a_i, angular    | omega'_i        |
 | acceleration of the frame's origin    | a_o[i]     | a_e,i-1   | a_i + omega x v | p''_i           |
 | acceleration of the centre of mass    | a_c[i]     | a_c,i     |                 | p''_{C_i}       |
+| U r = alpha x r + omega x (omega x r) | U[i]       |           |                 |                 |
 | centre of mass in frame i             | c          | r_{i-1,ci} | c              | r_{i,C_i}       |
 | inertia about the centre of mass      | I          | I_i       | I_C             | I_i             |
 | force, torque of the joint on body i  | f[i], n[i] | f_i, tau_i | f_i            | f_i, mu_i       |
 | joint torque (or force)               | tau        | u         | tau             | tau             |
 
 Numbers at the ends of lines are equations of Høifødt 2011; a sliding joint's are Siciliano et al. 2009, 7.5.
+Every point at r of a body has the acceleration a_o + U r, so that the moment of its motion about the centre of mass,
+I alpha + omega x I omega, is the integral of r x (U r) dm: one matrix serves (3.37), (3.38) and (3.27).
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Model
-from ..spatial import Array, cross, dot, rotate, rotate_back, zeros
+from ..spatial import Array, axial, cross, dot, rotate, rotate_back, second_moments, spin_matrix, zeros
 from .checks import checked
 from .kinematics import joint_rates, joint_transforms
 
@@ -42,6 +45,7 @@ class Motion(NamedTuple):
     alpha: list[Array]
     a_o: list[Array]
     a_c: list[Array]
+    U: list[Array]
 
 
 def forward_recursion(model: Model, R: list[Array], p: list[Array], qd: Array, qdd: Array, a_base: Array) -> Motion:
@@ -54,14 +58,16 @@ def forward_recursion(model: Model, R: list[Array], p: list[Array], qd: Array, q
     alpha: list[Array] = []
     a_o: list[Array] = []
     a_c: list[Array] = []
+    U: list[Array] = []
     still = zeros((*qd.shape[:-1], 3), like=qd)
     for i, parent in enumerate(model.parent):
-        omega_p, alpha_p, a_p = (omega[parent], alpha[parent], a_o[parent]) if parent >= 0 else (still, still, a_base)
+        omega_p, alpha_p = (omega[parent], alpha[parent]) if parent >= 0 else (still, still)
+        a_p = a_o[parent] + rotate(U[parent], p[i]) if parent >= 0 else a_base  # (3.38)
         b, c = model.axis[i], model.com[i]
         b_qd, b_qdd = b * qd[..., i, None], b * qdd[..., i, None]
         omega_i = rotate_back(R[i], omega_p)
         alpha_i = rotate_back(R[i], alpha_p)
-        a_i = rotate_back(R[i], a_p + cross(alpha_p, p[i]) + cross(omega_p, cross(omega_p, p[i])))  # (3.38)
+        a_i = rotate_back(R[i], a_p)
         if model.is_revolute(i):
             alpha_i = alpha_i + b_qdd + cross(omega_i, b_qd)  # (3.33)
             omega_i = omega_i + b_qd  # (3.29)
@@ -70,8 +76,9 @@ def forward_recursion(model: Model, R: list[Array], p: list[Array], qd: Array, q
         omega.append(omega_i)
         alpha.append(alpha_i)
         a_o.append(a_i)
-        a_c.append(a_i + cross(alpha_i, c) + cross(omega_i, cross(omega_i, c)))  # (3.37)
-    return Motion(omega, alpha, a_o, a_c)
+        U.append(spin_matrix(omega_i, alpha_i))
+        a_c.append(a_i + rotate(U[i], c))  # (3.37)
+    return Motion(omega, alpha, a_o, a_c, U)
 
 
 def backward_recursion(
@@ -81,10 +88,9 @@ def backward_recursion(
     f: list[Array] = []
     n: list[Array] = []
     for i in range(model.nb):
-        c, I, omega, alpha = model.com[i], model.inertia[i], motion.omega[i], motion.alpha[i]
-        m_a = model.mass[i] * motion.a_c[i]
-        f_i = m_a
-        n_i = rotate(I, alpha) + cross(omega, rotate(I, omega)) + cross(c, m_a)
+        f_i = model.mass[i] * motion.a_c[i]
+        spun = axial(motion.U[i] @ second_moments(model.inertia[i]))  # I alpha + omega x I omega
+        n_i = spun + cross(model.com[i], f_i)
         wrench = applied[i]
         if wrench is not None:
             n_i, f_i = n_i - wrench[0], f_i - wrench[1]

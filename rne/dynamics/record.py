@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..model import Model
-from ..spatial import Array, cross, dot, rotate_back, zeros
+from ..spatial import Array, dot, rotate, rotate_back, zeros
 from .checks import checked
 from .kinematics import joint_rates, joint_transforms
 from .newton_euler import (
@@ -102,8 +102,8 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
         return result
 
     ends = [
-        a + cross(alpha, r) + cross(omega, cross(omega, r))  # (3.38)
-        for a, alpha, omega, r in zip(true.a_o, true.alpha, true.omega, link_ends(model) or [], strict=False)
+        a + rotate(U, r)  # (3.38)
+        for a, U, r in zip(true.a_o, true.U, link_ends(model) or [], strict=False)
     ]
     return Recursion(
         joints=model.moving_joints,

@@ -1,0 +1,181 @@
+"""The expression graph: every operation once, zeros and ones folded away, signs carried by the references.
+
+A reference is a signed node: 2 * node + 1 stands for its negative. Signs move outwards through products, sums and odd
+functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last
+digits at most: nothing is rewritten that could overflow, cancel or divide by zero where the original would not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+ODD = {"sin", "tanh", "sign"}
+EVEN = {"cos", "abs"}
+UNARY: dict[str, Callable[[float], float]] = {
+    "sin": math.sin,
+    "cos": math.cos,
+    "sqrt": math.sqrt,
+    "abs": abs,
+    "tanh": math.tanh,
+    "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
+}
+COMPARISONS: dict[str, Callable[[float, float], bool]] = {
+    "less": lambda a, b: a < b,
+    "less_equal": lambda a, b: a <= b,
+}
+
+
+class Node(NamedTuple):
+    """One operation: its kind and what it works on (references, an input's index, or a constant's value)."""
+
+    kind: str
+    args: tuple[Any, ...]
+
+
+class TooLarge(Exception):
+    """More operations than can sensibly be written out."""
+
+
+class Graph:
+    """Operations in the order they were first needed.
+
+    Parameters
+    ----------
+    limit : int
+        Number of nodes above which TooLarge is raised.
+    """
+
+    def __init__(self, limit: int = 10**9) -> None:
+        self.nodes: list[Node] = []
+        self.limit = limit
+        self._index: dict[tuple[Any, ...], int] = {}
+
+    def node(self, kind: str, *args: Any) -> int:
+        """The reference of an operation, the same for the same operation."""
+        key = (kind, *args)
+        index = self._index.get(key)
+        if index is None:
+            index = len(self.nodes)
+            if index >= self.limit:
+                raise TooLarge(f"more than {self.limit} operations")
+            self.nodes.append(Node(kind, args))
+            self._index[key] = index
+        return 2 * index
+
+    def input(self, k: int) -> int:
+        """The k-th input."""
+        return self.node("input", k)
+
+    def constant(self, value: float) -> int:
+        """A number; kept positive, its sign in the reference."""
+        if not value >= 0:
+            return self.node("constant", -value) ^ 1 if value < 0 else self.node("constant", value)
+        return self.node("constant", value + 0.0)
+
+    def value(self, ref: int) -> float | None:
+        """The number a reference stands for, or None if it depends on inputs."""
+        node = self.nodes[ref >> 1]
+        if node.kind != "constant":
+            return None
+        return -node.args[0] if ref & 1 else node.args[0]  # type: ignore[no-any-return]
+
+    def add(self, a: int, b: int) -> int:
+        """a + b."""
+        x, y = self.value(a), self.value(b)
+        if x is not None and y is not None:
+            return self.constant(x + y)
+        if x == 0:
+            return b
+        if y == 0:
+            return a
+        (p, m), (q, k) = self._term(a), self._term(b)
+        if m == k:
+            return self.multiply(self.constant(p + q), m)
+        if a > b:
+            a, b = b, a
+        if (a ^ b) & 1:
+            return self.node("subtract", a & ~1, b & ~1) ^ (a & 1)
+        return self.node("add", a & ~1, b & ~1) ^ (a & 1)
+
+    def _term(self, ref: int) -> tuple[float, int]:
+        """A reference as constant times node."""
+        node = self.nodes[ref >> 1]
+        sign = -1.0 if ref & 1 else 1.0
+        if node.kind == "multiply":
+            factor = self.value(node.args[0])
+            if factor is not None:
+                return sign * factor, node.args[1]
+        return sign, ref & ~1
+
+    def multiply(self, a: int, b: int) -> int:
+        """a b."""
+        sign = (a ^ b) & 1
+        a, b = a & ~1, b & ~1
+        x, y = self.value(a), self.value(b)
+        if x is not None and y is not None:
+            return self.constant(x * y) ^ (sign if x * y else 0)
+        if y is not None:
+            a, b, x, y = b, a, y, x
+        if x is not None:
+            if x == 0:
+                return a
+            if x == 1:
+                return b ^ sign
+            factor, m = self._term(b)
+            if m != b:
+                return self.multiply(self.constant(x * factor), m) ^ sign
+            return self.node("multiply", a, b) ^ sign
+        return self.node("multiply", *sorted((a, b))) ^ sign
+
+    def divide(self, a: int, b: int) -> int:
+        """a / b; by a power of two as a product, which is exact."""
+        x, y = self.value(a), self.value(b)
+        if y is not None and y != 0 and math.frexp(y)[0] in (0.5, -0.5) and math.isfinite(1 / y):
+            return self.multiply(a, self.constant(1 / y))
+        if x is not None and y:
+            return self.constant(x / y)
+        if x == 0:
+            return a
+        return self.node("divide", a & ~1, b & ~1) ^ ((a ^ b) & 1)
+
+    def unary(self, kind: str, a: int) -> int:
+        """An elementary function."""
+        x = self.value(a)
+        if x is not None:
+            return self.constant(UNARY[kind](x))
+        if kind in ODD:
+            return self.node(kind, a & ~1) ^ (a & 1)
+        return self.node(kind, a & ~1 if kind in EVEN else self.plain(a))
+
+    def binary(self, kind: str, a: int, b: int) -> int:
+        """minimum, maximum or a comparison (1 where it holds, 0 where not)."""
+        x, y = self.value(a), self.value(b)
+        if kind in COMPARISONS:
+            if x is not None and y is not None:
+                return self.constant(float(COMPARISONS[kind](x, y)))
+            return self.node(kind, self.plain(a), self.plain(b))
+        if x is not None and y is not None:
+            return self.constant(min(x, y) if kind == "minimum" else max(x, y))
+        if a & b & 1:
+            return self.binary("maximum" if kind == "minimum" else "minimum", a ^ 1, b ^ 1) ^ 1
+        return self.node(kind, *sorted((self.plain(a), self.plain(b))))
+
+    def where(self, condition: int, a: int, b: int) -> int:
+        """a where the condition is not 0, b elsewhere."""
+        x = self.value(condition)
+        if x is not None:
+            return a if x else b
+        if a == b:
+            return a
+        if a & b & 1:
+            return self.where(condition, a ^ 1, b ^ 1) ^ 1
+        return self.node("where", condition, self.plain(a), self.plain(b))
+
+    def plain(self, a: int) -> int:
+        """The reference without a sign: negatives of other than constants become an operation."""
+        if not a & 1:
+            return a
+        x = self.value(a)
+        return self.node("negative", a & ~1) if x is None else self.node("constant", x)
