@@ -9,10 +9,18 @@ from .model import Model
 from .spatial import Array
 
 
+def joint_shaped(name: str, value: ArrayLike, model: Model) -> Array:
+    """Check one array of joint values for its shape and dtype only."""
+    return _shaped(name, _numbers(name, value, f"(..., {model.n})"), model)
+
+
 def joint_array(name: str, value: ArrayLike, model: Model) -> Array:
     """Check one array of joint values: numbers, finite, with the coordinates along the last axis."""
+    return _shaped(name, number_array(name, value, f"(..., {model.n})"), model)
+
+
+def _shaped(name: str, array: Array, model: Model) -> Array:
     n = model.n
-    array = number_array(name, value, f"(..., {n})")
     if array.ndim == 0 or array.shape[-1] != n:
         cure = ""
         if array.ndim == 2 and array.shape[0] == n:
@@ -23,6 +31,15 @@ def joint_array(name: str, value: ArrayLike, model: Model) -> Array:
 
 def number_array(name: str, value: ArrayLike, shape: str) -> Array:
     """An array of finite numbers; integers become float64."""
+    array = _numbers(name, value, shape)
+    finite = is_finite(array)
+    if not finite.all():
+        index = tuple(int(k) for k in np.argwhere(~finite)[0])
+        raise ValueError(f"`{name}` must be finite, got {array[index]} at index {index}")
+    return array
+
+
+def _numbers(name: str, value: ArrayLike, shape: str) -> Array:
     try:
         array = np.asarray(value)
     except ValueError:
@@ -31,10 +48,6 @@ def number_array(name: str, value: ArrayLike, shape: str) -> Array:
         array = array.astype(np.float64)
     if array.dtype.kind not in "fcO":
         raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got dtype {array.dtype}")
-    finite = is_finite(array)
-    if not finite.all():
-        index = tuple(int(k) for k in np.argwhere(~finite)[0])
-        raise ValueError(f"`{name}` must be finite, got {array[index]} at index {index}")
     return array
 
 

@@ -53,11 +53,20 @@ class SingularMassMatrixError(RneError, LinAlgError):
     ----------
     joints : tuple of str
         The joints of that combination.
+    state : tuple of int
+        Which state of a batch; empty for a single one.
     """
 
-    def __init__(self, message: str, joints: tuple[str, ...] = ()) -> None:
-        super().__init__(message)
-        self.joints = joints
+    def __init__(self, what: str, cause: str = "", joints: tuple[str, ...] = (), state: tuple[int, ...] = ()) -> None:
+        super().__init__(what, cause, joints, state)
+        self.what, self.cause, self.joints, self.state = what, cause, joints, state
+
+    def __str__(self) -> str:
+        return f"{self.what}{f' at state {self.state}' if self.state else ''}{self.cause}"
+
+    def at(self, state: tuple[int, ...]) -> SingularMassMatrixError:
+        """The same error, said of another state of a batch."""
+        return SingularMassMatrixError(self.what, self.cause, self.joints, state)
 
 
 class SimulationError(RneError, RuntimeError):

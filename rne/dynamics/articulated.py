@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +22,8 @@ from ..spatial import (
     zeros,
 )
 from .checks import judged
-from .composite import mass_matrix
-from .forward import raise_if_singular
+from .composite import composite_inertias, mass_diagonal
+from .forward import judge_pivots
 from .kinematics import joint_transforms, velocities
 from .newton_euler import External, applied_wrenches
 
@@ -107,17 +106,10 @@ def hinge_of(
     return Hinge(n, f, d, u, c_angular, c_linear)
 
 
-def _judge(model: Model, result: tuple[Array, Array], arguments: Mapping[str, Any]) -> Array:
-    qdd, pivots = result
-    q = arguments["q"]
-    raise_if_singular(model, pivots, np.diagonal(mass_matrix.core(model, q), axis1=-2, axis2=-1), q)
-    return qdd
-
-
-@judged(_judge)
+@judged(judge_pivots)
 def articulated_forward_dynamics(
     model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Joint accelerations that the torques tau give, without forming M.
 
     Parameters
@@ -146,7 +138,7 @@ def articulated_forward_dynamics(
     Notes
     -----
     Featherstone 2008, table 7.1, in blocks of three. O(n). `articulated_forward_dynamics.core` returns
-    (qdd, pivots).
+    (qdd, pivots, diagonal of M).
 
     Examples
     --------
@@ -188,4 +180,4 @@ def articulated_forward_dynamics(
         alpha.append(alpha_i + b_qdd if model.is_revolute(i) else alpha_i)
         a.append(a_i if model.is_revolute(i) else a_i + b_qdd)
         qdd[..., i], pivots[..., i] = qdd_i[..., 0], h.d[..., 0]
-    return qdd, pivots
+    return qdd, pivots, mass_diagonal(model, composite_inertias(model, R, p), like=q)

@@ -92,6 +92,16 @@ def mass_matrix(model: Model, q: Array) -> Array:
     return reduce_to_coordinates(model, M) if model.has_mimics else M
 
 
+def mass_diagonal(model: Model, composites: list[Composite], like: Array) -> Array:
+    """The diagonal of M alone: what each joint moves with all others locked, shape (..., nb)."""
+    diagonal = zeros(like.shape, like=like)
+    for j in range(model.nb):
+        mass, _, inertia = composites[j]
+        b = model.axis[j]
+        diagonal[..., j] = (dot(rotate(inertia, b), b) if model.is_revolute(j) else mass) + model.armature[j]
+    return diagonal
+
+
 def reduce_to_coordinates(model: Model, M: Array) -> Array:
     """G^T M G for joints that mimic others, exactly symmetric."""
     G = model.coordinate_map

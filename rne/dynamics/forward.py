@@ -59,7 +59,8 @@ def solve_factored(L: Array, D: Array, parent: tuple[int, ...], y: Array) -> Arr
     return x
 
 
-def _judge(model: Model, result: tuple[Array, Array, Array], arguments: Mapping[str, Any]) -> Array:
+def judge_pivots(model: Model, result: tuple[Array, Array, Array], arguments: Mapping[str, Any]) -> Array:
+    """Accelerations, if M was regular."""
     qdd, pivots, diagonal = result
     raise_if_singular(model, pivots, diagonal, arguments["q"])
     return qdd
@@ -85,10 +86,11 @@ def singular_error(model: Model, M: Array, state: tuple[int, ...]) -> SingularMa
     M = M.astype(np.float64)
     diagonal = np.diagonal(M)
     still = [name for name, m in zip(model.joint_names, diagonal, strict=True) if not m > 0]
-    where = f" at state {state}" if state else ""
     if still:
         names = ", ".join(repr(name) for name in still)
-        return SingularMassMatrixError(f"M is singular{where}: nothing with inertia moves with {names}", tuple(still))
+        return SingularMassMatrixError(
+            "M is singular", f": nothing with inertia moves with {names}", tuple(still), state
+        )
     scale = 1 / np.sqrt(diagonal)  # unit diagonal: no joint counts for more through its units
     values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
     motion = vectors[:, 0]
@@ -97,13 +99,15 @@ def singular_error(model: Model, M: Array, state: tuple[int, ...]) -> SingularMa
     )
     names = ", ".join(repr(name) for name in joints)
     return SingularMassMatrixError(
-        f"M is singular to working precision{where}: a combined motion of {names} moves no inertia "
+        "M is singular to working precision",
+        f": a combined motion of {names} moves no inertia "
         f"(smallest eigenvalue {values[0]:.1e} of M scaled to unit diagonal)",
         joints,
+        state,
     )
 
 
-@judged(_judge)
+@judged(judge_pivots)
 def forward_dynamics(
     model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
 ) -> tuple[Array, Array, Array]:

@@ -93,11 +93,32 @@ class Graph:
         (p, m), (q, k) = self._term(a), self._term(b)
         if m == k:
             return self.multiply(self.constant(p + q), m)
+        if abs(p) == abs(q) != 1:  # one product for two
+            return self.multiply(self.constant(p), self.add(m, k if p == q else k ^ 1))
+        doubled = self._doubled(a, b)
+        if doubled is not None:
+            return self.multiply(self.constant(2.0), doubled)
         if a > b:
             a, b = b, a
         if (a ^ b) & 1:
             return self.node("subtract", a & ~1, b & ~1) ^ (a & 1)
         return self.node("add", a & ~1, b & ~1) ^ (a & 1)
+
+    def _doubled(self, a: int, b: int) -> int | None:
+        """y where a + b = (x + y) - (x - y), or any other order of it."""
+        first, second = self.nodes[a >> 1], self.nodes[b >> 1]
+        if {first.kind, second.kind} != {"add", "subtract"} or set(first.args) != set(second.args):
+            return None
+        for k in (0, 1):  # a + b is twice the summand that has the same sign in both
+            x = first.args[k]
+            if self._sign_in(a, x) == self._sign_in(b, x):
+                return int(x) ^ self._sign_in(a, x)
+        return None
+
+    def _sign_in(self, ref: int, x: int) -> int:
+        """1 if x is subtracted in the sum or difference `ref`."""
+        node = self.nodes[ref >> 1]
+        return (ref & 1) ^ int(node.kind == "subtract" and node.args[1] == x)
 
     def _term(self, ref: int) -> tuple[float, int]:
         """A reference as constant times node."""

@@ -1,0 +1,201 @@
+"""A traced function: the same call and the same results, as straight-line arithmetic."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arguments import joint_shaped
+from ..dynamics.checks import JOINT_ARGUMENTS, Checked
+from ..dynamics.forward import SINGULAR
+from ..model import Model
+from ..spatial import Array
+from .block import Layout, Workspace, allocate
+from .graph import Graph, TooLarge
+from .program import Program, lower
+from .run import check_out, run_batch
+from .scalar import inputs, references
+from .single import function as single_function
+
+LIMIT = 50_000  # operations that are still sensibly written out
+DTYPES = ("float64", "float32")
+
+
+class Trace(NamedTuple):
+    """A function traced on one model."""
+
+    program: Program
+    shapes: tuple[tuple[int, ...], ...]  # of each output, without the batch axis
+    judged: bool  # True if the core returns more than the result, to be judged
+
+
+def trace(function: Checked[Any, Any, Any], model: Model, names: Sequence[str], fixed: Mapping[str, Any]) -> Trace:
+    """Run the core of a function on traced numbers, one state in a batch axis of length 1."""
+    graph = Graph(limit=8 * LIMIT)
+    arguments = {name: inputs(graph, (1, model.n), k * model.n) for k, name in enumerate(names)}
+    result = function.core(model, **arguments, **fixed)
+    parts = result if isinstance(result, tuple) else (result,)
+    outputs = [ref for part in parts for ref in references(graph, part)]
+    program = lower(graph, outputs, len(names) * model.n)
+    if len(program.instructions) > LIMIT:
+        raise TooLarge(f"{len(program.instructions)} operations")
+    return Trace(program, tuple(np.shape(part)[1:] for part in parts), isinstance(result, tuple))
+
+
+def compile(function: Checked[Any, Any, Any], model: Model, **fixed: Any) -> Kernel:
+    """Trace a function of (model, q, ...) on one model and return its kernel.
+
+    Parameters
+    ----------
+    function : callable
+        One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
+    model : Model
+    **fixed
+        Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`.
+
+    Returns
+    -------
+    Kernel
+        To be called as the function without the model: `kernel(q, qd, qdd)`.
+
+    Raises
+    ------
+    TypeError
+        If the function is not one that can be traced, or a fixed argument is missing.
+
+    Examples
+    --------
+    >>> import rne
+    >>> kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+    >>> sum(kernel.operations.values()) <= 320
+    True
+    """
+    return Kernel(function, model, fixed)
+
+
+class Kernel:
+    """A function compiled for one model; see `compile`.
+
+    A kernel may be called from many threads, and pickles.
+
+    Attributes
+    ----------
+    model : Model
+    names : tuple of str
+        The joint arrays it takes, in order.
+    """
+
+    def __init__(self, function: Checked[Any, Any, Any], model: Model, fixed: Mapping[str, Any]) -> None:
+        if not hasattr(function, "core"):
+            raise TypeError(f"`function` must be one of rne's functions of a model, got {function!r}")
+        self.function = function
+        self.model = model
+        self.fixed = dict(fixed)
+        parameters = list(inspect.signature(function.core).parameters)[1:]
+        self.names = tuple(name for name in parameters if name in JOINT_ARGUMENTS)
+        try:
+            self._trace: Trace | None = trace(function, model, self.names, self.fixed)
+        except TooLarge:
+            self._trace = None
+        self.workspaces: dict[str, list[Workspace]] = {dtype: [] for dtype in DTYPES}
+        self._shape = (model.n,) if self._trace else None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Kernel, (self.function, self.model, self.fixed)
+
+    def __repr__(self) -> str:
+        count = f"{sum(self.operations.values())} operations" if self._trace else "run as the recursion"
+        return f"Kernel {self.function.__name__} of {self.model.name!r}: {count}"
+
+    @property
+    def operations(self) -> dict[str, int]:
+        """Arithmetic operations a state, by kind; empty where the recursion itself runs."""
+        return self._trace.program.operations if self._trace else {}
+
+    @property
+    def traced(self) -> Trace:
+        """The traced program; a TypeError where the recursion itself runs."""
+        if self._trace is None:
+            raise TypeError(f"{self!r}: too large to be written out")
+        return self._trace
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Shape of each output, without the batch axes."""
+        return self.traced.shapes
+
+    @property
+    def judged(self) -> bool:
+        """True if pivots of M come with the result."""
+        return self.traced.judged
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Registers of the block kernel."""
+        return allocate(self.traced.program)
+
+    @cached_property
+    def _single(self) -> Callable[..., Array]:
+        n = self.model.n
+        eps = float(np.finfo(np.float64).eps)
+        guard = (SINGULAR * n * eps, n) if self.judged else None
+        widths = [n] * len(self.names)
+        return single_function(self.traced.program, widths, self.shapes[0], guard)
+
+    def __call__(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> Array:
+        """Run the kernel.
+
+        Parameters
+        ----------
+        *arguments : array_like, shape (..., n)
+            As the function takes them, without the model.
+        out : ndarray, optional
+            Where to write the result of a batch; must have its shape and dtype and share no memory with the inputs.
+        workers : int
+            Threads that share the blocks of a large batch.
+
+        Returns
+        -------
+        ndarray
+            As the function returns it.
+
+        Raises
+        ------
+        ValueError, RneError
+            As the function does.
+        """
+        if out is None:
+            shape = self._shape
+            try:
+                for a in arguments:
+                    if a.shape != shape or a.dtype.char != "d":
+                        break
+                else:
+                    return self._single(*[a.tolist() for a in arguments])
+            except (AttributeError, TypeError, ValueError, ArithmeticError):
+                pass  # not one plain state, or something is wrong with it: looked at below
+        return self._batch(arguments, out, workers)
+
+    def by_function(self, arguments: Sequence[Any]) -> Array:
+        """The function itself."""
+        result: Array = self.function(self.model, *arguments, **self.fixed)
+        return result
+
+    def _batch(self, arguments: Sequence[Any], out: Array | None, workers: int) -> Array:
+        if len(arguments) != len(self.names):
+            raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
+        if workers < 1:
+            raise ValueError(f"`workers` must be at least 1, got {workers}")
+        arrays = [joint_shaped(name, a, self.model) for name, a in zip(self.names, arguments, strict=True)]
+        dtype = np.result_type(*arrays)
+        if self._trace is not None and dtype.name in DTYPES:
+            return run_batch(self, arrays, dtype, out, workers)
+        result = self.by_function(arrays)
+        if out is None:
+            return result
+        check_out(out, result.shape, result.dtype, self.names, arrays)[...] = result
+        return out

@@ -1,0 +1,131 @@
+"""A program as plain Python on floats, for one state a call."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..spatial import Array
+from .program import Instruction, Operand, Program
+
+SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
+FUNCTIONS = {
+    "negative": "-{}",
+    "sin": "sin({})",
+    "cos": "cos({})",
+    "sqrt": "sqrt({})",
+    "abs": "abs({})",
+    "tanh": "tanh({})",
+    "sign": "sign({})",
+    "minimum": "min({}, {})",
+    "maximum": "max({}, {})",
+    "less": "float({} < {})",
+    "less_equal": "float({} <= {})",
+    "where": "({1} if {0} else {2})",
+}
+DEEPEST = 12  # nested parentheses in one expression
+
+
+def sign(x: float) -> float:
+    """-1, 0 or 1."""
+    return math.copysign(1.0, x) if x else 0.0
+
+
+NAMES: dict[str, Any] = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "tanh": math.tanh, "sign": sign}
+
+
+def expressions(program: Program) -> tuple[list[str], list[str]]:
+    """Assignments in order, and an expression for each output; what is read once is written where it is read."""
+    uses = Counter(arg for instruction in program.instructions for arg in instruction.args)
+    uses.update(program.outputs)
+    texts: dict[Operand, tuple[str, int]] = {}
+    lines: list[str] = []
+
+    def text(arg: Operand) -> tuple[str, int]:
+        if arg.kind == "input":
+            return f"x{arg.value}", 0
+        return (repr(arg.value), 0) if arg.kind == "constant" else texts[arg]
+
+    for k, instruction in enumerate(program.instructions):
+        operand = Operand("result", k)
+        expression, depth = _expression(instruction, [text(arg) for arg in instruction.args])
+        if uses[operand] > 1 or depth >= DEEPEST:
+            lines.append(f"t{k} = {expression}")
+            expression, depth = f"t{k}", 0
+        elif instruction.kind in SYMBOLS or instruction.kind == "negative":
+            expression = f"({expression})"
+        texts[operand] = expression, depth
+    return lines, [text(output)[0] for output in program.outputs]
+
+
+def _expression(instruction: Instruction, args: Sequence[tuple[str, int]]) -> tuple[str, int]:
+    depth = 1 + max(d for _, d in args)
+    if instruction.kind in SYMBOLS:
+        return f" {SYMBOLS[instruction.kind]} ".join(a for a, _ in args), depth
+    return FUNCTIONS[instruction.kind].format(*(a for a, _ in args)), depth
+
+
+def source(
+    program: Program,
+    widths: Sequence[int],
+    shape: tuple[int, ...],
+    guard: tuple[float, int] | None = None,
+) -> str:
+    """A Python function of one list a group of inputs, that returns the first output as an array.
+
+    Parameters
+    ----------
+    program : Program
+    widths : sequence of int
+        Number of inputs of each argument.
+    shape : tuple of int
+        Of the first output.
+    guard : (factor, count), optional
+        Each of the `count` outputs after the first must exceed `factor` times the one `count` places further.
+
+    Returns
+    -------
+    str
+        The function raises ValueError for inputs or outputs that are not finite and for a guard that fails.
+    """
+    lines, outputs = expressions(program)
+    groups, start = [], 0
+    for k, width in enumerate(widths):
+        names = [f"x{start + j}" for j in range(width)]
+        groups.append(f"{', '.join(names)}{',' if width == 1 else ''} = a{k}" if width else f"() = a{k}")
+        start += width
+    total = " + ".join(f"x{k}" for k in range(start)) or "0.0"
+    size = math.prod(shape)
+    body = [*groups, f"if not isfinite({total}): raise ValueError", *lines]
+    if guard is not None:
+        factor, count = guard
+        body += [f"d{k} = {outputs[size + k]}" for k in range(count)]
+        holds = [f"d{k} > {factor!r} * {outputs[size + count + k]}" for k in range(count)]
+        body.append(f"if not ({' and '.join(holds) or 'True'}): raise ValueError")
+    results = [f"r{k}" for k in range(size)]
+    body += [f"{result} = {output}" for result, output in zip(results, outputs, strict=False)]
+    body.append(f"if not isfinite({' + '.join(dict.fromkeys(results)) or '0.0'}): raise ValueError")
+    body.append(f"return {_array(results, shape)}")
+    arguments = ", ".join(f"a{k}" for k in range(len(widths)))
+    return "\n    ".join([f"def kernel({arguments}):", *body]) + "\n"
+
+
+def _array(results: Sequence[str], shape: tuple[int, ...]) -> str:
+    if not shape:
+        return f"float64({results[0]})"
+    flat = f"array(({', '.join(results)}{',' if len(results) == 1 else ''}))"
+    return flat if len(shape) == 1 else f"{flat}.reshape({shape})"
+
+
+def function(
+    program: Program, widths: Sequence[int], shape: tuple[int, ...], guard: tuple[float, int] | None = None
+) -> Callable[..., Array]:
+    """The compiled function of `source`, which holds nothing but numbers and generated names."""
+    namespace: dict[str, Any] = NAMES | {"isfinite": math.isfinite, "array": np.array, "float64": np.float64}
+    exec(compile(source(program, widths, shape, guard), "<rne kernel>", "exec"), namespace)
+    compiled: Callable[..., Array] = namespace["kernel"]
+    return compiled
