@@ -15,6 +15,7 @@ from .model import Cylinder, Model
 from .robot import Robot, load
 from .robots import irb140
 from .simulation import Trajectory, simulate
+from .tape.kernel import Kernel, compile
 from .urdf import Finding, check, read_urdf, to_urdf
 
 __version__ = "0.1.0"
@@ -22,6 +23,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Cylinder",
     "Finding",
+    "Kernel",
     "Model",
     "ModelError",
     "NotFiniteError",
@@ -36,6 +38,7 @@ __all__ = [
     "bearing_loads",
     "bias_torque",
     "check",
+    "compile",
     "coriolis_matrix",
     "coriolis_torque",
     "forward_dynamics",

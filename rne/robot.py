@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import edit
 from .arguments import number_array
+from .dynamics.articulated import articulated_forward_dynamics
+from .dynamics.checks import Checked
 from .dynamics.composite import mass_matrix
 from .dynamics.coriolis import coriolis_matrix
 from .dynamics.energy import kinetic_energy, momentum, potential_energy
@@ -28,7 +31,11 @@ from .dynamics.record import Recursion, recursion
 from .model import STANDARD_GRAVITY, Model
 from .robots import BUILDERS
 from .spatial import Array
+from .tape.kernel import Kernel, compile
 from .urdf import read_urdf
+
+FEW_JOINTS = 9  # up to which M with L^T D L always takes fewer operations
+FORWARD = "forward"  # the chosen kernel's place
 
 
 def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Robot:
@@ -92,6 +99,46 @@ class Robot:
         if not isinstance(model, Model):
             raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
         self._model = model
+        self._kernels: dict[Any, Kernel] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Robot, (self._model,)
+
+    def kernel(self, function: Checked[Any, Any, Any], **fixed: Any) -> Kernel:
+        """The function traced on this robot, on first use, and kept.
+
+        Parameters
+        ----------
+        function : callable
+            One of this package's functions of a model, such as `rne.mass_matrix`.
+        **fixed
+            Arguments other than joint arrays, such as `link="link_6"`.
+
+        Returns
+        -------
+        Kernel
+            See `rne.compile`.
+        """
+        key = (function, *fixed.items())
+        kernel = self._kernels.get(key)
+        if kernel is None:
+            kernel = self._kernels[key] = compile(function, self._model, **fixed)
+        return kernel
+
+    def _forward(self) -> Kernel:
+        """Forward dynamics by the method with fewer operations.
+
+        M with L^T D L takes fewer up to about a dozen joints in a row, articulated bodies beyond; both lose about
+        the same digits on such robots, and on long chains articulated bodies lose fewer.
+        """
+        kernel = self._kernels.get(FORWARD)
+        if kernel is None:
+            kernel = self.kernel(forward_dynamics)
+            if self.n > FEW_JOINTS and not self._model.has_mimics:
+                other = self.kernel(articulated_forward_dynamics)
+                kernel = min(kernel, other, key=lambda k: sum(k.operations.values()) or float("inf"))
+            self._kernels[FORWARD] = kernel
+        return kernel
 
     @property
     def model(self) -> Model:
@@ -117,57 +164,65 @@ class Robot:
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None
     ) -> Array:
         """Torques tau = M qdd + C qd + g, shape (..., n) [N m or N]; see `rne.inverse_dynamics`."""
+        if external is None:
+            return self.kernel(inverse_dynamics)(q, qd, qdd)
         return inverse_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(qdd), external=external)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """M(q), shape (..., n, n), full and exactly symmetric [kg m^2, kg m or kg]; see `rne.mass_matrix`."""
-        return mass_matrix(self._model, np.asarray(q))
+        return self.kernel(mass_matrix)(q)
 
     def forward_dynamics(
         self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None
     ) -> Array:
         """Accelerations, shape (..., n) [rad/s^2 or m/s^2]; see `rne.forward_dynamics`."""
+        if external is None:
+            return self._forward()(q, qd, tau)
         return forward_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(tau), external=external)
 
     def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None) -> Array:
         """C qd + g, shape (..., n) [N m or N]; see `rne.bias_torque`."""
+        if external is None:
+            return self.kernel(bias_torque)(q, qd)
         return bias_torque(self._model, np.asarray(q), np.asarray(qd), external=external)
 
     def gravity_torque(self, q: ArrayLike) -> Array:
         """g(q), shape (..., n) [N m or N]; see `rne.gravity_torque`."""
-        return gravity_torque(self._model, np.asarray(q))
+        return self.kernel(gravity_torque)(q)
 
     def coriolis_torque(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """C(q, qd) qd, shape (..., n) [N m or N]; see `rne.coriolis_torque`."""
-        return coriolis_torque(self._model, np.asarray(q), np.asarray(qd))
+        return self.kernel(coriolis_torque)(q, qd)
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """C(q, qd) of the Christoffel symbols, shape (..., n, n); see `rne.coriolis_matrix`."""
-        return coriolis_matrix(self._model, np.asarray(q), np.asarray(qd))
+        return self.kernel(coriolis_matrix)(q, qd)
 
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Kinetic energy, shape (...) [J]; see `rne.kinetic_energy`."""
-        return kinetic_energy(self._model, np.asarray(q), np.asarray(qd))
+        return self.kernel(kinetic_energy)(q, qd)
 
     def potential_energy(self, q: ArrayLike) -> Array:
         """Potential energy, zero at the root link's origin, shape (...) [J]; see `rne.potential_energy`."""
-        return potential_energy(self._model, np.asarray(q))
+        return self.kernel(potential_energy)(q)
 
     def momentum(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """[Angular; linear] momentum about the root link's origin, shape (..., 6); see `rne.momentum`."""
-        return momentum(self._model, np.asarray(q), np.asarray(qd))
+        return self.kernel(momentum)(q, qd)
 
     def link_poses(self, q: ArrayLike) -> Array:
         """Pose of every link, shape (..., n_links, 4, 4) [1, m]; see `rne.link_poses`."""
-        return link_poses(self._model, np.asarray(q))
+        return self.kernel(link_poses)(q)
 
     def jacobian(self, q: ArrayLike, link: str) -> Array:
         """[omega; v] of a link's origin per joint rate, shape (..., 6, n); see `rne.jacobian`."""
-        return jacobian(self._model, np.asarray(q), link)
+        self._model.link_index(link)
+        return self.kernel(jacobian, link=link)(q)
 
     def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str) -> Array:
         """Time derivative of the Jacobian, shape (..., 6, n); see `rne.jacobian_rate`."""
-        return jacobian_rate(self._model, np.asarray(q), np.asarray(qd), link)
+        self._model.link_index(link)
+        return self.kernel(jacobian_rate, link=link)(q, qd)
 
     def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
         """Every omega, alpha, a, f and tau of every link; see `rne.recursion`."""

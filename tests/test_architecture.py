@@ -24,6 +24,7 @@ FLOORS = [
     ["model"],
     ["arguments", "assembly"],
     ["edit", "robots", "urdf", "dynamics"],
+    ["tape"],
     ["robot"],
     ["control", "plant", "solvers"],
     ["simulation"],

@@ -259,6 +259,10 @@ WARNINGS = {
         ['<link name="base" colour="red"/>'],
         ":3: link 'base': unknown attribute 'colour' of <link> is ignored; remove it",
     ),
+    "nameless robot": (
+        None,
+        ":1: robot: attribute 'name' is missing; give the robot a name; other readers insist",
+    ),
     "namespaced child": (
         [link("base", '<x:thing xmlns:x="urn:x"/>')],
         ":3: link 'base': unknown element '{urn:x}thing' in <link> is ignored; remove it",
@@ -274,7 +278,7 @@ WARNINGS = {
 @pytest.mark.parametrize("name", WARNINGS)
 def test_oddity_is_a_finding_and_the_robot_loads(name, write, capsys):
     elements, message = WARNINGS[name]
-    path = write(robot(*elements))
+    path = write("<robot>" + link("base") + "</robot>" if elements is None else robot(*elements))
     findings = rne.check(path)
     assert [f.severity for f in findings] == ["warning"]
     assert capsys.readouterr().out == f"warning: {path}{message}\n"

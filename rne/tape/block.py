@@ -26,7 +26,8 @@ UFUNCS: dict[str, Callable[..., Any]] = {
     "minimum": np.minimum,
     "maximum": np.maximum,
 }
-CACHE = 2**20  # bytes of registers that run at full speed
+LINE = 64  # bytes of a cache line
+BUDGET = 8 * 2**20  # bytes of registers: more no longer pay for fewer calls
 LONGEST, SHORTEST = 8192, 256  # states a block
 
 
@@ -63,12 +64,12 @@ class _Allocator:
         self.copies: list[tuple[int, Operand | int]] = []
         self._place_outputs()
 
-    def _last_readers(self) -> dict[int, int]:
-        last: dict[int, int] = {}
+    def _last_readers(self) -> dict[Operand, int]:
+        last: dict[Operand, int] = {}
         for k, instruction in enumerate(self.program.instructions):
             for arg in instruction.args:
-                if arg.kind == "result":
-                    last[int(arg.value)] = k
+                if arg.kind != "constant":
+                    last[arg] = k
         return last
 
     def _place_outputs(self) -> None:
@@ -80,7 +81,7 @@ class _Allocator:
             else:
                 source = self.place[int(output.value)] if output.kind == "result" else output
                 self.copies.append((row, int(output.value) if output.kind == "input" else source))
-        self.fixed = set(self.place)
+        self.fixed = {Operand("result", k) for k in self.place} | set(self.program.outputs)
 
     def _take(self) -> int:
         if self.free:
@@ -99,9 +100,9 @@ class _Allocator:
         return self.place[k]
 
     def _release(self, k: int, instruction: Instruction) -> None:
-        for value in {int(arg.value) for arg in instruction.args if arg.kind == "result"}:
-            if self.last[value] == k and value not in self.fixed:
-                self.free.append(self.place[value])
+        for arg in set(instruction.args):
+            if arg.kind != "constant" and self.last[arg] == k and arg not in self.fixed:
+                self.free.append(int(arg.value) if arg.kind == "input" else self.place[int(arg.value)])
 
     def layout(self) -> Layout:
         """Steps in order; a result may take the register of an operand that is read for the last time."""
@@ -109,6 +110,7 @@ class _Allocator:
         steps = []
         for k, instruction in enumerate(self.program.instructions):
             if k in self.paired:
+                self._release(k, instruction)
                 continue
             args = tuple(self._where(arg) for arg in instruction.args)
             if k in partners:
@@ -151,7 +153,7 @@ class Workspace:
         self.layout = layout
         self.dtype = dtype
         self.trig = METHODS[trig or faster(dtype.name)]
-        self.rows = np.zeros((layout.registers, length), dtype=dtype)
+        self.rows = aligned_zeros(layout.registers, length, dtype)
         self.constants: dict[float, Array] = {}
         self._calls: dict[int, list[Call]] = {}
 
@@ -188,6 +190,15 @@ class Workspace:
         return [(UFUNCS[step.kind], (*args, out[0]))]
 
 
+def aligned_zeros(rows: int, length: int, dtype: np.dtype[Any]) -> Array:
+    """Zeros whose every row starts on a cache line: vector loads that straddle two cost twice."""
+    line = LINE // dtype.itemsize
+    stride = (-(-length // line) + 1) * line  # one more, so that rows do not fall on the same sets of the cache
+    flat = np.zeros(rows * stride + line, dtype=dtype)
+    start = -flat.ctypes.data % LINE // dtype.itemsize
+    return flat[start : start + rows * stride].reshape(rows, stride)
+
+
 def _compare(ufunc: Callable[..., Any], a: Array, b: Array, out: Array) -> None:
     ufunc(a, b, out=out, casting="unsafe")
 
@@ -199,4 +210,4 @@ def _where(condition: Array, a: Array, b: Array, out: Array) -> None:
 
 def block_length(registers: int, itemsize: int) -> int:
     """States a block: as many as keep the registers in the cache, few enough calls to pay for their overhead."""
-    return max(SHORTEST, min(LONGEST, CACHE // (registers * itemsize) // 64 * 64))
+    return max(SHORTEST, min(LONGEST, BUDGET // (max(registers, 1) * itemsize) // 64 * 64))

@@ -134,6 +134,11 @@ class Kernel:
         return self.traced.judged
 
     @cached_property
+    def unchecked_inputs(self) -> list[int]:
+        """Inputs whose NaN or infinity might not show in the outputs."""
+        return self.traced.program.unchecked_inputs
+
+    @cached_property
     def layout(self) -> Layout:
         """Registers of the block kernel."""
         return allocate(self.traced.program)
@@ -192,6 +197,11 @@ class Kernel:
             raise ValueError(f"`workers` must be at least 1, got {workers}")
         arrays = [joint_shaped(name, a, self.model) for name, a in zip(self.names, arguments, strict=True)]
         dtype = np.result_type(*arrays)
+        if self._trace is not None and dtype == np.float64 and out is None and all(a.ndim == 1 for a in arrays):
+            try:
+                return self._single(*[a.tolist() for a in arrays])
+            except (TypeError, ValueError, ArithmeticError):
+                return self.by_function(arrays)  # which says what is wrong
         if self._trace is not None and dtype.name in DTYPES:
             return run_batch(self, arrays, dtype, out, workers)
         result = self.by_function(arrays)

@@ -8,6 +8,10 @@ from typing import NamedTuple
 
 from .graph import Graph
 
+# A NaN or infinity in an operand shows in the result. (x / infinity hides it, but a denominator here is a pivot of M,
+# and those are judged.)
+CARRYING = frozenset({"add", "subtract", "multiply", "divide", "negative", "sin", "cos", "sqrt", "abs"})
+
 
 class Operand(NamedTuple):
     """What an instruction works on: input k, constant number, or the result of instruction k."""
@@ -44,6 +48,15 @@ class Program:
     def operations(self) -> dict[str, int]:
         """Number of operations by kind; a sine is one, however it is evaluated."""
         return dict(sorted(Counter(instruction.kind for instruction in self.instructions).items()))
+
+    @property
+    def unchecked_inputs(self) -> list[int]:
+        """Inputs whose NaN or infinity might not show in an output: unused ones, or all if some operation hides it."""
+        if not self.operations.keys() <= CARRYING:
+            return list(range(self.inputs))
+        used = {arg.value for i in self.instructions for arg in i.args if arg.kind == "input"}
+        used |= {output.value for output in self.outputs if output.kind == "input"}
+        return [k for k in range(self.inputs) if k not in used]
 
 
 def lower(graph: Graph, outputs: list[int], inputs: int) -> Program:

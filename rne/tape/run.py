@@ -99,12 +99,12 @@ class _Batch:
         rows = workspace.rows[:, :m]
         for k, array in enumerate(self.states):
             rows[k * self.n : (k + 1) * self.n] = array[begin:end].T
-        sound = all_finite(rows[: self.first_output])
+        sound = all([all_finite(rows[k]) for k in self.kernel.unchecked_inputs])
         for call, arguments in workspace.calls(m):
             call(*arguments)
         stop = self.first_output + self.results.shape[1]
         if sound and self._is_sound(rows[self.first_output :], stop - self.first_output):
-            self.results[begin:end] = rows[self.first_output : stop].T
+            store(rows[self.first_output : stop], self.results[begin:end])
         else:
             self.results[begin:end] = self._by_function(begin, end)
 
@@ -126,6 +126,15 @@ class _Batch:
             local = error.state[0] if error.state else 0
             raise error.at(tuple(int(k) for k in np.unravel_index(begin + local, self.leading))) from None
         return np.asarray(result).reshape(end - begin, -1)
+
+
+def store(rows: Array, results: Array) -> None:
+    """Registers to states: column by column while these share a cache line, otherwise in one sweep."""
+    if len(rows) > 8:
+        results[...] = rows.T
+        return
+    for k, row in enumerate(rows):
+        results[:, k] = row
 
 
 def all_finite(rows: Array) -> bool:

@@ -120,6 +120,7 @@ def prune(root: Any) -> None:
         for attribute in list(element.attrib):
             if attribute not in rule.attributes:
                 del element.attrib[attribute]
+    root.set("name", root.get("name", ""))
 
 
 def numbers(

@@ -1,0 +1,480 @@
+"""Kernels: the same results as the recursion, whatever the shape, order, block, thread or process."""
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rne
+from rne.robots.chains import random_tree, straight_chain
+from rne.tape import block, run, trig
+from rne.tape.graph import Graph
+from rne.tape.program import lower
+from rne.tape.scalar import inputs, references
+from rne.tape.single import function as single_function
+
+from .helpers import EPS, data_robots, relative, states
+
+FUNCTIONS = {
+    "inverse_dynamics": (rne.inverse_dynamics, 3),
+    "bias_torque": (rne.bias_torque, 2),
+    "gravity_torque": (rne.gravity_torque, 1),
+    "coriolis_torque": (rne.coriolis_torque, 2),
+    "coriolis_matrix": (rne.coriolis_matrix, 2),
+    "mass_matrix": (rne.mass_matrix, 1),
+    "kinetic_energy": (rne.kinetic_energy, 2),
+    "potential_energy": (rne.potential_energy, 1),
+    "momentum": (rne.momentum, 2),
+    "link_poses": (rne.link_poses, 1),
+    "forward_dynamics": (rne.forward_dynamics, 3),
+    "articulated_forward_dynamics": (rne.articulated_forward_dynamics, 3),
+}
+ARMS = ["irb140", "ur_description/ur5_robot", "panda_description/panda", "double_pendulum_description/double_pendulum"]
+
+
+def tolerance(n, model, q, function, eps=EPS):
+    """4e-15 n of the largest entry, times the condition of M where M is solved."""
+    kappa = np.linalg.cond(rne.mass_matrix(model, q)).max() if "forward" in function.__name__ else 1.0
+    return 4e-15 / EPS * eps * max(n, 1) * kappa
+
+
+def apart(a, b, size=1e-300):
+    """Largest difference relative to the largest entry of the batch, or to `size` where everything cancels."""
+    return float(np.abs(a - b).max(initial=0) / max(np.abs(b).max(initial=0), size))
+
+
+@pytest.fixture(params=FUNCTIONS)
+def call(request):
+    return FUNCTIONS[request.param]
+
+
+def check_same(model, function, count, dtype=np.float64):
+    if model.has_mimics and function is rne.articulated_forward_dynamics:
+        with pytest.raises(rne.ModelError):
+            rne.compile(function, model)
+        return
+    arguments = [x.astype(dtype) for x in states(model.n, 9)[:count]]
+    kernel = rne.compile(function, model)
+    expected = function(model, *(x.astype(np.float64) for x in arguments))
+    bound = tolerance(model.n, model, arguments[0], function, float(np.finfo(dtype).eps))
+    size = 1e-300
+    if "coriolis" in function.__name__:  # on a single joint everything cancels
+        size = np.abs(rne.mass_matrix(model, arguments[0].astype(float))).max() * np.abs(arguments[1]).max()
+    batch = kernel(*arguments)
+    assert batch.dtype == dtype
+    assert batch.shape == expected.shape
+    assert apart(batch, expected, size) <= bound
+    single = np.array([kernel(*state) for state in zip(*arguments, strict=True)])
+    assert single.dtype == dtype
+    assert apart(single, expected, size) <= bound
+
+
+def test_kernel_is_the_recursion_on_trees(tree, call):
+    check_same(tree, *call)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_kernel_is_the_recursion_on_arms(name, call):
+    model = rne.irb140() if name == "irb140" else rne.load(data_robots()[name]).model
+    check_same(model, *call)
+
+
+def test_kernel_in_float32(call):
+    check_same(rne.irb140(), *call, dtype=np.float32)
+
+
+@pytest.mark.parametrize("name", list(data_robots()))
+def test_robot_is_the_recursion_on_every_data_robot(name):
+    try:
+        robot = rne.load(data_robots()[name])
+    except rne.UrdfError:
+        return  # refused by name in test_oracle
+    q, qd, qdd = states(robot.n, 5)
+    bound = 4e-15 * max(robot.n, 1)
+    assert apart(robot.inverse_dynamics(q, qd, qdd), rne.inverse_dynamics(robot.model, q, qd, qdd)) <= bound
+    assert apart(robot.mass_matrix(q), rne.mass_matrix(robot.model, q)) <= bound
+
+
+def test_kernels_with_an_argument_of_their_own(irb140):
+    q, qd, _ = states(6, 5)
+    assert apart(irb140.jacobian(q, "link_4"), rne.jacobian(irb140.model, q, "link_4")) <= 4e-15 * 6
+    assert apart(irb140.jacobian_rate(q, qd, "link_4"), rne.jacobian_rate(irb140.model, q, qd, "link_4")) <= 4e-15 * 6
+
+
+def test_symmetric_to_the_last_bit(irb140):
+    M = irb140.mass_matrix(states(6, 50)[0])
+    assert np.array_equal(M, np.swapaxes(M, 1, 2))
+
+
+@pytest.fixture
+def kernel():
+    return rne.compile(rne.inverse_dynamics, rne.irb140())
+
+
+class TestOperations:
+    def test_counts_of_the_irb140(self):
+        counts = {
+            f: rne.compile(f, rne.irb140()).operations
+            for f in (rne.inverse_dynamics, rne.mass_matrix, rne.forward_dynamics)
+        }
+        assert [sum(c.values()) for c in counts.values()] <= [320, 230, 640]
+        assert sum(counts[rne.inverse_dynamics].values()) <= 320
+        assert sum(counts[rne.mass_matrix].values()) <= 230
+        assert sum(counts[rne.forward_dynamics].values()) <= 640
+        assert counts[rne.inverse_dynamics]["sin"] == counts[rne.inverse_dynamics]["cos"] == 5
+
+    def test_what_a_robot_lacks_costs_nothing(self):
+        full = rne.irb140()
+        weightless = rne.mounted(rne.load("irb140", gravity=[0, 0, 0]).model, [0, 0, 0])
+        wristless = rne.locked(full, {"joint_4": 0.0, "joint_5": 0.0, "joint_6": 0.0})
+        counts = [sum(rne.compile(rne.inverse_dynamics, m).operations.values()) for m in (full, weightless, wristless)]
+        assert counts[1] < counts[0]
+        assert counts[2] < counts[0] / 2
+
+    def test_mass_matrix_of_a_pendulum_is_a_constant(self):
+        kernel = rne.compile(rne.mass_matrix, straight_chain(1))
+        assert kernel.operations == {}
+        assert kernel(np.zeros((3, 1))).shape == (3, 1, 1)
+        assert kernel(np.zeros(1))[0, 0] == rne.mass_matrix(straight_chain(1), [0.0])[0, 0]
+
+    def test_too_large_to_unroll_runs_as_the_recursion(self, monkeypatch):
+        from rne.tape import kernel as module
+
+        monkeypatch.setattr(module, "LIMIT", 100)
+        kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+        assert kernel.operations == {}
+        assert repr(kernel) == "Kernel inverse_dynamics of 'irb140': run as the recursion"
+        s = states(6, 4)
+        assert np.array_equal(kernel(*s), rne.inverse_dynamics(rne.irb140(), *s))
+        out = np.empty((4, 6))
+        assert kernel(*s, out=out) is out
+
+
+class TestBatches:
+    @pytest.mark.parametrize("count", [0, 1, 2, 255, 256, 257, 8191, 8192, 8193, 20000])
+    def test_any_number_of_states(self, kernel, count):
+        s = states(6, count, rate=1.0, acceleration=1.0)
+        got = kernel(*s)
+        assert got.shape == (count, 6)
+        for k in {0, count // 2, count - 1} if count else ():
+            assert relative(got[k][None], kernel(*(x[k] for x in s))[None]) <= 4e-15 * 6
+
+    @pytest.mark.parametrize("length", [1, 7, 64, 1000])
+    def test_any_length_of_blocks(self, kernel, length, monkeypatch):
+        s = states(6, 333)
+        expected = kernel(*s)
+        monkeypatch.setattr(run, "block_length", lambda registers, itemsize: length)
+        kernel.workspaces["float64"].clear()
+        assert apart(kernel(*s), expected) <= 4e-15 * 6
+        kernel.workspaces["float64"].clear()
+
+    def test_any_memory_order(self, kernel):
+        s = states(6, 100)
+        expected = kernel(*s)
+        assert np.array_equal(kernel(*(np.asfortranarray(x) for x in s)), expected)
+        assert np.array_equal(kernel(*(np.repeat(x, 2, axis=1)[:, ::2] for x in s)), expected)
+
+    def test_broadcasting(self, kernel):
+        q, qd, qdd = states(6, 12)
+        got = kernel(q.reshape(3, 4, 6), qd[:4], qdd[0])
+        assert apart(got, rne.inverse_dynamics(rne.irb140(), q.reshape(3, 4, 6), qd[:4], qdd[0])) <= 4e-15 * 6
+
+    def test_lists_and_integers(self, kernel):
+        assert kernel([0] * 6, [0] * 6, [0] * 6).shape == (6,)
+        assert kernel([[0] * 6] * 3, [0] * 6, [0] * 6).shape == (3, 6)
+
+    def test_out(self, kernel):
+        s = states(6, 100)
+        out = np.empty((100, 6))
+        assert kernel(*s, out=out) is out
+        assert np.array_equal(out, kernel(*s))
+
+    def test_out_of_a_wrong_kind(self, kernel):
+        s = states(6, 100)
+        with pytest.raises(
+            ValueError, match=r"^`out` must be a float64 array of shape \(100, 6\), got float64 \(6, 100\)$"
+        ):
+            kernel(*s, out=np.empty((6, 100)))
+        with pytest.raises(ValueError, match=r"^`out` must be a float64 array of shape \(100, 6\), got list$"):
+            kernel(*s, out=[])
+        with pytest.raises(ValueError, match=r"^`out` must be C-contiguous and writeable$"):
+            kernel(*s, out=np.empty((6, 100)).T)
+
+    def test_out_must_not_alias_an_input(self, kernel):
+        q, qd, qdd = states(6, 100)
+        with pytest.raises(ValueError, match=r"^`out` must not share memory with `qdd`$"):
+            kernel(q, qd, qdd, out=qdd)
+
+    @pytest.mark.parametrize("workers", [1, 2, 3])
+    def test_threads_share_the_blocks(self, kernel, workers):
+        s = states(6, 30000)
+        assert apart(kernel(*s, workers=workers), kernel(*s)) <= 4e-15 * 6
+
+    def test_no_worker(self, kernel):
+        with pytest.raises(ValueError, match=r"^`workers` must be at least 1, got 0$"):
+            kernel(*states(6, 3), workers=0)
+
+    def test_many_threads_may_call_at_once(self, kernel):
+        batches = [states(6, 3000, seed=k) for k in range(8)]
+        expected = [kernel(*s) for s in batches]
+        with ThreadPoolExecutor(8) as pool:
+            got = list(pool.map(lambda s: kernel(*s), batches * 3))
+        assert all(np.array_equal(a, b) for a, b in zip(got, expected * 3, strict=True))
+
+    def test_kernels_go_through_a_process_pool(self, kernel):
+        s = states(6, 50)
+        with ProcessPoolExecutor(1) as pool:
+            got = pool.submit(kernel, *s).result()
+        assert apart(got, kernel(*s)) <= 4e-15 * 6
+
+    def test_pickle_of_kernel_and_robot(self, kernel, irb140):
+        s = states(6, 5)
+        assert np.array_equal(pickle.loads(pickle.dumps(kernel))(*s), kernel(*s))
+        assert pickle.loads(pickle.dumps(irb140)).model == irb140.model
+
+
+class TestErrors:
+    def test_nan_is_named_as_by_the_recursion(self, irb140):
+        q = np.zeros((3, 4, 6))
+        q[1, 2, 0] = np.nan  # the first joint turns about gravity: nothing depends on it
+        for call in (irb140.gravity_torque, irb140.mass_matrix):
+            with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(1, 2, 0\)$"):
+                call(q)
+            with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(0,\)$"):
+                call(q[1, 2])
+
+    def test_infinite_torque_is_named(self, irb140):
+        tau = np.zeros((5, 6))
+        tau[3, 5] = np.inf
+        with pytest.raises(ValueError, match=r"^`tau` must be finite, got inf at index \(3, 5\)$"):
+            irb140.forward_dynamics(np.zeros((5, 6)), np.zeros(6), tau)
+
+    def test_overflow_is_named(self, irb140):
+        qd = np.full((4, 6), 1e200)
+        text = r"^bias_torque overflows float64 for these arguments; the result is not finite$"
+        with pytest.raises(rne.NotFiniteError, match=text):
+            irb140.bias_torque(np.ones(6), qd)
+        with pytest.raises(rne.NotFiniteError, match=text):
+            irb140.bias_torque(np.ones(6), qd[0])
+
+    def test_large_finite_values_are_no_error(self, irb140):
+        tau = np.full((2, 6), 1e308)
+        assert np.isfinite(irb140.mass_matrix(np.full((2, 6), 1e300))).all()
+        assert np.isfinite(rne.Robot(straight_chain(1)).forward_dynamics([[0.0]], [[0.0]], tau[:1, :1] / 1e3)).all()
+
+    def test_singular_state_of_a_batch_is_named(self):
+        """A gimbal of two massless links that closes at q2 = 0, in the second block."""
+        from rne.assembly import Part, assemble
+
+        z, y = np.array([0, 0, 1.0]), np.array([0, 1.0, 0])
+        gimbal = rne.Robot(
+            assemble(
+                "gimbal",
+                [
+                    Part(link="base"),
+                    Part(link="a", joint="outer", kind="revolute", parent=0, axis=z),
+                    Part(link="b", joint="middle", kind="revolute", parent=1, axis=y),
+                    Part(link="c", joint="inner", kind="revolute", parent=2, axis=z, mass=1.0, inertia=np.eye(3)),
+                ],
+            )
+        )
+        q = np.ones((4, 2500, 3))
+        q[3, 1234, 1] = 0.0
+        zero = np.zeros(3)
+        with pytest.raises(
+            rne.SingularMassMatrixError, match=r"at state \(3, 1234\): a combined motion of 'outer', 'inner'"
+        ):
+            gimbal.forward_dynamics(q, zero, zero)
+        with pytest.raises(rne.SingularMassMatrixError, match=r"^M is singular to working precision: "):
+            gimbal.forward_dynamics(q[3, 1234], zero, zero)
+        q[3, 1234, 1] = 1e-8
+        with pytest.raises(rne.SingularMassMatrixError):
+            gimbal.forward_dynamics(q, zero, zero)
+        with pytest.raises(rne.SingularMassMatrixError):
+            gimbal.forward_dynamics(q[3, 1234], zero, zero)
+
+    def test_overflow_in_a_pivot_is_not_a_zero_acceleration(self):
+        rail = rne.Robot(random_tree(3, 8, prismatic=0.5, branching=0))
+        q = np.full((2, 3), 1e200)
+        with pytest.raises((rne.SingularMassMatrixError, rne.NotFiniteError)):
+            rail.forward_dynamics(q, 0 * q, np.ones(3))
+
+    def test_a_function_of_ones_own_is_refused(self):
+        with pytest.raises(TypeError, match=r"^`function` must be one of rne's functions of a model, got <function"):
+            rne.compile(lambda model, q: q, rne.irb140())
+
+    def test_too_few_arguments(self):
+        with pytest.raises(TypeError, match=r"^this kernel takes q, qd, qdd; got 2 arguments$"):
+            rne.compile(rne.inverse_dynamics, rne.irb140())(np.zeros(6), np.zeros(6))
+
+    def test_transposed_batch(self, irb140):
+        with pytest.raises(ValueError, match="states go along the first axis"):
+            irb140.gravity_torque(np.zeros((6, 50)))
+
+
+class TestTrigonometry:
+    ANGLES = np.concatenate(
+        [
+            np.linspace(-np.pi, np.pi, 20001),
+            np.nextafter(np.pi * np.array([-1, 1, -0.5, 0.5, 0, 1, 2, 3]), [4, -4, 4, -4, 1, 9, 9, 9]),
+            np.random.default_rng(0).uniform(-1e12, 1e12, 5000),
+            np.random.default_rng(1).uniform(-1e-9, 1e-9, 1000),
+            [0.0, 1e300, -1e300, 1e-300],
+        ]
+    )
+
+    @pytest.mark.parametrize("method", trig.METHODS)
+    @pytest.mark.parametrize("dtype", [np.float64, np.float32])
+    def test_absolute_error_is_two_eps(self, method, dtype):
+        angles = self.ANGLES[np.abs(self.ANGLES) < (1e300 if dtype is np.float64 else 1e4)].astype(dtype)
+        sin, cos, spare = (np.empty_like(angles) for _ in range(3))
+        half, one = np.array(0.5, dtype), np.array(1.0, dtype)
+        for call, arguments in trig.METHODS[method](angles, sin, cos, spare, half, one):
+            call(*arguments)
+        exact = angles.astype(np.longdouble)
+        eps = float(np.finfo(dtype).eps)
+        assert np.abs(sin - np.sin(exact)).max() <= 2 * eps
+        assert np.abs(cos - np.cos(exact)).max() <= 2 * eps
+
+    @pytest.mark.parametrize("method", trig.METHODS)
+    def test_either_gives_the_same_torque(self, method):
+        kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+        workspace = block.Workspace(kernel.layout, 300, np.dtype("float64"), method)
+        kernel.workspaces["float64"].append(workspace)
+        s = states(6, 300)
+        assert apart(kernel(*s), rne.inverse_dynamics(rne.irb140(), *s)) <= 4e-15 * 6
+
+
+def objects(numbers):
+    """An object array of traced numbers; np.array would ask them for their values."""
+    array = np.empty(len(numbers), dtype=object)
+    array[:] = numbers
+    return array
+
+
+def random_expression(draw, x):
+    """A random arithmetic expression tree over the inputs, as a function of any numbers."""
+    pool = list(x)
+    for _ in range(draw(st.integers(1, 25))):
+        a = draw(st.sampled_from(range(len(pool))))
+        b = draw(st.sampled_from(range(len(pool))))
+        constant = draw(st.sampled_from([0.0, 1.0, -1.0, 0.5, 2.0, -3.0, 0.1]))
+        kind = draw(st.sampled_from(["+", "-", "*", "c*", "c+", "neg", "sin", "cos", "abs", "min", "max", "tanh", "/"]))
+        pool.append((kind, a, b, constant))
+    return pool
+
+
+def evaluate(plan, x, ops):
+    """The values of a plan of operations on any kind of number."""
+    pool = []
+    for step in plan:
+        if not isinstance(step, tuple):
+            pool.append(x[len(pool)])
+            continue
+        kind, a, b, c = step
+        p, q = pool[a], pool[b]
+        pool.append(
+            {
+                "+": lambda p=p, q=q: p + q,
+                "-": lambda p=p, q=q: p - q,
+                "*": lambda p=p, q=q: p * q,
+                "c*": lambda p=p, c=c: c * p,
+                "c+": lambda p=p, c=c: p + c,
+                "neg": lambda p=p: -p,
+                "sin": lambda p=p: ops["sin"](p),
+                "cos": lambda p=p: ops["cos"](p),
+                "abs": lambda p=p: abs(p),
+                "min": lambda p=p, q=q: ops["minimum"](p, q),
+                "max": lambda p=p, q=q: ops["maximum"](p, q),
+                "tanh": lambda p=p: ops["tanh"](p),
+                "/": lambda p=p, q=q: p / (2 + q * q),
+            }[kind]()
+        )
+    return pool
+
+
+PLAIN = {"sin": np.sin, "cos": np.cos, "tanh": np.tanh, "minimum": np.minimum, "maximum": np.maximum}
+TRACED = {
+    "sin": lambda x: x.sin() if hasattr(x, "sin") else np.sin(x),
+    "cos": lambda x: x.cos() if hasattr(x, "cos") else np.cos(x),
+    "tanh": lambda x: x.tanh() if hasattr(x, "tanh") else np.tanh(x),
+    "minimum": lambda a, b: a.minimum(b),
+    "maximum": lambda a, b: a.maximum(b),
+}
+
+
+class TestRandomGraphs:
+    @settings(max_examples=200, deadline=None)
+    @given(st.data())
+    def test_folded_and_unfolded_agree(self, data):
+        n = data.draw(st.integers(1, 4))
+        plan = random_expression(data.draw, [None] * n)
+        x = np.array([data.draw(st.floats(-2, 2)) for _ in range(n)])
+        expected = np.array(evaluate(plan, list(x), PLAIN))
+        graph = Graph()
+        traced = evaluate(plan, list(inputs(graph, (n,), 0)), TRACED)
+        outputs = references(graph, objects(traced))
+        program = lower(graph, outputs, n)
+        if not np.isfinite(expected).all() or np.abs(expected).max() > 1e6:
+            return
+        scale = 1e-12 * max(1.0, float(np.abs(expected).max()) ** 2)
+        single = single_function(program, [n], (len(outputs),))(x.tolist())
+        np.testing.assert_allclose(single, expected, atol=scale, rtol=0)
+        workspace = block.Workspace(block.allocate(program), 3, np.dtype("float64"))
+        workspace.rows[:n, :3] = x[:, None]
+        for call, arguments in workspace.calls(3):
+            call(*arguments)
+        for column in range(3):
+            np.testing.assert_allclose(workspace.rows[n : n + len(outputs), column], expected, atol=scale, rtol=0)
+
+
+class TestScalars:
+    @pytest.fixture
+    def x(self):
+        return inputs(Graph(), (1, 2), 0)[0, 0]
+
+    @pytest.mark.parametrize(
+        "misuse",
+        [
+            lambda x: bool(x),
+            lambda x: float(x),
+            lambda x: np.asarray(x) + 1.0 if float(x) else 0,
+            lambda x: 1 if x > 0 else 0,
+            lambda x: x == 1,
+            lambda x: np.minimum(objects([x]), 0.5),
+            lambda x: np.array([x]),
+        ],
+    )
+    def test_no_branch_is_frozen(self, x, misuse):
+        with pytest.raises(TypeError, match="a traced number has no value"):
+            misuse(x)
+
+    def test_an_array_cannot_hide_in_a_number(self, x):
+        with pytest.raises(TypeError, match="a traced number cannot meet ndarray"):
+            np.array([1.0, 2.0]) * x
+
+    def test_other_powers_are_refused(self, x):
+        with pytest.raises(TypeError, match="raised to the power 3"):
+            x**3
+
+    def test_numpy_scalars_defer(self, x):
+        assert (np.float64(2.0) * x).ref == (x * 2.0).ref
+        assert (np.float64(2.0) - x).ref == (-(x - 2.0)).ref
+
+    def test_where_and_comparisons(self):
+        graph = Graph()
+        x, y = inputs(graph, (2,), 0)
+        results = [(x < y).where(x, y), (x >= y).where(-x, -y), x.maximum(-y), x.sign(), abs(-x), (x * x).sqrt()]
+        program = lower(graph, references(graph, objects(results)), 2)
+        single = single_function(program, [2], (6,))
+        for a, b in ((1.0, 2.0), (2.0, -1.0), (-3.0, -3.0)):
+            expected = [min(a, b), -max(a, b), max(a, -b), np.sign(a), abs(a), abs(a)]
+            assert single([a, b]).tolist() == expected
+            workspace = block.Workspace(block.allocate(program), 2, np.dtype("float64"))
+            workspace.rows[0, :2], workspace.rows[1, :2] = a, b
+            for call, arguments in workspace.calls(2):
+                call(*arguments)
+            assert workspace.rows[2:8, 1].tolist() == expected
