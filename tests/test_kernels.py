@@ -351,7 +351,8 @@ class TestTrigonometry:
 def objects(numbers):
     """An object array of traced numbers; np.array would ask them for their values."""
     array = np.empty(len(numbers), dtype=object)
-    array[:] = numbers
+    for k, x in enumerate(numbers):
+        array[k] = x
     return array
 
 

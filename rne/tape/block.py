@@ -23,8 +23,8 @@ UFUNCS: dict[str, Callable[..., Any]] = {
     "abs": np.absolute,
     "tanh": np.tanh,
     "sign": np.sign,
-    "minimum": np.minimum,
-    "maximum": np.maximum,
+    "minimum": lambda a, b, out: np.minimum(a, b, out=out),
+    "maximum": lambda a, b, out: np.maximum(a, b, out=out),
 }
 LINE = 64  # bytes of a cache line
 BUDGET = 8 * 2**20  # bytes of registers: more no longer pay for fewer calls
