@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from .model_checks import check_model
-from .spatial import Array
+from .spatial import Array, outer, second_moments
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
@@ -30,6 +30,17 @@ class Cylinder(NamedTuple):
     length: float
     position: tuple[float, float, float]
     rpy: tuple[float, float, float]
+
+
+class Moments(NamedTuple):
+    """Moments of each body's mass about its frame's origin: the integrals of dm, r dm and r r^T dm.
+
+    Shapes (nb,), (nb, 3), (nb, 3, 3) [kg, kg m, kg m^2].
+    """
+
+    mass: Array
+    first: Array
+    second: Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -200,6 +211,19 @@ class Model:
     def coordinate_parent(self) -> tuple[int, ...]:
         """The parent of each coordinate in M's pattern of zeros; mimics may fill it, then the one before."""
         return tuple(range(-1, self.n - 1)) if self.has_mimics else self.parent
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Moments of the bodies' mass about their frames' origins, which is all that dynamics needs of them."""
+        m, c = self.mass, self.com
+        second = second_moments(self.inertia) + m[..., None, None] * outer(c, c)
+        return Moments(m, m[..., None] * c, second)
+
+    def with_moments(self, moments: Moments) -> Model:
+        """The same robot with other moments of mass; only for dynamics, see `rne.grouping`."""
+        clone = _rebuild({f.name: getattr(self, f.name) for f in fields(self)})
+        clone.__dict__["moments"] = moments
+        return clone
 
     @cached_property
     def turns(self) -> Array:

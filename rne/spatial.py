@@ -133,9 +133,22 @@ def point_mass_inertia(mass: Array, c: Array) -> Array:
 
 def second_moments(inertia: Array) -> Array:
     """Second moments of mass, the integral of r r^T, from the inertia about the same point: tr(I)/2 1 - I [kg m^2]."""
-    half = np.asarray(inertia.trace(axis1=-2, axis2=-1) / 2)
-    product: Array = half[..., None, None] * IDENTITY - inertia
+    product: Array = (trace(inertia) / 2)[..., None, None] * IDENTITY - inertia
     return product
+
+
+def trace(A: Array) -> Array:
+    """Sum of the diagonal of matrices; an array even of a single object matrix."""
+    total: Array = (A * IDENTITY).sum(-1).sum(-1, keepdims=True)[..., 0]
+    return total
+
+
+def mirrored(A: Array) -> Array:
+    """A symmetric matrix from its upper triangle, so that both halves are the same numbers."""
+    rows, columns = np.tril_indices(3, -1)
+    symmetric = A.copy()
+    symmetric[..., rows, columns] = A[..., columns, rows]
+    return symmetric
 
 
 def axial(A: Array) -> Array:

@@ -22,7 +22,7 @@ FLOORS = [
     ["spatial"],
     ["model_checks"],
     ["model"],
-    ["arguments", "assembly"],
+    ["arguments", "assembly", "grouping"],
     ["edit", "robots", "urdf", "dynamics"],
     ["tape"],
     ["robot"],

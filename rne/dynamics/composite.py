@@ -5,42 +5,40 @@ from __future__ import annotations
 import numpy as np
 
 from ..model import Model
-from ..spatial import IDENTITY, Array, cross, dot, outer, point_mass_inertia, rotate, transpose, zeros
+from ..spatial import Array, cross, dot, mirrored, outer, rotate, trace, transpose, zeros
 from .checks import checked
 from .kinematics import joint_transforms
 
-Composite = tuple[Array, Array, Array]  # mass, first moment m c, inertia about the frame's origin
+Composite = tuple[Array, Array, Array]  # mass, first and second moments about the frame's origin
 
 
-def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> list[Composite]:
-    """Mass, first moment and inertia about its frame's origin of each body with all it carries, in its axes."""
-    composites: list[Composite] = []
-    for i in range(model.nb):
-        m, c = model.mass[i], model.com[i]
-        composites.append((m, m * c, model.inertia[i] + point_mass_inertia(m, c)))
+def composite_moments(model: Model, R: list[Array], p: list[Array]) -> list[Composite]:
+    """Moments of mass about its frame's origin of each body with all it carries, in its axes."""
+    mass, first, second = model.moments
+    composites: list[Composite] = [(mass[i], first[i], second[i]) for i in range(model.nb)]
     for i in reversed(range(model.nb)):
         parent = model.parent[i]
         if parent >= 0:
-            composites[parent] = _add(composites[parent], _seen_from_parent(composites[i], R[i], p[i]))
+            a, b = composites[parent], seen_from_parent(composites[i], R[i], p[i])
+            composites[parent] = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
     return composites
 
 
-def _add(a: Composite, b: Composite) -> Composite:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+def seen_from_parent(body: Composite, R: Array, p: Array) -> Composite:
+    """The integrals of dm, r dm and r r^T dm with r = R r' + p."""
+    m, first, second = body
+    h = rotate(R, first)
+    across = outer(p, h + (m / 2) * p)
+    return m, h + m * p, mirrored(R @ second @ transpose(R) + across + transpose(across))
 
 
-def _seen_from_parent(body: Composite, R: Array, p: Array) -> Composite:
-    """Featherstone 2008, (2.66) in three-vectors: turn, then move the reference point by p."""
-    mass, moment, inertia = body
-    h = rotate(R, moment)
-    cross_terms = inertia_product(h, p) + inertia_product(p, h) + mass * inertia_product(p, p)
-    return mass, h + mass * p, R @ inertia @ transpose(R) + cross_terms
-
-
-def inertia_product(a: Array, b: Array) -> Array:
-    """(a.b) 1 - b a^T, the matrix of -[a]x [b]x: parallel-axis terms."""
-    product: Array = dot(a, b)[..., None, None] * IDENTITY - outer(b, a)
-    return product
+def unit_acceleration(model: Model, j: int, body: Composite) -> tuple[Array, Array]:
+    """Force and moment that body j, with all it carries, asks of its joint for a unit acceleration of the joint."""
+    m, h, second = body
+    b = model.axis[j]
+    if model.is_revolute(j):
+        return cross(b, h), trace(second)[..., None] * b - rotate(second, b)  # the inertia is tr(Sigma) 1 - Sigma
+    return m * b, cross(h, b)
 
 
 @checked
@@ -74,16 +72,11 @@ def mass_matrix(model: Model, q: Array) -> Array:
     0.001458
     """
     R, p = joint_transforms(model, q)
-    composites = composite_inertias(model, R, p)
+    composites = composite_moments(model, R, p)
     M = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
     for j in range(model.nb):
-        mass, moment, inertia = composites[j]
-        b = model.axis[j]
-        if model.is_revolute(j):
-            f, n = cross(b, moment), rotate(inertia, b)
-        else:
-            f, n = mass * b, cross(moment, b)
-        M[..., j, j] = dot(n if model.is_revolute(j) else f, b) + model.armature[j]
+        f, n = unit_acceleration(model, j, composites[j])
+        M[..., j, j] = dot(n if model.is_revolute(j) else f, model.axis[j]) + model.armature[j]
         i = j
         while model.parent[i] >= 0:
             f, n = rotate(R[i], f), rotate(R[i], n) + cross(p[i], rotate(R[i], f))
@@ -96,9 +89,8 @@ def mass_diagonal(model: Model, composites: list[Composite], like: Array) -> Arr
     """The diagonal of M alone: what each joint moves with all others locked, shape (..., nb)."""
     diagonal = zeros(like.shape, like=like)
     for j in range(model.nb):
-        mass, _, inertia = composites[j]
-        b = model.axis[j]
-        diagonal[..., j] = (dot(rotate(inertia, b), b) if model.is_revolute(j) else mass) + model.armature[j]
+        f, n = unit_acceleration(model, j, composites[j])
+        diagonal[..., j] = dot(n if model.is_revolute(j) else f, model.axis[j]) + model.armature[j]
     return diagonal
 
 

@@ -10,16 +10,15 @@ Every vector of a recursion is in the axes of its own link's frame i, whose orig
 | angular velocity                      | omega[i]   | omega_i   | v_i, angular    | omega_i         |
 | angular acceleration                  | alpha[i]   | alpha_i   | a_i, angular    | omega'_i        |
 | acceleration of the frame's origin    | a_o[i]     | a_e,i-1   | a_i + omega x v | p''_i           |
-| acceleration of the centre of mass    | a_c[i]     | a_c,i     |                 | p''_{C_i}       |
 | U r = alpha x r + omega x (omega x r) | U[i]       |           |                 |                 |
-| centre of mass in frame i             | c          | r_{i-1,ci} | c              | r_{i,C_i}       |
-| inertia about the centre of mass      | I          | I_i       | I_C             | I_i             |
+| mass, and moments of mass about the frame's origin | m, h, Sigma | m_i, m_i r_{i-1,ci} | m, m c | m_i, m_i r_{i,C_i} |
 | force, torque of the joint on body i  | f[i], n[i] | f_i, tau_i | f_i            | f_i, mu_i       |
 | joint torque (or force)               | tau        | u         | tau             | tau             |
 
 Numbers at the ends of lines are equations of Høifødt 2011; a sliding joint's are Siciliano et al. 2009, 7.5.
-Every point at r of a body has the acceleration a_o + U r, so that the moment of its motion about the centre of mass,
-I alpha + omega x I omega, is the integral of r x (U r) dm: one matrix serves (3.37), (3.38) and (3.27).
+A point of a body at r has the acceleration a_o + U r. Force and moment are sums over the points, of dm times it, and
+of r x it: with m, h and Sigma the integrals of dm, r dm and r r^T dm they are m a_o + U h and
+h x a_o + axial(U Sigma), which is m a_c, and I alpha + omega x I omega + r_c x m a_c.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Model
-from ..spatial import Array, axial, cross, dot, rotate, rotate_back, second_moments, spin_matrix, zeros
+from ..spatial import Array, axial, cross, dot, rotate, rotate_back, spin_matrix, zeros
 from .checks import checked
 from .kinematics import joint_rates, joint_transforms
 
@@ -44,7 +43,6 @@ class Motion(NamedTuple):
     omega: list[Array]
     alpha: list[Array]
     a_o: list[Array]
-    a_c: list[Array]
     U: list[Array]
 
 
@@ -57,13 +55,12 @@ def forward_recursion(model: Model, R: list[Array], p: list[Array], qd: Array, q
     omega: list[Array] = []
     alpha: list[Array] = []
     a_o: list[Array] = []
-    a_c: list[Array] = []
     U: list[Array] = []
     still = zeros((*qd.shape[:-1], 3), like=qd)
     for i, parent in enumerate(model.parent):
         omega_p, alpha_p = (omega[parent], alpha[parent]) if parent >= 0 else (still, still)
         a_p = a_o[parent] + rotate(U[parent], p[i]) if parent >= 0 else a_base  # (3.38)
-        b, c = model.axis[i], model.com[i]
+        b = model.axis[i]
         b_qd, b_qdd = b * qd[..., i, None], b * qdd[..., i, None]
         omega_i = rotate_back(R[i], omega_p)
         alpha_i = rotate_back(R[i], alpha_p)
@@ -77,8 +74,7 @@ def forward_recursion(model: Model, R: list[Array], p: list[Array], qd: Array, q
         alpha.append(alpha_i)
         a_o.append(a_i)
         U.append(spin_matrix(omega_i, alpha_i))
-        a_c.append(a_i + rotate(U[i], c))  # (3.37)
-    return Motion(omega, alpha, a_o, a_c, U)
+    return Motion(omega, alpha, a_o, U)
 
 
 def backward_recursion(
@@ -88,9 +84,10 @@ def backward_recursion(
     f: list[Array] = []
     n: list[Array] = []
     for i in range(model.nb):
-        f_i = model.mass[i] * motion.a_c[i]
-        spun = axial(motion.U[i] @ second_moments(model.inertia[i]))  # I alpha + omega x I omega
-        n_i = spun + cross(model.com[i], f_i)
+        m, h, Sigma = model.moments.mass[i], model.moments.first[i], model.moments.second[i]
+        a_o, U = motion.a_o[i], motion.U[i]
+        f_i = m * a_o + rotate(U, h)
+        n_i = cross(h, a_o) + axial(U @ Sigma)
         wrench = applied[i]
         if wrench is not None:
             n_i, f_i = n_i - wrench[0], f_i - wrench[1]

@@ -110,7 +110,7 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
         omega=collect(true.omega),
         alpha=collect(true.alpha),
         a_o=collect(true.a_o),
-        a_c=collect(true.a_c),
+        a_c=collect([a + rotate(U, c) for a, U, c in zip(true.a_o, true.U, model.com, strict=True)]),  # (3.37)
         a_e=None if link_ends(model) is None else collect(ends),
         gravity=collect(gravity),
         f=collect(f),

@@ -10,8 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arguments import joint_shaped
+from ..dynamics.articulated import articulated_forward_dynamics
 from ..dynamics.checks import JOINT_ARGUMENTS, Checked
-from ..dynamics.forward import SINGULAR
+from ..dynamics.composite import mass_matrix
+from ..dynamics.forward import SINGULAR, forward_dynamics
+from ..dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
+from ..grouping import grouped
 from ..model import Model
 from ..spatial import Array
 from .block import Layout, Workspace, allocate
@@ -21,6 +25,16 @@ from .run import check_out, run_batch
 from .scalar import inputs, references
 from .single import function as single_function
 
+# What does not depend on which body a mass on a joint's axis is counted with.
+GROUPS = (
+    inverse_dynamics,
+    bias_torque,
+    gravity_torque,
+    coriolis_torque,
+    mass_matrix,
+    forward_dynamics,
+    articulated_forward_dynamics,
+)
 LIMIT = 50_000  # operations that are still sensibly written out
 DTYPES = ("float64", "float32")
 
@@ -37,7 +51,8 @@ def trace(function: Checked[Any, Any, Any], model: Model, names: Sequence[str], 
     """Run the core of a function on traced numbers, one state in a batch axis of length 1."""
     graph = Graph(limit=8 * LIMIT)
     arguments = {name: inputs(graph, (1, model.n), k * model.n) for k, name in enumerate(names)}
-    result = function.core(model, **arguments, **fixed)
+    traced = grouped(model) if function in GROUPS else model
+    result = function.core(traced, **arguments, **fixed)
     parts = result if isinstance(result, tuple) else (result,)
     outputs = [ref for part in parts for ref in references(graph, part)]
     program = lower(graph, outputs, len(names) * model.n)
