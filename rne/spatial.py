@@ -137,6 +137,12 @@ def second_moments(inertia: Array) -> Array:
     return product
 
 
+def inertia_about_origin(second: Array) -> Array:
+    """Inertia from the second moments of mass about the same point: tr(Sigma) 1 - Sigma [kg m^2]."""
+    product: Array = trace(second)[..., None, None] * IDENTITY - second
+    return product
+
+
 def trace(A: Array) -> Array:
     """Sum of the diagonal of matrices; an array even of a single object matrix."""
     total: Array = (A * IDENTITY).sum(-1).sum(-1, keepdims=True)[..., 0]

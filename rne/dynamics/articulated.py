@@ -14,15 +14,15 @@ from ..spatial import (
     cross,
     cross_matrix,
     dot,
+    inertia_about_origin,
     outer,
     rotate,
     rotate_back,
-    trace,
     transpose,
     zeros,
 )
 from .checks import judged
-from .composite import composite_moments, mass_diagonal
+from .composite import composite_inertias, mass_diagonal
 from .forward import judge_pivots
 from .kinematics import joint_transforms, velocities
 from .newton_euler import External, applied_wrenches
@@ -60,7 +60,7 @@ class Hinge(NamedTuple):
 def rigid_body(model: Model, i: int, omega: Array, v: Array) -> tuple[Inertia, Force]:
     """Inertia of body i about its frame's origin, and its bias force v x* I v (Featherstone 2008, (2.63), (7.13))."""
     m, h, second = model.moments.mass[i], model.moments.first[i], model.moments.second[i]
-    I_o = trace(second)[..., None, None] * IDENTITY - second
+    I_o = inertia_about_origin(second)
     linear = m * v + cross(omega, h)
     angular = rotate(I_o, omega) + cross(h, v)
     bias = Force(cross(omega, angular) + cross(v, linear), cross(omega, linear))
@@ -180,4 +180,4 @@ def articulated_forward_dynamics(
         alpha.append(alpha_i + b_qdd if model.is_revolute(i) else alpha_i)
         a.append(a_i if model.is_revolute(i) else a_i + b_qdd)
         qdd[..., i], pivots[..., i] = qdd_i[..., 0], h.d[..., 0]
-    return qdd, pivots, mass_diagonal(model, composite_moments(model, R, p), like=q)
+    return qdd, pivots, mass_diagonal(model, composite_inertias(model, R, p), like=q)

@@ -5,17 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from ..model import Model
-from ..spatial import Array, cross, dot, mirrored, outer, rotate, trace, transpose, zeros
+from ..spatial import (
+    Array,
+    cross,
+    cross_matrix,
+    dot,
+    inertia_about_origin,
+    mirrored,
+    rotate,
+    transpose,
+    zeros,
+)
 from .checks import checked
 from .kinematics import joint_transforms
 
-Composite = tuple[Array, Array, Array]  # mass, first and second moments about the frame's origin
+Composite = tuple[Array, Array, Array]  # mass, first moment, and inertia about the frame's origin
 
 
-def composite_moments(model: Model, R: list[Array], p: list[Array]) -> list[Composite]:
-    """Moments of mass about its frame's origin of each body with all it carries, in its axes."""
+def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> list[Composite]:
+    """Mass, first moment and inertia about its frame's origin of each body with all it carries, in its axes."""
     mass, first, second = model.moments
-    composites: list[Composite] = [(mass[i], first[i], second[i]) for i in range(model.nb)]
+    composites: list[Composite] = [(mass[i], first[i], inertia_about_origin(second[i])) for i in range(model.nb)]
     for i in reversed(range(model.nb)):
         parent = model.parent[i]
         if parent >= 0:
@@ -25,19 +35,19 @@ def composite_moments(model: Model, R: list[Array], p: list[Array]) -> list[Comp
 
 
 def seen_from_parent(body: Composite, R: Array, p: Array) -> Composite:
-    """The integrals of dm, r dm and r r^T dm with r = R r' + p."""
-    m, first, second = body
+    """Featherstone 2008, (2.66) in three-vectors: turn, then move the reference point by p."""
+    m, first, inertia = body
     h = rotate(R, first)
-    across = outer(p, h + (m / 2) * p)
-    return m, h + m * p, mirrored(R @ second @ transpose(R) + across + transpose(across))
+    steiner = cross_matrix(p) @ cross_matrix(h + (m / 2) * p)
+    return m, h + m * p, mirrored(R @ inertia @ transpose(R) - (steiner + transpose(steiner)))
 
 
 def unit_acceleration(model: Model, j: int, body: Composite) -> tuple[Array, Array]:
     """Force and moment that body j, with all it carries, asks of its joint for a unit acceleration of the joint."""
-    m, h, second = body
+    m, h, inertia = body
     b = model.axis[j]
     if model.is_revolute(j):
-        return cross(b, h), trace(second)[..., None] * b - rotate(second, b)  # the inertia is tr(Sigma) 1 - Sigma
+        return cross(b, h), rotate(inertia, b)
     return m * b, cross(h, b)
 
 
@@ -72,7 +82,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     0.001458
     """
     R, p = joint_transforms(model, q)
-    composites = composite_moments(model, R, p)
+    composites = composite_inertias(model, R, p)
     M = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
     for j in range(model.nb):
         f, n = unit_acceleration(model, j, composites[j])
