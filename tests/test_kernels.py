@@ -330,9 +330,8 @@ class TestTrigonometry:
     @pytest.mark.parametrize("dtype", [np.float64, np.float32])
     def test_absolute_error_is_two_eps(self, method, dtype):
         angles = self.ANGLES[np.abs(self.ANGLES) < (1e300 if dtype is np.float64 else 1e4)].astype(dtype)
-        sin, cos, spare = (np.empty_like(angles) for _ in range(3))
-        half, one = np.array(0.5, dtype), np.array(1.0, dtype)
-        for call, arguments in trig.METHODS[method](angles, sin, cos, spare, half, one):
+        sin, cos = np.empty_like(angles), np.empty_like(angles)
+        for call, arguments in trig.METHODS[method](angles, sin, cos, lambda x: np.array(x, dtype)):
             call(*arguments)
         exact = angles.astype(np.longdouble)
         eps = float(np.finfo(dtype).eps)

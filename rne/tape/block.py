@@ -32,12 +32,11 @@ LONGEST, SHORTEST = 8192, 256  # states a block
 
 
 class Step(NamedTuple):
-    """One instruction with the registers of its operands and results; `spare` only for a sine and cosine."""
+    """One instruction with the registers of its operands and results."""
 
     kind: str
     args: tuple[Operand | int, ...]
     out: tuple[int, ...]
-    spare: int | None = None
 
 
 class Layout(NamedTuple):
@@ -128,10 +127,7 @@ class _Allocator:
     def _pair(self, k: int, partner: int, args: tuple[Operand | int, ...]) -> Step:
         self.paired.add(partner)
         sine, cosine = (k, partner) if self.program.instructions[k].kind == "sin" else (partner, k)
-        out = self._result(sine), self._result(cosine)
-        spare = self._take()
-        self.free.append(spare)
-        return Step("sincos", args, out, spare)
+        return Step("sincos", args, (self._result(sine), self._result(cosine)))
 
     def _sine_and_cosine(self) -> dict[int, int]:
         """The first of each sine and cosine of the same angle, with the other one."""
@@ -178,9 +174,7 @@ class Workspace:
         args = [self._operand(arg, rows) for arg in step.args]
         out = [rows[k] for k in step.out]
         if step.kind == "sincos":
-            spare = rows[step.spare or 0]
-            half, one = (self._operand(Operand("constant", x), rows) for x in (0.5, 1.0))
-            return self.trig(args[0], out[0], out[1], spare, half, one)
+            return self.trig(args[0], out[0], out[1], lambda x: self._operand(Operand("constant", x), rows))
         if step.kind == "less":
             return [(_compare, (np.less, *args, out[0]))]
         if step.kind == "less_equal":

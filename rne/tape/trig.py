@@ -1,6 +1,6 @@
 """Sine and cosine of whole registers: from NumPy's sin and cos, or both from one tangent of half the angle.
 
-sin = 2 t / (1 + t^2) and cos = (1 - t^2) / (1 + t^2) with t = tan(q / 2), to an absolute error of 2 eps. Near
+With t = tan(q / 2) and r = 2 / (1 + t^2), sin = t r and cos = r - 1, to an absolute error of 2 eps. Near
 q = +-pi t is large but finite, since no floating-point number is an odd multiple of pi / 2. Where NumPy has a fast
 tangent, as on AVX-512, this is several times faster; which one runs is measured once, where it runs.
 """
@@ -19,22 +19,22 @@ from ..spatial import Array
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
-def by_functions(angle: Array, sin: Array, cos: Array, spare: Array, half: Array, one: Array) -> list[Call]:
+def by_functions(angle: Array, sin: Array, cos: Array, number: Callable[[float], Array]) -> list[Call]:
     """Calls for NumPy's own sine and cosine."""
     return [(np.sin, (angle, sin)), (np.cos, (angle, cos))]
 
 
-def by_tangent(angle: Array, sin: Array, cos: Array, spare: Array, half: Array, one: Array) -> list[Call]:
-    """Calls for both from one tangent; `sin`, `cos` and `spare` are distinct from each other and from `angle`."""
+def by_tangent(angle: Array, sin: Array, cos: Array, number: Callable[[float], Array]) -> list[Call]:
+    """Calls for both from one tangent; `sin` and `cos` are distinct from each other and from `angle`."""
+    one = number(1.0)
     return [
-        (np.multiply, (angle, half, sin)),
+        (np.multiply, (angle, number(0.5), sin)),
         (np.tan, (sin, sin)),
         (np.multiply, (sin, sin, cos)),
-        (np.add, (cos, one, spare)),
-        (np.subtract, (one, cos, cos)),
-        (np.divide, (cos, spare, cos)),
-        (np.add, (sin, sin, sin)),
-        (np.divide, (sin, spare, sin)),
+        (np.add, (cos, one, cos)),
+        (np.divide, (number(2.0), cos, cos)),  # r = 2 / (1 + t^2)
+        (np.multiply, (sin, cos, sin)),  # t r
+        (np.subtract, (cos, one, cos)),  # r - 1
     ]
 
 
@@ -45,11 +45,10 @@ METHODS = {"functions": by_functions, "tangent": by_tangent}
 def faster(dtype: str) -> str:
     """The faster of the two methods for this dtype, measured once in this process."""
     angle = np.linspace(-3.0, 3.0, 4096, dtype=dtype)
-    sin, cos, spare = (np.empty_like(angle) for _ in range(3))
-    half, one = np.array(0.5, dtype=dtype), np.array(1.0, dtype=dtype)
+    sin, cos = np.empty_like(angle), np.empty_like(angle)
 
     def cost(method: str) -> float:
-        calls = METHODS[method](angle, sin, cos, spare, half, one)
+        calls = METHODS[method](angle, sin, cos, lambda x: np.array(x, dtype=dtype))
         best = float("inf")
         for _ in range(5):
             start = time.perf_counter()
