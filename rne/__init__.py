@@ -15,7 +15,7 @@ from .model import Cylinder, Model
 from .robot import Robot, load
 from .robots import irb140
 from .simulation import Trajectory, simulate
-from .tape.kernel import Kernel, compile
+from .tape.kernel import Kernel, compile, derivative
 from .urdf import Finding, check, read_urdf, to_urdf
 
 __version__ = "0.1.0"
@@ -41,6 +41,7 @@ __all__ = [
     "compile",
     "coriolis_matrix",
     "coriolis_torque",
+    "derivative",
     "forward_dynamics",
     "gravity_torque",
     "inverse_dynamics",

@@ -31,7 +31,7 @@ from .dynamics.record import Recursion, recursion
 from .model import STANDARD_GRAVITY, Model
 from .robots import BUILDERS
 from .spatial import Array
-from .tape.kernel import Kernel, compile
+from .tape.kernel import Kernel, compile, derivative
 from .urdf import read_urdf
 
 FEW_JOINTS = 9  # up to which M with L^T D L always takes fewer operations
@@ -104,25 +104,28 @@ class Robot:
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self._model,)
 
-    def kernel(self, function: Checked[Any, Any, Any], **fixed: Any) -> Kernel:
+    def kernel(self, function: Checked[Any, Any, Any], *wrt: str, **fixed: Any) -> Kernel:
         """The function traced on this robot, on first use, and kept.
 
         Parameters
         ----------
         function : callable
             One of this package's functions of a model, such as `rne.mass_matrix`.
+        *wrt : str
+            Arguments to differentiate by; none for the function itself.
         **fixed
             Arguments other than joint arrays, such as `link="link_6"`.
 
         Returns
         -------
         Kernel
-            See `rne.compile`.
+            See `rne.compile` and `rne.derivative`.
         """
-        key = (function, *fixed.items())
+        key = (function, *wrt, *fixed.items())
         kernel = self._kernels.get(key)
         if kernel is None:
-            kernel = self._kernels[key] = compile(function, self._model, **fixed)
+            make = derivative if wrt else compile
+            kernel = self._kernels[key] = make(function, self._model, *wrt, **fixed)
         return kernel
 
     def _forward(self) -> Kernel:
@@ -185,6 +188,76 @@ class Robot:
         if external is None:
             return self.kernel(bias_torque)(q, qd)
         return bias_torque(self._model, np.asarray(q), np.asarray(qd), external=external)
+
+    def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the inverse dynamics.
+
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Joint positions, rates and accelerations [rad or m, /s, /s^2].
+
+        Returns
+        -------
+        dtau_dq, dtau_dqd, M : ndarray, shape (..., n, n)
+            Row i is of torque i; M is the derivative by qdd.
+        """
+        slopes = self.kernel(inverse_dynamics, "q", "qd")(q, qd, qdd)
+        return slopes[..., : self.n], slopes[..., self.n :], self.mass_matrix(q)
+
+    def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the forward dynamics.
+
+        Parameters
+        ----------
+        q, qd, tau : array_like, shape (..., n)
+            Joint positions, rates and torques [rad or m, /s, N m or N].
+
+        Returns
+        -------
+        dqdd_dq, dqdd_dqd, dqdd_dtau : ndarray, shape (..., n, n)
+            Row i is of acceleration i; the last one is the inverse of M.
+
+        Raises
+        ------
+        SingularMassMatrixError
+            If M is singular to working precision.
+
+        Notes
+        -----
+        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
+        """
+        qdd = self.forward_dynamics(q, qd, tau)
+        dq, dqd, M = self.inverse_dynamics_derivatives(q, qd, qdd)
+        identity = np.broadcast_to(np.eye(self.n, dtype=qdd.dtype), dq.shape)
+        M = np.broadcast_to(M, dq.shape)
+        solved = np.linalg.solve(M, np.concatenate([-dq, -dqd, identity], axis=-1))
+        n = self.n
+        return solved[..., :n], solved[..., n : 2 * n], solved[..., 2 * n :]
+
+    def linearize(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
+        """The motion near a state: d(q, qd)/dt changes by A d(q, qd) + B dtau.
+
+        Parameters
+        ----------
+        q, qd, tau : array_like, shape (..., n)
+            Joint positions, rates and torques [rad or m, /s, N m or N].
+
+        Returns
+        -------
+        A : ndarray, shape (..., 2 n, 2 n)
+        B : ndarray, shape (..., 2 n, n)
+
+        Raises
+        ------
+        SingularMassMatrixError
+            If M is singular to working precision.
+        """
+        dq, dqd, dtau = self.forward_dynamics_derivatives(q, qd, tau)
+        zero = np.zeros_like(dq)
+        identity = zero + np.eye(self.n, dtype=dq.dtype)
+        A = np.concatenate([np.concatenate([zero, identity], -1), np.concatenate([dq, dqd], -1)], -2)
+        return A, np.concatenate([zero, dtau], -2)
 
     def gravity_torque(self, q: ArrayLike) -> Array:
         """g(q), shape (..., n) [N m or N]; see `rne.gravity_torque`."""

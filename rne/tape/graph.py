@@ -81,6 +81,10 @@ class Graph:
             return None
         return -node.args[0] if ref & 1 else node.args[0]  # type: ignore[no-any-return]
 
+    def negate(self, a: int) -> int:
+        """-a; zero has no sign."""
+        return a if self.value(a) == 0 else a ^ 1
+
     def add(self, a: int, b: int) -> int:
         """a + b."""
         x, y = self.value(a), self.value(b)

@@ -19,6 +19,8 @@ from ..grouping import grouped
 from ..model import Model
 from ..spatial import Array
 from .block import Layout, Workspace, allocate
+from .complex_step import complex_step
+from .derivative import differentiate
 from .graph import Graph, TooLarge
 from .program import Program, lower
 from .run import check_out, run_batch
@@ -47,14 +49,25 @@ class Trace(NamedTuple):
     judged: bool  # True if the core returns more than the result, to be judged
 
 
-def trace(function: Checked[Any, Any, Any], model: Model, names: Sequence[str], fixed: Mapping[str, Any]) -> Trace:
-    """Run the core of a function on traced numbers, one state in a batch axis of length 1."""
+def trace(
+    function: Checked[Any, Any, Any],
+    model: Model,
+    names: Sequence[str],
+    fixed: Mapping[str, Any],
+    wrt: Sequence[str] = (),
+) -> Trace:
+    """Run the core of a function on traced numbers, one state in a batch axis of length 1; differentiate if asked."""
     graph = Graph(limit=8 * LIMIT)
     arguments = {name: inputs(graph, (1, model.n), k * model.n) for k, name in enumerate(names)}
     traced = grouped(model) if function in GROUPS else model
     result = function.core(traced, **arguments, **fixed)
     parts = result if isinstance(result, tuple) else (result,)
     outputs = [ref for part in parts for ref in references(graph, part)]
+    if wrt:
+        by = [names.index(name) * model.n + j for name in wrt for j in range(model.n)]
+        outputs = differentiate(graph, references(graph, parts[0]), by)
+        program = lower(graph, outputs, len(names) * model.n)
+        return Trace(program, ((*np.shape(parts[0])[1:], len(by)),), False)
     program = lower(graph, outputs, len(names) * model.n)
     if len(program.instructions) > LIMIT:
         raise TooLarge(f"{len(program.instructions)} operations")
@@ -92,6 +105,51 @@ def compile(function: Checked[Any, Any, Any], model: Model, **fixed: Any) -> Ker
     return Kernel(function, model, fixed)
 
 
+def derivative(function: Checked[Any, Any, Any], model: Model, *wrt: str, **fixed: Any) -> Kernel:
+    """Trace a function and differentiate it exactly by some of its joint arrays.
+
+    Parameters
+    ----------
+    function : callable
+        One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
+    model : Model
+    *wrt : str
+        Names of arguments, such as "q", "qd".
+    **fixed
+        Arguments other than joint arrays.
+
+    Returns
+    -------
+    Kernel
+        Gives the derivatives along a further last axis: by each joint of the first name, then of the second ...
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of the function's joint arrays.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.derivative(rne.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
+    (6, 6)
+    """
+    names = joint_arguments(function)
+    for name in wrt:
+        if name not in names:
+            raise ValueError(f"`wrt` must name arguments of {list(names)}, got {name!r}")
+    if not wrt:
+        raise ValueError(f"`wrt` must name at least one argument of {list(names)}")
+    return Kernel(function, model, fixed, wrt)
+
+
+def joint_arguments(function: Checked[Any, Any, Any]) -> tuple[str, ...]:
+    """The joint arrays a function takes, in order."""
+    if not hasattr(function, "core"):
+        raise TypeError(f"`function` must be one of rne's functions of a model, got {function!r}")
+    return tuple(name for name in inspect.signature(function.core).parameters if name in JOINT_ARGUMENTS)
+
+
 class Kernel:
     """A function compiled for one model; see `compile`.
 
@@ -102,29 +160,32 @@ class Kernel:
     model : Model
     names : tuple of str
         The joint arrays it takes, in order.
+    wrt : tuple of str
+        Those it gives the derivatives by; empty for the function itself.
     """
 
-    def __init__(self, function: Checked[Any, Any, Any], model: Model, fixed: Mapping[str, Any]) -> None:
-        if not hasattr(function, "core"):
-            raise TypeError(f"`function` must be one of rne's functions of a model, got {function!r}")
+    def __init__(
+        self, function: Checked[Any, Any, Any], model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = ()
+    ) -> None:
         self.function = function
         self.model = model
         self.fixed = dict(fixed)
-        parameters = list(inspect.signature(function.core).parameters)[1:]
-        self.names = tuple(name for name in parameters if name in JOINT_ARGUMENTS)
+        self.names = joint_arguments(function)
+        self.wrt = tuple(wrt)
         try:
-            self._trace: Trace | None = trace(function, model, self.names, self.fixed)
+            self._trace: Trace | None = trace(function, model, self.names, self.fixed, self.wrt)
         except TooLarge:
             self._trace = None
         self.workspaces: dict[str, list[Workspace]] = {dtype: [] for dtype in DTYPES}
         self._shape = (model.n,) if self._trace else None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Kernel, (self.function, self.model, self.fixed)
+        return Kernel, (self.function, self.model, self.fixed, self.wrt)
 
     def __repr__(self) -> str:
         count = f"{sum(self.operations.values())} operations" if self._trace else "run as the recursion"
-        return f"Kernel {self.function.__name__} of {self.model.name!r}: {count}"
+        by = f" by {', '.join(self.wrt)}" if self.wrt else ""
+        return f"Kernel {self.function.__name__}{by} of {self.model.name!r}: {count}"
 
     @property
     def operations(self) -> dict[str, int]:
@@ -201,7 +262,9 @@ class Kernel:
         return self._batch(arguments, out, workers)
 
     def by_function(self, arguments: Sequence[Any]) -> Array:
-        """The function itself."""
+        """The function itself, or its derivatives by complex step."""
+        if self.wrt:
+            return complex_step(self.function, self.model, self.names, arguments, self.wrt, self.fixed)
         result: Array = self.function(self.model, *arguments, **self.fixed)
         return result
 

@@ -27,6 +27,7 @@ FUNCTIONS = {
     "less_equal": "float({} <= {})",
     "where": "({1} if {0} else {2})",
 }
+LONGEST_SUM = 64  # written out
 DEEPEST = 12  # nested parentheses in one expression
 
 
@@ -98,7 +99,7 @@ def source(
         names = [f"x{start + j}" for j in range(width)]
         groups.append(f"{', '.join(names)}{',' if width == 1 else ''} = a{k}" if width else f"() = a{k}")
         start += width
-    total = " + ".join(f"x{k}" for k in range(start)) or "0.0"
+    total = _total([f"x{k}" for k in range(start)])
     size = math.prod(shape)
     body = [*groups, f"if not isfinite({total}): raise ValueError", *lines]
     if guard is not None:
@@ -108,10 +109,17 @@ def source(
         body.append(f"if not ({' and '.join(holds) or 'True'}): raise ValueError")
     results = [f"r{k}" for k in range(size)]
     body += [f"{result} = {output}" for result, output in zip(results, outputs, strict=False)]
-    body.append(f"if not isfinite({' + '.join(dict.fromkeys(results)) or '0.0'}): raise ValueError")
+    body.append(f"if not isfinite({_total(results)}): raise ValueError")
     body.append(f"return {_array(results, shape)}")
     arguments = ", ".join(f"a{k}" for k in range(len(widths)))
     return "\n    ".join([f"def kernel({arguments}):", *body]) + "\n"
+
+
+def _total(names: Sequence[str]) -> str:
+    """The sum of numbers, in a form that the compiler takes however many there are."""
+    if len(names) > LONGEST_SUM:
+        return f"sum(({', '.join(names)}))"
+    return " + ".join(names) or "0.0"
 
 
 def _array(results: Sequence[str], shape: tuple[int, ...]) -> str:

@@ -1,0 +1,99 @@
+"""Exact derivatives of a graph: the rules of calculus, in the same graph, so that nothing is computed twice."""
+
+from __future__ import annotations
+
+from .graph import Graph
+
+
+def differentiate(graph: Graph, outputs: list[int], inputs: list[int]) -> list[int]:
+    """References of d output / d input, output by output, each by all inputs.
+
+    Forward mode: from each input on, through the operations that depend on it. Zeros and repeated terms fold away.
+
+    Parameters
+    ----------
+    graph : Graph
+    outputs : list of int
+        References.
+    inputs : list of int
+        Numbers of the inputs to differentiate by.
+
+    Returns
+    -------
+    list of int
+        len(outputs) * len(inputs) references.
+    """
+    operations = needed(graph, outputs)
+    columns = [_column(graph, operations, outputs, k) for k in inputs]
+    return [column[i] for i in range(len(outputs)) for column in columns]
+
+
+def needed(graph: Graph, outputs: list[int]) -> list[int]:
+    """The nodes that outputs depend on, each after its arguments."""
+    found: set[int] = set()
+    stack = [ref >> 1 for ref in outputs]
+    while stack:
+        k = stack.pop()
+        if k not in found:
+            found.add(k)
+            node = graph.nodes[k]
+            if node.kind not in ("input", "constant"):
+                stack.extend(ref >> 1 for ref in node.args)
+    return sorted(found)
+
+
+def _column(graph: Graph, operations: list[int], outputs: list[int], k: int) -> list[int]:
+    """Derivatives of the outputs by input k."""
+    zero = graph.constant(0.0)
+    slopes: dict[int, int] = {}  # of the nodes that depend on it
+    for index in operations:
+        node = graph.nodes[index]
+        if node.kind == "input":
+            if node.args[0] == k:
+                slopes[index] = graph.constant(1.0)
+        elif node.kind != "constant" and any(ref >> 1 in slopes for ref in node.args):
+            slope = _slope(graph, index, [_signed(graph, slopes.get(ref >> 1, zero), ref) for ref in node.args])
+            if slope != zero:
+                slopes[index] = slope
+    return [_signed(graph, slopes.get(ref >> 1, zero), ref) for ref in outputs]
+
+
+def _signed(graph: Graph, slope: int, ref: int) -> int:
+    """The slope of a reference from that of its node."""
+    return graph.negate(slope) if ref & 1 else slope
+
+
+def _slope(graph: Graph, index: int, slopes: list[int]) -> int:
+    """The derivative of one operation from those of its arguments."""
+    node = graph.nodes[index]
+    a, da = node.args[0], slopes[0]
+    if node.kind in ("add", "subtract"):
+        return graph.add(da, graph.negate(slopes[1]) if node.kind == "subtract" else slopes[1])
+    if node.kind == "multiply":
+        b, db = node.args[1], slopes[1]
+        return graph.add(graph.multiply(da, b), graph.multiply(a, db))
+    if node.kind == "divide":
+        b, db = node.args[1], slopes[1]
+        return graph.divide(graph.add(da, graph.negate(graph.multiply(2 * index, db))), b)
+    if node.kind in ("minimum", "maximum"):
+        first = graph.binary("less", *((a, node.args[1]) if node.kind == "minimum" else (node.args[1], a)))
+        return graph.where(first, da, slopes[1])
+    if node.kind == "where":
+        return graph.where(a, slopes[1], slopes[2])
+    return _unary_slope(graph, node.kind, 2 * index, a, da)
+
+
+def _unary_slope(graph: Graph, kind: str, value: int, a: int, da: int) -> int:
+    if kind == "sin":
+        return graph.multiply(graph.unary("cos", a), da)
+    if kind == "cos":
+        return graph.negate(graph.multiply(graph.unary("sin", a), da))
+    if kind == "negative":
+        return graph.negate(da)
+    if kind == "sqrt":
+        return graph.divide(graph.multiply(da, graph.constant(0.5)), value)
+    if kind == "abs":
+        return graph.multiply(graph.unary("sign", a), da)
+    if kind == "tanh":
+        return graph.multiply(graph.add(graph.constant(1.0), graph.negate(graph.multiply(value, value))), da)
+    return graph.constant(0.0)  # sign and comparisons are flat wherever they are smooth

@@ -1,0 +1,103 @@
+"""Derivatives: traced ones against complex step of the recursion and against Pinocchio."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rne
+from rne.robots.chains import random_tree
+from rne.tape.complex_step import complex_step
+
+from .helpers import EPS, relative, states
+
+EXACT = 1e-12  # of the largest entry
+BY = {
+    "inverse_dynamics": (rne.inverse_dynamics, ("q", "qd", "qdd")),
+    "bias_torque": (rne.bias_torque, ("q", "qd")),
+    "gravity_torque": (rne.gravity_torque, ("q",)),
+    "mass_matrix": (rne.mass_matrix, ("q",)),
+    "kinetic_energy": (rne.kinetic_energy, ("q", "qd")),
+    "potential_energy": (rne.potential_energy, ("q",)),
+    "forward_dynamics": (rne.forward_dynamics, ("q", "qd", "tau")),
+    "link_poses": (rne.link_poses, ("q",)),
+}
+
+
+@pytest.mark.parametrize("name", BY)
+def test_derivative_is_the_complex_step_of_the_recursion(tree, name):
+    function, wrt = BY[name]
+    kernel = rne.derivative(function, tree, *wrt)
+    arguments = states(tree.n, 4)[: len(kernel.names)]
+    expected = complex_step(function, tree, kernel.names, arguments, wrt, {})
+    got = kernel(*arguments)
+    assert got.shape == expected.shape
+    kappa = np.linalg.cond(rne.mass_matrix(tree, arguments[0])).max() if name == "forward_dynamics" else 1.0
+    bound = EXACT * kappa
+    size = max(np.abs(expected).max(), 1e-300)
+    assert np.abs(got - expected).max() <= bound * size
+    single = np.array([kernel(*s) for s in zip(*arguments, strict=True)])
+    assert np.abs(single - expected).max() <= bound * size
+
+
+def test_forward_dynamics_derivatives(tree):
+    robot = rne.Robot(tree)
+    q, qd, tau = states(tree.n, 4, rate=2.0)
+    expected = complex_step(rne.forward_dynamics, tree, ("q", "qd", "tau"), (q, qd, tau), ("q", "qd", "tau"), {})
+    got = np.concatenate(robot.forward_dynamics_derivatives(q, qd, tau), axis=-1)
+    kappa = np.linalg.cond(rne.mass_matrix(tree, q)).max()
+    assert np.abs(got - expected).max() <= EXACT * kappa * np.abs(expected).max()
+
+
+def test_linearize_predicts_the_change_of_the_motion(irb140):
+    q, qd, tau = states(6, rate=1.0)
+    A, B = irb140.linearize(q, qd, tau)
+    rng = np.random.default_rng(0)
+    dx, du, h = rng.normal(size=12), rng.normal(size=6), 1e-6
+
+    def motion(s):
+        x = np.concatenate([q, qd]) + s * dx
+        return np.concatenate([x[6:], irb140.forward_dynamics(x[:6], x[6:], tau + s * du)])
+
+    difference = (motion(h) - motion(-h)) / (2 * h)
+    assert relative((A @ dx + B @ du)[None], difference[None]) <= 1e-7
+    assert A.shape == (12, 12)
+    assert irb140.linearize(np.stack([q, q]), qd, tau)[1].shape == (2, 12, 6)
+
+
+def test_derivatives_of_the_irb140_are_pinocchios(irb140, irb140_oracle):
+    oracle = irb140_oracle
+    q, qd, qdd = states(6, 20)
+    ours = irb140.inverse_dynamics_derivatives(q, qd, qdd)
+    forward = irb140.forward_dynamics_derivatives(q, qd, irb140.inverse_dynamics(q, qd, qdd))
+    for k in range(20):
+        theirs = pin.computeRNEADerivatives(oracle.theirs, oracle.data, q[k], qd[k], qdd[k])
+        for a, b in zip(ours, theirs, strict=True):
+            assert relative(a[k][None], np.asarray(b)[None]) <= EXACT
+        tau = irb140.inverse_dynamics(q[k], qd[k], qdd[k])
+        pin.computeABADerivatives(oracle.theirs, oracle.data, q[k], qd[k], tau)
+        kappa = np.linalg.cond(irb140.mass_matrix(q[k]))
+        M_inverse = np.triu(oracle.data.Minv)
+        M_inverse = M_inverse + np.triu(M_inverse, 1).T
+        for a, b in zip(forward, (oracle.data.ddq_dq, oracle.data.ddq_dv, M_inverse), strict=True):
+            assert relative(a[k][None], np.asarray(b)[None]) <= 100 * kappa * EPS
+
+
+def test_a_large_robot_takes_the_complex_step(monkeypatch):
+    from rne.tape import kernel as module
+
+    model = random_tree(4, 2)
+    traced = rne.derivative(rne.bias_torque, model, "q", "qd")
+    monkeypatch.setattr(module, "LIMIT", 10)
+    stepped = rne.derivative(rne.bias_torque, model, "q", "qd")
+    assert stepped.operations == {}
+    s = states(4, 6)[:2]
+    assert relative(stepped(*s), traced(*s)) <= EXACT
+
+
+def test_errors(irb140):
+    with pytest.raises(ValueError, match=r"^`wrt` must name arguments of \['q', 'qd'\], got 'tau'$"):
+        rne.derivative(rne.bias_torque, irb140.model, "tau")
+    with pytest.raises(ValueError, match=r"^`wrt` must name at least one argument of \['q', 'qd'\]$"):
+        rne.derivative(rne.bias_torque, irb140.model)
+    with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(2,\)$"):
+        irb140.inverse_dynamics_derivatives([0, 0, np.nan, 0, 0, 0], [0] * 6, [0] * 6)
