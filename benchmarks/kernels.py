@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import statistics
+import time
+import tracemalloc
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
@@ -19,6 +21,7 @@ import rne
 from benchmarks.measure import interleaved, many, ratio, write
 from benchmarks.validation import data_robots
 from rne.report.oracle import Oracle
+from rne.robots.chains import straight_chain
 
 QUANTITIES: dict[str, tuple[Any, int]] = {
     "inverse_dynamics": (rne.inverse_dynamics, 3),
@@ -75,7 +78,7 @@ def compare(name: str, robot: rne.Robot, xml: str, count: int, repeats: int) -> 
     rng = np.random.default_rng(0)
     states = [rng.uniform(-np.pi, np.pi, (count, robot.n)) for _ in range(3)]
     theirs = Theirs(Oracle(robot.model, xml), states)
-    rows: dict[str, Any] = {}
+    rows: dict[str, Any] = {"derivatives": derivatives(robot, theirs, states, repeats)}
     for quantity, (function, arity) in QUANTITIES.items():
         kernel = robot.kernel(function)
         method = getattr(robot, quantity)
@@ -110,6 +113,62 @@ def compare(name: str, robot: rne.Robot, xml: str, count: int, repeats: int) -> 
         }
         print_row(name, quantity, rows[quantity])
     return rows
+
+
+def derivatives(robot: rne.Robot, theirs: Theirs, states: list[np.ndarray], repeats: int) -> dict[str, Any]:
+    """Derivatives of inverse dynamics, one state and a batch, against computeRNEADerivatives in a loop."""
+    count = min(len(states[0]), 10_000)
+    batch = [a[:count] for a in states]
+    one = [a[0].copy() for a in states]
+    columns = [tuple(np.ascontiguousarray(a[:, k]) for a in theirs.arrays) for k in range(count)]
+    seconds = interleaved(
+        {
+            "single": many(lambda: robot.inverse_dynamics_derivatives(*one), 100),
+            "pinocchio_single": many(lambda: pin.computeRNEADerivatives(theirs.model, theirs.data, *theirs.one), 100),
+            "batch": lambda: robot.inverse_dynamics_derivatives(*batch),
+            "pinocchio": lambda: [pin.computeRNEADerivatives(theirs.model, theirs.data, *c) for c in columns],
+        },
+        repeats,
+    )
+    return {
+        "operations": sum(robot.kernel(rne.inverse_dynamics, "q", "qd").operations.values()),
+        "single_times_slower": ratio(seconds, "single", "pinocchio_single"),
+        "batch_times_faster": ratio(seconds, "pinocchio", "batch"),
+    }
+
+
+def growth(quick: bool) -> dict[str, Any]:
+    """Compile times, time a state from a thousand states to a million, and the extra memory of the largest batch."""
+    start = time.perf_counter()
+    for function, arity in QUANTITIES.values():
+        kernel = rne.compile(function, rne.irb140())
+        kernel(*[np.zeros(6)] * arity)
+        kernel(*[np.zeros((2, 6))] * arity)
+    three = time.perf_counter() - start
+    chain = straight_chain(100)
+    start = time.perf_counter()
+    long = rne.compile(rne.inverse_dynamics, chain)
+    long(*[np.zeros((2, 100))] * 3)
+    hundred = time.perf_counter() - start
+    kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+    flat = {}
+    for count in (1000, 10_000, 100_000) if quick else (1000, 10_000, 100_000, 1_000_000):
+        q = np.random.default_rng(0).uniform(-3, 3, (count, 6))
+        out = kernel(q, q, q)
+        seconds = interleaved({"run": lambda q=q, out=out: kernel(q, q, q, out=out)}, 5)["run"]
+        flat[count] = statistics.median(seconds) / count * 1e9
+    fresh = rne.compile(rne.inverse_dynamics, rne.irb140())
+    tracemalloc.start()
+    fresh(q, q, q, out=out)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return {
+        "compile_three_ms": three * 1e3,
+        "compile_chain_100_s": hundred,
+        "chain_100_registers": long.layout.registers,
+        "ns_a_state": flat,
+        "peak_extra_MB": peak / 1e6,
+    }
 
 
 def print_row(name: str, quantity: str, row: dict[str, Any]) -> None:
@@ -156,10 +215,22 @@ def main() -> None:
     print(" | two threads | float32 | µs a single call | times slower than Pinocchio's |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     results = {name: compare(name, *robot, count, repeats) for name, robot in robots().items()}
+    for name, rows in results.items():
+        row = rows["derivatives"]
+        print(
+            f"derivatives of inverse dynamics, {name}: {row['operations']} operations, one state "
+            f"{row['single_times_slower'][0]:.1f} times slower than Pinocchio, batch "
+            f"{row['batch_times_faster'][0]:.1f} times faster than it in a loop"
+        )
+    grown = growth(quick)
+    print(f"compile time, growth and memory: {grown}")
     shares = processes(20_000 if quick else 2_000_000, 1 if quick else 5)
     print(f"\ntwo processes against one: {shares[0]:.2f}")
     if not quick:
-        write("kernels.json", {"states": count, "repeats": repeats, "robots": results, "two_processes": shares})
+        write(
+            "kernels.json",
+            {"states": count, "repeats": repeats, "robots": results, "growth": grown, "two_processes": shares},
+        )
 
 
 if __name__ == "__main__":
