@@ -1,4 +1,4 @@
-"""Command line: python -m rne [check FILE | urdf NAME]."""
+"""Command line: python -m rne [check FILE | urdf NAME | source ROBOT ...]."""
 
 from __future__ import annotations
 
@@ -6,6 +6,20 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+QUANTITIES = (
+    "inverse_dynamics",
+    "mass_matrix",
+    "forward_dynamics",
+    "bias_torque",
+    "gravity_torque",
+    "coriolis_torque",
+    "coriolis_matrix",
+    "kinetic_energy",
+    "potential_energy",
+    "link_poses",
+)
+LANGUAGES = ("python", "numpy", "matlab", "c")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -19,7 +33,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     check.add_argument("file")
     urdf = commands.add_parser("urdf", help="print a built-in robot as URDF")
     urdf.add_argument("name", help="irb140")
+    source = commands.add_parser("source", help="print a quantity as straight-line source code")
+    source.add_argument("robot", help="irb140 or a URDF file")
+    source.add_argument("--quantity", default="inverse_dynamics", choices=QUANTITIES)
+    source.add_argument("--language", default="python", choices=LANGUAGES)
     arguments = parser.parse_args(argv)
+    if arguments.command == "source":
+        return _source(arguments.robot, arguments.quantity, arguments.language)
     if arguments.command == "check":
         return _check(arguments.file)
     if arguments.command == "urdf":
@@ -46,6 +66,17 @@ def _urdf(name: str) -> int:
         print(f"error: no robot {name!r}; there are {', '.join(BUILDERS)}", file=sys.stderr)
         return 2
     print(to_urdf(BUILDERS[name]()), end="")
+    return 0
+
+
+def _source(robot: str, quantity: str, language: str) -> int:
+    import rne
+
+    try:
+        print(rne.load(robot).kernel(getattr(rne, quantity)).source(language), end="")
+    except (OSError, rne.RneError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     return 0
 
 

@@ -22,6 +22,7 @@ from .block import Layout, Workspace, allocate
 from .complex_step import complex_step
 from .derivative import differentiate
 from .graph import Graph, TooLarge
+from .printer import Printable, to_source
 from .program import Program, lower
 from .run import check_out, run_batch
 from .scalar import inputs, references
@@ -260,6 +261,28 @@ class Kernel:
             except (AttributeError, TypeError, ValueError, ArithmeticError):
                 pass  # not one plain state, or something is wrong with it: looked at below
         return self._batch(arguments, out, workers)
+
+    def source(self, language: str = "python") -> str:
+        """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
+
+        Parameters
+        ----------
+        language : {"python", "numpy", "matlab", "c"}
+            MATLAB runs in Octave too; "numpy" takes batches.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        ValueError
+            For any other language.
+        TypeError
+            If the kernel is too large to be written out.
+        """
+        name = "_".join([self.function.__name__, *(["by", *self.wrt] if self.wrt else [])])
+        return to_source(Printable(self.traced.program, name, self.names, self.model.n, self.shapes[0]), language)
 
     def by_function(self, arguments: Sequence[Any]) -> Array:
         """The function itself, or its derivatives by complex step."""

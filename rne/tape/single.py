@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,19 @@ def sign(x: float) -> float:
 NAMES: dict[str, Any] = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "tanh": math.tanh, "sign": sign}
 
 
-def expressions(program: Program) -> tuple[list[str], list[str]]:
-    """Assignments in order, and an expression for each output; what is read once is written where it is read."""
+def expressions(
+    program: Program, entry: Callable[[int], str] = "x{}".format, functions: Mapping[str, str] = FUNCTIONS
+) -> tuple[list[str], list[str]]:
+    """Assignments in order, and an expression for each output; what is read once is written where it is read.
+
+    Parameters
+    ----------
+    program : Program
+    entry : callable
+        How input k is written.
+    functions : mapping of str to str
+        How operations other than + - * / are written.
+    """
     uses = Counter(arg for instruction in program.instructions for arg in instruction.args)
     uses.update(program.outputs)
     texts: dict[Operand, tuple[str, int]] = {}
@@ -48,12 +59,12 @@ def expressions(program: Program) -> tuple[list[str], list[str]]:
 
     def text(arg: Operand) -> tuple[str, int]:
         if arg.kind == "input":
-            return f"x{arg.value}", 0
+            return entry(int(arg.value)), 0
         return (repr(arg.value), 0) if arg.kind == "constant" else texts[arg]
 
     for k, instruction in enumerate(program.instructions):
         operand = Operand("result", k)
-        expression, depth = _expression(instruction, [text(arg) for arg in instruction.args])
+        expression, depth = _expression(instruction, [text(arg) for arg in instruction.args], functions)
         if uses[operand] > 1 or depth >= DEEPEST:
             lines.append(f"t{k} = {expression}")
             expression, depth = f"t{k}", 0
@@ -63,11 +74,13 @@ def expressions(program: Program) -> tuple[list[str], list[str]]:
     return lines, [text(output)[0] for output in program.outputs]
 
 
-def _expression(instruction: Instruction, args: Sequence[tuple[str, int]]) -> tuple[str, int]:
+def _expression(
+    instruction: Instruction, args: Sequence[tuple[str, int]], functions: Mapping[str, str]
+) -> tuple[str, int]:
     depth = 1 + max(d for _, d in args)
     if instruction.kind in SYMBOLS:
         return f" {SYMBOLS[instruction.kind]} ".join(a for a, _ in args), depth
-    return FUNCTIONS[instruction.kind].format(*(a for a, _ in args)), depth
+    return functions[instruction.kind].format(*(a for a, _ in args)), depth
 
 
 def source(
