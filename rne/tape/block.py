@@ -9,6 +9,7 @@ import numpy as np
 
 from ..spatial import Array
 from .program import Instruction, Operand, Program
+from .schedule import frugal
 from .trig import METHODS, Call, faster
 
 UFUNCS: dict[str, Callable[..., Any]] = {
@@ -48,8 +49,9 @@ class Layout(NamedTuple):
 
 
 def allocate(program: Program) -> Layout:
-    """Registers by liveness: a register is free again after its last reader."""
-    return _Allocator(program).layout()
+    """Registers by liveness: a register is free again after its last reader. Of two orders, the one with fewer."""
+    layouts = [_Allocator(ordered).layout() for ordered in (program, frugal(program))]
+    return min(layouts, key=lambda layout: layout.registers)
 
 
 class _Allocator:
