@@ -11,8 +11,9 @@ from .dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque,
 from .dynamics.record import Recursion, bearing_loads, recursion
 from .edit import locked, mounted, with_payload
 from .errors import ModelError, NotFiniteError, RneError, SimulationError, SingularMassMatrixError, UrdfError
+from .loading import load
 from .model import Cylinder, Model
-from .robot import Robot, load
+from .robot import Robot
 from .robots import irb140
 from .simulation import Trajectory, simulate
 from .tape.kernel import Kernel, compile, derivative

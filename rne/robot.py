@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import edit
-from .arguments import number_array
 from .dynamics.articulated import articulated_forward_dynamics
 from .dynamics.checks import Checked
 from .dynamics.composite import mass_matrix
@@ -28,53 +25,12 @@ from .dynamics.newton_euler import (
     inverse_dynamics,
 )
 from .dynamics.record import Recursion, recursion
-from .model import STANDARD_GRAVITY, Model
-from .robots import BUILDERS
+from .model import Model
 from .spatial import Array
 from .tape.kernel import Kernel, compile, derivative
-from .urdf import read_urdf
 
 FEW_JOINTS = 9  # up to which M with L^T D L always takes fewer operations
 FORWARD = "forward"  # the chosen kernel's place
-
-
-def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Robot:
-    """Load a robot by name or from a URDF file.
-
-    Parameters
-    ----------
-    source : str or path-like
-        "irb140", for which no file is read, or the path of a URDF file.
-    gravity : array_like, shape (3,)
-        In the axes of the root link [m/s^2].
-
-    Returns
-    -------
-    Robot
-
-    Raises
-    ------
-    UrdfError
-        For the first mistake in the file, naming file, element and attribute.
-    FileNotFoundError
-        If it is neither a robot's name nor a file.
-    ValueError
-        If `gravity` is not three finite numbers.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.load("irb140").joint_names[0]
-    'joint_1'
-    """
-    g = number_array("gravity", gravity, "(3,)")
-    if g.shape != (3,):
-        raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
-    if isinstance(source, str) and source in BUILDERS:
-        return Robot(replace(BUILDERS[source](), gravity=g))
-    if not os.path.exists(source):
-        raise FileNotFoundError(f"{os.fspath(source)!r} is neither a robot ({', '.join(BUILDERS)}) nor a file")
-    return Robot(read_urdf(source, gravity=g))
 
 
 class Robot:

@@ -26,7 +26,7 @@ FLOORS = [
     ["edit", "robots", "urdf", "dynamics"],
     ["tape"],
     ["robot"],
-    ["control", "plant", "solvers"],
+    ["loading", "control", "plant", "solvers"],
     ["simulation"],
     ["report"],
     ["__init__", "__main__"],

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..control import pd_gravity
-from ..robot import Robot, load
+from ..loading import load
+from ..robot import Robot
 from ..robots.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..simulation import Trajectory, simulate
 from ..spatial import Array

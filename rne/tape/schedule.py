@@ -6,7 +6,7 @@ from collections import Counter
 
 from .program import Instruction, Operand, Program
 
-LONGEST = 4000  # instructions that are worth the search
+LONGEST = 1500  # instructions that are worth the search, whose cost grows with their square
 
 
 def frugal(program: Program) -> Program:
