@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numpy.linalg import LinAlgError
-
-if TYPE_CHECKING:
-    from .simulation import Trajectory
 
 
 class RneError(Exception):
@@ -76,11 +73,11 @@ class SimulationError(RneError, RuntimeError):
     ----------
     time : float
         The time of the failure [s].
-    trajectory : Trajectory
+    trajectory : rne.Trajectory
         The motion up to the last good step.
     """
 
-    def __init__(self, message: str, time: float, trajectory: Trajectory) -> None:
+    def __init__(self, message: str, time: float, trajectory: Any) -> None:
         super().__init__(message)
         self.time = time
         self.trajectory = trajectory

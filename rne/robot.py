@@ -29,7 +29,9 @@ from .model import Model
 from .spatial import Array
 from .tape.kernel import Kernel, compile, derivative
 
-FEW_JOINTS = 9  # up to which M with L^T D L always takes fewer operations
+# Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
+# joints, articulated bodies beyond the second.
+FEW_JOINTS, MANY_JOINTS = 9, 20
 FORWARD = "forward"  # the chosen kernel's place
 
 
@@ -87,15 +89,18 @@ class Robot:
     def _forward(self) -> Kernel:
         """Forward dynamics by the method with fewer operations.
 
-        M with L^T D L takes fewer up to about a dozen joints in a row, articulated bodies beyond; both lose about
-        the same digits on such robots, and on long chains articulated bodies lose fewer.
+        That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
+        about the same digits on few joints, and on long chains articulated bodies lose fewer.
         """
         kernel = self._kernels.get(FORWARD)
         if kernel is None:
-            kernel = self.kernel(forward_dynamics)
-            if self.n > FEW_JOINTS and not self._model.has_mimics:
-                other = self.kernel(articulated_forward_dynamics)
-                kernel = min(kernel, other, key=lambda k: sum(k.operations.values()) or float("inf"))
+            methods = [forward_dynamics, articulated_forward_dynamics]
+            if self.n <= FEW_JOINTS or self._model.has_mimics:
+                methods = [forward_dynamics]
+            elif self.n > MANY_JOINTS:
+                methods = [articulated_forward_dynamics]
+            kernels = [self.kernel(method) for method in methods]
+            kernel = min(kernels, key=lambda k: sum(k.operations.values()) or float("inf"))
             self._kernels[FORWARD] = kernel
         return kernel
 

@@ -1,0 +1,40 @@
+"""What the Robot chooses, and that its choice shows only in the time."""
+
+import numpy as np
+import pytest
+
+import rne
+from rne.robots.chains import random_tree, straight_chain
+
+from .helpers import EPS, states
+
+
+@pytest.mark.parametrize("n", [2, 9, 10, 14, 20, 21, 30])
+def test_forward_dynamics_takes_the_method_with_fewer_operations(n):
+    robot = rne.Robot(straight_chain(n))
+    count = sum(robot._forward().operations.values())
+    both = [rne.compile(f, robot.model) for f in (rne.forward_dynamics, rne.articulated_forward_dynamics)]
+    assert count == min(sum(k.operations.values()) for k in both)
+
+
+@pytest.mark.parametrize("model", [straight_chain(5), straight_chain(15), random_tree(12, 4), random_tree(25, 3)])
+def test_either_method_is_as_accurate_as_the_condition_of_M_allows(model):
+    q, qd, qdd = states(model.n, 3, rate=1.0, acceleration=1.0)
+    robot = rne.Robot(model)
+    tau = rne.inverse_dynamics(model, *(x.astype(np.longdouble) for x in (q, qd, qdd))).astype(float)
+    kappa = np.linalg.cond(rne.mass_matrix(model, q)).max()
+    assert np.abs(robot.forward_dynamics(q, qd, tau) - qdd).max() <= 10 * model.n * kappa * EPS
+
+
+def test_mimics_are_solved_through_M():
+    robot = rne.Robot(random_tree(12, 6, mimics=2))
+    assert robot._forward().function is rne.forward_dynamics
+
+
+def test_repr_of_a_plain_robot(irb140):
+    assert repr(irb140) == "Robot 'irb140': 6 joints, 7 links, 75 kg moving, gravity [0.0, 0.0, -9.81] m/s^2"
+
+
+def test_kernels_are_kept(irb140):
+    assert irb140.kernel(rne.mass_matrix) is irb140.kernel(rne.mass_matrix)
+    assert irb140.kernel(rne.mass_matrix) is not irb140.kernel(rne.mass_matrix, "q")
