@@ -16,7 +16,6 @@ from .spatial import Array, outer, second_moments
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
-JOINT_TYPES = (*REVOLUTE_TYPES, "prismatic")
 
 UNSET: Any = None  # replaced in __post_init__ by the default that the number of joints decides
 NOT_COMPARED = ("tip", "notes")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import ModelError
-from .spatial import Array, point_mass_inertia
+from .spatial import Array
 
 if TYPE_CHECKING:
     from .model import Model
@@ -64,11 +64,6 @@ def triangle_excess(inertia: Array) -> float:
     small, middle, large = np.linalg.eigvalsh(inertia)
     trace = small + middle + large
     return float((large - small - middle) / trace) if trace > 0 else 0.0
-
-
-def moment_scale(mass: float, com: Array, inertia: Array) -> float:
-    """Trace of the inertia about the frame's origin, the scale of a body's moments [kg m^2]."""
-    return float(np.trace(inertia + point_mass_inertia(np.asarray(mass), com)))
 
 
 def _check_shapes(model: Model) -> None:

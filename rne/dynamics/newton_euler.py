@@ -86,8 +86,8 @@ def backward_recursion(
     for i in range(model.nb):
         m, h, Sigma = model.moments.mass[i], model.moments.first[i], model.moments.second[i]
         a_o, U = motion.a_o[i], motion.U[i]
-        f_i = m * a_o + rotate(U, h)
-        n_i = cross(h, a_o) + axial(U @ Sigma)
+        f_i = m * a_o + rotate(U, h)  # m a_c, the body's own part of (3.24)
+        n_i = cross(h, a_o) + axial(U @ Sigma)  # I alpha + omega x I omega + r_c x m a_c, its part of (3.27)
         wrench = applied[i]
         if wrench is not None:
             n_i, f_i = n_i - wrench[0], f_i - wrench[1]
