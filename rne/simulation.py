@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arguments import joint_array, number_array
-from .errors import NotFiniteError, RneError, SimulationError
+from .errors import NotFiniteError, RneError, SimulationError, SingularMassMatrixError
 from .plant import Plant
 from .robot import Robot
 from .spatial import Array
@@ -163,6 +163,29 @@ def _run(
     tolerances: tuple[float, float],
     t_eval: Array | None,
 ) -> Trajectory:
+    failures: list[tuple[float, str]] = []
+    if duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by either
+        t = np.unique([0.0, duration]) if t_eval is None else t_eval
+        y, ending = np.tile(x0, (len(t), 1)), "nothing to integrate"
+    else:
+        t, y, ending = _solve(plant, x0, duration, method, tolerances, t_eval, failures)
+    trajectory = _trajectory(plant, t, y, method, f"{reason}; {ending}", failures)
+    if not failures:
+        return trajectory
+    time, cause = failures[0]
+    raise SimulationError(f"simulation stopped at t = {time:.6g} s of {duration:g} s: {cause}", time, trajectory)
+
+
+def _solve(
+    plant: Plant,
+    x0: Array,
+    duration: float,
+    method: str,
+    tolerances: tuple[float, float],
+    t_eval: Array | None,
+    failures: list[tuple[float, str]],
+) -> tuple[Array, Array, str]:
+    """Times, states and SciPy's last word; what goes wrong is added to `failures`."""
     from scipy.integrate import solve_ivp
 
     from .solvers import FAILURES, watched
@@ -175,50 +198,36 @@ def _run(
         undiluted = 1.0 if method == "LSODA" else float(np.sqrt(1 - 1 / len(x0)))
         rtol, atols = rtol * undiluted, atols * undiluted
     options: dict[str, Any] = {"jac": plant.jacobian} if method in IMPLICIT else {}
-    failures: list[tuple[float, str]] = []
-    t, y = np.zeros(0), np.zeros((0, len(x0)))
-    ending = ""
+    solver = watched(method, failures)
     try:
-        solution = solve_ivp(
-            plant,
-            (0.0, duration),
-            x0,
-            method=watched(method, failures),
-            rtol=rtol,
-            atol=atols,
-            t_eval=t_eval,
-            **options,
-        )
-        t = np.asarray(solution.t, dtype=float)
-        y = np.asarray(solution.y, dtype=float).T.reshape(len(t), len(x0))
-        ending = str(solution.message)
+        solution = solve_ivp(plant, (0.0, duration), x0, method=solver, rtol=rtol, atol=atols, t_eval=t_eval, **options)
     except FAILURES as error:  # at the very start, before a first step
         failures.append((0.0, str(error)))
-    trajectory = _trajectory(plant, t, y, method, f"{reason}; {ending}", failures)
-    if not failures:
-        return trajectory
-    time, cause = failures[0]
-    raise SimulationError(f"simulation stopped at t = {time:.6g} s of {duration:g} s: {cause}", time, trajectory)
+        return np.zeros(0), np.zeros((0, len(x0))), ""
+    t = np.asarray(solution.t, dtype=float)
+    return t, np.asarray(solution.y, dtype=float).T.reshape(len(t), len(x0)), str(solution.message)
 
 
 def _trajectory(
     plant: Plant, t: Array, y: Array, method: str, message: str, failures: list[tuple[float, str]]
 ) -> Trajectory:
-    """The motion with its torques and energies; samples from a torque that is not finite on are left out."""
+    """The motion with its torques and energies; samples from one on that is not finite are left out."""
     n = plant.robot.n
     evaluations = plant.evaluations
-    torques = []
+    tau, qdd = np.zeros((len(t), n)), np.zeros((len(t), n))
+    sound = 0
     for time, x in zip(t, y, strict=True):
+        q, qd = x[:n], x[n : 2 * n]
         try:
-            torques.append(plant.torque(float(time), x[:n], x[n : 2 * n]))
-        except NotFiniteError as error:
+            tau[sound] = plant.torque(float(time), q, qd)
+            qdd[sound] = plant.robot.forward_dynamics(q, qd, tau[sound])
+        except (NotFiniteError, SingularMassMatrixError) as error:
             failures.append((float(time), str(error)))
             break
-    tau = np.array(torques).reshape(len(torques), n)
-    t, y = t[: len(tau)], y[: len(tau)]
+        sound += 1
+    t, y, tau, qdd = t[:sound], y[:sound], tau[:sound], qdd[:sound]
     q, qd = y[:, :n], y[:, n : 2 * n]
     work = y[:, 2 * n] if plant.works else np.zeros(len(t))
-    qdd = plant.robot.forward_dynamics(q, qd, tau)
     kinetic, potential = plant.robot.kinetic_energy(q, qd), plant.robot.potential_energy(q)
     energy = kinetic + potential
     drift = float(np.abs(energy - energy[0] - work).max()) if len(t) else 0.0

@@ -87,9 +87,25 @@ def test_t_eval_is_the_grid_exactly(double, method):
     assert np.array_equal(rne.simulate(double, [1, 0], [0, 0], 1.0, t_eval=grid, method=method).t, grid)
 
 
-def test_duration_zero_is_the_start(double):
-    motion = rne.simulate(double, [1, 0], [0, 0], 0.0)
-    assert motion.q.tolist()[0] == [1, 0]
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("grid", [None, [0.0]])
+def test_duration_zero_is_the_start(double, method, grid):
+    motion = rne.simulate(double, [1, 0], [0, 0], 0.0, method=method, t_eval=grid, torque=[1.0, 2.0])
+    assert motion.t.tolist() == [0.0]
+    assert motion.q.tolist() == [[1, 0]]
+    assert motion.tau.tolist() == [[1.0, 2.0]]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_law_that_changes_its_arguments_changes_nothing(double, method):
+    def tidy(t, q, qd):
+        torque = -0.1 * qd
+        q[:], qd[:] = np.nan, np.nan
+        return torque
+
+    disturbed = rne.simulate(double, [1, 0], [0, 0], 0.3, torque=tidy, method=method)
+    plain = rne.simulate(double, [1, 0], [0, 0], 0.3, torque=lambda t, q, qd: -0.1 * qd, method=method)
+    assert np.array_equal(disturbed.q, plain.q)
 
 
 def test_stiff_loop_takes_lsoda_and_says_why(irb140):
@@ -153,6 +169,11 @@ class TestFailures:
         ghost = rne.Robot(assemble("ghost", [Part(link="b"), Part(link="a", joint="j", kind="revolute", parent=0)]))
         with pytest.raises(rne.SimulationError, match="M is singular: nothing with inertia moves with 'j'"):
             rne.simulate(ghost, [0.0], [0.0], 1.0)
+
+    @pytest.mark.parametrize("method", METHODS)
+    def test_torque_too_large_for_the_arithmetic(self, irb140, method):
+        with pytest.raises(rne.SimulationError, match="overflows"):
+            rne.simulate(irb140, [0] * 6, [0] * 6, 0.1, torque=[1e308] * 6, method=method)
 
     def test_error_pickles(self, double):
         import pickle
