@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Number
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -46,7 +48,10 @@ def _numbers(name: str, value: ArrayLike, shape: str) -> Array:
         raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got rows of unequal length") from None
     if array.dtype.kind in "iu":
         array = array.astype(np.float64)
-    if array.dtype.kind not in "fcO":
+    if array.dtype == np.float16:
+        array = array.astype(np.float32)  # half precision is for storage
+    numbers_only = array.dtype.kind != "O" or all(isinstance(x, Number) or hasattr(x, "context") for x in array.flat)
+    if array.dtype.kind not in "fcO" or not numbers_only:
         raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got dtype {array.dtype}")
     return array
 

@@ -14,7 +14,7 @@ from .dynamics.checks import Checked
 from .dynamics.composite import mass_matrix
 from .dynamics.coriolis import coriolis_matrix
 from .dynamics.energy import kinetic_energy, momentum, potential_energy
-from .dynamics.forward import forward_dynamics
+from .dynamics.forward import factorise, forward_dynamics, solve_factored
 from .dynamics.jacobians import jacobian, jacobian_rate
 from .dynamics.kinematics import link_poses
 from .dynamics.newton_euler import (
@@ -192,7 +192,14 @@ class Robot:
         dq, dqd, M = self.inverse_dynamics_derivatives(q, qd, qdd)
         identity = np.broadcast_to(np.eye(self.n, dtype=qdd.dtype), dq.shape)
         M = np.broadcast_to(M, dq.shape)
-        solved = np.linalg.solve(M, np.concatenate([-dq, -dqd, identity], axis=-1))
+        right = np.concatenate([-dq, -dqd, identity], axis=-1)
+        if M.dtype.char in "fdFD":
+            solved = np.linalg.solve(M, right)
+        else:  # LAPACK has no other types
+            parent = self._model.coordinate_parent
+            L, D = factorise(M, parent)
+            rows = solve_factored(L[..., None, :, :], D[..., None, :], parent, np.swapaxes(right, -1, -2))
+            solved = np.swapaxes(rows, -1, -2)
         n = self.n
         return solved[..., :n], solved[..., n : 2 * n], solved[..., 2 * n :]
 

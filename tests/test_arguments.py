@@ -73,6 +73,17 @@ def test_words_are_no_numbers(irb140):
     refused(lambda: irb140.gravity_torque(["a"] * 6), text)
 
 
+def test_nothing_and_objects_are_no_numbers():
+    text = "`q` must be an array of numbers of shape (..., 3), got dtype object"
+    refused(lambda: rne.gravity_torque(TREE, [None] * 3), text)
+    refused(lambda: rne.gravity_torque(TREE, None), text)
+    refused(lambda: rne.Robot(TREE).gravity_torque([{1}] * 3), text)
+
+
+def test_half_precision_is_computed_in_single(irb140):
+    assert irb140.gravity_torque(np.ones(6, np.float16)).dtype == np.float32
+
+
 def test_ragged_rows():
     refused(
         lambda: rne.gravity_torque(TREE, [[0, 1], [2]]),

@@ -101,3 +101,13 @@ def test_errors(irb140):
         rne.derivative(rne.bias_torque, irb140.model)
     with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(2,\)$"):
         irb140.inverse_dynamics_derivatives([0, 0, np.nan, 0, 0, 0], [0] * 6, [0] * 6)
+
+
+def test_derivatives_in_long_double(irb140):
+    q, qd, tau = (x.astype(np.longdouble) for x in states(6, 3))
+    A, B = irb140.linearize(q, qd, tau)
+    plain = irb140.linearize(*(x.astype(float) for x in (q, qd, tau)))
+    assert A.dtype == B.dtype == np.longdouble
+    kappa = np.linalg.cond(irb140.mass_matrix(q.astype(float))).max()
+    assert relative(A.astype(float), plain[0]) <= 100 * kappa * EPS
+    assert relative(B.astype(float), plain[1]) <= 100 * kappa * EPS
