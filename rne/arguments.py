@@ -31,6 +31,14 @@ def _shaped(name: str, array: Array, model: Model) -> Array:
     return array
 
 
+def real_array(name: str, value: ArrayLike, shape: str) -> Array:
+    """An array of finite real numbers."""
+    array = number_array(name, value, shape)
+    if array.dtype.kind == "c":
+        raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
+    return array
+
+
 def number_array(name: str, value: ArrayLike, shape: str) -> Array:
     """An array of finite numbers; integers become float64."""
     array = _numbers(name, value, shape)

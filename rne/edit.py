@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import number_array
+from .arguments import real_array
 from .assembly import Part, Pose, assemble, disassemble, pose
 from .model import Model
 from .model_checks import inertia_error
@@ -46,9 +46,9 @@ def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike |
     7.0
     """
     index = model.link_index(link)
-    m = number_array("mass", mass, "()")
-    c = number_array("com", com, "(3,)")
-    I = number_array("inertia", np.zeros((3, 3)) if inertia is None else inertia, "(3, 3)")
+    m = real_array("mass", mass, "()")
+    c = real_array("com", com, "(3,)")
+    I = real_array("inertia", np.zeros((3, 3)) if inertia is None else inertia, "(3, 3)")
     for name, array, shape in (("mass", m, ()), ("com", c, (3,)), ("inertia", I, (3, 3))):
         if array.shape != shape:
             raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
@@ -100,7 +100,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     for joint, value in positions.items():
         if joint not in model.joint_names:
             raise ValueError(f"`positions` must name joints of {list(model.joint_names)}, got {joint!r}")
-        array = number_array(f"positions[{joint!r}]", value, "()")
+        array = real_array(f"positions[{joint!r}]", value, "()")
         if array.ndim:
             raise ValueError(f"`positions[{joint!r}]` must be one number, got shape {array.shape}")
         values[joint] = float(array)
@@ -156,7 +156,7 @@ def mounted(model: Model, rpy: ArrayLike) -> Model:
     >>> rne.mounted(rne.irb140(), [math.pi, 0, 0]).gravity.tolist()  # under the roof
     [0.0, 0.0, 9.81]
     """
-    angles = number_array("rpy", rpy, "(3,)")
+    angles = real_array("rpy", rpy, "(3,)")
     if angles.shape != (3,):
         raise ValueError(f"`rpy` must have shape (3,), got {angles.shape}")
     return replace(model, gravity=rotate_back(rotation_from_rpy(angles), model.gravity) + 0.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
-from .arguments import number_array
+from .arguments import real_array
 from .model import STANDARD_GRAVITY
 from .robot import Robot
 from .robots import BUILDERS
@@ -43,7 +43,7 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     >>> rne.load("irb140").joint_names[0]
     'joint_1'
     """
-    g = number_array("gravity", gravity, "(3,)")
+    g = real_array("gravity", gravity, "(3,)")
     if g.shape != (3,):
         raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
     if isinstance(source, str) and source in BUILDERS:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from .model_checks import check_model
-from .spatial import Array, outer, second_moments
+from .spatial import Array, point_mass_inertia
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
@@ -32,14 +32,14 @@ class Cylinder(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """Moments of each body's mass about its frame's origin: the integrals of dm, r dm and r r^T dm.
+    """Mass, first moment (mass times centre) and inertia of each body about its frame's origin.
 
     Shapes (nb,), (nb, 3), (nb, 3, 3) [kg, kg m, kg m^2].
     """
 
     mass: Array
     first: Array
-    second: Array
+    inertia: Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -215,8 +215,7 @@ class Model:
     def moments(self) -> Moments:
         """Moments of the bodies' mass about their frames' origins, which is all that dynamics needs of them."""
         m, c = self.mass, self.com
-        second = second_moments(self.inertia) + m[..., None, None] * outer(c, c)
-        return Moments(m, m[..., None] * c, second)
+        return Moments(m, m[..., None] * c, self.inertia + point_mass_inertia(m[..., None, None], c))
 
     def with_moments(self, moments: Moments) -> Model:
         """The same robot with other moments of mass; only for dynamics, see `rne.grouping`."""

@@ -32,7 +32,10 @@ class Plant:
 
     def torque(self, t: float, q: Array, qd: Array) -> Array:
         """The law's torques, checked: a NaN or a wrong shape is named with its time."""
-        tau = np.asarray(self.law(t, q.copy(), qd.copy()), dtype=np.float64)  # a law may change what it is given
+        tau = np.asarray(self.law(t, q.copy(), qd.copy()))  # a law may change what it is given
+        if tau.dtype.kind not in "fiu":
+            raise ValueError(f"`torque` must return real numbers, got dtype {tau.dtype} at t = {t:.6g} s")
+        tau = tau.astype(np.float64)
         if tau.shape != (self.robot.n,):
             raise ValueError(f"`torque` must return shape ({self.robot.n},), got {tau.shape} at t = {t:.6g} s")
         if not np.isfinite(tau).all():

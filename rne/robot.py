@@ -164,7 +164,9 @@ class Robot:
             Row i is of torque i; M is the derivative by qdd.
         """
         slopes = self.kernel(inverse_dynamics, "q", "qd")(q, qd, qdd)
-        return slopes[..., : self.n], slopes[..., self.n :], self.mass_matrix(q)
+        dq, dqd = slopes[..., : self.n], slopes[..., self.n :]
+        M = self.mass_matrix(np.asarray(q).astype(slopes.dtype, copy=False))
+        return dq, dqd, np.broadcast_to(M, dq.shape).copy()
 
     def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the forward dynamics.
@@ -191,7 +193,6 @@ class Robot:
         qdd = self.forward_dynamics(q, qd, tau)
         dq, dqd, M = self.inverse_dynamics_derivatives(q, qd, qdd)
         identity = np.broadcast_to(np.eye(self.n, dtype=qdd.dtype), dq.shape)
-        M = np.broadcast_to(M, dq.shape)
         right = np.concatenate([-dq, -dqd, identity], axis=-1)
         if M.dtype.char in "fdFD":
             solved = np.linalg.solve(M, right)

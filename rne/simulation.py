@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import joint_array, number_array
+from .arguments import joint_array, real_array
 from .errors import NotFiniteError, RneError, SimulationError, SingularMassMatrixError
 from .plant import Plant
 from .robot import Robot
@@ -240,6 +240,7 @@ def _torque_law(robot: Robot, torque: ArrayLike | TorqueLaw | None) -> TorqueLaw
     if callable(torque):
         return torque
     constant = np.zeros(robot.n) if torque is None else joint_array("torque", torque, robot.model)
+    real_array("torque", constant, f"({robot.n},)")
     if constant.shape != (robot.n,):
         raise ValueError(f"`torque` must have shape ({robot.n},), got {constant.shape}")
     return lambda t, q, qd: constant
@@ -247,20 +248,24 @@ def _torque_law(robot: Robot, torque: ArrayLike | TorqueLaw | None) -> TorqueLaw
 
 def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
     array = joint_array(name, value, robot.model)
+    real_array(name, array, f"({robot.n},)")
     if array.ndim != 1:
         raise ValueError(f"`{name}` must have shape ({robot.n},), one state, got {array.shape}")
     return array.astype(np.float64)
 
 
 def _positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
-    number = float(number_array(name, value, "()"))
+    array = real_array(name, value, "()")
+    if array.ndim:
+        raise ValueError(f"`{name}` must be one number, got shape {array.shape}")
+    number = float(array)
     if number < 0 or (number == 0 and not zero_allowed):
         raise ValueError(f"`{name}` must be positive, got {number!r}")
     return number
 
 
 def _check_times(t_eval: ArrayLike, duration: float) -> Array:
-    times = number_array("t_eval", t_eval, "(T,)").astype(np.float64)
+    times = real_array("t_eval", t_eval, "(T,)").astype(np.float64)
     if times.ndim != 1:
         raise ValueError(f"`t_eval` must have shape (T,), got {times.shape}")
     if times.size and (times[0] < 0 or times[-1] > duration or (np.diff(times) <= 0).any()):

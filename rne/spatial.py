@@ -131,35 +131,12 @@ def point_mass_inertia(mass: Array, c: Array) -> Array:
     return product
 
 
-def second_moments(inertia: Array) -> Array:
-    """Second moments of mass, the integral of r r^T, from the inertia about the same point: tr(I)/2 1 - I [kg m^2]."""
-    product: Array = (trace(inertia) / 2)[..., None, None] * IDENTITY - inertia
-    return product
-
-
-def inertia_about_origin(second: Array) -> Array:
-    """Inertia from the second moments of mass about the same point: tr(Sigma) 1 - Sigma [kg m^2]."""
-    product: Array = trace(second)[..., None, None] * IDENTITY - second
-    return product
-
-
-def trace(A: Array) -> Array:
-    """Sum of the diagonal of matrices; an array even of a single object matrix."""
-    total: Array = (A * IDENTITY).sum(-1).sum(-1, keepdims=True)[..., 0]
-    return total
-
-
 def mirrored(A: Array) -> Array:
     """A symmetric matrix from its upper triangle, so that both halves are the same numbers."""
     rows, columns = np.tril_indices(3, -1)
     symmetric = A.copy()
     symmetric[..., rows, columns] = A[..., columns, rows]
     return symmetric
-
-
-def axial(A: Array) -> Array:
-    """The vector of A - A^T: the integral of r x (U r), where A = U times the integral of r r^T."""
-    return np.stack([A[..., 2, 1] - A[..., 1, 2], A[..., 0, 2] - A[..., 2, 0], A[..., 1, 0] - A[..., 0, 1]], axis=-1)
 
 
 def spin_matrix(omega: Array, alpha: Array) -> Array:

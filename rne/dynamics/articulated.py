@@ -14,7 +14,6 @@ from ..spatial import (
     cross,
     cross_matrix,
     dot,
-    inertia_about_origin,
     outer,
     rotate,
     rotate_back,
@@ -59,8 +58,7 @@ class Hinge(NamedTuple):
 
 def rigid_body(model: Model, i: int, omega: Array, v: Array) -> tuple[Inertia, Force]:
     """Inertia of body i about its frame's origin, and its bias force v x* I v (Featherstone 2008, (2.63), (7.13))."""
-    m, h, second = model.moments.mass[i], model.moments.first[i], model.moments.second[i]
-    I_o = inertia_about_origin(second)
+    m, h, I_o = model.moments.mass[i], model.moments.first[i], model.moments.inertia[i]
     linear = m * v + cross(omega, h)
     angular = rotate(I_o, omega) + cross(h, v)
     bias = Force(cross(omega, angular) + cross(v, linear), cross(omega, linear))

@@ -10,7 +10,6 @@ from ..spatial import (
     cross,
     cross_matrix,
     dot,
-    inertia_about_origin,
     mirrored,
     rotate,
     transpose,
@@ -24,8 +23,8 @@ Composite = tuple[Array, Array, Array]  # mass, first moment, and inertia about 
 
 def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> list[Composite]:
     """Mass, first moment and inertia about its frame's origin of each body with all it carries, in its axes."""
-    mass, first, second = model.moments
-    composites: list[Composite] = [(mass[i], first[i], inertia_about_origin(second[i])) for i in range(model.nb)]
+    mass, first, inertia = model.moments
+    composites: list[Composite] = [(mass[i], first[i], inertia[i]) for i in range(model.nb)]
     for i in reversed(range(model.nb)):
         parent = model.parent[i]
         if parent >= 0:

@@ -11,14 +11,13 @@ Every vector of a recursion is in the axes of its own link's frame i, whose orig
 | angular acceleration                  | alpha[i]   | alpha_i   | a_i, angular    | omega'_i        |
 | acceleration of the frame's origin    | a_o[i]     | a_e,i-1   | a_i + omega x v | p''_i           |
 | U r = alpha x r + omega x (omega x r) | U[i]       |           |                 |                 |
-| mass, and moments of mass about the frame's origin | m, h, Sigma | m_i, m_i r_{i-1,ci} | m, m c | m_i, m_i r_{i,C_i} |
+| mass; mass times centre; inertia about the frame's origin | m, h, I | m_i, m_i r_{i-1,ci} | m, m c, I_O | m_i |
 | force, torque of the joint on body i  | f[i], n[i] | f_i, tau_i | f_i            | f_i, mu_i       |
 | joint torque (or force)               | tau        | u         | tau             | tau             |
 
 Numbers at the ends of lines are equations of Høifødt 2011; a sliding joint's are Siciliano et al. 2009, 7.5.
-A point of a body at r has the acceleration a_o + U r. Force and moment are sums over the points, of dm times it, and
-of r x it: with m, h and Sigma the integrals of dm, r dm and r r^T dm they are m a_o + U h and
-h x a_o + axial(U Sigma), which is m a_c, and I alpha + omega x I omega + r_c x m a_c.
+A point of a body at r has the acceleration a_o + U r. Summed over the body, force and moment about its frame's origin
+are m a_o + U h, which is m a_c, and h x a_o + I alpha + omega x I omega, with h = m r_c and I about that origin.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Model
-from ..spatial import Array, axial, cross, dot, rotate, rotate_back, spin_matrix, zeros
+from ..spatial import Array, cross, dot, rotate, rotate_back, spin_matrix, zeros
 from .checks import checked
 from .kinematics import joint_rates, joint_transforms
 
@@ -84,10 +83,10 @@ def backward_recursion(
     f: list[Array] = []
     n: list[Array] = []
     for i in range(model.nb):
-        m, h, Sigma = model.moments.mass[i], model.moments.first[i], model.moments.second[i]
-        a_o, U = motion.a_o[i], motion.U[i]
+        m, h, I = model.moments.mass[i], model.moments.first[i], model.moments.inertia[i]
+        omega, alpha, a_o, U = motion.omega[i], motion.alpha[i], motion.a_o[i], motion.U[i]
         f_i = m * a_o + rotate(U, h)  # m a_c, the body's own part of (3.24)
-        n_i = cross(h, a_o) + axial(U @ Sigma)  # I alpha + omega x I omega + r_c x m a_c, its part of (3.27)
+        n_i = cross(h, a_o) + rotate(I, alpha) + cross(omega, rotate(I, omega))  # its own part of (3.27)
         wrench = applied[i]
         if wrench is not None:
             n_i, f_i = n_i - wrench[0], f_i - wrench[1]

@@ -27,6 +27,11 @@ COMPARISONS: dict[str, Callable[[float, float], bool]] = {
 }
 
 
+def _ordinary(x: float) -> bool:
+    """True for a product of constants that neither overflowed nor lost digits to underflow."""
+    return 1e-200 < abs(x) < 1e200
+
+
 class Node(NamedTuple):
     """One operation: its kind and what it works on (references, an input's index, or a constant's value)."""
 
@@ -149,9 +154,12 @@ class Graph:
             if x == 1:
                 return b ^ sign
             factor, m = self._term(b)
-            if m != b:
+            if m != b and _ordinary(x * factor):
                 return self.multiply(self.constant(x * factor), m) ^ sign
             return self.node("multiply", a, b) ^ sign
+        (p, m), (q, k) = self._term(a), self._term(b)
+        if (p != 1 or q != 1) and _ordinary(p * q):  # constants outwards, where they meet others
+            return self.multiply(self.constant(p * q), self.multiply(m, k)) ^ sign
         return self.node("multiply", *sorted((a, b))) ^ sign
 
     def divide(self, a: int, b: int) -> int:

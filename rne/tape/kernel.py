@@ -67,11 +67,11 @@ def trace(
     if wrt:
         by = [names.index(name) * model.n + j for name in wrt for j in range(model.n)]
         outputs = differentiate(graph, references(graph, parts[0]), by)
-        program = lower(graph, outputs, len(names) * model.n)
-        return Trace(program, ((*np.shape(parts[0])[1:], len(by)),), False)
     program = lower(graph, outputs, len(names) * model.n)
-    if len(program.instructions) > LIMIT:
-        raise TooLarge(f"{len(program.instructions)} operations")
+    if len(program.instructions) > LIMIT or not program.is_finite:
+        raise TooLarge("operations or constants")  # the recursion runs, and says what is wrong
+    if wrt:
+        return Trace(program, ((*np.shape(parts[0])[1:], len(by)),), False)
     return Trace(program, tuple(np.shape(part)[1:] for part in parts), isinstance(result, tuple))
 
 
@@ -173,8 +173,11 @@ class Kernel:
         self.fixed = dict(fixed)
         self.names = joint_arguments(function)
         self.wrt = tuple(wrt)
+        if "external" in self.fixed:
+            raise TypeError("`external` cannot be compiled in; call the function itself with it")
         try:
-            self._trace: Trace | None = trace(function, model, self.names, self.fixed, self.wrt)
+            with np.errstate(all="ignore"):
+                self._trace: Trace | None = trace(function, model, self.names, self.fixed, self.wrt)
         except TooLarge:
             self._trace = None
         self.workspaces: dict[str, list[Workspace]] = {dtype: [] for dtype in DTYPES}

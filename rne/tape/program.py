@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -48,6 +49,12 @@ class Program:
     def operations(self) -> dict[str, int]:
         """Number of operations by kind; a sine is one, however it is evaluated."""
         return dict(sorted(Counter(instruction.kind for instruction in self.instructions).items()))
+
+    @property
+    def is_finite(self) -> bool:
+        """True if every constant is: of a model with numbers near the largest, a product may not be."""
+        args = [arg for instruction in self.instructions for arg in instruction.args]
+        return all(math.isfinite(arg.value) for arg in (*args, *self.outputs) if arg.kind == "constant")
 
     @property
     def unchecked_inputs(self) -> list[int]:
