@@ -1,0 +1,19 @@
+"""Each benchmark runs once, small, so that it cannot rot; it writes nothing then."""
+
+import subprocess
+import sys
+
+import pytest
+
+from .helpers import ROOT
+
+
+@pytest.mark.parametrize("name", ["validation", "kernels"])
+def test_quick_run_prints_a_table_and_changes_no_file(name):
+    results = sorted((ROOT / "benchmarks" / "results").glob("*.json"))
+    before = [path.read_bytes() for path in results]
+    command = [sys.executable, "-m", f"benchmarks.{name}", "--quick"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "| irb140 |" in run.stdout
+    assert [path.read_bytes() for path in results] == before
