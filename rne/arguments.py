@@ -11,6 +11,13 @@ from .model import Model
 from .spatial import Array
 
 
+def model_argument(model: object) -> Model:
+    """The model itself, or a TypeError for anything else."""
+    if not isinstance(model, Model):
+        raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}; a Robot has it as .model")
+    return model
+
+
 def joint_shaped(name: str, value: ArrayLike, model: Model) -> Array:
     """Check one array of joint values for its shape and dtype only."""
     return _shaped(name, _numbers(name, value, f"(..., {model.n})"), model)
@@ -61,7 +68,19 @@ def _numbers(name: str, value: ArrayLike, shape: str) -> Array:
     numbers_only = array.dtype.kind != "O" or all(isinstance(x, Number) or hasattr(x, "context") for x in array.flat)
     if array.dtype.kind not in "fcO" or not numbers_only:
         raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got dtype {array.dtype}")
-    return array
+    return _plain(name, array) if array.dtype.kind == "O" else array
+
+
+def _plain(name: str, array: Array) -> Array:
+    """Python's own numbers as float64; mpmath's stay what they are, with all their digits."""
+    if any(hasattr(x, "context") for x in array.flat):
+        return array
+    try:
+        return array.astype(np.float64)
+    except OverflowError:
+        raise ValueError(f"`{name}` must be numbers within the range of float64") from None
+    except TypeError:
+        return array.astype(np.complex128)
 
 
 def is_finite(array: Array) -> Array:

@@ -87,6 +87,8 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
 
     Raises
     ------
+    TypeError
+        If `positions` is no mapping.
     ValueError
         If a name is not one of `model.joint_names` or a position is not finite.
 
@@ -96,6 +98,8 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     >>> rne.locked(rne.irb140(), {"joint_4": 0.0}).joint_names
     ('joint_1', 'joint_2', 'joint_3', 'joint_5', 'joint_6')
     """
+    if not isinstance(positions, Mapping):
+        raise TypeError(f"`positions` must map joint names to positions, got {type(positions).__name__}")
     values = {}
     for joint, value in positions.items():
         if joint not in model.joint_names:

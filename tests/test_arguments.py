@@ -1,6 +1,8 @@
 """Shapes broadcast, wrong arguments are refused with the exact words."""
 
 import re
+from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -78,6 +80,33 @@ def test_nothing_and_objects_are_no_numbers():
     refused(lambda: rne.gravity_torque(TREE, [None] * 3), text)
     refused(lambda: rne.gravity_torque(TREE, None), text)
     refused(lambda: rne.Robot(TREE).gravity_torque([{1}] * 3), text)
+
+
+def test_numbers_beyond_double(irb140):
+    with pytest.raises(ValueError, match=r"^`q` must be numbers within the range of float64$"):
+        irb140.gravity_torque([10**400] * 6)
+
+
+def test_python_numbers_in_an_object_array(irb140):
+    q = np.array([Fraction(1, 2)] * 6, dtype=object)
+    assert np.array_equal(irb140.gravity_torque(q), irb140.gravity_torque([0.5] * 6))
+    slopes = rne.derivative(rne.gravity_torque, rne.irb140(), "q")
+    assert np.array_equal(slopes(q), slopes(np.full(6, 0.5)))
+
+
+@pytest.mark.parametrize("positions", [None, ["joint_1"]])
+def test_locked_takes_a_mapping(irb140, positions):
+    with pytest.raises(
+        TypeError, match=rf"^`positions` must map joint names to positions, got {type(positions).__name__}$"
+    ):
+        irb140.locked(positions)
+
+
+def test_a_name_that_xml_cannot_hold():
+    with pytest.raises(
+        ValueError, match=r"^'a\\x00b' cannot be written to XML, which has no control characters; rename it$"
+    ):
+        rne.to_urdf(replace(rne.irb140(), name="a\x00b"))
 
 
 def test_half_precision_is_computed_in_single(irb140):

@@ -212,9 +212,19 @@ class TestBatches:
         s = states(6, 30000)
         assert apart(kernel(*s, workers=workers), kernel(*s)) <= 4e-15 * 6
 
-    def test_no_worker(self, kernel):
-        with pytest.raises(ValueError, match=r"^`workers` must be at least 1, got 0$"):
-            kernel(*states(6, 3), workers=0)
+    @pytest.mark.parametrize("samples", [None, 3])
+    @pytest.mark.parametrize("workers", [0, 1.5])
+    def test_no_worker(self, kernel, workers, samples):
+        with pytest.raises(ValueError, match=rf"^`workers` must be a whole number, at least 1, got {workers}$"):
+            kernel(*states(6, samples), workers=workers)
+
+    def test_a_record_is_not_compiled(self):
+        with pytest.raises(TypeError, match=r"^`function` must give an array; rne.recursion gives a record"):
+            rne.compile(rne.recursion, rne.irb140())
+
+    def test_a_robot_is_not_compiled(self):
+        with pytest.raises(TypeError, match=r"^`model` must be an rne.Model, got Robot; a Robot has it as .model$"):
+            rne.compile(rne.inverse_dynamics, rne.load("irb140"))
 
     def test_many_threads_may_call_at_once(self, kernel):
         batches = [states(6, 3000, seed=k) for k in range(8)]

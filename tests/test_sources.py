@@ -44,6 +44,14 @@ def test_python(kernel):
     same([function(*(a[k] for a in arguments)) for k in range(3)], kernel, arguments)
 
 
+def test_numpy_source_broadcasts_in_its_dtype():
+    kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+    function = namespace(kernel.source("numpy"))["inverse_dynamics"]
+    q, qd, qdd = states(6, 5)
+    assert np.abs(function(q, qd[0], qdd) - kernel(q, qd[0], qdd)).max() <= 1e-13 * 100
+    assert function(*(a.astype(np.float32) for a in (q, qd, qdd))).dtype == np.float32
+
+
 def test_numpy(kernel):
     function = namespace(kernel.source("numpy"))[kernel.function.__name__]
     arguments = values(kernel)

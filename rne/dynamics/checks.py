@@ -14,7 +14,7 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
 
-from ..arguments import is_finite, joint_array, number_array
+from ..arguments import is_finite, joint_array, model_argument, number_array
 from ..errors import NotFiniteError
 from ..model import Model
 from ..spatial import Array
@@ -55,8 +55,7 @@ def judged(
 
         @functools.wraps(core)
         def function(model: Model, *args: P.args, **kwargs: P.kwargs) -> T:
-            if not isinstance(model, Model):
-                raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}; a Robot has it as .model")
+            model_argument(model)
             arguments = signature.bind(model, *args, **kwargs).arguments
             given = {name: value for name, value in arguments.items() if name != "model"}
             checked_model, given = check_arguments(model, given)

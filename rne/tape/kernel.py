@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import joint_shaped
+from ..arguments import joint_shaped, model_argument
 from ..dynamics.articulated import articulated_forward_dynamics
 from ..dynamics.checks import JOINT_ARGUMENTS, Checked
 from ..dynamics.composite import mass_matrix
 from ..dynamics.forward import SINGULAR, forward_dynamics
 from ..dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
+from ..dynamics.record import recursion
 from ..grouping import grouped
 from ..model import Model
 from ..spatial import Array
@@ -148,6 +149,8 @@ def joint_arguments(function: Checked[Any, Any, Any]) -> tuple[str, ...]:
     """The joint arrays a function takes, in order."""
     if not hasattr(function, "core"):
         raise TypeError(f"`function` must be one of rne's functions of a model, got {function!r}")
+    if function is recursion:
+        raise TypeError("`function` must give an array; rne.recursion gives a record, which is not compiled")
     return tuple(name for name in inspect.signature(function.core).parameters if name in JOINT_ARGUMENTS)
 
 
@@ -169,7 +172,7 @@ class Kernel:
         self, function: Checked[Any, Any, Any], model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = ()
     ) -> None:
         self.function = function
-        self.model = model
+        self.model = model_argument(model)
         self.fixed = dict(fixed)
         self.names = joint_arguments(function)
         self.wrt = tuple(wrt)
@@ -253,7 +256,7 @@ class Kernel:
         ValueError, RneError
             As the function does.
         """
-        if out is None:
+        if out is None and workers == 1:
             shape = self._shape
             try:
                 for a in arguments:
@@ -297,8 +300,8 @@ class Kernel:
     def _batch(self, arguments: Sequence[Any], out: Array | None, workers: int) -> Array:
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
-        if workers < 1:
-            raise ValueError(f"`workers` must be at least 1, got {workers}")
+        if not isinstance(workers, int) or workers < 1:
+            raise ValueError(f"`workers` must be a whole number, at least 1, got {workers!r}")
         arrays = [joint_shaped(name, a, self.model) for name, a in zip(self.names, arguments, strict=True)]
         dtype = np.result_type(*arrays)
         if self._trace is not None and dtype == np.float64 and out is None and all(a.ndim == 1 for a in arrays):

@@ -40,7 +40,7 @@ def to_source(printable: Printable, language: str) -> str:
         For any other language.
     """
     printers = {"python": _python, "numpy": _numpy, "matlab": _matlab, "c": _c}
-    if language not in printers:
+    if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
     return printers[language](printable)
 
@@ -80,8 +80,14 @@ def _numpy(p: Printable) -> str:
         f"result[{', '.join(['...', *map(str, entry)])}] = {output}"
         for entry, output in zip(_entries(p.shape), outputs, strict=False)
     ]
-    leading = f"{p.arguments[0]}.shape[:-1]" if p.arguments else "()"
-    body = [*lines, f"result = np.zeros({leading} + {p.shape})", *stores, "return result"]
+    names = ", ".join(p.arguments)
+    leading = f"np.broadcast_shapes({', '.join(f'{name}.shape[:-1]' for name in p.arguments)})"
+    body = [
+        *lines,
+        f"result = np.zeros({leading} + {p.shape}, dtype=np.result_type({names}))",
+        *stores,
+        "return result",
+    ]
     head = ["import numpy as np", "", "", f"def {p.name}({', '.join(p.arguments)}):"]
     return "\n".join([*head, *(f"    {line}" for line in body)]) + "\n"
 

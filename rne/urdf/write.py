@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import model_argument
 from ..assembly import Part, Pose, disassemble
 from ..model import Model
 from ..spatial import rpy_from_rotation
@@ -26,6 +27,11 @@ def to_urdf(model: Model) -> str:
         Numbers have all their digits. Merged links come back as fixed joints, their inertia on the body's first
         link. What a URDF has no place for stands in a comment: gravity other than (0, 0, -9.81), and armature.
 
+    Raises
+    ------
+    ValueError
+        If a name has control characters, for which XML has no place.
+
     Notes
     -----
     A rotation other than by right angles may change in its last digit, since a URDF holds angles. A limit that does
@@ -39,6 +45,8 @@ def to_urdf(model: Model) -> str:
     """
     from lxml import etree
 
+    for name in (model_argument(model).name, *model.link_names, *model.joint_names):
+        _check_name(name)
     root = etree.Element("robot", name=model.name)
     _comment(root, model.notes.get("robot"))
     if model.gravity.tolist() != [0.0, 0.0, -9.81]:
@@ -55,6 +63,11 @@ def to_urdf(model: Model) -> str:
     etree.indent(root)
     text: str = etree.tostring(root, encoding="unicode", pretty_print=True)
     return '<?xml version="1.0"?>\n' + text
+
+
+def _check_name(name: str) -> None:
+    if not all(c in "\t\n\r" or c >= " " for c in name) or any("\ud800" <= c <= "\udfff" for c in name):
+        raise ValueError(f"{name!r} cannot be written to XML, which has no control characters; rename it")
 
 
 def _comment(root: Any, text: str | None) -> None:
