@@ -1,5 +1,7 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
+from . import control, elementwise, trajectories
+from .control import traceable
 from .dynamics.articulated import articulated_forward_dynamics
 from .dynamics.composite import mass_matrix
 from .dynamics.coriolis import coriolis_matrix
@@ -11,12 +13,15 @@ from .dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque,
 from .dynamics.record import Recursion, bearing_loads, recursion
 from .edit import locked, mounted, with_payload
 from .errors import ModelError, NotFiniteError, RneError, SimulationError, SingularMassMatrixError, UrdfError
+from .friction import Friction
 from .loading import load
 from .model import Cylinder, Model
 from .robot import Robot
 from .robots import irb140
-from .simulation import Trajectory, simulate
+from .scene import Payload, Scene
+from .simulation import simulate
 from .tape.kernel import Kernel, compile, derivative
+from .trajectory import Trajectory
 from .urdf import Finding, check, read_urdf, to_urdf
 
 __version__ = "0.1.0"
@@ -24,13 +29,16 @@ __version__ = "0.1.0"
 __all__ = [
     "Cylinder",
     "Finding",
+    "Friction",
     "Kernel",
     "Model",
     "ModelError",
     "NotFiniteError",
+    "Payload",
     "Recursion",
     "RneError",
     "Robot",
+    "Scene",
     "SimulationError",
     "SingularMassMatrixError",
     "Trajectory",
@@ -40,9 +48,11 @@ __all__ = [
     "bias_torque",
     "check",
     "compile",
+    "control",
     "coriolis_matrix",
     "coriolis_torque",
     "derivative",
+    "elementwise",
     "forward_dynamics",
     "gravity_torque",
     "inverse_dynamics",
@@ -62,5 +72,7 @@ __all__ = [
     "recursion",
     "simulate",
     "to_urdf",
+    "traceable",
+    "trajectories",
     "with_payload",
 ]

@@ -18,18 +18,19 @@ def model_argument(model: object) -> Model:
     return model
 
 
-def joint_shaped(name: str, value: ArrayLike, model: Model) -> Array:
-    """Check one array of joint values for its shape and dtype only."""
-    return _shaped(name, _numbers(name, value, f"(..., {model.n})"), model)
+def joint_shaped(name: str, value: ArrayLike, model: Model, width: int | None = None) -> Array:
+    """Check one array of joint values, or of `width` others, for its shape and dtype only."""
+    n = model.n if width is None else width
+    return _shaped(name, _numbers(name, value, f"(..., {n})"), model, n)
 
 
-def joint_array(name: str, value: ArrayLike, model: Model) -> Array:
-    """Check one array of joint values: numbers, finite, with the coordinates along the last axis."""
-    return _shaped(name, number_array(name, value, f"(..., {model.n})"), model)
+def joint_array(name: str, value: ArrayLike, model: Model, width: int | None = None) -> Array:
+    """Check one array of joint values, or of `width` others: finite numbers, these along the last axis."""
+    n = model.n if width is None else width
+    return _shaped(name, number_array(name, value, f"(..., {n})"), model, n)
 
 
-def _shaped(name: str, array: Array, model: Model) -> Array:
-    n = model.n
+def _shaped(name: str, array: Array, model: Model, n: int) -> Array:
     if array.ndim == 0 or array.shape[-1] != n:
         cure = ""
         if array.ndim == 2 and array.shape[0] == n:

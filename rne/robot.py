@@ -105,6 +105,11 @@ class Robot:
         return kernel
 
     @property
+    def forward_method(self) -> Checked[Any, Any, Any]:
+        """The function that forward dynamics of this robot take."""
+        return self._forward().function
+
+    @property
     def model(self) -> Model:
         """The robot's parameters."""
         return self._model

@@ -1,72 +1,37 @@
-"""Motion of an arm over time: SciPy's solvers on x = (q, qd), with an energy account."""
+"""Motion of an arm over time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arguments import joint_array, real_array
-from .errors import NotFiniteError, RneError, SimulationError, SingularMassMatrixError
-from .plant import Plant
+from .errors import RneError, SimulationError
+from .gauss import TABLEAUS, gauss_run
+from .plant import Plant, RightHandSide
 from .robot import Robot
+from .sampled import sampled_run
+from .scene import Scene
+from .smooth import smooth_run, stops
 from .spatial import Array
+from .stick_slip import stick_slip_run
+from .trajectory import Run, Trajectory, trajectory
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA")
-IMPLICIT = ("Radau", "BDF", "LSODA")
 # Fastest decay times duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
 STIFF = 1000.0
-NO_SAY = 1e100  # absolute tolerance of the work, which is a result and not part of the state
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """A simulated motion.
-
-    Attributes
-    ----------
-    t : ndarray, shape (T,)
-        [s]; `t_eval` exactly if it was given, otherwise the solver's own steps.
-    q, qd, qdd, tau : ndarray, shape (T, n)
-        Joint positions, rates, accelerations and drive torques [rad or m, /s, /s^2, N m or N].
-    kinetic, potential, energy, work : ndarray, shape (T,)
-        Energies, their sum, and the work the drives have done since the start [J].
-    energy_drift : float
-        Largest |energy - energy at the start - work| [J]: what the solver's errors have created or lost.
-    evaluations : int
-        Calls of the right-hand side, those for Jacobians included.
-    method : str
-        The solver that ran.
-    status : int
-        0 if the end was reached, 1 if an event of the scene stopped the run, -1 if it failed.
-    message : str
-        Why this method, and how the run ended.
-    """
-
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array
-    kinetic: Array
-    potential: Array
-    energy: Array
-    work: Array
-    energy_drift: float
-    evaluations: int
-    method: str
-    status: int
-    message: str
+_PLAIN: WeakKeyDictionary[Robot, dict[bool, RightHandSide]] = WeakKeyDictionary()  # a robot's own, kept with it
 
 
 def simulate(
-    scene_or_robot: Robot,
+    scene_or_robot: Scene | Robot,
     q0: ArrayLike,
     qd0: ArrayLike,
     duration: float,
@@ -76,25 +41,34 @@ def simulate(
     rtol: float = 1e-6,
     atol: float = 1e-9,
     t_eval: ArrayLike | None = None,
+    step: float | None = None,
+    breaks: Sequence[float] = (),
 ) -> Trajectory:
-    """Simulate an arm from a start, under given torques.
+    """Simulate an arm from a start, under given torques or in a scene.
 
     Parameters
     ----------
-    scene_or_robot : Robot
+    scene_or_robot : Scene or Robot
     q0, qd0 : array_like, shape (n,)
         Joint positions and rates at the start [rad or m, /s].
     duration : float
         [s]
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
-        Drive torques [N m or N]; none if not given.
+        Drive torques, for what has no controller of its own [N m or N]; none if not given.
     method : str
-        "auto", or one of SciPy's: RK45, RK23, DOP853, Radau, BDF, LSODA. "auto" takes LSODA if the loop, linearised
-        at the start, decays so fast that an explicit method would be held to tiny steps, and DOP853 otherwise.
+        "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), or for long motions without drives and friction
+        "implicit-midpoint" or "gauss-4", whose energy error stays bounded. "auto" takes LSODA if the loop, linearised
+        at the start, decays so fast that an explicit method would be held to tiny steps, and DOP853 otherwise;
+        RK45 where a controller is sampled.
     rtol, atol : float
-        Relative and absolute tolerance of the state, per step.
+        Relative and absolute tolerance of the state, per step, for SciPy's methods.
     t_eval : array_like, shape (T,), optional
         Times to report, ascending within [0, duration] [s].
+    step : float, optional
+        Length of the equal steps of "implicit-midpoint" and "gauss-4" [s].
+    breaks : sequence of float
+        Instants at which the torques jump, to be stepped onto exactly; those that a controller names as its
+        `breaks` are added [s].
 
     Returns
     -------
@@ -110,8 +84,8 @@ def simulate(
 
     Notes
     -----
-    Joint limits, friction and drives' limits are not modelled. The drives' work rides along as one more state that
-    has no say in the step size.
+    A Robot is simulated without friction, stops or limits: those are parts of a Scene. The energies of the ledger ride
+    along as further states that have no say in the step size.
 
     Examples
     --------
@@ -120,130 +94,128 @@ def simulate(
     >>> swing.method, swing.energy_drift < 1e-6
     ('DOP853', True)
     """
-    robot = scene_or_robot
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`scene_or_robot` must be an rne.Robot, got {type(robot).__name__}")
-    if method != "auto" and method not in METHODS:
-        raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}")
-    x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(0 if torque is None else 1)])
+    scene = _scene(scene_or_robot, torque)
+    known = (*METHODS, *TABLEAUS)
+    if method != "auto" and method not in known:
+        raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}")
+    arm = scene.arm
+    rhs = _right_hand_side(scene_or_robot, scene)
+    x0 = np.concatenate([_start("q0", q0, arm), _start("qd0", qd0, arm), np.zeros(rhs.size - 2 * arm.n)])
     end = _positive("duration", duration, zero_allowed=True)
     times = None if t_eval is None else _check_times(t_eval, end)
-    tolerances = _positive("rtol", rtol), _positive("atol", atol)
-    plant = Plant(robot, _torque_law(robot, torque), works=torque is not None)
-    chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end)
-    return _run(plant, x0, end, chosen, reason, tolerances, times)
+    accuracy = _positive("rtol", rtol), _positive("atol", atol)
+    plant = Plant(rhs, scene.controller if rhs.given and scene.sample_time is None else None)
+    chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
+    if chosen in TABLEAUS:
+        _check_free(scene, chosen)
+    how = _How(chosen, accuracy, times, None if step is None else _positive("step", step), _breaks(scene, breaks))
+    return _run(scene, plant, x0, end, how, reason)
 
 
-def choose_method(plant: Plant, x0: Array, duration: float) -> tuple[str, str]:
+class _How:
+    """The solver and what it is to report."""
+
+    def __init__(
+        self, method: str, accuracy: tuple[float, float], times: Array | None, step: float | None, breaks: list[float]
+    ) -> None:
+        self.method, self.accuracy, self.times, self.step, self.breaks = method, accuracy, times, step, breaks
+
+
+def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tuple[str, str]:
     """The solver for this run, and why: the fastest decaying mode of the loop linearised at the start decides."""
+    if scene.sample_time is not None:
+        return "RK45", f"RK45: torques are held for {scene.sample_time:g} s, and an arm under held torques is not stiff"
+    size = 2 * plant.robot.n + plant.rhs.own_states
     try:
-        A = plant.jacobian(0.0, x0)[: 2 * plant.robot.n, : 2 * plant.robot.n]
+        A = plant.jacobian(0.0, x0)[:size, :size]
     except RneError:
         return "DOP853", "DOP853: the loop cannot be linearised at the start"
     if not A.size or not np.isfinite(A).all():
         return "DOP853", "DOP853: nothing to linearise at the start"
     decay = float(max(-np.linalg.eigvals(A).real.min(), 0.0))
-    if decay * duration > STIFF:
-        return "LSODA", (
-            f"LSODA: stiff, the fastest mode at the start decays at {decay:.4g} 1/s, "
-            f"{decay * duration:.3g} times over the run (more than {STIFF:g})"
-        )
-    return "DOP853", (
-        f"DOP853: not stiff, the fastest mode at the start decays at {decay:.4g} 1/s, "
-        f"{decay * duration:.3g} times over the run (at most {STIFF:g})"
-    )
+    stiff = decay * duration > STIFF
+    times = f"{decay * duration:.3g} times over the run ({'more than' if stiff else 'at most'} {STIFF:g})"
+    method, kind = ("LSODA", "stiff") if stiff else ("DOP853", "not stiff")
+    return method, f"{method}: {kind}, the fastest mode at the start decays at {decay:.4g} 1/s, {times}"
 
 
-def _run(
-    plant: Plant,
-    x0: Array,
-    duration: float,
-    method: str,
-    reason: str,
-    tolerances: tuple[float, float],
-    t_eval: Array | None,
-) -> Trajectory:
+def _run(scene: Scene, plant: Plant, x0: Array, duration: float, how: _How, reason: str) -> Trajectory:
     failures: list[tuple[float, str]] = []
     if duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by either
-        t = np.unique([0.0, duration]) if t_eval is None else t_eval
-        y, ending = np.tile(x0, (len(t), 1)), "nothing to integrate"
+        t = np.unique([0.0, duration]) if how.times is None else how.times
+        held = None if scene.sample_time is None else np.zeros((len(t), plant.robot.n))
+        run = Run(t, np.tile(x0, (len(t), 1)), 0, "nothing to integrate", held)
     else:
-        t, y, ending = _solve(plant, x0, duration, method, tolerances, t_eval, failures)
-    trajectory = _trajectory(plant, t, y, method, f"{reason}; {ending}", failures)
+        run = _integrate(scene, plant, x0, duration, how, failures)
+    motion = trajectory(plant, run, how.method, reason, failures)
     if not failures:
-        return trajectory
+        return motion
     time, cause = failures[0]
-    raise SimulationError(f"simulation stopped at t = {time:.6g} s of {duration:g} s: {cause}", time, trajectory)
+    raise SimulationError(f"simulation stopped at t = {time:.6g} s of {duration:g} s: {cause}", time, motion)
 
 
-def _solve(
-    plant: Plant,
-    x0: Array,
-    duration: float,
-    method: str,
-    tolerances: tuple[float, float],
-    t_eval: Array | None,
-    failures: list[tuple[float, str]],
-) -> tuple[Array, Array, str]:
-    """Times, states and SciPy's last word; what goes wrong is added to `failures`."""
-    from scipy.integrate import solve_ivp
-
-    from .solvers import FAILURES, watched
-
-    rtol, atol = tolerances
-    atols = np.full(len(x0), atol)
-    if plant.works:
-        atols[-1] = NO_SAY
-        # All methods but LSODA take the mean square error of the components: one that is always 0 must not dilute it.
-        undiluted = 1.0 if method == "LSODA" else float(np.sqrt(1 - 1 / len(x0)))
-        rtol, atols = rtol * undiluted, atols * undiluted
-    options: dict[str, Any] = {"jac": plant.jacobian} if method in IMPLICIT else {}
-    solver = watched(method, failures)
-    try:
-        solution = solve_ivp(plant, (0.0, duration), x0, method=solver, rtol=rtol, atol=atols, t_eval=t_eval, **options)
-    except FAILURES as error:  # at the very start, before a first step
-        failures.append((0.0, str(error)))
-        return np.zeros(0), np.zeros((0, len(x0))), ""
-    t = np.asarray(solution.t, dtype=float)
-    return t, np.asarray(solution.y, dtype=float).T.reshape(len(t), len(x0)), str(solution.message)
+def _integrate(
+    scene: Scene, plant: Plant, x0: Array, duration: float, how: _How, failures: list[tuple[float, str]]
+) -> Run:
+    if how.method in TABLEAUS:
+        return gauss_run(plant, x0, duration, how.method, how.step, how.times, failures)
+    events: list[Any] = stops(plant) if scene.stops else []
+    if scene.sample_time is not None:
+        return sampled_run(scene, plant, x0, duration, how.method, how.accuracy, how.times, events, failures)
+    if scene.resistance is not None and scene.resistance.sticks:
+        return stick_slip_run(plant, x0, duration, how.method, how.accuracy, how.times, how.breaks, events, failures)
+    return smooth_run(plant, x0, duration, how.method, how.accuracy, how.times, how.breaks, events, failures)
 
 
-def _trajectory(
-    plant: Plant, t: Array, y: Array, method: str, message: str, failures: list[tuple[float, str]]
-) -> Trajectory:
-    """The motion with its torques and energies; samples from one on that is not finite are left out."""
-    n = plant.robot.n
-    evaluations = plant.evaluations
-    tau, qdd = np.zeros((len(t), n)), np.zeros((len(t), n))
-    sound = 0
-    for time, x in zip(t, y, strict=True):
-        q, qd = x[:n], x[n : 2 * n]
-        try:
-            tau[sound] = plant.torque(float(time), q, qd)
-            qdd[sound] = plant.robot.forward_dynamics(q, qd, tau[sound])
-        except (NotFiniteError, SingularMassMatrixError) as error:
-            failures.append((float(time), str(error)))
-            break
-        sound += 1
-    t, y, tau, qdd = t[:sound], y[:sound], tau[:sound], qdd[:sound]
-    q, qd = y[:, :n], y[:, n : 2 * n]
-    work = y[:, 2 * n] if plant.works else np.zeros(len(t))
-    kinetic, potential = plant.robot.kinetic_energy(q, qd), plant.robot.potential_energy(q)
-    energy = kinetic + potential
-    drift = float(np.abs(energy - energy[0] - work).max()) if len(t) else 0.0
-    status = -1 if failures else 0
-    message = failures[0][1] if failures else message
-    return Trajectory(t, q, qd, qdd, tau, kinetic, potential, energy, work, drift, evaluations, method, status, message)
+def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:
+    if isinstance(scene_or_robot, Scene):
+        if torque is None:
+            return scene_or_robot
+        if scene_or_robot.controller is not None:
+            raise ValueError("`torque` cannot be given for a scene that has a controller")
+        return _with_law(scene_or_robot, torque)
+    if not isinstance(scene_or_robot, Robot):
+        raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
+    scene = Scene(scene_or_robot)
+    return scene if torque is None else _with_law(scene, torque)
 
 
-def _torque_law(robot: Robot, torque: ArrayLike | TorqueLaw | None) -> TorqueLaw:
+def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
+    """The scene under torques that are called, not traced: they may be different in the next run."""
+    from dataclasses import replace
+
     if callable(torque):
-        return torque
-    constant = np.zeros(robot.n) if torque is None else joint_array("torque", torque, robot.model)
-    real_array("torque", constant, f"({robot.n},)")
-    if constant.shape != (robot.n,):
-        raise ValueError(f"`torque` must have shape ({robot.n},), got {constant.shape}")
-    return lambda t, q, qd: constant
+        return replace(scene, controller=lambda t, q, qd: torque(t, q, qd))
+    n = scene.n
+    constant = real_array("torque", torque, f"({n},)")
+    if constant.shape != (n,):
+        raise ValueError(f"`torque` must have shape ({n},), got {constant.shape}")
+    return replace(scene, controller=lambda t, q, qd: constant)
+
+
+def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
+    """That of the scene; a bare robot's two are kept, so that the next run need not compile them."""
+    if isinstance(given, Scene):
+        return scene.right_hand_side
+    kept = _PLAIN.setdefault(given, {})
+    driven = scene.controller is not None
+    return kept.setdefault(driven, scene.right_hand_side)
+
+
+def _check_free(scene: Scene, method: str) -> None:
+    named = [name for name in ("controller", "friction") if getattr(scene, name) is not None]
+    if named or scene.stops:
+        there = ", ".join(named) or "stops"
+        raise ValueError(f"`method` {method!r} is for motions without drives, friction and stops; there is {there}")
+
+
+def _breaks(scene: Scene, breaks: Sequence[float]) -> list[float]:
+    own = real_array("breaks", list(breaks), "(k,)")
+    if own.ndim != 1:
+        raise ValueError(f"`breaks` must have shape (k,), got {own.shape}")
+    law = scene.controller
+    of_law = [*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ())]
+    return sorted({*own.tolist(), *of_law})
 
 
 def _start(name: str, value: ArrayLike, robot: Robot) -> Array:

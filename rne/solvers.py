@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from .errors import NotFiniteError, SingularMassMatrixError
+from .spatial import Array
 
 FAILURES = (NotFiniteError, SingularMassMatrixError)
 
 
-def watched(method: str, failures: list[tuple[float, str]]) -> Any:
+def watched(method: str, failures: list[tuple[float, str]], last: list[Array]) -> Any:
     """A subclass of one of SciPy's OdeSolver classes that reports a failed step as status 'failed'.
 
     Parameters
@@ -20,6 +21,8 @@ def watched(method: str, failures: list[tuple[float, str]]) -> Any:
         Name of a solver of `scipy.integrate`.
     failures : list
         Receives (time, cause) of a failure.
+    last : list of one ndarray
+        Always the state after the last good step.
     """
     import scipy.integrate
 
@@ -35,6 +38,8 @@ def watched(method: str, failures: list[tuple[float, str]]) -> Any:
                 return self._fail(None, f"state is not finite at t = {self.t:.6g} s")
             if self.status == "failed":
                 failures.append((float(self.t), f"{method} gave up: {message}"))
+            else:
+                last[0] = np.array(self.y)
             return message
 
         def _fail(self, time: float | None, cause: str) -> str:

@@ -13,8 +13,9 @@ from ..control import pd_gravity
 from ..loading import load
 from ..robot import Robot
 from ..robots.abb_irb140 import CLOSED_LOOPS, KD, KP
-from ..simulation import Trajectory, simulate
+from ..simulation import simulate
 from ..spatial import Array
+from ..trajectory import Trajectory
 from .page import Page
 from .validation import validate
 

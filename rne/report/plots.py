@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..simulation import Trajectory
 from ..spatial import Array
+from ..trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -47,6 +47,8 @@ LINKS = (
 RANGE = (360, 200, 280, 400, 240, 800)
 SPEED = (200, 200, 260, 360, 360, 450)  # [deg/s]
 
+PAYLOAD = 6.0  # at the wrist [kg]
+
 # Its controller (section 6.5): proportional [N m/rad] and derivative [N m s/rad] gains.
 KP = (50.0, 50.0, 50.0, 50.0, 50.0, 60.0)
 KD = (20.0, 20.0, 20.0, 20.0, 20.0, 22.0)

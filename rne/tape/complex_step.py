@@ -30,7 +30,7 @@ def complex_step(
     for name in wrt:
         k = list(names).index(name)
         nudged = [a[..., None, :] for a in arrays]
-        nudged[k] = nudged[k] + 1j * STEP * np.eye(model.n)
+        nudged[k] = nudged[k] + 1j * STEP * np.eye(arrays[k].shape[-1])
         slopes = function(model, *nudged, **fixed).imag / STEP
         columns.append(np.moveaxis(slopes, nudged_axis(arrays), -1))
     return np.concatenate(columns, axis=-1).astype(real)

@@ -2,78 +2,27 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..arguments import joint_shaped, model_argument
-from ..dynamics.articulated import articulated_forward_dynamics
-from ..dynamics.checks import JOINT_ARGUMENTS, Checked
-from ..dynamics.composite import mass_matrix
-from ..dynamics.forward import SINGULAR, forward_dynamics
-from ..dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
-from ..dynamics.record import recursion
-from ..grouping import grouped
+from ..dynamics.checks import Checked
+from ..dynamics.forward import SINGULAR
 from ..model import Model
 from ..spatial import Array
 from .block import Layout, Workspace, allocate
 from .complex_step import complex_step
-from .derivative import differentiate
-from .graph import Graph, TooLarge
+from .graph import TooLarge
 from .printer import Printable, to_source
-from .program import Program, lower
 from .run import check_out, run_batch
-from .scalar import inputs, references
+from .scalar import is_traced
 from .single import function as single_function
+from .trace import Trace, argument_widths, joint_arguments, trace, traced_model
 
-# What does not depend on which body a mass on a joint's axis is counted with.
-GROUPS = (
-    inverse_dynamics,
-    bias_torque,
-    gravity_torque,
-    coriolis_torque,
-    mass_matrix,
-    forward_dynamics,
-    articulated_forward_dynamics,
-)
-LIMIT = 50_000  # operations that are still sensibly written out
 DTYPES = ("float64", "float32")
-
-
-class Trace(NamedTuple):
-    """A function traced on one model."""
-
-    program: Program
-    shapes: tuple[tuple[int, ...], ...]  # of each output, without the batch axis
-    judged: bool  # True if the core returns more than the result, to be judged
-
-
-def trace(
-    function: Checked[Any, Any, Any],
-    model: Model,
-    names: Sequence[str],
-    fixed: Mapping[str, Any],
-    wrt: Sequence[str] = (),
-) -> Trace:
-    """Run the core of a function on traced numbers, one state in a batch axis of length 1; differentiate if asked."""
-    graph = Graph(limit=8 * LIMIT)
-    arguments = {name: inputs(graph, (1, model.n), k * model.n) for k, name in enumerate(names)}
-    traced = grouped(model) if function in GROUPS else model
-    result = function.core(traced, **arguments, **fixed)
-    parts = result if isinstance(result, tuple) else (result,)
-    outputs = [ref for part in parts for ref in references(graph, part)]
-    if wrt:
-        by = [names.index(name) * model.n + j for name in wrt for j in range(model.n)]
-        outputs = differentiate(graph, references(graph, parts[0]), by)
-    program = lower(graph, outputs, len(names) * model.n)
-    if len(program.instructions) > LIMIT or not program.is_finite:
-        raise TooLarge("operations or constants")  # the recursion runs, and says what is wrong
-    if wrt:
-        return Trace(program, ((*np.shape(parts[0])[1:], len(by)),), False)
-    return Trace(program, tuple(np.shape(part)[1:] for part in parts), isinstance(result, tuple))
 
 
 def compile(function: Checked[Any, Any, Any], model: Model, **fixed: Any) -> Kernel:
@@ -145,15 +94,6 @@ def derivative(function: Checked[Any, Any, Any], model: Model, *wrt: str, **fixe
     return Kernel(function, model, fixed, wrt)
 
 
-def joint_arguments(function: Checked[Any, Any, Any]) -> tuple[str, ...]:
-    """The joint arrays a function takes, in order."""
-    if not hasattr(function, "core"):
-        raise TypeError(f"`function` must be one of rne's functions of a model, got {function!r}")
-    if function is recursion:
-        raise TypeError("`function` must give an array; rne.recursion gives a record, which is not compiled")
-    return tuple(name for name in inspect.signature(function.core).parameters if name in JOINT_ARGUMENTS)
-
-
 class Kernel:
     """A function compiled for one model; see `compile`.
 
@@ -183,8 +123,9 @@ class Kernel:
                 self._trace: Trace | None = trace(function, model, self.names, self.fixed, self.wrt)
         except TooLarge:
             self._trace = None
+        self.widths = tuple(argument_widths(function, model, self.names).values())
         self.workspaces: dict[str, list[Workspace]] = {dtype: [] for dtype in DTYPES}
-        self._shape = (model.n,) if self._trace else None
+        self._shapes = tuple((width,) if self._trace else None for width in self.widths)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kernel, (self.function, self.model, self.fixed, self.wrt)
@@ -198,6 +139,11 @@ class Kernel:
     def operations(self) -> dict[str, int]:
         """Arithmetic operations a state, by kind; empty where the recursion itself runs."""
         return self._trace.program.operations if self._trace else {}
+
+    @property
+    def is_unrolled(self) -> bool:
+        """False where the function is too large to be written out, and runs itself."""
+        return self._trace is not None
 
     @property
     def traced(self) -> Trace:
@@ -217,6 +163,10 @@ class Kernel:
         return self.traced.judged
 
     @cached_property
+    def _traced_model(self) -> Model:
+        return traced_model(self.function, self.model)
+
+    @cached_property
     def unchecked_inputs(self) -> list[int]:
         """Inputs whose NaN or infinity might not show in the outputs."""
         return self.traced.program.unchecked_inputs
@@ -227,12 +177,12 @@ class Kernel:
         return allocate(self.traced.program)
 
     @cached_property
-    def _single(self) -> Callable[..., Array]:
+    def single(self) -> Callable[..., Array]:
+        """The program on lists of floats, one state; ValueError or ArithmeticError says only that it is refused."""
         n = self.model.n
         eps = float(np.finfo(np.float64).eps)
         guard = (SINGULAR * n * eps, n) if self.judged else None
-        widths = [n] * len(self.names)
-        return single_function(self.traced.program, widths, self.shapes[0], guard)
+        return single_function(self.traced.program, self.widths, self.shapes[0], guard)
 
     def __call__(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> Array:
         """Run the kernel.
@@ -257,13 +207,12 @@ class Kernel:
             As the function does.
         """
         if out is None and workers == 1:
-            shape = self._shape
             try:
-                for a in arguments:
+                for a, shape in zip(arguments, self._shapes, strict=True):
                     if a.shape != shape or a.dtype.char != "d":
                         break
                 else:
-                    return self._single(*[a.tolist() for a in arguments])
+                    return self.single(*[a.tolist() for a in arguments])
             except (AttributeError, TypeError, ValueError, ArithmeticError):
                 pass  # not one plain state, or something is wrong with it: looked at below
         return self._batch(arguments, out, workers)
@@ -288,7 +237,7 @@ class Kernel:
             If the kernel is too large to be written out.
         """
         name = "_".join([self.function.__name__, *(["by", *self.wrt] if self.wrt else [])])
-        return to_source(Printable(self.traced.program, name, self.names, self.model.n, self.shapes[0]), language)
+        return to_source(Printable(self.traced.program, name, self.names, self.widths, self.shapes[0]), language)
 
     def by_function(self, arguments: Sequence[Any]) -> Array:
         """The function itself, or its derivatives by complex step."""
@@ -298,15 +247,21 @@ class Kernel:
         return result
 
     def _batch(self, arguments: Sequence[Any], out: Array | None, workers: int) -> Array:
+        if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
+            result = self.function.core(self._traced_model, *arguments, **self.fixed)
+            return result[0] if self.judged else result  # type: ignore[no-any-return]
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
         if not isinstance(workers, int) or workers < 1:
             raise ValueError(f"`workers` must be a whole number, at least 1, got {workers!r}")
-        arrays = [joint_shaped(name, a, self.model) for name, a in zip(self.names, arguments, strict=True)]
+        arrays = [
+            joint_shaped(name, a, self.model, width)
+            for name, a, width in zip(self.names, arguments, self.widths, strict=True)
+        ]
         dtype = np.result_type(*arrays)
         if self._trace is not None and dtype == np.float64 and out is None and all(a.ndim == 1 for a in arrays):
             try:
-                return self._single(*[a.tolist() for a in arrays])
+                return self.single(*[a.tolist() for a in arrays])
             except (TypeError, ValueError, ArithmeticError):
                 return self.by_function(arrays)  # which says what is wrong
         if self._trace is not None and dtype.name in DTYPES:

@@ -13,12 +13,12 @@ LANGUAGES = ("python", "numpy", "matlab", "c")
 
 
 class Printable(NamedTuple):
-    """What is printed: the program, its name, its arguments of n entries each, and the shape of its result."""
+    """What is printed: the program, its name, its arguments with their lengths, and the shape of its result."""
 
     program: Program
     name: str
     arguments: tuple[str, ...]
-    n: int
+    widths: tuple[int, ...]
     shape: tuple[int, ...]
 
 
@@ -48,10 +48,8 @@ def to_source(printable: Printable, language: str) -> str:
 def _lines(
     printable: Printable, index: Callable[[str, int], str], functions: dict[str, str]
 ) -> tuple[list[str], list[str]]:
-    def entry(k: int) -> str:
-        return index(printable.arguments[k // printable.n], k % printable.n)
-
-    return expressions(printable.program, entry, functions)
+    entries = [index(name, k) for name, w in zip(printable.arguments, printable.widths, strict=True) for k in range(w)]
+    return expressions(printable.program, entries.__getitem__, functions)
 
 
 def _entries(shape: tuple[int, ...]) -> list[tuple[int, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
@@ -90,15 +91,16 @@ class _Batch:
     ) -> None:
         self.kernel, self.states, self.results = kernel, states, results
         self.dtype, self.leading = dtype, leading
-        self.n = kernel.model.n
-        self.first_output = len(states) * self.n
+        edges = np.cumsum([0, *kernel.widths])
+        self.inputs = [slice(a, b) for a, b in itertools.pairwise(edges.tolist())]
+        self.first_output = int(edges[-1])
 
     def run(self, workspace: Workspace, begin: int, end: int) -> None:
         """One block."""
         m = end - begin
         rows = workspace.rows[:, :m]
-        for k, array in enumerate(self.states):
-            rows[k * self.n : (k + 1) * self.n] = array[begin:end].T
+        for place, array in zip(self.inputs, self.states, strict=True):
+            rows[place] = array[begin:end].T
         sound = all([all_finite(rows[k]) for k in self.kernel.unchecked_inputs])
         for call, arguments in workspace.calls(m):
             call(*arguments)
@@ -113,13 +115,14 @@ class _Batch:
             return False
         if not self.kernel.judged:
             return True
-        pivots, diagonal = outputs[size : 2 * size].T, outputs[2 * size : 3 * size].T
+        n = self.kernel.model.n
+        pivots, diagonal = outputs[size : size + n].T, outputs[size + n : size + 2 * n].T
         return not singular_pivots(pivots, diagonal).any()
 
     def _by_function(self, begin: int, end: int) -> Array:
         """The block by the recursion itself, which names what is wrong; states are counted in the whole batch."""
-        for name, array in zip(self.kernel.names, self.states, strict=True):
-            joint_array(name, array.reshape(*self.leading, self.n), self.kernel.model)
+        for name, array, width in zip(self.kernel.names, self.states, self.kernel.widths, strict=True):
+            joint_array(name, array.reshape(*self.leading, width), self.kernel.model, width)
         try:
             result = self.kernel.by_function([array[begin:end].astype(self.dtype) for array in self.states])
         except SingularMassMatrixError as error:

@@ -138,3 +138,8 @@ def inputs(graph: Graph, shape: tuple[int, ...], start: int) -> Array:
 def references(graph: Graph, array: Array) -> list[int]:
     """The references of an array of traced numbers and plain ones."""
     return [x.ref if isinstance(x, Scalar) else graph.constant(float(x)) for x in np.asarray(array).flat]
+
+
+def is_traced(array: Any) -> bool:
+    """True for an array that holds traced numbers."""
+    return isinstance(array, np.ndarray) and array.dtype == object and any(isinstance(x, Scalar) for x in array.flat)

@@ -1,0 +1,76 @@
+"""Elementwise functions that a traced number knows too: NumPy's own would ask it for its value.
+
+For control laws and friction, whose branches must stay branches when they are traced.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .spatial import Array
+
+
+def _on_objects(name: str, inputs: int) -> Any:
+    """The method `name` of traced numbers, the NumPy function of any others, entry by entry."""
+    plain = getattr(np, name)
+
+    def apply(*x: Any) -> Any:
+        for k, first in enumerate(x[:2] if name != "where" else x[:1]):
+            if hasattr(first, name):
+                return getattr(first, name)(*x[:k], *x[k + 1 :])
+        return plain(*x)[()]
+
+    return np.frompyfunc(apply, inputs, 1)
+
+
+_OBJECTS = {"tanh": _on_objects("tanh", 1), "sign": _on_objects("sign", 1)}
+_OBJECTS |= {name: _on_objects(name, 2) for name in ("minimum", "maximum")}
+_OBJECTS["where"] = _on_objects("where", 3)
+_object_less = np.frompyfunc(operator.lt, 2, 1)
+
+
+def _apply(name: str, *x: ArrayLike) -> Array:
+    arrays = [np.asarray(a) for a in x]
+    function = _OBJECTS[name] if any(a.dtype == object for a in arrays) else getattr(np, name)
+    return np.asarray(function(*arrays))
+
+
+def tanh(x: ArrayLike) -> Array:
+    """Hyperbolic tangent."""
+    return _apply("tanh", x)
+
+
+def sign(x: ArrayLike) -> Array:
+    """-1, 0 or 1."""
+    return _apply("sign", x)
+
+
+def minimum(a: ArrayLike, b: ArrayLike) -> Array:
+    """The smaller of two arrays, entry by entry."""
+    return _apply("minimum", a, b)
+
+
+def maximum(a: ArrayLike, b: ArrayLike) -> Array:
+    """The larger of two arrays, entry by entry."""
+    return _apply("maximum", a, b)
+
+
+def less(a: ArrayLike, b: ArrayLike) -> Array:
+    """Where `a` is below `b`: for `where`."""
+    if any(np.asarray(x).dtype == object for x in (a, b)):
+        return np.asarray(_object_less(a, b))
+    return np.less(a, b)
+
+
+def where(condition: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
+    """`a` where the condition holds, `b` elsewhere; both are computed."""
+    return _apply("where", condition, a, b)
+
+
+def clip(x: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
+    """`x` held between two bounds."""
+    return minimum(maximum(x, lower), upper)

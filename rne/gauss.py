@@ -1,0 +1,147 @@
+"""Gauss's collocation methods on (q, p): symplectic, so that the energy error of a free motion stays bounded.
+
+One stage is the implicit midpoint rule (order 2), two stages have order 4. In (q, qd) they would not be symplectic:
+with p = M qd, dq/dt = M^-1 p and dp/dt = d(T - V)/dq at constant qd are Hamilton's equations.
+Hairer, Lubich, Wanner 2006, Geometric Numerical Integration, II.1.3 and VIII.6.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from .dynamics.checks import checked, judged
+from .dynamics.composite import mass_matrix
+from .dynamics.energy import kinetic_energy, potential_energy
+from .dynamics.forward import factorise, judge_pivots, solve_factored
+from .errors import NotFiniteError, SingularMassMatrixError
+from .model import Model
+from .plant import Plant
+from .robot import Robot
+from .spatial import Array
+from .trajectory import Run
+
+# Nodes c and weights a of each method; b is 1, or 1/2 and 1/2.
+TABLEAUS = {
+    "implicit-midpoint": (np.array([0.5]), np.array([[0.5]])),
+    "gauss-4": (
+        np.array([0.5 - sqrt(3) / 6, 0.5 + sqrt(3) / 6]),
+        np.array([[0.25, 0.25 - sqrt(3) / 6], [0.25 + sqrt(3) / 6, 0.25]]),
+    ),
+}
+STEPS = {"implicit-midpoint": 1e-3, "gauss-4": 5e-3}  # [s], if none is given
+ITERATIONS = 60
+CONVERGED = 1e-14  # of the largest entry: the stages to rounding, on which the bound of the energy rests
+
+
+@checked
+def lagrangian(model: Model, q: Array, qd: Array) -> Array:
+    """Kinetic less potential energy [J]."""
+    difference: Array = kinetic_energy.core(model, q, qd) - potential_energy.core(model, q)
+    return difference
+
+
+@judged(judge_pivots)
+def rates_of_momenta(model: Model, q: Array, tau: Array) -> tuple[Array, Array, Array]:
+    """M^-1 p for the joints' momenta p, here `tau` [rad/s or m/s]."""
+    M = mass_matrix.core(model, q)
+    L, D = factorise(M, model.coordinate_parent)
+    return solve_factored(L, D, model.coordinate_parent, tau), D, np.diagonal(M, axis1=-2, axis2=-1)
+
+
+class Hamilton:
+    """dx/dt of x = (q, p) for an arm without drives and friction."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.n = robot, robot.n
+        self.rates = robot.kernel(rates_of_momenta)
+        self.slopes = robot.kernel(lagrangian, "q")
+        self.evaluations = 0
+
+    def __call__(self, x: Array) -> Array:
+        """Hamilton's equations."""
+        self.evaluations += 1
+        q, p = x[: self.n], x[self.n :]
+        qd = self.rates(q, p)
+        return np.concatenate([qd, self.slopes(q, qd)])
+
+
+def gauss_run(
+    plant: Plant,
+    x0: Array,
+    duration: float,
+    method: str,
+    step: float | None,
+    t_eval: Array | None,
+    failures: list[tuple[float, str]],
+) -> Run:
+    """Equal steps, near `step`; values asked for in between are those of the collocation polynomial, to its order."""
+    n = plant.robot.n
+    system = Hamilton(plant.robot)
+    count = max(1, int(np.ceil(duration / (STEPS[method] if step is None else step) * (1 - 1e-12))))
+    h = duration / count
+    grid = np.linspace(0.0, duration, count + 1) if t_eval is None else t_eval
+    found = np.zeros((len(grid), 2 * n))
+    x = np.concatenate([x0[:n], plant.robot.mass_matrix(x0[:n]) @ x0[n : 2 * n]])
+    c, a = TABLEAUS[method]
+    stages = np.tile(system(x), (len(c), 1))
+    lost = np.zeros_like(x)  # what rounding took from x, given back at the next step
+    done, k = 0, 0
+    try:
+        for k in range(count):
+            while done < len(grid) and grid[done] <= k * h * (1 + 1e-15):
+                found[done] = x
+                done += 1
+            stages = _stages(system, x, h, a, _extrapolated(c, stages) if k else stages)
+            while done < len(grid) and grid[done] < (k + 1) * h * (1 - 1e-12):
+                found[done] = x + h * _weights(c, grid[done] / h - k) @ stages
+                done += 1
+            move = h * stages.mean(axis=0) + lost
+            lost = move - ((x + move) - x)
+            x = x + move
+    except (NotFiniteError, SingularMassMatrixError, ArithmeticError) as error:
+        failures.append((k * h, str(error)))
+        grid = grid[:done]
+    found = found[: len(grid)]
+    found[done:] = x
+    plant.evaluations += system.evaluations
+    return Run(grid, _states(plant.robot, found, system), 0, f"{count} steps of {h:.6g} s")
+
+
+def _stages(system: Hamilton, x: Array, h: float, a: Array, guess: Array) -> Array:
+    """The slopes K_i = f(x + h sum a_ij K_j), by iteration from a guess until nothing changes but rounding."""
+    K = guess
+    last = np.inf
+    for _ in range(ITERATIONS):
+        new = np.array([system(y) for y in x + h * (a @ K)])
+        change = h * float(np.abs(new - K).max())
+        K = new
+        if change <= CONVERGED * float(np.abs(x).max(initial=1.0)) or (change >= last and change < 1e-12):
+            return K
+        last = change
+    raise NotFiniteError(f"the stages do not converge (last change {change:.1e}); take a smaller `step` than {h:g} s")
+
+
+def _extrapolated(c: Array, stages: Array) -> Array:
+    """The last step's polynomial of slopes, continued into the next step."""
+    if len(c) == 1:
+        return stages
+    ahead = (1 + c - c[0]) / (c[1] - c[0])
+    continued: Array = stages[0] + ahead[:, None] * (stages[1] - stages[0])
+    return continued
+
+
+def _weights(c: Array, s: float) -> Array:
+    """Integrals from 0 to s of the Lagrange polynomials on the nodes c."""
+    if len(c) == 1:
+        return np.array([s])
+    width = c[1] - c[0]
+    return np.array([(c[1] * s - s * s / 2) / width, (s * s / 2 - c[0] * s) / width])
+
+
+def _states(robot: Robot, found: Array, system: Hamilton) -> Array:
+    n = robot.n
+    q, p = found[:, :n], found[:, n:]
+    qd = system.rates(q, p) if len(q) else p
+    return np.concatenate([q, qd], axis=1)

@@ -1,0 +1,171 @@
+"""Sampled control: the torques are computed at the samples and held in between, each sample met exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .plant import Plant
+from .scene import Scene
+from .smooth import IMPLICIT, stop_message, tolerances
+from .solvers import FAILURES, watched
+from .spatial import Array
+from .trajectory import Run
+
+
+class Holder:
+    """What the controller's computer remembers: the torques it holds and its own states."""
+
+    def __init__(self, scene: Scene, plant: Plant) -> None:
+        self.scene, self.plant = scene, plant
+        self.period = float(scene.sample_time or 0.0)
+        self.own = np.zeros(int(getattr(scene.controller, "states", 0)))
+        self.held = np.zeros(scene.n)
+        self.first = True
+
+    def sample(self, t: float, x: Array) -> Array:
+        """The torques to hold from now on: within the drives' limits, no further from the last than their rate."""
+        u = np.asarray(self.plant.torque(t, x))
+        if self.scene.limit is not None:
+            u = np.clip(u, -self.scene.limit, self.scene.limit)
+        if self.scene.rate is not None and not self.first:
+            step = self.scene.rate * self.period
+            u = np.clip(u, self.held - step, self.held + step)
+        self.held, self.first = u, False
+        return u
+
+    def law(self, t: float, q: Array, qd: Array) -> Array:
+        """The controller; one with states of its own adds their rates up from sample to sample."""
+        if not self.own.size:
+            return np.asarray(self.scene.controller(t, q, qd))
+        u, rates = self.scene.controller(t, q, qd, self.own)
+        self.own = self.own + self.period * np.asarray(rates)
+        return np.asarray(u)
+
+
+@dataclass
+class _Record:
+    """Samples asked for, or those of the controller."""
+
+    t_eval: Array | None
+    t: list[float]
+    x: list[Array]
+    u: list[Array]
+
+    def step(self, solver: Any, u: Array) -> None:
+        """Values asked for within the solver's last step."""
+        if self.t_eval is None:
+            return
+        k, stop = len(self.t), int(np.searchsorted(self.t_eval, solver.t, side="right"))
+        if stop > k:
+            dense = solver.dense_output()
+            for time in self.t_eval[k:stop]:
+                self.add(float(time), np.array(solver.y if time == solver.t else dense(time)), u)
+
+    def add(self, t: float, x: Array, u: Array) -> None:
+        self.t.append(t)
+        self.x.append(x)
+        self.u.append(u)
+
+
+def sampled_run(
+    scene: Scene,
+    plant: Plant,
+    x0: Array,
+    duration: float,
+    method: str,
+    accuracy: tuple[float, float],
+    t_eval: Array | None,
+    events: Sequence[Any],
+    failures: list[tuple[float, str]],
+) -> Run:
+    """From sample to sample with one explicit solver, whose memory of the slope is renewed at each."""
+    if method in IMPLICIT:
+        raise ValueError(f"`method` of a sampled scene must be an explicit one, got {method!r}")
+    if scene.resistance is not None and scene.resistance.sticks:
+        raise ValueError("a sampled scene cannot have friction that sticks; give the friction a `smoothing`")
+    holder = Holder(scene, plant)
+    plant.law = holder.law
+    record = _Record(t_eval, [], [], [])
+    count = int(np.ceil(duration / holder.period * (1 - 1e-12)))
+    if t_eval is not None and len(t_eval) and t_eval[0] == 0:
+        record.add(0.0, x0, np.zeros(scene.n))
+    stop = None
+    try:
+        stop = _samples(holder, plant, x0, duration, count, (method, accuracy), record, events, failures)
+    except FAILURES as error:
+        failures.append((getattr(error, "time", None) or 0.0, str(error)))
+    if t_eval is not None and record.t and record.t[0] == 0 and len(record.u) > 1:
+        record.u[0] = record.u[1]
+    shape = (len(record.t), len(x0))
+    u = np.array(record.u).reshape(len(record.t), scene.n)
+    ending = stop or f"the controller was asked {count} times, every {holder.period:g} s"
+    return Run(np.array(record.t), np.array(record.x).reshape(shape), int(stop is not None), ending, u)
+
+
+def _samples(
+    holder: Holder,
+    plant: Plant,
+    x0: Array,
+    duration: float,
+    count: int,
+    how: tuple[str, tuple[float, float]],
+    record: _Record,
+    events: Sequence[Any],
+    failures: list[tuple[float, str]],
+) -> str | None:
+    """What stopped the run before its end, if anything did."""
+    method, accuracy = how
+    rtol, atol = tolerances(plant, method, *accuracy)
+    solver, x = None, x0
+    for k in range(count):
+        begin, end = k * holder.period, min((k + 1) * holder.period, duration)
+        u = holder.sample(begin, x)
+        if record.t_eval is None:
+            record.add(begin, x, u)
+        if solver is None:
+            solver = watched(method, failures, [x0])(
+                lambda t, y: _held(plant, t, y, holder), begin, x, end, rtol=rtol, atol=atol, first_step=end - begin
+            )
+        else:  # the same solver goes on, with the slope under the new torques
+            solver.t_bound, solver.status = end, "running"
+            solver.f = solver.fun(begin, x)
+        while solver.status == "running":
+            solver.step()
+            if solver.status == "failed":
+                return None
+            hit = first_stop(events, solver, plant.robot.joint_names) if events else None
+            if hit is not None:
+                record.add(hit[0], hit[1], u)
+                return hit[2]
+            record.step(solver, u)
+        x = np.array(solver.y)
+    if record.t_eval is None and count:
+        record.add(duration, x, holder.held)
+    return None
+
+
+def first_stop(events: Sequence[Any], solver: Any, joints: Sequence[str]) -> tuple[float, Array, str] | None:
+    """Time, state and words of the first stop that the solver's last step has passed."""
+    from scipy.optimize import brentq
+
+    if not any(event(solver.t, solver.y) > 0 for event in events):
+        return None
+    dense = solver.dense_output()
+    hits = []
+    for event in events:
+        if event(solver.t_old, dense(solver.t_old)) <= 0 < event(solver.t, solver.y):
+            when = float(brentq(lambda t, e=event: e(t, dense(t)), solver.t_old, solver.t, xtol=1e-14))
+            hits.append((when, event))
+    if not hits:
+        return None
+    when, event = min(hits, key=lambda hit: hit[0])
+    return when, np.asarray(dense(when)), stop_message(event, when, joints)
+
+
+def _held(plant: Plant, t: float, x: Array, holder: Holder) -> Array:
+    plant.evaluations += 1
+    return plant.rates(t, x, holder.held)

@@ -1,0 +1,242 @@
+"""A scene: what of a robot and its surroundings is modelled. What it does not name costs nothing."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arguments import real_array
+from .friction import Friction, urdf_friction
+from .plant import RightHandSide
+from .robot import Robot
+from .robots import RATED_PAYLOADS
+from .spatial import Array
+from .tape.kernel import Kernel
+
+
+class Payload(NamedTuple):
+    """A rigid body bolted to a link, the last one if not said; see `rne.with_payload`."""
+
+    mass: float
+    com: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike | None = None
+    link: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A robot with what is to be modelled of it.
+
+    Parameters
+    ----------
+    robot : Robot
+    mounting : array_like, shape (3,), optional
+        Roll, pitch and yaw of the root link in the world; see `rne.mounted` [rad].
+    gravity : array_like, shape (3,), optional
+        Another gravity than the robot's, in the axes of the root link before it is turned [m/s^2].
+    payload : Payload or float, optional
+        A body on a link, or the mass of a point at the origin of the last one [kg].
+    locked : mapping of str to float, optional
+        Joints held at a position, by name; they are no coordinates of the scene [rad or m].
+    friction : Friction or "urdf", optional
+        "urdf" takes the damping and friction of the file's `<dynamics>`.
+    armature : array_like, shape (n,), optional
+        Inertia of the drives, felt at the joints [kg m^2 or kg].
+    torque_limit : array_like, shape (n,), or "urdf", optional
+        Largest torque of each drive; "urdf" takes the file's `effort` [N m or N].
+    torque_rate : array_like, shape (n,), optional
+        Largest change of a drive's torque a second, from one sample to the next [N m/s or N/s].
+    stops : bool
+        True to end a run, with status 1, when a joint reaches a limit of its range.
+    controller : callable, optional
+        f(t, q, qd) -> torques; marked by `rne.traceable` it becomes part of the kernel, otherwise it is called.
+    sample_time : float, optional
+        The controller is asked every `sample_time`, and its torque held in between [s].
+
+    Raises
+    ------
+    ValueError
+        If a part has the wrong shape, is negative or not finite, or needs another part that is not there.
+
+    Examples
+    --------
+    >>> import rne
+    >>> scene = rne.Scene(rne.load("irb140"), gravity=[0, 0, 0], locked={"joint_4": 0, "joint_5": 0, "joint_6": 0})
+    >>> scene.n, sum(scene.kernel.operations.values()) < 160
+    (3, True)
+    """
+
+    robot: Robot
+    mounting: ArrayLike | None = None
+    gravity: ArrayLike | None = None
+    payload: Payload | float | None = None
+    locked: Mapping[str, float] | None = None
+    friction: Friction | str | None = None
+    armature: ArrayLike | None = None
+    torque_limit: ArrayLike | str | None = None
+    torque_rate: ArrayLike | None = None
+    stops: bool = False
+    controller: Any = None
+    sample_time: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.robot, Robot):
+            raise TypeError(f"`robot` must be an rne.Robot, got {type(self.robot).__name__}")
+        if self.controller is not None and not callable(self.controller):
+            raise TypeError(f"`controller` must be a function of (t, q, qd), got {type(self.controller).__name__}")
+        if self.sample_time is not None:
+            if self.controller is None:
+                raise ValueError("`sample_time` needs a `controller` to ask")
+            _one_positive("sample_time", self.sample_time)
+        if self.torque_rate is not None and self.sample_time is None:
+            raise ValueError("`torque_rate` needs a `sample_time`: it bounds the step from one held torque to the next")
+        self.arm, self.resistance, self.limit, self.rate  # what is wrong is said now  # noqa: B018
+
+    @cached_property
+    def arm(self) -> Robot:
+        """The robot as it stands in the scene: mounted, loaded, its joints locked, its drives' inertia added."""
+        robot = self.robot
+        if self.gravity is not None:
+            robot = Robot(replace(robot.model, gravity=_vector("gravity", self.gravity, 3)))
+        if self.mounting is not None:
+            robot = robot.mounted(self.mounting)
+        if self.payload is not None:
+            load = self.payload if isinstance(self.payload, Payload) else Payload(self.payload)
+            _warn_of_overload(robot, load.mass)
+            robot = robot.with_payload(*load)
+        if self.locked is not None:
+            robot = robot.locked(self.locked)
+        if self.armature is not None:
+            if robot.model.has_mimics:
+                raise ValueError("`armature` of a robot with mimicking joints belongs to its Model, joint by joint")
+            robot = Robot(replace(robot.model, armature=_vector("armature", self.armature, robot.n, not_negative=True)))
+        return robot
+
+    @property
+    def n(self) -> int:
+        """Number of joint coordinates that are left."""
+        return self.arm.n
+
+    @cached_property
+    def resistance(self) -> Friction | None:
+        """The friction in numbers."""
+        if self.friction is None:
+            return None
+        if isinstance(self.friction, str):
+            if self.friction != "urdf":
+                raise ValueError(f"`friction` must be an rne.Friction or 'urdf', got {self.friction!r}")
+            return urdf_friction(self.arm.model)
+        if not isinstance(self.friction, Friction):
+            raise TypeError(f"`friction` must be an rne.Friction or 'urdf', got {type(self.friction).__name__}")
+        self.friction.check(self.arm.model)
+        return self.friction
+
+    @cached_property
+    def limit(self) -> Array | None:
+        """Largest torque of each drive [N m or N]."""
+        if self.torque_limit is None:
+            return None
+        if isinstance(self.torque_limit, str):
+            if self.torque_limit != "urdf":
+                raise ValueError(f"`torque_limit` must be an array or 'urdf', got {self.torque_limit!r}")
+            return np.asarray(self.arm.model.effort_limit[list(self.arm.model.drivers)], dtype=float)
+        return _vector("torque_limit", self.torque_limit, self.n, not_negative=True)
+
+    @cached_property
+    def rate(self) -> Array | None:
+        """Largest change of a held torque a second [N m/s or N/s]."""
+        return None if self.torque_rate is None else _vector("torque_rate", self.torque_rate, self.n, not_negative=True)
+
+    @cached_property
+    def right_hand_side(self) -> RightHandSide:
+        """dx/dt = f(t, x) of the state x = (q, qd, the controller's own states, energies)."""
+        given = self.controller is not None and (self.sample_time is not None or not self.is_traced)
+        law = self.controller if self.is_traced and not given else None
+        return RightHandSide(self.arm, self.resistance, self.limit, law, given)
+
+    @property
+    def is_traced(self) -> bool:
+        """True if the controller is part of the kernel, False if it is called or there is none."""
+        return bool(getattr(self.controller, "traceable", False))
+
+    @property
+    def kernel(self) -> Kernel:
+        """The whole right-hand side in one kernel, the controller included if it is traceable."""
+        return self.right_hand_side.kernel
+
+    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Torques of the drives, friction included, shape (..., n) [N m or N]."""
+        tau = self.arm.inverse_dynamics(q, qd, qdd)
+        return tau if self.resistance is None else tau + self.resistance.torque(self.arm.model, qd)
+
+    def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
+        """Accelerations under the drives' torques, friction included, shape (..., n) [rad/s^2 or m/s^2].
+
+        Dry friction has the size of slipping; at rest, where it may hold, it is left out.
+        """
+        net = np.asarray(tau, dtype=float)
+        if self.resistance is not None:
+            net = net - self.resistance.torque(self.arm.model, qd)
+        return self.arm.forward_dynamics(q, qd, net)
+
+    def cost(self) -> dict[str, int | str]:
+        """Operations a call of the right-hand side takes, and what each part adds to them.
+
+        Returns
+        -------
+        dict
+            "total"; for each part of the scene, and for gravity, what would be saved without it; "law" says whether
+            the controller is "traced", "called" or "none". Of a called controller the cost is unknown.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Scene(rne.load("irb140"), payload=rne.Payload(5.0, [0.1, 0.0, 0.1])).cost()["payload"] > 0
+        True
+        """
+        total = _operations(self)
+        costs: dict[str, int | str] = {"total": total}
+        parts = ("payload", "friction", "armature", "torque_limit", "controller")
+        for part in parts:
+            if getattr(self, part) is not None:
+                without: dict[str, Any] = {part: None}
+                if part == "controller":
+                    without |= {"sample_time": None, "torque_rate": None, "torque_limit": None}
+                costs[part] = total - _operations(replace(self, **without))
+        if np.any(self.arm.model.gravity):
+            costs["gravity"] = total - _operations(replace(self, gravity=np.zeros(3)))
+        costs["law"] = "none" if self.controller is None else "traced" if self.is_traced else "called"
+        return costs
+
+
+def _operations(scene: Scene) -> int:
+    return sum(scene.kernel.operations.values())
+
+
+def _warn_of_overload(robot: Robot, mass: float) -> None:
+    rated = RATED_PAYLOADS.get(robot.model.name, np.inf)
+    if mass > rated:
+        text = f"payload of {mass:g} kg is beyond the {rated:g} kg of {robot.model.name!r}'s data sheet"
+        warnings.warn(text, stacklevel=5)
+
+
+def _vector(name: str, value: ArrayLike, n: int, *, not_negative: bool = False) -> Array:
+    array = real_array(name, value, f"({n},)").astype(np.float64)
+    if array.shape != (n,):
+        raise ValueError(f"`{name}` must have shape ({n},), got {array.shape}")
+    if not_negative and (array < 0).any():
+        raise ValueError(f"`{name}` must not be negative, got {array.min()}")
+    return array
+
+
+def _one_positive(name: str, value: float) -> float:
+    array = real_array(name, value, "()")
+    if array.ndim or array <= 0:
+        raise ValueError(f"`{name}` must be one positive number, got {value!r}")
+    return float(array)

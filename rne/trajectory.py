@@ -1,0 +1,120 @@
+"""A simulated motion with its torques and its energy account."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from .errors import NotFiniteError, SingularMassMatrixError
+from .plant import Plant
+from .spatial import Array
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated motion.
+
+    Attributes
+    ----------
+    t : ndarray, shape (T,)
+        [s]; `t_eval` exactly if it was given, otherwise the solver's own steps.
+    q, qd, qdd, tau : ndarray, shape (T, n)
+        Joint positions, rates, accelerations and drive torques [rad or m, /s, /s^2, N m or N].
+    kinetic, potential, energy, work : ndarray, shape (T,)
+        Energies, their sum, and the work the drives have done since the start [J].
+    energy_drift : float
+        Largest |energy - energy at the start - work + dissipated| [J]: what the solver's errors have made or lost.
+    evaluations : int
+        Calls of the right-hand side, those for Jacobians included.
+    method : str
+        The solver that ran.
+    status : int
+        0 if the end was reached, 1 if an event of the scene stopped the run, -1 if it failed.
+    message : str
+        Why this method, and how the run ended.
+    dissipated : mapping of str to ndarray, shape (T,)
+        Energy taken since the start by "viscous" and "coulomb" friction, where the scene has it [J].
+    controller_state : ndarray, shape (T, m)
+        States of the controller's own, such as the integral of a PID.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    kinetic: Array
+    potential: Array
+    energy: Array
+    work: Array
+    energy_drift: float
+    evaluations: int
+    method: str
+    status: int
+    message: str
+    dissipated: Mapping[str, Array] = field(default_factory=dict)
+    controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def balance(self) -> Array:
+        """Energy that no source explains, over time: the solver's error, shape (T,) [J]."""
+        taken = sum(self.dissipated.values(), np.zeros(len(self.t)))
+        start = self.energy[0] if len(self.t) else 0.0
+        return self.energy - start - self.work + taken
+
+
+class Run(NamedTuple):
+    """What a solver gives."""
+
+    t: Array
+    x: Array
+    status: int
+    ending: str
+    u: Array | None = None  # torques that were held, where they were
+
+
+def trajectory(plant: Plant, run: Run, method: str, reason: str, failures: list[tuple[float, str]]) -> Trajectory:
+    """The motion with its torques and energies; samples from one on that is not finite are left out."""
+    rhs = plant.rhs
+    n = rhs.arm.n
+    tau, qdd = np.zeros((len(run.t), n)), np.zeros((len(run.t), n))
+    sound = 0
+    for k, (time, x) in enumerate(zip(run.t, run.x, strict=True)):
+        try:
+            u = plant.torque(float(time), x) if run.u is None else run.u[k]
+            drives, _ = rhs.drives(np.array([time]), x, u)
+            tau[k] = 0.0 if drives is None else drives
+            qdd[k] = plant.rates(float(time), x, u)[n : 2 * n]
+        except (NotFiniteError, SingularMassMatrixError) as error:
+            failures.append((float(time), str(error)))
+            break
+        sound += 1
+    t, x = run.t[:sound], run.x[:sound]
+    q, qd, own = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + rhs.own_states]
+    entries = dict(zip(rhs.ledger, x[:, 2 * n + rhs.own_states :].T, strict=True))
+    work = entries.pop("drives", np.zeros(len(t)))
+    kinetic, potential = rhs.arm.kinetic_energy(q, qd), rhs.arm.potential_energy(q)
+    energy = kinetic + potential
+    taken = sum(entries.values(), np.zeros(len(t)))
+    drift = float(np.abs(energy - energy[0] - work + taken).max()) if len(t) else 0.0
+    return Trajectory(
+        t,
+        q,
+        qd,
+        qdd[:sound],
+        tau[:sound],
+        kinetic,
+        potential,
+        energy,
+        work,
+        drift,
+        plant.evaluations,
+        method,
+        -1 if failures else run.status,
+        failures[0][1] if failures else f"{reason}; {run.ending}",
+        entries,
+        own,
+    )
