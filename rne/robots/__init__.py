@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..model import Model
-from .abb_irb140 import irb140
+from .abb_irb140 import irb140, irb140_mirrored
 
-__all__ = ["BUILDERS", "irb140"]
+__all__ = ["BUILDERS", "irb140", "irb140_mirrored"]
 
 BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}
