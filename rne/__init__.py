@@ -9,6 +9,7 @@ from .dynamics.energy import kinetic_energy, link_kinetic_energies, momentum, po
 from .dynamics.forward import forward_dynamics
 from .dynamics.jacobians import jacobian, jacobian_rate
 from .dynamics.kinematics import link_poses
+from .dynamics.lagrange import christoffel_symbols, lagrange_inverse_dynamics
 from .dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 from .dynamics.record import Recursion, bearing_loads, recursion
 from .edit import locked, mounted, with_payload
@@ -47,6 +48,7 @@ __all__ = [
     "bearing_loads",
     "bias_torque",
     "check",
+    "christoffel_symbols",
     "compile",
     "control",
     "coriolis_matrix",
@@ -60,6 +62,7 @@ __all__ = [
     "jacobian",
     "jacobian_rate",
     "kinetic_energy",
+    "lagrange_inverse_dynamics",
     "link_kinetic_energies",
     "link_poses",
     "load",

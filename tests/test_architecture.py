@@ -83,6 +83,12 @@ def test_only_read_imports_yourdfpy():
     assert users == ["read.py"]
 
 
+def test_euler_lagrange_shares_the_kinematics_only():
+    """It would be no test of the recursions if it stood on them."""
+    own = {m.split(".")[-1] for m in imports(PACKAGE / "dynamics" / "lagrange.py") if m.startswith("rne.dynamics")}
+    assert own == {"checks", "jacobians", "kinematics"}
+
+
 def test_import_loads_numpy_and_the_standard_library_only():
     code = "import sys, numpy; before = set(sys.modules); import rne; print(*sorted(set(sys.modules) - before))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout

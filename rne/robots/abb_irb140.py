@@ -7,6 +7,7 @@ NTNU, June 2011.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -167,4 +168,35 @@ def irb140() -> Model:
         shapes=[cylinder(f"link_{i}", link) for i, link in enumerate(LINKS, 1) if link.mass],
         tip=np.array(LINKS[-1].r_end, dtype=float),
         notes=_notes(),
+    )
+
+
+def irb140_mirrored() -> Model:
+    """The same arm with positive q3 the other way round, as the thesis's Euler-Lagrange model counts it.
+
+    Returns
+    -------
+    Model
+        `irb140` with the axis of joint_3 reversed: it stands at q as `irb140` does at (q1, q2, -q3, q4, q5, q6).
+
+    Notes
+    -----
+    Høifødt 2011, chapter 7.
+
+    Examples
+    --------
+    >>> import rne
+    >>> from rne.robots import irb140_mirrored
+    >>> (irb140_mirrored().axis + rne.irb140().axis)[2].tolist()
+    [0.0, 0.0, 0.0]
+    """
+    arm = irb140()
+    sign = np.array([1, 1, -1, 1, 1, 1])
+    return replace(
+        arm,
+        name="irb140_mirrored",
+        axis=arm.axis * sign[:, None] + 0.0,  # no negative zeros
+        lower=np.minimum(sign * arm.lower, sign * arm.upper),
+        upper=np.maximum(sign * arm.lower, sign * arm.upper),
+        notes=dict(arm.notes) | {"joint_3": f"The axis is reversed: positive q3 the other way. {arm.notes['joint_3']}"},
     )

@@ -1,0 +1,181 @@
+"""Inverse dynamics by the Euler-Lagrange formulation: the arm as a whole, no recursion over forces.
+
+d/dt dT/dqd - dT/dq + dU/dq = tau with T = qd^T M(q) qd / 2 becomes M qdd + C qd + g = tau, where M, its derivatives
+and g are sums over the bodies of products of Jacobians (Siciliano et al. 2009, section 7.1; Spong, Hutchinson and
+Vidyasagar 2006, sections 7.2 and 7.3). Nothing here comes from the Newton-Euler recursions, which it tests.
+
+| quantity                               | code          | Siciliano           | Spong        |
+|----------------------------------------|---------------|---------------------|--------------|
+| Jacobian of body i's centre of mass    | Jc            | J_P^(l_i)           | J_vci        |
+| Jacobian of its angular velocity       | Jw            | J_O^(l_i)           | J_wi         |
+| inertia matrix                         | M             | B                   | D            |
+| Christoffel symbols of the first kind  | c[i, j, k]    | c_kij               | c_ijk        |
+| gravity's torque                       | g             | g                   | g            |
+
+A Jacobian is kept as rows, one a joint, resolved in the axes of its own body, where the body's inertia is constant.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model import Model
+from ..spatial import Array, cross, rotate, rotate_back, transpose, zeros
+from .checks import checked
+from .jacobians import body_jacobians
+from .kinematics import joint_rates, joint_transforms
+
+
+class Body(NamedTuple):
+    """What one body adds to the sums: how each joint moves it, what it weighs, where down is; in its own axes."""
+
+    Jc: Array
+    Jw: Array
+    mass: Array
+    inertia: Array
+    gravity: Array
+
+
+def bodies(model: Model, q: Array) -> list[Body]:
+    """The bodies of the arm at q."""
+    R, p = joint_transforms(model, q)
+    found: list[Body] = []
+    for i, (Jw, Jv) in enumerate(zip(*body_jacobians(model, R, p), strict=True)):
+        parent = model.parent[i]
+        g0 = rotate_back(R[i], found[parent].gravity if parent >= 0 else model.gravity)
+        found.append(Body(Jv + cross(Jw, model.com[i]), Jw, model.mass[i], model.inertia[i], g0))
+    return found
+
+
+def jacobian_derivatives(body: Body) -> tuple[Array, Array]:
+    """dJc[k, j], dJw[k, j], shape (..., nb, nb, 3): derivatives of row j by q_k, in closed form.
+
+    A turn of joint k carries round all that comes after it: d Jc_j / dq_k = z_k x Jc_j for k before j. The order of
+    two derivatives is free, so that for k behind j it is z_j x Jc_k. Sliding turns nothing: its row of Jw is zero.
+    Of the angular rows the components in the body's axes are meant. Those of z_j change only if joint k is behind j:
+    by -z_k x z_j, as seen from the body. (Bruyninckx and De Schutter 1996, Mech. Mach. Theory 31, do this for chains.)
+    """
+    nb = body.Jw.shape[-2]
+    k, j = np.indices((nb, nb))
+    inner, outer = np.minimum(k, j), np.maximum(k, j)  # parents come first; off the path to the body rows are zero
+    dJc = cross(body.Jw[..., inner, :], body.Jc[..., outer, :])
+    dJw: Array = cross(body.Jw[..., j, :], body.Jw[..., k, :]) * np.greater(k, j)[..., None]
+    return dJc, dJw
+
+
+def inertia_matrix(model: Model, arm: list[Body], like: Array) -> Array:
+    """M = sum of m Jc^T Jc + Jw^T I Jw, with the drives' inertia on the diagonal, shape (..., nb, nb)."""
+    M: Array = zeros((*like.shape[:-1], model.nb, model.nb), like=like) + np.diag(model.armature)
+    for b in arm:
+        M = M + b.mass * (b.Jc @ transpose(b.Jc)) + b.Jw @ b.inertia @ transpose(b.Jw)
+    return M
+
+
+def inertia_derivatives(model: Model, arm: list[Body], like: Array) -> Array:
+    """dM[i, j, k] = dM_ij / dq_k by the product rule, shape (..., nb, nb, nb)."""
+    half = zeros((*like.shape[:-1], model.nb, model.nb, model.nb), like=like)  # [k, i, j], row i differentiated
+    for b in arm:
+        dJc, dJw = jacobian_derivatives(b)
+        half = half + b.mass * (dJc @ transpose(b.Jc)[..., None, :, :])
+        half = half + dJw @ (b.inertia @ transpose(b.Jw))[..., None, :, :]
+    dM: Array = np.moveaxis(half + transpose(half), -3, -1)
+    return dM
+
+
+def christoffel(dM: Array) -> Array:
+    """c_ijk = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2."""
+    dM_kj_dq_i: Array = np.swapaxes(dM, -3, -1)  # [i, j, k]
+    dM_ki_dq_j = np.swapaxes(dM_kj_dq_i, -3, -2)
+    c: Array = (dM_kj_dq_i + dM_ki_dq_j - dM) / 2
+    return c
+
+
+def gravity_terms(model: Model, arm: list[Body], like: Array) -> Array:
+    """g_k = -sum of m g0^T Jc_k, shape (..., nb)."""
+    g = zeros((*like.shape[:-1], model.nb), like=like)
+    for b in arm:
+        g = g - b.mass * rotate(b.Jc, b.gravity)
+    return g
+
+
+@checked
+def christoffel_symbols(model: Model, q: Array) -> Array:
+    """Christoffel symbols of the first kind of M(q): the Coriolis torque is their sum with qd_i qd_j over i and j.
+
+    Parameters
+    ----------
+    model : Model
+    q : ndarray, shape (..., n)
+        Joint positions [rad or m].
+
+    Returns
+    -------
+    ndarray, shape (..., n, n, n)
+        c[..., i, j, k] = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2, symmetric in i and j; k is the joint that feels
+        the torque [kg m^2, kg m or kg].
+
+    Raises
+    ------
+    ValueError
+        If `q` has the wrong shape or is not finite, or a symbol overflows.
+
+    Notes
+    -----
+    Spong, Hutchinson and Vidyasagar 2006, section 7.3; Siciliano et al. 2009, section 7.1, who write c_kij.
+    The derivatives of M are closed forms of the Jacobians'. O(n^4).
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> q, qd = np.arange(6) / 3, np.ones(6)
+    >>> C = np.einsum("ijk,i,j", rne.christoffel_symbols(rne.irb140(), q), qd, qd)
+    >>> np.allclose(C, rne.coriolis_torque(rne.irb140(), q, qd))
+    True
+    """
+    c = christoffel(inertia_derivatives(model, bodies(model, q), q))
+    if model.has_mimics:  # c_ijk G_ia G_jb G_kc, one index after the other
+        for index in (-3, -2, -1):
+            c = np.swapaxes(np.swapaxes(c, index, -1) @ model.coordinate_map, index, -1)
+    return c
+
+
+@checked
+def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
+    """Joint torques M qdd + C qd + g by the Euler-Lagrange formulation; equal to those of `inverse_dynamics`.
+
+    Parameters
+    ----------
+    model : Model
+    q, qd, qdd : ndarray, shape (..., n)
+        Joint positions, rates and accelerations [rad or m, /s, /s^2].
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        [N m or N]
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or the torque overflows.
+
+    Notes
+    -----
+    Siciliano et al. 2009, section 7.1; Spong, Hutchinson and Vidyasagar 2006, sections 7.2 and 7.3. O(n^4): it shows
+    what the recursion saves, and tests it.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.lagrange_inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
+    -22.499
+    """
+    arm = bodies(model, q)
+    qd, qdd = joint_rates(model, qd), joint_rates(model, qdd)
+    M = inertia_matrix(model, arm, q)
+    c = christoffel(inertia_derivatives(model, arm, q))
+    C = (c * qd[..., :, None, None]).sum(-3)  # C_jk = sum of c_ijk qd_i: transposed
+    tau = rotate(M, qdd) + rotate_back(C, qd) + gravity_terms(model, arm, q)
+    return tau @ model.coordinate_map if model.has_mimics else tau
