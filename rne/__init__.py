@@ -1,5 +1,6 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
+from .bearings import BearingPeaks, bearing_peaks
 from .dynamics.articulated import articulated_forward_dynamics
 from .dynamics.composite import mass_matrix
 from .dynamics.coriolis import coriolis_matrix
@@ -22,6 +23,7 @@ from .urdf import Finding, check, read_urdf, to_urdf
 __version__ = "0.1.0"
 
 __all__ = [
+    "BearingPeaks",
     "Cylinder",
     "Finding",
     "Kernel",
@@ -37,6 +39,7 @@ __all__ = [
     "UrdfError",
     "articulated_forward_dynamics",
     "bearing_loads",
+    "bearing_peaks",
     "bias_torque",
     "check",
     "compile",

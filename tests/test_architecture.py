@@ -28,6 +28,7 @@ FLOORS = [
     ["robot"],
     ["loading", "control", "plant", "solvers"],
     ["simulation"],
+    ["bearings"],
     ["report"],
     ["__init__", "__main__"],
 ]
