@@ -1,6 +1,7 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
 from . import control, elementwise, trajectories
+from .bearings import BearingPeaks, bearing_peaks
 from .control import traceable
 from .dynamics.articulated import articulated_forward_dynamics
 from .dynamics.composite import mass_matrix
@@ -28,6 +29,7 @@ from .urdf import Finding, check, read_urdf, to_urdf
 __version__ = "0.1.0"
 
 __all__ = [
+    "BearingPeaks",
     "Cylinder",
     "Finding",
     "Friction",
@@ -46,6 +48,7 @@ __all__ = [
     "UrdfError",
     "articulated_forward_dynamics",
     "bearing_loads",
+    "bearing_peaks",
     "bias_torque",
     "check",
     "christoffel_symbols",

@@ -32,6 +32,7 @@ FLOORS = [
     ["smooth"],
     ["sampled", "stick_slip", "gauss"],
     ["simulation"],
+    ["bearings"],
     ["report"],
     ["__init__", "__main__"],
 ]

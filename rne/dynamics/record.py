@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import operator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
 
 from ..model import Model
 from ..spatial import Array, dot, rotate, rotate_back, zeros
@@ -15,6 +18,7 @@ from .newton_euler import (
     forward_recursion,
     joint_torques,
 )
+from .record_table import recursion_table
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,7 @@ class Recursion:
     """What the forward and backward recursions find for every moving body.
 
     Body i is the one behind `joints[i]`; its vectors are in its own axes. Shapes (..., nb, 3) unless said.
+    Printed, it is a table with units and equation numbers, joint by joint; of a batch, of its first state.
 
     Attributes
     ----------
@@ -41,6 +46,20 @@ class Recursion:
         across it the bearing's [N, N m].
     u : ndarray, shape (..., n)
         Torques of the drives (5.3) [N m or N].
+    joint_types : tuple of str
+        "revolute", "continuous" or "prismatic", of each of `joints`.
+    drivers : tuple of int, length n
+        The joint that u[..., k] drives; the others are mimics.
+
+    Examples
+    --------
+    >>> import rne
+    >>> print(rne.recursion(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6))  # doctest: +ELLIPSIS
+    Each vector in the axes of its own link; in brackets the equations of Høifødt 2011.
+    ...
+    joint_1, revolute
+      omega   (3.29) rad/s     0            -1           0
+    ...
     """
 
     joints: tuple[str, ...]
@@ -53,6 +72,47 @@ class Recursion:
     f: Array
     tau: Array
     u: Array
+    joint_types: tuple[str, ...]
+    drivers: tuple[int, ...]
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The leading shape: () for a single state."""
+        return self.u.shape[:-1]
+
+    def state(self, index: int | tuple[int, ...]) -> Recursion:
+        """One state of a batch.
+
+        Parameters
+        ----------
+        index : int or tuple of int
+            Its place in the leading shape, one number for each leading axis; negative ones count from the end.
+
+        Returns
+        -------
+        Recursion
+
+        Raises
+        ------
+        TypeError
+            If the index is something else, such as a slice.
+        IndexError
+            If there is no such state, or the index is one of several states.
+        """
+        place = index if isinstance(index, tuple) else (index,)
+        try:
+            where = tuple(operator.index(k) for k in place)
+        except TypeError:
+            raise TypeError(f"`index` must be an int or a tuple of int, got {index!r}") from None
+        inside = len(where) == len(self.batch) and all(-n <= k < n for k, n in zip(where, self.batch, strict=True))
+        if not inside:
+            what = f"one of leading shape {self.batch}" if self.batch else "(), as this is a single state"
+            raise IndexError(f"`index` must be {what}, got {index!r}")
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{name: x[where] for name, x in values.items() if isinstance(x, np.ndarray)})
+
+    def __str__(self) -> str:
+        return recursion_table(self)
 
 
 @checked
@@ -116,6 +176,8 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
         f=collect(f),
         tau=collect(n),
         u=joint_torques(model, f, n, accelerations),
+        joint_types=model.joint_types,
+        drivers=model.drivers,
     )
 
 

@@ -1,0 +1,363 @@
+"""The errors of Høifødt 2011 listed in docs/errata.md, each shown by numbers: the printed line against the right one."""
+
+import ast
+import re
+
+import mpmath
+import numpy as np
+import pytest
+
+import rne
+from rne.control import pd_gravity
+from rne.robots.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
+
+from .helpers import ROOT, relative, states
+
+LAW = 1e-12  # of the largest entry
+STEP = 1e-30  # of the complex step: exact derivatives
+ERRATA = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
+
+
+def rate(function, q, qd, qdd):
+    """Time derivative of function(q, qd) along a motion."""
+    return function(q + 1j * STEP * qd, qd + 1j * STEP * qdd).imag / STEP
+
+
+def true_acceleration(model, link, point, q, qd, qdd):
+    """Acceleration of a point of a link in the link's axes: positions alone, differenced twice with 60 digits."""
+    with mpmath.workdps(60):
+        number = np.vectorize(mpmath.mpf, otypes=[object])
+        q, qd, qdd, h = number(q), number(qd), number(qdd), mpmath.mpf(10) ** -20
+        poses = [rne.link_poses(model, q + t * qd + t * t / 2 * qdd)[model.link_index(link)] for t in (-h, 0, h)]
+        before, now, after = (T[:3, :3] @ number(point) + T[:3, 3] for T in poses)
+        return (poses[1][:3, :3].T @ ((before - 2 * now + after) / h**2)).astype(float)
+
+
+# 1. After (3.31)
+
+
+def test_alpha_is_the_rate_of_omega_in_the_axes_of_the_link(tree):
+    q, qd, qdd = states(tree.n, 5)
+    record = rne.recursion(tree, q, qd, qdd)
+    omega_dot = rate(lambda x, v: rne.recursion(tree, x, v, qdd).omega, q, qd, qdd)
+    assert relative(omega_dot, record.alpha) <= LAW
+
+
+def test_alpha_is_the_rate_of_omega_in_the_axes_of_the_base(irb140):
+    q, qd, qdd = states(6, seed=1)
+
+    def omega_in_base(x, v):
+        R = irb140.link_poses(x)[1:, :3, :3]
+        return (R @ irb140.recursion(x, v, qdd).omega[..., None])[..., 0]
+
+    R = irb140.link_poses(q)[1:, :3, :3]
+    in_link = (np.swapaxes(R, -1, -2) @ rate(omega_in_base, q, qd, qdd)[..., None])[..., 0]
+    assert relative(in_link, irb140.recursion(q, qd, qdd).alpha) <= LAW
+
+
+# 2. (3.35) and (D.5)
+
+
+def centre_acceleration(irb140, printed):
+    """The acceleration of link 2's centre by (3.37), or with the cross that stands alone in (3.35), and the true one."""
+    motion = states(6, seed=2)
+    record = irb140.recursion(*motion)
+    start = record.a_o[1]  # of the frame's origin, a_e,1 seen from frame 2
+    r, w, alpha = LINKS[1].r_com, record.omega[1], record.alpha[1]
+    spin = np.cross(w, np.cross(w, r))
+    line = np.cross(start, r) + spin if printed else start + np.cross(alpha, r) + spin
+    return line, true_acceleration(irb140.model, "link_2", r, *motion)
+
+
+def test_acceleration_with_omega_dot_cross_r_is_that_of_the_kinematics(irb140):
+    line, truth = centre_acceleration(irb140, printed=False)
+    assert relative(line, truth) <= LAW
+
+
+def test_acceleration_as_printed_in_3_35_is_not_that_of_the_kinematics(irb140):
+    line, truth = centre_acceleration(irb140, printed=True)
+    assert np.linalg.norm(line - truth) == pytest.approx(8.4, abs=0.05)
+
+
+# 3. (6.46)
+
+
+def closed_loop_poles(irb140, reference, sign):
+    """Eigenvalues at the reference, at rest, under u = g(q) + sign Kp (q - reference) - Kd qd."""
+    rest = np.zeros(6)
+    A, B = irb140.linearize(reference, rest, irb140.gravity_torque(reference))
+    g_slope = rne.derivative(rne.gravity_torque, irb140.model, "q")(reference)
+    return np.linalg.eigvals(A + B @ np.hstack([g_slope + sign * np.diag(KP), -np.diag(KD)]))
+
+
+@pytest.mark.parametrize("scene", CLOSED_LOOPS)
+def test_loop_with_the_printed_sign_of_6_46_is_unstable(irb140, scene):
+    rates = closed_loop_poles(irb140, np.array(scene.reference), +1).real
+    assert (rates > 0).sum() == 6
+    assert rates.max() == pytest.approx(2.727, abs=1e-3)
+
+
+@pytest.mark.parametrize("scene", CLOSED_LOOPS)
+def test_loop_with_the_right_sign_is_stable(irb140, scene):
+    assert -1.7 < closed_loop_poles(irb140, np.array(scene.reference), -1).real.max() < -1.2
+
+
+def test_arm_leaves_the_reference_under_the_printed_sign(irb140):
+    reference = np.array(CLOSED_LOOPS[0].reference)
+    wrong = pd_gravity(irb140, np.negative(KP), KD, reference)
+    motion = rne.simulate(irb140, reference + 1e-3, np.zeros(6), 2.0, torque=wrong)
+    assert np.abs(motion.q[-1] - reference).max() > 0.2
+
+
+# 4. (6.70)
+
+
+def energy_rate(irb140, sign):
+    """dE/dt and -qd^T Fv qd where M qdd + C qd + sign Fv qd + g = 0."""
+    q, qd, _ = states(6, seed=4)
+    Fv = np.linspace(1.0, 6.0, 6)
+    qdd = irb140.forward_dynamics(q, qd, -sign * Fv * qd)
+    power = rate(
+        lambda x, v: rne.kinetic_energy(irb140.model, x, v) + rne.potential_energy(irb140.model, x), q, qd, qdd
+    )
+    return power, -(Fv * qd**2).sum()
+
+
+def test_friction_beside_the_inertia_takes_qd_Fv_qd_from_the_energy(irb140):
+    power, loss = energy_rate(irb140, +1)
+    assert power == pytest.approx(loss, rel=1e-11)
+
+
+def test_friction_on_the_other_side_of_6_70_would_feed_the_arm(irb140):
+    power, loss = energy_rate(irb140, -1)
+    assert power == pytest.approx(-loss, rel=1e-11)
+
+
+# 5. (5.18)
+
+
+def alpha_3(irb140, qdd_3, q, qd, qdd):
+    """(5.18): the angular acceleration of link 3 with `qdd_3` beside b_3."""
+    record = irb140.recursion(q, qd, qdd)
+    b = irb140.model.axis[2]
+    return frame_rotation(LINKS[2], q[2]).T @ record.alpha[1] + b * qdd_3 + np.cross(record.omega[2], b * qd[2])
+
+
+def test_alpha_3_with_b_3_qdd_3_is_the_rate_of_omega_3(irb140):
+    q, qd, qdd = states(6, seed=5)
+    omega_dot = rate(lambda x, v: irb140.recursion(x, v, qdd).omega[2], q, qd, qdd)
+    assert relative(alpha_3(irb140, qdd[2], q, qd, qdd), omega_dot) <= LAW
+
+
+def test_alpha_3_as_printed_in_5_18_is_off_by_qdd_3_less_qd_3(irb140):
+    q, qd, qdd = states(6, seed=5)
+    omega_dot = rate(lambda x, v: irb140.recursion(x, v, qdd).omega[2], q, qd, qdd)
+    error = np.linalg.norm(omega_dot - alpha_3(irb140, qd[2], q, qd, qdd))
+    assert error == pytest.approx(abs(qdd[2] - qd[2]), rel=1e-12)
+    assert error > 1
+
+
+# 6. Saturated torques in 6.5.3
+
+
+def lyapunov(irb140, q, qd, reference):
+    """V of (6.50)."""
+    error = q - reference
+    return rne.kinetic_energy(irb140.model, q, qd) + (np.array(KP) * error * error).sum(-1) / 2
+
+
+def saturated_rate(irb140, q, qd, reference, limit):
+    """dV/dt by complex step, what (6.55) says, and the term that saturation adds to it."""
+    asked = pd_gravity(irb140, KP, KD, reference)(0.0, q, qd)
+    given = np.clip(asked, -limit, limit)
+    qdd = irb140.forward_dynamics(q, qd, given)
+    slope = rate(lambda x, v: lyapunov(irb140, x, v, reference), q, qd, qdd)
+    return slope, -(KD * qd**2).sum(), qd @ (given - asked)
+
+
+def test_rate_of_V_is_6_55_while_no_torque_is_saturated(irb140):
+    q, qd, _ = states(6, seed=6, rate=1.0)
+    slope, said, extra = saturated_rate(irb140, q, qd, np.zeros(6), np.inf)
+    assert extra == 0
+    assert slope == pytest.approx(said, rel=1e-11)
+
+
+def test_saturation_adds_qd_times_the_torque_cut_off_to_the_rate_of_V(irb140):
+    q, qd, _ = states(6, seed=6, rate=1.0)
+    slope, said, extra = saturated_rate(irb140, q, qd, np.zeros(6), 30.0)
+    assert abs(extra) > 1
+    assert slope == pytest.approx(said + extra, rel=1e-11)
+
+
+def test_V_grows_under_a_limit_above_every_holding_torque(irb140):
+    """Arm stretched out and sinking at 0.5 rad/s, away from a reference a quarter turn above it; limit 160 N m."""
+    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (1000, 6))
+    assert np.abs(irb140.gravity_torque(angles)).max() <= 158.84
+    q = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])
+    slope, said, _ = saturated_rate(irb140, q, 0.5 * np.eye(6)[1], np.array([0, 0, -np.pi / 2, 0, 0, 0]), 160.0)
+    assert said == -5
+    assert slope == pytest.approx(38.7, abs=0.1)
+
+
+def test_V_grows_along_run_6_5_2_with_drives_of_60_newton_metres(irb140):
+    scene = CLOSED_LOOPS[1]
+    reference = np.array(scene.reference)
+    law = pd_gravity(irb140, KP, KD, reference)
+    motion = rne.simulate(
+        irb140, scene.start, np.zeros(6), scene.duration, method="LSODA", t_eval=np.linspace(0, 5, 501),
+        torque=lambda t, q, qd: np.clip(law(t, q, qd), -60, 60),
+    )  # fmt: skip
+    V = lyapunov(irb140, motion.q, motion.qd, reference)
+    assert (V - np.minimum.accumulate(V)).max() == pytest.approx(147.7, abs=0.5)
+    assert np.abs(motion.q[-1] - reference).max() == pytest.approx(1.99, abs=0.01)
+
+
+# 7. Stiffness of the closed loop in 6.5.3 and 7.2
+
+
+def fastest(irb140, q):
+    """Largest eigenvalue of M^-1 Kd [1/s]."""
+    return np.linalg.eigvals(np.linalg.solve(irb140.mass_matrix(q), np.diag(KD))).real.max(-1)
+
+
+def test_fastest_mode_of_the_closed_loop_at_zero(irb140):
+    assert fastest(irb140, np.zeros(6)) == pytest.approx(15_291, abs=0.5)
+
+
+def test_fastest_mode_over_the_workspace(irb140):
+    modes = fastest(irb140, np.random.default_rng(0).uniform(-np.pi, np.pi, (20_000, 6)))
+    assert 15_089 <= modes.min() <= 15_090
+    assert 15_290 <= modes.max() <= 15_291
+
+
+def evaluations(irb140, method, rtol, closed):
+    scene = CLOSED_LOOPS[0]
+    law = pd_gravity(irb140, KP, KD, scene.reference) if closed else None
+    return rne.simulate(irb140, scene.start, np.zeros(6), 0.2, torque=law, method=method, rtol=rtol).evaluations
+
+
+def test_stability_and_not_accuracy_holds_an_explicit_method_to_its_steps(irb140):
+    loose, fine = (evaluations(irb140, "RK45", rtol, closed=True) for rtol in (1e-3, 1e-6))
+    assert loose == pytest.approx(6500, rel=0.1)
+    assert fine == pytest.approx(6500, rel=0.1)
+
+
+def test_open_loop_and_a_stiff_method_are_free_of_those_steps(irb140):
+    assert evaluations(irb140, "RK45", 1e-6, closed=False) < 100
+    assert evaluations(irb140, "LSODA", 1e-6, closed=True) < 600
+
+
+# 8. (6.38)
+
+
+def height_of_link_6(q, printed):
+    """(6.38), with the cos q4 of its last term or as printed without."""
+    s23, c23, s5, c5 = (
+        np.sin(q[..., 1] + q[..., 2]),
+        np.cos(q[..., 1] + q[..., 2]),
+        np.sin(q[..., 4]),
+        np.cos(q[..., 4]),
+    )
+    c4 = 1 if printed else np.cos(q[..., 3])
+    return 0.352 + 0.360 * np.cos(q[..., 1]) - 0.380 * s23 + 0.029 * (-s23 * c5 - c23 * c4 * s5)
+
+
+def height_by_kinematics(irb140, q):
+    T = irb140.link_poses(q)[..., -1, :, :]
+    return (T[..., :3, :3] @ [0, 0, 0.029] + T[..., :3, 3])[..., 2]
+
+
+def test_height_of_link_6_with_cos_q4_is_that_of_the_kinematics(irb140):
+    q, _, _ = states(6, 100)
+    np.testing.assert_allclose(height_of_link_6(q, printed=False), height_by_kinematics(irb140, q), atol=1e-14)
+
+
+def test_height_as_printed_in_6_38_holds_at_q4_zero_and_nowhere_else(irb140):
+    q, _, _ = states(6, 100)
+    assert 0.04 < np.abs(height_of_link_6(q, printed=True) - height_by_kinematics(irb140, q)).max() <= 0.058
+    q[:, 3] = 0
+    np.testing.assert_allclose(height_of_link_6(q, printed=True), height_by_kinematics(irb140, q), atol=1e-14)
+
+
+@pytest.mark.parametrize("q2", [0.0, 1e-6])
+def test_energy_variations_of_6_4_5_are_those_of_6_38(irb140, q2):
+    """Both free swings with ode45's method and tolerances; the first 5 s, where all solvers still agree."""
+    swing = rne.simulate(irb140, [0, q2, 0, 0, 0, 0], np.zeros(6), 10.0, method="RK45", rtol=1e-6, atol=1e-6)
+    wrong = swing.energy + 9.81 * (height_of_link_6(swing.q, printed=True) - height_by_kinematics(irb140, swing.q))
+    assert np.ptp(swing.energy) < 5e-4
+    assert np.ptp(wrong[swing.t <= 5]) == pytest.approx(0.78, abs=0.03)
+
+
+# 9. (2.7)
+
+
+def test_a_rotation_with_one_sign_changed_as_in_2_7_is_none():
+    c, s = np.cos([0.3, 0.5, 0.7]), np.sin([0.3, 0.5, 0.7])
+    X, Y, Z = np.zeros((3, 3, 3))
+    X[:] = [[1, 0, 0], [0, c[0], -s[0]], [0, s[0], c[0]]]
+    Y[:] = [[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]]
+    Z[:] = [[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]]
+    for R in (Y, X @ Y @ Z):
+        assert R[0, 2] == s[1]
+        assert np.abs(R @ R.T - np.eye(3)).max() <= 1e-15
+        R[0, 2] = -s[1]
+        assert np.abs(R @ R.T - np.eye(3)).max() > 0.5
+        assert np.linalg.det(R) == pytest.approx(1 - 2 * s[1] ** 2, rel=1e-14)
+
+
+# 10. List of symbols
+
+
+def test_a_e_is_the_acceleration_of_the_origin_of_frame_i_and_not_of_the_next(irb140):
+    """The origin of the thesis's frame i is that of link_{i+1}; frame 1's and 2's are apart by link 2's length."""
+    motion = states(6, seed=9)
+    a_e = irb140.recursion(*motion).a_e[0]
+    R = frame_rotation(LINKS[1], motion[0][1])
+    frame_1 = R @ true_acceleration(irb140.model, "link_2", np.zeros(3), *motion)
+    R = R @ frame_rotation(LINKS[2], motion[0][2])
+    frame_2 = R @ true_acceleration(irb140.model, "link_3", np.zeros(3), *motion)
+    assert relative(a_e, frame_1) <= LAW
+    assert relative(a_e, frame_2) > 0.1
+
+
+# 11. 6.1
+
+
+def test_a_relative_tolerance_of_1_as_printed_in_6_1_gives_another_motion(irb140):
+    printed, meant, fine = (
+        rne.simulate(irb140, np.zeros(6), np.zeros(6), 0.5, method="RK45", rtol=rtol, atol=1e-6).q[-1]
+        for rtol in (float(1**-6), 1e-6, 1e-9)
+    )
+    assert np.abs(meant - fine).max() < 1e-5
+    assert np.abs(printed - fine).max() > 0.1
+
+
+# The page itself
+
+
+def named_tests():
+    return re.findall(r"`(tests/\w+\.py)::(\w+)`", ERRATA)
+
+
+def defined_tests(file):
+    return [node.name for node in ast.parse((ROOT / file).read_text(encoding="utf-8")).body if hasattr(node, "name")]
+
+
+def test_every_test_named_in_the_errata_exists():
+    assert named_tests()
+    for file, name in named_tests():
+        assert name in defined_tests(file), f"{file}::{name}"
+
+
+def test_every_erratum_names_a_test():
+    sections = re.split(r"^## ", ERRATA, flags=re.MULTILINE)[1:]
+    assert [section.split(".")[0] for section in sections] == [str(k) for k in range(1, 13)]
+    for section in sections:
+        assert "`tests/" in section, section.splitlines()[0]
+
+
+def test_every_test_of_this_file_is_named_in_the_errata():
+    here = defined_tests("tests/test_errata.py")
+    about_the_page = here[here.index("defined_tests") :]
+    shown = [name for name in here if name.startswith("test_") and name not in about_the_page]
+    assert set(shown) == {name for file, name in named_tests() if file == "tests/test_errata.py"}
