@@ -14,8 +14,10 @@ from .dynamics.lagrange import christoffel_symbols, lagrange_inverse_dynamics
 from .dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 from .dynamics.record import Recursion, bearing_loads, recursion
 from .edit import locked, mounted, with_payload
+from .ensemble import Ensemble, ensemble
 from .errors import ModelError, NotFiniteError, RneError, SimulationError, SingularMassMatrixError, UrdfError
 from .friction import Friction
+from .gains import Gains, check_gains
 from .loading import load
 from .model import Cylinder, Model
 from .robot import Robot
@@ -31,8 +33,10 @@ __version__ = "0.1.0"
 __all__ = [
     "BearingPeaks",
     "Cylinder",
+    "Ensemble",
     "Finding",
     "Friction",
+    "Gains",
     "Kernel",
     "Model",
     "ModelError",
@@ -51,6 +55,7 @@ __all__ = [
     "bearing_peaks",
     "bias_torque",
     "check",
+    "check_gains",
     "christoffel_symbols",
     "compile",
     "control",
@@ -58,6 +63,7 @@ __all__ = [
     "coriolis_torque",
     "derivative",
     "elementwise",
+    "ensemble",
     "forward_dynamics",
     "gravity_torque",
     "inverse_dynamics",

@@ -9,8 +9,8 @@ import numpy as np
 from .dynamics.record import bearing_loads
 from .dynamics.record_table import Row, aligned, short, six_digits
 from .robot import Robot
-from .trajectory import Trajectory
 from .spatial import Array
+from .trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

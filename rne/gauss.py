@@ -32,7 +32,8 @@ TABLEAUS = {
 }
 STEPS = {"implicit-midpoint": 1e-3, "gauss-4": 5e-3}  # [s], if none is given
 ITERATIONS = 60
-CONVERGED = 1e-14  # of the largest entry: the stages to rounding, on which the bound of the energy rests
+HISTORY = 2  # steps that the first guess of the next one's slopes is drawn from
+CONVERGED = 1e-13  # of the largest entry: the stages nearly to rounding, on which the bound of the energy rests
 
 
 @checked
@@ -62,9 +63,15 @@ class Hamilton:
     def __call__(self, x: Array) -> Array:
         """Hamilton's equations."""
         self.evaluations += 1
-        q, p = x[: self.n], x[self.n :]
-        qd = self.rates(q, p)
-        return np.concatenate([qd, self.slopes(q, qd)])
+        if self.rates.is_unrolled and self.slopes.is_unrolled:
+            q = x[: self.n].tolist()
+            try:
+                qd = self.rates.single(q, x[self.n :].tolist())
+                return np.concatenate([qd, self.slopes.single(q, qd.tolist())])
+            except (ValueError, ArithmeticError):
+                pass  # something is wrong: said below
+        rates = self.rates(x[: self.n], x[self.n :])
+        return np.concatenate([rates, self.slopes(x[: self.n], rates)])
 
 
 def gauss_run(
@@ -85,7 +92,8 @@ def gauss_run(
     found = np.zeros((len(grid), 2 * n))
     x = np.concatenate([x0[:n], plant.robot.mass_matrix(x0[:n]) @ x0[n : 2 * n]])
     c, a = TABLEAUS[method]
-    stages = np.tile(system(x), (len(c), 1))
+    history = [np.tile(system(x), (len(c), 1))]
+    weights = [_continuation(c, k) for k in range(1, HISTORY + 1)]
     lost = np.zeros_like(x)  # what rounding took from x, given back at the next step
     done, k = 0, 0
     try:
@@ -93,7 +101,9 @@ def gauss_run(
             while done < len(grid) and grid[done] <= k * h * (1 + 1e-15):
                 found[done] = x
                 done += 1
-            stages = _stages(system, x, h, a, _extrapolated(c, stages) if k else stages)
+            guess = weights[len(history) - 1] @ np.concatenate(history) if k else history[0]
+            stages = _stages(system, x, h, a, guess)
+            history = [*history[k == 0 or len(history) == HISTORY :], stages]
             while done < len(grid) and grid[done] < (k + 1) * h * (1 - 1e-12):
                 found[done] = x + h * _weights(c, grid[done] / h - k) @ stages
                 done += 1
@@ -123,13 +133,12 @@ def _stages(system: Hamilton, x: Array, h: float, a: Array, guess: Array) -> Arr
     raise NotFiniteError(f"the stages do not converge (last change {change:.1e}); take a smaller `step` than {h:g} s")
 
 
-def _extrapolated(c: Array, stages: Array) -> Array:
-    """The last step's polynomial of slopes, continued into the next step."""
-    if len(c) == 1:
-        return stages
-    ahead = (1 + c - c[0]) / (c[1] - c[0])
-    continued: Array = stages[0] + ahead[:, None] * (stages[1] - stages[0])
-    return continued
+def _continuation(c: Array, steps: int) -> Array:
+    """Weights that continue the slopes of the last steps into the next one, by a polynomial through all of them."""
+    nodes = np.concatenate([c + k - steps for k in range(steps)])
+    factors = [[[(x - b) / (a - b) for b in nodes if b != a] for a in nodes] for x in c]
+    weights: Array = np.prod(factors, axis=-1)
+    return weights
 
 
 def _weights(c: Array, s: float) -> Array:

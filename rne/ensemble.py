@@ -1,0 +1,246 @@
+"""Many starts of one scene at once, by equal steps of the block kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, wait
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arguments import joint_array, real_array
+from .errors import NotFiniteError
+from .plant import RightHandSide
+from .robot import Robot
+from .scene import Scene
+from .spatial import Array
+
+METHODS = ("rk4", "semi-implicit-euler", "implicit-midpoint")
+CHUNK = 8192  # starts that go through their steps together, so that their states stay in the cache
+ITERATIONS, CONVERGED = 50, 1e-13
+Progress = Callable[[int, int], Any]
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Motions of many starts.
+
+    Attributes
+    ----------
+    t : ndarray, shape (S,)
+        Times kept [s].
+    q, qd : ndarray, shape (S, N, n)
+        Positions and rates of each start at these times [rad or m, /s].
+    energies : ndarray, shape (S, N, k)
+        The scene's ledger; see `ledger` [J].
+    ledger : tuple of str, length k
+        "drives", "viscous", "coulomb", as far as the scene has them.
+    method : str
+    step : float
+        [s]
+    evaluations : int
+        Calls of the right-hand side, one for each state.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    energies: Array
+    ledger: tuple[str, ...]
+    method: str
+    step: float
+    evaluations: int
+
+
+def ensemble(
+    scene_or_robot: Scene | Robot,
+    q0: ArrayLike,
+    qd0: ArrayLike,
+    duration: float,
+    *,
+    step: float,
+    method: str = "rk4",
+    keep: int = 2,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+) -> Ensemble:
+    """Simulate many starts of one scene at once by equal steps.
+
+    Parameters
+    ----------
+    scene_or_robot : Scene or Robot
+        Its controller, if it has one, must be traceable and not sampled; stops and sticking friction are not modelled.
+    q0, qd0 : array_like, shape (N, n)
+        Positions and rates at the start [rad or m, /s].
+    duration, step : float
+        [s]; the last step is as long as all others, near `step`.
+    method : {"rk4", "semi-implicit-euler", "implicit-midpoint"}
+        Of order 4, 1 and 2. No step is controlled: halve it and compare.
+    keep : int
+        Times kept, equally spaced, the first and the last among them.
+    progress : callable, optional
+        progress(done, total), called as starts times steps are done.
+    executor : concurrent.futures.Executor, optional
+        Shares the starts in chunks: a process pool, or a Dask cluster's `client.get_executor()`.
+
+    Returns
+    -------
+    Ensemble
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape, is not finite or out of range, or the scene cannot run in blocks.
+    NotFiniteError
+        If a state overflows, or the midpoint rule's iteration does not converge; names the start.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> starts = np.random.default_rng(0).uniform(-1, 1, (100, 6))
+    >>> rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3).q.shape
+    (2, 100, 6)
+    """
+    scene = scene_or_robot if isinstance(scene_or_robot, Scene) else Scene(scene_or_robot)
+    rhs = _blocks(scene)
+    n = scene.n
+    q, qd = (
+        joint_array(name, real_array(name, x, f"(N, {n})"), scene.arm.model) for name, x in (("q0", q0), ("qd0", qd0))
+    )
+    if q.ndim != 2 or q.shape != qd.shape:
+        raise ValueError(f"`q0` and `qd0` must have the same shape (N, {n}), got {q.shape} and {qd.shape}")
+    if method not in METHODS:
+        raise ValueError(f"`method` must be one of {list(METHODS)}, got {method!r}")
+    end, near = _positive("duration", duration), _positive("step", step)
+    if not isinstance(keep, int) or keep < 2:
+        raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
+    spans = keep - 1
+    steps = max(1, round(end / near / spans + 0.4999999)) * spans
+    plan = Plan(rhs, method, end / steps, steps, spans)
+    x0 = np.concatenate([q, qd, np.zeros((len(q), rhs.size - 2 * n))], axis=1)
+    kept = _run_all(plan, x0, progress, executor)
+    t = np.linspace(0.0, end, keep)
+    per_step = {"rk4": 4, "semi-implicit-euler": 1}.get(method, 0)
+    count = sum(part[1] for part in kept) or per_step * steps * len(q)
+    x = np.concatenate([part[0] for part in kept], axis=1) if kept else np.zeros((keep, 0, rhs.size))
+    own = 2 * n + rhs.own_states
+    return Ensemble(t, x[..., :n], x[..., n : 2 * n], x[..., own:], rhs.ledger, method, end / steps, count)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is done with each chunk of starts."""
+
+    rhs: RightHandSide
+    method: str
+    h: float
+    steps: int
+    spans: int
+
+    def run(self, x: Array, tick: Progress | None = None) -> tuple[Array, int]:
+        """States at the kept times, shape (spans + 1, N, size), and the calls of the right-hand side for each."""
+        stepper = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit, "implicit-midpoint": _midpoint}[self.method]
+        work = _Work(self.rhs, x)
+        kept = [x.copy()]
+        for k in range(self.steps):
+            stepper(work, k * self.h, self.h)
+            if (k + 1) % (self.steps // self.spans) == 0:
+                kept.append(work.x.copy())
+            if tick is not None:
+                tick(len(x), 0)
+        return np.array(kept), work.calls * len(x)
+
+
+class _Work:
+    """Arrays of one chunk, reused from step to step."""
+
+    def __init__(self, rhs: RightHandSide, x: Array) -> None:
+        self.rhs, self.kernel, self.n = rhs, rhs.kernel, rhs.arm.n
+        self.x = np.array(x)
+        self.t = np.zeros((len(x), 1))
+        self.k, self.sum, self.stage = (np.empty_like(self.x) for _ in range(3))
+        self.calls = 0
+
+    def slope(self, t: float, x: Array) -> Array:
+        self.calls += 1
+        self.t.fill(t)
+        return self.kernel(self.t, x, out=self.k)
+
+
+def _rk4(work: _Work, t: float, h: float) -> None:
+    """Runge and Kutta's classical method."""
+    x, total, stage = work.x, work.sum, work.stage
+    np.copyto(stage, x)
+    for time, weight, ahead in ((t, 1, 0.5), (t + h / 2, 2, 0.5), (t + h / 2, 2, 1.0), (t + h, 1, 0.0)):
+        k = work.slope(time, stage)
+        if weight == 1 and ahead == 0.5:
+            np.copyto(total, k)
+        else:
+            np.multiply(k, weight, out=stage)
+            np.add(total, stage, out=total)
+        if ahead:
+            np.multiply(k, ahead * h, out=stage)
+            np.add(stage, x, out=stage)
+    np.multiply(total, h / 6, out=total)
+    np.add(x, total, out=x)
+
+
+def _semi_implicit(work: _Work, t: float, h: float) -> None:
+    """Rates first, then positions with the new rates."""
+    k = work.slope(t, work.x)
+    n = work.n
+    work.x[:, n:] += h * k[:, n:]
+    work.x[:, :n] += h * work.x[:, n : 2 * n]
+
+
+def _midpoint(work: _Work, t: float, h: float) -> None:
+    """The implicit midpoint rule, by iteration from an explicit one."""
+    x = work.x
+    new = work.slope(t, x).copy()
+    for _ in range(ITERATIONS):
+        old = new
+        new = work.slope(t + h / 2, x + (h / 2) * old).copy()
+        if h * np.abs(new - old).max(initial=0.0) <= CONVERGED * max(1.0, float(np.abs(x).max(initial=0.0))):
+            x += h * new
+            return
+    raise NotFiniteError(f"the midpoint rule does not converge at t = {t:.6g} s; take a smaller `step`", t)
+
+
+def _run_all(plan: Plan, x0: Array, progress: Progress | None, executor: Executor | None) -> list[tuple[Array, int]]:
+    chunks = [x0[k : k + CHUNK] for k in range(0, len(x0), CHUNK)]
+    if executor is not None and len(x0):
+        chunks = np.array_split(x0, max(len(chunks), min(len(x0), 8)))
+    total, done = len(x0) * plan.steps, 0
+
+    def tick(count: int, _: int) -> None:
+        nonlocal done
+        done += count
+        if progress is not None:
+            progress(done, total)
+
+    if executor is None:
+        return [plan.run(chunk, tick if progress else None) for chunk in chunks]
+    futures: list[Future[tuple[Array, int]]] = [executor.submit(plan.run, chunk) for chunk in chunks]
+    for future, chunk in zip(futures, chunks, strict=True):
+        wait([future])
+        tick(len(chunk) * plan.steps, 0)
+    return [future.result() for future in futures]
+
+
+def _blocks(scene: Scene) -> RightHandSide:
+    if scene.sample_time is not None or scene.stops or (scene.resistance is not None and scene.resistance.sticks):
+        raise ValueError(
+            "an ensemble has no events: its scene must have no `sample_time`, `stops` or sticking friction"
+        )
+    if scene.right_hand_side.given:
+        raise ValueError("the controller of an ensemble must be traceable (mark it with rne.traceable)")
+    return scene.right_hand_side
+
+
+def _positive(name: str, value: float) -> float:
+    array = real_array(name, value, "()")
+    if array.ndim or array <= 0:
+        raise ValueError(f"`{name}` must be one positive number, got {value!r}")
+    return float(array)
