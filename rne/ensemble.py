@@ -199,12 +199,16 @@ def _midpoint(work: _Work, t: float, h: float) -> None:
     """The implicit midpoint rule, by iteration from an explicit one."""
     x = work.x
     new = work.slope(t, x).copy()
+    first = h * np.abs(new).max(initial=0.0)
     for _ in range(ITERATIONS):
         old = new
         new = work.slope(t + h / 2, x + (h / 2) * old).copy()
-        if h * np.abs(new - old).max(initial=0.0) <= CONVERGED * max(1.0, float(np.abs(x).max(initial=0.0))):
+        change = h * np.abs(new - old).max(initial=0.0)
+        if change <= CONVERGED * max(1.0, float(np.abs(x).max(initial=0.0))):
             x += h * new
             return
+        if change > 1e3 * max(1.0, first):
+            break
     raise NotFiniteError(f"the midpoint rule does not converge at t = {t:.6g} s; take a smaller `step`", t)
 
 

@@ -60,18 +60,22 @@ class Hamilton:
         self.slopes = robot.kernel(lagrangian, "q")
         self.evaluations = 0
 
-    def __call__(self, x: Array) -> Array:
-        """Hamilton's equations."""
-        self.evaluations += 1
+    def __call__(self, X: Array) -> Array:
+        """Hamilton's equations for a few states, shape (k, 2 n)."""
+        self.evaluations += len(X)
+        n = self.n
         if self.rates.is_unrolled and self.slopes.is_unrolled:
-            q = x[: self.n].tolist()
             try:
-                qd = self.rates.single(q, x[self.n :].tolist())
-                return np.concatenate([qd, self.slopes.single(q, qd.tolist())])
+                parts = []
+                for x in X.tolist():
+                    q = x[:n]
+                    qd = self.rates.single(q, x[n:])
+                    parts += [qd, self.slopes.single(q, qd.tolist())]
+                return np.array(parts).reshape(X.shape)
             except (ValueError, ArithmeticError):
                 pass  # something is wrong: said below
-        rates = self.rates(x[: self.n], x[self.n :])
-        return np.concatenate([rates, self.slopes(x[: self.n], rates)])
+        rates = self.rates(X[:, :n], X[:, n:])
+        return np.concatenate([rates, self.slopes(X[:, :n], rates)], axis=1)
 
 
 def gauss_run(
@@ -92,7 +96,7 @@ def gauss_run(
     found = np.zeros((len(grid), 2 * n))
     x = np.concatenate([x0[:n], plant.robot.mass_matrix(x0[:n]) @ x0[n : 2 * n]])
     c, a = TABLEAUS[method]
-    history = [np.tile(system(x), (len(c), 1))]
+    history = [np.tile(system(x[None]), (len(c), 1))]
     weights = [_continuation(c, k) for k in range(1, HISTORY + 1)]
     lost = np.zeros_like(x)  # what rounding took from x, given back at the next step
     done, k = 0, 0
@@ -121,13 +125,13 @@ def gauss_run(
 
 def _stages(system: Hamilton, x: Array, h: float, a: Array, guess: Array) -> Array:
     """The slopes K_i = f(x + h sum a_ij K_j), by iteration from a guess until nothing changes but rounding."""
-    K = guess
-    last = np.inf
+    K, ha, last = guess, h * a, np.inf
+    small = CONVERGED * float(np.abs(x).max(initial=1.0))
     for _ in range(ITERATIONS):
-        new = np.array([system(y) for y in x + h * (a @ K)])
+        new = system(x + ha @ K)
         change = h * float(np.abs(new - K).max())
         K = new
-        if change <= CONVERGED * float(np.abs(x).max(initial=1.0)) or (change >= last and change < 1e-12):
+        if change <= small or (change >= last and change < 1e-12):
             return K
         last = change
     raise NotFiniteError(f"the stages do not converge (last change {change:.1e}); take a smaller `step` than {h:g} s")

@@ -222,7 +222,7 @@ def _operations(scene: Scene) -> int:
 def _warn_of_overload(robot: Robot, mass: float) -> None:
     rated = RATED_PAYLOADS.get(robot.model.name, np.inf)
     if mass > rated:
-        text = f"payload of {mass:g} kg is beyond the {rated:g} kg of {robot.model.name!r}'s data sheet"
+        text = f"payload of {mass:g} kg is beyond the {rated:g} kg of the data sheet of {robot.model.name!r}"
         warnings.warn(text, stacklevel=5)
 
 

@@ -1,0 +1,132 @@
+"""Control laws and reference motions do what their formulas say."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+
+from .helpers import relative, states
+
+
+def test_computed_torque_follows_its_reference(irb140):
+    """From a start on the reference the error stays at the solver's tolerance; from one off it, it decays as designed."""
+    path = rne.trajectories.quintic([0] * 6, [1, 0.5, -0.5, 1, 0.5, -1], 1.0)
+    scene = rne.Scene(irb140, controller=rne.control.computed_torque(irb140, [100] * 6, [20] * 6, path))
+    times = np.linspace(0, 1.2, 13)
+    on = rne.simulate(scene, [0] * 6, [0] * 6, 1.2, t_eval=times, rtol=1e-9, atol=1e-12)
+    assert np.abs(on.q - np.array([path(t)[0] for t in times])).max() <= 1e-8
+    off = rne.simulate(scene, [0.1] * 6, [0] * 6, 1.2, t_eval=times, rtol=1e-9, atol=1e-12)
+    expected = 0.1 * (1 + 10 * times) * np.exp(-10 * times)  # critically damped, e'' + 20 e' + 100 e = 0
+    assert np.abs((off.q - on.q) - expected[:, None]).max() <= 1e-8
+
+
+def test_integral_removes_the_error_that_weight_leaves(irb140):
+    gains = [400] * 6, [400] * 6, [60] * 6
+    reference = [0.1, 0.2, 0.1, 0, 0.1, 0]
+    scene = rne.Scene(irb140, controller=rne.control.pid(irb140, *gains, reference))
+    motion = rne.simulate(scene, reference, [0] * 6, 12.0, t_eval=[0, 12.0])
+    plain = rne.Scene(irb140, controller=rne.control.pd(irb140, gains[0], gains[2], reference))
+    without = rne.simulate(plain, reference, [0] * 6, 12.0, t_eval=[0, 12.0])
+    assert np.abs(motion.q[-1] - reference).max() <= 1e-3
+    assert np.abs(without.q[-1] - reference).max() >= 0.1
+    assert np.abs(irb140.gravity_torque(motion.q[-1]) + 400 * motion.controller_state[-1]).max() <= 0.5
+
+
+def test_windup_is_bounded(irb140):
+    law = rne.control.pid(irb140, [0] * 6, [100] * 6, [0] * 6, [0] * 6, windup=5.0)
+    tau, rates = law(0.0, np.ones(6), np.zeros(6), np.full(6, 3.0))
+    assert tau == pytest.approx(-5.0)
+    assert rates == pytest.approx(1.0)
+
+
+def test_pd_gravity_carries_the_weight(irb140):
+    q, qd, _ = states(6, 20)
+    law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0.5] * 6)
+    assert relative(law(0, q, qd), irb140.gravity_torque(q) - 50 * (q - 0.5) - 20 * qd) <= 1e-14
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        rne.trajectories.quintic([0.0, 1.0], [2.0, -1.0], 3.0),
+        rne.trajectories.trapezoidal([0.0, 1.0], [2.0, -1.0], 3.0, 0.5),
+    ],
+    ids=["quintic", "trapezoidal"],
+)
+class TestReferences:
+    def test_from_rest_to_rest(self, path):
+        for t, q in ((-1.0, path.start), (0.0, path.start), (3.0, path.end), (4.0, path.end)):
+            position, rate, _ = path(t)
+            assert position == pytest.approx(q, abs=1e-15)
+            assert not rate.any()
+
+    def test_rates_are_derivatives(self, path):
+        for t in (0.2, 1.0, 2.3, 2.8):
+            h = 1e-5
+            (q0, v0, _), (_, v, a), (q1, v1, _) = path(t - h), path(t), path(t + h)
+            assert (q1 - q0) / (2 * h) == pytest.approx(v, abs=1e-8)
+            assert (v1 - v0) / (2 * h) == pytest.approx(a, abs=1e-8)
+
+
+def test_trapezoidal_breaks_are_stepped_onto(irb140):
+    """The energy balance would show a step across a jump of the acceleration."""
+    path = rne.trajectories.trapezoidal([0] * 6, [1] * 6, 1.0, 0.25)
+    assert path.breaks == (0.0, 0.25, 0.75, 1.0)
+    scene = rne.Scene(irb140, controller=rne.control.computed_torque(irb140, [100] * 6, [20] * 6, path))
+    motion = rne.simulate(scene, [0] * 6, [0] * 6, 1.0, rtol=1e-9, atol=1e-12)
+    assert {0.25, 0.75} <= set(motion.t)
+    assert motion.energy_drift <= 1e-7
+
+
+def test_pulse_of_torque_is_not_stepped_over(irb140):
+    """A pulse of 1 ms after 5 s of rest: found only if the solver steps onto its instants."""
+    start = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])
+    weight = irb140.gravity_torque(start)
+
+    def law(t, q, qd):
+        return weight + (100.0 if 5.0 <= t < 5.001 else 0.0)
+
+    hit = rne.simulate(irb140, start, [0] * 6, 6.0, torque=law, breaks=[5.0, 5.001])
+    assert 5.0 in hit.t
+    impulse = np.linalg.solve(irb140.mass_matrix(start), np.full(6, 100.0)) * 1e-3
+    after = hit.qd[np.searchsorted(hit.t, 5.001)]
+    assert relative(after, impulse) <= 0.02
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (
+            lambda r: rne.control.pd(r, [1], [1] * 6, [0] * 6),
+            "`kp` must have shape (..., 6) for robot 'irb140', got (1,)",
+        ),
+        (
+            lambda r: rne.control.computed_torque(r, [1] * 6, [1] * 6, 3),
+            "`reference` must be a function of time, got int",
+        ),
+        (
+            lambda r: rne.control.pid(r, [1] * 6, [1] * 6, [1] * 6, [0] * 6, windup=0),
+            "`windup` must be positive, got 0.0",
+        ),
+        (
+            lambda r: rne.trajectories.quintic([0], [1, 2], 1.0),
+            "`start` and `end` must have the same shape (n,), got (1,) and (2,)",
+        ),
+        (lambda r: rne.trajectories.quintic([0], [1], 0), "`duration` must be one positive number, got 0"),
+        (
+            lambda r: rne.trajectories.trapezoidal([0], [1], 1.0, 0.6),
+            "`ramp` must be at most half the duration of 1 s, got 0.6",
+        ),
+        (lambda r: rne.check_gains(r, [0] * 6, [1] * 6), "`kp` must be positive, got 0.0"),
+        (lambda r: rne.check_gains(r, [1] * 6, [1] * 6, -1.0), "`sample_time` must be positive, got -1.0"),
+        (
+            lambda r: rne.simulate(rne.Scene(r, controller=lambda t, q, qd: q), [0] * 6, [0] * 6, 1.0, torque=[0] * 6),
+            "`torque` cannot be given for a scene that has a controller",
+        ),
+    ],
+)
+def test_wrong_arguments_are_named(irb140, make, text):
+    with pytest.raises(ValueError, match=rf"^{re.escape(text)}$"):
+        make(irb140)

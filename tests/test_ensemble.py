@@ -1,0 +1,113 @@
+"""Many starts at once are the single motions, on any executor, to the order of the method."""
+
+import re
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+import pytest
+
+import rne
+from rne.robots.chains import straight_chain
+
+from .helpers import states
+
+
+@pytest.fixture(scope="module")
+def starts():
+    q, qd, _ = states(2, 40, rate=1.0)
+    return q, qd
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return rne.Robot(straight_chain(2))
+
+
+@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("semi-implicit-euler", 1), ("implicit-midpoint", 2)])
+def test_order_of_each_method(chain, starts, method, order):
+    exact = np.array(
+        [rne.simulate(chain, q, qd, 0.2, rtol=1e-12, atol=1e-13).q[-1] for q, qd in zip(*starts, strict=True)]
+    )
+    errors = [
+        np.abs(rne.ensemble(chain, *starts, 0.2, step=h, method=method).q[-1] - exact).max() for h in (0.01, 0.005)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
+
+
+def test_kept_times_and_ledger(irb140):
+    law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0] * 6)
+    scene = rne.Scene(irb140, controller=law, friction=rne.Friction(viscous=1.0), armature=[1.0] * 6)
+    q = states(6, 5)[0] * 0.1
+    runs = rne.ensemble(scene, q, 0 * q, 0.1, step=1e-3, keep=3)
+    assert runs.t.tolist() == [0.0, 0.05, 0.1]
+    assert runs.ledger == ("drives", "viscous")
+    alone = rne.simulate(scene, q[2], [0] * 6, 0.1, rtol=1e-10, atol=1e-12)
+    assert np.abs(runs.q[-1, 2] - alone.q[-1]).max() <= 1e-8
+    assert runs.energies[-1, 2] == pytest.approx([alone.work[-1], alone.dissipated["viscous"][-1]], abs=1e-6)
+    assert runs.evaluations == 4 * 100 * 5
+
+
+def test_progress_is_told(chain, starts):
+    told = []
+    rne.ensemble(chain, *starts, 0.1, step=0.01, progress=lambda done, total: told.append((done, total)))
+    assert told[-1] == (400, 400)
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+
+
+def test_process_pool(chain, starts):
+    here = rne.ensemble(chain, *starts, 0.1, step=0.01)
+    with ProcessPoolExecutor(2) as pool:
+        there = rne.ensemble(chain, *starts, 0.1, step=0.01, executor=pool)
+    assert np.abs(here.q - there.q).max() <= 1e-13
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_dask_cluster(chain, starts):
+    """A local cluster's executor is one like any other."""
+    from distributed import Client, LocalCluster
+
+    here = rne.ensemble(chain, *starts, 0.1, step=0.01)
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        there = rne.ensemble(chain, *starts, 0.1, step=0.01, executor=client.get_executor())
+    assert np.abs(here.q - there.q).max() <= 1e-13
+
+
+def test_no_starts(chain):
+    empty = np.zeros((0, 2))
+    assert rne.ensemble(chain, empty, empty, 0.1, step=0.01).q.shape == (2, 0, 2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"q0": [0, 0]}, "`q0` and `qd0` must have the same shape (N, 2), got (2,) and (1, 2)"),
+        ({"step": 0}, "`step` must be one positive number, got 0"),
+        (
+            {"method": "euler"},
+            "`method` must be one of ['rk4', 'semi-implicit-euler', 'implicit-midpoint'], got 'euler'",
+        ),
+        ({"keep": 1}, "`keep` must be a whole number, at least 2, got 1"),
+    ],
+)
+def test_wrong_arguments_are_named(chain, changes, text):
+    arguments = {"q0": [[0, 0]], "qd0": [[0, 0]], "step": 0.01, **changes}
+    with pytest.raises(ValueError, match=rf"^{re.escape(text)}$"):
+        rne.ensemble(chain, duration=0.1, **arguments)
+
+
+def test_called_laws_are_refused(chain):
+    scene = rne.Scene(chain, controller=lambda t, q, qd: -qd)
+    with pytest.raises(
+        ValueError, match=r"^the controller of an ensemble must be traceable \(mark it with rne.traceable\)$"
+    ):
+        rne.ensemble(scene, [[0, 0]], [[0, 0]], 0.1, step=0.01)
+
+
+def test_a_midpoint_step_too_long_is_an_error(chain):
+    with pytest.raises(
+        rne.NotFiniteError, match=r"^the midpoint rule does not converge at t = 0 s; take a smaller `step`$"
+    ):
+        rne.ensemble(chain, [[1, 2]], [[30, 50]], 1.0, step=0.5, method="implicit-midpoint")

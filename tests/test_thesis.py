@@ -1,0 +1,170 @@
+"""Every simulation of Høifødt 2011, chapters 6 and 7, with the figure that its plots show or hide."""
+
+import numpy as np
+import pytest
+
+import rne
+from rne.robots import irb140_mirrored
+from rne.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+
+from .helpers import EPS
+
+PI = np.pi
+UPRIGHT = np.array([0, PI / 2, -PI / 2, 0, 0, 0])
+REST = np.zeros(6)
+TIGHT = {"rtol": 1e-9, "atol": 1e-12}
+
+
+@pytest.fixture(scope="module")
+def holding(irb140):
+    """The torque of (6.21)."""
+    return irb140.gravity_torque(UPRIGHT)
+
+
+def first_time(motion, distance, centre):
+    """When some joint is first further than `distance` from `centre`, between samples by interpolation."""
+    apart = np.abs(motion.q - centre).max(axis=1)
+    k = int(np.argmax(apart > distance))
+    assert apart[k] > distance
+    share = (distance - apart[k - 1]) / (apart[k] - apart[k - 1])
+    return motion.t[k - 1] + share * (motion.t[k] - motion.t[k - 1])
+
+
+def test_holding_torque_of_6_21(holding):
+    assert holding / 9.81 == pytest.approx([0, -16.191, -2.409, 0, -0.029, 0], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("start", "tenth", "one"),
+    [([0] * 6, 0.082, 0.2415), ([0, PI, -PI / 2, 0, 0, 0], 0.0795, 0.295)],
+    ids=["6.3-1", "6.3-2"],
+)
+def test_constant_torque_is_unstable(irb140, holding, start, tenth, one):
+    motion = rne.simulate(irb140, start, REST, 0.5, torque=holding, t_eval=np.linspace(0, 0.5, 5001), **TIGHT)
+    assert first_time(motion, 0.1, start) == pytest.approx(tenth, abs=5e-4)
+    assert first_time(motion, 1.0, start) == pytest.approx(one, abs=5e-4)
+
+
+def test_6_3_3_stays_put(irb140, holding):
+    """dg/dq vanishes there: an error grows as t^2, not exponentially."""
+    slope = rne.derivative(rne.gravity_torque, irb140.model, "q")(UPRIGHT)
+    motion = rne.simulate(irb140, UPRIGHT, REST, 10.0, torque=holding)
+    assert np.abs(motion.q - UPRIGHT).max() <= 6e-12
+    assert np.abs(slope).max() <= 1e-13 * np.abs(holding).max()
+    assert np.abs(rne.derivative(rne.gravity_torque, irb140.model, "q")(REST)).max() > 1
+
+
+def test_6_3_4_collapses_after_four_seconds(irb140, holding):
+    start = UPRIGHT + [0, 0.05, 0, 0, 0, 0]
+    times = np.linspace(0, 6, 6001)
+    motion = rne.simulate(irb140, start, REST, 6.0, torque=holding, t_eval=times, **TIGHT)
+    assert first_time(motion, 0.1, UPRIGHT) == pytest.approx(4.242, abs=0.01)
+    assert first_time(motion, 1.0, UPRIGHT) == pytest.approx(5.418, abs=0.01)
+
+
+def test_6_4_energy_and_divergence(irb140):
+    """An offset of 1e-6 rad gives an entirely different motion, both of constant energy."""
+    times = np.linspace(0, 10, 2001)
+    swings = [rne.simulate(irb140, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
+    assert swings[0].energy[0] == pytest.approx(370.87686, abs=1e-5)
+    assert max(s.energy_drift for s in swings) <= 1e-6
+    apart = np.abs(swings[0].q - swings[1].q).max(axis=1)
+    assert times[np.argmax(apart > 1e-3)] == pytest.approx(3.0, abs=0.1)
+    assert times[np.argmax(apart > 1.0)] == pytest.approx(5.7, abs=0.1)
+
+
+@pytest.fixture(scope="module", params=CLOSED_LOOPS, ids=["6.5-1", "6.5-2", "6.5-3"])
+def loop(request, irb140):
+    return request.param, rne.Scene(irb140, controller=rne.control.pd_gravity(irb140, KP, KD, request.param.reference))
+
+
+SETTLED = dict(zip(CLOSED_LOOPS, (2.813, 2.362, 3.002), strict=True))
+
+
+def test_closed_loop_settles(loop):
+    scene_of_thesis, scene = loop
+    times = np.linspace(0, 5, 5001)
+    motion = rne.simulate(scene, scene_of_thesis.start, REST, 5.0, t_eval=times)
+    outside = (np.abs(motion.q - scene_of_thesis.reference) > 0.01).any(axis=1)
+    assert times[np.nonzero(outside)[0][-1] + 1] == pytest.approx(SETTLED[scene_of_thesis], abs=0.01)
+    assert motion.method == "LSODA"
+    assert motion.evaluations <= 2500
+
+
+@pytest.mark.parametrize("method", ["LSODA", "Radau", "BDF"])
+def test_lyapunov_function_falls_at_every_step(irb140, loop, method):
+    """V = qd^T M qd / 2 + e^T Kp e / 2 (6.50), and dV/dt = -qd^T Kd qd (6.55) from the simulated accelerations."""
+    scene_of_thesis, scene = loop
+    motion = rne.simulate(scene, scene_of_thesis.start, REST, 5.0, method=method)
+    e = motion.q - scene_of_thesis.reference
+    V = motion.kinetic + (np.array(KP) * e**2).sum(-1) / 2
+    assert (np.diff(V) <= 4 * EPS * V[0]).all()
+    M, C = irb140.mass_matrix(motion.q), irb140.coriolis_matrix(motion.q, motion.qd)
+    inertial = np.einsum("ti,tij,tj->t", motion.qd, M, motion.qdd) + np.einsum("ti,tij,tj->t", motion.qd, C, motion.qd)
+    slope = inertial + (np.array(KP) * e * motion.qd).sum(-1)
+    dissipated = -(np.array(KD) * motion.qd**2).sum(-1)
+    size = np.abs(motion.tau * motion.qd).sum(-1) + np.abs(dissipated) + 1e-12
+    assert (np.abs(slope - dissipated) / size).max() <= 1e-9
+
+
+def test_stiffness_costs_the_explicit_method_a_hundred_times_the_evaluations(irb140, loop):
+    """RK45 is held to about 3.3 / lambda a step whatever its tolerance: 0.25 s here, 5 s in the report."""
+    scene_of_thesis, scene = loop
+    explicit = rne.simulate(scene, scene_of_thesis.start, REST, 0.25, method="RK45")
+    implicit = rne.simulate(scene, scene_of_thesis.start, REST, 0.25, method="LSODA")
+    assert 0.25 * 28_000 <= explicit.evaluations <= 0.25 * 36_000
+    assert implicit.evaluations <= explicit.evaluations / 8
+    assert np.abs(explicit.q[-1] - implicit.q[-1]).max() <= 1e-5
+
+
+@pytest.mark.parametrize(("sample_time", "stable"), [(1.30e-4, True), (1.35e-4, False)])
+def test_sampled_controller(irb140, loop, sample_time, stable):
+    """Torques held between samples are unstable beyond 2 / lambda = 1.308e-4 s; the stable case runs 1.2 s."""
+    scene_of_thesis, _ = loop
+    law = rne.control.pd_gravity(irb140, KP, KD, scene_of_thesis.reference)
+    scene = rne.Scene(irb140, controller=law, sample_time=sample_time)
+    if stable:
+        motion = rne.simulate(scene, scene_of_thesis.start, REST, 1.2)
+        assert np.abs(motion.qd[-1]).max() <= 10
+        assert np.abs(motion.qd).max() <= 100
+    else:
+        try:
+            rates = rne.simulate(scene, scene_of_thesis.start, REST, 0.031).qd
+        except rne.SimulationError as error:
+            rates = error.trajectory.qd
+        assert np.abs(rates).max() >= 1e5
+
+
+def test_check_gains_knows_the_limit_before_anyone_simulates(irb140):
+    gains = rne.check_gains(irb140, KP, KD, 1.35e-4)
+    assert gains.sample_time_limit == pytest.approx(1.308e-4, rel=2e-3)
+    assert gains.stable is False
+    assert gains.largest_mode == pytest.approx(15291, abs=1)
+    assert gains.fastest_pole == pytest.approx(15288, abs=1)
+    assert gains.gravity_stiffness == pytest.approx(163, abs=1)
+    assert not gains.beats_gravity
+
+
+def test_7_1_1_hangs_still_in_both_arms(irb140):
+    """The hanging equilibrium, and the same arm with q3 counted the other way."""
+    flip = np.array([1, 1, -1, 1, 1, 1])
+    start = np.array([0, PI, -PI / 2, 0, 0, 0])
+    times = np.linspace(0, 10, 101)
+    ours = rne.simulate(irb140, start, REST, 10.0, t_eval=times, **TIGHT)
+    mirrored = rne.simulate(rne.Robot(irb140_mirrored()), start * flip, REST, 10.0, t_eval=times, **TIGHT)
+    assert np.abs(ours.q - start).max() <= 1e-9
+    assert np.abs(ours.q - mirrored.q * flip).max() <= 1e-9
+
+
+def test_7_1_2_grows_at_the_rate_of_its_linearisation(irb140):
+    """When noise tips it depends on the solver; how fast it grows does not."""
+    start = np.array([0, PI, PI / 2, 0, 0, 0])
+    A, _ = irb140.linearize(start, REST, REST)
+    values, vectors = np.linalg.eig(A)
+    k = int(np.argmax(values.real))
+    assert values[k].real == pytest.approx(12.318, abs=1e-3)
+    mode = vectors[:, k].real / np.abs(vectors[:6, k]).max() * 1e-6
+    times = np.linspace(0, 0.5, 51)
+    motion = rne.simulate(irb140, start + mode[:6], mode[6:], 0.5, t_eval=times, rtol=1e-12, atol=1e-15)
+    apart = np.abs(motion.q - start).max(axis=1)
+    assert np.polyfit(times, np.log(apart), 1)[0] == pytest.approx(12.318, abs=0.01)
