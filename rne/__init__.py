@@ -1,5 +1,6 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
+from . import report
 from .dynamics.articulated import articulated_forward_dynamics
 from .dynamics.composite import mass_matrix
 from .dynamics.coriolis import coriolis_matrix
@@ -60,6 +61,7 @@ __all__ = [
     "potential_energy",
     "read_urdf",
     "recursion",
+    "report",
     "simulate",
     "to_urdf",
     "with_payload",

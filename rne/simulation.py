@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import joint_array, real_array
+from .arguments import joint_array, positive_number, real_array
 from .errors import NotFiniteError, RneError, SimulationError, SingularMassMatrixError
 from .plant import Plant
 from .robot import Robot
@@ -126,9 +126,9 @@ def simulate(
     if method != "auto" and method not in METHODS:
         raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}")
     x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(0 if torque is None else 1)])
-    end = _positive("duration", duration, zero_allowed=True)
+    end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else _check_times(t_eval, end)
-    tolerances = _positive("rtol", rtol), _positive("atol", atol)
+    tolerances = positive_number("rtol", rtol), positive_number("atol", atol)
     plant = Plant(robot, _torque_law(robot, torque), works=torque is not None)
     chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end)
     return _run(plant, x0, end, chosen, reason, tolerances, times)
@@ -252,16 +252,6 @@ def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
     if array.ndim != 1:
         raise ValueError(f"`{name}` must have shape ({robot.n},), one state, got {array.shape}")
     return array.astype(np.float64)
-
-
-def _positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
-    array = real_array(name, value, "()")
-    if array.ndim:
-        raise ValueError(f"`{name}` must be one number, got shape {array.shape}")
-    number = float(array)
-    if number < 0 or (number == 0 and not zero_allowed):
-        raise ValueError(f"`{name}` must be positive, got {number!r}")
-    return number
 
 
 def _check_times(t_eval: ArrayLike, duration: float) -> Array:
