@@ -1,6 +1,6 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
-from . import control, elementwise, trajectories
+from . import control, elementwise, report, trajectories
 from .bearings import BearingPeaks, bearing_peaks
 from .control import traceable
 from .dynamics.articulated import articulated_forward_dynamics
@@ -82,6 +82,7 @@ __all__ = [
     "potential_energy",
     "read_urdf",
     "recursion",
+    "report",
     "simulate",
     "to_urdf",
     "traceable",

@@ -47,6 +47,17 @@ def real_array(name: str, value: ArrayLike, shape: str) -> Array:
     return array
 
 
+def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
+    """One finite real number above zero."""
+    array = real_array(name, value, "()")
+    if array.ndim:
+        raise ValueError(f"`{name}` must be one number, got shape {array.shape}")
+    number = float(array)
+    if number < 0 or (number == 0 and not zero_allowed):
+        raise ValueError(f"`{name}` must be positive, got {number!r}")
+    return number
+
+
 def number_array(name: str, value: ArrayLike, shape: str) -> Array:
     """An array of finite numbers; integers become float64."""
     array = _numbers(name, value, shape)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, wait
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import joint_array, real_array
+from .arguments import joint_array, positive_number, real_array
 from .errors import NotFiniteError
 from .plant import RightHandSide
 from .robot import Robot
 from .scene import Scene
 from .spatial import Array
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor, Future
 
 METHODS = ("rk4", "semi-implicit-euler", "implicit-midpoint")
 CHUNK = 8192  # starts that go through their steps together, so that their states stay in the cache
@@ -113,7 +115,7 @@ def ensemble(
         raise ValueError(f"`q0` and `qd0` must have the same shape (N, {n}), got {q.shape} and {qd.shape}")
     if method not in METHODS:
         raise ValueError(f"`method` must be one of {list(METHODS)}, got {method!r}")
-    end, near = _positive("duration", duration), _positive("step", step)
+    end, near = positive_number("duration", duration), positive_number("step", step)
     if not isinstance(keep, int) or keep < 2:
         raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
     spans = keep - 1
@@ -226,6 +228,8 @@ def _run_all(plan: Plan, x0: Array, progress: Progress | None, executor: Executo
 
     if executor is None:
         return [plan.run(chunk, tick if progress else None) for chunk in chunks]
+    from concurrent.futures import wait
+
     futures: list[Future[tuple[Array, int]]] = [executor.submit(plan.run, chunk) for chunk in chunks]
     for future, chunk in zip(futures, chunks, strict=True):
         wait([future])
@@ -241,10 +245,3 @@ def _blocks(scene: Scene) -> RightHandSide:
     if scene.right_hand_side.given:
         raise ValueError("the controller of an ensemble must be traceable (mark it with rne.traceable)")
     return scene.right_hand_side
-
-
-def _positive(name: str, value: float) -> float:
-    array = real_array(name, value, "()")
-    if array.ndim or array <= 0:
-        raise ValueError(f"`{name}` must be one positive number, got {value!r}")
-    return float(array)

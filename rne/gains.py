@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import real_array
+from .arguments import positive_number, real_array
 from .dynamics.newton_euler import gravity_torque
 from .robot import Robot
 from .spatial import Array
@@ -94,8 +94,8 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     (1.308, True)
     """
     p, d = _gain("kp", kp, robot), _gain("kd", kd, robot)
-    if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0):
-        raise ValueError(f"`sample_time` must be positive, got {sample_time!r}")
+    if sample_time is not None:
+        positive_number("sample_time", sample_time)
     if robot.n == 0:
         return Gains(0.0, np.zeros(0), 0.0, np.inf, 0.0, True, sample_time, None if sample_time is None else True)
     lower, upper = workspace(robot)

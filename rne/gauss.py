@@ -131,9 +131,11 @@ def _stages(system: Hamilton, x: Array, h: float, a: Array, guess: Array) -> Arr
         new = system(x + ha @ K)
         change = h * float(np.abs(new - K).max())
         K = new
-        if change <= small or (change >= last and change < 1e-12):
+        if change <= small or (change >= last and change < 10 * small):
             return K
-        last = change
+        if change > 1e3 * last:
+            break
+        last = min(last, change)
     raise NotFiniteError(f"the stages do not converge (last change {change:.1e}); take a smaller `step` than {h:g} s")
 
 

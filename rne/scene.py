@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import real_array
+from .arguments import positive_number, real_array
 from .friction import Friction, urdf_friction
 from .plant import RightHandSide
 from .robot import Robot
@@ -93,7 +93,7 @@ class Scene:
         if self.sample_time is not None:
             if self.controller is None:
                 raise ValueError("`sample_time` needs a `controller` to ask")
-            _one_positive("sample_time", self.sample_time)
+            positive_number("sample_time", self.sample_time)
         if self.torque_rate is not None and self.sample_time is None:
             raise ValueError("`torque_rate` needs a `sample_time`: it bounds the step from one held torque to the next")
         self.arm, self.resistance, self.limit, self.rate  # what is wrong is said now  # noqa: B018
@@ -233,10 +233,3 @@ def _vector(name: str, value: ArrayLike, n: int, *, not_negative: bool = False) 
     if not_negative and (array < 0).any():
         raise ValueError(f"`{name}` must not be negative, got {array.min()}")
     return array
-
-
-def _one_positive(name: str, value: float) -> float:
-    array = real_array(name, value, "()")
-    if array.ndim or array <= 0:
-        raise ValueError(f"`{name}` must be one positive number, got {value!r}")
-    return float(array)

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import joint_array, real_array
+from .arguments import joint_array, positive_number, real_array
 from .errors import RneError, SimulationError
 from .gauss import TABLEAUS, gauss_run
 from .plant import Plant, RightHandSide
@@ -101,14 +101,14 @@ def simulate(
     arm = scene.arm
     rhs = _right_hand_side(scene_or_robot, scene)
     x0 = np.concatenate([_start("q0", q0, arm), _start("qd0", qd0, arm), np.zeros(rhs.size - 2 * arm.n)])
-    end = _positive("duration", duration, zero_allowed=True)
+    end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else _check_times(t_eval, end)
-    accuracy = _positive("rtol", rtol), _positive("atol", atol)
+    accuracy = positive_number("rtol", rtol), positive_number("atol", atol)
     plant = Plant(rhs, scene.controller if rhs.given and scene.sample_time is None else None)
     chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
     if chosen in TABLEAUS:
         _check_free(scene, chosen)
-    how = _How(chosen, accuracy, times, None if step is None else _positive("step", step), _breaks(scene, breaks))
+    how = _How(chosen, accuracy, times, None if step is None else positive_number("step", step), _breaks(scene, breaks))
     return _run(scene, plant, x0, end, how, reason)
 
 
@@ -224,16 +224,6 @@ def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
     if array.ndim != 1:
         raise ValueError(f"`{name}` must have shape ({robot.n},), one state, got {array.shape}")
     return array.astype(np.float64)
-
-
-def _positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
-    array = real_array(name, value, "()")
-    if array.ndim:
-        raise ValueError(f"`{name}` must be one number, got shape {array.shape}")
-    number = float(array)
-    if number < 0 or (number == 0 and not zero_allowed):
-        raise ValueError(f"`{name}` must be positive, got {number!r}")
-    return number
 
 
 def _check_times(t_eval: ArrayLike, duration: float) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import real_array
+from .arguments import positive_number, real_array
 from .elementwise import clip, less, where
 from .spatial import Array
 
@@ -62,7 +62,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     [[1.0], [0.9375], [0.0]]
     """
     a, b = _ends(start, end)
-    return Quintic(a, b, _time("duration", duration))
+    return Quintic(a, b, positive_number("duration", duration))
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     [[0.5], [1.0], [0.0]]
     """
     a, b = _ends(start, end)
-    T, r = _time("duration", duration), _time("ramp", ramp)
+    T, r = positive_number("duration", duration), positive_number("ramp", ramp)
     if 2 * r > T:
         raise ValueError(f"`ramp` must be at most half the duration of {T:g} s, got {r:g}")
     return Trapezoidal(a, b, T, r)
@@ -135,10 +135,3 @@ def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     if a.ndim != 1 or a.shape != b.shape:
         raise ValueError(f"`start` and `end` must have the same shape (n,), got {a.shape} and {b.shape}")
     return a, b
-
-
-def _time(name: str, value: float) -> float:
-    array = real_array(name, value, "()")
-    if array.ndim or array <= 0:
-        raise ValueError(f"`{name}` must be one positive number, got {value!r}")
-    return float(array)

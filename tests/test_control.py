@@ -114,7 +114,7 @@ def test_pulse_of_torque_is_not_stepped_over(irb140):
             lambda r: rne.trajectories.quintic([0], [1, 2], 1.0),
             "`start` and `end` must have the same shape (n,), got (1,) and (2,)",
         ),
-        (lambda r: rne.trajectories.quintic([0], [1], 0), "`duration` must be one positive number, got 0"),
+        (lambda r: rne.trajectories.quintic([0], [1], 0), "`duration` must be positive, got 0.0"),
         (
             lambda r: rne.trajectories.trapezoidal([0], [1], 1.0, 0.6),
             "`ramp` must be at most half the duration of 1 s, got 0.6",

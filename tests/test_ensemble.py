@@ -84,7 +84,7 @@ def test_no_starts(chain):
     ("changes", "text"),
     [
         ({"q0": [0, 0]}, "`q0` and `qd0` must have the same shape (N, 2), got (2,) and (1, 2)"),
-        ({"step": 0}, "`step` must be one positive number, got 0"),
+        ({"step": 0}, "`step` must be positive, got 0.0"),
         (
             {"method": "euler"},
             "`method` must be one of ['rk4', 'semi-implicit-euler', 'implicit-midpoint'], got 'euler'",

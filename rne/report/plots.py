@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +17,86 @@ if TYPE_CHECKING:
 
 SMALLEST = 1e-8  # [rad] shown on a log axis
 MAX_POINTS = 4000  # of a curve; a picture shows no more
+ROWS = 12  # of a legend that stands beside one panel
+COLORS = 10  # of matplotlib's cycle; from then on the dashes differ
+DASHES = ("-", "--", ":", "-.")
+ENDINGS = {1: ", stopped by an event", -1: ", failed"}
 
 
-def _figure(rows: int, title: str) -> tuple[Figure, list[Axes]]:
-    from matplotlib.figure import Figure
+def blank_figure(width: float, height: float) -> Figure:
+    """An empty figure of the given size [inch]; an ImportError says how to get matplotlib."""
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError:
+        raise ImportError("pictures need matplotlib, which is not installed: pip install 'rne[plot]'") from None
+    return Figure(figsize=(width, height), layout="constrained", dpi=120)
 
-    figure = Figure(figsize=(8, 2.6 * rows), layout="constrained", dpi=120)
+
+def check_trajectory(trajectory: Trajectory) -> None:
+    """Refuse what is no Trajectory, and one without samples."""
+    if not isinstance(trajectory, Trajectory):
+        raise TypeError(f"`trajectory` must be an rne.Trajectory, got {type(trajectory).__name__}")
+    if not len(trajectory.t):
+        raise ValueError("`trajectory` must have at least one sample, got none")
+
+
+def plot(trajectory: Trajectory, names: Sequence[str] | None = None) -> Figure:
+    """Joint positions, rates and torques, energies and the energy error over time.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    names : sequence of str, length n, optional
+        The joints' names for the legends, such as `robot.joint_names`; numbers if not given.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        `figure.savefig("motion.png")` writes it. A trajectory does not say which joints turn and which slide, so
+        the labels name both units.
+
+    Raises
+    ------
+    ValueError
+        If `trajectory` has no samples or `names` is not of its joints.
+    ImportError
+        If matplotlib is not installed.
+
+    Notes
+    -----
+    The energy error is energy - energy at the start - work: what the solver's errors have created or lost.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> swing = rne.simulate(robot, [0] * 6, [0] * 6, 0.1)
+    >>> [ax.get_ylabel() for ax in rne.report.plot(swing, robot.joint_names).axes]
+    ['position [rad or m]', 'rate [rad/s or m/s]', 'torque [N m or N]', 'energy [J]', 'energy error [J]']
+    """
+    check_trajectory(trajectory)
+    labels = _joint_labels(trajectory.q.shape[1], names)
+    title = f"Motion by {trajectory.method}{ENDINGS.get(trajectory.status, '')}"
+    figure, axes = _figure(5, title, height=2.1)
+    _curves(axes[0], trajectory.t, trajectory.q, labels, "position [rad or m]")
+    _curves(axes[1], trajectory.t, trajectory.qd, labels, "rate [rad/s or m/s]")
+    _curves(axes[2], trajectory.t, trajectory.tau, labels, "torque [N m or N]")
+    _energies(axes[3], axes[4], trajectory)
+    return figure
+
+
+def _joint_labels(n: int, names: Sequence[str] | None) -> tuple[str, ...]:
+    if names is None:
+        return tuple(f"joint {i}" for i in range(1, n + 1))
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"`names` must be a sequence of str, got {names!r}")
+    if len(names) != n:
+        raise ValueError(f"`names` must have {n} names, one a joint of `trajectory`, got {len(names)}")
+    return tuple(names)
+
+
+def _figure(rows: int, title: str, height: float = 2.6) -> tuple[Figure, list[Axes]]:
+    figure = blank_figure(8, height * rows)
     axes = np.atleast_1d(figure.subplots(rows, 1, sharex=True))
     figure.suptitle(title)
     for ax in axes:
@@ -32,21 +107,30 @@ def _figure(rows: int, title: str) -> tuple[Figure, list[Axes]]:
 
 def _curves(ax: Axes, t: Array, values: Array, names: tuple[str, ...], label: str) -> None:
     step = max(1, len(t) // MAX_POINTS)
-    for column, name in zip(values.T, names, strict=True):
-        ax.plot(t[::step], column[::step], label=name, linewidth=1.2)
+    marker = "." if len(t) == 1 else ""
+    for k, (column, name) in enumerate(zip(values.T, names, strict=True)):
+        dashes = DASHES[k // COLORS % len(DASHES)]
+        ax.plot(t[::step], column[::step], label=name, linewidth=1.2, linestyle=dashes, marker=marker)
     ax.set_ylabel(label)
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False)
+    if names:
+        columns = -(-len(names) // ROWS)
+        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False, ncols=columns)
+
+
+def _energies(upper: Axes, lower: Axes, trajectory: Trajectory) -> None:
+    """The energies, and below them what the solver's errors have created or lost."""
+    t = trajectory.t
+    energies = np.stack([trajectory.kinetic, trajectory.potential, trajectory.energy], axis=1)
+    _curves(upper, t, energies, ("kinetic", "potential", "total"), "energy [J]")
+    drift = trajectory.energy - trajectory.energy[0] - trajectory.work
+    _curves(lower, t, drift[:, None], ("drift",), "energy error [J]")
 
 
 def plot_free_motion(trajectory: Trajectory, names: tuple[str, ...], title: str) -> Any:
     """Joint positions, energies and the energy error of a motion without drives."""
     figure, axes = _figure(3, title)
-    t = trajectory.t
-    _curves(axes[0], t, trajectory.q, names, "position [rad]")
-    energies = np.stack([trajectory.kinetic, trajectory.potential, trajectory.energy], axis=1)
-    _curves(axes[1], t, energies, ("kinetic", "potential", "total"), "energy [J]")
-    drift = trajectory.energy - trajectory.energy[0] - trajectory.work
-    _curves(axes[2], t, drift[:, None], ("drift",), "energy error [J]")
+    _curves(axes[0], trajectory.t, trajectory.q, names, "position [rad]")
+    _energies(axes[1], axes[2], trajectory)
     return figure
 
 

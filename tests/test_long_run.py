@@ -1,0 +1,77 @@
+"""A thousand seconds of free swing: the energy error of a symplectic method stays where it is."""
+
+import numpy as np
+import pytest
+
+import rne
+from rne.robots.chains import straight_chain
+
+
+def test_a_thousand_seconds_without_a_trend(irb140):
+    """6.4-1 a hundred times longer: slope times duration stays below half the band of the error."""
+    times = np.arange(0, 1000.25, 0.5)
+    swing = rne.simulate(irb140, np.zeros(6), np.zeros(6), 1000.0, method="gauss-4", step=5e-3, t_eval=times)
+    error = swing.energy - swing.energy[0]
+    band = np.ptp(error)
+    assert band <= 0.01
+    assert abs(np.polyfit(times, error, 1)[0]) * 1000 <= band / 2
+
+
+def test_rk45_drifts_meanwhile(irb140):
+    """100 s: its error is all trend."""
+    times = np.arange(0, 100.1, 0.5)
+    swing = rne.simulate(irb140, np.zeros(6), np.zeros(6), 100.0, method="RK45", t_eval=times)
+    error = swing.energy - swing.energy[0]
+    assert abs(np.polyfit(times, error, 1)[0]) * 100 >= np.ptp(error) / 2
+
+
+@pytest.mark.parametrize(("method", "order"), [("implicit-midpoint", 2), ("gauss-4", 4)])
+def test_order(method, order):
+    robot = rne.Robot(straight_chain(3))
+    start = np.array([0.5, 1.0, -0.5])
+    exact = rne.simulate(robot, start, 0 * start, 0.5, rtol=1e-12, atol=1e-13).q[-1]
+    errors = [
+        np.abs(rne.simulate(robot, start, 0 * start, 0.5, method=method, step=h).q[-1] - exact).max()
+        for h in (0.008, 0.004)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.4)
+
+
+def test_the_map_is_symplectic():
+    """J^T Omega J = Omega for the step's Jacobian J by differences, in (q, p)."""
+    from rne.gauss import TABLEAUS, Hamilton, _stages
+
+    robot = rne.Robot(straight_chain(2))
+    system, (_, a) = Hamilton(robot), TABLEAUS["gauss-4"]
+
+    def step(x, h=0.05):
+        stages = _stages(system, x, h, a, np.tile(system(x[None]), (2, 1)))
+        return x + h * stages.mean(axis=0)
+
+    x, d = np.array([0.4, 1.0, 0.3, -0.2]), 1e-5
+    J = np.stack([(step(x + d * e) - step(x - d * e)) / (2 * d) for e in np.eye(4)], axis=1)
+    omega = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.eye(2), np.zeros((2, 2))]])
+    assert np.abs(J.T @ omega @ J - omega).max() <= 1e-8  # of the differences
+
+
+def test_values_between_steps_are_of_the_method(irb140):
+    how = {"method": "gauss-4", "step": 0.01}
+    asked = rne.simulate(irb140, np.zeros(6), np.zeros(6), 0.1, t_eval=[0.0, 0.023, 0.05, 0.1], **how)
+    steps = rne.simulate(irb140, np.zeros(6), np.zeros(6), 0.1, **how)
+    fine = rne.simulate(irb140, np.zeros(6), np.zeros(6), 0.1, t_eval=[0.0, 0.023, 0.05, 0.1], rtol=1e-11, atol=1e-13)
+    assert np.array_equal(asked.q[2], steps.q[5])
+    assert np.array_equal(asked.q[3], steps.q[10])
+    assert np.abs(asked.q - fine.q).max() <= 1e-4
+
+
+def test_drives_and_friction_are_refused(irb140):
+    scene = rne.Scene(irb140, friction=rne.Friction(viscous=1.0))
+    with pytest.raises(
+        ValueError, match=r"^`method` 'gauss-4' is for motions without drives, friction and stops; there is friction$"
+    ):
+        rne.simulate(scene, [0] * 6, [0] * 6, 1.0, method="gauss-4")
+
+
+def test_a_step_too_long_is_an_error(irb140):
+    with pytest.raises(rne.SimulationError, match="the stages do not converge"):
+        rne.simulate(irb140, np.zeros(6), np.full(6, 50.0), 1.0, method="gauss-4", step=0.1)

@@ -1,0 +1,323 @@
+"""Pictures of robots and motions: what they show, with which units, and what they refuse."""
+
+import dataclasses
+import itertools
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+import rne
+from rne.report.animation import _positions
+from rne.report.pictures import _prism
+from rne.robots.chains import random_tree, straight_chain
+
+from .helpers import ROOT
+
+BENT = [0.5, 0.6, -0.4, 0.3, 0.8, 0]
+
+
+@pytest.fixture(scope="module")
+def swing(irb140):
+    return rne.simulate(irb140, [0] * 6, [0] * 6, 0.4)
+
+
+@pytest.fixture(scope="module")
+def rod():
+    return rne.Robot(straight_chain(1))
+
+
+def first(trajectory, count):
+    names = ("t", "q", "qd", "qdd", "tau", "kinetic", "potential", "energy", "work")
+    return dataclasses.replace(trajectory, **{name: getattr(trajectory, name)[:count] for name in names})
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def line(ax, label):
+    """Points of the one curve of this name."""
+    (found,) = [x for x in ax.lines if x.get_label() == label]
+    return np.array(found.get_data_3d()).T
+
+
+def limits(ax):
+    return np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+
+
+def test_import_of_report_loads_no_heavy_package():
+    code = "import sys, rne; rne.report.plot; print(*sorted({'matplotlib', 'PIL', 'pinocchio', 'scipy'} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert run.stdout == "\n"
+
+
+@pytest.mark.parametrize("name", rne.report.__all__)
+def test_public_functions_are_documented(name):
+    for section in ("Parameters", "Returns", "Raises", "Examples"):
+        assert re.search(rf"{section}\n +---", getattr(rne.report, name).__doc__), section
+
+
+def test_plot_shows_every_curve_with_its_unit(irb140, swing):
+    figure = rne.report.plot(swing, irb140.joint_names)
+    assert isinstance(figure, Figure)
+    expected = [
+        ("position [rad or m]", swing.q),
+        ("rate [rad/s or m/s]", swing.qd),
+        ("torque [N m or N]", swing.tau),
+        ("energy [J]", np.stack([swing.kinetic, swing.potential, swing.energy], 1)),
+        ("energy error [J]", (swing.energy - swing.energy[0] - swing.work)[:, None]),
+    ]
+    for ax, (label, values) in zip(figure.axes, expected, strict=True):
+        assert ax.get_ylabel() == label
+        assert len(ax.lines) == values.shape[1]
+        for curve, column in zip(ax.lines, values.T, strict=True):
+            np.testing.assert_array_equal(curve.get_xdata(), swing.t)
+            np.testing.assert_array_equal(curve.get_ydata(), column)
+    assert figure.axes[-1].get_xlabel() == "time [s]"
+    assert legend(figure.axes[0]) == list(irb140.joint_names)
+    assert legend(figure.axes[3]) == ["kinetic", "potential", "total"]
+
+
+def test_legends_of_a_plot_stand_beside_the_panels_and_within_the_page(swing):
+    for width in (1, 5):
+        wide = dataclasses.replace(swing, **{k: np.tile(getattr(swing, k), width) for k in ("q", "qd", "qdd", "tau")})
+        figure = rne.report.plot(wide)
+        figure.draw_without_rendering()
+        for ax in figure.axes:
+            box, page = ax.get_legend().get_window_extent(), figure.bbox
+            assert box.x0 >= ax.bbox.x1
+            assert box.x1 <= page.x1
+            assert box.height <= page.height / 5
+    styles = [(x.get_color(), x.get_linestyle()) for x in figure.axes[0].lines]
+    assert len(set(styles)) == 30
+
+
+def test_plot_names_joints_by_number_and_failures_by_word(swing):
+    figure = rne.report.plot(dataclasses.replace(swing, status=-1))
+    assert legend(figure.axes[0])[:2] == ["joint 1", "joint 2"]
+    assert figure.get_suptitle() == "Motion by DOP853, failed"
+
+
+def test_plot_of_one_sample_shows_points(swing):
+    assert all(x.get_marker() == "." for ax in rne.report.plot(first(swing, 1)).axes for x in ax.lines)
+
+
+def test_plot_without_joints():
+    robot = rne.Robot(random_tree(0, seed=1))
+    assert not rne.report.plot(rne.simulate(robot, [], [], 1.0)).axes[0].lines
+
+
+@pytest.mark.parametrize("q", [[0] * 6, BENT])
+def test_draw_places_joints_and_cylinders(irb140, q):
+    (ax,) = rne.report.draw(irb140, q).axes
+    poses = irb140.link_poses(q)
+    np.testing.assert_array_equal(line(ax, "revolute joint"), poses[1:, :3, 3])
+    assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x [m]", "y [m]", "z [m]"]
+    assert legend(ax) == ["joint axis", "revolute joint", "link_1", "link_2", "link_4", "link_6"]
+    corners = np.asarray(ax.collections[0]._faces).reshape(4, -1, 3)
+    for shape, points in zip(irb140.model.shapes, corners, strict=True):
+        T = poses[irb140.link_names.index(shape.link)]
+        centre = T[:3, :3] @ shape.position + T[:3, 3]
+        reach = np.linalg.norm(points - centre, axis=1)
+        assert reach.max() == pytest.approx(np.hypot(shape.radius, shape.length / 2), rel=1e-12)
+        np.testing.assert_allclose((points.max(0) + points.min(0)) / 2, centre, atol=1e-12)
+
+
+def test_draw_is_to_one_scale_and_holds_everything(irb140):
+    (ax,) = rne.report.draw(irb140, BENT).axes
+    box = limits(ax)
+    sides = np.ptp(box, axis=1)
+    np.testing.assert_allclose(sides, sides[0])
+    np.testing.assert_allclose(ax._box_aspect, ax._box_aspect[0])
+    points = np.concatenate([np.array(x.get_data_3d()).T for x in ax.lines] + [ax.collections[0]._faces.reshape(-1, 3)])
+    points = points[np.isfinite(points).all(axis=1)]
+    assert (points > box[:, 0]).all()
+    assert (points < box[:, 1]).all()
+
+
+def test_draw_of_any_tree(tree):
+    robot = rne.Robot(tree)
+    q = np.linspace(-1, 1, robot.n)
+    (ax,) = rne.report.draw(robot, q).axes
+    kinds = {"revolute joint": tree.turns == 1, "prismatic joint": tree.turns == 0}
+    origins = robot.link_poses(q)[:, :3, 3]
+    at = np.array([origins[tree.link_joints.index(joint)] for joint in tree.moving_joints])
+    for label, chosen in kinds.items():
+        assert (label in legend(ax)) == chosen.any()
+        if chosen.any():
+            np.testing.assert_array_equal(line(ax, label), at[chosen])
+    arrows = line(ax, "joint axis").reshape(tree.nb, -1, 3)
+    along = arrows[:, 1] - arrows[:, 0]
+    poses = robot.link_poses(q)
+    for i, joint in enumerate(tree.moving_joints):
+        axis = poses[tree.link_joints.index(joint), :3, :3] @ tree.axis[i]
+        np.testing.assert_allclose(along[i] / np.linalg.norm(along[i]), axis, atol=1e-12)
+    assert "centre of mass" in legend(ax)
+
+
+def test_draw_of_a_rod_shows_its_centre_of_mass(rod):
+    (ax,) = rne.report.draw(rod, [np.pi / 2]).axes
+    np.testing.assert_allclose(line(ax, "centre of mass"), [[-0.15, 0, 0]], atol=1e-15)
+
+
+def test_draw_of_nothing_but_a_base():
+    (ax,) = rne.report.draw(rne.Robot(random_tree(0, seed=1)), []).axes
+    assert [text.get_text() for text in ax.texts] == ["x", "y", "z"]
+
+
+def test_draw_on_given_axes_adds_and_keeps_room_for_both(irb140):
+    figure = Figure()
+    ax = figure.add_subplot(projection="3d")
+    assert rne.report.draw(irb140, [0] * 6, ax) is figure
+    before = limits(ax)
+    rne.report.draw(irb140, BENT, ax=ax)
+    assert (limits(ax)[:, 0] <= before[:, 0]).all()
+    assert (limits(ax)[:, 1] >= before[:, 1]).all()
+    assert len(ax.collections) == 2
+    assert legend(ax).count("revolute joint") == 1
+
+
+def test_faces_of_a_cylinder_look_outwards():
+    faces = _prism(rne.Cylinder("link", 0.2, 0.5, (0, 0, 0), (0.3, 0.2, 0.1)))
+    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    assert ((normals * faces.mean(axis=1)).sum(axis=1) > 0).all()
+
+
+def test_animation_has_its_frames_and_moves(irb140, swing, tmp_path):
+    path = tmp_path / "swing.gif"
+    assert rne.report.animate(irb140, swing, str(path), fps=10, speed=0.5) == path
+    with Image.open(path) as film:
+        assert film.n_frames == 0.4 / 0.5 * 10 + 1
+        frames, total = [], 0
+        for k in range(film.n_frames):
+            film.seek(k)
+            total += film.info["duration"]
+            frames.append(np.asarray(film.convert("RGB")))
+    assert total == 900  # [ms], the last frame stands as long as the others
+    below_title = [frame[40:] for frame in frames]
+    assert all((a != b).any() for a, b in itertools.pairwise(below_title))
+
+
+def test_animation_of_a_single_sample_is_one_frame(rod, tmp_path):
+    still = first(rne.simulate(rod, [1], [0], 0.1), 1)
+    with Image.open(rne.report.animate(rod, still, tmp_path / "still.gif")) as film:
+        assert film.n_frames == 1
+
+
+def test_positions_between_samples_follow_the_motion(rod):
+    t = np.linspace(0, 2, 201)
+    coarse = rne.simulate(rod, [1], [0], 2.0, rtol=1e-10)
+    fine = rne.simulate(rod, [1], [0], 2.0, rtol=1e-10, t_eval=t)
+    assert np.abs(_positions(coarse, t) - fine.q).max() < 2e-3
+    assert np.abs(np.interp(t, coarse.t, coarse.q[:, 0]) - fine.q[:, 0]).max() > 2e-3  # straight lines would not do
+
+
+MISSING = "pictures need matplotlib, which is not installed: pip install 'rne[plot]'"
+
+
+def test_without_matplotlib_the_cure_is_named(irb140, swing, tmp_path, monkeypatch):
+    for module in [m for m in sys.modules if m.split(".")[0] == "matplotlib"]:
+        monkeypatch.setitem(sys.modules, module, None)
+    calls = (
+        lambda: rne.report.plot(swing),
+        lambda: rne.report.draw(irb140, [0] * 6),
+        lambda: rne.report.animate(irb140, swing, tmp_path / "a.gif"),
+    )
+    for call in calls:
+        with pytest.raises(ImportError, match=f"^{re.escape(MISSING)}$"):
+            call()
+
+
+WRONG = {
+    "plot dict": (lambda r, s: rne.report.plot({}), TypeError, "`trajectory` must be an rne.Trajectory, got dict"),
+    "plot empty": (
+        lambda r, s: rne.report.plot(first(s, 0)),
+        ValueError,
+        "`trajectory` must have at least one sample, got none",
+    ),
+    "plot few names": (
+        lambda r, s: rne.report.plot(s, ["a", "b"]),
+        ValueError,
+        "`names` must have 6 names, one a joint of `trajectory`, got 2",
+    ),
+    "plot one name": (
+        lambda r, s: rne.report.plot(s, "abcdef"),
+        TypeError,
+        "`names` must be a sequence of str, got 'abcdef'",
+    ),
+    "draw model": (
+        lambda r, s: rne.report.draw(r.model, [0] * 6),
+        TypeError,
+        "`robot` must be an rne.Robot, got Model",
+    ),
+    "draw short q": (
+        lambda r, s: rne.report.draw(r, [0] * 5),
+        ValueError,
+        "`q` must have shape (..., 6) for robot 'irb140', got (5,)",
+    ),
+    "draw batch": (
+        lambda r, s: rne.report.draw(r, np.zeros((2, 6))),
+        ValueError,
+        "`q` must have shape (6,), one position, got (2, 6)",
+    ),
+    "draw nan": (
+        lambda r, s: rne.report.draw(r, [0, 0, np.nan, 0, 0, 0]),
+        ValueError,
+        "`q` must be finite, got nan at index (2,)",
+    ),
+    "draw flat": (
+        lambda r, s: rne.report.draw(r, [0] * 6, Figure().add_subplot()),
+        TypeError,
+        "`ax` must be matplotlib axes of projection='3d', got Axes",
+    ),
+    "film model": (
+        lambda r, s: rne.report.animate(r.model, s, "a.gif"),
+        TypeError,
+        "`robot` must be an rne.Robot, got Model",
+    ),
+    "film empty": (
+        lambda r, s: rne.report.animate(r, first(s, 0), "a.gif"),
+        ValueError,
+        "`trajectory` must have at least one sample, got none",
+    ),
+    "film other": (
+        lambda r, s: rne.report.animate(rne.Robot(straight_chain(2)), s, "a.gif"),
+        ValueError,
+        "`trajectory` must be of 2 joints for robot 'chain2', got 6",
+    ),
+    "film mp4": (lambda r, s: rne.report.animate(r, s, "a.mp4"), ValueError, "`path` must end in .gif, got 'a.mp4'"),
+    "film fps": (
+        lambda r, s: rne.report.animate(r, s, "a.gif", fps=60),
+        ValueError,
+        "`fps` must be at most 50, got 60",
+    ),
+    "film no fps": (
+        lambda r, s: rne.report.animate(r, s, "a.gif", fps=0),
+        ValueError,
+        "`fps` must be positive, got 0.0",
+    ),
+    "film back": (
+        lambda r, s: rne.report.animate(r, s, "a.gif", speed=-1),
+        ValueError,
+        "`speed` must be positive, got -1.0",
+    ),
+    "film long": (
+        lambda r, s: rne.report.animate(r, s, "a.gif", speed=1e-3),
+        ValueError,
+        "the film would have 8001 frames, at most 2000: raise `speed` or lower `fps`",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_calls_are_refused_by_name(irb140, swing, case, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call, error, text = WRONG[case]
+    with pytest.raises(error, match=f"^{re.escape(text)}$"):
+        call(irb140, swing)
+    assert not list(tmp_path.iterdir())
