@@ -1,4 +1,4 @@
-"""Command line: python -m rne [check FILE | urdf NAME | source ROBOT ...]."""
+"""Command line: python -m rne [report | check FILE | urdf NAME | source ROBOT ...]."""
 
 from __future__ import annotations
 
@@ -37,7 +37,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     source.add_argument("robot", help="irb140 or a URDF file")
     source.add_argument("--quantity", default="inverse_dynamics", choices=QUANTITIES)
     source.add_argument("--language", default="python", choices=LANGUAGES)
+    report = commands.add_parser("report", help="reproduce every experiment of the thesis, in about two minutes")
+    report.add_argument("--markdown", type=Path, help="write the page there too, such as docs/thesis.md")
     arguments = parser.parse_args(argv)
+    if arguments.command == "report":
+        return _thesis(arguments.out, arguments.markdown)
     if arguments.command == "source":
         return _source(arguments.robot, arguments.quantity, arguments.language)
     if arguments.command == "check":
@@ -77,6 +81,13 @@ def _source(robot: str, quantity: str, language: str) -> int:
     except (OSError, rne.RneError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    return 0
+
+
+def _thesis(folder: Path, markdown: Path | None) -> int:
+    from .report.thesis import run
+
+    run(folder, lambda line: print(line, flush=True), markdown)
     return 0
 
 

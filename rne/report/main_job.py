@@ -27,16 +27,15 @@ def run(folder: Path, say: Callable[[str], None]) -> bool:
     started = time.perf_counter()
     folder.mkdir(parents=True, exist_ok=True)
     robot = load("irb140")
-    page = Page("ABB IRB 140 by recursive Newton-Euler", say)
+    page = Page("ABB IRB 140 by recursive Newton-Euler", say, folder)
     page.text(repr(robot))
     held = _checks(robot, page)
-    _free_swing(robot, page, folder)
-    _closed_loop(robot, page, folder)
+    _free_swing(robot, page)
+    _closed_loop(robot, page)
     if not has_matplotlib():
         page.text("matplotlib is not installed: no pictures (pip install 'rne[plot]').")
     page.text(f"Done in {time.perf_counter() - started:.1f} s.")
-    page.write(folder / "index.html")
-    say(f"page: {folder / 'index.html'}")
+    say(f"page: {page.write()}")
     return held
 
 
@@ -82,7 +81,7 @@ def _checks(robot: Robot, page: Page) -> bool:
     return all(r.worst <= r.bound for r in rows)
 
 
-def _free_swing(robot: Robot, page: Page, folder: Path) -> None:
+def _free_swing(robot: Robot, page: Page) -> None:
     page.heading("Free swing, 10 s from rest at q = 0 (thesis 6.4-1)")
     swing = simulate(robot, np.zeros(robot.n), np.zeros(robot.n), 10.0, rtol=1e-9)
     page.text(
@@ -91,13 +90,17 @@ def _free_swing(robot: Robot, page: Page, folder: Path) -> None:
     )
     page.text(swing.message)
     if has_matplotlib():
-        from .plots import plot_free_motion, save
+        from .plots import plot_free_motion
 
-        save(plot_free_motion(swing, robot.joint_names, "Free swing of the IRB 140"), folder / "free_swing.png")
-        page.picture("free_swing.png", "Joint positions, energies and energy error of the free swing")
+        title = "Free swing of the IRB 140"
+        page.figure(
+            "free_swing",
+            lambda: plot_free_motion(swing, robot.joint_names, title),
+            "Joint positions, energies and energy error of the free swing",
+        )
 
 
-def _closed_loop(robot: Robot, page: Page, folder: Path) -> None:
+def _closed_loop(robot: Robot, page: Page) -> None:
     page.heading("PD control with gravity compensation (thesis 6.5-1)")
     scene = CLOSED_LOOPS[0]
     reference = np.array(scene.reference)
@@ -110,8 +113,11 @@ def _closed_loop(robot: Robot, page: Page, folder: Path) -> None:
     )
     page.text(motion.message)
     if has_matplotlib():
-        from .plots import plot_closed_loop, save
+        from .plots import plot_closed_loop
 
-        figure = plot_closed_loop(motion, reference, robot.joint_names, "Closed loop 6.5-1 of the IRB 140")
-        save(figure, folder / "closed_loop.png")
-        page.picture("closed_loop.png", "Errors, their logarithm and torques of the closed loop")
+        title = "Closed loop 6.5-1 of the IRB 140"
+        page.figure(
+            "closed_loop",
+            lambda: plot_closed_loop(motion, reference, robot.joint_names, title),
+            "Errors, their logarithm and torques of the closed loop",
+        )

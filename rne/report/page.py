@@ -1,37 +1,54 @@
-"""A short HTML page, said line by line while it grows."""
+"""A page of text, tables and pictures, said line by line while it grows; written as HTML and as Markdown."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any, NamedTuple
 
 STYLE = """
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 table { border-collapse: collapse; display: block; overflow-x: auto; margin: 1rem 0; }
 th, td { border-bottom: 1px solid #8886; padding: .25rem .75rem; text-align: left; }
-img { max-width: 100%; height: auto; background: white; border-radius: .25rem; }
+img { max-width: 100%; height: auto; border-radius: .25rem; }
+pre { overflow-x: auto; }
 """
+
+
+class Block(NamedTuple):
+    """A piece of the page in both languages."""
+
+    html: str
+    markdown: str
 
 
 class Page:
     """Headings, text, tables and pictures, in order."""
 
-    def __init__(self, title: str, say: Callable[[str], None]) -> None:
+    def __init__(self, title: str, say: Callable[[str], None], folder: Path) -> None:
         self.title = title
         self.say = say
-        self.body: list[str] = []
+        self.folder = folder
+        self.body: list[Block] = []
+        self.files: list[str] = []
 
     def heading(self, text: str) -> None:
         """A section's heading."""
         self.say(f"\n{text}")
-        self.body.append(f"<h2>{escape(text)}</h2>")
+        self.body.append(Block(f"<h2>{escape(text)}</h2>", f"## {text}"))
 
     def text(self, text: str) -> None:
         """A paragraph."""
         self.say(text)
-        self.body.append(f"<p>{escape(text)}</p>")
+        self.body.append(Block(f"<p>{escape(text)}</p>", text))
+
+    def verbatim(self, text: str) -> None:
+        """Lines as they are printed."""
+        self.say(text)
+        self.body.append(Block(f"<pre>{escape(text)}</pre>", f"```text\n{text}\n```"))
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """A table of strings."""
@@ -40,20 +57,42 @@ class Page:
             self.say("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
         head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
         lines = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
-        self.body.append(f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>")
+        bars = ["|".join(["", *(f" {cell} " for cell in row), ""]) for row in [header, *rows]]
+        bars.insert(1, "|---" * len(header) + "|")
+        html = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
+        self.body.append(Block(html, "\n".join(bars)))
 
-    def picture(self, file: str, caption: str) -> None:
-        """A picture beside the page."""
-        self.body.append(f'<p><img src="{escape(file)}" alt="{escape(caption)}"></p>')
+    def figure(self, name: str, draw: Callable[[], Any], caption: str) -> None:
+        """A picture, drawn once for light pages and once for dark ones."""
+        import matplotlib.style
 
-    def write(self, path: Path) -> None:
-        """Write the page."""
+        draw().savefig(self.folder / f"{name}.png")
+        with matplotlib.style.context("dark_background"):
+            draw().savefig(self.folder / f"{name}-dark.png")
+        dark = f'<source srcset="{name}-dark.png" media="(prefers-color-scheme: dark)">'
+        html = f'<p><picture>{dark}<img src="{name}.png" alt="{escape(caption)}"></picture></p>'
+        self.files.append(f"{name}.png")
+        self.body.append(Block(html, f"![{caption}](pictures/{name}.png)"))
+
+    def write(self, name: str = "index.html") -> Path:
+        """Write the page as HTML into its folder."""
         head = (
             '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
             f"<title>{escape(self.title)}</title><style>{STYLE}</style>"
         )
-        body = f"<h1>{escape(self.title)}</h1>" + "\n".join(self.body)
+        body = f"<h1>{escape(self.title)}</h1>" + "\n".join(block.html for block in self.body)
+        path = self.folder / name
         path.write_text(
-            f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n',
-            encoding="utf-8",
+            f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n', encoding="utf-8"
         )
+        return path
+
+    def write_markdown(self, path: Path) -> None:
+        """Write the page as Markdown, its pictures into `pictures` beside it."""
+        text = "\n\n".join([f"# {self.title}", *(block.markdown for block in self.body)])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n", encoding="utf-8")
+        if self.files:
+            (path.parent / "pictures").mkdir(exist_ok=True)
+        for file in self.files:
+            shutil.copy(self.folder / file, path.parent / "pictures" / file)

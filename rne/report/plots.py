@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,10 +76,10 @@ def plot(trajectory: Trajectory, names: Sequence[str] | None = None) -> Figure:
     check_trajectory(trajectory)
     labels = _joint_labels(trajectory.q.shape[1], names)
     title = f"Motion by {trajectory.method}{ENDINGS.get(trajectory.status, '')}"
-    figure, axes = _figure(5, title, height=2.1)
-    _curves(axes[0], trajectory.t, trajectory.q, labels, "position [rad or m]")
-    _curves(axes[1], trajectory.t, trajectory.qd, labels, "rate [rad/s or m/s]")
-    _curves(axes[2], trajectory.t, trajectory.tau, labels, "torque [N m or N]")
+    figure, axes = panels(5, title, height=2.1)
+    curves(axes[0], trajectory.t, trajectory.q, labels, "position [rad or m]")
+    curves(axes[1], trajectory.t, trajectory.qd, labels, "rate [rad/s or m/s]")
+    curves(axes[2], trajectory.t, trajectory.tau, labels, "torque [N m or N]")
     _energies(axes[3], axes[4], trajectory)
     return figure
 
@@ -95,9 +94,10 @@ def _joint_labels(n: int, names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _figure(rows: int, title: str, height: float = 2.6) -> tuple[Figure, list[Axes]]:
+def panels(rows: int, title: str, height: float = 2.6, *, share: bool = True) -> tuple[Figure, list[Axes]]:
+    """Panels one below the other over time, with one time axis or each with its own."""
     figure = blank_figure(8, height * rows)
-    axes = np.atleast_1d(figure.subplots(rows, 1, sharex=True))
+    axes = np.atleast_1d(figure.subplots(rows, 1, sharex=share))
     figure.suptitle(title)
     for ax in axes:
         ax.grid(True, alpha=0.3)
@@ -105,7 +105,8 @@ def _figure(rows: int, title: str, height: float = 2.6) -> tuple[Figure, list[Ax
     return figure, list(axes)
 
 
-def _curves(ax: Axes, t: Array, values: Array, names: tuple[str, ...], label: str) -> None:
+def curves(ax: Axes, t: Array, values: Array, names: Sequence[str], label: str) -> None:
+    """Columns over time with a legend beside the panel."""
     step = max(1, len(t) // MAX_POINTS)
     marker = "." if len(t) == 1 else ""
     for k, (column, name) in enumerate(zip(values.T, names, strict=True)):
@@ -121,35 +122,29 @@ def _energies(upper: Axes, lower: Axes, trajectory: Trajectory) -> None:
     """The energies, and below them what the solver's errors have created or lost."""
     t = trajectory.t
     energies = np.stack([trajectory.kinetic, trajectory.potential, trajectory.energy], axis=1)
-    _curves(upper, t, energies, ("kinetic", "potential", "total"), "energy [J]")
-    drift = trajectory.energy - trajectory.energy[0] - trajectory.work
-    _curves(lower, t, drift[:, None], ("drift",), "energy error [J]")
+    curves(upper, t, energies, ("kinetic", "potential", "total"), "energy [J]")
+    curves(lower, t, trajectory.balance[:, None], ("drift",), "energy error [J]")
 
 
 def plot_free_motion(trajectory: Trajectory, names: tuple[str, ...], title: str) -> Any:
     """Joint positions, energies and the energy error of a motion without drives."""
-    figure, axes = _figure(3, title)
-    _curves(axes[0], trajectory.t, trajectory.q, names, "position [rad]")
+    figure, axes = panels(3, title)
+    curves(axes[0], trajectory.t, trajectory.q, names, "position [rad]")
     _energies(axes[1], axes[2], trajectory)
     return figure
 
 
 def plot_closed_loop(trajectory: Trajectory, reference: Array, names: tuple[str, ...], title: str) -> Any:
     """Errors and torques of a controlled motion, and its errors on a log scale."""
-    figure, axes = _figure(3, title)
+    figure, axes = panels(3, title)
     t, error = trajectory.t, trajectory.q - reference
-    _curves(axes[0], t, error, names, "error [rad]")
-    _curves(axes[1], t, np.maximum(np.abs(error), SMALLEST), names, "|error| [rad]")
+    curves(axes[0], t, error, names, "error [rad]")
+    curves(axes[1], t, np.maximum(np.abs(error), SMALLEST), names, "|error| [rad]")
     axes[1].set_yscale("log")
     axes[1].axhline(0.01, color="0.4", linestyle="--", linewidth=1)
     axes[1].set_ylim(SMALLEST, 10)
     axes[1].annotate(
         "0.01 rad", (t[-1], 0.01), xytext=(0, 3), textcoords="offset points", ha="right", fontsize="small", color="0.4"
     )
-    _curves(axes[2], t, trajectory.tau, names, "torque [N m]")
+    curves(axes[2], t, trajectory.tau, names, "torque [N m]")
     return figure
-
-
-def save(figure: Any, path: Path) -> None:
-    """Write a figure as PNG."""
-    figure.savefig(path)
