@@ -134,6 +134,7 @@ def stick_slip_run(
     t, x, times, states = 0.0, x0.copy(), [np.zeros(0)], [np.zeros((0, len(x0)))]
     n, ending = plant.robot.n, ""
     overloaded: list[int] = []
+    slopes: list[Array] = []
     for count in range(MOST_EVENTS):
         try:
             dry.settle(t, x, overloaded)
@@ -157,6 +158,7 @@ def stick_slip_run(
         if len(picked):
             times.append(np.asarray(picked))
             states.append(np.asarray(solution.sol(picked)).T)
+            slopes += [dry.accelerations(float(s), y)[0] for s, y in zip(picked, states[-1], strict=True)]
         t, x = t_new, np.array(solution.y[:, -1])
         overloaded = _come_to_rest(dry, solution, x)
         hit = [k for k, when in enumerate(solution.t_events or ()) if len(when) and k >= n]
@@ -170,8 +172,9 @@ def stick_slip_run(
     if t_eval is None or (len(t_eval) and t_eval[-1] == t):  # the last instant itself
         times.append(np.array([t]))
         states.append(x[None])
+        slopes.append(dry.accelerations(t, x)[0])
     status = 1 if "stop" in ending else 0
-    return Run(np.concatenate(times), np.concatenate(states), status, ending)
+    return Run(np.concatenate(times), np.concatenate(states), status, ending, None, np.array(slopes).reshape(-1, n))
 
 
 def _come_to_rest(dry: DryPlant, solution: Any, x: Array) -> list[int]:

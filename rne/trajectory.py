@@ -74,25 +74,16 @@ class Run(NamedTuple):
     status: int
     ending: str
     u: Array | None = None  # torques that were held, where they were
+    qdd: Array | None = None  # accelerations, where the right-hand side alone does not give them
 
 
 def trajectory(plant: Plant, run: Run, method: str, reason: str, failures: list[tuple[float, str]]) -> Trajectory:
     """The motion with its torques and energies; samples from one on that is not finite are left out."""
     rhs = plant.rhs
     n = rhs.arm.n
-    tau, qdd = np.zeros((len(run.t), n)), np.zeros((len(run.t), n))
-    sound = 0
-    for k, (time, x) in enumerate(zip(run.t, run.x, strict=True)):
-        try:
-            u = plant.torque(float(time), x) if run.u is None else run.u[k]
-            drives, _ = rhs.drives(np.array([time]), x, u)
-            tau[k] = 0.0 if drives is None else drives
-            qdd[k] = plant.rates(float(time), x, u)[n : 2 * n]
-        except (NotFiniteError, SingularMassMatrixError) as error:
-            failures.append((float(time), str(error)))
-            break
-        sound += 1
-    t, x = run.t[:sound], run.x[:sound]
+    t, x, tau, qdd = _sound_samples(plant, run, failures)
+    if run.qdd is not None:
+        qdd = run.qdd[: len(t)]
     q, qd, own = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + rhs.own_states]
     entries = dict(zip(rhs.ledger, x[:, 2 * n + rhs.own_states :].T, strict=True))
     work = entries.pop("drives", np.zeros(len(t)))
@@ -104,8 +95,8 @@ def trajectory(plant: Plant, run: Run, method: str, reason: str, failures: list[
         t,
         q,
         qd,
-        qdd[:sound],
-        tau[:sound],
+        qdd,
+        tau,
         kinetic,
         potential,
         energy,
@@ -118,3 +109,36 @@ def trajectory(plant: Plant, run: Run, method: str, reason: str, failures: list[
         entries,
         own,
     )
+
+
+def _sound_samples(plant: Plant, run: Run, failures: list[tuple[float, str]]) -> tuple[Array, Array, Array, Array]:
+    """Times, states, torques and accelerations up to the first sample that is not finite or where M is singular."""
+    n = plant.rhs.arm.n
+    times = run.t[:, None]
+    try:
+        u = run.u
+        if u is None and plant.law is not None:
+            u = np.array([plant.torque(float(t), x) for t, x in zip(run.t, run.x, strict=True)]).reshape(-1, n)
+        rates = plant.kernel(times, run.x) if u is None else plant.kernel(times, run.x, u)
+        drives, _ = plant.rhs.drives(times, run.x, u)
+        tau = np.zeros((len(times), n)) if drives is None else np.asarray(drives, dtype=np.float64)
+        return run.t, run.x, tau, rates[:, n : 2 * n]
+    except (NotFiniteError, SingularMassMatrixError, ValueError):  # found by looking at each
+        return _one_by_one(plant, run, failures)
+
+
+def _one_by_one(plant: Plant, run: Run, failures: list[tuple[float, str]]) -> tuple[Array, Array, Array, Array]:
+    n = plant.rhs.arm.n
+    tau, qdd = np.zeros((len(run.t), n)), np.zeros((len(run.t), n))
+    sound = 0
+    for k, (time, x) in enumerate(zip(run.t, run.x, strict=True)):
+        try:
+            u = plant.torque(float(time), x) if run.u is None else run.u[k]
+            drives, _ = plant.rhs.drives(np.array([time]), x, u)
+            tau[k] = 0.0 if drives is None else drives
+            qdd[k] = plant.rates(float(time), x, u)[n : 2 * n]
+        except (NotFiniteError, SingularMassMatrixError) as error:
+            failures.append((float(time), str(error)))
+            break
+        sound += 1
+    return run.t[:sound], run.x[:sound], tau[:sound], qdd[:sound]

@@ -8,7 +8,7 @@ import pytest
 from .helpers import ROOT
 
 
-@pytest.mark.parametrize("name", ["validation", "kernels", "lagrange"])
+@pytest.mark.parametrize("name", ["validation", "kernels", "lagrange", "simulation"])
 def test_quick_run_prints_a_table_and_changes_no_file(name):
     results = sorted((ROOT / "benchmarks" / "results").glob("*.json"))
     before = [path.read_bytes() for path in results]

@@ -287,6 +287,7 @@ class TestDryFriction:
         scene = rne.Scene(irb140, friction=rne.Friction(viscous=20.0, coulomb=200.0, smoothing=0))
         motion = rne.simulate(scene, [0] * 6, [0.5, 0, 0, 0, 0, 0], 2.0)
         assert not motion.qd[-1].any()
+        assert not motion.qdd[-1].any()
         assert motion.energy_drift <= 1e-4
 
     def test_what_cannot_go_together(self, irb140):
