@@ -44,7 +44,7 @@ def traceable(law: F) -> F:
     return law
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PD:
     """Proportional and derivative feedback, with the arm's weight carried if asked; see `pd`, `pd_gravity`."""
 
@@ -128,7 +128,7 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike)
     return PD(robot, p, d, q_ref, gravity=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PID:
     """PD with an integral of the error, a state of its own; see `pid`."""
 
@@ -201,7 +201,7 @@ def pid(
     return PID(robot, p, i, d, q_ref, gravity, bound)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ComputedTorque:
     """Inverse dynamics of the wanted acceleration; see `computed_torque`."""
 

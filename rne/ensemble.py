@@ -25,7 +25,7 @@ ITERATIONS, CONVERGED = 50, 1e-13
 Progress = Callable[[int, int], Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ensemble:
     """Motions of many starts.
 
@@ -131,7 +131,7 @@ def ensemble(
     return Ensemble(t, x[..., :n], x[..., n : 2 * n], x[..., own:], rhs.ledger, method, end / steps, count)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """What is done with each chunk of starts."""
 

@@ -15,7 +15,7 @@ from .spatial import Array
 SMOOTHING = 0.01  # rad/s or m/s: at this rate Coulomb friction has three quarters of its size
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Friction:
     """Friction of the joints: torque against the motion, added to what the dynamics ask for.
 

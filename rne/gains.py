@@ -17,7 +17,7 @@ SAMPLES, REFINED = 4096, 4  # configurations drawn, and the best of them that ar
 FREE = np.pi  # a coordinate without limits is looked at from -pi to pi [rad or m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gains:
     """What `check_gains` found.
 

@@ -20,7 +20,7 @@ from .model import Model
 from .plant import Plant
 from .robot import Robot
 from .spatial import Array
-from .trajectory import Run
+from .trajectory import Run, Task
 
 # Nodes c and weights a of each method; b is 1, or 1/2 and 1/2.
 TABLEAUS = {
@@ -78,24 +78,18 @@ class Hamilton:
         return np.concatenate([rates, self.slopes(X[:, :n], rates)], axis=1)
 
 
-def gauss_run(
-    plant: Plant,
-    x0: Array,
-    duration: float,
-    method: str,
-    step: float | None,
-    t_eval: Array | None,
-    failures: list[tuple[float, str]],
-) -> Run:
+def gauss_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
     """Equal steps, near `step`; values asked for in between are those of the collocation polynomial, to its order."""
     n = plant.robot.n
     system = Hamilton(plant.robot)
-    count = max(1, int(np.ceil(duration / (STEPS[method] if step is None else step) * (1 - 1e-12))))
-    h = duration / count
-    grid = np.linspace(0.0, duration, count + 1) if t_eval is None else t_eval
+    near = STEPS[task.method] if task.step is None else task.step
+    count = max(1, int(np.ceil(task.duration / near * (1 - 1e-12))))
+    h = task.duration / count
+    grid = np.linspace(0.0, task.duration, count + 1) if task.t_eval is None else task.t_eval
     found = np.zeros((len(grid), 2 * n))
+    x0 = task.x0
     x = np.concatenate([x0[:n], plant.robot.mass_matrix(x0[:n]) @ x0[n : 2 * n]])
-    c, a = TABLEAUS[method]
+    c, a = TABLEAUS[task.method]
     history = [np.tile(system(x[None]), (len(c), 1))]
     weights = [_continuation(c, k) for k in range(1, HISTORY + 1)]
     lost = np.zeros_like(x)  # what rounding took from x, given back at the next step

@@ -13,7 +13,7 @@ from .scene import Scene
 from .smooth import IMPLICIT, stop_message, tolerances
 from .solvers import FAILURES, watched
 from .spatial import Array
-from .trajectory import Run
+from .trajectory import Run, Task
 
 
 class Holder:
@@ -71,31 +71,21 @@ class _Record:
         self.u.append(u)
 
 
-def sampled_run(
-    scene: Scene,
-    plant: Plant,
-    x0: Array,
-    duration: float,
-    method: str,
-    accuracy: tuple[float, float],
-    t_eval: Array | None,
-    events: Sequence[Any],
-    failures: list[tuple[float, str]],
-) -> Run:
+def sampled_run(scene: Scene, plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
     """From sample to sample with one explicit solver, whose memory of the slope is renewed at each."""
-    if method in IMPLICIT:
-        raise ValueError(f"`method` of a sampled scene must be an explicit one, got {method!r}")
+    if task.method in IMPLICIT:
+        raise ValueError(f"`method` of a sampled scene must be an explicit one, got {task.method!r}")
     if scene.resistance is not None and scene.resistance.sticks:
         raise ValueError("a sampled scene cannot have friction that sticks; give the friction a `smoothing`")
     holder = Holder(scene, plant)
     plant.law = holder.law
-    record = _Record(t_eval, [], [], [])
-    count = int(np.ceil(duration / holder.period * (1 - 1e-12)))
+    record, t_eval, x0 = _Record(task.t_eval, [], [], []), task.t_eval, task.x0
+    count = int(np.ceil(task.duration / holder.period * (1 - 1e-12)))
     if t_eval is not None and len(t_eval) and t_eval[0] == 0:
         record.add(0.0, x0, np.zeros(scene.n))
     stop = None
     try:
-        stop = _samples(holder, plant, x0, duration, count, (method, accuracy), record, events, failures)
+        stop = _samples(holder, plant, task, count, record, failures)
     except FAILURES as error:
         failures.append((getattr(error, "time", None) or 0.0, str(error)))
     if t_eval is not None and record.t and record.t[0] == 0 and len(record.u) > 1:
@@ -107,27 +97,18 @@ def sampled_run(
 
 
 def _samples(
-    holder: Holder,
-    plant: Plant,
-    x0: Array,
-    duration: float,
-    count: int,
-    how: tuple[str, tuple[float, float]],
-    record: _Record,
-    events: Sequence[Any],
-    failures: list[tuple[float, str]],
+    holder: Holder, plant: Plant, task: Task, count: int, record: _Record, failures: list[tuple[float, str]]
 ) -> str | None:
     """What stopped the run before its end, if anything did."""
-    method, accuracy = how
-    rtol, atol = tolerances(plant, method, *accuracy)
-    solver, x = None, x0
+    rtol, atol = tolerances(plant, task)
+    solver, x, duration = None, task.x0, task.duration
     for k in range(count):
         begin, end = k * holder.period, min((k + 1) * holder.period, duration)
         u = holder.sample(begin, x)
         if record.t_eval is None:
             record.add(begin, x, u)
         if solver is None:
-            solver = watched(method, failures, [x0])(
+            solver = watched(task.method, failures, [x])(
                 lambda t, y: _held(plant, t, y, holder), begin, x, end, rtol=rtol, atol=atol, first_step=end - begin
             )
         else:  # the same solver goes on, with the slope under the new torques
@@ -137,7 +118,7 @@ def _samples(
             solver.step()
             if solver.status == "failed":
                 return None
-            hit = first_stop(events, solver, plant.robot.joint_names) if events else None
+            hit = first_stop(task.events, solver, plant.robot.joint_names) if task.events else None
             if hit is not None:
                 record.add(hit[0], hit[1], u)
                 return hit[2]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,7 +18,7 @@ from .scene import Scene
 from .smooth import smooth_run, stops
 from .spatial import Array
 from .stick_slip import stick_slip_run
-from .trajectory import Run, Trajectory, trajectory
+from .trajectory import Run, Task, Trajectory, trajectory
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
@@ -103,22 +102,15 @@ def simulate(
     x0 = np.concatenate([_start("q0", q0, arm), _start("qd0", qd0, arm), np.zeros(rhs.size - 2 * arm.n)])
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else _check_times(t_eval, end)
-    accuracy = positive_number("rtol", rtol), positive_number("atol", atol)
+    relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
+    near = None if step is None else positive_number("step", step)
     plant = Plant(rhs, scene.controller if rhs.given and scene.sample_time is None else None)
     chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
     if chosen in TABLEAUS:
         _check_free(scene, chosen)
-    how = _How(chosen, accuracy, times, None if step is None else positive_number("step", step), _breaks(scene, breaks))
-    return _run(scene, plant, x0, end, how, reason)
-
-
-class _How:
-    """The solver and what it is to report."""
-
-    def __init__(
-        self, method: str, accuracy: tuple[float, float], times: Array | None, step: float | None, breaks: list[float]
-    ) -> None:
-        self.method, self.accuracy, self.times, self.step, self.breaks = method, accuracy, times, step, breaks
+    events = stops(plant) if scene.stops else []
+    task = Task(x0, end, chosen, relative, absolute, times, near, _breaks(scene, breaks), events)
+    return _run(scene, plant, task, reason)
 
 
 def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tuple[str, str]:
@@ -139,32 +131,29 @@ def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tup
     return method, f"{method}: {kind}, the fastest mode at the start decays at {decay:.4g} 1/s, {times}"
 
 
-def _run(scene: Scene, plant: Plant, x0: Array, duration: float, how: _How, reason: str) -> Trajectory:
+def _run(scene: Scene, plant: Plant, task: Task, reason: str) -> Trajectory:
     failures: list[tuple[float, str]] = []
-    if duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by either
-        t = np.unique([0.0, duration]) if how.times is None else how.times
+    if task.duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by either
+        t = np.unique([0.0, task.duration]) if task.t_eval is None else task.t_eval
         held = None if scene.sample_time is None else np.zeros((len(t), plant.robot.n))
-        run = Run(t, np.tile(x0, (len(t), 1)), 0, "nothing to integrate", held)
+        run = Run(t, np.tile(task.x0, (len(t), 1)), 0, "nothing to integrate", held)
     else:
-        run = _integrate(scene, plant, x0, duration, how, failures)
-    motion = trajectory(plant, run, how.method, reason, failures)
+        run = _integrate(scene, plant, task, failures)
+    motion = trajectory(plant, run, task.method, reason, failures)
     if not failures:
         return motion
     time, cause = failures[0]
-    raise SimulationError(f"simulation stopped at t = {time:.6g} s of {duration:g} s: {cause}", time, motion)
+    raise SimulationError(f"simulation stopped at t = {time:.6g} s of {task.duration:g} s: {cause}", time, motion)
 
 
-def _integrate(
-    scene: Scene, plant: Plant, x0: Array, duration: float, how: _How, failures: list[tuple[float, str]]
-) -> Run:
-    if how.method in TABLEAUS:
-        return gauss_run(plant, x0, duration, how.method, how.step, how.times, failures)
-    events: list[Any] = stops(plant) if scene.stops else []
+def _integrate(scene: Scene, plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
+    if task.method in TABLEAUS:
+        return gauss_run(plant, task, failures)
     if scene.sample_time is not None:
-        return sampled_run(scene, plant, x0, duration, how.method, how.accuracy, how.times, events, failures)
+        return sampled_run(scene, plant, task, failures)
     if scene.resistance is not None and scene.resistance.sticks:
-        return stick_slip_run(plant, x0, duration, how.method, how.accuracy, how.times, how.breaks, events, failures)
-    return smooth_run(plant, x0, duration, how.method, how.accuracy, how.times, how.breaks, events, failures)
+        return stick_slip_run(plant, task, failures)
+    return smooth_run(plant, task, failures)
 
 
 def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:

@@ -11,24 +11,24 @@ import numpy as np
 from .plant import Plant
 from .solvers import FAILURES, watched
 from .spatial import Array
-from .trajectory import Run
+from .trajectory import Run, Task
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 NO_SAY = 1e100  # absolute tolerance of the energies, which are results and not part of the state
 
 
-def tolerances(plant: Plant, method: str, rtol: float, atol: float) -> tuple[float, Array]:
+def tolerances(plant: Plant, task: Task) -> tuple[float, Array]:
     """Relative and absolute tolerances with which the energies of the ledger have no say in the steps.
 
     All methods but LSODA take the mean square error of the components, which those that are always 0 must not dilute.
     """
     size, energies = plant.rhs.size, len(plant.rhs.ledger)
-    atols = np.full(size, atol)
+    atols = np.full(size, task.atol)
     if not energies:
-        return rtol, atols
+        return task.rtol, atols
     atols[size - energies :] = NO_SAY
-    undiluted = 1.0 if method == "LSODA" else float(np.sqrt(1 - energies / size))
-    return rtol * undiluted, atols * undiluted
+    undiluted = 1.0 if task.method == "LSODA" else float(np.sqrt(1 - energies / size))
+    return task.rtol * undiluted, atols * undiluted
 
 
 def stops(plant: Plant) -> list[Callable[[float, Array], float]]:
@@ -56,19 +56,10 @@ def stop_message(event: Any, t: float, joints: Sequence[str]) -> str:
     return f"{joints[event.joint]!r} reached its stop at {event.bound:.6g} at t = {t:.6g} s"
 
 
-def smooth_run(
-    plant: Plant,
-    x0: Array,
-    duration: float,
-    method: str,
-    accuracy: tuple[float, float],
-    t_eval: Array | None,
-    breaks: Sequence[float],
-    events: Sequence[Any],
-    failures: list[tuple[float, str]],
-) -> Run:
+def smooth_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
     """From break to break until the end, an event or a failure, which is added to `failures`."""
-    edges = [0.0, *sorted({b for b in breaks if 0 < b < duration}), duration]
+    edges = [0.0, *sorted({b for b in task.breaks if 0 < b < task.duration}), task.duration]
+    x0, t_eval = task.x0, task.t_eval
     times: list[Array] = []
     states: list[Array] = []
     run = Run(np.zeros(0), np.zeros((0, len(x0))), 0, "")
@@ -77,7 +68,7 @@ def smooth_run(
         if t_eval is not None:
             inside = t_eval[(t_eval > begin if begin else t_eval >= begin) & (t_eval <= end)]
         fun = plant if len(edges) == 2 else _within(plant, (begin, end))
-        t, x, x0, status, ending = _segment(fun, plant, x0, (begin, end), method, accuracy, inside, events, failures)
+        t, x, x0, status, ending = _segment(fun, plant, x0, (begin, end), inside, task, failures)
         first = 1 if t_eval is None and times else 0  # the end of the segment before
         times.append(t[first:])
         states.append(x[first:])
@@ -92,21 +83,22 @@ def _segment(
     plant: Plant,
     x0: Array,
     span: tuple[float, float],
-    method: str,
-    accuracy: tuple[float, float],
     t_eval: Array | None,
-    events: Sequence[Any],
+    task: Task,
     failures: list[tuple[float, str]],
 ) -> tuple[Array, Array, Array, int, str]:
     """Times, states, the last state, status and SciPy's last word."""
     from scipy.integrate import solve_ivp
 
-    rtol, atol = tolerances(plant, method, *accuracy)
-    options: dict[str, Any] = {"jac": plant.jacobian} if method in IMPLICIT else {}
+    rtol, atol = tolerances(plant, task)
+    events = task.events
+    options: dict[str, Any] = {"jac": plant.jacobian} if task.method in IMPLICIT else {}
     last = [x0]
-    solver = watched(method, failures, last)
+    solver = watched(task.method, failures, last)
     try:
-        solution = solve_ivp(fun, span, x0, solver, t_eval, events=events, rtol=rtol, atol=atol, **options)
+        solution = solve_ivp(
+            fun, span, x0, solver, t_eval, events=list(events) or None, rtol=rtol, atol=atol, **options
+        )
     except FAILURES as error:  # at the very start, before a first step
         failures.append((span[0], str(error)))
         return np.zeros(0), np.zeros((0, len(x0))), x0, -1, ""

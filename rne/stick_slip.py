@@ -17,7 +17,7 @@ from .plant import Plant
 from .smooth import stop_message, tolerances
 from .solvers import FAILURES, watched
 from .spatial import Array
-from .trajectory import Run
+from .trajectory import Run, Task
 
 MOST_EVENTS = 100_000
 AT_REST = 1e-12  # rad/s: a joint at an event
@@ -110,28 +110,19 @@ class DryPlant:
         return margin
 
 
-def stick_slip_run(
-    plant: Plant,
-    x0: Array,
-    duration: float,
-    method: str,
-    accuracy: tuple[float, float],
-    t_eval: Array | None,
-    breaks: Sequence[float],
-    stops: Sequence[Any],
-    failures: list[tuple[float, str]],
-) -> Run:
+def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
     """From event to event until the end, a stop or a failure, which is added to `failures`."""
     from scipy.integrate import solve_ivp
 
     friction = plant.rhs.friction
     assert friction is not None
     dry = DryPlant(plant, friction)
-    rtol, atol = tolerances(plant, method, *accuracy)
+    rtol, atol = tolerances(plant, task)
+    method, duration, t_eval, stops = task.method, task.duration, task.t_eval, task.events
     if method in ("Radau", "BDF"):
         raise ValueError(f"`method` of a scene whose joints stick must not need a Jacobian, got {method!r}; take LSODA")
-    edges = [*sorted({b for b in breaks if 0 < b < duration}), duration]
-    t, x, times, states = 0.0, x0.copy(), [np.zeros(0)], [np.zeros((0, len(x0)))]
+    edges = [*sorted({b for b in task.breaks if 0 < b < duration}), duration]
+    t, x, times, states = 0.0, task.x0.copy(), [np.zeros(0)], [np.zeros((0, len(task.x0)))]
     n, ending = plant.robot.n, ""
     overloaded: list[int] = []
     slopes: list[Array] = []

@@ -12,7 +12,7 @@ from .elementwise import clip, less, where
 from .spatial import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Quintic:
     """Rest to rest with continuous acceleration; see `quintic`."""
 
@@ -65,7 +65,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     return Quintic(a, b, positive_number("duration", duration))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trapezoidal:
     """Constant acceleration, constant rate, constant deceleration; see `trapezoidal`."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from .plant import Plant
 from .spatial import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """A simulated motion.
 
@@ -64,6 +64,20 @@ class Trajectory:
         taken = sum(self.dissipated.values(), np.zeros(len(self.t)))
         start = self.energy[0] if len(self.t) else 0.0
         return self.energy - start - self.work + taken
+
+
+class Task(NamedTuple):
+    """What a solver is to do."""
+
+    x0: Array
+    duration: float
+    method: str
+    rtol: float
+    atol: float
+    t_eval: Array | None
+    step: float | None
+    breaks: Sequence[float]
+    events: Sequence[Any]
 
 
 class Run(NamedTuple):
