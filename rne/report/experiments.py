@@ -31,6 +31,7 @@ HANGING = np.array([0, PI, -PI / 2, 0, 0, 0])
 TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 SOLVERS = ("RK45", "LSODA", "Radau", "BDF")
 SAMPLE_TIMES = (1.30e-4, 1.35e-4)
+SAMPLED = (2.0, 0.031)  # and for how long each is simulated [s]
 LONG, LONG_STEP, LONG_RTOL = 1000.0, 5e-3, 1e-4  # [s, s, 1]
 
 
@@ -91,7 +92,7 @@ def sampled(k: int) -> list[Timed]:
     """6.5-(k+1) with torques held between samples, just below and just beyond the limit."""
     return [
         timed(loop_scene(k, sample_time=T), CLOSED_LOOPS[k].start, REST, end, method="RK23")
-        for T, end in zip(SAMPLE_TIMES, (2.0, 0.031), strict=True)
+        for T, end in zip(SAMPLE_TIMES, SAMPLED, strict=True)
     ]
 
 

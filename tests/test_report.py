@@ -1,0 +1,50 @@
+"""The page of the thesis's experiments, here with its long runs cut short."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from rne.report import experiments, thesis
+
+
+@pytest.fixture
+def short(monkeypatch):
+    loops = tuple(replace(run, duration=0.2) for run in experiments.CLOSED_LOOPS)
+    monkeypatch.setattr(experiments, "CLOSED_LOOPS", loops)
+    monkeypatch.setattr(experiments, "LONG", 2.0)
+    monkeypatch.setattr(experiments, "SAMPLED", (0.01, 0.01))
+    here = lambda say: {name: function(*given) for name, (function, given) in experiments.JOBS.items()}  # noqa: E731
+    monkeypatch.setattr(thesis, "run_all", here)
+
+
+def test_page_has_every_experiment(short, tmp_path):
+    lines = []
+    thesis.run(tmp_path / "page", lines.append, tmp_path / "docs" / "thesis.md")
+    html = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+    markdown = (tmp_path / "docs" / "thesis.md").read_text(encoding="utf-8")
+    for run in [
+        "6.3-1",
+        "6.3-2",
+        "6.3-3",
+        "6.3-4",
+        "6.4-1",
+        "6.5-1",
+        "6.5-2",
+        "6.5-3",
+        "7.1-1",
+        "7.1-2",
+        "7.1",
+        "1000 s",
+    ]:
+        assert run in html
+        assert run in markdown
+    pictures = re.findall(r'src="([^"]+)"', html)
+    assert len(pictures) == 11
+    for picture in pictures:
+        assert (tmp_path / "page" / picture).stat().st_size > 10_000
+        assert (tmp_path / "page" / picture.replace(".png", "-dark.png")).exists()
+        assert f"](pictures/{picture})" in markdown
+        assert (tmp_path / "docs" / "pictures" / picture).exists()
+    assert 'media="(prefers-color-scheme: dark)"' in html
+    assert "width=device-width" in html
