@@ -13,7 +13,7 @@ from .arguments import joint_array, positive_number, real_array
 from .errors import NotFiniteError
 from .plant import RightHandSide
 from .robot import Robot
-from .scene import Scene
+from .scene import Scene, bare
 from .spatial import Array
 
 if TYPE_CHECKING:
@@ -105,7 +105,9 @@ def ensemble(
     >>> rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3).q.shape
     (2, 100, 6)
     """
-    scene = scene_or_robot if isinstance(scene_or_robot, Scene) else Scene(scene_or_robot)
+    scene = bare(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
+    if not isinstance(scene, Scene):
+        raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
     rhs = _blocks(scene)
     n = scene.n
     q, qd = (

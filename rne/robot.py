@@ -58,6 +58,7 @@ class Robot:
             raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
         self._model = model
         self._kernels: dict[Any, Kernel] = {}
+        self.kept: dict[str, Any] = {}  # what simulation compiles for the bare robot, for its next run
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self._model,)

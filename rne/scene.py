@@ -215,6 +215,12 @@ class Scene:
         return costs
 
 
+def bare(robot: Robot) -> Scene:
+    """The scene of the robot alone, kept with it so that its kernel is compiled once."""
+    scene: Scene = robot.kept.setdefault("scene", Scene(robot))
+    return scene
+
+
 def _operations(scene: Scene) -> int:
     return sum(scene.kernel.operations.values())
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +13,7 @@ from .gauss import TABLEAUS, gauss_run
 from .plant import Plant, RightHandSide
 from .robot import Robot
 from .sampled import sampled_run
-from .scene import Scene
+from .scene import Scene, bare
 from .smooth import smooth_run, stops
 from .spatial import Array
 from .stick_slip import stick_slip_run
@@ -26,7 +25,6 @@ METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA")
 # Fastest decay times duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
 STIFF = 1000.0
-_PLAIN: WeakKeyDictionary[Robot, dict[bool, RightHandSide]] = WeakKeyDictionary()  # a robot's own, kept with it
 
 
 def simulate(
@@ -165,7 +163,7 @@ def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) 
         return _with_law(scene_or_robot, torque)
     if not isinstance(scene_or_robot, Robot):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
-    scene = Scene(scene_or_robot)
+    scene = bare(scene_or_robot)
     return scene if torque is None else _with_law(scene, torque)
 
 
@@ -183,12 +181,11 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
 
 
 def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
-    """That of the scene; a bare robot's two are kept, so that the next run need not compile them."""
-    if isinstance(given, Scene):
+    """That of the scene; of a bare robot under given torques it is the same for every law, and kept."""
+    if isinstance(given, Scene) or scene.controller is None:
         return scene.right_hand_side
-    kept = _PLAIN.setdefault(given, {})
-    driven = scene.controller is not None
-    return kept.setdefault(driven, scene.right_hand_side)
+    kept: RightHandSide = given.kept.setdefault("driven", scene.right_hand_side)
+    return kept
 
 
 def _check_free(scene: Scene, method: str) -> None:

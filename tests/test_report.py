@@ -1,7 +1,6 @@
 """The page of the thesis's experiments, here with its long runs cut short."""
 
 import re
-from dataclasses import replace
 
 import pytest
 
@@ -10,7 +9,7 @@ from rne.report import experiments, thesis
 
 @pytest.fixture
 def short(monkeypatch):
-    loops = tuple(replace(run, duration=0.2) for run in experiments.CLOSED_LOOPS)
+    loops = tuple(run._replace(duration=0.2) for run in experiments.CLOSED_LOOPS)
     monkeypatch.setattr(experiments, "CLOSED_LOOPS", loops)
     monkeypatch.setattr(experiments, "LONG", 2.0)
     monkeypatch.setattr(experiments, "SAMPLED", (0.01, 0.01))
