@@ -47,10 +47,10 @@ class Diagnosis:
             return "no states"
         k = self.worst_state
         where = f"worst of {self.condition.size} states is {k}: " if k else ""
-        motion = " with ".join(self.worst_joint)
+        motion = ", ".join(self.worst_joint)
         if not np.isfinite(self.condition[k]):
-            return f"{where}M is singular to working precision: moving {motion} moves no inertia"
-        least = f"; least inertia moves with {motion}" if motion else ""
+            return f"{where}M is singular to working precision: a motion of {motion} moves no inertia"
+        least = f"; a motion of {motion} moves the least inertia" if motion else ""
         return (
             f"{where}condition {self.condition[k]:.1e}, smallest pivot {self.pivot[k]:.1e} of its diagonal entry, "
             f"about {self.digits[k]:.0f} digits in forward dynamics{least}"
@@ -86,7 +86,7 @@ def diagnose(model: Model, q: ArrayLike, *, dtype: DTypeLike | None = None) -> D
     --------
     >>> import rne
     >>> print(rne.diagnose(rne.irb140(), [0] * 6).digits.round())
-    14.0
+    15.0
     """
     positions = joint_array("q", q, model_argument(model))
     judged_for = np.dtype(positions.dtype if dtype is None else dtype)

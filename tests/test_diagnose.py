@@ -69,7 +69,7 @@ def test_an_ordinary_robot(irb140):
     assert 12 < found.digits < 16
     assert 0 < found.pivot <= 1
     assert set(found.worst_joint) <= set(irb140.joint_names)
-    assert "digits in forward dynamics; least inertia moves with joint_" in str(found)
+    assert "digits in forward dynamics; a motion of joint_" in str(found)
 
 
 def test_condition_is_that_of_unit_diagonal():
@@ -128,7 +128,7 @@ def test_a_singular_M_is_a_finding_not_an_error():
     assert found.worst_joint == ("j0", "j2")
     assert (
         str(found)
-        == "worst of 2 states is (1,): M is singular to working precision: moving j0 with j2 moves no inertia"
+        == "worst of 2 states is (1,): M is singular to working precision: a motion of j0, j2 moves no inertia"
     )
 
 
