@@ -45,9 +45,9 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
 
     Notes
     -----
-    A revolute joint whose origin stands along its axis more than a thousand times the robot's size away is moved back
-    along the axis, with 80 digits, so that no digit of the dynamics is lost to the lever. Links keep the file's frames;
-    the joint's own frame, in which `rne.recursion` reports, is then parallel to its link's and nearer to the robot.
+    If a revolute joint's origin stands more than ten times the robot's size away along its axis, far origins are moved
+    back along their axes, with 80 digits, so that no digit of the dynamics is lost to the levers. Links keep the file's
+    frames; a joint's own frame, in which `rne.recursion` reports, is then parallel to its link's and near the robot.
 
     Examples
     --------
