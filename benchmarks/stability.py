@@ -6,12 +6,19 @@ Every method on every family of tests/stability, against 50 digits.
 from __future__ import annotations
 
 import argparse
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import mpmath
+
+import rne
 from rne.robots.chains import straight_chain
-from tests.stability.families import FAMILIES, Case, case, straight
+from tests.stability.families import FAMILIES, Case, case, straight, subjects
+from tests.stability.far_file import exact_model, far_text
 from tests.stability.known import KNOWN
-from tests.stability.structured import Measured, measure
+from tests.stability.structured import DIGITS, Measured, measure
 
 OUT = Path(__file__).parent.parent / "docs" / "stability.md"
 INTRODUCTION = """# Where methods fail
@@ -34,12 +41,26 @@ HEAD = (
 )
 
 
-def rows(family: str, cases: list[Case]) -> list[str]:
+def far_origins() -> Iterator[tuple[Case, Any]]:
+    """Robots loaded from files with joint origins up to 1e6 m away along their axes, and exactly the files' numbers."""
+    for name, model in subjects():
+        text = far_text(model, 1e6)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "far.urdf"
+            path.write_text(text, encoding="utf-8")
+            loaded = rne.load(path).model
+        with mpmath.workdps(DIGITS):
+            exact = exact_model(text, loaded)
+        yield case(f"{name}, a URDF with joint origins slid to 1e6 m", loaded), exact
+
+
+def rows(family: str, cases: list[tuple[Case, Any]]) -> list[str]:
     """One row a method: the worst case of the family."""
     worst: dict[str, tuple[float, str, Measured]] = {}
     refused: dict[str, list[str]] = {}
-    for one in cases:
-        for method, measured in measure(one, perturbations=1 if one.model.n > 60 else 3).items():
+    for one, exact in cases:
+        found = measure(one, perturbations=1 if one.model.n > 60 else 3, exact_model=exact)
+        for method, measured in found.items():
             if measured.refused:
                 refused.setdefault(method, []).append(one.name)
             key = (measured.ratio / one.model.n, one.name, measured)
@@ -64,10 +85,12 @@ def main() -> None:
     for family, cases in FAMILIES.items():
         if quick and family != "base far away":
             continue
-        members = list(cases())
+        members: list[tuple[Case, Any]] = [(one, None) for one in cases()]
         if family == "straight chains" and not quick:
-            members.append(case("straight chain, n = 100", straight_chain(100), straight(100), count=1))
+            members.append((case("straight chain, n = 100", straight_chain(100), straight(100), count=1), None))
         table += "\n".join(rows(family, members)) + "\n"
+    if not quick:
+        table += "\n".join(rows("slid joint origins", list(far_origins()))) + "\n"
     print(table)
     if not quick:
         OUT.write_text(INTRODUCTION + table, encoding="utf-8")

@@ -122,14 +122,20 @@ METHODS = {
 COMPILED_UP_TO = 20  # joints
 
 
-def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS):
-    """Every method of each quantity: {quantity and method: Measured}."""
+def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exact_model=None):
+    """Every method of each quantity: {quantity and method: Measured}.
+
+    Against the case's own doubles, or against another Model of mpmath numbers; the condition is the case's.
+    """
     robot, found = rne.Robot(case.model), {}
     for quantity in quantities:
         arguments = [case.q] if quantity == "mass matrix" else [case.q, case.qd, case.qdd]
         if quantity == "forward dynamics":
             arguments[2] = torques(case)
         exact = reference(QUANTITIES[quantity], case.model, arguments, perturbations)
+        if exact_model is not None:
+            with mpmath.workdps(DIGITS):
+                exact = exact._replace(value=QUANTITIES[quantity](exact_model, *(changed(x, None) for x in arguments)))
         for method, function in METHODS[quantity].items():
             if isinstance(function, str) and case.model.n > COMPILED_UP_TO:
                 continue
