@@ -64,12 +64,27 @@ def test_links_stay_in_the_frames_of_the_file(read, name):
         assert compared(mine, Reference(theirs, ones)).error <= 10 * robot.n * EPS
 
 
-def test_written_and_read_again_it_is_the_same_robot(read):
-    first = read(far_text(MODELS["serial"], 1e6))
+@pytest.mark.parametrize("name", MODELS)
+def test_written_and_read_again_it_is_the_same_robot(read, name):
+    """But for what doubles far away cannot hold: 1e-10 m, seen from a wrist of a few centimetres."""
+    first = read(far_text(MODELS[name], 1e6))
     again = read(rne.to_urdf(first.model))
     q = case("", first.model).q
-    np.testing.assert_allclose(again.mass_matrix(q), first.mass_matrix(q), rtol=1e-8)
-    np.testing.assert_allclose(again.link_poses(q), first.link_poses(q), atol=1e-8)
+    M = first.mass_matrix(q)
+    assert again.link_names == first.link_names
+    assert np.abs(again.mass_matrix(q) - M).max() <= 1e-8 * np.abs(M).max()
+    np.testing.assert_allclose(again.link_poses(q), first.link_poses(q), rtol=1e-14, atol=1e-8)
+
+
+def test_the_record_is_that_of_the_same_motion(read):
+    """Angular quantities and torques agree with the near robot's; what is said of origins is said of near ones."""
+    far = read(far_text(MODELS["serial"], 1e6))
+    near = rne.Robot(replace(MODELS["serial"], gravity=far.model.gravity))
+    state = [x[0] for x in case("", far.model)[2:]]
+    mine, theirs = far.recursion(*state), near.recursion(*state)
+    for name in ("omega", "alpha", "a_c", "f"):
+        np.testing.assert_allclose(getattr(mine, name), getattr(theirs, name), rtol=1e-7, atol=1e-8, err_msg=name)
+    assert np.abs(mine.a_o).max() < 1e4
 
 
 def test_edits_keep_the_frames(read):
