@@ -3,6 +3,7 @@
 from . import control, elementwise, report, trajectories
 from .bearings import BearingPeaks, bearing_peaks
 from .control import traceable
+from .diagnosis import Diagnosis, diagnose
 from .dynamics.articulated import articulated_forward_dynamics
 from .dynamics.composite import mass_matrix
 from .dynamics.coriolis import coriolis_matrix
@@ -33,6 +34,7 @@ __version__ = "0.1.0"
 __all__ = [
     "BearingPeaks",
     "Cylinder",
+    "Diagnosis",
     "Ensemble",
     "Finding",
     "Friction",
@@ -62,6 +64,7 @@ __all__ = [
     "coriolis_matrix",
     "coriolis_torque",
     "derivative",
+    "diagnose",
     "elementwise",
     "ensemble",
     "forward_dynamics",

@@ -7,7 +7,7 @@ the same digits.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +49,11 @@ class Mimic(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One link with the joint that carries it; the root has no joint. Quantities as in Model."""
+    """One link with the joint that carries it; the root has no joint. Quantities as in Model.
+
+    `link_origin` is where the link's own frame has its origin, seen from the joint's frame. It is not zero only where
+    the joint's origin was slid along its axis: all else, placements of other parts included, is seen from there.
+    """
 
     link: str
     joint: str = ""
@@ -57,6 +61,7 @@ class Part:
     parent: int = -1
     placement: Pose = field(default_factory=identity)
     axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    link_origin: Array = field(default_factory=lambda: np.zeros(3))
     mass: Any = 0.0
     com: Array = field(default_factory=lambda: np.zeros(3))
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
@@ -122,7 +127,7 @@ def assemble(
         link_joints=tuple(part.joint for part in parts),
         link_body=tuple(body_of),
         link_rotation=_stacked([snap(frame.R) for frame in frames], (3, 3)),
-        link_translation=_stacked([frame.p for frame in frames], (3,)),
+        link_translation=_stacked([_origin(part, frame) for part, frame in zip(parts, frames, strict=True)], (3,)),
         lower=np.array([joint.lower for joint in joints]),
         upper=np.array([joint.upper for joint in joints]),
         velocity_limit=np.array([joint.velocity for joint in joints]),
@@ -139,6 +144,25 @@ def assemble(
         tip=tip,
         notes=notes or {},
     )
+
+
+def _origin(part: Part, frame: Pose) -> Array:
+    """Where the part's link has its origin in the frame of its body."""
+    return frame.p + rotate(frame.R, part.link_origin) if np.any(part.link_origin) else frame.p
+
+
+def at_links(parts: Sequence[Part]) -> list[Part]:
+    """The same parts with every quantity seen from the links' own frames, far away or not."""
+    near = [np.asarray(part.link_origin, dtype=Exact) for part in parts]
+    if not np.any(near):
+        return list(parts)
+    moved = []
+    for part, own in zip(parts, near, strict=True):
+        R, p = part.placement
+        place = Pose(R, p + rotate(R, own) - (near[part.parent] if part.parent >= 0 else 0))
+        com = (part.com - own).astype(np.float64)
+        moved.append(replace(part, placement=place, com=com, link_origin=np.zeros(3)))
+    return moved
 
 
 def disassemble(model: Model) -> list[Part]:
@@ -167,6 +191,7 @@ def _moving_part(model: Model, i: int, link: str, carrier: Mapping[int, int]) ->
         kind=model.joint_types[i],
         parent=carrier[model.parent[i]],
         placement=pose(model.rotation[i], model.translation[i]),
+        link_origin=model.link_translation[model.link_names.index(link)],
         axis=model.axis[i],
         mass=float(model.mass[i]),
         com=model.com[i],

@@ -85,7 +85,7 @@ class Model:
     link_body : tuple of int
         The body each link is part of, -1 for the base.
     link_rotation, link_translation : ndarray, shapes (n_links, 3, 3) and (n_links, 3)
-        Pose of each link in its body's frame.
+        Pose of each link in its body's frame: that of the link itself, but for joints that were slid at load.
     shapes : tuple of Cylinder
         For drawing, never read by dynamics.
     tip : ndarray, shape (3,), or None

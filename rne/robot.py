@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from . import edit
+from .diagnosis import Diagnosis, diagnose
 from .dynamics.articulated import articulated_forward_dynamics
 from .dynamics.checks import Checked
 from .dynamics.composite import mass_matrix
@@ -149,6 +150,10 @@ class Robot:
         if external is None:
             return self._forward()(q, qd, tau)
         return forward_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(tau), external=external)
+
+    def diagnose(self, q: ArrayLike, *, dtype: DTypeLike | None = None) -> Diagnosis:
+        """How near M is to singular, by which motion, and the digits left in forward dynamics; see `rne.diagnose`."""
+        return diagnose(self._model, q, dtype=dtype)
 
     def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None) -> Array:
         """C qd + g, shape (..., n) [N m or N]; see `rne.bias_torque`."""

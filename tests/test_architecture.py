@@ -25,7 +25,7 @@ FLOORS = [
     ["model"],
     ["arguments", "assembly", "grouping"],
     ["edit", "robots", "urdf", "dynamics", "friction", "trajectories"],
-    ["tape"],
+    ["tape", "diagnosis"],
     ["robot"],
     ["loading", "control", "plant", "solvers", "gains"],
     ["scene", "trajectory"],

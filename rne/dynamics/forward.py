@@ -81,27 +81,33 @@ def raise_if_singular(model: Model, pivots: Array, diagonal: Array, q: Array) ->
         raise singular_error(model, mass_matrix.core(model, q[state]).real, state)
 
 
-def singular_error(model: Model, M: Array, state: tuple[int, ...]) -> SingularMassMatrixError:
-    """The error that names the joints whose combined motion moves no inertia."""
+def weakest_motion(model: Model, M: Array) -> tuple[tuple[str, ...], float]:
+    """The joints whose combined motion moves the least inertia, and the smallest eigenvalue of M of unit diagonal.
+
+    A joint whose diagonal entry is not positive moves none by itself; the eigenvalue is 0 then.
+    """
     M = M.astype(np.float64)
     diagonal = np.diagonal(M)
     still = [name for name, m in zip(model.joint_names, diagonal, strict=True) if not m > 0]
     if still:
-        names = ", ".join(repr(name) for name in still)
-        return SingularMassMatrixError(
-            "M is singular", f": nothing with inertia moves with {names}", tuple(still), state
-        )
+        return tuple(still), 0.0
     scale = 1 / np.sqrt(diagonal)  # unit diagonal: no joint counts for more through its units
-    values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
-    motion = vectors[:, 0]
-    joints = tuple(
-        name for name, x in zip(model.joint_names, motion, strict=True) if abs(x) > 1e-3 * np.abs(motion).max()
-    )
+    values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
+    motion = np.abs(vectors[:, 0])
+    joints = tuple(name for name, x in zip(model.joint_names, motion, strict=True) if x > 1e-3 * motion.max())
+    return joints, float(values[0])
+
+
+def singular_error(model: Model, M: Array, state: tuple[int, ...]) -> SingularMassMatrixError:
+    """The error that names the joints whose combined motion moves no inertia."""
+    joints, value = weakest_motion(model, M)
     names = ", ".join(repr(name) for name in joints)
+    if not (np.diagonal(M) > 0).all():
+        return SingularMassMatrixError("M is singular", f": nothing with inertia moves with {names}", joints, state)
     return SingularMassMatrixError(
         "M is singular to working precision",
         f": a combined motion of {names} moves no inertia "
-        f"(smallest eigenvalue {values[0]:.1e} of M scaled to unit diagonal)",
+        f"(smallest eigenvalue {value:.1e} of M scaled to unit diagonal)",
         joints,
         state,
     )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import model_argument
-from ..assembly import Part, Pose, disassemble
+from ..assembly import Part, Pose, at_links, disassemble
 from ..model import Model
 from ..spatial import rpy_from_rotation
 
@@ -35,7 +35,8 @@ def to_urdf(model: Model) -> str:
     Notes
     -----
     A rotation other than by right angles may change in its last digit, since a URDF holds angles. A limit that does
-    not exist is written as the largest double, which is read back as none.
+    not exist is written as the largest double, which is read back as none. Joints whose origins were slid at load are
+    written where their file had them, rounded to doubles there.
 
     Examples
     --------
@@ -53,7 +54,7 @@ def to_urdf(model: Model) -> str:
         _comment(root, f"gravity is {_text(model.gravity)} m/s^2 in the axes of the root link")
     if model.armature.any():
         _comment(root, f"armature of the joints is {_text(model.armature)}")
-    parts = disassemble(model)
+    parts = at_links(disassemble(model))
     for part in parts:
         _comment(root, model.notes.get(part.link))
         _link(root, model, part)

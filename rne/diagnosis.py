@@ -1,0 +1,128 @@
+"""What to expect of forward dynamics in a state: how near M is to singular, and by which motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
+
+from .arguments import joint_array, model_argument
+from .dynamics.composite import mass_matrix
+from .dynamics.forward import factorise, singular_pivots, weakest_motion
+from .model import Model
+from .spatial import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """How near M is to singular, for every state of a batch.
+
+    Attributes
+    ----------
+    condition : ndarray, shape (...)
+        Condition number of M scaled to unit diagonal, so that units and sizes do not count; infinite if M is singular
+        to working precision.
+    pivot : ndarray, shape (...)
+        The smallest ratio of a pivot of M = L^T D L to M's diagonal entry: 1 for a joint that no other one moves, a
+        few eps where forward dynamics refuse.
+    digits : ndarray, shape (...)
+        Decimal digits left in forward dynamics, -log10(eps condition) and at least 0. An estimate for accelerations
+        that M decides; what cancels in tau - C qd - g is lost before.
+    worst_state : tuple of int
+        The state with the fewest digits; empty for a single one.
+    worst_joint : tuple of str
+        In that state, the joints of the combined motion that moves the least inertia.
+    """
+
+    condition: Array
+    pivot: Array
+    digits: Array
+    worst_state: tuple[int, ...]
+    worst_joint: tuple[str, ...]
+
+    def __str__(self) -> str:
+        if not self.condition.size:
+            return "no states"
+        k = self.worst_state
+        where = f"worst of {self.condition.size} states is {k}: " if k else ""
+        motion = ", ".join(self.worst_joint)
+        if not np.isfinite(self.condition[k]):
+            return f"{where}M is singular to working precision: a motion of {motion} moves no inertia"
+        least = f"; a motion of {motion} moves the least inertia" if motion else ""
+        return (
+            f"{where}condition {self.condition[k]:.1e}, smallest pivot {self.pivot[k]:.1e} of its diagonal entry, "
+            f"about {self.digits[k]:.0f} digits in forward dynamics{least}"
+        )
+
+
+def diagnose(model: Model, q: ArrayLike, *, dtype: DTypeLike | None = None) -> Diagnosis:
+    """How many digits forward dynamics keep in a state, and which motion costs them.
+
+    Parameters
+    ----------
+    model : Model
+    q : array_like, shape (..., n)
+        Joint positions [rad or m].
+    dtype : real floating data type, optional
+        The arithmetic to judge for; that of `q` if not given.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ValueError
+        If `q` has the wrong shape or is not finite and real, or `dtype` is not real floating point.
+
+    Notes
+    -----
+    A singular M is no error here: its condition is infinite and its digits are 0. Scaling to unit diagonal comes
+    within a factor n of the smallest condition number that any scaling of the joints can give (van der Sluis 1969).
+
+    Examples
+    --------
+    >>> import rne
+    >>> print(rne.diagnose(rne.irb140(), [0] * 6).digits.round())
+    15.0
+    """
+    positions = joint_array("q", q, model_argument(model))
+    judged_for = np.dtype(positions.dtype if dtype is None else dtype)
+    if dtype is None and judged_for.kind == "O":
+        judged_for = np.dtype(np.float64)
+    if judged_for.kind != "f" or positions.dtype.kind == "c":
+        name, got = ("q", positions.dtype) if dtype is None or judged_for.kind == "f" else ("dtype", judged_for)
+        raise ValueError(f"`{name}` must be real floating point, got {got}")
+    M = mass_matrix(model, positions.astype(np.result_type(judged_for, np.float64)))
+    condition, pivot = _condition(M, model, judged_for)
+    with np.errstate(divide="ignore"):
+        digits = np.maximum(0.0, -np.log10(float(np.finfo(judged_for).eps) * condition))
+    state, joints = _worst(condition, M, model)
+    return Diagnosis(condition, pivot, np.asarray(digits), state, joints)
+
+
+def _condition(M: Array, model: Model, judged_for: np.dtype[Any]) -> tuple[Array, Array]:
+    """Condition number of M scaled to unit diagonal, and the smallest pivot ratio; inf and 0 if M is singular."""
+    if model.n == 0:
+        return np.ones(M.shape[:-2]), np.ones(M.shape[:-2])
+    diagonal = np.diagonal(M, axis1=-2, axis2=-1)
+    with np.errstate(all="ignore"):
+        root = np.sqrt(np.where(diagonal > 0, diagonal, 1))
+        scaled = M / root[..., :, None] / root[..., None, :]
+        pivots = factorise(scaled, model.coordinate_parent)[1]
+        pivots = np.where(np.isfinite(pivots), pivots, 0)
+        values = np.linalg.eigvalsh(scaled.astype(np.float64))
+        condition = values[..., -1] / np.maximum(values[..., 0], 0)
+    ones = np.ones(pivots.shape, dtype=judged_for)
+    singular = singular_pivots(pivots.astype(judged_for), ones).any(axis=-1)
+    pivot = np.maximum(pivots.min(axis=-1), 0).astype(np.float64)
+    return np.where(singular | ~np.isfinite(condition), np.inf, condition), np.asarray(pivot)
+
+
+def _worst(condition: Array, M: Array, model: Model) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    if not condition.size:
+        return (), ()
+    state = tuple(int(k) for k in np.unravel_index(int(np.argmax(condition)), condition.shape))
+    return state, weakest_motion(model, M[state])[0] if model.n else ()

@@ -1,0 +1,58 @@
+"""In every family the error is within a few n eps of what the robot's own numbers allow, or an error says why not."""
+
+import subprocess
+import sys
+
+import pytest
+
+import rne
+from rne.robots.chains import straight_chain
+
+from ..helpers import ROOT
+from .families import FAMILIES, case, straight
+from .known import KNOWN
+from .structured import measure
+
+CASES = [pytest.param(one, id=one.name) for family in FAMILIES.values() for one in family()]
+
+
+@pytest.mark.parametrize("one", CASES)
+def test_error_is_within_the_structured_condition(one):
+    for quantity, measured in measure(one).items():
+        if (one.name, quantity) not in KNOWN:
+            assert measured.ratio <= 10 * one.model.n, quantity
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [pytest.param(*key, marks=pytest.mark.xfail(strict=True, reason=known.reason)) for key, known in KNOWN.items()],
+)
+def test_where_a_method_falls_short(name, quantity):
+    one = next(param.values[0] for param in CASES if param.id == name)
+    assert measure(one, ("forward dynamics",))[quantity].ratio <= 10 * one.model.n
+
+
+def test_a_hundred_links_in_a_straight_line():
+    one = case("straight chain, n = 100", straight_chain(100), straight(100), count=1)
+    for quantity, measured in measure(one, perturbations=1).items():
+        assert measured.ratio <= 10 * 100, quantity
+        assert not measured.refused
+
+
+def test_a_light_tip_loses_nothing():
+    """A condition number of M that is only a matter of scale costs no digit, and diagnose knows it."""
+    light = [one for one in FAMILIES["tip masses"]() if "1e-" in one.name]
+    assert light
+    for one in light:
+        assert rne.diagnose(one.model, one.q).digits.min() >= 11
+        for quantity, measured in measure(one, ("forward dynamics",), perturbations=1).items():
+            assert measured.error <= 1e-11, quantity
+
+
+def test_quick_table_changes_no_file():
+    before = (ROOT / "docs" / "stability.md").read_bytes()
+    command = [sys.executable, "-m", "benchmarks.stability", "--quick"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "| base far away | inverse dynamics |" in run.stdout
+    assert (ROOT / "docs" / "stability.md").read_bytes() == before

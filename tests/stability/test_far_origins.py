@@ -1,0 +1,146 @@
+"""A joint's origin may be written anywhere on its axis: the robot, and its digits, stay the same."""
+
+from dataclasses import fields, replace
+
+import mpmath
+import numpy as np
+import pytest
+
+import rne
+from rne.assembly import Part
+from rne.robots.chains import random_tree
+from rne.urdf.sliding import _rotation, far_origins
+
+from ..helpers import data_robots
+from .families import case
+from .far_file import exact_model, far_text
+from .structured import DIGITS, EPS, Reference, changed, compared, measure
+
+MODELS = {
+    "irb140": rne.irb140(),
+    "ur5": rne.load(data_robots()["ur_description/ur5_robot"]).model,
+    "serial": random_tree(6, seed=2, prismatic=0, branching=0),
+    "branching": random_tree(8, seed=5, prismatic=0.2, branching=0.6),
+}
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text):
+        path = tmp_path / "far.urdf"
+        path.write_text(text, encoding="utf-8")
+        return rne.load(path)
+
+    return read
+
+
+@pytest.mark.parametrize("distance", [1e2, 1e4, 1e6])
+@pytest.mark.parametrize("name", MODELS)
+def test_dynamics_keep_their_digits(read, name, distance):
+    """Against 50 digits of exactly the file's doubles, in units of the condition of the robot with short levers."""
+    text = far_text(MODELS[name], distance)
+    robot = read(text)
+    one = case(name, robot.model)
+    with mpmath.workdps(DIGITS):
+        exact = exact_model(text, robot.model)
+    assert np.abs(exact.com).max() > distance / 10 > 5 * np.abs(robot.model.com).max()
+    for quantity, measured in measure(one, exact_model=exact).items():
+        assert not measured.refused
+        assert measured.ratio <= 10 * robot.n, quantity
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_links_stay_in_the_frames_of_the_file(read, name):
+    text = far_text(MODELS[name], 1e6)
+    robot = read(text)
+    q = case(name, robot.model).q
+    with mpmath.workdps(DIGITS):
+        exact = rne.link_poses.core(exact_model(text, robot.model), changed(q, None))
+    got = robot.link_poses(q)
+    rotations = [x[..., :3, :3].reshape(len(q), -1) for x in (got, exact)]
+    places = [x[..., :3, 3].reshape(len(q), -1) for x in (got, exact)]
+    for mine, theirs in (rotations, places):
+        ones = np.ones(len(q))
+        assert compared(mine, Reference(theirs, ones)).error <= 10 * robot.n * EPS
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_written_and_read_again_it_is_the_same_robot(read, name):
+    """But for what doubles far away cannot hold: 1e-10 m, seen from a wrist of a few centimetres."""
+    first = read(far_text(MODELS[name], 1e6))
+    again = read(rne.to_urdf(first.model))
+    q = case("", first.model).q
+    M = first.mass_matrix(q)
+    assert again.link_names == first.link_names
+    assert np.abs(again.mass_matrix(q) - M).max() <= 1e-8 * np.abs(M).max()
+    np.testing.assert_allclose(again.link_poses(q), first.link_poses(q), rtol=1e-14, atol=1e-8)
+
+
+def test_the_record_is_that_of_the_same_motion(read):
+    """Angular quantities and torques agree with the near robot's; what is said of origins is said of near ones."""
+    far = read(far_text(MODELS["serial"], 1e6))
+    near = rne.Robot(replace(MODELS["serial"], gravity=far.model.gravity))
+    state = [x[0] for x in case("", far.model)[2:]]
+    mine, theirs = far.recursion(*state), near.recursion(*state)
+    for name in ("omega", "alpha", "a_c", "f"):
+        np.testing.assert_allclose(getattr(mine, name), getattr(theirs, name), rtol=1e-7, atol=1e-8, err_msg=name)
+    assert np.abs(mine.a_o).max() < 1e4
+
+
+def test_edits_keep_the_frames(read):
+    """A locked joint, a payload and a wrench at links far away from their joints."""
+    far = read(far_text(MODELS["serial"], 1e6))
+    near = rne.Robot(replace(MODELS["serial"], gravity=far.model.gravity))
+    q, qd, qdd = (x[0] for x in case("", far.model)[2:])
+    joint, link = far.joint_names[3], far.link_names[-1]
+    less = [np.delete(x, 3) for x in (q, qd, qdd)]
+    locked = far.locked({joint: float(q[3])})
+    np.testing.assert_allclose(locked.link_poses(less[0]), far.link_poses(q), rtol=1e-14, atol=1e-8)
+    np.testing.assert_allclose(
+        locked.inverse_dynamics(*less), near.locked({joint: float(q[3])}).inverse_dynamics(*less), rtol=1e-8
+    )
+    where = far.link_poses(q)[-1]  # the payload at the near robot's last link
+    place = near.link_poses(q)[-1]
+    com = where[:3, :3].T @ (place[:3, 3] - where[:3, 3])
+    loaded, light = far.with_payload(2.0, com), near.with_payload(2.0)
+    np.testing.assert_allclose(loaded.mass_matrix(q), light.mass_matrix(q), rtol=1e-7)
+    wrench = {link: np.array([1.0, 2.0, 3.0, 0, 0, 0])}
+    np.testing.assert_allclose(
+        far.inverse_dynamics(q, qd, qdd, external=wrench), near.inverse_dynamics(q, qd, qdd, external=wrench), rtol=1e-7
+    )
+
+
+@pytest.mark.parametrize("name", [*MODELS, "sliders"])
+def test_ordinary_robots_are_loaded_as_written(read, name):
+    """To the last bit: a lever of the robot's own size stays."""
+    model = MODELS.get(name) or random_tree(5, seed=3, prismatic=1)
+    loaded = read(rne.to_urdf(model)).model
+    carriers = [loaded.link_joints.index(joint) for joint in loaded.moving_joints]
+    assert not loaded.link_translation[carriers].any()
+    for f in fields(model):
+        if f.name in ("mass", "com", "translation", "axis"):
+            np.testing.assert_array_equal(getattr(loaded, f.name), getattr(model, f.name), err_msg=f.name)
+
+
+def test_an_arm_a_few_times_its_size_up_the_axis_is_no_mistake():
+    body = {"mass": 1.0, "com": np.array([0.1, 0, 0.9]), "inertia": np.eye(3) * 1e-3}
+    parts = [
+        Part(link="base"),
+        Part(link="a", joint="j", kind="revolute", parent=0, axis=np.array([0, 0, 1.0]), **body),
+    ]
+    assert far_origins(parts) == [0.0, 0.0]
+    assert far_origins([parts[0], Part(**{**vars(parts[1]), "com": np.array([0.1, 0, 1e3])})]) == [0.0, 1e3]
+    assert far_origins([Part(link="base")]) == [0.0]
+    massless = Part(link="a", joint="j", kind="revolute", parent=0, axis=np.array([0, 0, 1.0]))
+    assert far_origins([parts[0], massless]) == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, np.pi / 2, -2.5, 1e3, 1e12])
+def test_rotations_of_eighty_digits(angle):
+    from decimal import localcontext
+
+    with localcontext() as context, mpmath.workdps(80):
+        context.prec = 80
+        R = _rotation([0.0, 0.0, angle])
+        assert abs(mpmath.mpf(str(R[0][0])) - mpmath.cos(mpmath.mpf(angle))) < mpmath.mpf(10) ** -55
+        assert abs(mpmath.mpf(str(R[1][0])) - mpmath.sin(mpmath.mpf(angle))) < mpmath.mpf(10) ** -55

@@ -1,0 +1,194 @@
+"""What is said of M before forward dynamics are asked, and that they never answer wrongly in silence."""
+
+import mpmath
+import numpy as np
+import pytest
+
+import rne
+from rne.assembly import Part, assemble, pose
+from rne.robots.chains import random_tree, straight_chain
+
+from .helpers import EPS, states
+
+X, Y, Z = np.eye(3)
+
+
+def gimbal(link_inertia=0.0):
+    """Three axes through one point, the outer two rings next to massless; at q2 = 0 the first and third coincide."""
+    rings = [np.eye(3) * link_inertia, np.eye(3) * link_inertia, np.diag([0.3, 0.2, 0.1])]
+    parts = [Part(link="base")]
+    for k, (axis, inertia) in enumerate(zip((Z, Y, Z), rings, strict=True)):
+        body = {"mass": 2.0, "com": np.array([0.01, 0.02, 0.1])} if k == 2 else {}
+        parts.append(Part(link=f"l{k}", joint=f"j{k}", kind="continuous", parent=k, axis=axis, inertia=inertia, **body))
+    return rne.Robot(assemble("gimbal", parts))
+
+
+def sliders(axis, angle=0.0, light=0.0):
+    """Two sliders along the same line, the first of them with next to no mass of its own."""
+    turn = pose(rne.spatial.rotation_about(Y, np.asarray(angle)), [0.1, 0.2, 0.3])
+    second = turn.R.T.astype(float) @ axis
+    parts = [
+        Part(link="base"),
+        Part(link="a", joint="first", kind="prismatic", axis=axis, parent=0, mass=light),
+        Part(link="b", joint="second", kind="prismatic", axis=second, parent=1, placement=turn, mass=1.7),
+    ]
+    return rne.Robot(assemble("sliders", parts))
+
+
+def exact_forward(robot, *arguments):
+    with mpmath.workdps(80):
+        numbers = [np.array([mpmath.mpf(float(x)) for x in v], dtype=object) for v in arguments]
+        return np.array([float(x) for x in rne.forward_dynamics(robot.model, *numbers)])
+
+
+def right_or_refused(robot, q, qd, tau, tolerance):
+    """Both methods, readable and compiled: the answer has the digits promised, or an error says why not."""
+    calls = [robot.forward_dynamics]
+    calls += [
+        lambda *s, f=f: f(robot.model, *map(np.asarray, s))
+        for f in (rne.forward_dynamics, rne.articulated_forward_dynamics)
+    ]
+    expected, answers = None, 0
+    for call in calls:
+        try:
+            got = call(q, qd, tau)
+        except rne.SingularMassMatrixError as error:
+            assert error.joints
+            continue
+        expected = exact_forward(robot, q, qd, tau) if expected is None else expected
+        assert np.abs(got - expected).max() <= tolerance * np.abs(expected).max()
+        answers += 1
+    return answers
+
+
+def test_an_ordinary_robot(irb140):
+    found = irb140.diagnose(np.full(6, 0.3))
+    assert found.condition.shape == found.digits.shape == found.pivot.shape == ()
+    assert found.worst_state == ()
+    assert 1 <= found.condition < 1e3
+    assert 12 < found.digits < 16
+    assert 0 < found.pivot <= 1
+    assert set(found.worst_joint) <= set(irb140.joint_names)
+    assert "digits in forward dynamics; a motion of joint_" in str(found)
+
+
+def test_condition_is_that_of_unit_diagonal():
+    robot = rne.Robot(random_tree(7, seed=4))
+    q = states(7, 20)[0]
+    found = robot.diagnose(q)
+    for k, M in enumerate(robot.mass_matrix(q)):
+        d = np.sqrt(np.diagonal(M))
+        assert found.condition[k] == pytest.approx(np.linalg.cond(M / np.outer(d, d)), rel=1e-8)
+    assert found.worst_state == (int(found.condition.argmax()),)
+    assert str(found).startswith(f"worst of 20 states is {found.worst_state}: condition ")
+
+
+def test_sizes_and_units_do_not_count():
+    """A light tip on a bent chain: the condition number of M itself is 1e14, and none of it costs a digit."""
+    from dataclasses import replace
+
+    chain = straight_chain(3)
+    light = replace(
+        chain, mass=chain.mass * [1, 1, 1e-12], inertia=chain.inertia * np.array([1, 1, 1e-12])[:, None, None]
+    )
+    q = [0.3, 1.2, 1.0]
+    assert np.linalg.cond(rne.mass_matrix(light, np.array(q))) > 1e11
+    assert rne.diagnose(light, q).digits > 13
+
+
+def test_digits_are_those_of_the_dtype(irb140):
+    q = np.full(6, 0.3)
+    single, double, long = (irb140.diagnose(q, dtype=t).digits for t in (np.float32, np.float64, np.longdouble))
+    assert double - single == pytest.approx(np.log10(np.finfo("f4").eps / EPS))
+    assert long > double + 3
+    assert irb140.diagnose(q.astype(np.float32)).digits == pytest.approx(single, abs=1e-4)
+    assert irb140.diagnose(np.array([mpmath.mpf(0.3)] * 6)).digits == double
+
+
+@pytest.mark.parametrize("n", [10, 20, 40])
+def test_straight_chains_lose_what_is_said(n):
+    """Condition 4 n^4; the articulated bodies lose fewer digits, none of the methods more."""
+    robot = rne.Robot(straight_chain(n))
+    q, (_, qd, tau) = np.zeros(n), states(n)
+    found = robot.diagnose(q)
+    assert 0.1 <= found.condition / (4 * n**4) <= 10
+    expected = exact_forward(robot, q, qd, tau) if n == 10 else None
+    if expected is not None:
+        error = np.abs(rne.forward_dynamics(robot.model, q, qd, tau) - expected).max() / np.abs(expected).max()
+        assert error <= 10 ** -(found.digits - 1)
+
+
+def test_a_singular_M_is_a_finding_not_an_error():
+    robot = gimbal()
+    found = robot.diagnose([[0.1, 0.5, 0.2], [0.1, 0.0, 0.2]])
+    assert found.digits[0] > 13
+    assert np.isinf(found.condition[1])
+    assert found.digits[1] == 0
+    assert found.worst_state == (1,)
+    assert found.worst_joint == ("j0", "j2")
+    assert (
+        str(found)
+        == "worst of 2 states is (1,): M is singular to working precision: a motion of j0, j2 moves no inertia"
+    )
+
+
+def test_a_joint_that_moves_nothing():
+    parts = [Part(link="base"), Part(link="a", joint="idle", kind="continuous", parent=0, axis=Z)]
+    found = rne.Robot(assemble("empty", parts)).diagnose([0.0])
+    assert (found.condition, found.pivot, found.digits, found.worst_joint) == (np.inf, 0, 0, ("idle",))
+
+
+def test_no_joints_and_no_states(irb140):
+    still = rne.Robot(assemble("still", [Part(link="base", mass=1.0)])).diagnose([])
+    assert (still.condition, still.pivot, still.worst_joint) == (1, 1, ())
+    assert (
+        str(still)
+        == "condition 1.0e+00, smallest pivot 1.0e+00 of its diagonal entry, about 16 digits in forward dynamics"
+    )
+    none = irb140.diagnose(np.zeros((0, 6)))
+    assert none.condition.shape == (0,)
+    assert str(none) == "no states"
+
+
+def test_what_is_no_state_is_refused(irb140):
+    with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(2,\)$"):
+        irb140.diagnose([0, 0, np.nan, 0, 0, 0])
+    with pytest.raises(ValueError, match=r"^`q` must have shape \(\.\.\., 6\) for robot 'irb140', got \(5,\)$"):
+        irb140.diagnose(np.zeros(5))
+    with pytest.raises(ValueError, match=r"^`q` must be real floating point, got complex128$"):
+        irb140.diagnose(np.zeros(6) + 1j)
+    with pytest.raises(ValueError, match=r"^`dtype` must be real floating point, got int64$"):
+        irb140.diagnose(np.zeros(6), dtype=np.int64)
+
+
+@pytest.mark.parametrize("link_inertia", [0.0, 1e-12, 1e-9])
+def test_a_closing_gimbal_is_right_or_refused(link_inertia):
+    """The middle axis closes to 1e-10 rad; an answer has the digits that diagnose says it has."""
+    robot = gimbal(link_inertia)
+    refused = 0
+    for exponent in range(1, 11):
+        q = [0.3, 10.0**-exponent, -0.8]
+        found = robot.diagnose(q)
+        assert {"j0", "j2"} <= set(found.worst_joint)
+        answers = right_or_refused(robot, q, [0.5, -0.7, 0.9], [1.0, 2.0, 3.0], 50 * 10.0 ** -float(found.digits))
+        if not np.isfinite(found.condition):
+            assert found.digits == 0
+            refused += answers == 0
+    assert refused >= 2 * (link_inertia < 1e-14)
+
+
+def test_parallel_sliders_are_refused_whatever_their_direction():
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        axis = rng.normal(size=3)
+        robot = sliders(axis / np.sqrt(axis @ axis), rng.uniform(-3, 3))
+        assert np.isinf(robot.diagnose([0.1, 0.2]).condition)
+        assert right_or_refused(robot, [0.1, 0.2], [0.3, 0.4], [1.0, 2.0], 0) == 0
+
+
+def test_nearly_parallel_sliders_are_right_or_refused():
+    for exponent in range(18):
+        robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=10.0**-exponent)
+        digits = float(robot.diagnose([0.1, 0.2]).digits)
+        answers = right_or_refused(robot, [0.1, 0.2], [0.3, 0.4], [1.0, 2.0], 50 * 10.0**-digits)
+        assert answers == 3 or exponent >= 14
