@@ -17,6 +17,7 @@ from .spatial import Array
 Law = Callable[[float, Array, Array], Array]
 Reference = Callable[[float], tuple[Array, Array, Array]]
 F = TypeVar("F", bound=Callable[..., Any])
+MOST = 1e300  # stands for no bound beside bounded joints
 
 
 def traceable(law: F) -> F:
@@ -25,8 +26,8 @@ def traceable(law: F) -> F:
     Parameters
     ----------
     law : callable
-        f(t, q, qd) -> torques, without memory, noise, tables or branches on values (`rne.elementwise` has `where`);
-        it may ask a Robot for torques and M. Unmarked laws are called.
+        f(t, q, qd) -> torques, for arrays of shape (..., n): without memory, noise, tables or branches on values
+        (`rne.elementwise` has `where`); it may ask a Robot for torques and M. Unmarked laws are called, for one state.
 
     Returns
     -------
@@ -149,7 +150,7 @@ class PID:
     def __call__(self, t: float, q: Array, qd: Array, z: Array) -> tuple[Array, Array]:
         """Torques, and the rates of the integrals z [N m or N; rad or m]."""
         error = q - self.reference
-        held = clip(self.ki * z, -self.windup, self.windup) if np.isfinite(self.windup).all() else self.ki * z
+        held = self.ki * z if (self.windup == MOST).all() else clip(self.ki * z, -self.windup, self.windup)
         feedback = -self.kp * error - held - self.kd * qd
         return self.robot.gravity_torque(q) + feedback if self.gravity else feedback, error
 
@@ -195,7 +196,8 @@ def pid(
     6
     """
     p, i, d, q_ref = _gains(robot, kp=kp, ki=ki, kd=kd, reference=reference)
-    bound = np.broadcast_to(np.asarray(windup, dtype=float), (robot.n,))
+    finite = np.minimum(windup, MOST) if np.ndim(windup) else np.full(robot.n, min(float(np.asarray(windup)), MOST))
+    bound = _vector(robot, "windup", finite)
     if not (bound > 0).all():
         raise ValueError(f"`windup` must be positive, got {bound.min()}")
     return PID(robot, p, i, d, q_ref, gravity, bound)
@@ -254,15 +256,26 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     if not callable(reference):
         raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
     p, d = _gains(robot, kp=kp, kd=kd)
+    try:
+        shapes = [np.shape(part) for part in reference(0.0)]
+    except TypeError:
+        shapes = []
+    if shapes != [(robot.n,)] * 3:
+        raise ValueError(
+            f"`reference` must give (q, qd, qdd) of shape ({robot.n},) each, got {shapes or 'something else'}"
+        )
     return ComputedTorque(robot, p, d, reference)
 
 
 def _gains(robot: Robot, **values: ArrayLike) -> list[Array]:
-    arrays = []
-    for name, value in values.items():
-        array = joint_array(name, real_array(name, value, f"({robot.n},)"), robot.model).astype(np.float64)
-        if array.shape != (robot.n,):
-            raise ValueError(f"`{name}` must have shape ({robot.n},), got {array.shape}")
-        array.flags.writeable = False
-        arrays.append(array)
-    return arrays
+    return [_vector(robot, name, value) for name, value in values.items()]
+
+
+def _vector(robot: Robot, name: str, value: ArrayLike) -> Array:
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    array = joint_array(name, real_array(name, value, f"({robot.n},)"), robot.model).astype(np.float64)
+    if array.shape != (robot.n,):
+        raise ValueError(f"`{name}` must have shape ({robot.n},), got {array.shape}")
+    array.flags.writeable = False
+    return array

@@ -118,7 +118,7 @@ def ensemble(
     if method not in METHODS:
         raise ValueError(f"`method` must be one of {list(METHODS)}, got {method!r}")
     end, near = positive_number("duration", duration), positive_number("step", step)
-    if not isinstance(keep, int) or keep < 2:
+    if not isinstance(keep, int | np.integer) or keep < 2:
         raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
     spans = keep - 1
     steps = max(1, round(end / near / spans + 0.4999999)) * spans

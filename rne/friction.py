@@ -58,9 +58,16 @@ class Friction:
                 object.__setattr__(self, name, _not_negative(name, value))
         if _not_negative("smoothing", self.smoothing).ndim:
             raise ValueError("`smoothing` must be one number")
+        shapes = {np.shape(value) for value in self._sizes() if np.ndim(value)}
+        if len(shapes) > 1:
+            raise ValueError(f"friction must be numbers or arrays of one shape (n,), got {sorted(shapes)}")
         largest = np.maximum(np.asarray(self.coulomb), np.asarray(self.coulomb_back))
         if self.static is not None and (np.asarray(self.static) < largest).any():
             raise ValueError("`static` must be at least `coulomb`: a joint resists no less at rest than slipping")
+
+    def _sizes(self) -> list[ArrayLike]:
+        values = (self.viscous, self.coulomb, self.viscous_back, self.coulomb_back, self.static)
+        return [value for value in values if value is not None]
 
     @property
     def sticks(self) -> bool:

@@ -93,6 +93,8 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     >>> round(gains.sample_time_limit * 1e4, 3), gains.stable
     (1.308, True)
     """
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
     p, d = _gain("kp", kp, robot), _gain("kd", kd, robot)
     if sample_time is not None:
         positive_number("sample_time", sample_time)

@@ -90,11 +90,11 @@ def gauss_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Ru
     x0 = task.x0
     x = np.concatenate([x0[:n], plant.robot.mass_matrix(x0[:n]) @ x0[n : 2 * n]])
     c, a = TABLEAUS[task.method]
-    history = [np.tile(system(x[None]), (len(c), 1))]
     weights = [_continuation(c, k) for k in range(1, HISTORY + 1)]
     lost = np.zeros_like(x)  # what rounding took from x, given back at the next step
     done, k = 0, 0
     try:
+        history = [np.tile(system(x[None]), (len(c), 1))]
         for k in range(count):
             while done < len(grid) and grid[done] <= k * h * (1 + 1e-15):
                 found[done] = x

@@ -73,10 +73,11 @@ class Torques:
         q, qd = x[..., :n], x[..., n : 2 * n]
         rates = None
         if self.law is not None:
-            z = (x[..., 2 * n : 2 * n + self.own_states],) if self.own_states else ()
+            z = (x[..., 2 * n : 2 * n + self.own_states],) if hasattr(self.law, "states") else ()
             u = self.law(t, q, qd, *z)
             if z:
                 u, rates = u
+            u = _shaped_like(u, q)
         if u is not None and self.limit is not None:
             u = clip(u, -self.limit, self.limit)
         return u, rates
@@ -151,6 +152,19 @@ class RightHandSide(Torques):
         return Torques(self.arm, self.friction, self.limit, self.law, self.given)
 
 
+def _shaped_like(u: Any, q: Array) -> Array:
+    """A traced law's torques for every state; a constant one is the same for all."""
+    try:
+        torques = np.asarray(u)
+    except ValueError:
+        torques = np.asarray(None)
+    if torques.shape != q.shape and (torques.shape != q.shape[-1:] or (torques.dtype == object and torques.size == 0)):
+        raise ValueError(
+            f"`controller` must return shape (..., {q.shape[-1]}) for states of that shape, got {torques.shape}"
+        )
+    return torques + 0 * q if torques.shape != q.shape else torques
+
+
 def _compare_law(torques: Torques, kernel: Kernel) -> None:
     """A law with memory, noise or a table would be frozen by tracing: it must agree with calls of it."""
     rng = np.random.default_rng(0)
@@ -159,6 +173,8 @@ def _compare_law(torques: Torques, kernel: Kernel) -> None:
         traced = kernel(t, x)
         called = torques(torques.arm.model, t, x)
         worst = float(np.abs(traced - called).max()) if traced.size else 0.0
+        if not np.isfinite(worst):
+            raise ValueError("`controller` gives torques that are not finite")
         if not worst <= AGREE * max(1.0, float(np.abs(called).max(initial=0.0))):
             raise ValueError(
                 f"the controller is marked traceable, but traced it gives torques that differ by {worst:.3g} from a "

@@ -54,8 +54,9 @@ class _Record:
     t: list[float]
     x: list[Array]
     u: list[Array]
+    own: list[Array]
 
-    def step(self, solver: Any, u: Array) -> None:
+    def step(self, solver: Any, u: Array, own: Array) -> None:
         """Values asked for within the solver's last step."""
         if self.t_eval is None:
             return
@@ -63,12 +64,13 @@ class _Record:
         if stop > k:
             dense = solver.dense_output()
             for time in self.t_eval[k:stop]:
-                self.add(float(time), np.array(solver.y if time == solver.t else dense(time)), u)
+                self.add(float(time), np.array(solver.y if time == solver.t else dense(time)), u, own)
 
-    def add(self, t: float, x: Array, u: Array) -> None:
+    def add(self, t: float, x: Array, u: Array, own: Array) -> None:
         self.t.append(t)
         self.x.append(x)
         self.u.append(u)
+        self.own.append(own)
 
 
 def sampled_run(scene: Scene, plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
@@ -79,21 +81,18 @@ def sampled_run(scene: Scene, plant: Plant, task: Task, failures: list[tuple[flo
         raise ValueError("a sampled scene cannot have friction that sticks; give the friction a `smoothing`")
     holder = Holder(scene, plant)
     plant.law = holder.law
-    record, t_eval, x0 = _Record(task.t_eval, [], [], []), task.t_eval, task.x0
+    record, x0 = _Record(task.t_eval, [], [], [], []), task.x0
     count = int(np.ceil(task.duration / holder.period * (1 - 1e-12)))
-    if t_eval is not None and len(t_eval) and t_eval[0] == 0:
-        record.add(0.0, x0, np.zeros(scene.n))
     stop = None
     try:
         stop = _samples(holder, plant, task, count, record, failures)
     except FAILURES as error:
         failures.append((getattr(error, "time", None) or 0.0, str(error)))
-    if t_eval is not None and record.t and record.t[0] == 0 and len(record.u) > 1:
-        record.u[0] = record.u[1]
     shape = (len(record.t), len(x0))
     u = np.array(record.u).reshape(len(record.t), scene.n)
     ending = stop or f"the controller was asked {count} times, every {holder.period:g} s"
-    return Run(np.array(record.t), np.array(record.x).reshape(shape), int(stop is not None), ending, u)
+    own = np.array(record.own).reshape(len(record.t), len(holder.own))
+    return Run(np.array(record.t), np.array(record.x).reshape(shape), int(stop is not None), ending, u, None, own)
 
 
 def _samples(
@@ -103,10 +102,11 @@ def _samples(
     rtol, atol = tolerances(plant, task)
     solver, x, duration = None, task.x0, task.duration
     for k in range(count):
-        begin, end = k * holder.period, min((k + 1) * holder.period, duration)
+        begin, end = k * holder.period, (k + 1) * holder.period if k + 1 < count else duration
         u = holder.sample(begin, x)
-        if record.t_eval is None:
-            record.add(begin, x, u)
+        asked = record.t_eval is None or (k == 0 and len(record.t_eval) and record.t_eval[0] == 0)
+        if asked:
+            record.add(begin, x, u, holder.own)
         if solver is None:
             solver = watched(task.method, failures, [x])(
                 lambda t, y: _held(plant, t, y, holder), begin, x, end, rtol=rtol, atol=atol, first_step=end - begin
@@ -120,12 +120,12 @@ def _samples(
                 return None
             hit = first_stop(task.events, solver, plant.robot.joint_names) if task.events else None
             if hit is not None:
-                record.add(hit[0], hit[1], u)
+                record.add(hit[0], hit[1], u, holder.own)
                 return hit[2]
-            record.step(solver, u)
+            record.step(solver, u, holder.own)
         x = np.array(solver.y)
     if record.t_eval is None and count:
-        record.add(duration, x, holder.held)
+        record.add(duration, x, holder.held, holder.own)
     return None
 
 
@@ -145,6 +145,13 @@ def first_stop(events: Sequence[Any], solver: Any, joints: Sequence[str]) -> tup
         return None
     when, event = min(hits, key=lambda hit: hit[0])
     return when, np.asarray(dense(when)), stop_message(event, when, joints)
+
+
+def first_torques(scene: Scene, plant: Plant, x0: Array) -> Array:
+    """What the controller asks for at the start."""
+    holder = Holder(scene, plant)
+    plant.law = holder.law
+    return holder.sample(0.0, x0)
 
 
 def _held(plant: Plant, t: float, x: Array, holder: Holder) -> Array:

@@ -94,9 +94,14 @@ class Scene:
             if self.controller is None:
                 raise ValueError("`sample_time` needs a `controller` to ask")
             positive_number("sample_time", self.sample_time)
+        if hasattr(self.controller, "states") and not self.is_traced and self.sample_time is None:
+            raise ValueError("`controller` with states of its own must be traceable, or sampled by `sample_time`")
         if self.torque_rate is not None and self.sample_time is None:
             raise ValueError("`torque_rate` needs a `sample_time`: it bounds the step from one held torque to the next")
         self.arm, self.resistance, self.limit, self.rate  # what is wrong is said now  # noqa: B018
+        meant_for = getattr(self.controller, "robot", None)
+        if isinstance(meant_for, Robot) and meant_for.n != self.n:
+            raise ValueError(f"`controller` is for a robot of {meant_for.n} joints, the scene has {self.n}")
 
     @cached_property
     def arm(self) -> Robot:
@@ -107,9 +112,9 @@ class Scene:
         if self.mounting is not None:
             robot = robot.mounted(self.mounting)
         if self.payload is not None:
-            load = self.payload if isinstance(self.payload, Payload) else Payload(self.payload)
-            _warn_of_overload(robot, load.mass)
+            load = Payload(*self.payload) if isinstance(self.payload, tuple) else Payload(self.payload)
             robot = robot.with_payload(*load)
+            _warn_of_overload(robot, float(load.mass))
         if self.locked is not None:
             robot = robot.locked(self.locked)
         if self.armature is not None:

@@ -12,11 +12,11 @@ from .errors import RneError, SimulationError
 from .gauss import TABLEAUS, gauss_run
 from .plant import Plant, RightHandSide
 from .robot import Robot
-from .sampled import sampled_run
+from .sampled import first_torques, sampled_run
 from .scene import Scene, bare
 from .smooth import smooth_run, stops
 from .spatial import Array
-from .stick_slip import stick_slip_run
+from .stick_slip import DryPlant, stick_slip_run
 from .trajectory import Run, Task, Trajectory, trajectory
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
@@ -133,15 +133,27 @@ def _run(scene: Scene, plant: Plant, task: Task, reason: str) -> Trajectory:
     failures: list[tuple[float, str]] = []
     if task.duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by either
         t = np.unique([0.0, task.duration]) if task.t_eval is None else task.t_eval
-        held = None if scene.sample_time is None else np.zeros((len(t), plant.robot.n))
-        run = Run(t, np.tile(task.x0, (len(t), 1)), 0, "nothing to integrate", held)
+        run = _standing(scene, plant, task, t)
     else:
         run = _integrate(scene, plant, task, failures)
-    motion = trajectory(plant, run, task.method, reason, failures)
+    motion = trajectory(plant, task, run, reason, failures)
     if not failures:
         return motion
     time, cause = failures[0]
     raise SimulationError(f"simulation stopped at t = {time:.6g} s of {task.duration:g} s: {cause}", time, motion)
+
+
+def _standing(scene: Scene, plant: Plant, task: Task, t: Array) -> Run:
+    """The start, for each time asked for."""
+    x = np.tile(task.x0, (len(t), 1))
+    if scene.sample_time is not None:
+        return Run(t, x, 0, "nothing to integrate", np.tile(first_torques(scene, plant, task.x0), (len(t), 1)))
+    if scene.resistance is not None and scene.resistance.sticks and plant.robot.n:
+        dry = DryPlant(plant, scene.resistance)
+        dry.settle(0.0, task.x0)
+        qdd = np.tile(dry.accelerations(0.0, task.x0)[0], (len(t), 1))
+        return Run(t, x, 0, "nothing to integrate", None, qdd)
+    return Run(t, x, 0, "nothing to integrate")
 
 
 def _integrate(scene: Scene, plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
@@ -167,12 +179,25 @@ def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) 
     return scene if torque is None else _with_law(scene, torque)
 
 
+class Called:
+    """A law that is called, whatever it is marked; its breaks are kept."""
+
+    def __init__(self, law: TorqueLaw) -> None:
+        self.law = law
+        self.breaks = (*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ()))
+
+    def __call__(self, t: float, q: Array, qd: Array) -> ArrayLike:
+        return self.law(t, q, qd)
+
+
 def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
     """The scene under torques that are called, not traced: they may be different in the next run."""
     from dataclasses import replace
 
     if callable(torque):
-        return replace(scene, controller=lambda t, q, qd: torque(t, q, qd))
+        if hasattr(torque, "states"):
+            raise ValueError("`torque` with states of its own needs a scene: rne.Scene(robot, controller=...)")
+        return replace(scene, controller=Called(torque))
     n = scene.n
     constant = real_array("torque", torque, f"({n},)")
     if constant.shape != (n,):
@@ -196,12 +221,16 @@ def _check_free(scene: Scene, method: str) -> None:
 
 
 def _breaks(scene: Scene, breaks: Sequence[float]) -> list[float]:
-    own = real_array("breaks", list(breaks), "(k,)")
+    own = real_array("breaks", breaks, "(k,)")
     if own.ndim != 1:
         raise ValueError(f"`breaks` must have shape (k,), got {own.shape}")
     law = scene.controller
     of_law = [*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ())]
-    return sorted({*own.tolist(), *of_law})
+    found: list[float] = []
+    for instant in sorted({*own.tolist(), *of_law}):
+        if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # rounding makes no second one
+            found.append(float(instant))
+    return found
 
 
 def _start(name: str, value: ArrayLike, robot: Robot) -> Array:

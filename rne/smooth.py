@@ -43,8 +43,10 @@ def stops(plant: Plant) -> list[Callable[[float, Array], float]]:
 
 
 def _stop(k: int, bound: float, sign: float) -> Callable[[float, Array], float]:
+    slack = 4 * float(np.finfo(float).eps) * max(1.0, abs(bound))  # a joint at rest on its stop has not reached it anew
+
     def beyond(t: float, x: Array) -> float:
-        return sign * (float(x[k]) - bound)
+        return sign * (float(x[k]) - bound) - slack
 
     beyond.terminal, beyond.direction = True, 1.0  # type: ignore[attr-defined]
     beyond.joint, beyond.bound = k, bound  # type: ignore[attr-defined]

@@ -1,8 +1,7 @@
 """Dry friction: every joint slips forwards, slips backwards or sticks, and events lead from one to another.
 
 A sticking joint is held at rest by whatever torque that takes, up to its static friction; a slipping one is resisted
-by its Coulomb friction, and sticks or turns round when its rate passes through zero. Which of several joints at rest
-break away is found one by one, the most overloaded first.
+by its Coulomb friction, and sticks or turns round when its rate passes through zero.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .errors import NotFiniteError
 from .friction import Friction
 from .plant import Plant
 from .smooth import stop_message, tolerances
@@ -19,8 +19,10 @@ from .solvers import FAILURES, watched
 from .spatial import Array
 from .trajectory import Run, Task
 
-MOST_EVENTS = 100_000
+MOST_EVENTS, MOST_AT_ONCE, MOST_PIVOTS = 100_000, 20, 1000
 AT_REST = 1e-12  # rad/s: a joint at an event
+JUST = 1e-12  # of the duration: two events closer than this are at the same instant
+ROUNDING = 1e-9  # relative and in N m: loads this close to the bound are held, accelerations this small have no sign
 
 
 class DryPlant:
@@ -32,9 +34,12 @@ class DryPlant:
         self.forward = np.broadcast_to(np.asarray(friction.coulomb, dtype=float), (n,))
         self.back = np.broadcast_to(np.asarray(friction.coulomb_back, dtype=float), (n,))
         self.mode = np.zeros(n, dtype=int)
+        self.loose = np.maximum(self.static(np.ones(n)), self.static(-np.ones(n))) == 0  # no friction, never sticks
+        self.span = (0.0, np.inf)
 
     def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
-        """M, the net torque without dry friction, and the torque of the drives."""
+        """M, the net torque without dry friction, and the torque of the drives, on this side of a jump."""
+        t = min(max(t, self.span[0]), self.span[1])
         n, robot, rhs = self.n, self.plant.robot, self.plant.rhs
         q, qd = x[:n], x[n : 2 * n]
         drives, _ = rhs.drives(np.array([t]), x, self.plant.torque(t, x))
@@ -60,19 +65,34 @@ class DryPlant:
         return np.where(direction > 0, self.forward, self.back)
 
     def settle(self, t: float, x: Array, overloaded: Sequence[int] = ()) -> None:
-        """Modes of the joints from their rates; of those at rest, the overloaded ones break away."""
+        """Modes of the joints from their rates, and for those at rest from their loads.
+
+        Every joint at rest either resists its load or starts in the direction in which it is then accelerated. One
+        such set of modes exists, since M is positive definite; changing the first joint that is wrong, again and
+        again, finds it (Murty's rule for complementarity problems).
+        """
         qd = x[self.n : 2 * self.n]
-        moving = np.where(np.abs(qd) > AT_REST, np.sign(qd), 0).astype(int)
-        for i in overloaded:  # at this very instant, which rounding may place on either side
-            moving[i] = int(np.sign(self.accelerations(t, x)[1][i]))
-        self.mode = moving
-        for _ in range(self.n):
-            _, needed, _ = self.accelerations(t, x)
-            excess = np.where(self.mode == 0, np.abs(needed) - self.static(needed), -np.inf)
-            worst = int(np.argmax(excess))
-            if not excess[worst] > 1e-9 * max(1.0, float(np.abs(needed).max())):
+        rests = np.abs(qd) <= AT_REST
+        self.mode = np.where(rests, 0, np.sign(qd)).astype(int)
+        self.mode[self.loose] = np.where(qd[self.loose] < 0, -1, 1)
+        rests = rests & ~self.loose
+        for k in overloaded:  # at this very instant, which rounding may place on either side
+            self.mode[k] = int(np.sign(self.accelerations(t, x)[1][k]))
+        for _ in range(MOST_PIVOTS):
+            qdd, needed, _ = self.accelerations(t, x)
+            breaks = rests & (self.mode == 0) & (self._margin(needed) < 0)
+            turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
+            wrong = np.nonzero(breaks | turns)[0]
+            if not len(wrong):
                 return
-            self.mode[worst] = int(np.sign(needed[worst]))
+            k = int(wrong[0])
+            self.mode[k] = 0 if turns[k] else int(np.sign(needed[k]))
+        raise NotFiniteError(f"no modes of sticking and slipping fit the loads at t = {t:.6g} s", t)
+
+    def _margin(self, needed: Array) -> Array:
+        """What is left of each joint's resistance; a load at the bound itself is still held."""
+        margin: Array = self.static(needed) * (1 + ROUNDING) + ROUNDING - np.abs(needed)
+        return margin
 
     def __call__(self, t: float, x: Array) -> Array:
         """dx/dt, with the rates of sticking joints at zero."""
@@ -90,88 +110,120 @@ class DryPlant:
 
     def events(self) -> list[Callable[[float, Array], float]]:
         """A slipping joint comes to rest; a sticking one is overloaded."""
-        return [self._rest(i) if self.mode[i] else self._overload(i) for i in range(self.n)]
+        return [self._rest(i) if self.mode[i] else self._overload(i) for i in range(self.n) if not self.loose[i]]
 
     def _rest(self, i: int) -> Callable[[float, Array], float]:
         sign = float(self.mode[i])
 
         def rate(t: float, x: Array) -> float:
-            return sign * float(x[self.n + i])
+            return sign * float(x[self.n + i]) + AT_REST  # a joint that starts from rest has not come to rest
 
-        rate.terminal, rate.direction = True, -1.0  # type: ignore[attr-defined]
+        rate.terminal, rate.direction, rate.joint = True, -1.0, i  # type: ignore[attr-defined]
         return rate
 
     def _overload(self, i: int) -> Callable[[float, Array], float]:
         def margin(t: float, x: Array) -> float:
-            needed = self.accelerations(t, x)[1]
-            return float(self.static(needed)[i] - abs(needed[i]))
+            return float(self._margin(self.accelerations(t, x)[1])[i])
 
-        margin.terminal, margin.direction = True, -1.0  # type: ignore[attr-defined]
+        margin.terminal, margin.direction, margin.joint = True, -1.0, i  # type: ignore[attr-defined]
         return margin
 
 
 def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
     """From event to event until the end, a stop or a failure, which is added to `failures`."""
+    if task.method in ("Radau", "BDF"):
+        raise ValueError(
+            f"`method` of a scene whose joints stick must not need a Jacobian, got {task.method!r}; take LSODA"
+        )
+    assert plant.rhs.friction is not None
+    dry = DryPlant(plant, plant.rhs.friction)
+    samples = _Samples(task, dry)
+    edges = [*sorted({b for b in task.breaks if 0 < b < task.duration}), task.duration]
+    t, x, at_once, ending = 0.0, task.x0.copy(), 0, ""
+    overloaded: list[int] = []
+    try:
+        for count in range(MOST_EVENTS):
+            end = next(edge for edge in edges if edge > t)
+            dry.span = (float(np.nextafter(t, np.inf)) if t in edges else t, float(np.nextafter(end, 0.0)))
+            if at_once:  # an undeclared jump of the torques: look at its other side
+                dry.span = (t + at_once * JUST * task.duration, dry.span[1])
+            dry.settle(t, x, overloaded)
+            solution = _slide(dry, task, (t, end), x, failures)
+            samples.take(solution, float(solution.t[-1]), dry)
+            at_once = at_once + 1 if solution.t[-1] - t <= JUST * task.duration and solution.status == 1 else 0
+            if at_once > MOST_AT_ONCE:
+                raise NotFiniteError(f"sticking and slipping change without end at t = {t:.6g} s", t)
+            t, x = float(solution.t[-1]), np.array(solution.y[:, -1])
+            stop, overloaded = _come_to_rest(dry, solution, x, task)
+            if failures or stop or t >= task.duration:
+                ending = stop or f"{count} changes between sticking and slipping"
+                break
+        else:
+            raise NotFiniteError(f"more than {MOST_EVENTS} changes between sticking and slipping", t)
+        if not failures:
+            samples.last(t, x, dry, ended=t >= task.duration or bool(stop))
+    except FAILURES as error:
+        failures.append((getattr(error, "time", None) or t, str(error)))
+    return samples.run(1 if "stop" in ending else 0, ending)
+
+
+def _slide(dry: DryPlant, task: Task, span: tuple[float, float], x: Array, failures: list[tuple[float, str]]) -> Any:
+    """To the next event or the end of the span."""
     from scipy.integrate import solve_ivp
 
-    friction = plant.rhs.friction
-    assert friction is not None
-    dry = DryPlant(plant, friction)
-    rtol, atol = tolerances(plant, task)
-    method, duration, t_eval, stops = task.method, task.duration, task.t_eval, task.events
-    if method in ("Radau", "BDF"):
-        raise ValueError(f"`method` of a scene whose joints stick must not need a Jacobian, got {method!r}; take LSODA")
-    edges = [*sorted({b for b in task.breaks if 0 < b < duration}), duration]
-    t, x, times, states = 0.0, task.x0.copy(), [np.zeros(0)], [np.zeros((0, len(task.x0)))]
-    n, ending = plant.robot.n, ""
-    overloaded: list[int] = []
-    slopes: list[Array] = []
-    for count in range(MOST_EVENTS):
-        try:
-            dry.settle(t, x, overloaded)
-            end = next(edge for edge in edges if edge > t)
-            inside = None if t_eval is None else t_eval[(t_eval >= t) & (t_eval <= end)]
-            solution = solve_ivp(
-                dry,
-                (t, end),
-                x,
-                method=watched(method, failures, [x]),
-                rtol=rtol,
-                atol=atol,
-                dense_output=True,
-                events=[*dry.events(), *stops],
-            )
-        except FAILURES as error:
-            failures.append((t, str(error)))
-            break
-        t_new = float(solution.t[-1])
-        picked = solution.t[:-1] if inside is None else inside[inside < t_new]
-        if len(picked):
-            times.append(np.asarray(picked))
-            states.append(np.asarray(solution.sol(picked)).T)
-            slopes += [dry.accelerations(float(s), y)[0] for s, y in zip(picked, states[-1], strict=True)]
-        t, x = t_new, np.array(solution.y[:, -1])
-        overloaded = _come_to_rest(dry, solution, x)
-        hit = [k for k, when in enumerate(solution.t_events or ()) if len(when) and k >= n]
-        if failures or hit or t >= duration:
-            ending = f"{count} changes between sticking and slipping"
-            if hit:
-                ending = stop_message(stops[hit[0] - n], t, plant.robot.joint_names)
-            break
-    else:
-        failures.append((t, f"more than {MOST_EVENTS} changes between sticking and slipping"))
-    if t_eval is None or (len(t_eval) and t_eval[-1] == t):  # the last instant itself
-        times.append(np.array([t]))
-        states.append(x[None])
-        slopes.append(dry.accelerations(t, x)[0])
-    status = 1 if "stop" in ending else 0
-    return Run(np.concatenate(times), np.concatenate(states), status, ending, None, np.array(slopes).reshape(-1, n))
+    rtol, atol = tolerances(dry.plant, task)
+    solver = watched(task.method, failures, [x])
+    events = [*dry.events(), *task.events]
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "dense_output": True, "events": events or None}
+    try:
+        return solve_ivp(dry, span, x, solver, **options)
+    except ValueError as error:  # an event within rounding of a step's end, where SciPy's root finder sees no change
+        if "different signs" not in str(error):
+            raise
+        return solve_ivp(dry, span, x, solver, max_step=(span[1] - span[0]) / 97, **options)
 
 
-def _come_to_rest(dry: DryPlant, solution: Any, x: Array) -> list[int]:
-    """At an event the rate that passes through zero is zero; returns the sticking joints that broke away."""
-    happened = [i for i, when in enumerate((solution.t_events or ())[: dry.n]) if len(when)]
-    for i in happened:
-        x[dry.n + i] = 0.0
+def _come_to_rest(dry: DryPlant, solution: Any, x: Array, task: Task) -> tuple[str, list[int]]:
+    """At an event the rate that passes through zero is zero. The words of a stop, and the joints that broke away."""
+    happened = [k for k, when in enumerate(solution.t_events or ()) if len(when)]
+    own = dry.events()
+    joints = [own[k].joint for k in happened if k < len(own)]  # type: ignore[attr-defined]
+    x[[dry.n + k for k in joints]] = 0.0
     x[dry.n : 2 * dry.n][dry.mode == 0] = 0.0
-    return [i for i in happened if dry.mode[i] == 0]
+    stops = [task.events[k - len(own)] for k in happened if k >= len(own)]
+    words = stop_message(stops[0], float(solution.t[-1]), dry.plant.robot.joint_names) if stops else ""
+    return words, [k for k in joints if dry.mode[k] == 0]
+
+
+class _Samples:
+    """Times and states to report, with the accelerations that belong to the modes of their time."""
+
+    def __init__(self, task: Task, dry: DryPlant) -> None:
+        self.task, self.n = task, dry.n
+        self.t: list[float] = []
+        self.x: list[Array] = []
+        self.qdd: list[Array] = []
+
+    def take(self, solution: Any, until: float, dry: DryPlant) -> None:
+        """Those before the end of a segment."""
+        asked = solution.t[:-1] if self.task.t_eval is None else self.task.t_eval
+        for time in asked[(asked >= solution.t[0]) & (asked < until)]:
+            if not self.t or time > self.t[-1]:
+                self.add(float(time), np.asarray(solution.sol(time)), dry)
+
+    def last(self, t: float, x: Array, dry: DryPlant, *, ended: bool) -> None:
+        """The last instant itself, if it is asked for or nothing came after it."""
+        asked = self.task.t_eval
+        stopped = ended and t < self.task.duration
+        if asked is None or stopped or (len(asked) and asked[-1] == t):
+            self.add(t, x, dry)
+
+    def add(self, t: float, x: Array, dry: DryPlant) -> None:
+        self.t.append(t)
+        self.x.append(x)
+        self.qdd.append(dry.accelerations(t, x)[0])
+
+    def run(self, status: int, ending: str) -> Run:
+        """All of them."""
+        x = np.array(self.x).reshape(len(self.t), len(self.task.x0))
+        return Run(np.array(self.t), x, status, ending, None, np.array(self.qdd).reshape(len(self.t), self.n))

@@ -39,6 +39,8 @@ class Trajectory:
         Energy taken since the start by "viscous" and "coulomb" friction, where the scene has it [J].
     controller_state : ndarray, shape (T, m)
         States of the controller's own, such as the integral of a PID.
+    energy_start : float
+        Energy at t = 0, which `t_eval` may leave out [J].
     """
 
     t: Array
@@ -57,13 +59,13 @@ class Trajectory:
     message: str
     dissipated: Mapping[str, Array] = field(default_factory=dict)
     controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    energy_start: float = 0.0
 
     @property
     def balance(self) -> Array:
         """Energy that no source explains, over time: the solver's error, shape (T,) [J]."""
         taken = sum(self.dissipated.values(), np.zeros(len(self.t)))
-        start = self.energy[0] if len(self.t) else 0.0
-        return self.energy - start - self.work + taken
+        return self.energy - self.energy_start - self.work + taken
 
 
 class Task(NamedTuple):
@@ -89,9 +91,10 @@ class Run(NamedTuple):
     ending: str
     u: Array | None = None  # torques that were held, where they were
     qdd: Array | None = None  # accelerations, where the right-hand side alone does not give them
+    own: Array | None = None  # the controller's own states, where a computer keeps them
 
 
-def trajectory(plant: Plant, run: Run, method: str, reason: str, failures: list[tuple[float, str]]) -> Trajectory:
+def trajectory(plant: Plant, task: Task, run: Run, reason: str, failures: list[tuple[float, str]]) -> Trajectory:
     """The motion with its torques and energies; samples from one on that is not finite are left out."""
     rhs = plant.rhs
     n = rhs.arm.n
@@ -104,7 +107,8 @@ def trajectory(plant: Plant, run: Run, method: str, reason: str, failures: list[
     kinetic, potential = rhs.arm.kinetic_energy(q, qd), rhs.arm.potential_energy(q)
     energy = kinetic + potential
     taken = sum(entries.values(), np.zeros(len(t)))
-    drift = float(np.abs(energy - energy[0] - work + taken).max()) if len(t) else 0.0
+    start = float(rhs.arm.kinetic_energy(*np.split(task.x0[: 2 * n], 2)) + rhs.arm.potential_energy(task.x0[:n]))
+    drift = float(np.abs(energy - start - work + taken).max()) if len(t) else 0.0
     return Trajectory(
         t,
         q,
@@ -117,11 +121,12 @@ def trajectory(plant: Plant, run: Run, method: str, reason: str, failures: list[
         work,
         drift,
         plant.evaluations,
-        method,
+        task.method,
         -1 if failures else run.status,
         failures[0][1] if failures else f"{reason}; {run.ending}",
         entries,
-        own,
+        own if run.own is None else run.own[: len(t)],
+        start,
     )
 
 

@@ -2,6 +2,7 @@
 
 import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -297,6 +298,175 @@ class TestDryFriction:
             match=r"^`method` of a scene whose joints stick must not need a Jacobian, got 'Radau'; take LSODA$",
         ):
             rne.simulate(scene, [0] * 6, [0] * 6, 1.0, method="Radau")
+
+
+class TestDryFrictionOfSeveralJoints:
+    """Two rods in a row; each case once looped at one instant or chose modes that contradict the accelerations."""
+
+    @pytest.fixture
+    def two(self):
+        return rne.Robot(straight_chain(2))
+
+    def scene(self, two, law=None, **friction):
+        return rne.Scene(two, gravity=[0, 0, 0], friction=rne.Friction(smoothing=0, **friction), controller=law)
+
+    def test_joint_without_friction_never_sticks(self, two):
+        motion = rne.simulate(self.scene(two, coulomb=[5, 0]), [0, 0], [0, 0], 1.0)
+        assert not motion.q.any()
+
+    def test_load_at_the_bound_itself_is_held(self, two):
+        scene = self.scene(two, lambda t, q, qd: np.array([1.0, 0.0]), coulomb=[1, 1])
+        assert not rne.simulate(scene, [0, 0], [0, 0], 1.0).q.any()
+
+    @pytest.mark.parametrize("breaks", [[1.0], []])
+    def test_jump_of_the_torque_while_a_joint_sticks(self, two, breaks):
+        scene = self.scene(two, lambda t, q, qd: np.array([0.5 if t < 1 else 5.0, 0.0]), coulomb=[1, 1])
+        motion = rne.simulate(scene, [0, 0], [0, 0], 1.5, breaks=breaks, t_eval=[0, 0.9, 1.5])
+        assert not motion.q[1].any()
+        assert motion.q[2, 0] > 1
+        assert motion.energy_drift <= 1e-6
+
+    def test_modes_agree_with_the_accelerations_they_give(self, two):
+        """Every joint at rest resists its load or starts the way it is accelerated: 300 random loads."""
+        from rne.plant import Plant
+        from rne.stick_slip import DryPlant
+
+        scene = self.scene(two, lambda t, q, qd: self.load, coulomb=[0.5, 0.2])
+        plant = Plant(scene.right_hand_side, scene.controller)
+        rng = np.random.default_rng(0)
+        dry = DryPlant(plant, scene.resistance)
+        modes = set()
+        for _ in range(300):
+            self.load = rng.normal(size=2)
+            x = np.concatenate([rng.uniform(-3, 3, 2), np.zeros(2 + len(plant.rhs.ledger))])
+            dry.settle(0.0, x)
+            qdd, needed, _ = dry.accelerations(0.0, x)
+            modes.add(tuple(dry.mode))
+            assert (qdd * dry.mode >= -1e-9).all()
+            assert (np.abs(needed)[dry.mode == 0] <= np.array([0.5, 0.2])[dry.mode == 0] * (1 + 1e-8)).all()
+        assert len(modes) == 9
+
+    def test_pid_with_limits_through_many_events(self, two):
+        law = rne.control.pid(two, [50, 20], [30, 10], [10, 4], [0.3, -0.2], gravity=True)
+        friction = rne.Friction(viscous=0.1, coulomb=[0.5, 0.2], smoothing=0)
+        motion = rne.simulate(
+            rne.Scene(two, friction=friction, torque_limit=[8, 3], controller=law), [0, 0], [0, 0], 3.0
+        )
+        assert motion.status == 0
+        assert motion.energy_drift <= 1e-6
+
+
+class TestWhatATesterFound:
+    @pytest.fixture
+    def two(self):
+        return rne.Robot(straight_chain(2))
+
+    def test_drift_is_counted_from_the_start_not_the_first_sample(self, two):
+        late = rne.simulate(
+            rne.Scene(two, friction=rne.Friction(viscous=1.0)), [0.3, 0.2], [0, 0], 1.0, t_eval=[0.5, 1.0]
+        )
+        assert late.energy_drift <= 1e-5
+        assert np.abs(late.balance).max() == late.energy_drift
+
+    @pytest.mark.parametrize(
+        ("law", "shape"),
+        [
+            (lambda t, q, qd: 5.0 + 0 * t, r"\(1, 1\)"),
+            (lambda t, q, qd: None, r"\(\)"),
+            (lambda t, q, qd: [1, 2, 3], r"\(3,\)"),
+        ],
+    )
+    def test_traced_law_of_a_wrong_shape(self, two, law, shape):
+        scene = rne.Scene(two, controller=rne.traceable(law))
+        with pytest.raises(
+            ValueError, match=rf"^`controller` must return shape \(..., 2\) for states of that shape, got {shape}$"
+        ):
+            rne.simulate(scene, [0, 0], [0, 0], 1.0)
+
+    def test_constant_traced_law(self, two):
+        scene = rne.Scene(two, controller=rne.traceable(lambda t, q, qd: [1.0, 2.0]))
+        motion = rne.simulate(scene, [0, 0], [0, 0], 0.1)
+        assert (motion.tau == [1.0, 2.0]).all()
+        assert motion.tau.shape == motion.q.shape
+
+    def test_held_torques_at_the_times_asked_for(self, two):
+        scene = rne.Scene(two, controller=lambda t, q, qd: np.array([1 + 10 * t, -1.0]), sample_time=0.1)
+        assert rne.simulate(scene, [0, 0], [0, 0], 1.0, t_eval=[0, 0.55]).tau[:, 0] == pytest.approx([1.0, 6.0])
+        assert rne.simulate(scene, [0, 0], [0, 0], 0.0).tau[0] == pytest.approx([1.0, -1.0])
+
+    def test_the_last_time_is_reached_whatever_the_sample_time(self, two):
+        scene = rne.Scene(two, controller=lambda t, q, qd: -qd, sample_time=0.078)
+        assert rne.simulate(scene, [0, 0], [0, 0], 3.744, t_eval=[0, 1.872, 3.744]).t[-1] == 3.744
+
+    def test_windup_of_one_joint_only(self, two):
+        law = rne.control.pid(two, [1, 1], [10, 10], [1, 1], [0, 0], windup=[0.5, np.inf])
+        assert law(0.0, np.zeros(2), np.zeros(2), np.full(2, 10.0))[0] == pytest.approx([-0.5, -100.0])
+
+    def test_a_joint_at_rest_on_its_stop_has_not_reached_it(self, two):
+        lower = two.model.lower.copy()
+        lower[1] = 0.0
+        scene = rne.Scene(rne.Robot(replace(two.model, lower=lower)), gravity=[0, 0, 0], stops=True)
+        assert rne.simulate(scene, [0, 0], [0, 0], 1.0).status == 0
+
+    def test_breaks_of_a_reference_are_kept_by_torque(self, two):
+        path = rne.trajectories.trapezoidal([0, 0], [1, -1], 1.0, 0.2)
+        law = rne.control.computed_torque(two, [100, 100], [20, 20], path)
+        assert 0.2 in rne.simulate(two, [0, 0], [0, 0], 1.0, torque=law).t
+
+    def test_nearly_equal_breaks_are_one(self, two):
+        law = rne.control.pd_gravity(two, [50, 50], [5, 5], [0.1, 0.1])
+        motion = rne.simulate(
+            rne.Scene(two, controller=law), [0, 0], [0, 0], 1.0, method="LSODA", breaks=[0.3, 0.1 + 0.2]
+        )
+        assert motion.t[-1] == 1.0
+
+    def test_state_of_a_sampled_pid_is_kept(self, two):
+        law = rne.control.pid(two, [1, 1], [10, 10], [1, 1], [1, 1])
+        motion = rne.simulate(rne.Scene(two, controller=law, sample_time=0.01), [0, 0], [0, 0], 0.1)
+        assert motion.controller_state.shape == motion.q.shape
+        assert motion.controller_state[-1, 0] < -0.05
+
+    @pytest.mark.parametrize(
+        ("make", "error", "text"),
+        [
+            (
+                lambda r: rne.Friction(coulomb=[1, 2], static=[1, 2, 3]),
+                ValueError,
+                "friction must be numbers or arrays of one shape (n,), got [(2,), (3,)]",
+            ),
+            (
+                lambda r: rne.simulate(r, [0, 0], [0, 0], 1.0, breaks=0.5),
+                ValueError,
+                "`breaks` must have shape (k,), got ()",
+            ),
+            (
+                lambda r: rne.control.pd(r.model, [1, 1], [1, 1], [0, 0]),
+                TypeError,
+                "`robot` must be an rne.Robot, got Model",
+            ),
+            (lambda r: rne.check_gains(r.model, [1, 1], [1, 1]), TypeError, "`robot` must be an rne.Robot, got Model"),
+            (
+                lambda r: rne.control.computed_torque(r, [1, 1], [1, 1], lambda t: (0, 0)),
+                ValueError,
+                "`reference` must give (q, qd, qdd) of shape (2,) each, got [(), ()]",
+            ),
+            (
+                lambda r: rne.Scene(r, locked={"joint0": 0}, controller=rne.control.pd(r, [1, 1], [1, 1], [0, 0])),
+                ValueError,
+                "`controller` is for a robot of 2 joints, the scene has 1",
+            ),
+            (
+                lambda r: rne.simulate(
+                    r, [0, 0], [0, 0], 1.0, torque=rne.control.pid(r, [1, 1], [1, 1], [1, 1], [0, 0])
+                ),
+                ValueError,
+                "`torque` with states of its own needs a scene: rne.Scene(robot, controller=...)",
+            ),
+        ],
+    )
+    def test_wrong_arguments(self, two, make, error, text):
+        with pytest.raises(error, match=rf"^{re.escape(text)}$"):
+            make(two)
 
 
 class Spring:
