@@ -2,7 +2,10 @@
 
 The reference is the recursion on mpmath numbers of 50 digits; that it is right and not only consistent is
 Pinocchio's to say, whose points would lie high otherwise. All states are representable in float32, and Pinocchio
-computes with our very placements and inertias: nobody is charged for another's rounding of the inputs.
+computes with our very placements and inertias: nobody is charged for another's rounding of the inputs. MuJoCo reads
+the URDF itself and turns inertias to their principal axes, which its error contains. CasADi's virtual machine runs our
+kernel's own source. Pinocchio's batch call of forward dynamics works in the world's frame, its single call in the
+links': hence their different errors.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ import rne
 from benchmarks.kernels import QUANTITIES, robots
 from benchmarks.measure import interleaved, many, ratio
 from benchmarks.peers import CasADi, MuJoCo, Pinocchio, left_out
-from benchmarks.pictures import OTHER, OURS, PINOCCHIO, label_points, table, three
+from benchmarks.pictures import OTHER, OURS, PINOCCHIO, label_points, lay_out, table, three
 from rne.report.plots import blank_figure
 
 RATES = (np.pi, 10.0, 50.0)  # largest angles [rad], rates [rad/s], accelerations [rad/s²] or torques [N m]
@@ -128,9 +131,7 @@ def run(quick: bool) -> dict[str, Any]:
         sizes = {"batch": 200, "recursion": 20, "exact": 2, "repeats": 1}
     found = {name: r for name, r in robots().items() if name in ("irb140", "ur5")}
     refused: dict[str, dict[str, str]] = {name: {} for name in found}
-    rows = {
-        name: {q: compare(*robot, q, sizes, refused[name]) for q in QUANTITIES} for name, robot in found.items()
-    }
+    rows = {name: {q: compare(*robot, q, sizes, refused[name]) for q in QUANTITIES} for name, robot in found.items()}
     return {"sizes": sizes, "robots": rows, "refused": refused}
 
 
@@ -161,6 +162,7 @@ def picture(results: dict[str, Any]) -> Any:
         ax.set_ylabel("worst error of the states, relative to largest entry [1]")
     for ax in grid[-1]:
         ax.set_xlabel("time a state [ns]")
+    lay_out(figure)
     for axes, quantities in zip(grid, found.values(), strict=True):
         for ax, rows in zip(axes, quantities.values(), strict=True):
             label_points(ax, [(r["ns_a_state"], r["worst_error"], n, color(n)) for n, r in rows.items()])

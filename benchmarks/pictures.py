@@ -12,14 +12,12 @@ NEAREST, FARTHEST = 6, 190  # [points] from a label to its point
 
 
 def label_points(ax: Any, points: Sequence[tuple[float, float, str, str]], size: float = 8.0) -> None:
-    """Write each (x, y, text, color) near its point, clear of the others and of the frame, with a line to it if far."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    """Write each (x, y, text, color) near its point, clear of the others and of the frame, with a line to it if far.
 
-    figure = ax.figure
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    scale = figure.dpi / 72
+    The figure must be laid out: see `lay_out`.
+    """
+    renderer = ax.figure.canvas.get_renderer()
+    scale = ax.figure.dpi / 72
     frame = ax.get_window_extent(renderer).padded(-3)
     spots = ax.transData.transform([(x, y) for x, y, _, _ in points])
     taken = [(x - 6, y - 6, x + 6, y + 6) for x, y in spots]
@@ -33,16 +31,21 @@ def label_points(ax: Any, points: Sequence[tuple[float, float, str, str]], size:
         w, h = extent.width, extent.height
         near = set(_near(spots, k, 14)) | {k}
         obstacles = [b for j, b in enumerate(taken) if j not in near]
-        candidates = [(x, y, x + w, y + h) for x, y in _places(spots[k], w, h, scale)]
-        inside = [b for b in candidates if _within(b, frame) and not any(_overlap(b, t) for t in taken)]
-        clear = [b for b in inside if not any(_crosses(_leader(spots[k], b), t) for t in obstacles)]
-        clear = [b for b in clear if not any(_crosses(other, b) for other in lines)]
-        apart = [b for b in clear if not any(_meet(_leader(spots[k], b), other) for other in lines)]
-        choice = apart or clear or inside
+        choice: list[Any] = []  # the first free place, then the first whose line is clear, then one that meets none
+        for x, y in _places(spots[k], w, h, scale):
+            box = (x, y, x + w, y + h)
+            if not _within(box, frame) or any(_overlap(box, t) for t in taken):
+                continue
+            line = _leader(spots[k], box)
+            blocked = any(_crosses(line, t) for t in obstacles) or any(_crosses(other, box) for other in lines)
+            worth = 0 if blocked else 1 if any(_meet(line, other) for other in lines) else 2
+            if not choice or worth > choice[0]:
+                choice = [worth, box, line]
+            if worth == 2:
+                break
         if not choice:
             raise ValueError(f"no room for the label {text!r}")
-        best = (choice[0], _leader(spots[k], choice[0]))
-        box, line = best
+        _, box, line = choice
         taken.append(box)
         lines.append(line)
         inverse = ax.transData.inverted()
@@ -52,6 +55,14 @@ def label_points(ax: Any, points: Sequence[tuple[float, float, str, str]], size:
         if np.hypot(*(line[1] - line[0])) > 9 * scale:
             ends = inverse.transform(line)
             ax.plot(ends[:, 0], ends[:, 1], color=color, linewidth=0.6, alpha=0.7, scalex=False, scaley=False)
+
+
+def lay_out(figure: Any) -> None:
+    """Give the axes their final places, so that labels can be placed in pixels."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure).draw()
+    figure.set_layout_engine("none")
 
 
 def _near(spots: np.ndarray, k: int, distance: float = 80) -> list[int]:
