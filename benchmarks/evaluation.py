@@ -146,15 +146,17 @@ def picture(results: dict[str, Any]) -> Any:
     figure = blank_figure(17, 11.5)
     grid = np.atleast_2d(figure.subplots(len(found), 3, sharex=True, sharey=True))
     figure.suptitle("What an evaluation costs and what it is worth: lower left is better (log scales)")
+    times = [r["ns_a_state"] for quantities in found.values() for rows in quantities.values() for r in rows.values()]
+    left, right = min(60.0, min(times) / 2), max(1e5, 2 * max(times))
     for axes, (robot, quantities) in zip(grid, found.items(), strict=True):
         for ax, (quantity, rows) in zip(axes, quantities.items(), strict=True):
-            ax.set(xscale="log", yscale="log", xlim=(60, 1e5), ylim=(3e-21, 1e-3))
+            ax.set(xscale="log", yscale="log", xlim=(left, right), ylim=(3e-21, 1e-3))
             ax.set_title(f"{robot}: {quantity.replace('_', ' ')}", fontsize="medium")
             ax.grid(True, alpha=0.25)
             for dtype, marker in MARKERS.items():
                 eps = float(np.finfo(dtype).eps)
                 ax.axhline(eps, color="0.6", linestyle=":", linewidth=0.9)
-                ax.text(66, eps / 1.35, f"eps of {dtype}", fontsize=7, color="0.45", va="top")
+                ax.text(1.1 * left, eps / 1.35, f"eps of {dtype}", fontsize=7, color="0.45", va="top")
                 for name, row in rows.items():
                     if row["precision"] == dtype:
                         ax.plot(row["ns_a_state"], row["worst_error"], marker, color=color(name), markersize=6)
