@@ -29,6 +29,14 @@ def interleaved(calls: Mapping[str, Callable[[], Any]], repeats: int) -> dict[st
     return seconds
 
 
+def repeats_within(calls: Mapping[str, Callable[[], Any]], seconds: float, least: int = 5, most: int = 41) -> int:
+    """How often all calls can take turns within a time, from one run of each."""
+    start = time.perf_counter()
+    for call in calls.values():
+        call()
+    return min(max(int(seconds / (time.perf_counter() - start)), least), most)
+
+
 def many(call: Callable[[], Any], times: int) -> Callable[[], None]:
     """The call repeated, for calls too short to time alone."""
 
