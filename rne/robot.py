@@ -92,12 +92,13 @@ class Robot:
         """Forward dynamics by the method with fewer operations.
 
         That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
-        about the same digits on few joints, and on long chains articulated bodies lose fewer.
+        about the same digits on few joints, and on long chains articulated bodies lose fewer; but sliders far out
+        compared with the robot cost articulated bodies their digits, so that a robot with sliders keeps to M.
         """
         kernel = self._kernels.get(FORWARD)
         if kernel is None:
             methods = [forward_dynamics, articulated_forward_dynamics]
-            if self.n <= FEW_JOINTS or self._model.has_mimics:
+            if self.n <= FEW_JOINTS or self._model.has_mimics or not self._model.turns.all():
                 methods = [forward_dynamics]
             elif self.n > MANY_JOINTS:
                 methods = [articulated_forward_dynamics]
