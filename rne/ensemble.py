@@ -96,7 +96,7 @@ def ensemble(
     ValueError
         If an argument has the wrong shape, is not finite or out of range, or the scene cannot run in blocks.
     NotFiniteError
-        If a state overflows, or the midpoint rule's iteration does not converge; names the start.
+        If a state overflows, or the midpoint rule's iteration does not converge.
 
     Examples
     --------
