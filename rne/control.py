@@ -14,7 +14,6 @@ from .elementwise import clip
 from .robot import Robot
 from .spatial import Array
 
-Law = Callable[[float, Array, Array], Array]
 Reference = Callable[[float], tuple[Array, Array, Array]]
 F = TypeVar("F", bound=Callable[..., Any])
 MOST = 1e300  # stands for no bound beside bounded joints

@@ -67,7 +67,7 @@ class Model:
     base_mass, base_com, base_inertia
         The same for what is bolted to the base; never read by dynamics.
     lower, upper, velocity_limit, effort_limit : ndarray, shape (nb,)
-        On record, infinite where unknown; simulation does not enforce them [rad or m, /s, N m or N].
+        On record, infinite where unknown; a Scene may ask for ranges and efforts [rad or m, /s, N m or N].
     damping, friction : ndarray, shape (nb,)
         On record from the URDF's <dynamics>, not part of the dynamics of this class [N m s/rad, N m].
     armature : ndarray, shape (nb,)

@@ -19,6 +19,8 @@ from .robots import RATED_PAYLOADS
 from .spatial import Array
 from .tape.kernel import Kernel
 
+LARGEST = float(np.finfo(np.float64).max)  # stands for no limit beside limited drives: a kernel has no infinities
+
 
 class Payload(NamedTuple):
     """A rigid body bolted to a link, the last one if not said; see `rne.with_payload`."""
@@ -49,7 +51,7 @@ class Scene:
     armature : array_like, shape (n,), optional
         Inertia of the drives, felt at the joints [kg m^2 or kg].
     torque_limit : array_like, shape (n,), or "urdf", optional
-        Largest torque of each drive; "urdf" takes the file's `effort` [N m or N].
+        Largest torque of each drive; "urdf" takes the file's `effort`, as far as it limits any [N m or N].
     torque_rate : array_like, shape (n,), optional
         Largest change of a drive's torque a second, from one sample to the next [N m/s or N/s].
     stops : bool
@@ -144,14 +146,18 @@ class Scene:
 
     @cached_property
     def limit(self) -> Array | None:
-        """Largest torque of each drive [N m or N]."""
+        """Largest torque of each drive; None if none is limited [N m or N]."""
         if self.torque_limit is None:
             return None
-        if isinstance(self.torque_limit, str):
-            if self.torque_limit != "urdf":
-                raise ValueError(f"`torque_limit` must be an array or 'urdf', got {self.torque_limit!r}")
+        bounds = self._torque_limits(self.torque_limit)
+        return None if np.isinf(bounds).all() else np.minimum(bounds, LARGEST)
+
+    def _torque_limits(self, given: ArrayLike | str) -> Array:
+        if isinstance(given, str):
+            if given != "urdf":
+                raise ValueError(f"`torque_limit` must be an array or 'urdf', got {given!r}")
             return np.asarray(self.arm.model.effort_limit[list(self.arm.model.drivers)], dtype=float)
-        return _vector("torque_limit", self.torque_limit, self.n, not_negative=True)
+        return _vector("torque_limit", given, self.n, not_negative=True)
 
     @cached_property
     def rate(self) -> Array | None:

@@ -481,3 +481,22 @@ SLIDER = """<robot name="slider"><link name="base"/><link name="block"><inertial
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="slide" type="prismatic"><parent link="base"/><child link="block"/><axis xyz="1 0 0"/>
 <limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>"""
+
+
+class TestTorqueLimits:
+    def test_unlimited_efforts_of_the_file_cost_nothing(self, irb140):
+        """The IRB 140's efforts are unknown, infinite on record: the kernel stays written out."""
+        law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0] * 6)
+        limited = rne.Scene(irb140, controller=law, torque_limit="urdf")
+        assert limited.limit is None
+        assert limited.cost()["total"] == rne.Scene(irb140, controller=law).cost()["total"]
+
+    def test_some_drives_limited(self, irb140):
+        model = replace(irb140.model, effort_limit=np.array([40.0, np.inf, np.inf, np.inf, np.inf, np.inf]))
+        robot = rne.Robot(model)
+        law = rne.control.pd_gravity(robot, [500] * 6, [20] * 6, [1] * 6)
+        scene = rne.Scene(robot, controller=law, torque_limit="urdf")
+        motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.02)
+        assert scene.kernel.is_unrolled
+        assert np.abs(motion.tau[:, 0]).max() == 40.0
+        assert np.abs(motion.tau[:, 1]).max() > 40.0
