@@ -106,6 +106,8 @@ def simulate(
     chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
     if chosen in TABLEAUS:
         _check_free(scene, chosen)
+    elif step is not None:
+        raise ValueError(f"`step` is for the equal steps of {list(TABLEAUS)}; {chosen!r} chooses its own")
     events = stops(plant) if scene.stops else []
     task = Task(x0, end, chosen, relative, absolute, times, near, _breaks(scene, breaks), events)
     return _run(scene, plant, task, reason)

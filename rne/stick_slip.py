@@ -139,7 +139,7 @@ def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) 
     dry = DryPlant(plant, plant.rhs.friction)
     samples = _Samples(task, dry)
     edges = [*sorted({b for b in task.breaks if 0 < b < task.duration}), task.duration]
-    t, x, at_once, ending = 0.0, task.x0.copy(), 0, ""
+    t, x, at_once, stop, ending = 0.0, task.x0.copy(), 0, "", ""
     overloaded: list[int] = []
     try:
         for count in range(MOST_EVENTS):
@@ -164,7 +164,7 @@ def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) 
             samples.last(t, x, dry, ended=t >= task.duration or bool(stop))
     except FAILURES as error:
         failures.append((getattr(error, "time", None) or t, str(error)))
-    return samples.run(1 if "stop" in ending else 0, ending)
+    return samples.run(1 if stop else 0, ending)
 
 
 def _slide(dry: DryPlant, task: Task, span: tuple[float, float], x: Array, failures: list[tuple[float, str]]) -> Any:

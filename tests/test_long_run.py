@@ -75,3 +75,9 @@ def test_drives_and_friction_are_refused(irb140):
 def test_a_step_too_long_is_an_error(irb140):
     with pytest.raises(rne.SimulationError, match="the stages do not converge"):
         rne.simulate(irb140, np.zeros(6), np.full(6, 50.0), 1.0, method="gauss-4", step=0.1)
+
+
+def test_a_step_for_a_method_that_chooses_its_own(irb140):
+    text = r"^`step` is for the equal steps of \['implicit-midpoint', 'gauss-4'\]; 'RK45' chooses its own$"
+    with pytest.raises(ValueError, match=text):
+        rne.simulate(irb140, np.zeros(6), np.zeros(6), 1.0, method="RK45", step=0.01)
