@@ -16,7 +16,15 @@ from .dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque,
 from .dynamics.record import Recursion, bearing_loads, recursion
 from .edit import locked, mounted, with_payload
 from .ensemble import Ensemble, ensemble
-from .errors import ModelError, NotFiniteError, RneError, SimulationError, SingularMassMatrixError, UrdfError
+from .errors import (
+    ModelError,
+    NotFiniteError,
+    PrecisionWarning,
+    RneError,
+    SimulationError,
+    SingularMassMatrixError,
+    UrdfError,
+)
 from .friction import Friction
 from .gains import Gains, check_gains
 from .loading import load
@@ -44,6 +52,7 @@ __all__ = [
     "ModelError",
     "NotFiniteError",
     "Payload",
+    "PrecisionWarning",
     "Recursion",
     "RneError",
     "Robot",

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from .arguments import joint_array, model_argument
+from .arguments import joint_array, model_argument, real_array
+from .dynamics.checks import common_leading_shape
 from .dynamics.composite import mass_matrix
-from .dynamics.forward import factorise, singular_pivots, weakest_motion
+from .dynamics.forward import factorise, weakest_motion
+from .dynamics.precision import SINGULAR, amplifications, pivots_below
 from .model import Model
 from .spatial import Array
 
@@ -28,8 +30,8 @@ class Diagnosis:
         The smallest ratio of a pivot of M = L^T D L to M's diagonal entry: 1 for a joint that no other one moves, a
         few eps where forward dynamics refuse.
     digits : ndarray, shape (...)
-        Decimal digits left in forward dynamics, -log10(eps condition) and at least 0. An estimate for accelerations
-        that M decides; what cancels in tau - C qd - g is lost before.
+        Decimal digits left in forward dynamics, at least 0: -log10(eps condition), or with rates and torques given
+        -log10(eps amplification), which counts what cancels in tau - C qd - g too.
     worst_state : tuple of int
         The state with the fewest digits; empty for a single one.
     worst_joint : tuple of str
@@ -57,7 +59,14 @@ class Diagnosis:
         )
 
 
-def diagnose(model: Model, q: ArrayLike, *, dtype: DTypeLike | None = None) -> Diagnosis:
+def diagnose(
+    model: Model,
+    q: ArrayLike,
+    qd: ArrayLike | None = None,
+    tau: ArrayLike | None = None,
+    *,
+    dtype: DTypeLike | None = None,
+) -> Diagnosis:
     """How many digits forward dynamics keep in a state, and which motion costs them.
 
     Parameters
@@ -65,6 +74,8 @@ def diagnose(model: Model, q: ArrayLike, *, dtype: DTypeLike | None = None) -> D
     model : Model
     q : array_like, shape (..., n)
         Joint positions [rad or m].
+    qd, tau : array_like, shape (..., n), optional
+        Joint rates and torques, both or neither [/s, N m or N].
     dtype : real floating data type, optional
         The arithmetic to judge for; that of `q` if not given.
 
@@ -75,12 +86,14 @@ def diagnose(model: Model, q: ArrayLike, *, dtype: DTypeLike | None = None) -> D
     Raises
     ------
     ValueError
-        If `q` has the wrong shape or is not finite and real, or `dtype` is not real floating point.
+        If an array has the wrong shape or is not finite and real, `dtype` is not real floating point, or only one of
+        `qd` and `tau` is given.
 
     Notes
     -----
     A singular M is no error here: its condition is infinite and its digits are 0. Scaling to unit diagonal comes
     within a factor n of the smallest condition number that any scaling of the joints can give (van der Sluis 1969).
+    The amplification is Skeel's (1979) for M qdd = tau - C qd - g with relative errors in M, tau and C qd + g.
 
     Examples
     --------
@@ -95,12 +108,30 @@ def diagnose(model: Model, q: ArrayLike, *, dtype: DTypeLike | None = None) -> D
     if judged_for.kind != "f" or positions.dtype.kind == "c":
         name, got = ("q", positions.dtype) if dtype is None or judged_for.kind == "f" else ("dtype", judged_for)
         raise ValueError(f"`{name}` must be real floating point, got {got}")
+    motion = _motion(model, positions, qd, tau)
+    if motion is not None:
+        positions = motion[0]
     M = mass_matrix(model, positions.astype(np.result_type(judged_for, np.float64)))
     condition, pivot = _condition(M, model, judged_for)
+    lost = condition if motion is None else np.where(np.isinf(condition), np.inf, amplifications(model, *motion))
     with np.errstate(divide="ignore"):
-        digits = np.maximum(0.0, -np.log10(float(np.finfo(judged_for).eps) * condition))
-    state, joints = _worst(condition, M, model)
+        digits = np.maximum(0.0, -np.log10(float(np.finfo(judged_for).eps) * lost))
+    state, joints = _worst(lost, M, model)
     return Diagnosis(condition, pivot, np.asarray(digits), state, joints)
+
+
+def _motion(model: Model, q: Array, qd: ArrayLike | None, tau: ArrayLike | None) -> tuple[Array, Array, Array] | None:
+    """Positions, rates and torques of one leading shape; None if neither of the last two is given."""
+    if qd is None and tau is None:
+        return None
+    if qd is None or tau is None:
+        raise ValueError(f"`qd` and `tau` go together, got only `{'qd' if tau is None else 'tau'}`")
+    arrays = {"q": q} | {
+        name: joint_array(name, real_array(name, x, "(..., n)"), model) for name, x in (("qd", qd), ("tau", tau))
+    }
+    leading = common_leading_shape(arrays)
+    states = [np.broadcast_to(x, leading + x.shape[-1:]).astype(np.float64) for x in arrays.values()]
+    return states[0], states[1], states[2]
 
 
 def _condition(M: Array, model: Model, judged_for: np.dtype[Any]) -> tuple[Array, Array]:
@@ -116,13 +147,13 @@ def _condition(M: Array, model: Model, judged_for: np.dtype[Any]) -> tuple[Array
         values = np.linalg.eigvalsh(scaled.astype(np.float64))
         condition = values[..., -1] / np.maximum(values[..., 0], 0)
     ones = np.ones(pivots.shape, dtype=judged_for)
-    singular = singular_pivots(pivots.astype(judged_for), ones).any(axis=-1)
+    singular = pivots_below(SINGULAR, pivots.astype(judged_for), ones).any(axis=-1)
     pivot = np.maximum(pivots.min(axis=-1), 0).astype(np.float64)
     return np.where(singular | ~np.isfinite(condition), np.inf, condition), np.asarray(pivot)
 
 
-def _worst(condition: Array, M: Array, model: Model) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    if not condition.size:
+def _worst(lost: Array, M: Array, model: Model) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    if not lost.size:
         return (), ()
-    state = tuple(int(k) for k in np.unravel_index(int(np.argmax(condition)), condition.shape))
+    state = tuple(int(k) for k in np.unravel_index(int(np.argmax(lost)), lost.shape))
     return state, weakest_motion(model, M[state])[0] if model.n else ()

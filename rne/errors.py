@@ -66,6 +66,10 @@ class SingularMassMatrixError(RneError, LinAlgError):
         return SingularMassMatrixError(self.what, self.cause, self.joints, state)
 
 
+class PrecisionWarning(UserWarning):
+    """A result of which rounding has left few digits or none."""
+
+
 class SimulationError(RneError, RuntimeError):
     """A simulation that did not reach its end.
 

@@ -11,10 +11,9 @@ from math import sqrt
 
 import numpy as np
 
-from .dynamics.checks import checked, judged
-from .dynamics.composite import mass_matrix
+from .dynamics.checks import checked
 from .dynamics.energy import kinetic_energy, potential_energy
-from .dynamics.forward import factorise, judge_pivots, solve_factored
+from .dynamics.forward import solve_mass_matrix
 from .errors import NotFiniteError, SingularMassMatrixError
 from .model import Model
 from .plant import Plant
@@ -43,20 +42,12 @@ def lagrangian(model: Model, q: Array, qd: Array) -> Array:
     return difference
 
 
-@judged(judge_pivots)
-def rates_of_momenta(model: Model, q: Array, tau: Array) -> tuple[Array, Array, Array]:
-    """M^-1 p for the joints' momenta p, here `tau` [rad/s or m/s]."""
-    M = mass_matrix.core(model, q)
-    L, D = factorise(M, model.coordinate_parent)
-    return solve_factored(L, D, model.coordinate_parent, tau), D, np.diagonal(M, axis1=-2, axis2=-1)
-
-
 class Hamilton:
     """dx/dt of x = (q, p) for an arm without drives and friction."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.n = robot, robot.n
-        self.rates = robot.kernel(rates_of_momenta)
+        self.rates = robot.kernel(solve_mass_matrix)
         self.slopes = robot.kernel(lagrangian, "q")
         self.evaluations = 0
 

@@ -247,25 +247,32 @@ class Plant:
 
         Counted as one evaluation for each component of the state, as differences would cost.
         """
-        n = self.robot.n
         self._check_state(t, x)
-        self.evaluations += 2 * n
-        q, qd = x[:n], x[n : 2 * n]
+        self.evaluations += 2 * self.robot.n
         u = self.torque(t, x)
+        return self._jacobian(np.array([t]), x, u, None if u is None else self._law_slopes(t, x, u))
+
+    def jacobians(self, t: Array, X: Array) -> Array:
+        """The same at many times, shapes (T,) and (T, size)."""
+        if self.law is None:
+            return self._jacobian(t[:, None], X, None, None)
+        return np.array([self.jacobian(float(time), x) for time, x in zip(t, X, strict=True)])
+
+    def _jacobian(self, t: Array, x: Array, u: Array | None, by_law: Array | None) -> Array:
+        n, size = self.robot.n, x.shape[-1]
         given = () if u is None else (u,)
-        time = np.array([t])
-        net = self.rhs.torques.kernel(time, x, *given)[:n]
-        slopes = self.rhs.torques.slopes(time, x, *given)
-        by_x = slopes[:, : len(x)]
-        if u is not None:
-            by_x = by_x + slopes[:, len(x) :] @ self._law_slopes(t, x, u)
-        dq, dqd, dtau = self.robot.forward_dynamics_derivatives(q, qd, net)
-        J = np.zeros((len(x), len(x)))
-        J[:n, n : 2 * n] = np.eye(n)
-        J[n : 2 * n] = dtau @ by_x[:n]
-        J[n : 2 * n, :n] += dq
-        J[n : 2 * n, n : 2 * n] += dqd
-        J[2 * n :] = by_x[n:]
+        net = self.rhs.torques.kernel(t, x, *given)[..., :n]
+        slopes = self.rhs.torques.slopes(t, x, *given)
+        by_x = slopes[..., :size]
+        if by_law is not None:
+            by_x = by_x + slopes[..., size:] @ by_law
+        dq, dqd, dtau = self.robot.forward_dynamics_derivatives(x[..., :n], x[..., n : 2 * n], net)
+        J = np.zeros((*x.shape, size))
+        J[..., :n, n : 2 * n] = np.eye(n)
+        J[..., n : 2 * n, :] = dtau @ by_x[..., :n, :]
+        J[..., n : 2 * n, :n] += dq
+        J[..., n : 2 * n, n : 2 * n] += dqd
+        J[..., 2 * n :, :] = by_x[..., n:, :]
         return J
 
     def _law_slopes(self, t: float, x: Array, u: Array) -> Array:

@@ -15,17 +15,13 @@ from .dynamics.checks import Checked
 from .dynamics.composite import mass_matrix
 from .dynamics.coriolis import coriolis_matrix
 from .dynamics.energy import kinetic_energy, momentum, potential_energy
-from .dynamics.forward import factorise, forward_dynamics, solve_factored
+from .dynamics.forward import factorise, forward_dynamics, solve_factored, solve_mass_matrix
 from .dynamics.jacobians import jacobian, jacobian_rate
 from .dynamics.kinematics import link_poses
-from .dynamics.newton_euler import (
-    External,
-    bias_torque,
-    coriolis_torque,
-    gravity_torque,
-    inverse_dynamics,
-)
+from .dynamics.newton_euler import External, bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
+from .dynamics.precision import warn_if_fast
 from .dynamics.record import Recursion, recursion
+from .dynamics.refine import refine as refined
 from .model import Model
 from .spatial import Array
 from .tape.kernel import Kernel, compile, derivative
@@ -145,16 +141,32 @@ class Robot:
         return self.kernel(mass_matrix)(q)
 
     def forward_dynamics(
-        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None
+        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None, refine: int = 0
     ) -> Array:
-        """Accelerations, shape (..., n) [rad/s^2 or m/s^2]; see `rne.forward_dynamics`."""
-        if external is None:
-            return self._forward()(q, qd, tau)
-        return forward_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(tau), external=external)
+        """Accelerations, shape (..., n) [rad/s^2 or m/s^2]; see `rne.forward_dynamics`.
 
-    def diagnose(self, q: ArrayLike, *, dtype: DTypeLike | None = None) -> Diagnosis:
+        `refine` passes of iterative refinement win back digits lost to M's condition; see docs/stability.md.
+        """
+        if external is None:
+            qdd = self._forward()(q, qd, tau)
+            warn_if_fast(self._model, q, qd, tau, qdd)
+        else:
+            qdd = forward_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(tau), external=external)
+        if refine == 0:
+            return qdd
+        state = np.asarray(q), np.asarray(qd), np.asarray(tau)
+        return refined(self._model, self.kernel(solve_mass_matrix), state, qdd, refine, external)
+
+    def diagnose(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        tau: ArrayLike | None = None,
+        *,
+        dtype: DTypeLike | None = None,
+    ) -> Diagnosis:
         """How near M is to singular, by which motion, and the digits left in forward dynamics; see `rne.diagnose`."""
-        return diagnose(self._model, q, dtype=dtype)
+        return diagnose(self._model, q, qd, tau, dtype=dtype)
 
     def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None) -> Array:
         """C qd + g, shape (..., n) [N m or N]; see `rne.bias_torque`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 from .arguments import joint_array, positive_number, real_array
 from .errors import RneError, SimulationError
 from .gauss import TABLEAUS, gauss_run
+from .horizon import growth_of
 from .plant import Plant, RightHandSide
 from .robot import Robot
 from .sampled import first_torques, sampled_run
@@ -139,6 +141,8 @@ def _run(scene: Scene, plant: Plant, task: Task, reason: str) -> Trajectory:
     else:
         run = _integrate(scene, plant, task, failures)
     motion = trajectory(plant, task, run, reason, failures)
+    if plant.robot.n and not failures and scene.sample_time is None and run.qdd is None:
+        motion = replace(motion, growth=growth_of(plant, task, run))
     if not failures:
         return motion
     time, cause = failures[0]
@@ -194,8 +198,6 @@ class Called:
 
 def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
     """The scene under torques that are called, not traced: they may be different in the next run."""
-    from dataclasses import replace
-
     if callable(torque):
         if hasattr(torque, "states"):
             raise ValueError("`torque` with states of its own needs a scene: rne.Scene(robot, controller=...)")

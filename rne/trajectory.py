@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from .arguments import positive_number
 from .errors import NotFiniteError, SingularMassMatrixError
 from .plant import Plant
 from .spatial import Array
@@ -41,6 +42,9 @@ class Trajectory:
         States of the controller's own, such as the integral of a PID.
     energy_start : float
         Energy at t = 0, which `t_eval` may leave out [J].
+    growth : callable or None
+        growth(bound) -> times and estimated errors of the positions until they exceed the bound; see
+        `trusted_horizon`.
     """
 
     t: Array
@@ -60,6 +64,45 @@ class Trajectory:
     dissipated: Mapping[str, Array] = field(default_factory=dict)
     controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
     energy_start: float = 0.0
+    growth: Callable[[float], tuple[Array, Array]] | None = field(default=None, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "growth": None}  # it may hold laws that do not pickle
+
+    def trusted_horizon(self, accuracy: float = 1e-3) -> float:
+        """The time up to which the solver's tolerances, or its step, keep every joint within `accuracy` [s].
+
+        Each step's error is followed by the variational equation of the motion, in which chaos and unstable
+        equilibria make it grow; beyond this time the motion is one that the arm could make, but not the one asked for.
+
+        Parameters
+        ----------
+        accuracy : float
+            Largest error of a joint's position [rad or m].
+
+        Returns
+        -------
+        float
+            An estimate, rather early than late; the end of the motion if the error stays below.
+
+        Raises
+        ------
+        ValueError
+            If `accuracy` is not positive, or the motion has no variational equation: under sampled control, under dry
+            friction that sticks, or after pickling, which forgets the scene.
+
+        Notes
+        -----
+        See `rne.horizon`.
+        """
+        if self.growth is None:
+            raise ValueError(
+                "this motion has no variational equation (sampled control, sticking friction, or a pickled "
+                "trajectory): repeat it with a tenth of the tolerance and compare"
+            )
+        bound = positive_number("accuracy", accuracy)
+        t, error = self.growth(bound)
+        return float(t[-1]) if not len(error) or error[-1] <= bound else float(t[int(np.argmax(error > bound))])
 
     @property
     def balance(self) -> Array:

@@ -31,6 +31,7 @@ FLOORS = [
     ["scene", "trajectory"],
     ["smooth", "ensemble"],
     ["sampled", "stick_slip", "gauss"],
+    ["horizon"],
     ["simulation"],
     ["bearings"],
     ["report"],

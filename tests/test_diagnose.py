@@ -1,5 +1,7 @@
 """What is said of M before forward dynamics are asked, and that they never answer wrongly in silence."""
 
+import warnings
+
 import mpmath
 import numpy as np
 import pytest
@@ -50,13 +52,17 @@ def right_or_refused(robot, q, qd, tau, tolerance):
     ]
     expected, answers = None, 0
     for call in calls:
-        try:
-            got = call(q, qd, tau)
-        except rne.SingularMassMatrixError as error:
-            assert error.joints
-            continue
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always", rne.PrecisionWarning)
+            try:
+                got = call(q, qd, tau)
+            except rne.SingularMassMatrixError as error:
+                assert error.joints
+                continue
         expected = exact_forward(robot, q, qd, tau) if expected is None else expected
-        assert np.abs(got - expected).max() <= tolerance * np.abs(expected).max()
+        error = np.abs(got - expected).max() / np.abs(expected).max()
+        assert error <= tolerance
+        assert error <= 1e-2 or said
         answers += 1
     return answers
 
@@ -192,3 +198,105 @@ def test_nearly_parallel_sliders_are_right_or_refused():
         digits = float(robot.diagnose([0.1, 0.2]).digits)
         answers = right_or_refused(robot, [0.1, 0.2], [0.3, 0.4], [1.0, 2.0], 50 * 10.0**-digits)
         assert answers == 3 or exponent >= 14
+
+
+class TestWithRatesAndTorques:
+    def test_digits_are_those_that_cancellation_leaves(self, irb140):
+        """Torques that balance the terms in qd squared: the amplification grows with the square of the rates."""
+        q, qd, qdd = states(6, 20)
+        for rate in (1.0, 1e2, 1e4):
+            tau = irb140.inverse_dynamics(q, rate * qd, qdd)
+            digits = irb140.diagnose(q, rate * qd, tau).digits
+            got = irb140.forward_dynamics(q, rate * qd, tau)
+            for k in (0, 7):
+                expected = exact_forward(irb140, q[k], rate * qd[k], tau[k])
+                error = np.abs(got[k] - expected).max() / np.abs(expected).max()
+                assert error <= 10 * 10 ** -digits[k]
+                assert error >= 1e-3 * 10 ** -digits[k] or error < 1e-14
+
+    def test_shapes_broadcast_and_a_singular_M_has_none(self, irb140):
+        q, qd, tau = states(6, 5)
+        assert irb140.diagnose(q[0], qd, tau).digits.shape == irb140.diagnose(q[0], qd, tau).condition.shape == (5,)
+        assert gimbal().diagnose([0.1, 0.0, 0.2], [1, 2, 3], [1, 2, 3]).digits == 0
+
+    def test_an_arm_at_rest_without_gravity_has_all(self):
+        from dataclasses import replace
+
+        still = rne.Robot(replace(rne.irb140(), gravity=np.zeros(3)))
+        assert still.diagnose([0.1] * 6, [0] * 6, [0] * 6).digits > 15
+
+    def test_one_without_the_other_is_refused(self, irb140):
+        with pytest.raises(ValueError, match=r"^`qd` and `tau` go together, got only `tau`$"):
+            irb140.diagnose([0] * 6, tau=[0] * 6)
+        with pytest.raises(ValueError, match=r"^`tau` must be finite, got nan at index \(0,\)$"):
+            irb140.diagnose([0] * 6, [0] * 6, [np.nan] * 6)
+
+
+class TestWarnings:
+    TEXT = "forward dynamics keep about {} digits{}: {}; see Robot.diagnose"
+
+    def test_of_rates_that_leave_no_digit(self, irb140):
+        q, qd, qdd = (x[:3] for x in states(6, 3))
+        fast = 1e8 * np.sign(qd)
+        tau = irb140.inverse_dynamics(q, fast, qdd)
+        calls = [irb140.forward_dynamics, lambda *s: rne.forward_dynamics(irb140.model, *s)]
+        calls.append(lambda *s: rne.articulated_forward_dynamics(irb140.model, *s))
+        for call in calls:
+            with pytest.warns(rne.PrecisionWarning) as said:
+                call(q, fast, tau)
+            assert len(said) == 1
+            assert str(said[0].message).startswith("forward dynamics keep about 0 digits at state (")
+            assert str(said[0].message).endswith("the torques and C qd + g cancel at 1.0e+08/s; see Robot.diagnose")
+            assert said[0].filename == __file__
+
+    def test_of_a_kernel_near_a_singular_M(self):
+        robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
+        state = np.array([0.1, 0.2]), np.array([0.3, 0.4]), np.array([1.0, 2.0])
+        expected = self.TEXT.format(2, "", "M is nearly singular")
+        for call in (robot.forward_dynamics, robot.kernel(rne.forward_dynamics)):
+            with pytest.warns(rne.PrecisionWarning) as said:
+                call(*state)
+            assert [str(w.message) for w in said] == [expected]
+
+    def test_fast_rates_alone_are_no_reason(self, irb140):
+        """Without torques that cancel them, the digits are there."""
+        q, qd, _ = states(6, 3)
+        irb140.forward_dynamics(q, 1e8 * qd, np.zeros_like(q))
+
+    def test_of_float32_at_its_own_rates(self, irb140):
+        q, qd, qdd = (x.astype(np.float32) for x in states(6, 3))
+        tau = irb140.inverse_dynamics(q, 1000 * qd, qdd)
+        with pytest.warns(rne.PrecisionWarning):
+            irb140.forward_dynamics(q, 1000 * qd, tau)
+
+
+class TestRefinement:
+    def test_wins_the_digits_that_the_condition_took(self):
+        robot = rne.Robot(straight_chain(10))
+        q, (_, qd, tau) = np.full(10, 1e-3), states(10)
+        expected = exact_forward(robot, q, qd, tau)
+        plain, once = (np.abs(robot.forward_dynamics(q, qd, tau, refine=k) - expected).max() for k in (0, 1))
+        assert plain > 100 * EPS * np.abs(expected).max()
+        if np.finfo(np.longdouble).eps < EPS:
+            assert once <= 2 * EPS * np.abs(expected).max()
+
+    def test_on_batches_float32_and_external_forces(self, irb140):
+        q, qd, qdd = states(6, 8)
+        external = {"link_6": np.full(6, 3.0)}
+        tau = irb140.inverse_dynamics(q, qd, qdd, external=external)
+        got = irb140.forward_dynamics(q, qd, tau, external=external, refine=1)
+        np.testing.assert_allclose(got, qdd, rtol=0, atol=2e-14 * np.abs(tau).max())
+        single = [x.astype(np.float32) for x in (q, qd, tau)]
+        rough, better = (irb140.forward_dynamics(*single, refine=k) for k in (0, 2))
+        exact = irb140.forward_dynamics(*(x.astype(float) for x in single))
+        assert better.dtype == np.float32
+        assert np.abs(better - exact).max() <= 2 * np.finfo(np.float32).eps * np.abs(exact).max()
+        assert np.abs(better - exact).max() < np.abs(rough - exact).max()
+
+    def test_what_it_cannot_refine_is_refused(self, irb140):
+        with pytest.raises(ValueError, match=r"^`refine` must be a whole number, at least 0, got -1$"):
+            irb140.forward_dynamics([0] * 6, [0] * 6, [0] * 6, refine=-1)
+        state = np.zeros(6, dtype=np.longdouble)
+        text = "`refine` is for float32 and float64, whose residual is taken in long double; got "
+        with pytest.raises(ValueError, match=f"^{text}"):
+            irb140.forward_dynamics(state, state, state, refine=1)

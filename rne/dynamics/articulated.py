@@ -22,7 +22,7 @@ from ..spatial import (
 )
 from .checks import judged
 from .composite import composite_inertias, mass_diagonal
-from .forward import judge_pivots
+from .forward import judge_accelerations
 from .kinematics import joint_transforms, velocities
 from .newton_euler import External, applied_wrenches
 
@@ -104,7 +104,7 @@ def hinge_of(
     return Hinge(n, f, d, u, c_angular, c_linear)
 
 
-@judged(judge_pivots)
+@judged(judge_accelerations)
 def articulated_forward_dynamics(
     model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
 ) -> tuple[Array, Array, Array]:

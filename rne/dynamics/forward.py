@@ -13,9 +13,7 @@ from ..spatial import Array, zeros
 from .checks import judged
 from .composite import mass_matrix
 from .newton_euler import External, bias_torque
-
-# A pivot of M below this many n eps of its own diagonal entry is nothing but rounding.
-SINGULAR = 8
+from .precision import DOUBTFUL, SINGULAR, pivots_below, warn_of_few_digits
 
 
 def ancestors(parent: tuple[int, ...], k: int) -> list[int]:
@@ -66,16 +64,17 @@ def judge_pivots(model: Model, result: tuple[Array, Array, Array], arguments: Ma
     return qdd
 
 
-def singular_pivots(pivots: Array, diagonal: Array) -> Array:
-    """Where a pivot is nothing but the rounding of M's diagonal entry, or not a number at all."""
-    pivots, diagonal = pivots.real, diagonal.real
-    eps = float(np.finfo(pivots.dtype).eps) if pivots.dtype != object else 0.0
-    return ~np.asarray(pivots > SINGULAR * pivots.shape[-1] * eps * diagonal, dtype=bool)
+def judge_accelerations(model: Model, result: tuple[Array, Array, Array], arguments: Mapping[str, Any]) -> Array:
+    """Accelerations, if M was regular; with a warning if few of their digits are left."""
+    qdd = judge_pivots(model, result, arguments)
+    doubtful = np.asarray(pivots_below(DOUBTFUL, *result[1:]).any(axis=-1))
+    warn_of_few_digits(model, arguments["q"], arguments["qd"], arguments["tau"], qdd, doubtful)
+    return qdd
 
 
 def raise_if_singular(model: Model, pivots: Array, diagonal: Array, q: Array) -> None:
     """Raise SingularMassMatrixError for the first state with a pivot that is only rounding."""
-    singular = singular_pivots(pivots, diagonal)
+    singular = pivots_below(SINGULAR, pivots, diagonal)
     if singular.any():
         state = tuple(int(k) for k in np.argwhere(singular)[0][:-1])
         raise singular_error(model, mass_matrix.core(model, q[state]).real, state)
@@ -114,6 +113,14 @@ def singular_error(model: Model, M: Array, state: tuple[int, ...]) -> SingularMa
 
 
 @judged(judge_pivots)
+def solve_mass_matrix(model: Model, q: Array, tau: Array) -> tuple[Array, Array, Array]:
+    """M^-1 tau: the accelerations that torques add, or the rates of the momenta p = M qd, shape (..., n)."""
+    M = mass_matrix.core(model, q)
+    L, D = factorise(M, model.coordinate_parent)
+    return solve_factored(L, D, model.coordinate_parent, tau), D, np.diagonal(M, axis1=-2, axis2=-1)
+
+
+@judged(judge_accelerations)
 def forward_dynamics(
     model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
 ) -> tuple[Array, Array, Array]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arguments import joint_shaped, model_argument
 from ..dynamics.checks import Checked
-from ..dynamics.forward import SINGULAR
+from ..dynamics.precision import DOUBTFUL
 from ..model import Model
 from ..spatial import Array
 from .block import Layout, Workspace, allocate
@@ -181,7 +181,7 @@ class Kernel:
         """The program on lists of floats, one state; ValueError or ArithmeticError says only that it is refused."""
         n = self.model.n
         eps = float(np.finfo(np.float64).eps)
-        guard = (SINGULAR * n * eps, n) if self.judged else None
+        guard = (DOUBTFUL * n * eps, n) if self.judged else None
         return single_function(self.traced.program, self.widths, self.shapes[0], guard)
 
     def __call__(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> Array:

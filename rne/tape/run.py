@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arguments import joint_array
 from ..dynamics.checks import common_leading_shape
-from ..dynamics.forward import singular_pivots
+from ..dynamics.precision import DOUBTFUL, pivots_below
 from ..errors import SingularMassMatrixError
 from ..spatial import Array
 from .block import Workspace, block_length
@@ -118,7 +118,7 @@ class _Batch:
             return True
         n = self.kernel.model.n
         pivots, diagonal = outputs[size : size + n].T, outputs[size + n : size + 2 * n].T
-        return not singular_pivots(pivots, diagonal).any()
+        return not pivots_below(DOUBTFUL, pivots, diagonal).any()
 
     def _by_function(self, begin: int, end: int) -> Array:
         """The block by the recursion itself, which names what is wrong; states are counted in the whole batch."""

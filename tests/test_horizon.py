@@ -1,0 +1,118 @@
+"""The time up to which a motion can be trusted, against a motion that is far more accurate."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import rne
+from rne.horizon import extrapolated
+from rne.robots.chains import straight_chain
+
+Q0 = np.linspace(0.3, 0.8, 6)
+END = 6.0
+GRID = np.linspace(0, END, 1201)
+
+
+@pytest.fixture(scope="module")
+def exact(irb140):
+    return rne.simulate(irb140, Q0, 0 * Q0, END, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=GRID)
+
+
+def measured_horizon(motion, exact, accuracy):
+    wrong = np.abs(motion.q - exact.q).max(axis=1) > accuracy
+    return float(GRID[np.argmax(wrong)]) if wrong.any() else END
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "RK45", "rtol": 1e-4},
+        {"method": "RK45", "rtol": 1e-6},
+        {"method": "DOP853", "rtol": 1e-6},
+        {"method": "DOP853", "rtol": 1e-8},
+        {"method": "LSODA", "rtol": 1e-6},
+        {"method": "BDF", "rtol": 1e-5},
+        {"method": "gauss-4", "step": 5e-3},
+    ],
+    ids=lambda o: " ".join(str(x) for x in o.values()),
+)
+def test_the_horizon_is_where_the_error_passes_the_accuracy(irb140, exact, options):
+    """A free swing is chaotic: errors grow tenfold in half a second, and the horizon with the tolerance's logarithm."""
+    motion = rne.simulate(irb140, Q0, 0 * Q0, END, t_eval=GRID, **options)
+    for accuracy in (1e-4, 1e-3, 1e-2):
+        assert motion.trusted_horizon(accuracy) == pytest.approx(measured_horizon(motion, exact, accuracy), rel=0.1)
+
+
+def test_steps_of_the_solver_and_asked_for_times_give_the_same(irb140):
+    options = {"method": "RK45", "rtol": 1e-5}
+    ways = [rne.simulate(irb140, Q0, 0 * Q0, 3.0, t_eval=times, **options) for times in (None, GRID[GRID <= 3])]
+    first, second = (motion.trusted_horizon() for motion in ways)
+    assert first == second < 3.0
+
+
+def test_a_tighter_tolerance_reaches_farther(irb140):
+    reached = [
+        rne.simulate(irb140, Q0, 0 * Q0, END, method="DOP853", rtol=rtol).trusted_horizon()
+        for rtol in (1e-4, 1e-6, 1e-8)
+    ]
+    assert reached[0] < reached[1] - 0.5 < reached[2] - 1.0
+
+
+def test_a_chain_that_stands_upside_down_is_trusted_for_the_logarithm_of_rounding():
+    """At an unstable equilibrium nothing moves but rounding, which grows at the fastest rate of the chain."""
+    robot = rne.Robot(straight_chain(2))
+    up = np.array([np.pi, 0.0]) if robot.potential_energy([np.pi, 0.0]) > robot.potential_energy([0.0, 0.0]) else 0.0
+    q0 = np.broadcast_to(up, 2)
+    rate = np.linalg.eigvals(robot.linearize(q0, [0, 0], [0, 0])[0]).real.max()
+    assert rate > 1
+    motion = rne.simulate(robot, q0, [0, 0], 60 / rate, method="DOP853", rtol=1e-10, atol=1e-12)
+    horizon = motion.trusted_horizon(1e-3)
+    assert 15 < horizon * rate < 45
+    fallen = np.abs(motion.q - q0).max(axis=1) > 0.1
+    assert fallen.any()
+    assert horizon < motion.t[np.argmax(fallen)]
+
+
+def test_a_stable_loop_is_trusted_to_the_end(irb140):
+    law = rne.control.pd_gravity(irb140, [50] * 5 + [60], [20] * 5 + [22], Q0)
+    motion = rne.simulate(rne.Scene(irb140, controller=law), 0 * Q0, 0 * Q0, 1.0)
+    assert motion.trusted_horizon() == 1.0
+
+
+def test_called_laws_and_breaks_are_followed(irb140):
+    """A pulse, through a law that is called: the horizon is that of the same pulse traced or not."""
+
+    def pulse(t, q, qd):
+        return 5.0 * (0.1 <= t < 0.2) * np.ones(6)
+
+    motion = rne.simulate(irb140, Q0, 0 * Q0, 2.0, torque=pulse, breaks=[0.1, 0.2], rtol=1e-6)
+    finer = rne.simulate(
+        irb140, Q0, 0 * Q0, 2.0, torque=pulse, breaks=[0.1, 0.2], method="DOP853", rtol=1e-12, atol=1e-14,
+        t_eval=motion.t,
+    )  # fmt: skip
+    wrong = np.abs(motion.q - finer.q).max(axis=1)
+    accuracy = 0.5 * float(wrong.max())
+    assert motion.trusted_horizon(accuracy) == pytest.approx(motion.t[np.argmax(wrong > accuracy)], abs=0.15)
+
+
+def test_what_has_no_variational_equation_says_so(irb140):
+    law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, Q0)
+    sampled = rne.simulate(rne.Scene(irb140, controller=law, sample_time=1e-4), 0 * Q0, 0 * Q0, 1e-3)
+    free = rne.simulate(irb140, Q0, 0 * Q0, 0.01)
+    for motion in (sampled, pickle.loads(pickle.dumps(free))):
+        with pytest.raises(ValueError, match=r"^this motion has no variational equation \(sampled control, sticking "):
+            motion.trusted_horizon()
+    with pytest.raises(ValueError, match=r"^`accuracy` must be positive, got 0\.0$"):
+        free.trusted_horizon(0)
+
+
+def test_extrapolation_has_its_order():
+    """x' = i x over steps h: the error falls as h^(2 levels + 1)."""
+    found = []
+    for h in (1.0, 0.5):
+        end = extrapolated(
+            lambda t, x: x @ np.array([[0.0, -1.0], [1.0, 0.0]]), np.zeros(1), np.eye(2)[:1], np.full(1, h), 4
+        )
+        found.append(np.abs(end - [[np.cos(h), -np.sin(h)]]).max())
+    assert np.log2(found[0] / found[1]) == pytest.approx(9, abs=0.5)
