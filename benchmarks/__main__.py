@@ -52,7 +52,7 @@ def head(about: dict[str, Any], refused: dict[str, dict[str, str]]) -> str:
     for name, reason in left_out().items():
         lines.append(f"- {name} is left out: {reason}.")
     for robot, reasons in refused.items():
-        lines += [f"- {name} is left out on {robot}, which it refuses: {why}." for name, why in reasons.items()]
+        lines += [f"- {name} is left out on {robot}: {why}." for name, why in reasons.items()]
     return "\n".join(lines) + "\n"
 
 
