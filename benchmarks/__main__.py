@@ -1,7 +1,8 @@
 """All charts: python -m benchmarks [--quick]
 
 Evaluation, integration, growth and scenes, ours and Pinocchio's in the same interleaved runs, one thread each. Writes
-benchmarks/results/charts.json, and docs/benchmarks/index.md with its pictures.
+benchmarks/results/charts.json, and docs/benchmarks/index.md with its pictures. Of the other packages, which the extra
+`peers` installs, those that are there take part in the first chart.
 """
 
 from __future__ import annotations

@@ -8,13 +8,14 @@ batch call of forward dynamics works in the world's frame, its single call in th
 Every other package is asked for what it does fastest from Python on one thread. MuJoCo reads the URDF and turns
 inertias to their principal axes, which its error contains; it has no call for many states. CasADi runs our kernel's
 own source, the same operations in the same order, mapped over all states on NumPy's own memory: in its virtual
-machine, and as the C that it writes, compiled by `cc -O3 -march=native`. What it is compared in is thus how the
+machine (VM), and as the C that it writes, compiled by `cc -O3 -march=native`. What it is compared in is thus how the
 operations are run and not which. The Robotics Toolbox gets modified Denavit-Hartenberg frames and our masses and
 inertias turned into them, because its DH robots have their recursion in C; M and forward dynamics are its own Python
 loops around that recursion. adam reads the URDF; M and the bias force are its own, from which inverse and forward
 dynamics are put together, since it has them for a fixed base in no other form: on batches in NumPy, and its CasADi
-expressions in C like the kernel's, with CasADi's LDL for the forward dynamics. Calls that take long are timed on
-fewer states: 2000 for single calls, 1000 for adam's NumPy, 200 for the toolbox's loops.
+expressions in C like the kernel's, with CasADi's LDL for the forward dynamics; its JAX and PyTorch are not timed.
+Calls that take long are timed on fewer states: 2000 for single calls, 1000 for adam's NumPy, 200 for the toolbox's
+loops.
 """
 
 from __future__ import annotations
@@ -187,14 +188,14 @@ def color(name: str) -> str:
 def picture(results: dict[str, Any]) -> Any:
     """Log-log, a panel for each robot and quantity."""
     found = results["robots"]
-    figure = blank_figure(17, 11.5)
+    figure = blank_figure(17, 12.5)
     grid = np.atleast_2d(figure.subplots(len(found), 3, sharex=True, sharey=True))
     figure.suptitle("What an evaluation costs and what it is worth: lower left is better (log scales)")
     times = [r["ns_a_state"] for quantities in found.values() for rows in quantities.values() for r in rows.values()]
-    left, right = min(60.0, min(times) / 2), max(1e5, 2 * max(times))
+    left, right = min(25.0, min(times) / 8), max(1e5, 3 * max(times))
     for axes, (robot, quantities) in zip(grid, found.items(), strict=True):
         for ax, (quantity, rows) in zip(axes, quantities.items(), strict=True):
-            ax.set(xscale="log", yscale="log", xlim=(left, right), ylim=(3e-21, 1e-3))
+            ax.set(xscale="log", yscale="log", xlim=(left, right), ylim=(3e-21, 1e-5))
             ax.set_title(f"{robot}: {quantity.replace('_', ' ')}", fontsize="medium")
             ax.grid(True, alpha=0.25)
             for dtype, marker in MARKERS.items():
@@ -223,35 +224,33 @@ def conclusion(results: dict[str, Any]) -> str:
         for quantity, rows in quantities.items()
     }
     names = list(dict.fromkeys(name for rows in columns.values() for name in rows if color(name) != OURS))
-    cells, ahead, sentences = [], [], []
+    cells, ahead, lines = [], [], []
     for name in names:
         there = {where: rows for where, rows in columns.items() if name in rows}
         times = {where: rows[name]["kernel_faster"] for where, rows in there.items()}
-        worse = [rows[name]["worst_error"] / rows[KERNEL]["worst_error"] for rows in there.values()]
+        worst = [max(rows[who]["worst_error"] for rows in there.values()) for who in (name, KERNEL)]
         shown = [three(times[where]) if where in times else "-" for where in columns]
-        cells.append([name, *shown, f"{min(worse):.2g} to {max(worse):.2g}"])
+        cells.append([name, *shown, f"{worst[0]:.1e}, {worst[1]:.1e}"])
         medians = [spread[0] for spread in times.values()]
         if min(medians) > 1 + LEVEL:
             ahead.append(f"{name} ({min(medians):.1f} to {max(medians):.1f} times)")
         else:
-            sentences.append(f"**{name}**: {standing(times)}.")
-    first = f"A state takes the kernel's batch less time, on all it was compared on, than {'; '.join(ahead)}."
-    head = ["times the kernel's batch is faster", *columns, "its error over the kernel's"]
-    return "\n\n".join([" ".join([first, *sentences, building(columns)]), table(head, cells)])
+            lines.append(f"- {name}, beside the kernel's batch: {standing(times)}.")
+    if ahead:
+        lines.insert(0, f"- The kernel's batch is faster, wherever both run, than {'; '.join(ahead)}.")
+    head = ["times the kernel's batch is faster than", *columns, "worst error, the kernel's there"]
+    return "\n".join([*lines, building(columns), "", table(head, cells)])
 
 
 def standing(times: dict[str, tuple[float, float, float]]) -> str:
-    """Where a package is faster than the kernel, where level with it and where slower."""
-    groups: dict[str, list[str]] = {}
-    for where, (median, least, most) in times.items():
-        if median < 1 - LEVEL:
-            spread = [1 / median, 1 / most, 1 / least]
-            groups.setdefault("faster than the kernel's batch", []).append(f"{where}, {three(spread)} times")
-        elif median <= 1 + LEVEL:
-            groups.setdefault(f"level with it to {LEVEL:.0%}", []).append(where)
-        else:
-            groups.setdefault("slower than it", []).append(f"{where}, {three([median, least, most])} times")
-    return "; ".join(f"{group} on {', '.join(cases)}" for group, cases in groups.items())
+    """Where a package is faster than the kernel's batch, where level with it and where slower."""
+    level = f"level within {LEVEL:.0%}"
+    groups: dict[str, list[str]] = {"faster": [], level: [], "slower": []}
+    for where, (median, _, _) in times.items():
+        group = "faster" if median < 1 - LEVEL else "slower" if median > 1 + LEVEL else level
+        by = f" ({max(median, 1 / median):.2f} times)" if group != level else ""
+        groups[group].append(where.replace(",", "") + by)
+    return "; ".join(f"{group} on {', '.join(cases)}" for group, cases in groups.items() if cases)
 
 
 def building(columns: dict[str, Any]) -> str:
@@ -261,9 +260,8 @@ def building(columns: dict[str, Any]) -> str:
         for name, row in rows.items():
             if row["build_s"] is not None:
                 seconds.setdefault(name, []).append(row["build_s"])
-    return (
-        "Built before, in seconds: " + "; ".join(f"{n} {min(s):.2f} to {max(s):.2f}" for n, s in seconds.items()) + "."
-    )
+    spans = [f"{name} {min(taken):.2f} to {max(taken):.2f}" for name, taken in seconds.items()]
+    return f"- Built once before, in seconds: {'; '.join(spans)}."
 
 
 def tables(results: dict[str, Any]) -> str:

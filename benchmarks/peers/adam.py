@@ -24,7 +24,7 @@ def points(case: Case) -> list[Point]:
     found = [Point("adam, batch", call, count, lambda few: call()[:few])]
     if isinstance(module("casadi"), str) or isinstance(module("adam.casadi"), str):
         return found
-    return found + compiled_point("adam, CasADi in C, batch", casadi_function(case.robot.model, case.quantity), case)
+    return found + compiled_point("adam in C, batch", casadi_function(case.robot.model, case.quantity), case)
 
 
 def numpy_call(model: rne.Model, quantity: str, states: list[np.ndarray]) -> Any:

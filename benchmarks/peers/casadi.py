@@ -19,7 +19,7 @@ FLAGS = ["-O3", "-march=native", "-shared", "-fPIC"]
 def points(case: Case) -> list[Point]:
     """The virtual machine, and C where there is a compiler."""
     peer = CasADi(case.kernel, case.arrays)
-    found = [Point("CasADi's virtual machine, batch", peer.batch, len(case.arrays[0]), peer.results)]
+    found = [Point("CasADi VM, batch", peer.batch, len(case.arrays[0]), peer.results)]
     return found + compiled_point("CasADi in C, batch", peer.function, case)
 
 
