@@ -6,16 +6,18 @@ computes with our very placements and inertias: nobody is charged for another's 
 batch call of forward dynamics works in the world's frame, its single call in the links': hence their different errors.
 
 Every other package is asked for what it does fastest from Python on one thread. MuJoCo reads the URDF and turns
-inertias to their principal axes, which its error contains; it has no call for many states. CasADi runs our kernel's
-own source, the same operations in the same order, mapped over all states on NumPy's own memory: in its virtual
-machine (VM), and as the C that it writes, compiled by `cc -O3 -march=native`. What it is compared in is thus how the
+inertias to their principal axes, which its error contains; it is called once a state, its call for many (`rollout`)
+being of whole time steps, and its forward dynamics computes more than the accelerations. CasADi runs our kernel's own
+source, the same operations in the same order, mapped over all states on NumPy's own memory: in its virtual machine
+(VM), and as the C that it writes, compiled by `cc -O3 -march=native`. What it is compared in is thus how the
 operations are run and not which. The Robotics Toolbox gets modified Denavit-Hartenberg frames and our masses and
 inertias turned into them, because its DH robots have their recursion in C; M and forward dynamics are its own Python
 loops around that recursion. adam reads the URDF; M and the bias force are its own, from which inverse and forward
 dynamics are put together, since it has them for a fixed base in no other form: on batches in NumPy, and its CasADi
 expressions in C like the kernel's, with CasADi's LDL for the forward dynamics; its JAX and PyTorch are not timed.
 Calls that take long are timed on fewer states: 2000 for single calls, 1000 for adam's NumPy, 200 for the toolbox's
-loops.
+loops. A batch call of the kernel has a fixed cost, which compiled calls have not: chart C shows what it does to small
+batches.
 """
 
 from __future__ import annotations
@@ -238,6 +240,7 @@ def conclusion(results: dict[str, Any]) -> str:
             lines.append(f"- {name}, beside the kernel's batch: {standing(times)}.")
     if ahead:
         lines.insert(0, f"- The kernel's batch is faster, wherever both run, than {'; '.join(ahead)}.")
+    lines.insert(0, f"Batches are of {results['sizes']['batch']} states:\n")
     head = ["times the kernel's batch is faster than", *columns, "worst error, the kernel's there"]
     return "\n".join([*lines, building(columns), "", table(head, cells)])
 

@@ -44,7 +44,10 @@ def test_the_conclusion_says_who_is_faster_and_by_how_much():
         for name, x in {"kernel, batch": 1.0, "slow, batch": 4.0, "fast, batch": 0.5}.items()
     }
     level = rows | {"fast, batch": rows["fast, batch"] | {"kernel_faster": (1.05, 1.0, 1.1)}}
-    text = evaluation.conclusion({"robots": {"arm": {"mass_matrix": rows, "inverse_dynamics": level}}})
+    text = evaluation.conclusion(
+        {"sizes": {"batch": 300}, "robots": {"arm": {"mass_matrix": rows, "inverse_dynamics": level}}}
+    )
+    assert "Batches are of 300 states" in text
     assert "- The kernel's batch is faster, wherever both run, than slow, batch (4.0 to 4.0 times)." in text
     assert "faster on arm mass matrix (2.00 times); level within 10% on arm inverse dynamics." in text
     assert "kernel, batch 0.50 to 0.50" in text
