@@ -1,7 +1,8 @@
 """All charts: python -m benchmarks [--quick]
 
 Evaluation, integration, growth and scenes, ours and Pinocchio's in the same interleaved runs, one thread each. Writes
-benchmarks/results/charts.json, and docs/benchmarks/index.md with its pictures.
+benchmarks/results/charts.json, and docs/benchmarks/index.md with its pictures. Of the other packages, which the extra
+`peers` installs, those that are there take part in the first chart.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def head(about: dict[str, Any], refused: dict[str, dict[str, str]]) -> str:
     for name, reason in left_out().items():
         lines.append(f"- {name} is left out: {reason}.")
     for robot, reasons in refused.items():
-        lines += [f"- {name} is left out on {robot}, which it refuses: {why}." for name, why in reasons.items()]
+        lines += [f"- {name} is left out on {robot}: {why}." for name, why in reasons.items()]
     return "\n".join(lines) + "\n"
 
 

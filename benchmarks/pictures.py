@@ -12,7 +12,7 @@ NEAREST, FARTHEST = 6, 190  # [points] from a label to its point
 
 
 def label_points(ax: Any, points: Sequence[tuple[float, float, str, str]], size: float = 8.0) -> None:
-    """Write each (x, y, text, color) near its point, clear of the others and of the frame, with a line to it if far.
+    """Write each (x, y, text, color) near its point, clear of texts and frame, with a line to it if far.
 
     The figure must be laid out: see `lay_out`.
     """
@@ -21,6 +21,7 @@ def label_points(ax: Any, points: Sequence[tuple[float, float, str, str]], size:
     frame = ax.get_window_extent(renderer).padded(-3)
     spots = ax.transData.transform([(x, y) for x, y, _, _ in points])
     taken = [(x - 6, y - 6, x + 6, y + 6) for x, y in spots]
+    taken += [tuple(text.get_window_extent(renderer).extents) for text in ax.texts]
     lines: list[np.ndarray] = []
     order = sorted(range(len(points)), key=lambda k: -len(_near(spots, k)))
     for k in order:
