@@ -22,34 +22,37 @@ MARKERS = {
     "implicitfast": "X",
     "RK4": "h",
 }
-HEADS = {
-    "swing": "free swing of {:g} s",
-    "drift_10": "free swing of {:g} s",
-    "closed_loop": "stiff closed loop of {:g} s",
-    "drift_100": "free swing of {:g} s",
-}
 ERROR, DRIFT = "error of the joint positions at the end [rad]", "energy drift, largest |E(t) - E(0)| [J]"
 
 
 def picture(results: dict[str, Any]) -> Any:
     """Work-precision lines."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     panels = [
-        (f"{robot}, {HEADS[name].format(panel['duration'])}", DRIFT if name.startswith("drift") else ERROR, result)
+        (f"{robot}, {_head(name)} of {panel['duration']:g} s", DRIFT if name.startswith("drift") else ERROR, result)
         for name, panel in results["panels"].items()
         for robot, result in panel["robots"].items()
     ]
-    rows = (len(panels) + 1) // 2
-    figure = blank_figure(13.0, 5.0 * rows + 1.2)
+    rows = len(panels) // 2 + 1
+    figure = blank_figure(13.0, 4.6 * rows)
     grid = figure.subplots(rows, 2, squeeze=False).ravel()
     figure.suptitle("Wall time against error: lower left is better (log scales)")
     for ax, (title, label, result) in zip(grid, panels, strict=False):
         lines(ax, result)
         ax.set(xscale="log", yscale="log", title=title, xlabel="wall time [ms]", ylabel=label)
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+        ax.xaxis.set_minor_formatter(NullFormatter())
         ax.grid(True, alpha=0.25)
     for ax in grid[len(panels) :]:
-        ax.remove()
-    legend(figure, [row for _, _, result in panels for row in result["runs"]])
+        ax.axis("off")
+    legend(grid[len(panels)], [row for _, _, result in panels for row in result["runs"]])
     return figure
+
+
+def _head(name: str) -> str:
+    return "stiff closed loop" if name == "closed_loop" else "free swing"
 
 
 def style(who: str) -> dict[str, Any]:
@@ -82,12 +85,14 @@ def lines(ax: Any, result: dict[str, Any]) -> None:
     )
 
 
-def legend(figure: Any, rows: list[dict[str, Any]]) -> None:
-    """Colours and markers, each said once."""
+def legend(ax: Any, rows: list[dict[str, Any]]) -> None:
+    """Colours and markers, each said once, in a cell of its own."""
     from matplotlib.lines import Line2D
 
     ways = [who for who in WAYS if any(who in row["seconds"] for row in rows)]
     methods = [m for m in MARKERS if any(row["method"] == m for row in rows)]
-    handles = [Line2D([], [], marker="o", linewidth=1.6, label=WAYS[who], **style(who)) for who in ways]
-    shapes = [Line2D([], [], color="0.2", marker=MARKERS[m], linestyle="", label=m) for m in methods]
-    figure.legend(handles=handles + shapes, loc="outside lower center", ncols=5, frameon=False)
+    lines = [Line2D([], [], marker="o", linewidth=1.6, label=WAYS[who], **style(who)) for who in ways]
+    shapes = [Line2D([], [], color="0.2", marker=MARKERS[m], markersize=7, linestyle="", label=m) for m in methods]
+    look = {"frameon": False, "fontsize": "large", "title_fontsize": "large", "alignment": "left"}
+    ax.add_artist(ax.legend(handles=lines, title="Who: colour and line", loc="upper left", **look))
+    ax.legend(handles=shapes, title="Method: marker", loc="upper left", bbox_to_anchor=(0.0, 0.6), ncols=2, **look)
