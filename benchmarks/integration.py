@@ -11,9 +11,9 @@ Pinocchio is its ABA in the very solvers of SciPy that ours runs in, with the sa
 thousandth of the relative one) and exact Jacobians on both sides where a method takes one. `rne.simulate` contains what
 it reports: energies, torques and accelerations at all times, and in the closed loop the work of the drives as a
 further state. gauss-4 and implicit-midpoint are ours alone. MuJoCo steps in C with its own integrators at equal steps;
-damping and constraints are off. Between its steps a SciPy method gives the states by its own interpolation, whose error
-can be some ten times that of the steps; equal steps meet the times exactly. Repeats: three for the swing of 1 s and the closed loop, two for
-10 s; the runs of 100 s are measured once.
+damping and constraints are off. Between its steps a SciPy method gives the states by its own interpolation, whose
+error can be some ten times that of the steps; equal steps meet the times exactly. Repeats: three for the swing of 1 s
+and the closed loop, two for 10 s; the runs of 100 s are measured once.
 """
 
 from __future__ import annotations
@@ -129,12 +129,11 @@ def _beside_gauss(rows: list[Row]) -> str:
     words = []
     for method in ("RK45", "DOP853"):
         times, drifts = np.log(runs(method, "simulate")).T
-        if np.log(seconds) >= times[0]:  # beyond the last run its drift counts: in that time there is a better one
-            factor = drift / np.exp(np.interp(np.log(seconds), times, drifts))
-            words.append(
-                f"{float(f'{max(factor, 1 / factor):.2g}'):g} times {'more' if factor > 1 else 'less'} than {method}'s"
-            )
-    beside = f", at equal time {' and '.join(words)}" if words else ""
+        if np.log(seconds) >= times[0]:  # beyond the last run that run's drift counts
+            factor = float(drift / np.exp(np.interp(np.log(seconds), times, drifts)))
+            much = float(f"{max(factor, 1 / factor):.2g}")
+            words.append(f"{method} {much:g} times {'less' if factor > 1 else 'more'}")
+    beside = f", in no more time {' and '.join(words)}" if words else ""
     said = f"rne.simulate's gauss-4 drifts by {drift:.1e} J in {seconds:.1f} s of wall time{beside}"
     peers = [(e, s, method) for method in ("RK4", "Euler", "implicit") for s, e in runs(method, "mujoco")]
     if not peers:
