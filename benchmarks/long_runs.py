@@ -40,8 +40,8 @@ PLANS = {
         100.0,
         1000,
         1,
-        {"RK45": (1e-5, 1e-7), "DOP853": (1e-6, 1e-9)},
-        {"gauss-4": (1e-2, 5e-3), "implicit-midpoint": (1e-2, 5e-3)},
+        {"RK45": (1e-5, 1e-8), "DOP853": (1e-6, 1e-8)},
+        {"gauss-4": (1e-2, 5e-3), "implicit-midpoint": (1e-2,)},
         dict.fromkeys(("Euler", "implicit", "RK4"), (2e-3, 5e-4)),
     ),
 }
