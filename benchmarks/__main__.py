@@ -32,7 +32,9 @@ def text(title: str, name: str, module: Any, result: dict[str, Any]) -> str:
     """A section of the page."""
     notes = (module.__doc__ or "").split("\n", 1)[1].strip().replace("\n\n", "\0").replace("\n", " ")
     picture = f"![{title}]({name}.png)"
-    return f"## {title}\n\n" + notes.replace("\0", "\n\n") + f"\n\n{picture}\n\n{module.tables(result)}\n"
+    conclude = getattr(module, "conclusion", None)
+    shown = f"{picture}\n\n{conclude(result)}" if conclude else picture
+    return f"## {title}\n\n" + notes.replace("\0", "\n\n") + f"\n\n{shown}\n\n{module.tables(result)}\n"
 
 
 def head(about: dict[str, Any], refused: dict[str, dict[str, str]]) -> str:

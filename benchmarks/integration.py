@@ -1,196 +1,142 @@
-"""Chart B: wall time against error of a free swing of 1 s, our right-hand side and Pinocchio's ABA in the same solvers.
+"""Chart B: wall time against error of simulations, ours beside Pinocchio's ABA and MuJoCo's integrators.
 
-The error is that of the joint positions at the end, against Gragg-Bulirsch-Stoer extrapolation in long double with the
-recursion; how far the reference itself may be off is what halving its steps changes.
+Four comparisons. *Free swing of 1 s*: the error of the joint positions at the end, against Gragg-Bulirsch-Stoer
+extrapolation in long double with the recursion; how far this reference may be off is what halving its steps changes.
+*Free swing of 10 s* and *of 100 s*: the energy drift, which is the largest |E(t) - E(0)| at 1000 equally spaced times,
+with the same energy function for all. *Stiff closed loop*: the IRB 140 under PD with gravity compensation and the gains
+of the thesis, whose fastest mode decays at 15 300 1/s; the error of the joint positions after 1 s, against Radau at
+1e-12; how far that may be off is the largest difference to it of LSODA and of Radau on Pinocchio's side.
+
+Pinocchio is its ABA in the very solvers of SciPy that ours runs in, with the same tolerances (the absolute one is a
+thousandth of the relative one) and exact Jacobians on both sides where a method takes one. `rne.simulate` contains what
+it reports: energies, torques and accelerations at all times, and in the closed loop the work of the drives as a
+further state. gauss-4 and implicit-midpoint are ours alone. MuJoCo steps in C with its own integrators at equal steps;
+damping and constraints are off. Between its steps a SciPy method gives the states by its own interpolation, whose
+error can be some ten times that of the steps; equal steps meet the times exactly. Repeats: three for the swing of 1 s
+and the closed loop, two for 10 s; the runs of 100 s are measured once.
 """
 
 from __future__ import annotations
 
-import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
-from scipy.integrate import solve_ivp
 
-import rne
+from benchmarks import closed_loop, long_runs, swing
+from benchmarks.integration_picture import picture
 from benchmarks.kernels import robots
-from benchmarks.measure import interleaved, ratio
-from benchmarks.peers import Pinocchio
-from benchmarks.pictures import OURS, PINOCCHIO, table, three
-from rne.plant import Plant
-from rne.report.plots import blank_figure
+from benchmarks.pictures import table, three
+from benchmarks.runs import WAYS, Row
 
-DURATION = 1.0  # [s]
-TOLERANCES: dict[str, tuple[float, ...]] = {  # relative; absolute ones are a thousandth
-    "RK45": (1e-4, 1e-6, 1e-8, 1e-10),
-    "DOP853": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
-    "LSODA": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
-    "Radau": (1e-4, 1e-6, 1e-8),
+__all__ = ["conclusion", "picture", "run", "tables"]
+
+TITLES = {
+    "swing": "Free swing of {:g} s, error of the joint positions at the end [rad]",
+    "drift_10": "Free swing of {:g} s, energy drift [J]",
+    "drift_100": "Free swing of {:g} s, energy drift [J]",
+    "closed_loop": "Stiff closed loop of {:g} s, error of the joint positions at the end [rad]",
 }
-MARKERS = {"RK45": "o", "DOP853": "s", "LSODA": "^", "Radau": "D"}
-WAYS = {"rne": "rne in solve_ivp", "simulate": "rne.simulate, energies included", "pinocchio": "Pinocchio in solve_ivp"}
-LEVELS = 9  # of the extrapolation
-Rates = Callable[[float, np.ndarray], np.ndarray]
-
-
-def extrapolated(rates: Rates, x: np.ndarray, steps: int) -> np.ndarray:
-    """The state after DURATION: each step by modified midpoint with 2, 4, 6, ... substeps, extrapolated to none."""
-    H = np.longdouble(DURATION) / steps
-    for _ in range(steps):
-        rows: list[np.ndarray] = []
-        start = rates(0.0, x)
-        for level in range(1, LEVELS + 1):
-            h = H / (2 * level)
-            before, now = x, x + h * start
-            for _ in range(2 * level - 1):
-                before, now = now, before + 2 * h * rates(0.0, now)
-            row = [(before + now + h * rates(0.0, now)) / 2]
-            for k in range(1, level):
-                ratio_squared = (np.longdouble(level) / (level - k)) ** 2
-                row.append(row[k - 1] + (row[k - 1] - rows[-1][k - 1]) / (ratio_squared - 1))
-            rows.append(row)
-        x = rows[-1][-1]
-    return x
-
-
-def reference(robot: rne.Robot, x0: np.ndarray, steps: int) -> tuple[np.ndarray, float]:
-    """The state at the end, and what twice the steps change in it."""
-    n = robot.n
-    model = robot.model.astype(np.longdouble)
-    still = np.zeros(n, dtype=np.longdouble)
-
-    def rates(_t: float, x: np.ndarray) -> np.ndarray:
-        return np.concatenate([x[n:], rne.forward_dynamics.core(model, x[:n], x[n:], still)[0]])
-
-    x = x0.astype(np.longdouble)
-    coarse, fine = extrapolated(rates, x, steps), extrapolated(rates, x, 2 * steps)
-    return fine, float(np.abs(fine - coarse)[:n].max())
-
-
-def right_hand_sides(robot: rne.Robot, xml: str) -> dict[str, tuple[Rates, Rates]]:
-    """dx/dt and its exact Jacobian, ours and Pinocchio's."""
-    n = robot.n
-    plant = Plant(rne.Scene(robot).right_hand_side, None)
-    theirs = Pinocchio(robot.model, xml, [np.zeros((1, n))] * 3)
-    model, data, still = theirs.model, theirs.data, np.zeros(n)
-    if model.nq != n or theirs.oracle.v.tolist() != list(range(n)):
-        raise ValueError(f"Pinocchio's coordinates of {robot.model.name!r} are not ours")
-
-    def rates(_t: float, x: np.ndarray) -> np.ndarray:
-        return np.concatenate([x[n:], pin.aba(model, data, x[:n], x[n:], still)])
-
-    def jacobian(_t: float, x: np.ndarray) -> np.ndarray:
-        dq, dqd, _ = pin.computeABADerivatives(model, data, x[:n], x[n:], still)
-        J = np.zeros((2 * n, 2 * n))
-        J[:n, n:] = np.eye(n)
-        J[n:, :n], J[n:, n:] = dq, dqd
-        return J
-
-    return {"rne": (plant, plant.jacobian), "pinocchio": (rates, jacobian)}
-
-
-def compare(robot: rne.Robot, xml: str, tolerances: dict[str, tuple[float, ...]], repeats: int, steps: int) -> Any:
-    """Every method and tolerance, three ways."""
-    n = robot.n
-    x0 = np.concatenate([np.linspace(0.3, 0.8, n), np.zeros(n)])
-    end, uncertain = reference(robot, x0, steps)
-    sides = right_hand_sides(robot, xml)
-    rows: dict[str, Any] = {}
-    for method, levels in tolerances.items():
-        for rtol in levels:
-            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": rtol * 1e-3}
-
-            def solve(who: str, options: dict[str, Any] = options) -> np.ndarray:
-                rates, jacobian = sides[who]
-                exact = {"jac": jacobian} if options["method"] == "Radau" else {}
-                y: np.ndarray = solve_ivp(rates, (0.0, DURATION), x0, **options, **exact).y[:n, -1]
-                return y
-
-            def simulate(options: dict[str, Any] = options) -> np.ndarray:
-                return rne.simulate(robot, x0[:n], x0[n:], DURATION, **options).q[-1]
-
-            calls = {"rne": lambda s=solve: s("rne"), "pinocchio": lambda s=solve: s("pinocchio"), "simulate": simulate}
-            errors = {who: float(np.abs(call() - end[:n]).max()) for who, call in calls.items()}
-            seconds = interleaved(calls, repeats)
-            rows[f"{method} {rtol:.0e}"] = {
-                "method": method,
-                "rtol": rtol,
-                "seconds": {who: statistics.median(runs) for who, runs in seconds.items()},
-                "errors": errors,
-                "times_slower": ratio(seconds, "rne", "pinocchio"),
-                "simulate_times_slower": ratio(seconds, "simulate", "pinocchio"),
-            }
-    return {"reference_uncertainty": uncertain, "runs": rows}
 
 
 def run(quick: bool) -> dict[str, Any]:
-    """IRB 140 and UR5."""
-    tolerances = {m: levels[:1] for m, levels in TOLERANCES.items()} if quick else TOLERANCES
-    repeats, steps = (1, 4) if quick else (5, 40)
-    start = time.perf_counter()
-    found = {name: r for name, r in robots().items() if name in ("irb140", "ur5")}
-    if quick:
-        found.pop("ur5")
-    rows = {name: compare(*r, tolerances, repeats, steps) for name, r in found.items()}
-    return {"repeats": repeats, "duration": DURATION, "took_s": time.perf_counter() - start, "robots": rows}
-
-
-def picture(results: dict[str, Any]) -> Any:
-    """Work-precision lines, a panel for each robot."""
-    found = results["robots"]
-    figure = blank_figure(7.5 * len(found), 6.5)
-    grid = np.atleast_1d(figure.subplots(1, len(found), sharex=True, sharey=True))
-    figure.suptitle(f"Free swing of {results['duration']:g} s: lower left is better (log scales)")
-    for ax, (robot, result) in zip(grid, found.items(), strict=True):
-        for method, marker in MARKERS.items():
-            runs = [r for r in result["runs"].values() if r["method"] == method]
-            for who, color, style in (("rne", OURS, "-"), ("simulate", OURS, ":"), ("pinocchio", PINOCCHIO, "-")):
-                ax.plot(
-                    [r["seconds"][who] * 1e3 for r in runs],
-                    [r["errors"][who] for r in runs],
-                    marker=marker,
-                    linestyle=style,
-                    color=color,
-                    markersize=5,
-                    fillstyle="none" if who == "simulate" else "full",
-                    label=f"{method}, {WAYS[who]}",
-                )
-        ax.set(xscale="log", yscale="log", title=robot, xlabel="wall time [ms]")
-        uncertain = result["reference_uncertainty"]
-        ax.axhline(uncertain, color="0.5", linestyle="--", linewidth=0.8)
-        ax.annotate(
-            "what halving the reference's steps changes",
-            (0.02, uncertain),
-            xycoords=("axes fraction", "data"),
-            xytext=(0, 3),
-            textcoords="offset points",
-            fontsize=7,
-            color="0.4",
-        )
-        ax.grid(True, alpha=0.25)
-    grid[0].set_ylabel("largest error of a joint's position at the end [rad]")
-    grid[0].set_ylim(bottom=1e-16)
-    grid[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False)
-    return figure
+    """All four."""
+    begin = time.perf_counter()
+    found = robots()
+    irb140, ur5 = ({name: found[name]} for name in ("irb140", "ur5"))
+    panels = {
+        "swing": swing.run(irb140 if quick else irb140 | ur5, quick),
+        "drift_10": long_runs.run(irb140 if quick else irb140 | ur5, "10 s", quick),
+        "drift_100": long_runs.run(ur5 if quick else irb140 | ur5, "100 s", quick),
+        "closed_loop": closed_loop.run(*irb140["irb140"], quick),
+    }
+    return {"took_s": time.perf_counter() - begin, "panels": panels}
 
 
 def tables(results: dict[str, Any]) -> str:
-    """All runs."""
-    rows = [
-        [
-            robot,
-            r["method"],
-            f"{r['rtol']:.0e}",
-            *(f"{r['seconds'][who] * 1e3:.1f}" for who in WAYS),
-            *(f"{r['errors'][who]:.1e}" for who in WAYS),
-            three(r["times_slower"]),
-            three(r["simulate_times_slower"]),
+    """One for each comparison."""
+    parts = []
+    for name, panel in results["panels"].items():
+        ways = [who for who in WAYS if any(who in row["seconds"] for _, row in _rows(panel))]
+        ratios = [who for who in ways if any(who in row["times_slower"] for _, row in _rows(panel))]
+        what = "drift [J]" if name.startswith("drift") else "error [rad]"
+        head = ["robot", "method", "rtol or step", *(f"ms, {WAYS[who]}" for who in ways)]
+        head += [*(f"{what}, {WAYS[who]}" for who in ways), *(f"times Pinocchio's time, {WAYS[who]}" for who in ratios)]
+        lines = [
+            [
+                robot,
+                row["method"],
+                row["setting"],
+                *(f"{row['seconds'][who] * 1e3:.1f}" if who in row["seconds"] else "-" for who in ways),
+                *(f"{row['errors'][who]:.1e}" if who in row["errors"] else "-" for who in ways),
+                *(three(row["times_slower"][who]) if who in row["times_slower"] else "-" for who in ratios),
+            ]
+            for robot, row in _rows(panel)
         ]
-        for robot, result in results["robots"].items()
-        for r in result["runs"].values()
-    ]
-    head = ["robot", "method", "rtol", "ms, rne in solve_ivp", "rne.simulate", "Pinocchio in solve_ivp", "error"]
-    return table([*head, "rne.simulate's", "Pinocchio's", "times Pinocchio's time", "rne.simulate's"], rows)
+        notes = "".join(f"\n\n{note}" for note in _notes(panel))
+        parts.append(f"### {TITLES[name].format(panel['duration'])}\n\n{table(head, lines)}{notes}")
+    return "\n\n".join(parts)
+
+
+def _rows(panel: dict[str, Any]) -> Iterator[tuple[str, Row]]:
+    for robot, result in panel["robots"].items():
+        for row in result["runs"]:
+            yield robot, row
+
+
+def _notes(panel: dict[str, Any]) -> Iterator[str]:
+    for robot, result in panel["robots"].items():
+        if "reference_uncertainty" in result:
+            yield f"{robot}: the reference may be off by {result['reference_uncertainty']:.0e} rad."
+        if "auto" in result:
+            yield f'{robot}: `method="auto"` takes {result["auto"]}.'
+        for name, why in result.get("refused", {}).items():
+            yield f"{robot}: {name} is left out: {why}."
+
+
+def conclusion(results: dict[str, Any]) -> str:
+    """What the figures say, in words."""
+    panels = results["panels"]
+    said = []
+    for words, name, who in (
+        ("In the same solver at the same error of the free swing rne takes", "swing", "rne"),
+        ("rne.simulate, with all it reports, takes", "swing", "simulate"),
+        ("On the stiff loop rne.simulate takes", "closed_loop", "simulate"),
+    ):
+        times = [row["times_slower"][who][0] for _, row in _rows(panels[name])]
+        said.append(f"{words} {min(times):.1f} to {max(times):.1f} times Pinocchio's time.")
+    loop = {(row["method"], row["setting"]): row["seconds"]["simulate"] for _, row in _rows(panels["closed_loop"])}
+    for (method, setting), seconds in loop.items():
+        if method == "RK45":
+            times = seconds / loop["LSODA", setting]
+            said.append(f"There RK45 takes {times:.0f} times the time of LSODA at the same tolerance {setting}.")
+    duration = panels["drift_100"]["duration"]
+    for robot, result in panels["drift_100"]["robots"].items():
+        said.append(f"Over {duration:g} s of the {robot} {_beside_gauss(result['runs'])}.")
+    return " ".join(said)
+
+
+def _beside_gauss(rows: list[Row]) -> str:
+    """The least drift of gauss-4 beside that of others on the lines through their runs; MuJoCo's least."""
+
+    def runs(method: str, who: str) -> list[tuple[float, float]]:
+        return sorted(
+            (r["seconds"][who], r["errors"][who]) for r in rows if r["method"] == method and who in r["seconds"]
+        )
+
+    drift, seconds = min((e, s) for s, e in runs("gauss-4", "simulate"))
+    words = []
+    for method in ("RK45", "DOP853"):
+        times, drifts = np.log(runs(method, "simulate")).T
+        if np.log(seconds) >= times[0]:  # beyond the last run that run's drift counts
+            factor = float(drift / np.exp(np.interp(np.log(seconds), times, drifts)))
+            much = float(f"{max(factor, 1 / factor):.2g}")
+            words.append(f"{method} {much:g} times {'less' if factor > 1 else 'more'}")
+    beside = f", in no more time {' and '.join(words)}" if words else ""
+    said = f"rne.simulate's gauss-4 drifts by {drift:.1e} J in {seconds:.1f} s of wall time{beside}"
+    peers = [(e, s, method) for method in ("RK4", "Euler", "implicit") for s, e in runs(method, "mujoco")]
+    if not peers:
+        return said
+    drift, seconds, method = min(peers)
+    return f"{said}; MuJoCo's {method}, stepped in C, by {drift:.1e} J in {seconds:.1f} s"

@@ -17,14 +17,14 @@ import numpy as np
 RESULTS = Path(__file__).parent / "results"
 
 
-def interleaved(calls: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, list[float]]:
-    """Seconds of each call, run in turn `repeats` times after one warm-up."""
+def interleaved(calls: Mapping[str, Callable[[], Any]], repeats: int, warm_ups: int = 1) -> dict[str, list[float]]:
+    """Seconds of each call, run in turn `repeats` times after the warm-ups."""
     seconds: dict[str, list[float]] = {name: [] for name in calls}
-    for repeat in range(repeats + 1):
+    for repeat in range(warm_ups + repeats):
         for name, call in calls.items():
             start = time.perf_counter()
             call()
-            if repeat:
+            if repeat >= warm_ups:
                 seconds[name].append(time.perf_counter() - start)
     return seconds
 

@@ -1,0 +1,95 @@
+"""Long free swings: wall time against energy drift, the largest |E(t) - E(0)| on a grid of times.
+
+The grid and the function that gives the energies are the same for all. Between its steps a SciPy method gives its own
+interpolation; the equal steps meet the grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import rne
+from benchmarks.mujoco_runs import INTEGRATORS, stepper
+from benchmarks.runs import Motion, Row, in_solve_ivp, measured, simulated, start, their_side, tolerance
+
+
+class Plan(NamedTuple):
+    """A length of time with the methods' settings."""
+
+    duration: float  # [s]
+    samples: int  # of the energy, beside that at the start
+    repeats: int
+    tolerances: Mapping[str, tuple[float, ...]]  # of SciPy's methods
+    steps: Mapping[str, tuple[float, ...]]  # of ours with equal steps [s]
+    mujoco: Mapping[str, tuple[float, ...]]  # of MuJoCo's integrators [s]
+
+
+PLANS = {
+    "10 s": Plan(
+        10.0,
+        1000,
+        2,
+        {"RK45": (1e-4, 1e-6, 1e-8), "DOP853": (1e-5, 1e-8, 1e-10), "LSODA": (1e-6, 1e-8), "Radau": (1e-3, 1e-4)},
+        {"gauss-4": (1e-2, 5e-3), "implicit-midpoint": (1e-2, 5e-3)},
+        dict.fromkeys(INTEGRATORS, (1e-2, 2e-3, 5e-4)),
+    ),
+    "100 s": Plan(
+        100.0,
+        1000,
+        1,
+        {"RK45": (1e-5, 1e-8), "DOP853": (1e-6, 1e-8)},
+        {"gauss-4": (1e-2, 5e-3), "implicit-midpoint": (1e-2,)},
+        dict.fromkeys(("Euler", "implicit", "RK4"), (2e-3, 5e-4)),
+    ),
+}
+
+
+def shortened(plan: Plan) -> Plan:
+    """Half a second, one setting a method."""
+    first = [{name: values[:1] for name, values in settings.items()} for settings in plan[3:]]
+    return Plan(0.5, 50, 1, *first)
+
+
+def compare(robot: rne.Robot, xml: str, plan: Plan) -> dict[str, Any]:
+    """Every method and setting, without warm-up: the kernels are made in a short run before."""
+    x0, duration = start(robot.n), plan.duration
+    grid = np.linspace(0.0, duration, plan.samples + 1)
+    theirs = their_side(robot, xml)
+    for method in ("RK45", *plan.steps):
+        simulated(robot, x0, 0.05, method=method)
+
+    def drift(motion: Motion) -> float:
+        energy = robot.kinetic_energy(*motion) + robot.potential_energy(motion[0])
+        return float(np.abs(energy - energy[0]).max())
+
+    def timed(method: str, setting: str, calls: dict[str, Any]) -> Row:
+        return measured(method, setting, calls, drift, plan.repeats, warm_ups=0)
+
+    rows = []
+    for method, levels in plan.tolerances.items():
+        for o in (tolerance(method, rtol) for rtol in levels):
+            calls = {
+                "simulate": lambda o=o: simulated(robot, x0, duration, t_eval=grid, **o),
+                "pinocchio": lambda o=o: in_solve_ivp(theirs, x0, duration, o, t_eval=grid),
+            }
+            rows.append(timed(method, f"{o['rtol']:.0e}", calls))
+    for method, steps in plan.steps.items():
+        for h in steps:
+            call = {"simulate": lambda m=method, h=h: simulated(robot, x0, duration, method=m, step=h, t_eval=grid)}
+            rows.append(timed(method, f"{h * 1e3:g} ms", call))
+    peer = stepper(robot, x0, grid)
+    if isinstance(peer, str):
+        return {"runs": rows, "refused": {"MuJoCo": peer}}
+    for method, steps in plan.mujoco.items():
+        rows += [timed(method, f"{h * 1e3:g} ms", {"mujoco": lambda m=method, h=h: peer(m, h)}) for h in steps]
+    return {"runs": rows, "refused": {}}
+
+
+def run(found: dict[str, Any], length: str, quick: bool) -> dict[str, Any]:
+    """On each robot."""
+    plan = shortened(PLANS[length]) if quick else PLANS[length]
+    rows = {name: compare(*r, plan) for name, r in found.items()}
+    return {"duration": plan.duration, "repeats": plan.repeats, "robots": rows}

@@ -1,0 +1,120 @@
+"""What the panels of chart B share: the ways of simulating, and runs timed beside their errors."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate import solve_ivp
+
+import rne
+from benchmarks.measure import interleaved, ratio
+from benchmarks.peers import Pinocchio
+from rne.plant import Plant
+from rne.smooth import IMPLICIT
+
+WAYS = {
+    "rne": "rne in solve_ivp",
+    "simulate": "rne.simulate",
+    "pinocchio": "Pinocchio in solve_ivp",
+    "mujoco": "MuJoCo's own steps",
+}
+Rates = Callable[[float, np.ndarray], np.ndarray]
+Side = tuple[Rates, Rates]  # dx/dt and its exact Jacobian
+Motion = tuple[np.ndarray, np.ndarray]  # q and qd, shapes (T, n)
+Row = dict[str, Any]
+
+
+def start(n: int) -> np.ndarray:
+    """The state that every swing starts from, at rest."""
+    return np.concatenate([np.linspace(0.3, 0.8, n), np.zeros(n)])
+
+
+def tolerance(method: str, rtol: float) -> dict[str, Any]:
+    """Options of a SciPy method; the absolute tolerance is a thousandth of the relative one."""
+    return {"method": method, "rtol": rtol, "atol": rtol * 1e-3}
+
+
+def in_solve_ivp(side: Side, x0: np.ndarray, duration: float, options: dict[str, Any], **more: Any) -> Motion:
+    """A run of SciPy's solver itself."""
+    rates, jacobian = side
+    exact = {"jac": jacobian} if options["method"] in IMPLICIT else {}
+    y = solve_ivp(rates, (0.0, duration), x0, **options, **exact, **more).y.T
+    n = len(x0) // 2
+    return y[:, :n], y[:, n:]
+
+
+def simulated(scene: rne.Scene | rne.Robot, x0: np.ndarray, duration: float, **options: Any) -> Motion:
+    """A run of ours, with all that it reports."""
+    n = len(x0) // 2
+    motion = rne.simulate(scene, x0[:n], x0[n:], duration, **options)
+    return motion.q, motion.qd
+
+
+def our_side(robot: rne.Robot) -> Side:
+    """Of a bare arm."""
+    plant = Plant(rne.Scene(robot).right_hand_side, None)
+    return plant, plant.jacobian
+
+
+def their_arm(robot: rne.Robot, xml: str) -> tuple[Any, Any]:
+    """Pinocchio's model and data with our numbers, if its coordinates are ours."""
+    theirs = Pinocchio(robot.model, xml, [np.zeros((1, robot.n))] * 3)
+    if theirs.model.nq != robot.n or theirs.oracle.v.tolist() != list(range(robot.n)):
+        raise ValueError(f"Pinocchio's coordinates of {robot.model.name!r} are not ours")
+    return theirs.model, theirs.data
+
+
+def their_side(robot: rne.Robot, xml: str) -> Side:
+    """Pinocchio's ABA of a bare arm."""
+    n, still = robot.n, np.zeros(robot.n)
+    model, data = their_arm(robot, xml)
+
+    def rates(_t: float, x: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[n:], pin.aba(model, data, x[:n], x[n:], still)])
+
+    def jacobian(_t: float, x: np.ndarray) -> np.ndarray:
+        dq, dqd, _ = pin.computeABADerivatives(model, data, x[:n], x[n:], still)
+        return by_state(dq, dqd)
+
+    return rates, jacobian
+
+
+def by_state(dq: np.ndarray, dqd: np.ndarray) -> np.ndarray:
+    """df/dx for x = (q, qd) from the derivatives of the accelerations."""
+    n = len(dq)
+    J = np.zeros((2 * n, 2 * n))
+    J[:n, n:] = np.eye(n)
+    J[n:, :n], J[n:, n:] = dq, dqd
+    return J
+
+
+def measured(
+    method: str,
+    setting: str,
+    calls: Mapping[str, Callable[[], Motion]],
+    error: Callable[[Motion], float],
+    repeats: int,
+    warm_ups: int = 1,
+) -> Row:
+    """One method at one setting by every way that has it: median seconds, errors, times Pinocchio's time."""
+    found: dict[str, Motion] = {}
+
+    def kept(who: str, call: Callable[[], Motion]) -> Callable[[], None]:
+        def run() -> None:
+            found[who] = call()
+
+        return run
+
+    seconds = interleaved({who: kept(who, call) for who, call in calls.items()}, repeats, warm_ups)
+    others = [who for who in calls if who != "pinocchio" and "pinocchio" in calls]
+    return {
+        "method": method,
+        "setting": setting,
+        "seconds": {who: statistics.median(runs) for who, runs in seconds.items()},
+        "errors": {who: error(motion) for who, motion in found.items()},
+        "times_slower": {who: ratio(seconds, who, "pinocchio") for who in others},
+    }
