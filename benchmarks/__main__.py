@@ -31,10 +31,14 @@ THREADS = 1
 def text(title: str, name: str, module: Any, result: dict[str, Any]) -> str:
     """A section of the page."""
     notes = (module.__doc__ or "").split("\n", 1)[1].strip().replace("\n\n", "\0").replace("\n", " ")
-    picture = f"![{title}]({name}.png)"
+    parts = [f"## {title}", notes.replace("\0", "\n\n"), f"![{title}]({name}.png)", *found(module, result)]
+    return "\n\n".join(parts) + "\n"
+
+
+def found(module: Any, result: dict[str, Any]) -> list[str]:
+    """What is concluded, where a chart concludes something, and the table."""
     conclude = getattr(module, "conclusion", None)
-    shown = f"{picture}\n\n{conclude(result)}" if conclude else picture
-    return f"## {title}\n\n" + notes.replace("\0", "\n\n") + f"\n\n{shown}\n\n{module.tables(result)}\n"
+    return [*([conclude(result)] if conclude else []), module.tables(result)]
 
 
 def head(about: dict[str, Any], refused: dict[str, dict[str, str]]) -> str:
@@ -67,7 +71,7 @@ def main() -> None:
     for name, (module, title) in CHARTS.items():
         start = time.perf_counter()
         results[name] = module.run(quick)
-        print(f"## {title}\n\n{module.tables(results[name])}\n", flush=True)
+        print("\n\n".join([f"## {title}", *found(module, results[name])]) + "\n", flush=True)
         print(f"{name} took {time.perf_counter() - start:.1f} s", file=sys.stderr)
     pictures = {name: module.picture(results[name]) for name, (module, _) in CHARTS.items()}
     if quick:

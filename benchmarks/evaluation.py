@@ -268,7 +268,7 @@ def building(columns: dict[str, Any]) -> str:
 
 
 def tables(results: dict[str, Any]) -> str:
-    """What follows from the points, and all points."""
+    """All points."""
     head = ["robot", "quantity", "call", "ns a state", "error, worst", "median", "times Pinocchio's speed", "of its"]
     rows = [
         [
@@ -285,4 +285,4 @@ def tables(results: dict[str, Any]) -> str:
         for quantity, calls in quantities.items()
         for name, row in calls.items()
     ]
-    return f"{conclusion(results)}\n\n{table(head, rows)}"
+    return table(head, rows)

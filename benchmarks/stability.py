@@ -1,11 +1,12 @@
 """Where methods fail, docs/stability.md: python -m benchmarks.stability [--quick]
 
-Every method on every family of tests/stability, against 50 digits.
+Every method on every family of tests/stability, against 50 digits, and the motions at the edges of simulation.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,31 +15,19 @@ from typing import Any
 import mpmath
 
 import rne
+from benchmarks import motions, motions_pictures
+from benchmarks.measure import write
+from benchmarks.pictures import table
 from rne.robots.chains import straight_chain
 from tests.stability.families import FAMILIES, Case, case, straight, subjects
 from tests.stability.far_file import exact_model, far_text
 from tests.stability.known import KNOWN
-from tests.stability.structured import DIGITS, Measured, measure
+from tests.stability.structured import DIGITS, measure
 
 OUT = Path(__file__).parent.parent / "docs" / "stability.md"
-INTRODUCTION = """# Where methods fail
-
-Errors in float64 against 50 digits, written by `python -m benchmarks.stability`. *Error* is relative to the largest
-entry; for M, to its diagonal. *Condition* is the structured one: by how much a small relative change of every number
-of the robot and of the state (entries of rotations and axes each by itself, angles relative to at most pi) is
-amplified in the result, and at least 1, found by perturbing in 50 digits. Each row shows the case of its family where
-error / (eps condition) is largest; `tests/stability` asserts that it stays below 10 n, or that
-`SingularMassMatrixError` is raised, except where the last column says what to use instead. *Compiled* is what a
-`Robot`'s methods run. A large error beside a small last figure is no fault of the method: the robot's numbers, rounded
-to float64, do not say more; give the arguments as `np.longdouble` if they are known better.
-`robot.diagnose(q)` estimates the digits that forward dynamics keep.
-
-"""
-HEAD = (
-    "| family | quantity | worst case | error | condition | error / (eps condition) | use instead |\n"
-    + "|---" * 7
-    + "|\n"
-)
+PICTURES = OUT.parent / "stability"
+INTRODUCTION = (Path(__file__).parent / "limits.md").read_text(encoding="utf-8").strip()
+HEAD = ["family", "quantity", "worst case", "error", "condition", "error / (eps condition)", "use instead"]
 
 
 def far_origins() -> Iterator[tuple[Case, Any]]:
@@ -54,46 +43,59 @@ def far_origins() -> Iterator[tuple[Case, Any]]:
         yield case(f"{name}, a URDF with joint origins slid to 1e6 m", loaded), exact
 
 
-def rows(family: str, cases: list[tuple[Case, Any]]) -> list[str]:
+def rows(family: str, cases: list[tuple[Case, Any]]) -> list[dict[str, Any]]:
     """One row a method: the worst case of the family."""
-    worst: dict[str, tuple[float, str, Measured]] = {}
+    worst: dict[str, dict[str, Any]] = {}
     refused: dict[str, list[str]] = {}
     for one, exact in cases:
         found = measure(one, perturbations=1 if one.model.n > 60 else 3, exact_model=exact)
         for method, measured in found.items():
             if measured.refused:
                 refused.setdefault(method, []).append(one.name)
-            key = (measured.ratio / one.model.n, one.name, measured)
-            if method not in worst or key[0] > worst[method][0]:
-                worst[method] = key
-    lines = []
-    for method, (_, name, m) in worst.items():
-        known = KNOWN.get((name, method))
-        instead = known.instead if known else ""
-        if method in refused:
-            instead = f"mpmath numbers for {', '.join(refused[method])}, refused as singular"
-        ratio = f"**{m.ratio:.2g}**" if known else f"{m.ratio:.2g}"
-        lines.append(f"| {family} | {method} | {name} | {m.error:.1e} | {m.condition:.1e} | {ratio} | {instead} |")
-    return lines
+            row = {"family": family, "method": method, "case": one.name, "n": one.model.n, **measured._asdict()}
+            row["ratio"] = measured.ratio
+            if method not in worst or row["ratio"] / row["n"] > worst[method]["ratio"] / worst[method]["n"]:
+                worst[method] = row
+    return [row | {"refused_cases": refused.get(method, [])} for method, row in worst.items()]
+
+
+def cells(row: dict[str, Any]) -> list[str]:
+    """Of the table."""
+    known = KNOWN.get((row["case"], row["method"]))
+    instead = known.instead if known else "warned of" if row["warned"] else ""
+    if row["refused_cases"]:
+        instead = f"mpmath numbers for {', '.join(row['refused_cases'])}, refused as singular"
+    ratio = f"**{row['ratio']:.2g}**" if known else f"{row['ratio']:.2g}"
+    figures = [f"{row['error']:.1e}", f"{row['condition']:.1e}", ratio]
+    return [row["family"], row["method"], row["case"], *figures, instead]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one family, and no file is written")
     quick = parser.parse_args().quick
-    table = HEAD
+    found: list[dict[str, Any]] = []
     for family, cases in FAMILIES.items():
         if quick and family != "base far away":
             continue
         members: list[tuple[Case, Any]] = [(one, None) for one in cases()]
         if family == "straight chains" and not quick:
             members.append((case("straight chain, n = 100", straight_chain(100), straight(100), count=1), None))
-        table += "\n".join(rows(family, members)) + "\n"
-    if not quick:
-        table += "\n".join(rows("slid joint origins", list(far_origins()))) + "\n"
-    print(table)
-    if not quick:
-        OUT.write_text(INTRODUCTION + table, encoding="utf-8")
+        found += rows(family, members)
+    if quick:
+        print(table(HEAD, map(cells, found)))
+        return
+    found += rows("slid joint origins", list(far_origins()))
+    moved = json.loads(json.dumps(motions.run()))
+    write("stability.json", {"evaluation": found, "simulation": moved})
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    pictures = {"families": motions_pictures.families(found)}
+    pictures |= {name: getattr(motions_pictures, name)(moved) for name in ("steps", "effort", "growth")}
+    for name, figure in pictures.items():
+        figure.savefig(PICTURES / f"{name}.png", facecolor="white")
+    page = "\n\n".join([INTRODUCTION, table(HEAD, map(cells, found)), motions.section(moved)])
+    print(page)
+    OUT.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

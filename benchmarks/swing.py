@@ -9,6 +9,7 @@ import numpy as np
 
 import rne
 from benchmarks.runs import Row, in_solve_ivp, measured, our_side, simulated, start, their_side, tolerance
+from rne.horizon import without_steps
 
 DURATION = 1.0  # [s]
 TOLERANCES: dict[str, tuple[float, ...]] = {
@@ -35,17 +36,8 @@ def extrapolated(rates: Callable[[np.ndarray], np.ndarray], x: np.ndarray, steps
             if j == 2 * (done + 1):
                 ends.append((before[done] + now[done] + width[0] * slope[0]) / 2)
             before[done:], now[done:] = now[done:].copy(), before[done:] + 2 * width * slope
-        x = _without_steps(ends)
+        x = without_steps(ends)
     return x
-
-
-def _without_steps(ends: list[np.ndarray]) -> np.ndarray:
-    """The limit of results at h/2, h/4, h/6, ...: Neville's scheme in the squares of the steps."""
-    for k in range(1, len(ends)):
-        for level in range(len(ends) - 1, k - 1, -1):
-            squared = (np.longdouble(level + 1) / (level + 1 - k)) ** 2
-            ends[level] = ends[level] + (ends[level] - ends[level - 1]) / (squared - 1)
-    return ends[-1]
 
 
 def reference(robot: rne.Robot, x0: np.ndarray, steps: int) -> tuple[np.ndarray, float]:

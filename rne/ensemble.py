@@ -75,7 +75,7 @@ def ensemble(
     scene_or_robot : Scene or Robot
         Its controller, if it has one, must be traceable and not sampled; stops and sticking friction are not modelled.
     q0, qd0 : array_like, shape (N, n)
-        Positions and rates at the start [rad or m, /s].
+        Positions and rates at the start [rad or m, /s]. Both float32: all is computed in it, see docs/stability.md.
     duration, step : float
         [s]; the last step is as long as all others, near `step`.
     method : {"rk4", "semi-implicit-euler", "implicit-midpoint"}
@@ -123,12 +123,12 @@ def ensemble(
     spans = keep - 1
     steps = max(1, round(end / near / spans + 0.4999999)) * spans
     plan = Plan(rhs, method, end / steps, steps, spans)
-    x0 = np.concatenate([q, qd, np.zeros((len(q), rhs.size - 2 * n))], axis=1)
+    x0 = np.concatenate([q, qd, np.zeros((len(q), rhs.size - 2 * n), q.dtype)], axis=1)
     kept = _run_all(plan, x0, progress, executor)
     t = np.linspace(0.0, end, keep)
     per_step = {"rk4": 4, "semi-implicit-euler": 1}.get(method, 0)
     count = sum(part[1] for part in kept) or per_step * steps * len(q)
-    x = np.concatenate([part[0] for part in kept], axis=1) if kept else np.zeros((keep, 0, rhs.size))
+    x = np.concatenate([part[0] for part in kept], axis=1) if kept else np.zeros((keep, 0, rhs.size), q.dtype)
     own = 2 * n + rhs.own_states
     return Ensemble(t, x[..., :n], x[..., n : 2 * n], x[..., own:], rhs.ledger, method, end / steps, count)
 
@@ -163,7 +163,7 @@ class _Work:
     def __init__(self, rhs: RightHandSide, x: Array) -> None:
         self.rhs, self.kernel, self.n = rhs, rhs.kernel, rhs.arm.n
         self.x = np.array(x)
-        self.t = np.zeros((len(x), 1))
+        self.t = np.zeros((len(x), 1), self.x.dtype)
         self.k, self.sum, self.stage = (np.empty_like(self.x) for _ in range(3))
         self.calls = 0
 
@@ -204,11 +204,12 @@ def _midpoint(work: _Work, t: float, h: float) -> None:
     x = work.x
     new = work.slope(t, x).copy()
     first = h * np.abs(new).max(initial=0.0)
+    small = max(CONVERGED, 4 * float(np.finfo(x.dtype).eps))
     for _ in range(ITERATIONS):
         old = new
         new = work.slope(t + h / 2, x + (h / 2) * old).copy()
         change = h * np.abs(new - old).max(initial=0.0)
-        if change <= CONVERGED * max(1.0, float(np.abs(x).max(initial=0.0))):
+        if change <= small * max(1.0, float(np.abs(x).max(initial=0.0))):
             x += h * new
             return
         if change > 1e3 * max(1.0, first):

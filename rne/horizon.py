@@ -102,19 +102,24 @@ def extrapolated(rates: Callable[[Array, Array], Array], t: Array, x: Array, h: 
     levels : int
         The order is twice this.
     """
-    last: list[Array] = []
+    ends = []
     start = rates(t, x)
     for level in range(1, levels + 1):
         part = h / (2 * level)
         before, now = x, x + part[..., None] * start
         for k in range(1, 2 * level):
             before, now = now, before + 2 * part[..., None] * rates(t + k * part, now)
-        row = [(before + now + part[..., None] * rates(t + h, now)) / 2]
-        for k in range(1, level):
-            ratio_squared = (np.ones((), dtype=x.dtype) * level / (level - k)) ** 2
-            row.append(row[k - 1] + (row[k - 1] - last[k - 1]) / (ratio_squared - 1))
-        last = row
-    return last[-1]
+        ends.append((before + now + part[..., None] * rates(t + h, now)) / 2)
+    return without_steps(ends)
+
+
+def without_steps(ends: list[Array]) -> Array:
+    """The limit of results with steps h/2, h/4, h/6, ...: Neville's scheme in their squares."""
+    for k in range(1, len(ends)):
+        for level in range(len(ends) - 1, k - 1, -1):
+            squared = (np.ones((), dtype=ends[0].dtype) * (level + 1) / (level + 1 - k)) ** 2
+            ends[level] = ends[level] + (ends[level] - ends[level - 1]) / (squared - 1)
+    return ends[-1]
 
 
 def _rates(plant: Plant, t: Array, X: Array) -> Array:
