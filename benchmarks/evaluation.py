@@ -15,7 +15,9 @@ inertias turned into them, because its DH robots have their recursion in C; M an
 loops around that recursion. adam reads the URDF; M and the bias force are its own, from which inverse and forward
 dynamics are put together, since it has them for a fixed base in no other form: on batches in NumPy, and its CasADi
 expressions in C like the kernel's, with CasADi's LDL for the forward dynamics; its JAX and PyTorch are not timed.
-Calls that take long are timed on fewer states: 2000 for single calls, 1000 for adam's NumPy, 200 for the toolbox's
+"Kernel, refined once" adds a pass of iterative refinement, whose residual is the recursion's in long double: the price
+of the digits that it wins where M is ill-conditioned, see [Where methods fail](../stability.md), which these states are
+not. Calls that take long are timed on fewer states: 2000 for single calls, 1000 for adam's NumPy, 200 for the toolbox's
 loops. A batch call of the kernel has a fixed cost, which compiled calls have not: chart C shows what it does to small
 batches.
 """
@@ -135,6 +137,10 @@ def ours(case: Case, few: int) -> list[Point]:
             lambda k: np.array([kernel(*(a[i].copy() for a in arrays)) for i in range(k)]),
         ),
     ]
+    if case.quantity == "forward_dynamics":
+        short = [a[:few] for a in arrays]
+        refined = partial(case.robot.forward_dynamics, *short, refine=1)
+        found.append(Point("kernel, refined once", refined, few, lambda k: refined()[:k]))
     for dtype in MARKERS:
         typed = [a[:few].astype(dtype) for a in arrays]
         name = "recursion" if dtype == "float64" else f"recursion, {dtype}"

@@ -9,6 +9,15 @@ import numpy as np
 from rne.report.plots import blank_figure
 
 STYLES = {"rk4": "o", "semi-implicit-euler": "s", "sampled": "^"}
+QUANTITIES = {"inverse dynamics": "#0b62a4", "mass matrix": "#3f9b6e", "forward dynamics": "#c8501e"}
+MARKERS = {
+    "": "o",
+    " by M": "o",
+    ", compiled": "s",
+    " by articulated bodies": "^",
+    ", refined twice": "D",
+    ", Pinocchio": "x",
+}
 COLORS = {
     "auto": "#000000",
     "LSODA": "#0b62a4",
@@ -26,11 +35,13 @@ def families(rows: list[dict[str, Any]]) -> Any:
     methods = list(dict.fromkeys(r["method"] for r in rows))
     figure = blank_figure(11, 6.5)
     ax = figure.subplots()
-    shapes = "osD^v<>Pp*"
     for m, method in enumerate(methods):
+        quantity = next(q for q in QUANTITIES if method.startswith(q))
+        marker = MARKERS[method.removeprefix(quantity)]
         mine = [r for r in rows if r["method"] == method and r["ratio"] > 0]
         y = [names.index(r["family"]) + 0.07 * (m - (len(methods) - 1) / 2) for r in mine]
-        ax.plot([r["ratio"] / r["n"] for r in mine], y, shapes[m % len(shapes)], markersize=5, label=method)
+        x = [r["ratio"] / r["n"] for r in mine]
+        ax.plot(x, y, marker, color=QUANTITIES[quantity], markersize=6, fillstyle="none", label=method)
     ax.axvline(10, color="0.3", linestyle="--", linewidth=1, label="bound")
     ax.set(xscale="log", xlabel="error / (n eps structured condition), worst case of the family [1]")
     ax.set_yticks(range(len(names)), names)

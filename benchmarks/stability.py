@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ import mpmath
 import rne
 from benchmarks import motions, motions_pictures
 from benchmarks.measure import write
+from benchmarks.peers import Pinocchio
 from benchmarks.pictures import table
 from rne.robots.chains import straight_chain
 from tests.stability.families import FAMILIES, Case, case, straight, subjects
@@ -43,12 +46,31 @@ def far_origins() -> Iterator[tuple[Case, Any]]:
         yield case(f"{name}, a URDF with joint origins slid to 1e6 m", loaded), exact
 
 
+def pinocchio(one: Case) -> dict[str, Any]:
+    """Pinocchio's methods on our very numbers, as in METHODS; none where it cannot be given them."""
+    try:
+        oracle = Pinocchio(one.model, rne.to_urdf(one.model), [one.q, one.qd, one.qdd]).oracle
+    except ValueError as error:
+        print(f"Pinocchio is left out of {one.name}: {error}", file=sys.stderr)
+        return {}
+    calls = {
+        "inverse dynamics": oracle.inverse_dynamics,
+        "mass matrix": oracle.mass_matrix,
+        "forward dynamics": oracle.forward_dynamics,
+    }
+    return {quantity: {", Pinocchio": partial(_ours, call)} for quantity, call in calls.items()}
+
+
+def _ours(call: Any, _model: rne.Model, *state: Any) -> Any:
+    return call(*state)
+
+
 def rows(family: str, cases: list[tuple[Case, Any]]) -> list[dict[str, Any]]:
     """One row a method: the worst case of the family."""
     worst: dict[str, dict[str, Any]] = {}
     refused: dict[str, list[str]] = {}
     for one, exact in cases:
-        found = measure(one, perturbations=1 if one.model.n > 60 else 3, exact_model=exact)
+        found = measure(one, perturbations=1 if one.model.n > 60 else 3, exact_model=exact, others=pinocchio(one))
         for method, measured in found.items():
             if measured.refused:
                 refused.setdefault(method, []).append(one.name)

@@ -57,11 +57,14 @@ class Hinge(NamedTuple):
 
 
 def rigid_body(model: Model, i: int, omega: Array, v: Array) -> tuple[Inertia, Force]:
-    """Inertia of body i about its frame's origin, and its bias force v x* I v (Featherstone 2008, (2.63), (7.13))."""
+    """Inertia of body i about its frame's origin, and its bias force v x* I v (Featherstone 2008, (2.63), (7.13)).
+
+    With v x m v = 0 left out, whose rounding would drown a small inertia, and Jacobi's identity for the terms in h.
+    """
     m, h, I_o = model.moments.mass[i], model.moments.first[i], model.moments.inertia[i]
-    linear = m * v + cross(omega, h)
-    angular = rotate(I_o, omega) + cross(h, v)
-    bias = Force(cross(omega, angular) + cross(v, linear), cross(omega, linear))
+    carried = cross(omega, v)
+    moment = cross(omega, rotate(I_o, omega)) + cross(h, carried)
+    bias = Force(moment, m * carried + cross(omega, cross(omega, h)))
     return Inertia(I_o, cross_matrix(h), m * IDENTITY), bias
 
 

@@ -131,8 +131,8 @@ METHODS = {
 COMPILED_UP_TO = 20  # joints
 
 
-def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exact_model=None):
-    """Every method of each quantity: {quantity and method: Measured}.
+def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exact_model=None, others=None):
+    """Every method of each quantity: {quantity and method: Measured}; `others` are further ones, as in METHODS.
 
     Against the case's own doubles, or against another Model of mpmath numbers; the condition is the case's.
     """
@@ -145,7 +145,7 @@ def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exa
         if exact_model is not None:
             with mpmath.workdps(DIGITS):
                 exact = exact._replace(value=QUANTITIES[quantity](exact_model, *(changed(x, None) for x in arguments)))
-        for method, function in METHODS[quantity].items():
+        for method, function in (METHODS[quantity] | (others or {}).get(quantity, {})).items():
             if (isinstance(function, str) or function is refined) and case.model.n > COMPILED_UP_TO:
                 continue
             found[quantity + method] = answered(robot, function, arguments, exact)
