@@ -24,13 +24,12 @@ from benchmarks.pictures import table
 from rne.robots.chains import straight_chain
 from tests.stability.families import FAMILIES, Case, case, straight, subjects
 from tests.stability.far_file import exact_model, far_text
-from tests.stability.known import KNOWN
 from tests.stability.structured import DIGITS, measure
 
 OUT = Path(__file__).parent.parent / "docs" / "stability.md"
 PICTURES = OUT.parent / "stability"
 INTRODUCTION = (Path(__file__).parent / "limits.md").read_text(encoding="utf-8").strip()
-HEAD = ["family", "quantity", "worst case", "error", "condition", "error / (eps condition)", "use instead"]
+HEAD = ["family", "quantity", "worst case", "error", "condition", "error / (eps condition)", ""]
 
 
 def far_origins() -> Iterator[tuple[Case, Any]]:
@@ -83,12 +82,12 @@ def rows(family: str, cases: list[tuple[Case, Any]]) -> list[dict[str, Any]]:
 
 def cells(row: dict[str, Any]) -> list[str]:
     """Of the table."""
-    known = KNOWN.get((row["case"], row["method"]))
-    instead = known.instead if known else "warned of" if row["warned"] else ""
+    instead = "warned of" if row["warned"] else ""
     if row["refused_cases"]:
         instead = f"mpmath numbers for {', '.join(row['refused_cases'])}, refused as singular"
-    ratio = f"**{row['ratio']:.2g}**" if known else f"{row['ratio']:.2g}"
-    figures = [f"{row['error']:.1e}", f"{row['condition']:.1e}", ratio]
+    ratio = f"{row['ratio']:.2g}"
+    beyond = row["ratio"] > 10 * row["n"]
+    figures = [f"{row['error']:.1e}", f"{row['condition']:.1e}", f"**{ratio}**" if beyond else ratio]
     return [row["family"], row["method"], row["case"], *figures, instead]
 
 

@@ -3,12 +3,14 @@
 A small deviation d of the state follows dd/dt = J(t) d, J the Jacobian of the right-hand side along the motion. Over
 a step it is multiplied by Phi = exp(Omega), Omega by Magnus's expansion of order 4 from J at its two ends and its
 middle: Hairer, Lubich, Wanner 2006, Geometric Numerical Integration, IV.7. The step's own error is what extrapolation
-to order 16 finds different in its end. Rounding, whose sign is unknown, is carried as a covariance.
+to order 16 finds different in its end. What has no known sign is carried as a covariance: rounding, and where the
+extrapolation does not converge, in steps over many time constants of a stiff motion, the tolerance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
@@ -21,7 +23,6 @@ from .trajectory import Run, Task
 
 BLOCK = 256  # steps looked at together
 LEVELS = 8  # of the extrapolation
-STIFF = 2.0  # an explicit method takes no step over more time constants than this in good order
 EPS = float(np.finfo(np.float64).eps)
 
 
@@ -50,21 +51,22 @@ def error_growth(plant: Plant, task: Task, run: Run, bound: float = np.inf) -> t
         again = gauss_run if task.method in TABLEAUS else smooth_run
         run = again(plant, task._replace(t_eval=None), [])
     n, size = plant.robot.n, 2 * plant.robot.n + plant.rhs.own_states
-    deviation, rounding, errors = np.zeros(size), np.zeros((size, size)), [0.0]
+    if n == 0:
+        return run.t, np.zeros(len(run.t))
+    deviation, unsigned, errors = np.zeros(size), np.zeros((size, size)), [0.0]
     for begin in range(0, len(run.t) - 1, BLOCK):
         t, X = run.t[begin : begin + BLOCK + 1], run.x[begin : begin + BLOCK + 1]
-        steps = zip(*_steps(plant, task, t, X, size), X[1:, :size], strict=True)
-        for k, (Phi, wrong, x) in enumerate(steps, start=begin + 1):
+        for k, (Phi, wrong, unsure) in enumerate(zip(*_steps(plant, task, t, X, size), strict=True), start=begin + 1):
             deviation = Phi @ deviation + wrong
-            rounding = Phi @ rounding @ Phi.T + np.diag((EPS * x) ** 2)
-            errors.append(float((np.abs(deviation) + np.sqrt(np.diagonal(rounding)))[:n].max()))
+            unsigned = Phi @ unsigned @ Phi.T + np.diag(unsure**2)
+            errors.append(float((np.abs(deviation) + np.sqrt(np.diagonal(unsigned)))[:n].max()))
             if not errors[-1] <= bound:
                 return run.t[: k + 1], np.array(errors)
     return run.t, np.array(errors)
 
 
-def _steps(plant: Plant, task: Task, t: Array, X: Array, size: int) -> tuple[Array, Array]:
-    """Phi of each step, shape (steps, size, size), and what the solver did wrong in it, shape (steps, size)."""
+def _steps(plant: Plant, task: Task, t: Array, X: Array, size: int) -> tuple[Array, Array, Array]:
+    """Phi of each step, shape (steps, size, size), its error, and what may be wrong with either sign, (steps, size)."""
     from scipy.linalg import expm
 
     h = np.diff(t)
@@ -80,15 +82,19 @@ def _steps(plant: Plant, task: Task, t: Array, X: Array, size: int) -> tuple[Arr
     begin, half, end = np.split(J, 3)
     length = h[:, None, None]
     Phi = expm(length / 6 * (begin + 4 * half + end) + length**2 / 12 * (end @ begin - begin @ end))
-    wrong = (X[1:] - extrapolated(rates, first, X[:-1], h))[:, :size]
-    allowed = task.atol + task.rtol * np.abs(X[1:, :size])
-    stiff = h * np.abs(np.linalg.eigvals(half)).max(axis=-1, initial=0.0) > STIFF
-    return Phi, np.where(stiff[:, None] | ~np.isfinite(wrong), allowed, wrong)
+    right, unsure = (x[:, :size] for x in extrapolated(rates, first, X[:-1], h))
+    wrong, allowed = X[1:, :size] - right, task.atol + task.rtol * np.abs(X[1:, :size])
+    converged = (unsure <= np.maximum(allowed, np.abs(wrong)) / 2).all(axis=1, keepdims=True)
+    rounding = EPS * np.abs(X[1:, :size])
+    return Phi, np.where(converged, wrong, 0.0), np.where(converged, rounding, allowed)
 
 
-def extrapolated(rates: Callable[[Array, Array], Array], t: Array, x: Array, h: Array, levels: int = LEVELS) -> Array:
-    """The states a step later: modified midpoint with 2, 4, 6, ... substeps, extrapolated to none.
+def extrapolated(
+    rates: Callable[[Array, Array], Array], t: Array, x: Array, h: Array, levels: int = LEVELS
+) -> tuple[Array, Array]:
+    """The states a step later, and what the last level changed in them.
 
+    The modified midpoint rule with 2, 4, 6, ... substeps, extrapolated to none.
     Gragg, Bulirsch and Stoer; Hairer, Norsett, Wanner 1993, Solving Ordinary Differential Equations I, II.9.
 
     Parameters
@@ -110,11 +116,14 @@ def extrapolated(rates: Callable[[Array, Array], Array], t: Array, x: Array, h: 
         for k in range(1, 2 * level):
             before, now = now, before + 2 * part[..., None] * rates(t + k * part, now)
         ends.append((before + now + part[..., None] * rates(t + h, now)) / 2)
-    return without_steps(ends)
+    coarser = without_steps(ends[:-1])
+    finest = without_steps(ends)
+    return finest, np.abs(finest - coarser)
 
 
 def without_steps(ends: list[Array]) -> Array:
     """The limit of results with steps h/2, h/4, h/6, ...: Neville's scheme in their squares."""
+    ends = list(ends)
     for k in range(1, len(ends)):
         for level in range(len(ends) - 1, k - 1, -1):
             squared = (np.ones((), dtype=ends[0].dtype) * (level + 1) / (level + 1 - k)) ** 2
@@ -128,5 +137,9 @@ def _rates(plant: Plant, t: Array, X: Array) -> Array:
         try:
             return plant.kernel(t[:, None], X)
         except (RneError, ValueError):
-            return np.full(X.shape, np.nan)
-    return np.array([plant.rates(float(time), x, plant.torque(float(time), x)) for time, x in zip(t, X, strict=True)])
+            pass  # in some of them
+    found = np.full(X.shape, np.nan)
+    for k, (time, x) in enumerate(zip(t, X, strict=True)):
+        with suppress(RneError, ValueError, ArithmeticError):
+            found[k] = plant.rates(float(time), x, plant.torque(float(time), x))
+    return found

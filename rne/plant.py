@@ -14,6 +14,7 @@ import numpy as np
 
 from .dynamics.checks import check_result
 from .dynamics.forward import raise_if_singular
+from .dynamics.precision import DOUBTFUL, pivots_below, warn_of_few_digits
 from .elementwise import clip
 from .errors import NotFiniteError
 from .friction import Friction
@@ -142,8 +143,13 @@ class RightHandSide(Torques):
         typed = model if x.dtype == model.mass.dtype else model.astype(x.dtype)
         with np.errstate(all="ignore"):
             rates, pivots, diagonal = self.core(typed, np.asarray(t), x, u)
-        raise_if_singular(typed, pivots, diagonal, x[..., : self.arm.n])
+        n = self.arm.n
+        raise_if_singular(typed, pivots, diagonal, x[..., :n])
         check_result("the right-hand side", rates)
+        doubtful = np.asarray(pivots_below(DOUBTFUL, pivots, diagonal).any(axis=-1))
+        if doubtful.any():
+            state = x[..., :n], x[..., n : 2 * n], self.parts(np.asarray(t), x, u)[0]
+            warn_of_few_digits(typed, state, np.asarray(rates[..., n : 2 * n]), doubtful)
         return np.asarray(rates)
 
     @cached_property

@@ -19,8 +19,9 @@ from .dynamics.forward import factorise, forward_dynamics, solve_factored, solve
 from .dynamics.jacobians import jacobian, jacobian_rate
 from .dynamics.kinematics import link_poses
 from .dynamics.newton_euler import External, bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
-from .dynamics.precision import warn_if_fast
+from .dynamics.precision import gather, give, may_be_fast, warn_of_few_digits
 from .dynamics.record import Recursion, recursion
+from .dynamics.refine import WON
 from .dynamics.refine import refine as refined
 from .model import Model
 from .spatial import Array
@@ -88,13 +89,12 @@ class Robot:
         """Forward dynamics by the method with fewer operations.
 
         That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
-        about the same digits on few joints, and on long chains articulated bodies lose fewer; but sliders far out
-        compared with the robot cost articulated bodies their digits, so that a robot with sliders keeps to M.
+        about the same digits on few joints, and on long chains articulated bodies lose fewer.
         """
         kernel = self._kernels.get(FORWARD)
         if kernel is None:
             methods = [forward_dynamics, articulated_forward_dynamics]
-            if self.n <= FEW_JOINTS or self._model.has_mimics or not self._model.turns.all():
+            if self.n <= FEW_JOINTS or self._model.has_mimics:
                 methods = [forward_dynamics]
             elif self.n > MANY_JOINTS:
                 methods = [articulated_forward_dynamics]
@@ -147,15 +147,19 @@ class Robot:
 
         `refine` passes of iterative refinement win back digits lost to M's condition; see docs/stability.md.
         """
-        if external is None:
-            qdd = self._forward()(q, qd, tau)
-            warn_if_fast(self._model, q, qd, tau, qdd)
-        else:
-            qdd = forward_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(tau), external=external)
-        if refine == 0:
-            return qdd
-        state = np.asarray(q), np.asarray(qd), np.asarray(tau)
-        return refined(self._model, self.kernel(solve_mass_matrix), state, qdd, refine, external)
+        if external is None and type(refine) is int and refine == 0 and not may_be_fast(qd):
+            return self._forward()(q, qd, tau)
+        with gather() as few:
+            if external is None:
+                qdd = self._forward()(q, qd, tau)
+                warn_of_few_digits(self._model, (q, qd, tau), qdd)
+            else:
+                qdd = forward_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(tau), external=external)
+            state = np.asarray(q), np.asarray(qd), np.asarray(tau)
+            if refine != 0 or isinstance(refine, bool):
+                qdd = refined(self._model, self.kernel(solve_mass_matrix), state, qdd, refine, external)
+        give(few, WON if refine else 0.0)
+        return qdd
 
     def diagnose(
         self,

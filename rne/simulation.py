@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arguments import joint_array, positive_number, real_array
+from .dynamics.precision import gather, give
 from .errors import RneError, SimulationError
 from .gauss import TABLEAUS, gauss_run
 from .horizon import growth_of
@@ -105,14 +106,21 @@ def simulate(
     relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
     near = None if step is None else positive_number("step", step)
     plant = Plant(rhs, scene.controller if rhs.given and scene.sample_time is None else None)
-    chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
-    if chosen in TABLEAUS:
-        _check_free(scene, chosen)
+    with gather() as few:
+        chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
+        _check_method(chosen, step, scene)
+        events = stops(plant) if scene.stops else []
+        task = Task(x0, end, chosen, relative, absolute, times, near, _breaks(scene, breaks), events)
+        motion = _run(scene, plant, task, reason)
+    give([one._replace(state=()) for one in few])
+    return motion
+
+
+def _check_method(method: str, step: float | None, scene: Scene) -> None:
+    if method in TABLEAUS:
+        _check_free(scene, method)
     elif step is not None:
-        raise ValueError(f"`step` is for the equal steps of {list(TABLEAUS)}; {chosen!r} chooses its own")
-    events = stops(plant) if scene.stops else []
-    task = Task(x0, end, chosen, relative, absolute, times, near, _breaks(scene, breaks), events)
-    return _run(scene, plant, task, reason)
+        raise ValueError(f"`step` is for the equal steps of {list(TABLEAUS)}; {method!r} chooses its own")
 
 
 def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tuple[str, str]:
@@ -141,7 +149,7 @@ def _run(scene: Scene, plant: Plant, task: Task, reason: str) -> Trajectory:
     else:
         run = _integrate(scene, plant, task, failures)
     motion = trajectory(plant, task, run, reason, failures)
-    if plant.robot.n and not failures and scene.sample_time is None and run.qdd is None:
+    if scene.sample_time is None and run.qdd is None:
         motion = replace(motion, growth=growth_of(plant, task, run))
     if not failures:
         return motion

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,6 +69,9 @@ class Trajectory:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "growth": None}  # it may hold laws that do not pickle
 
+    def __copy__(self) -> Trajectory:
+        return replace(self)
+
     def trusted_horizon(self, accuracy: float = 1e-3) -> float:
         """The time up to which the solver's tolerances, or its step, keep every joint within `accuracy` [s].
 
@@ -83,7 +86,7 @@ class Trajectory:
         Returns
         -------
         float
-            An estimate, rather early than late; the end of the motion if the error stays below.
+            An estimate, good to some percent where errors grow; the end of the motion if the error stays below.
 
         Raises
         ------
@@ -93,7 +96,7 @@ class Trajectory:
 
         Notes
         -----
-        See `rne.horizon`.
+        See `rne.horizon`. A pulse that the solver stepped over, not told of it by `breaks`, is not seen here either.
         """
         if self.growth is None:
             raise ValueError(
@@ -102,7 +105,14 @@ class Trajectory:
             )
         bound = positive_number("accuracy", accuracy)
         t, error = self.growth(bound)
-        return float(t[-1]) if not len(error) or error[-1] <= bound else float(t[int(np.argmax(error > bound))])
+        beyond = np.flatnonzero(~(error <= bound))
+        if not len(beyond):
+            return float(t[-1])
+        k = int(beyond[0])
+        if not (np.isfinite(error[k]) and error[k - 1] > 0):
+            return float(t[k - 1])
+        part = np.log(bound / error[k - 1]) / np.log(error[k] / error[k - 1])
+        return float(t[k - 1] + part * (t[k] - t[k - 1]))
 
     @property
     def balance(self) -> Array:

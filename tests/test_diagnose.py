@@ -219,6 +219,16 @@ class TestWithRatesAndTorques:
         assert irb140.diagnose(q[0], qd, tau).digits.shape == irb140.diagnose(q[0], qd, tau).condition.shape == (5,)
         assert gimbal().diagnose([0.1, 0.0, 0.2], [1, 2, 3], [1, 2, 3]).digits == 0
 
+    def test_one_singular_state_does_not_spoil_the_others(self):
+        q = [[0.1, 0.5, 0.2], [0.1, 0.0, 0.2]]
+        found = gimbal().diagnose(q, np.ones(3), np.ones(3))
+        assert found.digits[0] > 13
+        assert found.digits[1] == 0
+        assert found.worst_state == (1,)
+
+    def test_what_overflows_has_none(self, irb140):
+        assert irb140.diagnose([0.3] * 6, [1e200] * 6, [1.0] * 6).digits == 0
+
     def test_an_arm_at_rest_without_gravity_has_all(self):
         from dataclasses import replace
 
@@ -269,8 +279,51 @@ class TestWarnings:
         with pytest.warns(rne.PrecisionWarning):
             irb140.forward_dynamics(q, 1000 * qd, tau)
 
+    def test_external_wrenches_count(self, irb140):
+        q, qd = np.linspace(0.3, 0.8, 6), np.full(6, 1e6)
+        external = {"link_6": np.full(6, 1e12)}
+        with pytest.warns(rne.PrecisionWarning):
+            irb140.forward_dynamics(
+                q, qd, irb140.inverse_dynamics(q, qd, np.ones(6), external=external), external=external
+            )
+        irb140.forward_dynamics(q, qd, irb140.inverse_dynamics(q, qd, np.ones(6)), external=external)
+
+    @pytest.mark.parametrize("workers", [1, 2])
+    def test_a_batch_warns_once_of_a_state_of_its_own(self, workers):
+        robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
+        q = np.tile([0.1, 0.2], (3, 9000, 1))
+        tau = np.where(np.arange(27000).reshape(3, 9000, 1) == 20_000, [2.0, 2.0], [1.0, 2.0])
+        with pytest.warns(rne.PrecisionWarning) as said:
+            robot.kernel(rne.forward_dynamics)(q, q + [0.2, 0.2], tau, workers=workers)
+        assert len(said) == 1
+        assert said[0].filename == __file__
+        worst = robot.diagnose(q, q + [0.2, 0.2], tau).worst_state
+        assert worst == (2, 2000)
+        assert f"at state {worst}" in str(said[0].message)
+
+    def test_a_state_that_is_fast_and_near_singular_is_told_once(self):
+        robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
+        with pytest.warns(rne.PrecisionWarning) as said:
+            robot.forward_dynamics([0.1, 0.2], [3e5, 4e5], [1.0, 2.0])
+        assert len(said) == 1
+
+    def test_of_a_simulation_once(self):
+        robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
+        with pytest.warns(rne.PrecisionWarning) as said:
+            rne.simulate(robot, [0.1, 0.2], [0.3, 0.4], 0.1, torque=[1.0, 2.0])
+        assert len(said) == 1
+        assert "M is nearly singular" in str(said[0].message)
+
 
 class TestRefinement:
+    def test_wins_them_near_a_singular_M_and_then_does_not_warn(self):
+        robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
+        state = [0.1, 0.2], [0.3, 0.4], [1.0, 2.0]
+        expected = exact_forward(robot, *state)
+        if np.finfo(np.longdouble).eps < EPS:
+            refined = robot.forward_dynamics(*state, refine=2)
+            assert np.abs(refined - expected).max() <= 1e-5 * np.abs(expected).max()
+
     def test_wins_the_digits_that_the_condition_took(self):
         robot = rne.Robot(straight_chain(10))
         q, (_, qd, tau) = np.full(10, 1e-3), states(10)
@@ -296,6 +349,8 @@ class TestRefinement:
     def test_what_it_cannot_refine_is_refused(self, irb140):
         with pytest.raises(ValueError, match=r"^`refine` must be a whole number, at least 0, got -1$"):
             irb140.forward_dynamics([0] * 6, [0] * 6, [0] * 6, refine=-1)
+        with pytest.raises(ValueError, match=r"^`refine` must be a whole number, at least 0, got True$"):
+            irb140.forward_dynamics([0] * 6, [0] * 6, [0] * 6, refine=True)
         state = np.zeros(6, dtype=np.longdouble)
         text = "`refine` is for float32 and float64, whose residual is taken in long double; got "
         with pytest.raises(ValueError, match=f"^{text}"):

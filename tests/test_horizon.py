@@ -1,5 +1,6 @@
 """The time up to which a motion can be trusted, against a motion that is far more accurate."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -86,14 +87,39 @@ def test_called_laws_and_breaks_are_followed(irb140):
     def pulse(t, q, qd):
         return 5.0 * (0.1 <= t < 0.2) * np.ones(6)
 
-    motion = rne.simulate(irb140, Q0, 0 * Q0, 2.0, torque=pulse, breaks=[0.1, 0.2], rtol=1e-6)
+    t = GRID[GRID <= 2.0]
+    motion = rne.simulate(irb140, Q0, 0 * Q0, 2.0, torque=pulse, breaks=[0.1, 0.2], rtol=1e-6, t_eval=t)
     finer = rne.simulate(
         irb140, Q0, 0 * Q0, 2.0, torque=pulse, breaks=[0.1, 0.2], method="DOP853", rtol=1e-12, atol=1e-14,
-        t_eval=motion.t,
+        t_eval=t,
     )  # fmt: skip
     wrong = np.abs(motion.q - finer.q).max(axis=1)
     accuracy = 0.5 * float(wrong.max())
-    assert motion.trusted_horizon(accuracy) == pytest.approx(motion.t[np.argmax(wrong > accuracy)], abs=0.15)
+    assert motion.trusted_horizon(accuracy) == pytest.approx(t[np.argmax(wrong > accuracy)], rel=0.1)
+
+
+@pytest.mark.parametrize("method", ["LSODA", "Radau"])
+def test_a_called_stiff_law_is_trusted_to_the_end(irb140, method):
+    """Steps over many time constants, where extrapolation does not converge, count with their tolerance."""
+
+    def law(t, q, qd):
+        return -1e3 * np.array([20, 20, 10, 1, 1, 0.3]) * qd
+
+    motion = rne.simulate(irb140, Q0, 0 * Q0, 0.5, torque=law, method=method, rtol=1e-8, atol=1e-11)
+    assert motion.trusted_horizon(1e-3) == 0.5
+
+
+def test_a_failed_run_and_one_of_nothing_have_one(irb140):
+    def law(t, q, qd):
+        return np.full(6, np.nan) if t > 0.3 else np.zeros(6)
+
+    with pytest.raises(rne.SimulationError) as caught:
+        rne.simulate(irb140, Q0, 0 * Q0, 1.0, torque=law)
+    motion = caught.value.trajectory
+    assert motion.trusted_horizon() == motion.t[-1] > 0
+    still = irb140.locked(dict.fromkeys(irb140.joint_names, 0.0))
+    assert rne.simulate(still, [], [], 2.0).trusted_horizon() == 2.0
+    assert copy.copy(motion).trusted_horizon() == motion.trusted_horizon()
 
 
 def test_what_has_no_variational_equation_says_so(irb140):
@@ -111,8 +137,8 @@ def test_extrapolation_has_its_order():
     """x' = i x over steps h: the error falls as h^(2 levels + 1)."""
     found = []
     for h in (1.0, 0.5):
-        end = extrapolated(
-            lambda t, x: x @ np.array([[0.0, -1.0], [1.0, 0.0]]), np.zeros(1), np.eye(2)[:1], np.full(1, h), 4
-        )
+        turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+        end, change = extrapolated(lambda t, x, turn=turn: x @ turn, np.zeros(1), np.eye(2)[:1], np.full(1, h), 4)
+        assert change.max() > np.abs(end - [[np.cos(h), -np.sin(h)]]).max()
         found.append(np.abs(end - [[np.cos(h), -np.sin(h)]]).max())
     assert np.log2(found[0] / found[1]) == pytest.approx(9, abs=0.5)

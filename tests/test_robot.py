@@ -31,12 +31,6 @@ def test_mimics_are_solved_through_M():
     assert robot._forward().function is rne.forward_dynamics
 
 
-def test_sliders_are_solved_through_M():
-    """Articulated bodies lose digits where a slider is far out: docs/stability.md."""
-    robot = rne.Robot(random_tree(12, 6, prismatic=1.0, branching=0.0))
-    assert robot.forward_method is rne.forward_dynamics
-
-
 def test_repr_of_a_plain_robot(irb140):
     assert repr(irb140) == "Robot 'irb140': 6 joints, 7 links, 75 kg moving, gravity [0.0, 0.0, -9.81] m/s^2"
 

@@ -68,7 +68,8 @@ def judge_accelerations(model: Model, result: tuple[Array, Array, Array], argume
     """Accelerations, if M was regular; with a warning if few of their digits are left."""
     qdd = judge_pivots(model, result, arguments)
     doubtful = np.asarray(pivots_below(DOUBTFUL, *result[1:]).any(axis=-1))
-    warn_of_few_digits(model, arguments["q"], arguments["qd"], arguments["tau"], qdd, doubtful)
+    state = arguments["q"], arguments["qd"], arguments["tau"]
+    warn_of_few_digits(model, state, qdd, doubtful, arguments.get("external"))
     return qdd
 
 

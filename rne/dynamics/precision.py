@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +25,18 @@ FEWEST = 3.0  # decimal digits that are returned without a word
 SINGULAR, DOUBTFUL = 8, 1000
 
 
-def amplifications(model: Model, q: Array, qd: Array, tau: Array) -> Array:
+class Few(NamedTuple):
+    """The state of a call with the fewest digits, and why."""
+
+    digits: float
+    state: tuple[int, ...]
+    cause: str
+
+
+_gathered: ContextVar[list[Few] | None] = ContextVar("gathered", default=None)
+
+
+def amplifications(model: Model, q: Array, qd: Array, tau: Array, external: Mapping[str, Array] | None = None) -> Array:
     """By how much relative errors in M, C qd + g and tau grow in qdd = M^-1 (tau - C qd - g), shape (...).
 
     Skeel 1979, componentwise: max |M^-1| (|M| |qdd| + |tau| + |C qd + g|) / max |qdd|. Infinite where it overflows or
@@ -29,16 +44,27 @@ def amplifications(model: Model, q: Array, qd: Array, tau: Array) -> Array:
     """
     double = model.astype(np.float64)
     with np.errstate(all="ignore"):
-        M, h = mass_matrix.core(double, q), bias_torque.core(double, q, qd)
-        try:
-            inverse = np.linalg.inv(M)
-        except np.linalg.LinAlgError:
-            return np.full(q.shape[:-1], np.inf)
+        M, h = mass_matrix.core(double, q), bias_torque.core(double, q, qd, external=external)
+        inverse = _inverse(M)
         qdd = (inverse @ (tau - h)[..., None])[..., 0]
         spread = np.abs(M) @ np.abs(qdd)[..., None] + (np.abs(tau) + np.abs(h))[..., None]
         grown = (np.abs(inverse) @ spread)[..., 0].max(axis=-1, initial=0.0)
-        found = np.where(grown > 0, grown / np.abs(qdd).max(axis=-1, initial=0.0), 1.0)
+        found = np.where(grown == 0, 1.0, grown / np.abs(qdd).max(axis=-1, initial=0.0))
     return np.where(np.isfinite(found), found, np.inf)
+
+
+def _inverse(M: Array) -> Array:
+    """Of each state; NaN where there is none."""
+    try:
+        return np.linalg.inv(M)
+    except np.linalg.LinAlgError:
+        inverse = np.full(M.shape, np.nan)
+        for state in np.ndindex(M.shape[:-2]):
+            try:
+                inverse[state] = np.linalg.inv(M[state])
+            except np.linalg.LinAlgError:
+                continue
+        return inverse
 
 
 def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
@@ -48,45 +74,77 @@ def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
     return ~np.asarray(pivots > units * pivots.shape[-1] * eps * diagonal, dtype=bool)
 
 
-def may_be_fast(qd: Array) -> bool:
+def may_be_fast(qd: ArrayLike) -> bool:
     """True if rates may exceed eps^(-1/4), whose square leaves half the digits of the dtype.
 
     By the sum of their squares, which is cheap and never too small.
     """
-    return not float(np.vdot(qd, qd)) <= float(np.finfo(qd.dtype).eps) ** -0.5
-
-
-def warn_if_fast(model: Model, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, qdd: Array) -> None:
-    """`warn_of_few_digits` for what a kernel returned, which has looked at M and not at the rates."""
-    rates = np.asarray(qd, dtype=qdd.dtype)
-    if rates.dtype.kind == "f" and may_be_fast(rates):
-        warn_of_few_digits(model, np.asarray(q), rates, np.asarray(tau), qdd)
+    try:
+        rates = np.asarray(qd)
+    except ValueError:
+        return False  # no array: said where arguments are checked
+    if rates.dtype.kind in "iu":
+        rates = rates.astype(np.float64)
+    if rates.dtype.kind != "f":
+        return False
+    return not float(np.vdot(rates, rates)) <= float(np.finfo(rates.dtype).eps) ** -0.5
 
 
 def warn_of_few_digits(
-    model: Model, q: Array, qd: Array, tau: Array, qdd: Array, doubtful: Array | None = None
+    model: Model,
+    state: tuple[ArrayLike, ArrayLike, ArrayLike],
+    qdd: Array,
+    doubtful: Array | None = None,
+    external: Mapping[str, Array] | None = None,
 ) -> None:
-    """A PrecisionWarning if fewer than FEWEST digits are left in a state that is fast or marked as doubtful."""
+    """A PrecisionWarning if fewer than FEWEST digits are left in a state (q, qd, tau) that is fast or doubtful."""
     if qdd.dtype.kind != "f":
         return
     eps = float(np.finfo(qdd.dtype).eps)
+    q, qd, tau = (np.broadcast_to(np.asarray(a), qdd.shape) for a in state)
     looked_at = np.zeros(qdd.shape[:-1], dtype=bool) if doubtful is None else doubtful
-    if qd.dtype.kind == "f" and may_be_fast(qd):
+    if may_be_fast(qd):
         looked_at = looked_at | (np.abs(qd).max(axis=-1, initial=0.0) > eps**-0.25)
     if not looked_at.any():
         return
-    states = [np.broadcast_to(a, qdd.shape)[looked_at].astype(np.float64) for a in (q, qd, tau)]
-    lost = eps * amplifications(model, *states)
+    few = [a[looked_at].astype(np.float64) for a in (q, qd, tau)]
+    wrenches = {
+        link: np.broadcast_to(wrench, (*qdd.shape[:-1], 6))[looked_at].astype(np.float64)
+        for link, wrench in (external or {}).items()
+    }
+    lost = eps * amplifications(model, few[0], few[1], few[2], wrenches or None)
     k = int(np.argmax(lost))
-    digits = max(0.0, -float(np.log10(lost[k])))
-    if digits >= FEWEST:
+    where = tuple(int(i) for i in np.argwhere(looked_at)[k])
+    near = doubtful is not None and bool(doubtful[where])
+    cause = "M is nearly singular" if near else f"the torques and C qd + g cancel at {np.abs(few[1][k]).max():.1e}/s"
+    give([Few(max(0.0, -float(np.log10(lost[k]))), where, cause)])
+
+
+def give(found: list[Few], won: float = 0.0) -> None:
+    """The worst as a warning, if it has fewer than FEWEST digits and `won`, or to whoever gathers them."""
+    found = [few._replace(digits=few.digits + won) for few in found]
+    found = [few for few in found if few.digits < FEWEST]
+    if not found:
         return
-    state = tuple(int(i) for i in np.argwhere(looked_at)[k])
-    near = doubtful is not None and bool(doubtful[state])
-    cause = "M is nearly singular" if near else f"the torques and C qd + g cancel at {np.abs(states[1][k]).max():.1e}/s"
-    where = f" at state {state}" if state else ""
-    text = f"forward dynamics keep about {digits:.0f} digits{where}: {cause}; see Robot.diagnose"
+    worst = min(found, key=lambda few: (few.digits, few.state))
+    gathered = _gathered.get()
+    if gathered is not None:
+        gathered.append(worst)
+        return
+    where = f" at state {worst.state}" if worst.state else ""
+    text = f"forward dynamics keep about {worst.digits:.0f} digits{where}: {worst.cause}; see Robot.diagnose"
     warnings.warn(text, PrecisionWarning, stacklevel=_depth_of_caller())
+
+
+@contextmanager
+def gather() -> Iterator[list[Few]]:
+    """What would be warned of within, in a list."""
+    found: list[Few] = []
+    token = _gathered.set(found)
+    try:
+        yield found
+    finally:
+        _gathered.reset(token)
 
 
 def _depth_of_caller() -> int:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arguments import joint_array
 from ..dynamics.checks import common_leading_shape
-from ..dynamics.precision import DOUBTFUL, pivots_below
+from ..dynamics.precision import DOUBTFUL, Few, gather, give, pivots_below
 from ..errors import SingularMassMatrixError
 from ..spatial import Array
 from .block import Workspace, block_length
@@ -46,6 +46,7 @@ def run_batch(kernel: Kernel, arrays: Sequence[Array], dtype: np.dtype[Any], out
 
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(share, range(workers)))
+    give(batch.few)
     return out
 
 
@@ -92,6 +93,7 @@ class _Batch:
     ) -> None:
         self.kernel, self.states, self.results = kernel, states, results
         self.dtype, self.leading = dtype, leading
+        self.few: list[Few] = []
         edges = np.cumsum([0, *kernel.widths])
         self.inputs = [slice(a, b) for a, b in itertools.pairwise(edges.tolist())]
         self.first_output = int(edges[-1])
@@ -125,11 +127,17 @@ class _Batch:
         for name, array, width in zip(self.kernel.names, self.states, self.kernel.widths, strict=True):
             joint_array(name, array.reshape(*self.leading, width), self.kernel.model, width)
         try:
-            result = self.kernel.by_function([array[begin:end].astype(self.dtype) for array in self.states])
+            with gather() as few:
+                result = self.kernel.by_function([array[begin:end].astype(self.dtype) for array in self.states])
         except SingularMassMatrixError as error:
-            local = error.state[0] if error.state else 0
-            raise error.at(tuple(int(k) for k in np.unravel_index(begin + local, self.leading))) from None
+            raise error.at(self._state(begin, error.state)) from None
+        self.few += [one._replace(state=self._state(begin, one.state)) for one in few]
         return np.asarray(result).reshape(end - begin, -1)
+
+    def _state(self, begin: int, local: tuple[int, ...]) -> tuple[int, ...]:
+        """A state of a block, counted in the whole batch."""
+        k = begin + (local[0] if local else 0)
+        return tuple(int(i) for i in np.unravel_index(k, self.leading))
 
 
 def store(rows: Array, results: Array) -> None:

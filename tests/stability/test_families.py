@@ -10,7 +10,6 @@ from rne.robots.chains import straight_chain
 
 from ..helpers import ROOT
 from .families import FAMILIES, case, straight
-from .known import KNOWN
 from .structured import WRONG, measure
 
 CASES = [pytest.param(one, id=one.name) for family in FAMILIES.values() for one in family()]
@@ -20,17 +19,7 @@ CASES = [pytest.param(one, id=one.name) for family in FAMILIES.values() for one 
 def test_error_is_within_the_structured_condition(one):
     for quantity, measured in measure(one).items():
         assert measured.error <= WRONG or measured.warned, quantity
-        if (one.name, quantity) not in KNOWN:
-            assert measured.ratio <= 10 * one.model.n, quantity
-
-
-@pytest.mark.parametrize(
-    ("name", "quantity"),
-    [pytest.param(*key, marks=pytest.mark.xfail(strict=True, reason=known.reason)) for key, known in KNOWN.items()],
-)
-def test_where_a_method_falls_short(name, quantity):
-    one = next(param.values[0] for param in CASES if param.id == name)
-    assert measure(one, ("forward dynamics",))[quantity].ratio <= 10 * one.model.n
+        assert measured.ratio <= 10 * one.model.n, quantity
 
 
 def test_a_hundred_links_in_a_straight_line():
