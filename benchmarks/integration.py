@@ -18,6 +18,7 @@ and the closed loop, two for 10 s; the runs of 100 s are measured once.
 
 from __future__ import annotations
 
+import statistics
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -105,7 +106,8 @@ def conclusion(results: dict[str, Any]) -> str:
         ("On the stiff loop rne.simulate takes", "closed_loop", "simulate"),
     ):
         times = [row["times_slower"][who][0] for _, row in _rows(panels[name])]
-        said.append(f"{words} {min(times):.1f} to {max(times):.1f} times Pinocchio's time.")
+        spread = f"{min(times):.1f} to {max(times):.1f} over methods and tolerances"
+        said.append(f"{words} {statistics.median(times):.1f} times Pinocchio's time ({spread}).")
     loop = {(row["method"], row["setting"]): row["seconds"]["simulate"] for _, row in _rows(panels["closed_loop"])}
     for (method, setting), seconds in loop.items():
         if method == "RK45":
