@@ -145,7 +145,8 @@ class Robot:
     ) -> Array:
         """Accelerations, shape (..., n) [rad/s^2 or m/s^2]; see `rne.forward_dynamics`.
 
-        `refine` passes of iterative refinement win back digits lost to M's condition; see docs/stability.md.
+        `refine` passes of iterative refinement win back digits lost to M's condition; a ValueError if that is no whole
+        number, or the arrays are neither float32 nor float64.
         """
         if external is None and type(refine) is int and refine == 0 and not may_be_fast(qd):
             return self._forward()(q, qd, tau)

@@ -97,6 +97,12 @@ class Trajectory:
         Notes
         -----
         See `rne.horizon`. A pulse that the solver stepped over, not told of it by `breaks`, is not seen here either.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.1).trusted_horizon()
+        0.1
         """
         if self.growth is None:
             raise ValueError(

@@ -136,6 +136,11 @@ def articulated_forward_dynamics(
     SingularMassMatrixError
         If M is singular to working precision; names the joints whose combination moves no inertia.
 
+    Warns
+    -----
+    PrecisionWarning
+        If fewer than 3 digits are left, M nearly singular or the torques cancelled by great rates.
+
     Notes
     -----
     Featherstone 2008, table 7.1, in blocks of three. O(n). `articulated_forward_dynamics.core` returns

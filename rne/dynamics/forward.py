@@ -147,6 +147,11 @@ def forward_dynamics(
     SingularMassMatrixError
         If M is singular to working precision; names the joints whose combination moves no inertia.
 
+    Warns
+    -----
+    PrecisionWarning
+        If fewer than 3 digits are left, M nearly singular or the torques cancelled by great rates.
+
     Notes
     -----
     M from composite bodies, factored as L^T D L without forming its inverse: Featherstone 2008, section 6.5.
