@@ -123,8 +123,8 @@ def _floats(found: dict[str, dict[str, float]]) -> str:
     best = min(single, key=lambda step: single[step])
     return (
         "32 swings of 0.5 s by `rne.ensemble`'s rk4, largest error of a position. Single precision follows double down "
-        f"to steps of {follows * 1e3:g} ms and is best at {float(best) * 1e3:g} ms, {single[best]:.0e} rad; below, every "
-        "step adds its rounding. For more digits take float64.\n\n"
+        f"to steps of {follows * 1e3:g} ms and is best at {float(best) * 1e3:g} ms, {single[best]:.0e} rad; below, "
+        "every step adds its rounding. For more digits take float64.\n\n"
         + table(["step [ms]", *(f"{t}, error [rad]" for t in found)], rows)
     )
 
