@@ -37,7 +37,7 @@ from benchmarks.kernels import QUANTITIES, robots
 from benchmarks.measure import interleaved, many, ratio
 from benchmarks.peers import PEERS, Case, Pinocchio, Point, left_out
 from benchmarks.pictures import OTHER, OURS, PINOCCHIO, label_points, lay_out, table, three
-from rne.report.plots import blank_figure
+from rne.plotting.plots import blank_figure
 
 RATES = (np.pi, 10.0, 50.0)  # largest angles [rad], rates [rad/s], accelerations [rad/s²] or torques [N m]
 MARKERS = {"float32": "s", "float64": "o", "longdouble": "^"}

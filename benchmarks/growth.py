@@ -19,8 +19,8 @@ from benchmarks.kernels import QUANTITIES
 from benchmarks.measure import interleaved, many, ratio, repeats_within
 from benchmarks.peers import Pinocchio
 from benchmarks.pictures import OURS, PINOCCHIO, table, three
-from rne.report.plots import blank_figure
-from rne.robots.chains import random_tree, straight_chain
+from rne.model.robots.generators import random_tree, straight_chain
+from rne.plotting.plots import blank_figure
 
 BATCH = 2000
 LENGTHS = (2, 3, 4, 6, 9, 12, 16, 24, 32, 48, 64, 100)

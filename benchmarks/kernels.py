@@ -20,8 +20,8 @@ import pinocchio as pin
 import rne
 from benchmarks.measure import interleaved, many, ratio, write
 from benchmarks.validation import data_robots
-from rne.report.oracle import Oracle
-from rne.robots.chains import straight_chain
+from rne.analysis.pinocchio import Oracle
+from rne.model.robots.generators import straight_chain
 
 QUANTITIES: dict[str, tuple[Any, int]] = {
     "inverse_dynamics": (rne.inverse_dynamics, 3),

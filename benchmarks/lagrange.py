@@ -20,8 +20,8 @@ import numpy as np
 
 import rne
 from benchmarks.measure import interleaved, many, ratio, write
-from rne.dynamics.checks import Checked, checked
-from rne.robots.chains import straight_chain
+from rne.dynamics.quantity import Checked, checked
+from rne.model.robots.generators import straight_chain
 
 THESIS = 7 * 60 / 6  # table 7.1, 10 s open loop: Euler-Lagrange over Newton-Euler
 ARITHMETIC = {"add", "subtract", "multiply", "divide", "negative", "sin", "cos", "matmul"}

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rne.report.plots import blank_figure
+from rne.plotting.plots import blank_figure
 
 STYLES = {"rk4": "o", "semi-implicit-euler": "s", "sampled": "^"}
 QUANTITIES = {"inverse dynamics": "#0b62a4", "mass matrix": "#3f9b6e", "forward dynamics": "#c8501e"}

@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 import rne
 from benchmarks.measure import interleaved, ratio
 from benchmarks.peers import Pinocchio
-from rne.plant import Plant
-from rne.smooth import IMPLICIT
+from rne.simulation.continuous import IMPLICIT
+from rne.simulation.equations_of_motion import Plant
 
 WAYS = {
     "rne": "rne in solve_ivp",

@@ -19,7 +19,7 @@ from benchmarks.kernels import robots
 from benchmarks.measure import interleaved, ratio
 from benchmarks.peers import Pinocchio
 from benchmarks.pictures import OURS, PINOCCHIO, table, three
-from rne.report.plots import blank_figure
+from rne.plotting.plots import blank_figure
 
 EXACT = 200  # states whose error is taken, against long double
 

@@ -20,8 +20,8 @@ from scipy.integrate import solve_ivp
 import rne
 from benchmarks.kernels import robots
 from benchmarks.measure import interleaved, ratio, write
-from rne.report.oracle import Oracle
-from rne.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.analysis.pinocchio import Oracle
+from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 
 def pinocchio_rk4(model: Any, q: np.ndarray, qd: np.ndarray, step: float, steps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 import rne
 from benchmarks.runs import Row, in_solve_ivp, measured, our_side, simulated, start, their_side, tolerance
-from rne.horizon import without_steps
+from rne.simulation.error_growth import without_steps
 
 DURATION = 1.0  # [s]
 TOLERANCES: dict[str, tuple[float, ...]] = {

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import rne
-from rne.report.validation import against_pinocchio
+from rne.analysis.validation import against_pinocchio
 
 OUT = Path(__file__).parent / "results"
 

@@ -1,21 +1,20 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
-from . import control, elementwise, report, trajectories
-from .bearings import BearingPeaks, bearing_peaks
-from .control import traceable
-from .diagnosis import Diagnosis, diagnose
-from .dynamics.articulated import articulated_forward_dynamics
-from .dynamics.composite import mass_matrix
+from . import control, elementwise, plotting, trajectories
+from .analysis.bearings import BearingPeaks, bearing_peaks
+from .control.gains import Gains, check_gains
+from .control.laws import traceable
+from .dynamics.aba import articulated_forward_dynamics
 from .dynamics.coriolis import coriolis_matrix
+from .dynamics.crba import mass_matrix
+from .dynamics.diagnosis import Diagnosis, diagnose
 from .dynamics.energy import kinetic_energy, link_kinetic_energies, momentum, potential_energy
 from .dynamics.forward import forward_dynamics
 from .dynamics.jacobians import jacobian, jacobian_rate
 from .dynamics.kinematics import link_poses
 from .dynamics.lagrange import christoffel_symbols, lagrange_inverse_dynamics
-from .dynamics.newton_euler import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 from .dynamics.record import Recursion, bearing_loads, recursion
-from .edit import locked, mounted, with_payload
-from .ensemble import Ensemble, ensemble
+from .dynamics.rnea import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 from .errors import (
     ModelError,
     NotFiniteError,
@@ -25,17 +24,18 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .friction import Friction
-from .gains import Gains, check_gains
-from .loading import load
-from .model import Cylinder, Model
+from .kernels.kernel import Kernel, compile, derivative
+from .model.model import Cylinder, Model
+from .model.modify import locked, mounted, with_payload
+from .model.robots import irb140
 from .robot import Robot
-from .robots import irb140
-from .scene import Payload, Scene
-from .simulation import simulate
-from .tape.kernel import Kernel, compile, derivative
-from .trajectory import Trajectory
+from .simulation.ensembles import Ensemble, ensemble
+from .simulation.friction import Friction
+from .simulation.scene import Payload, Scene
+from .simulation.simulator import simulate
+from .simulation.trajectory import Trajectory
 from .urdf import Finding, check, read_urdf, to_urdf
+from .urdf.loading import load
 
 __version__ = "0.1.0"
 
@@ -91,10 +91,10 @@ __all__ = [
     "mass_matrix",
     "momentum",
     "mounted",
+    "plotting",
     "potential_energy",
     "read_urdf",
     "recursion",
-    "report",
     "simulate",
     "to_urdf",
     "traceable",

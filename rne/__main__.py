@@ -63,7 +63,7 @@ def _check(file: str) -> int:
 
 
 def _urdf(name: str) -> int:
-    from .robots import BUILDERS
+    from .model.robots import BUILDERS
     from .urdf import to_urdf
 
     if name not in BUILDERS:
@@ -85,14 +85,14 @@ def _source(robot: str, quantity: str, language: str) -> int:
 
 
 def _thesis(folder: Path, markdown: Path | None) -> int:
-    from .report.thesis import run
+    from .thesis.experiments_page import run
 
     run(folder, lambda line: print(line, flush=True), markdown)
     return 0
 
 
 def _report(folder: Path) -> int:
-    from .report.main_job import run
+    from .thesis.main_page import run
 
     return 0 if run(folder, lambda line: print(line, flush=True)) else 1
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .spatial import Array
+from .basics.spatial import Array
 
 
 def _on_objects(name: str, inputs: int) -> Any:

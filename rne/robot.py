@@ -1,4 +1,4 @@
-"""The user's handle on a robot: each quantity a method. It alone chooses between methods."""
+"""A robot and what can be asked of it: each quantity is a method."""
 
 from __future__ import annotations
 
@@ -8,29 +8,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from . import edit
-from .diagnosis import Diagnosis, diagnose
-from .dynamics.articulated import articulated_forward_dynamics
-from .dynamics.checks import Checked
-from .dynamics.composite import mass_matrix
+from .basics.spatial import Array
 from .dynamics.coriolis import coriolis_matrix
+from .dynamics.crba import mass_matrix
+from .dynamics.diagnosis import Diagnosis, diagnose
 from .dynamics.energy import kinetic_energy, momentum, potential_energy
-from .dynamics.forward import factorise, forward_dynamics, solve_factored, solve_mass_matrix
+from .dynamics.forward import forward_dynamics
 from .dynamics.jacobians import jacobian, jacobian_rate
 from .dynamics.kinematics import link_poses
-from .dynamics.newton_euler import External, bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
-from .dynamics.precision import gather, give, may_be_fast, warn_of_few_digits
+from .dynamics.quantity import Declared
 from .dynamics.record import Recursion, recursion
-from .dynamics.refine import WON
-from .dynamics.refine import refine as refined
-from .model import Model
-from .spatial import Array
-from .tape.kernel import Kernel, compile, derivative
+from .dynamics.rnea import External, bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
+from .kernels.cache import KernelCache
+from .kernels.kernel import Kernel
+from .model import modify
+from .model.joint_order import pinocchio_order
+from .model.model import Model
 
-# Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
-# joints, articulated bodies beyond the second.
-FEW_JOINTS, MANY_JOINTS = 9, 20
-FORWARD = "forward"  # the chosen kernel's place
+COMPILED = (inverse_dynamics, mass_matrix, bias_torque, gravity_torque)  # by `compile` without arguments
 
 
 class Robot:
@@ -55,13 +50,13 @@ class Robot:
         if not isinstance(model, Model):
             raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
         self._model = model
-        self._kernels: dict[Any, Kernel] = {}
-        self.kept: dict[str, Any] = {}  # what simulation compiles for the bare robot, for its next run
+        self.kernels = KernelCache(model)
+        self.cache: dict[str, Any] = {}  # what a simulation of the bare robot compiles, for the next run
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self._model,)
 
-    def kernel(self, function: Checked[Any, Any, Any], *wrt: str, **fixed: Any) -> Kernel:
+    def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
         """The function traced on this robot, on first use, and kept.
 
         Parameters
@@ -78,35 +73,26 @@ class Robot:
         Kernel
             See `rne.compile` and `rne.derivative`.
         """
-        key = (function, *wrt, *fixed.items())
-        kernel = self._kernels.get(key)
-        if kernel is None:
-            make = derivative if wrt else compile
-            kernel = self._kernels[key] = make(function, self._model, *wrt, **fixed)
-        return kernel
+        return self.kernels.kernel(function, *wrt, **fixed)
 
-    def _forward(self) -> Kernel:
-        """Forward dynamics by the method with fewer operations.
+    def compile(self, *functions: Declared) -> None:
+        """Trace quantities now, instead of at the second call or the first batch.
 
-        That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
-        about the same digits on few joints, and on long chains articulated bodies lose fewer.
+        Parameters
+        ----------
+        *functions : callable
+            Functions of a model and joint arrays, such as `rne.mass_matrix`. Without any: inverse dynamics, M, bias and
+            gravity torques, and forward dynamics.
         """
-        kernel = self._kernels.get(FORWARD)
-        if kernel is None:
-            methods = [forward_dynamics, articulated_forward_dynamics]
-            if self.n <= FEW_JOINTS or self._model.has_mimics:
-                methods = [forward_dynamics]
-            elif self.n > MANY_JOINTS:
-                methods = [articulated_forward_dynamics]
-            kernels = [self.kernel(method) for method in methods]
-            kernel = min(kernels, key=lambda k: sum(k.operations.values()) or float("inf"))
-            self._kernels[FORWARD] = kernel
-        return kernel
+        for function in functions or COMPILED:
+            self.kernel(function)
+        if not functions:
+            self.kernels.forward_kernel()
 
     @property
-    def forward_method(self) -> Checked[Any, Any, Any]:
-        """The function that forward dynamics of this robot take."""
-        return self._forward().function
+    def forward_method(self) -> Declared:
+        """The function that forward dynamics of this robot take, chosen by the number of operations."""
+        return self.kernels.forward_kernel().function
 
     @property
     def model(self) -> Model:
@@ -123,6 +109,36 @@ class Robot:
         """The joints in the order of q."""
         return self._model.joint_names
 
+    def joint_order(self, library: str) -> Array:
+        """Indices that bring joint arrays into another library's order.
+
+        Parameters
+        ----------
+        library : {"pinocchio"}
+            Pinocchio visits the tree depth first, siblings in alphabetical order of their joints' names. Here the next
+            joint is always the first one in the file whose parent link has been placed.
+
+        Returns
+        -------
+        ndarray of int, shape (n,)
+            `q[..., order]` is in that library's order, and `q_other[..., np.argsort(order)]` is in this one's.
+            Joints that mimic others are no coordinates here; Pinocchio numbers them as joints of their own.
+
+        Raises
+        ------
+        ValueError
+            For any other library.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").joint_order("pinocchio").tolist()
+        [0, 1, 2, 3, 4, 5]
+        """
+        if library != "pinocchio":
+            raise ValueError(f"`library` must be 'pinocchio', got {library!r}")
+        return pinocchio_order(self._model)
+
     @property
     def link_names(self) -> tuple[str, ...]:
         """The links in the order of `link_poses`, the root first."""
@@ -133,33 +149,22 @@ class Robot:
     ) -> Array:
         """Torques tau = M qdd + C qd + g, shape (..., n) [N m or N]; see `rne.inverse_dynamics`."""
         if external is None:
-            return self.kernel(inverse_dynamics)(q, qd, qdd)
+            return self.kernels.evaluate(inverse_dynamics, q, qd, qdd)[0]
         return inverse_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(qdd), external=external)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """M(q), shape (..., n, n), full and exactly symmetric [kg m^2, kg m or kg]; see `rne.mass_matrix`."""
-        return self.kernel(mass_matrix)(q)
+        return self.kernels.evaluate(mass_matrix, q)[0]
 
     def forward_dynamics(
-        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None, refine: int = 0
+        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None
     ) -> Array:
-        """Accelerations, shape (..., n) [rad/s^2 or m/s^2]; see `rne.forward_dynamics`.
-
-        `refine` passes of iterative refinement win back digits lost to M's condition; a ValueError if that is no whole
-        number, or the arrays are neither float32 nor float64.
-        """
-        if external is None and type(refine) is int and refine == 0 and not may_be_fast(qd):
-            return self._forward()(q, qd, tau)
-        with gather() as few:
-            if external is None:
-                qdd = self._forward()(q, qd, tau)
-                warn_of_few_digits(self._model, (q, qd, tau), qdd)
-            else:
-                qdd = forward_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(tau), external=external)
-            state = np.asarray(q), np.asarray(qd), np.asarray(tau)
-            if refine != 0 or isinstance(refine, bool):
-                qdd = refined(self._model, self.kernel(solve_mass_matrix), state, qdd, refine, external)
-        give(few, WON if refine else 0.0)
+        """Accelerations, shape (..., n) [rad/s^2 or m/s^2]; see `rne.forward_dynamics`."""
+        if external is None:
+            qdd, verdict = self.kernels.accelerations(q, qd, tau)
+        else:
+            qdd, verdict = forward_dynamics.evaluate(self._model, q, qd, tau, external=external)
+        verdict.announce(stacklevel=2)
         return qdd
 
     def diagnose(
@@ -176,7 +181,7 @@ class Robot:
     def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None) -> Array:
         """C qd + g, shape (..., n) [N m or N]; see `rne.bias_torque`."""
         if external is None:
-            return self.kernel(bias_torque)(q, qd)
+            return self.kernels.evaluate(bias_torque, q, qd)[0]
         return bias_torque(self._model, np.asarray(q), np.asarray(qd), external=external)
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
@@ -185,17 +190,14 @@ class Robot:
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m, /s, /s^2].
+            Joint positions, rates and accelerations [rad or m, and per s, per s^2].
 
         Returns
         -------
         dtau_dq, dtau_dqd, M : ndarray, shape (..., n, n)
             Row i is of torque i; M is the derivative by qdd.
         """
-        slopes = self.kernel(inverse_dynamics, "q", "qd")(q, qd, qdd)
-        dq, dqd = slopes[..., : self.n], slopes[..., self.n :]
-        M = self.mass_matrix(np.asarray(q).astype(slopes.dtype, copy=False))
-        return dq, dqd, np.broadcast_to(M, dq.shape).copy()
+        return self.kernels.inverse_derivatives(q, qd, qdd)
 
     def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the forward dynamics.
@@ -203,7 +205,7 @@ class Robot:
         Parameters
         ----------
         q, qd, tau : array_like, shape (..., n)
-            Joint positions, rates and torques [rad or m, /s, N m or N].
+            Joint positions, rates and torques [rad or m, and per s, N m or N].
 
         Returns
         -------
@@ -219,19 +221,10 @@ class Robot:
         -----
         From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
         """
-        qdd = self.forward_dynamics(q, qd, tau)
-        dq, dqd, M = self.inverse_dynamics_derivatives(q, qd, qdd)
-        identity = np.broadcast_to(np.eye(self.n, dtype=qdd.dtype), dq.shape)
-        right = np.concatenate([-dq, -dqd, identity], axis=-1)
-        if M.dtype.char in "fdFD":
-            solved = np.linalg.solve(M, right)
-        else:  # LAPACK has no other types
-            parent = self._model.coordinate_parent
-            L, D = factorise(M, parent)
-            rows = solve_factored(L[..., None, :, :], D[..., None, :], parent, np.swapaxes(right, -1, -2))
-            solved = np.swapaxes(rows, -1, -2)
+        slopes, verdict = self.kernels.forward_derivatives(q, qd, tau)
+        verdict.announce(stacklevel=2)
         n = self.n
-        return solved[..., :n], solved[..., n : 2 * n], solved[..., 2 * n :]
+        return slopes[..., :n], slopes[..., n : 2 * n], slopes[..., 2 * n :]
 
     def linearize(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
         """The motion near a state: d(q, qd)/dt changes by A d(q, qd) + B dtau.
@@ -239,7 +232,7 @@ class Robot:
         Parameters
         ----------
         q, qd, tau : array_like, shape (..., n)
-            Joint positions, rates and torques [rad or m, /s, N m or N].
+            Joint positions, rates and torques [rad or m, and per s, N m or N].
 
         Returns
         -------
@@ -251,49 +244,51 @@ class Robot:
         SingularMassMatrixError
             If M is singular to working precision.
         """
-        dq, dqd, dtau = self.forward_dynamics_derivatives(q, qd, tau)
-        zero = np.zeros_like(dq)
-        identity = zero + np.eye(self.n, dtype=dq.dtype)
-        A = np.concatenate([np.concatenate([zero, identity], -1), np.concatenate([dq, dqd], -1)], -2)
-        return A, np.concatenate([zero, dtau], -2)
+        slopes, verdict = self.kernels.forward_derivatives(q, qd, tau)
+        verdict.announce(stacklevel=2)
+        n = self.n
+        system = np.zeros((*slopes.shape[:-2], 2 * n, 3 * n), dtype=slopes.dtype)
+        system[..., :n, n : 2 * n] = np.eye(n)
+        system[..., n:, :] = slopes
+        return system[..., : 2 * n], system[..., 2 * n :]
 
     def gravity_torque(self, q: ArrayLike) -> Array:
         """g(q), shape (..., n) [N m or N]; see `rne.gravity_torque`."""
-        return self.kernel(gravity_torque)(q)
+        return self.kernels.evaluate(gravity_torque, q)[0]
 
     def coriolis_torque(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """C(q, qd) qd, shape (..., n) [N m or N]; see `rne.coriolis_torque`."""
-        return self.kernel(coriolis_torque)(q, qd)
+        return self.kernels.evaluate(coriolis_torque, q, qd)[0]
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """C(q, qd) of the Christoffel symbols, shape (..., n, n); see `rne.coriolis_matrix`."""
-        return self.kernel(coriolis_matrix)(q, qd)
+        return self.kernels.evaluate(coriolis_matrix, q, qd)[0]
 
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Kinetic energy, shape (...) [J]; see `rne.kinetic_energy`."""
-        return self.kernel(kinetic_energy)(q, qd)
+        return self.kernels.evaluate(kinetic_energy, q, qd)[0]
 
     def potential_energy(self, q: ArrayLike) -> Array:
         """Potential energy, zero at the root link's origin, shape (...) [J]; see `rne.potential_energy`."""
-        return self.kernel(potential_energy)(q)
+        return self.kernels.evaluate(potential_energy, q)[0]
 
     def momentum(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """[Angular; linear] momentum about the root link's origin, shape (..., 6); see `rne.momentum`."""
-        return self.kernel(momentum)(q, qd)
+        return self.kernels.evaluate(momentum, q, qd)[0]
 
     def link_poses(self, q: ArrayLike) -> Array:
         """Pose of every link, shape (..., n_links, 4, 4) [1, m]; see `rne.link_poses`."""
-        return self.kernel(link_poses)(q)
+        return self.kernels.evaluate(link_poses, q)[0]
 
     def jacobian(self, q: ArrayLike, link: str) -> Array:
         """[omega; v] of a link's origin per joint rate, shape (..., 6, n); see `rne.jacobian`."""
         self._model.link_index(link)
-        return self.kernel(jacobian, link=link)(q)
+        return self.kernels.evaluate(jacobian, q, link=link)[0]
 
     def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str) -> Array:
         """Time derivative of the Jacobian, shape (..., 6, n); see `rne.jacobian_rate`."""
         self._model.link_index(link)
-        return self.kernel(jacobian_rate, link=link)(q, qd)
+        return self.kernels.evaluate(jacobian_rate, q, qd, link=link)[0]
 
     def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
         """Every omega, alpha, a, f and tau of every link; see `rne.recursion`."""
@@ -307,15 +302,17 @@ class Robot:
         link: str | None = None,
     ) -> Robot:
         """The robot with a rigid body bolted to a link, the last one if not said; see `rne.with_payload`."""
-        return Robot(edit.with_payload(self._model, mass, com, inertia, self.link_names[-1] if link is None else link))
+        return Robot(
+            modify.with_payload(self._model, mass, com, inertia, self.link_names[-1] if link is None else link)
+        )
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """The smaller robot with some joints fixed, {joint: position}; see `rne.locked`."""
-        return Robot(edit.locked(self._model, positions))
+        return Robot(modify.locked(self._model, positions))
 
     def mounted(self, rpy: ArrayLike) -> Robot:
         """The robot with its root link turned in the world; see `rne.mounted`."""
-        return Robot(edit.mounted(self._model, rpy))
+        return Robot(modify.mounted(self._model, rpy))
 
     def __repr__(self) -> str:
         model = self._model

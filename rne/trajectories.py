@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import positive_number, real_array
+from .basics.arrays import positive_number, real_array
+from .basics.spatial import Array
 from .elementwise import clip, less, where
-from .spatial import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 import pytest
 
 import rne
-from rne.robots.chains import random_tree
+from rne.model.robots.generators import random_tree
 
 from .helpers import Oracle, data_robots
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rne.report.oracle import Oracle, each
+from rne.analysis.pinocchio import Oracle, each
 
 __all__ = ["EPS", "ROOT", "Oracle", "data_robots", "each", "relative", "states"]
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import mutually_broadcastable_shapes
 
 import rne
-from rne.robots.chains import random_tree
+from rne.model.robots.generators import random_tree
 
 TREE = random_tree(3, seed=9)
 
@@ -190,7 +190,7 @@ def test_gravity_is_a_keyword_of_load():
 
 class TestSingularMassMatrix:
     def test_massless_joint_is_named(self):
-        from rne.assembly import Part, assemble
+        from rne.model.builder import Part, assemble
 
         arm = assemble(
             "ghost",
@@ -208,7 +208,7 @@ class TestSingularMassMatrix:
 
     @pytest.mark.parametrize("forward", [rne.forward_dynamics, rne.articulated_forward_dynamics])
     def test_two_parallel_sliders_are_named(self, forward):
-        from rne.assembly import Part, assemble
+        from rne.model.builder import Part, assemble
 
         third = Part(link="c", joint="swing", kind="revolute", parent=2, mass=0.7, com=np.array([0.1, 0.3, 0.2]))
         arm = assemble(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.assembly import Part, assemble
-from rne.robots.chains import straight_chain
+from rne.model.builder import Part, assemble
+from rne.model.robots.generators import straight_chain
 
 G = 9.81
 

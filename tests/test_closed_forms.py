@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.assembly import Part, assemble, pose
-from rne.robots.chains import straight_chain
+from rne.model.builder import Part, assemble, pose
+from rne.model.robots.generators import straight_chain
 
 from .helpers import states
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import rne
-from rne.assembly import Part, assemble, pose
-from rne.robots.chains import random_tree, straight_chain
+from rne.basics.spatial import rotation_about
+from rne.model.builder import Part, assemble, pose
+from rne.model.robots.generators import random_tree, straight_chain
 
 from .helpers import EPS, states
 
@@ -27,7 +28,7 @@ def gimbal(link_inertia=0.0):
 
 def sliders(axis, angle=0.0, light=0.0):
     """Two sliders along the same line, the first of them with next to no mass of its own."""
-    turn = pose(rne.spatial.rotation_about(Y, np.asarray(angle)), [0.1, 0.2, 0.3])
+    turn = pose(rotation_about(Y, np.asarray(angle)), [0.1, 0.2, 0.3])
     second = turn.R.T.astype(float) @ axis
     parts = [
         Part(link="base"),
@@ -288,13 +289,12 @@ class TestWarnings:
             )
         irb140.forward_dynamics(q, qd, irb140.inverse_dynamics(q, qd, np.ones(6)), external=external)
 
-    @pytest.mark.parametrize("workers", [1, 2])
-    def test_a_batch_warns_once_of_a_state_of_its_own(self, workers):
+    def test_a_batch_warns_once_of_a_state_of_its_own(self):
         robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
         q = np.tile([0.1, 0.2], (3, 9000, 1))
         tau = np.where(np.arange(27000).reshape(3, 9000, 1) == 20_000, [2.0, 2.0], [1.0, 2.0])
         with pytest.warns(rne.PrecisionWarning) as said:
-            robot.kernel(rne.forward_dynamics)(q, q + [0.2, 0.2], tau, workers=workers)
+            robot.kernel(rne.forward_dynamics)(q, q + [0.2, 0.2], tau)
         assert len(said) == 1
         assert said[0].filename == __file__
         worst = robot.diagnose(q, q + [0.2, 0.2], tau).worst_state
@@ -313,45 +313,3 @@ class TestWarnings:
             rne.simulate(robot, [0.1, 0.2], [0.3, 0.4], 0.1, torque=[1.0, 2.0])
         assert len(said) == 1
         assert "M is nearly singular" in str(said[0].message)
-
-
-class TestRefinement:
-    def test_wins_them_near_a_singular_M_and_then_does_not_warn(self):
-        robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
-        state = [0.1, 0.2], [0.3, 0.4], [1.0, 2.0]
-        expected = exact_forward(robot, *state)
-        if np.finfo(np.longdouble).eps < EPS:
-            refined = robot.forward_dynamics(*state, refine=2)
-            assert np.abs(refined - expected).max() <= 1e-5 * np.abs(expected).max()
-
-    def test_wins_the_digits_that_the_condition_took(self):
-        robot = rne.Robot(straight_chain(10))
-        q, (_, qd, tau) = np.full(10, 1e-3), states(10)
-        expected = exact_forward(robot, q, qd, tau)
-        plain, once = (np.abs(robot.forward_dynamics(q, qd, tau, refine=k) - expected).max() for k in (0, 1))
-        assert plain > 100 * EPS * np.abs(expected).max()
-        if np.finfo(np.longdouble).eps < EPS:
-            assert once <= 2 * EPS * np.abs(expected).max()
-
-    def test_on_batches_float32_and_external_forces(self, irb140):
-        q, qd, qdd = states(6, 8)
-        external = {"link_6": np.full(6, 3.0)}
-        tau = irb140.inverse_dynamics(q, qd, qdd, external=external)
-        got = irb140.forward_dynamics(q, qd, tau, external=external, refine=1)
-        np.testing.assert_allclose(got, qdd, rtol=0, atol=2e-14 * np.abs(tau).max())
-        single = [x.astype(np.float32) for x in (q, qd, tau)]
-        rough, better = (irb140.forward_dynamics(*single, refine=k) for k in (0, 2))
-        exact = irb140.forward_dynamics(*(x.astype(float) for x in single))
-        assert better.dtype == np.float32
-        assert np.abs(better - exact).max() <= 2 * np.finfo(np.float32).eps * np.abs(exact).max()
-        assert np.abs(better - exact).max() < np.abs(rough - exact).max()
-
-    def test_what_it_cannot_refine_is_refused(self, irb140):
-        with pytest.raises(ValueError, match=r"^`refine` must be a whole number, at least 0, got -1$"):
-            irb140.forward_dynamics([0] * 6, [0] * 6, [0] * 6, refine=-1)
-        with pytest.raises(ValueError, match=r"^`refine` must be a whole number, at least 0, got True$"):
-            irb140.forward_dynamics([0] * 6, [0] * 6, [0] * 6, refine=True)
-        state = np.zeros(6, dtype=np.longdouble)
-        text = "`refine` is for float32 and float64, whose residual is taken in long double; got "
-        with pytest.raises(ValueError, match=f"^{text}"):
-            irb140.forward_dynamics(state, state, state, refine=1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.robots.chains import random_tree
+from rne.model.robots.generators import random_tree
 
 from .helpers import EPS, relative, states
 

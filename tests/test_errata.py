@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.control import pd_gravity
-from rne.robots.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
+from rne.control.laws import pd_gravity
+from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
 
 from .helpers import ROOT, relative, states
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.horizon import extrapolated
-from rne.robots.chains import straight_chain
+from rne.model.robots.generators import straight_chain
+from rne.simulation.error_growth import extrapolated
 
 Q0 = np.linspace(0.3, 0.8, 6)
 END = 6.0

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import rne
-from rne.control import pd_gravity
-from rne.report.main_job import settling_time
-from rne.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.control.laws import pd_gravity
+from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.thesis.main_page import settling_time
 
 from .helpers import ROOT, states
 
@@ -70,7 +70,7 @@ def test_potential_energy_is_the_sum_of_heights(irb140):
 
 def test_record_follows_the_thesis_recursion(irb140):
     """(3.29)-(3.38) and (3.24)-(3.27), written out with the thesis's own rotations and lengths."""
-    from rne.robots.abb_irb140 import LINKS, cylinder_inertia, frame_rotation
+    from rne.model.robots.abb_irb140 import LINKS, cylinder_inertia, frame_rotation
 
     q, qd, qdd = states(6, seed=3)
     record = irb140.recursion(q, qd, qdd)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import rne
-from rne.assembly import Part, assemble
 from rne.dynamics.lagrange import bodies, gravity_terms, inertia_derivatives, inertia_matrix
-from rne.robots import irb140_mirrored
-from rne.robots.chains import random_tree
+from rne.model.builder import Part, assemble
+from rne.model.robots import irb140_mirrored
+from rne.model.robots.generators import random_tree
 
 from .conftest import TREES
 from .helpers import EPS, relative, states
@@ -22,7 +22,7 @@ ARMS = {"irb140": rne.irb140(), **TREES, "more mimics": random_tree(3, seed=11, 
 COUPLED = replace(
     rne.irb140(),
     coordinate=(0, 1, 2, 3, 4, 4),
-    drivers=(0, 1, 2, 3, 4),
+    independent_joints=(0, 1, 2, 3, 4),
     multiplier=np.array([1, 1, 1, 1, 1, -0.5]),
     offset=np.array([0, 0, 0, 0, 0, 0.25]),
 )
@@ -42,7 +42,9 @@ def size(model, q):
 def joints_only(model):
     """The same robot with every mimic a joint of its own."""
     every = tuple(range(model.nb))
-    return replace(model, coordinate=every, drivers=every, multiplier=np.ones(model.nb), offset=np.zeros(model.nb))
+    return replace(
+        model, coordinate=every, independent_joints=every, multiplier=np.ones(model.nb), offset=np.zeros(model.nb)
+    )
 
 
 def test_torques_are_those_of_the_recursion(arm):

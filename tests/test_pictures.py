@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import rne
-from rne.report.animation import _positions
-from rne.report.pictures import _prism
-from rne.robots.chains import random_tree, straight_chain
+from rne.model.robots.generators import random_tree, straight_chain
+from rne.plotting.animation import _positions
+from rne.plotting.robot_picture import _prism
 
 from .helpers import ROOT
 
@@ -51,19 +51,19 @@ def limits(ax):
 
 
 def test_import_of_report_loads_no_heavy_package():
-    code = "import sys, rne; rne.report.plot; print(*sorted({'matplotlib', 'PIL', 'pinocchio', 'scipy'} & set(sys.modules)))"
+    code = "import sys, rne; rne.plotting.plot; print(*sorted({'matplotlib', 'PIL', 'pinocchio', 'scipy'} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert run.stdout == "\n"
 
 
-@pytest.mark.parametrize("name", rne.report.__all__)
+@pytest.mark.parametrize("name", rne.plotting.__all__)
 def test_public_functions_are_documented(name):
     for section in ("Parameters", "Returns", "Raises", "Examples"):
-        assert re.search(rf"{section}\n +---", getattr(rne.report, name).__doc__), section
+        assert re.search(rf"{section}\n +---", getattr(rne.plotting, name).__doc__), section
 
 
 def test_plot_shows_every_curve_with_its_unit(irb140, swing):
-    figure = rne.report.plot(swing, irb140.joint_names)
+    figure = rne.plotting.plot(swing, irb140.joint_names)
     assert isinstance(figure, Figure)
     expected = [
         ("position [rad or m]", swing.q),
@@ -86,7 +86,7 @@ def test_plot_shows_every_curve_with_its_unit(irb140, swing):
 def test_legends_of_a_plot_stand_beside_the_panels_and_within_the_page(swing):
     for width in (1, 5):
         wide = dataclasses.replace(swing, **{k: np.tile(getattr(swing, k), width) for k in ("q", "qd", "qdd", "tau")})
-        figure = rne.report.plot(wide)
+        figure = rne.plotting.plot(wide)
         figure.draw_without_rendering()
         for ax in figure.axes:
             box, page = ax.get_legend().get_window_extent(), figure.bbox
@@ -98,23 +98,23 @@ def test_legends_of_a_plot_stand_beside_the_panels_and_within_the_page(swing):
 
 
 def test_plot_names_joints_by_number_and_failures_by_word(swing):
-    figure = rne.report.plot(dataclasses.replace(swing, status=-1))
+    figure = rne.plotting.plot(dataclasses.replace(swing, status=-1))
     assert legend(figure.axes[0])[:2] == ["joint 1", "joint 2"]
     assert figure.get_suptitle() == "Motion by DOP853, failed"
 
 
 def test_plot_of_one_sample_shows_points(swing):
-    assert all(x.get_marker() == "." for ax in rne.report.plot(first(swing, 1)).axes for x in ax.lines)
+    assert all(x.get_marker() == "." for ax in rne.plotting.plot(first(swing, 1)).axes for x in ax.lines)
 
 
 def test_plot_without_joints():
     robot = rne.Robot(random_tree(0, seed=1))
-    assert not rne.report.plot(rne.simulate(robot, [], [], 1.0)).axes[0].lines
+    assert not rne.plotting.plot(rne.simulate(robot, [], [], 1.0)).axes[0].lines
 
 
 @pytest.mark.parametrize("q", [[0] * 6, BENT])
 def test_draw_places_joints_and_cylinders(irb140, q):
-    (ax,) = rne.report.draw(irb140, q).axes
+    (ax,) = rne.plotting.draw(irb140, q).axes
     poses = irb140.link_poses(q)
     np.testing.assert_array_equal(line(ax, "revolute joint"), poses[1:, :3, 3])
     assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x [m]", "y [m]", "z [m]"]
@@ -129,7 +129,7 @@ def test_draw_places_joints_and_cylinders(irb140, q):
 
 
 def test_draw_is_to_one_scale_and_holds_everything(irb140):
-    (ax,) = rne.report.draw(irb140, BENT).axes
+    (ax,) = rne.plotting.draw(irb140, BENT).axes
     box = limits(ax)
     sides = np.ptp(box, axis=1)
     np.testing.assert_allclose(sides, sides[0])
@@ -143,8 +143,8 @@ def test_draw_is_to_one_scale_and_holds_everything(irb140):
 def test_draw_of_any_tree(tree):
     robot = rne.Robot(tree)
     q = np.linspace(-1, 1, robot.n)
-    (ax,) = rne.report.draw(robot, q).axes
-    kinds = {"revolute joint": tree.turns == 1, "prismatic joint": tree.turns == 0}
+    (ax,) = rne.plotting.draw(robot, q).axes
+    kinds = {"revolute joint": tree.is_revolute, "prismatic joint": ~tree.is_revolute}
     origins = robot.link_poses(q)[:, :3, 3]
     at = np.array([origins[tree.link_joints.index(joint)] for joint in tree.moving_joints])
     for label, chosen in kinds.items():
@@ -161,21 +161,21 @@ def test_draw_of_any_tree(tree):
 
 
 def test_draw_of_a_rod_shows_its_centre_of_mass(rod):
-    (ax,) = rne.report.draw(rod, [np.pi / 2]).axes
+    (ax,) = rne.plotting.draw(rod, [np.pi / 2]).axes
     np.testing.assert_allclose(line(ax, "centre of mass"), [[-0.15, 0, 0]], atol=1e-15)
 
 
 def test_draw_of_nothing_but_a_base():
-    (ax,) = rne.report.draw(rne.Robot(random_tree(0, seed=1)), []).axes
+    (ax,) = rne.plotting.draw(rne.Robot(random_tree(0, seed=1)), []).axes
     assert [text.get_text() for text in ax.texts] == ["x", "y", "z"]
 
 
 def test_draw_on_given_axes_adds_and_keeps_room_for_both(irb140):
     figure = Figure()
     ax = figure.add_subplot(projection="3d")
-    assert rne.report.draw(irb140, [0] * 6, ax) is figure
+    assert rne.plotting.draw(irb140, [0] * 6, ax) is figure
     before = limits(ax)
-    rne.report.draw(irb140, BENT, ax=ax)
+    rne.plotting.draw(irb140, BENT, ax=ax)
     assert (limits(ax)[:, 0] <= before[:, 0]).all()
     assert (limits(ax)[:, 1] >= before[:, 1]).all()
     assert len(ax.collections) == 2
@@ -190,7 +190,7 @@ def test_faces_of_a_cylinder_look_outwards():
 
 def test_animation_has_its_frames_and_moves(irb140, swing, tmp_path):
     path = tmp_path / "swing.gif"
-    assert rne.report.animate(irb140, swing, str(path), fps=10, speed=0.5) == path
+    assert rne.plotting.animate(irb140, swing, str(path), fps=10, speed=0.5) == path
     with Image.open(path) as film:
         assert film.n_frames == 0.4 / 0.5 * 10 + 1
         frames, total = [], 0
@@ -205,7 +205,7 @@ def test_animation_has_its_frames_and_moves(irb140, swing, tmp_path):
 
 def test_animation_of_a_single_sample_is_one_frame(rod, tmp_path):
     still = first(rne.simulate(rod, [1], [0], 0.1), 1)
-    with Image.open(rne.report.animate(rod, still, tmp_path / "still.gif")) as film:
+    with Image.open(rne.plotting.animate(rod, still, tmp_path / "still.gif")) as film:
         assert film.n_frames == 1
 
 
@@ -224,9 +224,9 @@ def test_without_matplotlib_the_cure_is_named(irb140, swing, tmp_path, monkeypat
     for module in [m for m in sys.modules if m.split(".")[0] == "matplotlib"]:
         monkeypatch.setitem(sys.modules, module, None)
     calls = (
-        lambda: rne.report.plot(swing),
-        lambda: rne.report.draw(irb140, [0] * 6),
-        lambda: rne.report.animate(irb140, swing, tmp_path / "a.gif"),
+        lambda: rne.plotting.plot(swing),
+        lambda: rne.plotting.draw(irb140, [0] * 6),
+        lambda: rne.plotting.animate(irb140, swing, tmp_path / "a.gif"),
     )
     for call in calls:
         with pytest.raises(ImportError, match=f"^{re.escape(MISSING)}$"):
@@ -234,80 +234,80 @@ def test_without_matplotlib_the_cure_is_named(irb140, swing, tmp_path, monkeypat
 
 
 WRONG = {
-    "plot dict": (lambda r, s: rne.report.plot({}), TypeError, "`trajectory` must be an rne.Trajectory, got dict"),
+    "plot dict": (lambda r, s: rne.plotting.plot({}), TypeError, "`trajectory` must be an rne.Trajectory, got dict"),
     "plot empty": (
-        lambda r, s: rne.report.plot(first(s, 0)),
+        lambda r, s: rne.plotting.plot(first(s, 0)),
         ValueError,
         "`trajectory` must have at least one sample, got none",
     ),
     "plot few names": (
-        lambda r, s: rne.report.plot(s, ["a", "b"]),
+        lambda r, s: rne.plotting.plot(s, ["a", "b"]),
         ValueError,
         "`names` must have 6 names, one a joint of `trajectory`, got 2",
     ),
     "plot one name": (
-        lambda r, s: rne.report.plot(s, "abcdef"),
+        lambda r, s: rne.plotting.plot(s, "abcdef"),
         TypeError,
         "`names` must be a sequence of str, got 'abcdef'",
     ),
     "draw model": (
-        lambda r, s: rne.report.draw(r.model, [0] * 6),
+        lambda r, s: rne.plotting.draw(r.model, [0] * 6),
         TypeError,
         "`robot` must be an rne.Robot, got Model",
     ),
     "draw short q": (
-        lambda r, s: rne.report.draw(r, [0] * 5),
+        lambda r, s: rne.plotting.draw(r, [0] * 5),
         ValueError,
         "`q` must have shape (..., 6) for robot 'irb140', got (5,)",
     ),
     "draw batch": (
-        lambda r, s: rne.report.draw(r, np.zeros((2, 6))),
+        lambda r, s: rne.plotting.draw(r, np.zeros((2, 6))),
         ValueError,
         "`q` must have shape (6,), one position, got (2, 6)",
     ),
     "draw nan": (
-        lambda r, s: rne.report.draw(r, [0, 0, np.nan, 0, 0, 0]),
+        lambda r, s: rne.plotting.draw(r, [0, 0, np.nan, 0, 0, 0]),
         ValueError,
         "`q` must be finite, got nan at index (2,)",
     ),
     "draw flat": (
-        lambda r, s: rne.report.draw(r, [0] * 6, Figure().add_subplot()),
+        lambda r, s: rne.plotting.draw(r, [0] * 6, Figure().add_subplot()),
         TypeError,
         "`ax` must be matplotlib axes of projection='3d', got Axes",
     ),
     "film model": (
-        lambda r, s: rne.report.animate(r.model, s, "a.gif"),
+        lambda r, s: rne.plotting.animate(r.model, s, "a.gif"),
         TypeError,
         "`robot` must be an rne.Robot, got Model",
     ),
     "film empty": (
-        lambda r, s: rne.report.animate(r, first(s, 0), "a.gif"),
+        lambda r, s: rne.plotting.animate(r, first(s, 0), "a.gif"),
         ValueError,
         "`trajectory` must have at least one sample, got none",
     ),
     "film other": (
-        lambda r, s: rne.report.animate(rne.Robot(straight_chain(2)), s, "a.gif"),
+        lambda r, s: rne.plotting.animate(rne.Robot(straight_chain(2)), s, "a.gif"),
         ValueError,
         "`trajectory` must be of 2 joints for robot 'chain2', got 6",
     ),
-    "film mp4": (lambda r, s: rne.report.animate(r, s, "a.mp4"), ValueError, "`path` must end in .gif, got 'a.mp4'"),
+    "film mp4": (lambda r, s: rne.plotting.animate(r, s, "a.mp4"), ValueError, "`path` must end in .gif, got 'a.mp4'"),
     "film fps": (
-        lambda r, s: rne.report.animate(r, s, "a.gif", fps=60),
+        lambda r, s: rne.plotting.animate(r, s, "a.gif", fps=60),
         ValueError,
         "`fps` must be at most 50, got 60",
     ),
     "film no fps": (
-        lambda r, s: rne.report.animate(r, s, "a.gif", fps=0),
+        lambda r, s: rne.plotting.animate(r, s, "a.gif", fps=0),
         ValueError,
         "`fps` must be positive, got 0.0",
     ),
     "film back": (
-        lambda r, s: rne.report.animate(r, s, "a.gif", speed=-1),
+        lambda r, s: rne.plotting.animate(r, s, "a.gif", speed=-1),
         ValueError,
         "`speed` must be positive, got -1.0",
     ),
     "film long": (
-        lambda r, s: rne.report.animate(r, s, "a.gif", speed=1e-3),
+        lambda r, s: rne.plotting.animate(r, s, "a.gif", speed=1e-3),
         ValueError,
         "the film would have 8001 frames, at most 2000: raise `speed` or lower `fps`",
     ),

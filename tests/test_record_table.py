@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.dynamics.record_table import Row, aligned, short, six_digits
-from rne.robots.chains import straight_chain
+from rne.basics.text_table import Row, aligned, short, six_digits
+from rne.model.robots.generators import straight_chain
 
 from .helpers import states
 
@@ -125,7 +125,7 @@ def test_sliders_drive_is_in_newton_and_a_mimic_has_none():
     text = str(rne.recursion(model, *states(model.n)))
     for i, joint in enumerate(model.moving_joints):
         rows = [row for row in block(text, joint) if row.split()[0] == "u"]
-        assert len(rows) == (i in model.drivers)
+        assert len(rows) == (i in model.independent_joints)
         assert f"{joint}, {model.joint_types[i]}{'' if rows else ', mimic'}" in text
         for row in rows:
             assert row[17:24].rstrip() == ("N" if model.joint_types[i] == "prismatic" else "N m")
@@ -146,7 +146,7 @@ def test_batch_of_two_axes_is_picked_by_a_tuple(irb140):
 
 
 def test_empty_batch_and_no_joints_say_so(irb140):
-    from rne.assembly import Part, assemble
+    from rne.model.builder import Part, assemble
 
     q = np.zeros((0, 6))
     assert str(irb140.recursion(q, q, q)) == "Recursion of no states: leading shape (0,)"

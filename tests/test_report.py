@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from rne.report import experiments, thesis
+from rne.thesis import experiments
+from rne.thesis import experiments_page as thesis
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.robots.chains import random_tree, straight_chain
+from rne.model.robots.generators import random_tree, straight_chain
 
 from .helpers import EPS, states
 
@@ -12,7 +12,7 @@ from .helpers import EPS, states
 @pytest.mark.parametrize("n", [2, 9, 10, 14, 20, 21, 30])
 def test_forward_dynamics_takes_the_method_with_fewer_operations(n):
     robot = rne.Robot(straight_chain(n))
-    count = sum(robot._forward().operations.values())
+    count = sum(robot.kernels.forward_kernel().operations.values())
     both = [rne.compile(f, robot.model) for f in (rne.forward_dynamics, rne.articulated_forward_dynamics)]
     assert count == min(sum(k.operations.values()) for k in both)
 
@@ -28,7 +28,7 @@ def test_either_method_is_as_accurate_as_the_condition_of_M_allows(model):
 
 def test_mimics_are_solved_through_M():
     robot = rne.Robot(random_tree(12, 6, mimics=2))
-    assert robot._forward().function is rne.forward_dynamics
+    assert robot.kernels.forward_kernel().function is rne.forward_dynamics
 
 
 def test_repr_of_a_plain_robot(irb140):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.assembly import Part, assemble
+from rne.model.builder import Part, assemble
 
 from .helpers import EPS
 

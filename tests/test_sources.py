@@ -9,7 +9,7 @@ import pytest
 
 import rne
 from rne.__main__ import LANGUAGES, QUANTITIES, main
-from rne.tape.printer import LANGUAGES as PRINTED
+from rne.kernels.source import LANGUAGES as PRINTED
 
 from .helpers import states
 
@@ -97,7 +97,7 @@ def test_c_with_the_system_compiler(kernel, tmp_path):
     pointer = ctypes.POINTER(ctypes.c_double)
     results = []
     for k in range(3):
-        out = np.zeros(kernel.shapes[0])
+        out = np.zeros(kernel.traced.shape)
         function(*(np.ascontiguousarray(x).ctypes.data_as(pointer) for x in (*(a[k] for a in arguments), out)))
         results.append(out)
     same(results, kernel, arguments)

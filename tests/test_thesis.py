@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.robots import irb140_mirrored
-from rne.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.model.robots import irb140_mirrored
+from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 from .helpers import EPS
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
-from rne.robots.chains import random_tree
-from rne.spatial import rotation_from_rpy, rpy_from_rotation
+from rne.basics.spatial import rotation_from_rpy, rpy_from_rotation
+from rne.model.robots.generators import random_tree
 
 from .helpers import EPS, Oracle, each, relative, states
 from .test_urdf_errors import ARM, INERTIAL, LIMIT, joint, link, robot

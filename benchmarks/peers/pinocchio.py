@@ -9,7 +9,7 @@ import pinocchio as pin
 
 import rne
 from benchmarks.peers.found import Call
-from rne.report.oracle import Oracle
+from rne.analysis.pinocchio import Oracle
 
 
 class Pinocchio:

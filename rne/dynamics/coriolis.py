@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from ..model import Model
-from ..spatial import Array, cross, cross_matrix, rotate, transpose, zeros
-from .checks import checked
+from ..basics.spatial import Array, cross, cross_matrix, rotate, transpose, zeros
+from ..model.model import Model
 from .jacobians import body_jacobian_rates, body_jacobians
 from .kinematics import joint_rates, joint_transforms
+from .quantity import quantity
 
 
-@checked
+@quantity()
 def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from ..model import Model
-from ..spatial import Array, cross, dot, rotate, zeros
-from .checks import checked
+from ..basics.spatial import Array, cross, dot, rotate, zeros
+from ..model.model import Model
 from .kinematics import body_poses, joint_transforms, velocities
+from .quantity import quantity
 
 
-@checked
+@quantity()
 def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     """Kinetic energy of every moving body: (m v_c.v_c + omega.I omega) / 2.
 
@@ -46,7 +46,7 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     return T
 
 
-@checked
+@quantity()
 def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     """Kinetic energy of the arm, drives (`armature`) included; equal to qd^T M qd / 2.
 
@@ -81,7 +81,7 @@ def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     return T
 
 
-@checked
+@quantity()
 def potential_energy(model: Model, q: Array) -> Array:
     """Potential energy of the moving bodies in gravity, zero at the height of the root link's origin.
 
@@ -118,7 +118,7 @@ def potential_energy(model: Model, q: Array) -> Array:
     return U
 
 
-@checked
+@quantity()
 def momentum(model: Model, q: Array, qd: Array) -> Array:
     """Momentum of the moving bodies about the root link's origin.
 

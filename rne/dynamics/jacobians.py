@@ -7,63 +7,53 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model import Model
-from ..spatial import Array, cross, transpose, zeros
-from .checks import checked
-from .kinematics import body_poses, joint_rates, joint_transforms
+from ..basics.spatial import Array, cross, transpose, zeros
+from ..model.model import Model
+from .kinematics import BASE, body_poses, joint_rates, joint_transforms
+from .quantity import quantity
 
 
-def body_jacobians(model: Model, R: list[Array], p: list[Array]) -> tuple[list[Array], list[Array]]:
+def body_jacobians(model: Model, R: list[Array], p: list[Array]) -> tuple[dict[int, Array], dict[int, Array]]:
     """Jw[i], Jv[i], shape (..., nb, 3): row j is body i's angular velocity, and its origin's velocity, per qd_j.
 
     Everything in the axes of body i.
     """
     like = np.zeros((), dtype=np.result_type(*R, *p)) if R else np.zeros(())
     leading = np.broadcast_shapes(*(x.shape[:-2] for x in R), *(x.shape[:-1] for x in p))
-    Jw: list[Array] = []
-    Jv: list[Array] = []
+    zero = zeros((*leading, model.nb, 3), like=like)
+    Jw, Jv = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):
-        w = zeros((*leading, model.nb, 3), like=like)
-        v = zeros((*leading, model.nb, 3), like=like)
-        if parent >= 0:
-            w += Jw[parent] @ R[i]  # rows: (R^T w)^T
-            v += (Jv[parent] + cross(Jw[parent], p[i][..., None, :])) @ R[i]
-        (w if model.is_revolute(i) else v)[..., i, :] = model.axis[i]
-        Jw.append(w)
-        Jv.append(v)
+        Jw[i] = Jw[parent] @ R[i]  # rows: (R^T w)^T
+        Jv[i] = (Jv[parent] + cross(Jw[parent], p[i][..., None, :])) @ R[i]
+        Jw[i][..., i, :] = model.angular_axis[i]
+        Jv[i][..., i, :] = model.linear_axis[i]
     return Jw, Jv
 
 
 def body_jacobian_rates(
-    model: Model, R: list[Array], p: list[Array], qd: Array, Jw: list[Array], Jv: list[Array]
-) -> tuple[list[Array], list[Array]]:
+    model: Model, R: list[Array], p: list[Array], qd: Array, Jw: dict[int, Array], Jv: dict[int, Array]
+) -> tuple[dict[int, Array], dict[int, Array]]:
     """Rates of `body_jacobians`' components in the axes of body i, for joint rates qd, shape (..., nb)."""
-    dJw: list[Array] = []
-    dJv: list[Array] = []
+    zero = np.zeros_like(Jw[BASE])
+    dJw, dJv = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):
-        dw, dv = np.zeros_like(Jw[i]), np.zeros_like(Jv[i])
-        if parent >= 0:
-            b_qd = (model.axis[i] * qd[..., i, None])[..., None, :]
-            dw += dJw[parent] @ R[i]
-            dv += (dJv[parent] + cross(dJw[parent], p[i][..., None, :])) @ R[i]
-            if model.is_revolute(i):  # d/dt R^T = -qd [b]x R^T
-                dw -= cross(b_qd, Jw[parent] @ R[i])
-                dv -= cross(b_qd, (Jv[parent] + cross(Jw[parent], p[i][..., None, :])) @ R[i])
-            else:  # the joint's origin moves along its axis
-                dv += cross(Jw[parent] @ R[i], b_qd)
-        dJw.append(dw)
-        dJv.append(dv)
+        arm = p[i][..., None, :]
+        Jw_p, Jv_p = Jw[parent] @ R[i], (Jv[parent] + cross(Jw[parent], arm)) @ R[i]
+        dJv_p = (dJv[parent] + cross(dJw[parent], arm)) @ R[i]
+        s_qd, t_qd = ((axis[i] * qd[..., i, None])[..., None, :] for axis in (model.angular_axis, model.linear_axis))
+        dJw[i] = dJw[parent] @ R[i] - cross(s_qd, Jw_p)  # d/dt R^T = -[s qd]x R^T
+        dJv[i] = dJv_p - cross(s_qd, Jv_p) + cross(Jw_p, t_qd)  # dp/dt = R t qd
     return dJw, dJv
 
 
 def _columns(model: Model, Jw: Array, Jv: Array, R0: Array) -> Array:
-    """Stack [angular; linear] in the root link's axes, one column a coordinate."""
+    """Stack [angular; linear] in the root link's axes, one column per coordinate."""
     rows = np.concatenate([Jw @ transpose(R0), Jv @ transpose(R0)], axis=-1)
     J = np.swapaxes(rows, -1, -2)
     return J @ model.coordinate_map if model.has_mimics else J
 
 
-@checked
+@quantity()
 def jacobian(model: Model, q: Array, link: str) -> Array:
     """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint rate.
 
@@ -104,7 +94,7 @@ def jacobian(model: Model, q: Array, link: str) -> Array:
     return _columns(model, Jw, Jv + cross(Jw, offset), R0[body])
 
 
-@checked
+@quantity()
 def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
     """Time derivative of `jacobian` along the motion (q, qd).
 

@@ -1,14 +1,17 @@
 """Joint transforms, poses and velocities.
 
 R[i] takes coordinates of frame i to its parent body's frame, p[i] is the origin of frame i seen from there
-(the thesis's R_i^{i-1} and r_{i-2,i-1}).
+(the thesis's R_i^{i-1} and r_{i-2,i-1}). What a recursion starts from stands in its dictionaries under the key BASE,
+which is the parent of the first bodies.
 """
 
 from __future__ import annotations
 
-from ..model import Model
-from ..spatial import Array, cross, rotate, rotate_back, rotation_about, zeros
-from .checks import checked
+from ..basics.spatial import IDENTITY, Array, cross, rotate, rotate_back, rotation_about, zeros
+from ..model.model import Model
+from .quantity import quantity
+
+BASE = -1
 
 
 def joint_positions(model: Model, q: Array) -> Array:
@@ -28,29 +31,23 @@ def joint_rates(model: Model, qd: Array) -> Array:
 def joint_transforms(model: Model, q: Array) -> tuple[list[Array], list[Array]]:
     """R[i] and p[i] of every body, from the coordinates q."""
     position = joint_positions(model, q)
-    turned = model.rotation @ rotation_about(model.axis, position * model.turns)
-    R = [turned[..., i, :, :] for i in range(model.nb)]
-    p = [
-        model.translation[i]
-        if model.is_revolute(i)
-        else model.translation[i] + rotate(model.rotation[i], model.axis[i]) * position[..., i, None]
-        for i in range(model.nb)
-    ]
-    return R, p
+    R = model.rotation @ rotation_about(model.axis, position * model.is_revolute.astype("int8"))
+    p = model.translation + rotate(model.rotation, model.linear_axis) * position[..., None]
+    return [R[..., i, :, :] for i in range(model.nb)], [p[..., i, :] for i in range(model.nb)]
 
 
-def body_poses(model: Model, q: Array) -> tuple[list[Array], list[Array]]:
+def body_poses(model: Model, q: Array) -> tuple[dict[int, Array], dict[int, Array]]:
     """Rotation and origin of every body's frame, seen from the root link."""
     R, p = joint_transforms(model, q)
-    R0: list[Array] = []
-    p0: list[Array] = []
+    R0: dict[int, Array] = {BASE: IDENTITY}
+    p0: dict[int, Array] = {BASE: zeros((3,), like=q)}
     for i, parent in enumerate(model.parent):
-        R0.append(R[i] if parent < 0 else R0[parent] @ R[i])
-        p0.append(p[i] if parent < 0 else p0[parent] + rotate(R0[parent], p[i]))
+        R0[i] = R0[parent] @ R[i]
+        p0[i] = p0[parent] + rotate(R0[parent], p[i])
     return R0, p0
 
 
-@checked
+@quantity()
 def link_poses(model: Model, q: Array) -> Array:
     """Pose of every link, as homogeneous matrices.
 
@@ -84,22 +81,19 @@ def link_poses(model: Model, q: Array) -> Array:
     T = zeros((*q.shape[:-1], len(model.link_names), 4, 4), like=q)
     for k, body in enumerate(model.link_body):
         R, p = model.link_rotation[k], model.link_translation[k]
-        T[..., k, :3, :3] = R if body < 0 else R0[body] @ R
-        T[..., k, :3, 3] = p if body < 0 else p0[body] + rotate(R0[body], p)
+        T[..., k, :3, :3] = R0[body] @ R
+        T[..., k, :3, 3] = p0[body] + rotate(R0[body], p)
         T[..., k, 3, 3] = 1
     return T
 
 
-def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple[list[Array], list[Array]]:
+def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple[dict[int, Array], dict[int, Array]]:
     """Angular velocity of every body and velocity of its frame's origin, in its own axes."""
     rates = joint_rates(model, qd)
-    omega: list[Array] = []
-    v: list[Array] = []
+    zero = zeros((*rates.shape[:-1], 3), like=qd)
+    omega, v = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):
-        b_qd = model.axis[i] * rates[..., i, None]
-        still = zeros(b_qd.shape, like=qd)
-        omega_i = still if parent < 0 else rotate_back(R[i], omega[parent])
-        v_i = still if parent < 0 else rotate_back(R[i], v[parent] + cross(omega[parent], p[i]))
-        omega.append(omega_i + b_qd if model.is_revolute(i) else omega_i)
-        v.append(v_i if model.is_revolute(i) else v_i + b_qd)
+        omega[i] = rotate_back(R[i], omega[parent]) + model.angular_axis[i] * rates[..., i, None]
+        v_p = v[parent] + cross(omega[parent], p[i])
+        v[i] = rotate_back(R[i], v_p) + model.linear_axis[i] * rates[..., i, None]
     return omega, v

@@ -21,11 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model import Model
-from ..spatial import Array, cross, rotate, rotate_back, transpose, zeros
-from .checks import checked
+from ..basics.spatial import Array, cross, rotate, rotate_back, transpose, zeros
+from ..model.model import Model
 from .jacobians import body_jacobians
-from .kinematics import joint_rates, joint_transforms
+from .kinematics import BASE, joint_rates, joint_transforms
+from .quantity import quantity
 
 
 class Body(NamedTuple):
@@ -41,12 +41,14 @@ class Body(NamedTuple):
 def bodies(model: Model, q: Array) -> list[Body]:
     """The bodies of the arm at q."""
     R, p = joint_transforms(model, q)
-    found: list[Body] = []
-    for i, (Jw, Jv) in enumerate(zip(*body_jacobians(model, R, p), strict=True)):
-        parent = model.parent[i]
-        g0 = rotate_back(R[i], found[parent].gravity if parent >= 0 else model.gravity)
-        found.append(Body(Jv + cross(Jw, model.com[i]), Jw, model.mass[i], model.inertia[i], g0))
-    return found
+    Jw, Jv = body_jacobians(model, R, p)
+    gravity = {BASE: model.gravity}
+    for i, parent in enumerate(model.parent):
+        gravity[i] = rotate_back(R[i], gravity[parent])
+    return [
+        Body(Jv[i] + cross(Jw[i], model.com[i]), Jw[i], model.mass[i], model.inertia[i], gravity[i])
+        for i in range(model.nb)
+    ]
 
 
 def jacobian_derivatives(body: Body) -> tuple[Array, Array]:
@@ -100,7 +102,7 @@ def gravity_terms(model: Model, arm: list[Body], like: Array) -> Array:
     return g
 
 
-@checked
+@quantity()
 def christoffel_symbols(model: Model, q: Array) -> Array:
     """Christoffel symbols of the first kind of M(q): the Coriolis torque is their sum with qd_i qd_j over i and j.
 
@@ -141,7 +143,7 @@ def christoffel_symbols(model: Model, q: Array) -> Array:
     return c
 
 
-@checked
+@quantity()
 def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
     """Joint torques M qdd + C qd + g by the Euler-Lagrange formulation; equal to those of `inverse_dynamics`.
 

@@ -1,29 +1,43 @@
-"""The student's view: every vector of the recursion, link by link."""
+"""All link quantities of one pass of the recursive Newton-Euler algorithm, as a record that prints as a table."""
 
 from __future__ import annotations
 
 import operator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from ..model import Model
-from ..spatial import Array, dot, rotate, rotate_back, zeros
-from .checks import checked
-from .kinematics import joint_rates, joint_transforms
-from .newton_euler import (
-    External,
-    applied_wrenches,
-    backward_recursion,
-    forward_recursion,
-    joint_torques,
+from ..basics.spatial import Array, dot, rotate, rotate_back, zeros
+from ..basics.text_table import Row, aligned, short, six_digits
+from ..model.model import Model
+from .kinematics import BASE, joint_transforms
+from .quantity import quantity
+from .rnea import External, newton_euler
+
+# Attribute of the record, equation of Høifødt 2011, unit. a_o has no number of its own: it is its parent's (3.38).
+VECTORS = (
+    ("omega", "(3.29)", "rad/s"),
+    ("alpha", "(3.33)", "rad/s^2"),
+    ("a_o", "", "m/s^2"),
+    ("a_c", "(3.37)", "m/s^2"),
+    ("a_e", "(3.38)", "m/s^2"),
+    ("gravity", "(5.33)", "m/s^2"),
+    ("f", "(3.24)", "N"),
+    ("tau", "(3.27)", "N m"),
 )
-from .record_table import recursion_table
+LEGEND = (
+    "Each vector in the axes of its own link; in brackets the equations of Høifødt 2011.",
+    "omega, alpha: spin and its rate. a_c, a_e: true accelerations of centre of mass and end.",
+    "f, tau: of the joint on its link, at the joint. u: the drive's share of them.",
+)
+BRANCHED = "The links of a branched robot have no single end: a_o, the origin's acceleration, stands for a_e."
 
 
 @dataclass(frozen=True)
 class Recursion:
-    """What the forward and backward recursions find for every moving body.
+    """All vectors of the Newton-Euler recursion, for every moving body.
 
     Body i is the one behind `joints[i]`; its vectors are in its own axes. Shapes (..., nb, 3) unless said.
     Printed, it is a table with units and equation numbers, joint by joint; of a batch, of its first state.
@@ -48,8 +62,8 @@ class Recursion:
         Torques of the drives (5.3) [N m or N].
     joint_types : tuple of str
         "revolute", "continuous" or "prismatic", of each of `joints`.
-    drivers : tuple of int, length n
-        The joint that u[..., k] drives; the others are mimics.
+    independent_joints : tuple of int, length n
+        The joint that u[..., k] belongs to; all others mimic one.
 
     Examples
     --------
@@ -73,7 +87,7 @@ class Recursion:
     tau: Array
     u: Array
     joint_types: tuple[str, ...]
-    drivers: tuple[int, ...]
+    independent_joints: tuple[int, ...]
 
     @property
     def batch(self) -> tuple[int, ...]:
@@ -115,7 +129,7 @@ class Recursion:
         return recursion_table(self)
 
 
-@checked
+@quantity(returns_array=False)
 def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: External | None = None) -> Recursion:
     """Inverse dynamics with every intermediate vector of every link kept.
 
@@ -146,38 +160,35 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
     >>> rne.recursion(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6).omega[0].tolist()
     [0.0, -1.0, 0.0]
     """
-    R, p = joint_transforms(model, q)
-    rates, accelerations = joint_rates(model, qd), joint_rates(model, qdd)
-    upward = forward_recursion(model, R, p, rates, accelerations, -model.gravity)
-    f, n = backward_recursion(model, R, p, upward, applied_wrenches(model, external))
-    true = forward_recursion(model, R, p, rates, accelerations, 0 * model.gravity)
-    gravity: list[Array] = []
+    at_rest = 0 * model.gravity  # without gravity's upward acceleration of the base the accelerations are the true ones
+    loaded = newton_euler(model, q, qd, qdd, model.gravity, external)
+    true = newton_euler(model, q, qd, qdd, at_rest)
+    R, _ = joint_transforms(model, q)
+    gravity = {BASE: model.gravity}
     for i, parent in enumerate(model.parent):
-        gravity.append(rotate_back(R[i], gravity[parent] if parent >= 0 else model.gravity))  # (5.33)
+        gravity[i] = rotate_back(R[i], gravity[parent])  # (5.33)
 
-    def collect(vectors: list[Array]) -> Array:
-        result = zeros((*q.shape[:-1], len(vectors), 3), like=q)
-        for i, v in enumerate(vectors):
+    def collect(vectors: Iterable[Array]) -> Array:
+        rows = list(vectors)
+        result = zeros((*q.shape[:-1], len(rows), 3), like=q)
+        for i, v in enumerate(rows):
             result[..., i, :] = v
         return result
 
-    ends = [
-        a + rotate(U, r)  # (3.38)
-        for a, U, r in zip(true.a_o, true.U, link_ends(model) or [], strict=False)
-    ]
+    bodies, ends = range(model.nb), link_ends(model)
     return Recursion(
         joints=model.moving_joints,
-        omega=collect(true.omega),
-        alpha=collect(true.alpha),
-        a_o=collect(true.a_o),
-        a_c=collect([a + rotate(U, c) for a, U, c in zip(true.a_o, true.U, model.com, strict=True)]),  # (3.37)
-        a_e=None if link_ends(model) is None else collect(ends),
-        gravity=collect(gravity),
-        f=collect(f),
-        tau=collect(n),
-        u=joint_torques(model, f, n, accelerations),
+        omega=collect(true.omega[i] for i in bodies),
+        alpha=collect(true.alpha[i] for i in bodies),
+        a_o=collect(true.a[i] for i in bodies),
+        a_c=collect(true.a[i] + rotate(true.U[i], model.com[i]) for i in bodies),  # (3.37)
+        a_e=None if ends is None else collect(true.a[i] + rotate(true.U[i], r) for i, r in enumerate(ends)),  # (3.38)
+        gravity=collect(gravity[i] for i in bodies),
+        f=collect(loaded.f[i] for i in bodies),
+        tau=collect(loaded.n[i] for i in bodies),
+        u=loaded.tau,
         joint_types=model.joint_types,
-        drivers=model.drivers,
+        independent_joints=model.independent_joints,
     )
 
 
@@ -210,8 +221,48 @@ def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
     >>> force[0].round(2).item()  # the weight of the 75 kg that move
     735.75
     """
-    turns = model.turns[:, None]
-    f, n = record.f, record.tau
-    f_along, n_along = (dot(v, model.axis)[..., None] * model.axis for v in (f, n))
-    carried_f, carried_n = f - (1 - turns) * f_along, n - turns * n_along
+    s, t = model.angular_axis, model.linear_axis
+    carried_f, carried_n = record.f - dot(record.f, t)[..., None] * t, record.tau - dot(record.tau, s)[..., None] * s
     return dot(carried_f, carried_f) ** 0.5, dot(carried_n, carried_n) ** 0.5
+
+
+def recursion_table(record: Recursion) -> str:
+    """The record, or the first state of its batch, joint by joint in at most 100 columns."""
+    batch = record.batch
+    if 0 in batch:
+        return f"Recursion of no states: leading shape {batch}"
+    if not record.joints:
+        return "Recursion of a robot without moving joints"
+    lines = []
+    if batch:
+        last = tuple(k - 1 for k in batch)
+        index = str(last[0]) if len(last) == 1 else str(last)
+        lines.append(f"The first of {np.prod(batch)} states, leading shape {batch}; record.state({index}) is the last.")
+        record = record.state((0,) * len(batch))
+    lines += LEGEND if record.a_e is not None else [*LEGEND, BRANCHED]
+    rows = [Row("", ("x", "y", "z"))]
+    for i in range(len(record.joints)):
+        rows += _joint(record, i)
+    return "\n".join([*lines, *aligned(rows)])
+
+
+def _joint(record: Recursion, i: int) -> Iterator[Row]:
+    """The rows of one joint and the body behind it; u only where a drive is, not at a mimic joint."""
+    yield Row(
+        f"{short(record.joints[i])}, {record.joint_types[i]}{'' if i in record.independent_joints else ', mimic'}"
+    )
+    for name, equation, unit in VECTORS:
+        vectors = getattr(record, name)
+        if vectors is None or i >= len(vectors) or (name == "a_o" and record.a_e is not None):
+            continue
+        yield from _numbers(name, equation, unit, vectors[i])
+    if i in record.independent_joints:
+        unit = "N" if record.joint_types[i] == "prismatic" else "N m"
+        yield from _numbers("u", "(5.3)", unit, [record.u[record.independent_joints.index(i)]])
+
+
+def _numbers(name: str, equation: str, unit: str, values: Iterable[Any]) -> Iterator[Row]:
+    values = list(values)
+    yield Row(f"  {name:<7} {equation:<6} {unit:<7}", [six_digits(x.real) for x in values])
+    if any(np.iscomplexobj(x) or x.imag != 0 for x in values):
+        yield Row(f"  {'':<7} {'imag':<6} {unit:<7}", [six_digits(x.imag) for x in values])

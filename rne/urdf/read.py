@@ -11,13 +11,13 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..assembly import Exact, Mimic, Part, Pose, assemble, identity
+from ..basics.spatial import Array, rotation_from_rpy, snap, transpose
 from ..errors import ModelError, UrdfError
-from ..model import STANDARD_GRAVITY, Cylinder, Model
-from ..spatial import Array, rotation_from_rpy, snap, transpose
+from ..model.builder import Exact, Mimic, Part, Pose, assemble, identity
+from ..model.model import STANDARD_GRAVITY, Cylinder, Model
 from .document import parse, read_bytes
+from .far_origins import Written, slid
 from .findings import Finding, Report
-from .sliding import Written, slid
 from .strict import validate
 
 LARGEST = float(np.finfo(np.float64).max)  # how the writer writes "no limit"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model_checks import inertia_error, triangle_excess
+from ..model.validation import inertia_error, triangle_excess
 from .findings import Report, echo
 from .grammar import check_grammar, describe, number, numbers, prune
 from .tree import check_tree

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import model_argument
-from ..assembly import Part, Pose, at_links, disassemble
-from ..model import Model
-from ..spatial import rpy_from_rotation
+from ..basics.spatial import rpy_from_rotation
+from ..model.arguments import model_argument
+from ..model.builder import Part, Pose, at_links, disassemble
+from ..model.model import Model
 
 LARGEST = float(np.finfo(np.float64).max)
 

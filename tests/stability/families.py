@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 import rne
-from rne.assembly import Part, assemble, disassemble, pose
-from rne.robots.chains import random_tree, straight_chain
+from rne.model.builder import Part, assemble, disassemble, pose
+from rne.model.robots.generators import random_tree, straight_chain
 
 X, Y, Z = np.eye(3)
 
@@ -118,7 +118,7 @@ def large_angles():
     for name, model in subjects():
         for angle in (1e3, 1e6, 1e12):
             states = case(f"{name}, angles to {angle:.0e} rad", model)
-            yield states._replace(q=np.where(model.turns, angle, 1.0) * states.q)
+            yield states._replace(q=np.where(model.is_revolute, angle, 1.0) * states.q)
 
 
 def scaled(model, s):
@@ -133,7 +133,7 @@ def sizes():
     for name, model in subjects():
         for s in (1e-6, 1e6):
             states = case(f"{name}, {s:.0e} times as large", scaled(model, s))
-            unit = np.where(model.turns, 1.0, s)  # what slides goes as far as the robot is large
+            unit = np.where(model.is_revolute, 1.0, s)  # what slides goes as far as the robot is large
             yield states._replace(q=unit * states.q, qd=unit * states.qd, qdd=unit * states.qdd)
 
 
@@ -142,7 +142,7 @@ def long_slides():
     model = next(tree for name, tree in subjects() if name == "random tree")
     for ratio in (1e3, 1e6):
         states = case(f"random tree, slides {ratio:.0e} times its size", model)
-        yield states._replace(q=np.where(model.turns, 1.0, ratio) * states.q)
+        yield states._replace(q=np.where(model.is_revolute, 1.0, ratio) * states.q)
 
 
 FAMILIES: dict[str, Callable[[], Iterator[Case]]] = {

@@ -9,9 +9,9 @@ import mpmath
 import numpy as np
 
 import rne
-from rne.assembly import assemble, disassemble
-from rne.model import ARRAY_FIELDS, _convert, _rebuild
-from rne.spatial import combine_bodies, rotate
+from rne.basics.spatial import combine_bodies, rotate
+from rne.model.builder import assemble, disassemble
+from rne.model.model import ARRAY_FIELDS, convert_array, unchecked_model
 
 
 def far_text(model, distance, seed=0):
@@ -31,13 +31,13 @@ def far_text(model, distance, seed=0):
 
 def mp(text):
     """The doubles of an attribute, as they are."""
-    return _convert(np.array([float(x) for x in text.split()]), mpmath.mpf)
+    return convert_array(np.array([float(x) for x in text.split()]), mpmath.mpf)
 
 
 def mp_pose(origin):
     """Rotation and origin of an <origin>, nothing rounded or snapped."""
     if origin is None:
-        return _convert(np.eye(3), mpmath.mpf), mp("0 0 0")
+        return convert_array(np.eye(3), mpmath.mpf), mp("0 0 0")
     (cr, sr), (cp, sp), (cy, sy) = ((mpmath.cos(x), mpmath.sin(x)) for x in mp(origin.get("rpy", "0 0 0")))
     yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]], dtype=object)
     pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]], dtype=object)
@@ -56,11 +56,11 @@ def exact_model(text, like):
     values = {f.name: getattr(like, f.name) for f in fields(like)}
     for name in ARRAY_FIELDS & values.keys():
         if values[name] is not None and np.isfinite(values[name]).all():
-            values[name] = _convert(values[name], mpmath.mpf)
+            values[name] = convert_array(values[name], mpmath.mpf)
     frames, bodies = {}, [[] for _ in range(like.nb)]
     rotation, translation, axis = [], [], []
     for k, (link, joint) in enumerate(zip(like.link_names, like.link_joints, strict=True)):
-        R, p = _convert(np.eye(3), mpmath.mpf), mp("0 0 0")
+        R, p = convert_array(np.eye(3), mpmath.mpf), mp("0 0 0")
         if joint:
             host = frames[joints[joint].find("parent").get("link")]
             R, p = mp_pose(joints[joint].find("origin"))
@@ -70,7 +70,7 @@ def exact_model(text, like):
             rotation.append(R)
             translation.append(p)
             axis.append(b / mpmath.sqrt((b * b).sum()))
-            R, p = _convert(np.eye(3), mpmath.mpf), mp("0 0 0")
+            R, p = convert_array(np.eye(3), mpmath.mpf), mp("0 0 0")
         frames[link] = R, p
         values["link_rotation"][k], values["link_translation"][k] = R, p
         inertial = links[link].find("inertial")
@@ -79,7 +79,7 @@ def exact_model(text, like):
     merged = [combine_bodies(b) if b else (mpmath.mpf(0), mp("0 0 0"), 0 * frames[link][0]) for b in bodies]
     values |= {"rotation": np.array(rotation), "translation": np.array(translation), "axis": np.array(axis)}
     values |= {"mass": np.array([b[0] for b in merged]), "com": np.array([b[1] for b in merged])}
-    return _rebuild(values | {"inertia": np.array([b[2] for b in merged])})
+    return unchecked_model(values | {"inertia": np.array([b[2] for b in merged])})
 
 
 def mp_body(inertial, R, p):

@@ -17,7 +17,7 @@ import mpmath
 import numpy as np
 
 import rne
-from rne.model import ARRAY_FIELDS, _convert, _rebuild
+from rne.model.model import ARRAY_FIELDS, convert_array, unchecked_model
 
 DIGITS = 50
 CHANGE = mpmath.mpf(10) ** -25  # relative, of every number
@@ -42,7 +42,7 @@ class Measured(NamedTuple):
 
 def changed(array, signs):
     """Every number times 1 + CHANGE or 1 - CHANGE, or as it is without signs; symmetric where it is symmetric."""
-    exact = _convert(np.asarray(array, dtype=float), mpmath.mpf)
+    exact = convert_array(np.asarray(array, dtype=float), mpmath.mpf)
     if signs is None:
         return exact
     sign = signs.choice([-1, 1], size=exact.shape)
@@ -61,8 +61,8 @@ def exactly(core, model, arguments, signs=None):
     positions = changed(q, None)
     if signs is not None:
         sign = signs.choice([-1, 1], size=q.shape).astype(object)
-        positions = positions + CHANGE * sign * np.where(model.turns, np.minimum(np.abs(q), np.pi), np.abs(q))
-    return core(_rebuild(values), positions, *(changed(x, signs) for x in others))
+        positions = positions + CHANGE * sign * np.where(model.is_revolute, np.minimum(np.abs(q), np.pi), np.abs(q))
+    return core(unchecked_model(values), positions, *(changed(x, signs) for x in others))
 
 
 def size(result):
@@ -100,13 +100,9 @@ def relative_size(difference, value):
 def compared(got, exact):
     """The worst state of one answer."""
     with mpmath.workdps(DIGITS):
-        error = relative_size(_convert(got, mpmath.mpf) - exact.value, exact.value).astype(float)
+        error = relative_size(convert_array(got, mpmath.mpf) - exact.value, exact.value).astype(float)
     k = int(np.argmax(error / exact.condition))
     return Measured(float(error[k]), float(exact.condition[k]))
-
-
-def refined(robot, *state):
-    return robot.forward_dynamics(*state, refine=2)
 
 
 def forward_core(model, q, qd, tau):
@@ -125,7 +121,6 @@ METHODS = {
         " by M": rne.forward_dynamics,
         " by articulated bodies": rne.articulated_forward_dynamics,
         ", compiled": "forward_dynamics",
-        ", refined twice": refined,
     },
 }
 COMPILED_UP_TO = 20  # joints
@@ -137,6 +132,8 @@ def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exa
     Against the case's own doubles, or against another Model of mpmath numbers; the condition is the case's.
     """
     robot, found = rne.Robot(case.model), {}
+    if case.model.n <= COMPILED_UP_TO:
+        robot.compile()
     for quantity in quantities:
         arguments = [case.q] if quantity == "mass matrix" else [case.q, case.qd, case.qdd]
         if quantity == "forward dynamics":
@@ -146,7 +143,7 @@ def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exa
             with mpmath.workdps(DIGITS):
                 exact = exact._replace(value=QUANTITIES[quantity](exact_model, *(changed(x, None) for x in arguments)))
         for method, function in (METHODS[quantity] | (others or {}).get(quantity, {})).items():
-            if (isinstance(function, str) or function is refined) and case.model.n > COMPILED_UP_TO:
+            if isinstance(function, str) and case.model.n > COMPILED_UP_TO:
                 continue
             found[quantity + method] = answered(robot, function, arguments, exact)
     return found
@@ -160,8 +157,6 @@ def torques(case):
 def answered(robot, function, arguments, exact):
     """One method's worst state; refused if an error says that M is singular in every one of them."""
     call = getattr(robot, function) if isinstance(function, str) else partial(function, robot.model)
-    if function is refined:
-        call = partial(function, robot)
     rows = []
     for k in range(len(exact.value)):
         with warnings.catch_warnings(record=True) as said:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import rne
-from rne.robots.chains import straight_chain
+from rne.model.robots.generators import straight_chain
 
 from ..helpers import ROOT
 from .families import FAMILIES, case, straight

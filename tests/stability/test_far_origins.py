@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import rne
-from rne.assembly import Part
-from rne.robots.chains import random_tree
-from rne.urdf.sliding import _rotation, far_origins
+from rne.model.builder import Part
+from rne.model.robots.generators import random_tree
+from rne.urdf.far_origins import _rotation, far_origins
 
 from ..helpers import data_robots
 from .families import case

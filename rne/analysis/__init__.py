@@ -1,0 +1,1 @@
+"""What a motion or a model implies: bearing loads, comparison with Pinocchio."""

@@ -1,0 +1,110 @@
+"""What the joints' bearings carry along a motion, beside the drives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..basics.text_table import Row, aligned, short, six_digits
+from ..dynamics.record import bearing_loads
+from ..robot import Robot
+from ..simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class BearingPeaks:
+    """The largest loads on every joint's bearing over the samples of a motion. Printed, it is a table.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        The moving joints.
+    force, torque : ndarray, shape (nb,)
+        Largest force and torque that the bearing carries, the drive's own component left out [N, N m].
+    force_time, torque_time : ndarray, shape (nb,)
+        When each was first reached [s].
+    start, end : float
+        Times of the first and last sample [s].
+    samples : int
+        Number of samples; a peak between two of them is not seen.
+    """
+
+    joints: tuple[str, ...]
+    force: Array
+    force_time: Array
+    torque: Array
+    torque_time: Array
+    start: float
+    end: float
+    samples: int
+
+    def __str__(self) -> str:
+        samples = f"{self.samples} samples" if self.samples > 1 else "1 sample"
+        title = f"Peak loads on the bearings, {six_digits(self.start)} ... {six_digits(self.end)} s, {samples}"
+        if not self.joints:
+            return f"{title}: no moving joints"
+        rows = [Row("joint", ("force [N]", "at t [s]", "torque [N m]", "at t [s]"))]
+        columns = (self.force, self.force_time, self.torque, self.torque_time)
+        for i, joint in enumerate(self.joints):
+            rows.append(Row(short(joint), [six_digits(column[i]) for column in columns]))
+        return "\n".join([title, *aligned(rows)])
+
+
+def bearing_peaks(robot: Robot, trajectory: Trajectory) -> BearingPeaks:
+    """Largest force and torque on every joint's bearing over a motion, and when they were reached.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that moved.
+    trajectory : Trajectory
+        Its motion; loads are found at its samples, so give `simulate` a fine `t_eval`.
+
+    Returns
+    -------
+    BearingPeaks
+
+    Raises
+    ------
+    TypeError
+        If an argument is something else.
+    ValueError
+        If the trajectory has no samples or is of a robot with another number of joints, or a load overflows.
+
+    Notes
+    -----
+    Høifødt 2011, (3.24), (3.27) and (5.3): b_i^T tau_i is the drive's, the rest of f_i and tau_i the bearing's.
+    Accelerations are those on record in the trajectory.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> peaks = rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1))
+    >>> peaks.joints[0], bool(peaks.force[0] <= 75 * 9.81)  # the arm gives way to its weight
+    ('joint_1', True)
+    """
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    if not isinstance(trajectory, Trajectory):
+        raise TypeError(f"`trajectory` must be an rne.Trajectory, got {type(trajectory).__name__}")
+    t, q = trajectory.t, trajectory.q
+    if not len(t):
+        raise ValueError("`trajectory` must have at least one sample, got none")
+    if q.shape != (len(t), robot.n):
+        raise ValueError(
+            f"`trajectory.q` must have shape ({len(t)}, {robot.n}) for robot {robot.model.name!r}, got {q.shape}"
+        )
+    force, torque = bearing_loads(robot.recursion(q, trajectory.qd, trajectory.qdd), robot.model)
+    return BearingPeaks(
+        joints=robot.model.moving_joints,
+        force=force.max(axis=0),
+        force_time=t[np.argmax(force, axis=0)],
+        torque=torque.max(axis=0),
+        torque_time=t[np.argmax(torque, axis=0)],
+        start=float(t[0]),
+        end=float(t[-1]),
+        samples=len(t),
+    )

@@ -1,0 +1,95 @@
+"""Pinocchio's answers in our joint order: the one place that knows its conventions.
+
+Its siblings are in alphabetical order, a `continuous` joint is a (cos, sin) pair, spatial vectors are
+[linear; angular], and mimic joints are independent. Everything is mapped by joint name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..model.model import Model
+
+
+class Oracle:
+    """Inverse dynamics, M, gravity, bias and forward dynamics of the same robot by Pinocchio.
+
+    Parameters
+    ----------
+    model : Model
+    xml : str
+        The URDF text for Pinocchio to read itself.
+    """
+
+    def __init__(self, model: Model, xml: str) -> None:
+        import pinocchio
+
+        self.pin: Any = pinocchio
+        self.model = model
+        self.theirs = pinocchio.buildModelFromXML(xml)
+        self.theirs.gravity.linear = np.array(model.gravity)
+        self.data = self.theirs.createData()
+        self.joint_ids = [self.theirs.getJointId(name) for name in model.moving_joints]
+        self.v = np.array([self.theirs.joints[k].idx_v for k in self.joint_ids], dtype=int)
+
+    def q(self, q: Array) -> Array:
+        """Our joint positions as Pinocchio's configuration."""
+        ours = self.model.coordinate_map @ q + self.model.offset
+        theirs: Array = self.pin.neutral(self.theirs)
+        for k, x in zip(self.joint_ids, ours, strict=True):
+            joint = self.theirs.joints[k]
+            theirs[joint.idx_q : joint.idx_q + joint.nq] = [x] if joint.nq == 1 else [np.cos(x), np.sin(x)]
+        return theirs
+
+    def rates(self, x: Array) -> Array:
+        """Our joint rates or accelerations in Pinocchio's order."""
+        theirs = np.zeros(self.theirs.nv)
+        theirs[self.v] = self.model.coordinate_map @ x
+        return theirs
+
+    def torque(self, tau: Array) -> Array:
+        """Pinocchio's torques in our order."""
+        ours: Array = self.model.coordinate_map.T @ np.asarray(tau)[self.v]
+        return ours
+
+    def matrix(self, M: Array) -> Array:
+        """A joint-space matrix of Pinocchio's in our order."""
+        G = self.model.coordinate_map
+        ours: Array = G.T @ np.asarray(M)[np.ix_(self.v, self.v)] @ G
+        return ours
+
+    def inverse_dynamics(self, q: Array, qd: Array, qdd: Array, *forces: Any) -> Array:
+        """By rnea."""
+        return self.torque(self.pin.rnea(self.theirs, self.data, self.q(q), self.rates(qd), self.rates(qdd), *forces))
+
+    def mass_matrix(self, q: Array) -> Array:
+        """By crba."""
+        return self.matrix(self.pin.crba(self.theirs, self.data, self.q(q)))
+
+    def gravity_torque(self, q: Array) -> Array:
+        """By computeGeneralizedGravity."""
+        return self.torque(self.pin.computeGeneralizedGravity(self.theirs, self.data, self.q(q)))
+
+    def bias_torque(self, q: Array, qd: Array) -> Array:
+        """By nonLinearEffects."""
+        return self.torque(self.pin.nonLinearEffects(self.theirs, self.data, self.q(q), self.rates(qd)))
+
+    def coriolis_matrix(self, q: Array, qd: Array) -> Array:
+        """By computeCoriolisMatrix."""
+        return self.matrix(self.pin.computeCoriolisMatrix(self.theirs, self.data, self.q(q), self.rates(qd)))
+
+    def forward_dynamics(self, q: Array, qd: Array, tau: Array) -> Array:
+        """By aba; for robots without mimic joints."""
+        theirs = np.zeros(self.theirs.nv)
+        theirs[self.v] = tau
+        qdd: Array = self.pin.aba(self.theirs, self.data, self.q(q), self.rates(qd), theirs)[self.v]
+        return qdd
+
+
+def each(call: Callable[..., Array], *arrays: Array) -> Array:
+    """Call on every state of a batch."""
+    return np.array([call(*state) for state in zip(*arrays, strict=True)])

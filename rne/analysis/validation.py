@@ -1,0 +1,118 @@
+"""Every torque against an independent source: Pinocchio, or the energies where it is not installed."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..dynamics.energy import kinetic_energy, potential_energy
+from ..model.model import Model
+from ..robot import Robot
+from ..urdf import to_urdf
+from .pinocchio import Oracle, each
+
+EXACT = 1e-13  # of the largest entry: a few tens of roundings
+STEP = 1e-30  # of the complex step
+
+
+class Row(NamedTuple):
+    """One compared quantity: worst difference over all states, relative to the largest entry of the state."""
+
+    quantity: str
+    worst: float
+    bound: float
+    meaning: str
+
+
+def has_pinocchio() -> bool:
+    """True if the package `pin` is installed."""
+    return importlib.util.find_spec("pinocchio") is not None
+
+
+def random_states(n: int, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Angles in +-pi, rates up to 10 rad/s, accelerations up to 50 rad/s^2, shape (samples, n) each."""
+    rng = np.random.default_rng(seed)
+    return tuple(rng.uniform(-x, x, (samples, n)) for x in (np.pi, 10.0, 50.0))  # type: ignore[return-value]
+
+
+def relative(a: Array, b: Array) -> float:
+    """Worst difference over states, each relative to its largest entry."""
+    axes = tuple(range(1, a.ndim))
+    size = np.abs(b).max(axis=axes)
+    return float((np.abs(a - b).max(axis=axes) / np.where(size > 0, size, 1)).max())
+
+
+def validate(robot: Robot, samples: int = 1000) -> tuple[str, list[Row]]:
+    """Compare inverse dynamics, M, gravity, bias and forward dynamics with an independent source.
+
+    Returns
+    -------
+    source : str
+        What was compared with.
+    rows : list of Row
+    """
+    if has_pinocchio():
+        import pinocchio
+
+        return f"Pinocchio {pinocchio.__version__}", list(against_pinocchio(robot, samples))
+    return "energy and Lagrange identities (package pin is not installed)", list(against_energies(robot, samples))
+
+
+def against_pinocchio(robot: Robot, samples: int, xml: str | None = None) -> Iterator[Row]:
+    """Differences from Pinocchio, which reads `xml` itself, or what the writer makes of the robot."""
+    oracle = Oracle(robot.model, to_urdf(robot.model) if xml is None else xml)
+    q, qd, qdd = random_states(robot.n, samples)
+    tau = robot.inverse_dynamics(q, qd, qdd)
+    M = robot.mass_matrix(q)
+    gravity, bias = robot.gravity_torque(q), robot.bias_torque(q, qd)
+    yield Row("inverse dynamics", relative(tau, each(oracle.inverse_dynamics, q, qd, qdd)), EXACT, "tau")
+    yield Row("mass matrix", relative(M, each(oracle.mass_matrix, q)), EXACT, "M")
+    yield Row("gravity", relative(gravity, each(oracle.gravity_torque, q)), EXACT, "g")
+    yield Row("bias", relative(bias, each(oracle.bias_torque, q, qd)), EXACT, "C qd + g")
+    bound = float(np.linalg.cond(M).max() * np.finfo(float).eps)
+    ours = robot.forward_dynamics(q, qd, tau)
+    if not robot.model.has_mimics:
+        theirs = each(oracle.forward_dynamics, q, qd, tau)
+        yield Row("forward dynamics", relative(ours, theirs), bound, "qdd, bound eps cond(M)")
+    yield Row("forward after inverse", relative(ours, qdd), bound, "qdd, bound eps cond(M)")
+
+
+def euler_lagrange(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
+    """Torques d/dt dT/dqd - dT/dq + dU/dq from the energies alone, by complex step.
+
+    T is quadratic in qd, so that dT/dqd_i = (T(qd + e_i) - T(qd - e_i)) / 2 exactly.
+    """
+    T, U = kinetic_energy, potential_energy
+    e = np.eye(model.n)
+
+    def momenta(q: Array, qd: Array) -> Array:
+        q, qd = q[..., None, :], qd[..., None, :]
+        p: Array = (T(model, q, qd + e) - T(model, q, qd - e)) / 2
+        return p
+
+    rate = momenta(q + 1j * STEP * qd, qd + 1j * STEP * qdd).imag
+    nudged = q[..., None, :] + 1j * STEP * e
+    tau: Array = (rate - T(model, nudged, qd[..., None, :]).imag + U(model, nudged).imag) / STEP
+    return tau
+
+
+def against_energies(robot: Robot, samples: int) -> Iterator[Row]:
+    """Differences from what the kinetic and potential energies alone imply."""
+    q, qd, qdd = random_states(robot.n, samples)
+    still = np.zeros_like(q)
+    tau = robot.inverse_dynamics(q, qd, qdd)
+    M = robot.mass_matrix(q)
+    lagrange = euler_lagrange(robot.model, q, qd, qdd)
+    yield Row("inverse dynamics", relative(tau, lagrange), 1e-12, "tau, from Euler-Lagrange")
+    gravity = euler_lagrange(robot.model, q, still, still)
+    yield Row("gravity", relative(robot.gravity_torque(q), gravity), 1e-12, "g, the gradient of U")
+    bias = euler_lagrange(robot.model, q, qd, still)
+    yield Row("bias", relative(robot.bias_torque(q, qd), bias), 1e-12, "C qd + g, from Euler-Lagrange")
+    T = np.einsum("ni,nij,nj->n", qd, M, qd) / 2
+    yield Row("mass matrix", relative(T[:, None], robot.kinetic_energy(q, qd)[:, None]), 1e-12, "qd.M qd / 2 = T")
+    bound = float(np.linalg.cond(M).max() * np.finfo(float).eps)
+    yield Row("forward after inverse", relative(robot.forward_dynamics(q, qd, tau), qdd), bound, "qdd")

@@ -1,0 +1,1 @@
+"""Vectors, rotations, arrays and tables of numbers: nothing here knows about robots."""

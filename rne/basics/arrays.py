@@ -1,0 +1,88 @@
+"""Checks of numbers and arrays given by a user: an error names the argument, what was expected and what was given."""
+
+from __future__ import annotations
+
+from numbers import Number
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .spatial import Array
+
+
+def real_array(name: str, value: ArrayLike, shape: str) -> Array:
+    """An array of finite real numbers."""
+    array = number_array(name, value, shape)
+    if array.dtype.kind == "c":
+        raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
+    return array
+
+
+def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
+    """One finite real number above zero."""
+    array = real_array(name, value, "()")
+    if array.ndim:
+        raise ValueError(f"`{name}` must be one number, got shape {array.shape}")
+    number = float(array)
+    if number < 0 or (number == 0 and not zero_allowed):
+        raise ValueError(f"`{name}` must be positive, got {number!r}")
+    return number
+
+
+def number_array(name: str, value: ArrayLike, shape: str) -> Array:
+    """An array of finite numbers; integers become float64."""
+    array = convert_numbers(name, value, shape)
+    finite = is_finite(array)
+    if not finite.all():
+        index = tuple(int(k) for k in np.argwhere(~finite)[0])
+        raise ValueError(f"`{name}` must be finite, got {array[index]} at index {index}")
+    return array
+
+
+def vector(name: str, value: ArrayLike, n: int, *, sign: Literal["any", "not negative", "positive"] = "any") -> Array:
+    """A read-only float64 copy of n finite real numbers, all of them of the sign asked for."""
+    array = np.array(real_array(name, value, f"({n},)"), dtype=np.float64)
+    if array.shape != (n,):
+        raise ValueError(f"`{name}` must have shape ({n},), got {array.shape}")
+    if sign != "any" and ((array < 0) | ((array == 0) & (sign == "positive"))).any():
+        raise ValueError(
+            f"`{name}` must {'be positive' if sign == 'positive' else 'not be negative'}, got {array.min()}"
+        )
+    array.flags.writeable = False
+    return array
+
+
+def convert_numbers(name: str, value: ArrayLike, shape: str) -> Array:
+    """An array of numbers of a type that the dynamics take, finite or not; integers become float64."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got rows of unequal length") from None
+    if array.dtype.kind in "iu":
+        array = array.astype(np.float64)
+    if array.dtype == np.float16:
+        array = array.astype(np.float32)  # half precision is a storage format
+    numbers_only = array.dtype.kind != "O" or all(isinstance(x, Number) or hasattr(x, "context") for x in array.flat)
+    if array.dtype.kind not in "fcO" or not numbers_only:
+        raise ValueError(f"`{name}` must be an array of numbers of shape {shape}, got dtype {array.dtype}")
+    return _convert_objects(name, array) if array.dtype.kind == "O" else array
+
+
+def _convert_objects(name: str, array: Array) -> Array:
+    """Python numbers as float64; mpmath numbers unchanged, with all their digits."""
+    if any(hasattr(x, "context") for x in array.flat):
+        return array
+    try:
+        return array.astype(np.float64)
+    except OverflowError:
+        raise ValueError(f"`{name}` must be numbers within the range of float64") from None
+    except TypeError:
+        return array.astype(np.complex128)
+
+
+def is_finite(array: Array) -> Array:
+    """Elementwise finiteness, for mpmath numbers too."""
+    if array.dtype == object:
+        return np.asarray((array - array) == 0, dtype=bool)
+    return np.isfinite(array)

@@ -1,0 +1,281 @@
+"""Control laws: functions of (t, q, qd) that give joint torques, plain or traced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import real_array
+from ..basics.spatial import Array
+from ..elementwise import clip
+from ..model.arguments import joint_array
+from ..robot import Robot
+
+Reference = Callable[[float], tuple[Array, Array, Array]]
+F = TypeVar("F", bound=Callable[..., Any])
+MOST = 1e300  # stands for no bound beside bounded joints
+
+
+def traceable(law: F) -> F:
+    """Mark a control law as a plain formula of (t, q, qd), to be traced into the kernel of its scene.
+
+    Parameters
+    ----------
+    law : callable
+        f(t, q, qd) -> torques, for arrays of shape (..., n): without memory, noise, tables or branches on values
+        (`rne.elementwise` has `where`); it may ask a Robot for torques and M. Unmarked laws are called, for one state.
+
+    Returns
+    -------
+    callable
+        The same law.
+
+    Examples
+    --------
+    >>> import rne
+    >>> damper = rne.traceable(lambda t, q, qd: -5.0 * qd)
+    >>> rne.Scene(rne.load("irb140"), controller=damper).cost()["law"]
+    'traced'
+    """
+    law.traceable = True  # type: ignore[attr-defined]
+    return law
+
+
+@dataclass(frozen=True, eq=False)
+class PD:
+    """Proportional and derivative feedback, with the arm's weight carried if asked; see `pd`, `pd_gravity`."""
+
+    robot: Robot
+    kp: Array
+    kd: Array
+    reference: Array
+    gravity: bool
+    traceable = True
+
+    def __call__(self, t: float, q: Array, qd: Array) -> Array:
+        """Torques, shape of q [N m or N]."""
+        feedback = -self.kp * (q - self.reference) - self.kd * qd
+        torques: Array = self.robot.gravity_torque(q) + feedback if self.gravity else feedback
+        return torques
+
+
+def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
+    """PD control without a model: u = -Kp (q - q_ref) - Kd qd.
+
+    Parameters
+    ----------
+    robot : Robot
+    kp, kd : array_like, shape (n,)
+        Gains of each joint [N m/rad, N m s/rad].
+    reference : array_like, shape (n,)
+        [rad or m]
+
+    Returns
+    -------
+    PD
+        f(t, q, qd) -> torques, shape (..., n). Gravity leaves a lasting error; see `rne.check_gains`.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.control.pd(rne.load("irb140"), [50] * 6, [20] * 6, [1] * 6)(0.0, [0] * 6, [0] * 6)[0].item()
+    50.0
+    """
+    p, d, q_ref = _gains(robot, kp=kp, kd=kd, reference=reference)
+    return PD(robot, p, d, q_ref, gravity=False)
+
+
+def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
+    """PD control with gravity compensation: u = g(q) - Kp (q - q_ref) - Kd qd.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose weight is compensated; it need not be the one that is simulated.
+    kp, kd : array_like, shape (n,)
+        Gains of each joint [N m/rad, N m s/rad].
+    reference : array_like, shape (n,)
+        [rad or m]
+
+    Returns
+    -------
+    PD
+        f(t, q, qd) -> torques, shape (..., n).
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite.
+
+    Notes
+    -----
+    Høifødt 2011, (6.46) with the sign that (6.50)-(6.56) need: the error is q - reference.
+
+    Examples
+    --------
+    >>> import rne
+    >>> law = rne.control.pd_gravity(rne.load("irb140"), [50] * 6, [20] * 6, [0] * 6)
+    """
+    p, d, q_ref = _gains(robot, kp=kp, kd=kd, reference=reference)
+    return PD(robot, p, d, q_ref, gravity=True)
+
+
+@dataclass(frozen=True, eq=False)
+class PID:
+    """PD with an integral of the error, a state of its own; see `pid`."""
+
+    robot: Robot
+    kp: Array
+    ki: Array
+    kd: Array
+    reference: Array
+    gravity: bool
+    windup: Array
+    traceable = True
+
+    @property
+    def states(self) -> int:
+        """How many states the law has of its own: the error's integral of each joint."""
+        return self.robot.n
+
+    def __call__(self, t: float, q: Array, qd: Array, z: Array) -> tuple[Array, Array]:
+        """Torques, and the rates of the integrals z [N m or N; rad or m]."""
+        error = q - self.reference
+        held = self.ki * z if (self.windup == MOST).all() else clip(self.ki * z, -self.windup, self.windup)
+        feedback = -self.kp * error - held - self.kd * qd
+        return self.robot.gravity_torque(q) + feedback if self.gravity else feedback, error
+
+
+def pid(
+    robot: Robot,
+    kp: ArrayLike,
+    ki: ArrayLike,
+    kd: ArrayLike,
+    reference: ArrayLike,
+    *,
+    gravity: bool = False,
+    windup: ArrayLike = np.inf,
+) -> PID:
+    """PID control: u = -Kp e - Ki z - Kd qd with e = q - q_ref and dz/dt = e.
+
+    Parameters
+    ----------
+    robot : Robot
+    kp, ki, kd : array_like, shape (n,)
+        Gains of each joint [N m/rad, N m/(rad s), N m s/rad].
+    reference : array_like, shape (n,)
+        [rad or m]
+    gravity : bool
+        True to carry the arm's weight by the model as well.
+    windup : array_like, shape (n,) or a number
+        Largest torque of the integral part [N m or N].
+
+    Returns
+    -------
+    PID
+        For a Scene: f(t, q, qd, z) -> (torques, dz/dt).
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or `windup` is not positive.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.control.pid(rne.load("irb140"), [50] * 6, [10] * 6, [20] * 6, [0] * 6).states
+    6
+    """
+    p, i, d, q_ref = _gains(robot, kp=kp, ki=ki, kd=kd, reference=reference)
+    finite = np.minimum(windup, MOST) if np.ndim(windup) else np.full(robot.n, min(float(np.asarray(windup)), MOST))
+    bound = _vector(robot, "windup", finite)
+    if not (bound > 0).all():
+        raise ValueError(f"`windup` must be positive, got {bound.min()}")
+    return PID(robot, p, i, d, q_ref, gravity, bound)
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedTorque:
+    """Inverse dynamics of the wanted acceleration; see `computed_torque`."""
+
+    robot: Robot
+    kp: Array
+    kd: Array
+    reference: Reference
+    traceable = True
+
+    def __call__(self, t: float, q: Array, qd: Array) -> Array:
+        """Torques, shape of q [N m or N]."""
+        q_ref, qd_ref, qdd_ref = self.reference(t)
+        wanted = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
+        return self.robot.inverse_dynamics(q, qd, wanted)
+
+
+def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Reference) -> ComputedTorque:
+    """Tracking by inverse dynamics: u = M (qdd_ref - Kd (qd - qd_ref) - Kp (q - q_ref)) + C qd + g.
+
+    Parameters
+    ----------
+    robot : Robot
+        The controller's model of the arm.
+    kp, kd : array_like, shape (n,)
+        Gains of the error, which then obeys e'' + Kd e' + Kp e = 0 [1/s^2, 1/s].
+    reference : callable
+        f(t) -> (q, qd, qdd); `rne.trajectories` has quintic and trapezoidal ones.
+
+    Returns
+    -------
+    ComputedTorque
+        f(t, q, qd) -> torques, shape (..., n).
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite.
+
+    Notes
+    -----
+    Siciliano et al. 2009, (8.57)-(8.60); what Høifødt 2011 recommends for tracking.
+
+    Examples
+    --------
+    >>> import rne
+    >>> arm = rne.load("irb140")
+    >>> path = rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
+    >>> law = rne.control.computed_torque(arm, [100] * 6, [20] * 6, path)
+    """
+    if not callable(reference):
+        raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
+    p, d = _gains(robot, kp=kp, kd=kd)
+    try:
+        shapes = [np.shape(part) for part in reference(0.0)]
+    except TypeError:
+        shapes = []
+    if shapes != [(robot.n,)] * 3:
+        raise ValueError(
+            f"`reference` must give (q, qd, qdd) of shape ({robot.n},) each, got {shapes or 'something else'}"
+        )
+    return ComputedTorque(robot, p, d, reference)
+
+
+def _gains(robot: Robot, **values: ArrayLike) -> list[Array]:
+    return [_vector(robot, name, value) for name, value in values.items()]
+
+
+def _vector(robot: Robot, name: str, value: ArrayLike) -> Array:
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    array = joint_array(name, real_array(name, value, f"({robot.n},)"), robot.model).astype(np.float64)
+    if array.shape != (robot.n,):
+        raise ValueError(f"`{name}` must have shape ({robot.n},), got {array.shape}")
+    array.flags.writeable = False
+    return array

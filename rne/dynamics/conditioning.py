@@ -1,0 +1,148 @@
+"""How many digits forward dynamics keep: M's pivots decide whether it is singular, Skeel's amplification the digits.
+
+Everything that judges accelerations judges by `pivot_condition` and `amplifications`: the functions, kernels, batches
+and simulations through `judge_accelerations`, `rne.diagnose` directly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import SingularMassMatrixError
+from ..model.model import Model
+from .crba import mass_matrix
+from .rnea import External, bias_torque
+from .verdict import SOUND, PrecisionLoss, State, Verdict
+
+MIN_DIGITS = 3.0  # decimal digits below which a result is warned of
+# Bounds of a pivot of M, in units of n eps of M's diagonal entry: at most the first, it is only rounding error; at most
+# the second, the digits left are counted.
+SINGULAR, NEARLY_SINGULAR = 8, 1000
+
+
+def pivot_condition(pivots: Array, diagonal: Array) -> Array:
+    """0 where a pivot of M is sound, 1 where M is nearly singular, 2 where it is singular, shape (..., n).
+
+    A pivot that is not a number counts as singular.
+    """
+    below = [pivots_below(units, pivots, diagonal) for units in (NEARLY_SINGULAR, SINGULAR)]
+    condition: Array = below[0].astype(np.int8) + below[1]
+    return condition
+
+
+def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
+    """Where a pivot of M is at most `units` n eps of M's diagonal entry, or not a number, shape (..., n)."""
+    pivots, diagonal = pivots.real, diagonal.real
+    eps = float(np.finfo(pivots.dtype).eps) if pivots.dtype != object else 0.0
+    return ~np.asarray(pivots > units * pivots.shape[-1] * eps * diagonal, dtype=bool)
+
+
+def rate_bound(dtype: np.dtype[Any]) -> float:
+    """Joint rate eps^(-1/4) whose square leaves half the digits of the dtype: above it the digits left are counted."""
+    return float(np.finfo(dtype).eps ** -0.25)
+
+
+def judge_singularity(
+    model: Model, arguments: Mapping[str, Any], result: Array, pivots: Array, diagonal: Array
+) -> Verdict:
+    """The Verdict of a solution with M alone: an error if M is singular, whatever digits are left otherwise."""
+    singular = pivot_condition(pivots, diagonal).max(axis=-1, initial=0) == 2
+    if not singular.any():
+        return SOUND
+    state = tuple(int(k) for k in np.argwhere(singular)[0])
+    return Verdict(error=singular_error(model, mass_matrix.core(model, arguments["q"][state]).real, state))
+
+
+def judge_accelerations(
+    model: Model, arguments: Mapping[str, Any], qdd: Array, pivots: Array, diagonal: Array
+) -> Verdict:
+    """The Verdict of forward dynamics: an error if M is singular, a loss if fewer than MIN_DIGITS digits are left.
+
+    Digits are counted only in states whose M is nearly singular or whose rates exceed `rate_bound`: everywhere else
+    there are enough of them.
+    """
+    verdict = judge_singularity(model, arguments, qdd, pivots, diagonal)
+    if verdict.error is not None or qdd.dtype.kind != "f":
+        return verdict
+    nearly = np.asarray(pivot_condition(pivots, diagonal).max(axis=-1, initial=0) > 0)
+    fast = np.asarray(np.abs(arguments["qd"]).max(axis=-1, initial=0.0) > rate_bound(qdd.dtype))
+    suspect = nearly | fast
+    if not suspect.any():
+        return SOUND
+    q, qd, tau = (arguments[name][suspect].astype(np.float64) for name in ("q", "qd", "tau"))
+    wrenches = {link: wrench[suspect].astype(np.float64) for link, wrench in (arguments.get("external") or {}).items()}
+    lost = float(np.finfo(qdd.dtype).eps) * amplifications(model, q, qd, tau, wrenches or None)
+    k = int(np.argmax(lost))
+    digits = max(0.0, -float(np.log10(lost[k])))
+    if digits >= MIN_DIGITS:
+        return SOUND
+    state: State = tuple(int(i) for i in np.argwhere(suspect)[k])
+    cause = f"the torques and C qd + g cancel at {np.abs(qd[k]).max():.1e}/s"
+    return Verdict(loss=PrecisionLoss(digits, state, "M is nearly singular" if nearly[state] else cause))
+
+
+def amplifications(model: Model, q: Array, qd: Array, tau: Array, external: External | None = None) -> Array:
+    """Factor by which relative errors in M, C qd + g and tau grow in qdd = M^-1 (tau - C qd - g), shape (...).
+
+    Skeel 1979, componentwise: max |M^-1| (|M| |qdd| + |tau| + |C qd + g|) / max |qdd|. Infinite where it overflows or
+    M cannot be inverted.
+    """
+    double = model.astype(np.float64)
+    with np.errstate(all="ignore"):
+        M, h = mass_matrix.core(double, q), bias_torque.core(double, q, qd, external=external)
+        inverse = _inverse(M)
+        qdd = (inverse @ (tau - h)[..., None])[..., 0]
+        spread = np.abs(M) @ np.abs(qdd)[..., None] + (np.abs(tau) + np.abs(h))[..., None]
+        grown = (np.abs(inverse) @ spread)[..., 0].max(axis=-1, initial=0.0)
+        found = np.where(grown == 0, 1.0, grown / np.abs(qdd).max(axis=-1, initial=0.0))
+    return np.where(np.isfinite(found), found, np.inf)
+
+
+def _inverse(M: Array) -> Array:
+    """The inverse for every state; NaN where there is none."""
+    try:
+        return np.linalg.inv(M)
+    except np.linalg.LinAlgError:
+        inverse = np.full(M.shape, np.nan)
+        for state in np.ndindex(M.shape[:-2]):
+            try:
+                inverse[state] = np.linalg.inv(M[state])
+            except np.linalg.LinAlgError:
+                continue
+        return inverse
+
+
+def weakest_motion(model: Model, M: Array) -> tuple[tuple[str, ...], float]:
+    """The joints whose combined motion moves the least inertia, and the smallest eigenvalue of M of unit diagonal.
+
+    A joint whose diagonal entry is not positive moves none by itself; the eigenvalue is 0 then.
+    """
+    M = M.astype(np.float64)
+    diagonal = np.diagonal(M)
+    still = [name for name, m in zip(model.joint_names, diagonal, strict=True) if not m > 0]
+    if still:
+        return tuple(still), 0.0
+    scale = 1 / np.sqrt(diagonal)  # unit diagonal: the units of a joint do not count
+    values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
+    motion = np.abs(vectors[:, 0])
+    joints = tuple(name for name, x in zip(model.joint_names, motion, strict=True) if x > 1e-3 * motion.max())
+    return joints, float(values[0])
+
+
+def singular_error(model: Model, M: Array, state: State) -> SingularMassMatrixError:
+    """The error that names the joints whose combined motion moves no inertia."""
+    joints, value = weakest_motion(model, M)
+    names = ", ".join(repr(name) for name in joints)
+    if not (np.diagonal(M) > 0).all():
+        return SingularMassMatrixError("M is singular", f": nothing with inertia moves with {names}", joints, state)
+    return SingularMassMatrixError(
+        "M is singular to working precision",
+        f": a combined motion of {names} moves no inertia "
+        f"(smallest eigenvalue {value:.1e} of M scaled to unit diagonal)",
+        joints,
+        state,
+    )

@@ -1,0 +1,122 @@
+"""The joint-space inertia matrix from composite rigid bodies."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import (
+    Array,
+    cross,
+    cross_matrix,
+    dot,
+    mirrored,
+    rotate,
+    transpose,
+    zeros,
+)
+from ..model.model import Model
+from .kinematics import BASE, joint_transforms
+from .quantity import quantity
+
+
+class Composite(NamedTuple):
+    """Mass, first moment, and inertia about the frame's origin."""
+
+    mass: Array
+    first_moment: Array
+    inertia: Array
+
+
+def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> dict[int, Composite]:
+    """Mass, first moment and inertia about its frame's origin of each body with all it carries, in its axes."""
+    zero = zeros((3,), like=model.mass)
+    composites: dict[int, Composite] = {i: Composite(*(x[i] for x in model.moments)) for i in range(model.nb)}
+    composites[BASE] = Composite(zero[0], zero, cross_matrix(zero))
+    for i in reversed(range(model.nb)):
+        parent = model.parent[i]
+        moved = move_to_parent(composites[i], R[i], p[i])
+        composites[parent] = Composite(*(a + b for a, b in zip(composites[parent], moved, strict=True)))
+    return composites
+
+
+def move_to_parent(body: Composite, R: Array, p: Array) -> Composite:
+    """The same body seen from the parent's frame: rotated by R, then its reference point moved by p.
+
+    Featherstone 2008, (2.66) in three-vectors.
+    """
+    m, h_i, I = body
+    h = rotate(R, h_i)
+    steiner = cross_matrix(p) @ cross_matrix(h + (m / 2) * p)
+    return Composite(m, h + m * p, mirrored(R @ I @ transpose(R) - (steiner + transpose(steiner))))
+
+
+def unit_acceleration(body: Composite, s: Array, t: Array) -> tuple[Array, Array]:
+    """Force and moment that a composite body takes for a unit acceleration of its joint with axes s and t."""
+    m, h, I = body
+    return m * t + cross(s, h), rotate(I, s) + cross(h, t)
+
+
+@quantity(base_parameters=True)
+def mass_matrix(model: Model, q: Array) -> Array:
+    """Joint-space inertia matrix M(q): the torques per unit acceleration of each joint.
+
+    Parameters
+    ----------
+    model : Model
+    q : ndarray, shape (..., n)
+        Joint positions [rad or m].
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+        Full and exactly symmetric, `model.armature` included [kg m^2, kg m or kg].
+
+    Raises
+    ------
+    ValueError
+        If `q` has the wrong shape or is not finite, or M overflows.
+
+    Notes
+    -----
+    Composite rigid bodies: Featherstone 2008, table 6.2. O(n d), d the depth of the tree.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.mass_matrix(rne.irb140(), [0] * 6)[5, 5].round(6).item()
+    0.001458
+    """
+    R, p = joint_transforms(model, q)
+    s, t = model.angular_axis, model.linear_axis
+    composites = composite_inertias(model, R, p)
+    M = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
+    for j in range(model.nb):
+        f, n = unit_acceleration(composites[j], s[j], t[j])
+        M[..., j, j] = dot(n, s[j]) + dot(f, t[j]) + model.armature[j]
+        i = j
+        while model.parent[i] != BASE:
+            f = rotate(R[i], f)
+            n = rotate(R[i], n) + cross(p[i], f)
+            i = model.parent[i]
+            M[..., i, j] = M[..., j, i] = dot(n, s[i]) + dot(f, t[i])
+    return reduce_to_coordinates(model, M) if model.has_mimics else M
+
+
+def mass_diagonal(model: Model, composites: dict[int, Composite], like: Array) -> Array:
+    """The diagonal of M: the inertia that each joint accelerates with all others locked, shape (..., nb)."""
+    diagonal = zeros(like.shape, like=like)
+    for j, (s, t) in enumerate(zip(model.angular_axis, model.linear_axis, strict=True)):
+        f, n = unit_acceleration(composites[j], s, t)
+        diagonal[..., j] = dot(n, s) + dot(f, t) + model.armature[j]
+    return diagonal
+
+
+def reduce_to_coordinates(model: Model, M: Array) -> Array:
+    """G^T M G for joints that mimic others, exactly symmetric."""
+    G = model.coordinate_map
+    reduced: Array = G.T @ M @ G
+    lower_rows, lower_columns = np.tril_indices(model.n, -1)
+    reduced[..., lower_columns, lower_rows] = reduced[..., lower_rows, lower_columns]
+    return reduced

@@ -1,0 +1,214 @@
+"""The declaration of a public quantity: check the arguments, run the core, check the result.
+
+A core is the bare recursion. It takes arrays that are finite, of one dtype and of one leading shape, and never
+branches on a value. `function.core` is that recursion, to be read, tested or traced on its own.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
+
+import numpy as np
+
+from ..basics.arrays import is_finite, number_array
+from ..basics.spatial import Array
+from ..errors import NotFiniteError
+from ..model.arguments import joint_array, model_argument
+from ..model.model import Model
+from .verdict import SOUND, Verdict
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T_co = TypeVar("T_co", covariant=True)
+
+# (model, arguments, result, pivots, diagonal of M) -> Verdict
+Judge = Callable[[Model, Mapping[str, Any], Array, Array, Array], Verdict]
+
+JOINT_ARGUMENTS = ("q", "qd", "qdd", "tau")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """What a function of a model takes, what its core returns, and what may be assumed when it is traced.
+
+    Attributes
+    ----------
+    name : str
+    core : callable
+        core(model, *arrays, **options) -> result, or (result, pivots of M, diagonal of M) if there is a `judge`.
+    widths : mapping of str to int or None
+        The arrays it takes, in order, each with its length along the last axis; None for one entry per coordinate.
+    judge : callable, optional
+        Says what the pivots mean for the result.
+    rates : (str, slice), optional
+        Where joint rates are whose squares may cost digits: an argument and its entries.
+    base_parameters : bool
+        True if the result depends on the inertial parameters only through the base parameters, so that masses may be
+        redistributed between bodies; see `rne.model.base_parameters`.
+    returns_array : bool
+        False if the result is a record, which is not traced.
+    """
+
+    name: str
+    core: Callable[..., Any]
+    widths: Mapping[str, int | None]
+    judge: Judge | None = None
+    rates: tuple[str, slice] | None = None
+    base_parameters: bool = False
+    returns_array: bool = True
+
+
+class Declared(Protocol):
+    """What has a Quantity and can be evaluated with numbers."""
+
+    @property
+    def quantity(self) -> Quantity: ...
+
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]: ...
+
+
+class QuantityFunction(Protocol[P, T_co]):
+    """A public function of a model, with its declaration and the bare recursion it wraps."""
+
+    __name__: str
+    core: Callable[..., Any]
+
+    @property
+    def quantity(self) -> Quantity: ...
+
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]: ...
+
+    def __call__(self, model: Model, *args: P.args, **kwargs: P.kwargs) -> T_co: ...
+
+
+def quantity(
+    *, base_parameters: bool = False, returns_array: bool = True
+) -> Callable[[Callable[Concatenate[Model, P], R]], QuantityFunction[P, R]]:
+    """Declare a core as a public function whose result is checked for overflow only."""
+
+    def decorate(core: Callable[Concatenate[Model, P], R]) -> QuantityFunction[P, R]:
+        return cast("QuantityFunction[P, R]", _declare(core, None, base_parameters, returns_array))
+
+    return decorate
+
+
+def judged_quantity(
+    judge: Judge,
+) -> Callable[[Callable[Concatenate[Model, P], tuple[Array, Array, Array]]], QuantityFunction[P, Array]]:
+    """Declare a core that returns (result, pivots of M, diagonal of M) as a public function of the result.
+
+    `judge` turns pivots and arguments into the Verdict that the public call announces.
+    """
+
+    def decorate(core: Callable[Concatenate[Model, P], tuple[Array, Array, Array]]) -> QuantityFunction[P, Array]:
+        return cast("QuantityFunction[P, Array]", _declare(core, judge, True, True))
+
+    return decorate
+
+
+def _declare(core: Callable[..., Any], judge: Judge | None, base_parameters: bool, returns_array: bool) -> Any:
+    signature = inspect.signature(core)
+    name = core.__name__
+
+    def evaluate(model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]:
+        model_argument(model)
+        arguments = signature.bind(model, *args, **kwargs).arguments
+        given = {key: value for key, value in arguments.items() if key != "model"}
+        checked_model, given = check_arguments(model, given)
+        with np.errstate(all="ignore"):  # what goes wrong is named below
+            result = core(checked_model, **given)
+            verdict = SOUND
+            if judge is not None:
+                result, pivots, diagonal = result
+                verdict = judge(checked_model, given, result, pivots, diagonal)
+        if verdict.error is None:
+            check_result(name, result)
+        return result, verdict
+
+    @functools.wraps(core)
+    def function(model: Model, *args: Any, **kwargs: Any) -> Any:
+        result, verdict = evaluate(model, *args, **kwargs)
+        verdict.announce(stacklevel=2)
+        return result
+
+    public = cast("Any", function)
+    public.core = core
+    public.evaluate = evaluate
+    public.quantity = Quantity(
+        name=name,
+        core=core,
+        widths={key: None for key in signature.parameters if key in JOINT_ARGUMENTS},
+        judge=judge,
+        rates=("qd", slice(None)) if judge is not None and "qd" in signature.parameters else None,
+        base_parameters=base_parameters,
+        returns_array=returns_array,
+    )
+    return public
+
+
+def check_arguments(model: Model, given: Mapping[str, Any]) -> tuple[Model, dict[str, Any]]:
+    """Finite arrays of one dtype and one leading shape, and the model in that dtype."""
+    arrays = {name: joint_array(name, given[name], model) for name in JOINT_ARGUMENTS if name in given}
+    external = given.get("external")
+    wrenches = {} if external is None else check_external(model, external)
+    every = [*arrays.values(), *wrenches.values()]
+    dtype = np.result_type(*every)
+    leading = common_leading_shape(arrays | wrenches)
+
+    def conform(array: Array) -> Array:
+        return np.broadcast_to(array.astype(dtype, copy=False), leading + array.shape[-1:])
+
+    checked_arguments = dict(given) | {name: conform(array) for name, array in arrays.items()}
+    if external is not None:
+        checked_arguments["external"] = {link: conform(wrench) for link, wrench in wrenches.items()}
+    return model_for(model, dtype, every), checked_arguments
+
+
+def check_external(model: Model, external: Any) -> dict[str, Array]:
+    """Check wrenches by link name: shape (..., 6), [moment; force]."""
+    if not isinstance(external, Mapping):
+        raise ValueError(f"`external` must be a mapping of link name to wrench, got {type(external).__name__}")
+    wrenches = {}
+    for link, value in external.items():
+        if link not in model.link_names:
+            raise ValueError(f"`external` must name links of {list(model.link_names)}, got {link!r}")
+        name = f"external[{link!r}]"
+        wrench = number_array(name, value, "(..., 6)")
+        if wrench.ndim == 0 or wrench.shape[-1] != 6:
+            raise ValueError(f"`{name}` must have shape (..., 6), [moment; force], got {wrench.shape}")
+        wrenches[link] = wrench
+    return wrenches
+
+
+def common_leading_shape(arrays: Mapping[str, Array]) -> tuple[int, ...]:
+    """The leading (batch) shape all arrays broadcast to."""
+    try:
+        return np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
+    except ValueError:
+        shapes = ", ".join(f"`{name}` {array.shape}" for name, array in arrays.items())
+        raise ValueError(f"leading shapes must broadcast against each other, got {shapes}") from None
+
+
+def model_for(model: Model, dtype: np.dtype[Any], arrays: Sequence[Array]) -> Model:
+    """The model in the dtype of the arguments, so that the arithmetic stays in it."""
+    if dtype.kind == "O":
+        numbers = (x for array in arrays for x in array.flat if hasattr(x, "context"))
+        example = next(numbers, None)
+        return model if example is None else model.astype(object, example.context.mpf)
+    real = np.zeros((), dtype=dtype).real.dtype
+    return model if real == model.mass.dtype else model.astype(real)
+
+
+def check_result(name: str, result: Any) -> None:
+    """Refuse a result that overflowed: finite arguments must not become a silent infinity or NaN."""
+    if is_dataclass(result):
+        parts: list[Any] = [getattr(result, f.name) for f in fields(result)]
+    else:
+        parts = [result]
+    for part in parts:
+        if isinstance(part, np.ndarray) and not is_finite(part).all():
+            raise NotFiniteError(f"{name} overflows {part.dtype} for these arguments; the result is not finite")

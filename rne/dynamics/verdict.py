@@ -1,0 +1,57 @@
+"""What is said of accelerations that M's conditioning has spoiled: carried with the result, announced once."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ..errors import PrecisionWarning, SingularMassMatrixError
+
+State = tuple[int, ...]
+
+
+class PrecisionLoss(NamedTuple):
+    """The state of a call with the fewest decimal digits left, and why."""
+
+    digits: float
+    state: State
+    cause: str
+
+    def __str__(self) -> str:
+        where = f" at state {self.state}" if self.state else ""
+        return f"forward dynamics keep about {self.digits:.0f} digits{where}: {self.cause}; see Robot.diagnose"
+
+
+class Verdict(NamedTuple):
+    """The error or the warning that belongs to a result; neither for a sound one.
+
+    `announce` raises or warns. It is called once, by the public function that the user called.
+    """
+
+    error: SingularMassMatrixError | None = None
+    loss: PrecisionLoss | None = None
+
+    def announce(self, stacklevel: int) -> None:
+        """Raise the error or warn of the loss; `stacklevel` counts frames up from the caller of this method."""
+        if self.error is not None:
+            raise self.error
+        if self.loss is not None:
+            warnings.warn(str(self.loss), PrecisionWarning, stacklevel=stacklevel + 1)
+
+    def relocated(self, place: Callable[[State], State]) -> Verdict:
+        """The same verdict with its state counted elsewhere, such as in the batch that a block is part of."""
+        error = None if self.error is None else self.error.at(place(self.error.state))
+        loss = None if self.loss is None else self.loss._replace(state=place(self.loss.state))
+        return Verdict(error, loss)
+
+    def worse(self, other: Verdict) -> Verdict:
+        """The worse of two verdicts: an error before a loss, fewer digits before more."""
+        if self.error is not None or other.error is not None:
+            return self if self.error is not None else other
+        if self.loss is None or other.loss is None:
+            return self if other.loss is None else other
+        return min(self, other, key=lambda verdict: verdict.loss)  # type: ignore[arg-type, return-value]
+
+
+SOUND = Verdict()

@@ -1,0 +1,126 @@
+"""The kernels of one model, traced when they are worth it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.spatial import Array
+from ..dynamics.aba import articulated_forward_dynamics
+from ..dynamics.crba import mass_matrix
+from ..dynamics.forward import factorise, forward_dynamics, solve_factored
+from ..dynamics.quantity import Declared
+from ..dynamics.rnea import inverse_dynamics
+from ..dynamics.verdict import Verdict
+from ..model.model import Model
+from .complex_step import complex_step
+from .kernel import Kernel, compile, derivative
+
+# Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
+# joints, articulated bodies beyond the second.
+FEW_JOINTS, MANY_JOINTS = 9, 20
+
+
+class KernelCache:
+    """Evaluates quantities of a model: one state by the recursion at first, then by kernels, which are kept.
+
+    Tracing costs as much as some hundred calls of the recursion. The two may differ in the last bits.
+
+    Parameters
+    ----------
+    model : Model
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self._kernels: dict[Any, Kernel] = {}
+        self._asked: set[Any] = set()  # what one state was asked of
+        self._forward: Kernel | None = None
+
+    def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
+        """The function, or its derivatives by some arguments, traced on first use."""
+        key = (function, *wrt, *fixed.items())
+        kernel = self._kernels.get(key)
+        if kernel is None:
+            make = derivative if wrt else compile
+            kernel = self._kernels[key] = make(function, self.model, *wrt, **fixed)
+        return kernel
+
+    def evaluate(
+        self, function: Declared, *arrays: ArrayLike, wrt: Sequence[str] = (), **fixed: Any
+    ) -> tuple[Array, Verdict]:
+        """A quantity, or its derivatives by some arguments, for one state or a batch."""
+        key = (function, *wrt, *fixed.items())
+        kernel = self._kernels.get(key)
+        if kernel is None:
+            if self._is_first(key, arrays):
+                if wrt:
+                    return complex_step(function, self.model, arrays, wrt, fixed)
+                return function.evaluate(self.model, *arrays, **fixed)
+            kernel = self.kernel(function, *wrt, **fixed)
+        return kernel.evaluate(*arrays)
+
+    def _is_first(self, key: Any, arrays: Sequence[ArrayLike]) -> bool:
+        """True the first time that one state is asked of a quantity."""
+        if key in self._asked:
+            return False
+        try:
+            one_state = all(np.ndim(a) < 2 for a in arrays)
+        except ValueError:
+            one_state = True  # no array: named where the function checks its arguments
+        if one_state:
+            self._asked.add(key)
+        return one_state
+
+    def accelerations(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:
+        """Forward dynamics by the method that suits the model."""
+        if self._forward is None and self._is_first("forward dynamics", (q, qd, tau)):
+            by_bodies = self.model.n > MANY_JOINTS and not self.model.has_mimics
+            method: Declared = articulated_forward_dynamics if by_bodies else forward_dynamics
+            return method.evaluate(self.model, q, qd, tau)
+        return self.forward_kernel().evaluate(q, qd, tau)
+
+    def forward_kernel(self) -> Kernel:
+        """The kernel of forward dynamics by the method with fewer operations.
+
+        That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
+        about the same digits on few joints, and on long chains articulated bodies lose fewer.
+        """
+        if self._forward is None:
+            n, methods = self.model.n, [forward_dynamics, articulated_forward_dynamics]
+            if n <= FEW_JOINTS or self.model.has_mimics:
+                methods = [forward_dynamics]
+            elif n > MANY_JOINTS:
+                methods = [articulated_forward_dynamics]
+            kernels = [self.kernel(method) for method in methods]
+            self._forward = min(kernels, key=lambda k: sum(k.operations.values()) or float("inf"))
+        return self._forward
+
+    def inverse_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
+        """Derivatives of inverse dynamics by q and by qd, and M, its derivative by qdd, each (..., n, n)."""
+        slopes, _ = self.evaluate(inverse_dynamics, q, qd, qdd, wrt=("q", "qd"))
+        n = self.model.n
+        dq, dqd = slopes[..., :n], slopes[..., n:]
+        M, _ = self.evaluate(mass_matrix, np.asarray(q).astype(slopes.dtype, copy=False))
+        return dq, dqd, np.broadcast_to(M, dq.shape).copy()
+
+    def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:
+        """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n).
+
+        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
+        """
+        qdd, verdict = self.accelerations(q, qd, tau)
+        if verdict.error is not None:
+            return qdd, verdict
+        dq, dqd, M = self.inverse_derivatives(q, qd, qdd)
+        identity = np.broadcast_to(np.eye(self.model.n, dtype=qdd.dtype), dq.shape)
+        right = np.concatenate([-dq, -dqd, identity], axis=-1)
+        if M.dtype.char in "fdFD":
+            return np.linalg.solve(M, right), verdict
+        parent = self.model.coordinate_parent  # LAPACK has no other types
+        L, D = factorise(M, parent)
+        rows = solve_factored(L[..., None, :, :], D[..., None, :], parent, np.swapaxes(right, -1, -2))
+        return np.swapaxes(rows, -1, -2), verdict

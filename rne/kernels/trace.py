@@ -1,0 +1,73 @@
+"""From a function of a model to a program: its core, run on traced numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..dynamics.quantity import Declared, Quantity
+from ..model.base_parameters import with_base_parameters
+from ..model.model import Model
+from .differentiation import differentiate
+from .graph import Graph, TooLarge
+from .program import Program, lower
+from .scalar import inputs, references
+
+LIMIT = 50_000  # operations that are still sensibly written out
+
+
+class Trace(NamedTuple):
+    """A quantity traced on one model.
+
+    The program's outputs are the entries of the result and, of a judged quantity, pivots and diagonal of M.
+    """
+
+    program: Program
+    shape: tuple[int, ...]  # of the result, without the batch axis
+
+
+def quantity_of(function: Declared) -> Quantity:
+    """The declaration of a function that can be traced; a TypeError for anything else."""
+    quantity = getattr(function, "quantity", None)
+    if not isinstance(quantity, Quantity):
+        raise TypeError(f"`function` must be one of rne's functions of a model, got {function!r}")
+    if not quantity.returns_array:
+        raise TypeError(f"`function` must give an array; rne.{quantity.name} gives a record, which is not compiled")
+    return quantity
+
+
+def trace(quantity: Quantity, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = ()) -> Trace:
+    """Run the core on traced numbers, one state in a batch axis of length 1; differentiate if asked.
+
+    Raises TooLarge if the program has too many operations or a constant that is not finite.
+    """
+    graph = Graph(limit=8 * LIMIT)
+    widths = argument_widths(quantity, model)
+    starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
+    arguments = {name: inputs(graph, (1, width), starts[name]) for name, width in widths.items()}
+    result, *judged = _parts(quantity, quantity.core(traced_model(quantity, model), **arguments, **fixed))
+    shape, outputs = np.shape(result)[1:], references(graph, result)
+    if wrt:
+        by = [starts[name] + j for name in wrt for j in range(widths[name])]
+        shape, outputs = (*shape, len(by)), differentiate(graph, outputs, by)
+    outputs += [ref for part in judged for ref in references(graph, part)]
+    program = lower(graph, outputs, sum(widths.values()))
+    if len(program.instructions) > LIMIT or not program.is_finite:
+        raise TooLarge("operations or constants")  # the recursion runs, and names what is wrong
+    return Trace(program, shape)
+
+
+def _parts(quantity: Quantity, core_result: Any) -> tuple[Any, ...]:
+    return (core_result,) if quantity.judge is None else core_result
+
+
+def traced_model(quantity: Quantity, model: Model) -> Model:
+    """The model a quantity is traced on: with masses moved inwards, where that changes nothing."""
+    return with_base_parameters(model) if quantity.base_parameters else model
+
+
+def argument_widths(quantity: Quantity, model: Model) -> dict[str, int]:
+    """Length of each array argument along its last axis."""
+    return {name: model.n if width is None else width for name, width in quantity.widths.items()}

@@ -1,0 +1,1 @@
+"""What a robot is: the Model, its validation, its construction and modification, built-in robots."""

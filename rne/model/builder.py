@@ -1,0 +1,225 @@
+"""Links and joints -> Model: fixed joints are merged here, and nowhere else.
+
+Placements are composed in long double and rounded once, so that a thousand fixed joints in a row, or none, give
+the same digits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array, combine_bodies, rotate, snap, transpose
+from .model import STANDARD_GRAVITY, Cylinder, Model
+
+Exact = np.longdouble
+
+
+class Pose(NamedTuple):
+    """Rotation and origin of a frame, seen from another, in long double."""
+
+    R: Array
+    p: Array
+
+    def then(self, inner: Pose) -> Pose:
+        """The pose of a frame that is placed at `inner` in this frame."""
+        return Pose(snap(self.R @ inner.R), self.p + rotate(self.R, inner.p))
+
+
+def pose(R: Any, p: Any) -> Pose:
+    """A Pose of any real arrays."""
+    return Pose(np.array(R, dtype=Exact), np.array(p, dtype=Exact))
+
+
+def identity() -> Pose:
+    """No rotation, no offset."""
+    return pose(np.eye(3), np.zeros(3))
+
+
+class Mimic(NamedTuple):
+    """The joint stands at `multiplier` times the position of part `driver`'s joint, plus `offset`."""
+
+    driver: int
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One link with the joint that carries it; the root has no joint. Quantities as in Model.
+
+    `link_origin` is where the link's own frame has its origin, seen from the joint's frame. It is not zero only where
+    the joint's origin was slid along its axis: all else, placements of other parts included, is seen from there.
+    """
+
+    link: str
+    joint: str = ""
+    kind: str = "fixed"
+    parent: int = -1
+    placement: Pose = field(default_factory=identity)
+    axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    link_origin: Array = field(default_factory=lambda: np.zeros(3))
+    mass: Any = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    lower: float = -np.inf
+    upper: float = np.inf
+    velocity: float = np.inf
+    effort: float = np.inf
+    damping: float = 0.0
+    friction: float = 0.0
+    armature: float = 0.0
+    mimic: Mimic | None = None
+
+
+def assemble(
+    name: str,
+    parts: Sequence[Part],
+    *,
+    gravity: Any = STANDARD_GRAVITY,
+    shapes: Sequence[Cylinder] = (),
+    tip: Any = None,
+    notes: Mapping[str, str] | None = None,
+) -> Model:
+    """The Model of a tree of parts, the root first and every parent before its children."""
+    moving = [k for k, part in enumerate(parts) if part.kind != "fixed"]
+    body_of: list[int] = []
+    frames: list[Pose] = []  # of each link in its body's frame
+    placements: list[Pose] = []  # of each body in its parent body's frame
+    parents: list[int] = []
+    for part in parts:
+        host, frame = (body_of[part.parent], frames[part.parent]) if part.parent >= 0 else (-1, identity())
+        placed = frame.then(part.placement)
+        if part.kind == "fixed":
+            body_of.append(host)
+            frames.append(placed)
+        else:
+            body_of.append(len(placements))
+            frames.append(identity())
+            placements.append(placed)
+            parents.append(host)
+    members: list[list[tuple[Part, Pose]]] = [[] for _ in range(len(moving) + 1)]  # the base last
+    for part, body, frame in zip(parts, body_of, frames, strict=True):
+        members[body].append((part, frame))
+    bodies = [_merge(body) for body in members]
+    drivers = [k for k in moving if parts[k].mimic is None]
+    joint_at = {k: i for i, k in enumerate(moving)}
+    coordinate_at = {k: i for i, k in enumerate(drivers)}
+    joints = [parts[k] for k in moving]
+    return Model(
+        name=name,
+        moving_joints=tuple(joint.joint for joint in joints),
+        joint_types=tuple(joint.kind for joint in joints),
+        parent=tuple(parents),
+        axis=_stacked([joint.axis for joint in joints], (3,)),
+        rotation=_stacked([snap(place.R) for place in placements], (3, 3)),
+        translation=_stacked([place.p for place in placements], (3,)),
+        mass=_stacked([body[0] for body in bodies[:-1]], ()),
+        com=_stacked([body[1] for body in bodies[:-1]], (3,)),
+        inertia=_stacked([body[2] for body in bodies[:-1]], (3, 3)),
+        base_mass=float(bodies[-1][0]),
+        base_com=bodies[-1][1],
+        base_inertia=bodies[-1][2],
+        link_names=tuple(part.link for part in parts),
+        link_joints=tuple(part.joint for part in parts),
+        link_body=tuple(body_of),
+        link_rotation=_stacked([snap(frame.R) for frame in frames], (3, 3)),
+        link_translation=_stacked([_origin(part, frame) for part, frame in zip(parts, frames, strict=True)], (3,)),
+        lower=np.array([joint.lower for joint in joints]),
+        upper=np.array([joint.upper for joint in joints]),
+        velocity_limit=np.array([joint.velocity for joint in joints]),
+        effort_limit=np.array([joint.effort for joint in joints]),
+        damping=np.array([joint.damping for joint in joints]),
+        friction=np.array([joint.friction for joint in joints]),
+        armature=np.array([joint.armature for joint in joints]),
+        coordinate=tuple(coordinate_at[j.mimic.driver if j.mimic else k] for k, j in zip(moving, joints, strict=True)),
+        independent_joints=tuple(joint_at[k] for k in drivers),
+        multiplier=np.array([joint.mimic.multiplier if joint.mimic else 1.0 for joint in joints]),
+        offset=np.array([joint.mimic.offset if joint.mimic else 0.0 for joint in joints]),
+        gravity=gravity,
+        shapes=tuple(shapes),
+        tip=tip,
+        notes=notes or {},
+    )
+
+
+def _origin(part: Part, frame: Pose) -> Array:
+    """Where the part's link has its origin in the frame of its body."""
+    return frame.p + rotate(frame.R, part.link_origin) if np.any(part.link_origin) else frame.p
+
+
+def at_links(parts: Sequence[Part]) -> list[Part]:
+    """The same parts with every quantity seen from the links' own frames, far away or not."""
+    near = [np.asarray(part.link_origin, dtype=Exact) for part in parts]
+    if not np.any(near):
+        return list(parts)
+    moved = []
+    for part, own in zip(parts, near, strict=True):
+        R, p = part.placement
+        place = Pose(R, p + rotate(R, own) - (near[part.parent] if part.parent >= 0 else 0))
+        com = (part.com - own).astype(np.float64)
+        moved.append(replace(part, placement=place, com=com, link_origin=np.zeros(3)))
+    return moved
+
+
+def disassemble(model: Model) -> list[Part]:
+    """The parts of a Model: each body's inertia on the link its joint carries, other links massless."""
+    part_of_joint = {joint: k for k, joint in enumerate(model.link_joints)}
+    carrier = {i: part_of_joint[joint] for i, joint in enumerate(model.moving_joints)} | {-1: 0}
+    parts = []
+    for k, link in enumerate(model.link_names):
+        body = model.link_body[k]
+        if carrier[body] != k:
+            frame = pose(model.link_rotation[k], model.link_translation[k])
+            parts.append(Part(link=link, joint=model.link_joints[k], parent=carrier[body], placement=frame))
+        elif body < 0:
+            parts.append(Part(link=link, mass=model.base_mass, com=model.base_com, inertia=model.base_inertia))
+        else:
+            parts.append(_moving_part(model, body, link, carrier))
+    return parts
+
+
+def _moving_part(model: Model, i: int, link: str, carrier: Mapping[int, int]) -> Part:
+    driver = model.independent_joints[model.coordinate[i]]
+    mimic = Mimic(carrier[driver], float(model.multiplier[i]), float(model.offset[i]))
+    return Part(
+        link=link,
+        joint=model.moving_joints[i],
+        kind=model.joint_types[i],
+        parent=carrier[model.parent[i]],
+        placement=pose(model.rotation[i], model.translation[i]),
+        link_origin=model.link_translation[model.link_names.index(link)],
+        axis=model.axis[i],
+        mass=float(model.mass[i]),
+        com=model.com[i],
+        inertia=model.inertia[i],
+        lower=float(model.lower[i]),
+        upper=float(model.upper[i]),
+        velocity=float(model.velocity_limit[i]),
+        effort=float(model.effort_limit[i]),
+        damping=float(model.damping[i]),
+        friction=float(model.friction[i]),
+        armature=float(model.armature[i]),
+        mimic=None if driver == i else mimic,
+    )
+
+
+def _stacked(rows: list[Any], shape: tuple[int, ...]) -> Array:
+    return np.array(rows, dtype=Exact).reshape(len(rows), *shape).astype(np.float64)
+
+
+def _merge(parts: list[tuple[Part, Pose]]) -> tuple[Any, Array, Array]:
+    """Mass, centre of mass and inertia of a body in its own frame, from the parts it is made of."""
+    members = []
+    for part, frame in parts:
+        if part.mass != 0 or np.any(part.inertia):
+            I = frame.R @ np.asarray(part.inertia, dtype=Exact) @ transpose(frame.R)
+            com = frame.p + rotate(frame.R, np.asarray(part.com, dtype=Exact))
+            members.append((Exact(part.mass), com, (I + transpose(I)) / 2))
+    if not members:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    mass, com, inertia = members[0] if len(members) == 1 else combine_bodies(members)
+    return mass, com.astype(np.float64), inertia.astype(np.float64)

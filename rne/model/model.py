@@ -1,0 +1,285 @@
+"""The robot as a frozen set of read-only arrays that checks itself on construction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from ..basics.spatial import Array, point_mass_inertia
+from .validation import check_model
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
+REVOLUTE_TYPES = ("revolute", "continuous")
+
+UNSET: Any = None  # replaced in __post_init__ by the default that the number of joints decides
+NOT_COMPARED = ("tip", "notes")
+
+
+class Cylinder(NamedTuple):
+    """A cylinder along the z axis of its own pose, for drawing only."""
+
+    link: str
+    radius: float
+    length: float
+    position: tuple[float, float, float]
+    rpy: tuple[float, float, float]
+
+
+class Moments(NamedTuple):
+    """Mass, first moment (mass times centre) and inertia of each body about its frame's origin.
+
+    Shapes (nb,), (nb, 3), (nb, 3, 3) [kg, kg m, kg m^2].
+    """
+
+    mass: Array
+    first_moment: Array
+    inertia: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Model:
+    """A fixed-base tree of rigid bodies, one behind each moving joint.
+
+    Body i moves with joint i, and its frame has its origin on that joint's axis; `nb` is the number of moving
+    joints, which is the number n of coordinates unless some joints mimic others. Units are SI.
+
+    Attributes
+    ----------
+    name : str
+    moving_joints : tuple of str, length nb
+        In tree order: `parent[i] < i`.
+    joint_types : tuple of str, length nb
+        "revolute", "continuous" or "prismatic".
+    parent : tuple of int, length nb
+        The body that joint i is mounted on; -1 is the base.
+    axis : ndarray, shape (nb, 3)
+        Unit vector of the joint's axis in frame i.
+    rotation, translation : ndarray, shapes (nb, 3, 3) and (nb, 3)
+        Pose of frame i at zero position, seen from the parent body's frame [1, m].
+    mass, com, inertia : ndarray, shapes (nb,), (nb, 3), (nb, 3, 3)
+        Of body i; the inertia is about the centre of mass, in the axes of frame i [kg, m, kg m^2].
+    base_mass, base_com, base_inertia
+        The same for what is bolted to the base; never read by dynamics.
+    lower, upper, velocity_limit, effort_limit : ndarray, shape (nb,)
+        On record, infinite where unknown; a Scene may ask for ranges and efforts [rad or m, /s, N m or N].
+    damping, friction : ndarray, shape (nb,)
+        On record from the URDF's <dynamics>, not part of the dynamics of this class [N m s/rad, N m].
+    armature : ndarray, shape (nb,)
+        Inertia of the drive seen at the joint, added to the diagonal of M; zero on load [kg m^2 or kg].
+    coordinate, multiplier, offset : shapes (nb,)
+        Joint i stands at `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic).
+    independent_joints : tuple of int, length n
+        The joint that coordinate k belongs to; all others are mimics.
+    gravity : ndarray, shape (3,)
+        In the axes of the root link [m/s^2].
+    link_names : tuple of str
+        The root, then every link in tree order, those behind fixed joints included.
+    link_joints : tuple of str
+        The joint that carries each link; "" for the root.
+    link_body : tuple of int
+        The body each link is part of, -1 for the base.
+    link_rotation, link_translation : ndarray, shapes (n_links, 3, 3) and (n_links, 3)
+        Pose of each link in its body's frame: that of the link itself, but for joints that were slid at load.
+    shapes : tuple of Cylinder
+        For drawing, never read by dynamics.
+    tip : ndarray, shape (3,), or None
+        End of the last link of an unbranched chain (the thesis's r_{n-1,n}), for the record's a_e. Not compared.
+    notes : mapping of str to str
+        Where the numbers of a link or joint come from. Not compared.
+
+    Raises
+    ------
+    ModelError
+        If the arrays contradict each other or are not physical; the message names the joint or body.
+    """
+
+    name: str
+    moving_joints: tuple[str, ...]
+    joint_types: tuple[str, ...]
+    parent: tuple[int, ...]
+    axis: Array
+    rotation: Array
+    translation: Array
+    mass: Array
+    com: Array
+    inertia: Array
+    link_names: tuple[str, ...]
+    link_joints: tuple[str, ...]
+    link_body: tuple[int, ...]
+    link_rotation: Array
+    link_translation: Array
+    lower: Array = UNSET
+    upper: Array = UNSET
+    velocity_limit: Array = UNSET
+    effort_limit: Array = UNSET
+    damping: Array = UNSET
+    friction: Array = UNSET
+    armature: Array = UNSET
+    coordinate: tuple[int, ...] = UNSET
+    independent_joints: tuple[int, ...] = UNSET
+    multiplier: Array = UNSET
+    offset: Array = UNSET
+    base_mass: float = 0.0
+    base_com: Array = field(default_factory=lambda: np.zeros(3))
+    base_inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
+    shapes: tuple[Cylinder, ...] = ()
+    tip: Array | None = None
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        nb = len(self.moving_joints)
+        defaults: dict[str, Any] = {
+            "lower": np.full(nb, -np.inf),
+            "upper": np.full(nb, np.inf),
+            "velocity_limit": np.full(nb, np.inf),
+            "effort_limit": np.full(nb, np.inf),
+            "damping": np.zeros(nb),
+            "friction": np.zeros(nb),
+            "armature": np.zeros(nb),
+            "coordinate": tuple(range(nb)),
+            "independent_joints": tuple(range(nb)),
+            "multiplier": np.ones(nb),
+            "offset": np.zeros(nb),
+        }
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values |= {name: default for name, default in defaults.items() if values[name] is None}
+        for name in ARRAY_FIELDS & values.keys():
+            if values[name] is not None:
+                values[name] = np.array(values[name], dtype=np.float64)
+        self._freeze(values)
+        check_model({f.name: getattr(self, f.name) for f in fields(self)})
+
+    def _freeze(self, values: dict[str, Any]) -> None:
+        for name, value in values.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            elif isinstance(value, list):
+                value = tuple(value)
+            elif isinstance(value, Mapping):
+                value = MappingProxyType(dict(value))
+            object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return unchecked_model, (values | {"notes": dict(self.notes)},)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Model):
+            return NotImplemented
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name not in NOT_COMPARED)
+        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.moving_joints, self.link_names, self.mass.tobytes()))
+
+    @cached_property
+    def nb(self) -> int:
+        """Number of moving joints, and of moving bodies."""
+        return len(self.moving_joints)
+
+    @cached_property
+    def n(self) -> int:
+        """Number of coordinates: moving joints that mimic no other."""
+        return len(self.independent_joints)
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints that the coordinates q belong to, in their order."""
+        return tuple(self.moving_joints[i] for i in self.independent_joints)
+
+    @cached_property
+    def has_mimics(self) -> bool:
+        """True if some joint follows another, so that q is not the list of the joints' positions."""
+        return self.n != self.nb
+
+    @cached_property
+    def coordinate_map(self) -> Array:
+        """The matrix G of q_joints = G q + offset, shape (nb, n)."""
+        G = np.zeros((self.nb, self.n), dtype=self.multiplier.dtype)
+        G[range(self.nb), self.coordinate] = self.multiplier
+        return G
+
+    @cached_property
+    def coordinate_parent(self) -> tuple[int, ...]:
+        """The parent of each coordinate in M's pattern of zeros; mimics may fill it, then the one before."""
+        return tuple(range(-1, self.n - 1)) if self.has_mimics else self.parent
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Moments of the bodies' mass about their frames' origins, which is all that dynamics needs of them."""
+        m, c = self.mass, self.com
+        return Moments(m, m[..., None] * c, self.inertia + point_mass_inertia(m[..., None, None], c))
+
+    def with_moments(self, moments: Moments) -> Model:
+        """The same robot with other moments of mass; used only for dynamics, see `rne.model.base_parameters`."""
+        clone = unchecked_model({f.name: getattr(self, f.name) for f in fields(self)})
+        clone.__dict__["moments"] = moments
+        return clone
+
+    @cached_property
+    def is_revolute(self) -> Array:
+        """True for each moving joint that rotates, False for each that slides, shape (nb,)."""
+        return np.array([kind in REVOLUTE_TYPES for kind in self.joint_types], dtype=bool)
+
+    @cached_property
+    def angular_axis(self) -> Array:
+        """Angular part s of each joint's motion per unit rate: its axis, or 0 for a sliding joint, shape (nb, 3)."""
+        return self.axis * self.is_revolute.astype(np.int8)[:, None]
+
+    @cached_property
+    def linear_axis(self) -> Array:
+        """Linear part t of each joint's motion per unit rate: its axis, or 0 for a rotating joint, shape (nb, 3)."""
+        return self.axis * (~self.is_revolute).astype(np.int8)[:, None]
+
+    def link_index(self, link: str) -> int:
+        """Position of a link in `link_names`; a ValueError names the links there are."""
+        if link not in self.link_names:
+            raise ValueError(f"`link` must be one of {list(self.link_names)}, got {link!r}")
+        return self.link_names.index(link)
+
+    def astype(self, dtype: DTypeLike, number: Callable[[float], Any] | None = None) -> Model:
+        """The same robot with every array in another dtype, for arithmetic in that dtype.
+
+        Parameters
+        ----------
+        dtype : data type
+            Real floating point, or object.
+        number : callable, optional
+            For object arrays: makes one number from a float, for example `mpmath.mpf`.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> rne.irb140().astype(np.float32).mass.dtype
+        dtype('float32')
+        """
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        for name in ARRAY_FIELDS & values.keys():
+            array = values[name]
+            if array is not None:
+                values[name] = array.astype(dtype) if number is None else convert_array(array, number)
+        return unchecked_model(values)
+
+
+def convert_array(array: Array, number: Callable[[float], Any]) -> Array:
+    """An object array of the numbers that `number` makes of the array's."""
+    converted = np.empty(array.size, dtype=object)
+    converted[:] = [number(float(x)) for x in array.flat]
+    return converted.reshape(array.shape)
+
+
+def unchecked_model(values: dict[str, Any]) -> Model:
+    """The Model of values, by the names of all fields, that are not checked again."""
+    model = object.__new__(Model)
+    model._freeze(values)
+    return model
+
+
+ARRAY_FIELDS = frozenset(f.name for f in fields(Model) if f.type in ("Array", "Array | None"))

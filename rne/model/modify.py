@@ -1,0 +1,166 @@
+"""Model -> Model: another robot made from one. The original is never changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import real_array
+from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose
+from .builder import Part, Pose, assemble, disassemble, pose
+from .model import Model
+from .validation import inertia_error
+
+
+def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike | None, link: str) -> Model:
+    """The robot with a rigid body bolted to one of its links; what was there stays.
+
+    Parameters
+    ----------
+    model : Model
+    mass : float
+        [kg]
+    com : array_like, shape (3,)
+        The payload's centre of mass in the link's frame [m].
+    inertia : array_like, shape (3, 3), or None
+        About the payload's centre of mass, in the link's axes; None for a point mass [kg m^2].
+    link : str
+        One of `model.link_names`.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    ValueError
+        If the link does not exist or the payload is not a possible rigid body.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.with_payload(rne.irb140(), 6.0, [0, 0, 0.1], None, "link_6").mass[5].item()
+    7.0
+    """
+    index = model.link_index(link)
+    m = real_array("mass", mass, "()")
+    c = real_array("com", com, "(3,)")
+    I = real_array("inertia", np.zeros((3, 3)) if inertia is None else inertia, "(3, 3)")
+    for name, array, shape in (("mass", m, ()), ("com", c, (3,)), ("inertia", I, (3, 3))):
+        if array.shape != shape:
+            raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
+    error = inertia_error(float(m), c, I)
+    if error:
+        raise ValueError(f"payload on link {link!r}: {error}")
+    R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
+    payload = (float(m), p + rotate(R, c), R @ I @ transpose(R))
+    if body < 0:
+        base = combine_bodies([(model.base_mass, model.base_com, model.base_inertia), payload])
+        return replace(model, base_mass=base[0], base_com=base[1], base_inertia=_symmetric(base[2]))
+    carried = combine_bodies([(float(model.mass[body]), model.com[body], model.inertia[body]), payload])
+    masses, coms, inertias = model.mass.copy(), model.com.copy(), model.inertia.copy()
+    masses[body], coms[body], inertias[body] = carried[0], carried[1], _symmetric(carried[2])
+    return replace(model, mass=masses, com=coms, inertia=inertias)
+
+
+def _symmetric(I: Array) -> Array:
+    half: Array = (I + I.T) / 2
+    return half
+
+
+def locked(model: Model, positions: Mapping[str, float]) -> Model:
+    """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.
+
+    Parameters
+    ----------
+    model : Model
+    positions : mapping of str to float
+        Position of each joint to lock, by name; joints that mimic it are locked with it [rad or m].
+
+    Returns
+    -------
+    Model
+        Its remaining joints in the same order, its links all there.
+
+    Raises
+    ------
+    TypeError
+        If `positions` is no mapping.
+    ValueError
+        If a name is not one of `model.joint_names` or a position is not finite.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.locked(rne.irb140(), {"joint_4": 0.0}).joint_names
+    ('joint_1', 'joint_2', 'joint_3', 'joint_5', 'joint_6')
+    """
+    if not isinstance(positions, Mapping):
+        raise TypeError(f"`positions` must map joint names to positions, got {type(positions).__name__}")
+    values = {}
+    for joint, value in positions.items():
+        if joint not in model.joint_names:
+            raise ValueError(f"`positions` must name joints of {list(model.joint_names)}, got {joint!r}")
+        array = real_array(f"positions[{joint!r}]", value, "()")
+        if array.ndim:
+            raise ValueError(f"`positions[{joint!r}]` must be one number, got shape {array.shape}")
+        values[joint] = float(array)
+    parts = disassemble(model)
+    fixed = {}
+    for k, part in enumerate(parts):
+        driver = parts[part.mimic.driver] if part.mimic else part
+        if driver.joint in values and part.kind != "fixed":
+            position = values[driver.joint]
+            if part.mimic:
+                position = part.mimic.multiplier * position + part.mimic.offset
+            fixed[k] = replace(part, kind="fixed", mimic=None, placement=_moved(part, position))
+    edited = [fixed.get(k, part) for k, part in enumerate(parts)]
+    tip = model.tip if model.nb == 0 or _part_index(model) not in fixed else None
+    return assemble(model.name, edited, gravity=model.gravity, shapes=model.shapes, tip=tip, notes=model.notes)
+
+
+def _part_index(model: Model) -> int:
+    return model.link_joints.index(model.moving_joints[-1])
+
+
+def _moved(part: Part, position: float) -> Pose:
+    """Where the part's joint holds it at that position."""
+    axis = np.asarray(part.axis, dtype=np.longdouble)
+    if part.kind == "prismatic":
+        return part.placement.then(pose(np.eye(3), axis * position))
+    return part.placement.then(Pose(rotation_about(axis, np.asarray(position, dtype=np.longdouble)), np.zeros(3)))
+
+
+def mounted(model: Model, rpy: ArrayLike) -> Model:
+    """The robot with its root link turned in the world: on a wall, a roof, a slope.
+
+    Parameters
+    ----------
+    model : Model
+        Its `gravity` is taken as the world's, in the axes that the root link has before it is turned.
+    rpy : array_like, shape (3,)
+        Roll, pitch and yaw of the root link [rad].
+
+    Returns
+    -------
+    Model
+        The same arm with gravity seen from the turned root link; poses stay relative to the root link.
+
+    Raises
+    ------
+    ValueError
+        If `rpy` has not shape (3,) or is not finite.
+
+    Examples
+    --------
+    >>> import math, rne
+    >>> rne.mounted(rne.irb140(), [math.pi, 0, 0]).gravity.tolist()  # under the roof
+    [0.0, 0.0, 9.81]
+    """
+    angles = real_array("rpy", rpy, "(3,)")
+    if angles.shape != (3,):
+        raise ValueError(f"`rpy` must have shape (3,), got {angles.shape}")
+    return replace(model, gravity=rotate_back(rotation_from_rpy(angles), model.gravity) + 0.0)

@@ -1,0 +1,202 @@
+"""The ABB IRB 140 with the parameters of Høifødt 2011; the only place where its numbers stand.
+
+H. Høifødt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler Formulation, MSc thesis,
+NTNU, June 2011.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...basics.spatial import Array, rotation_about, snap, transpose
+from ..builder import Part, assemble, pose
+from ..model import Cylinder, Model
+
+Vector = tuple[float, float, float]
+ORIGIN: Vector = (0.0, 0.0, 0.0)
+
+
+class Link(NamedTuple):
+    """One row of the thesis's tables: Denavit-Hartenberg angles, lengths in frame i, and the cylinder of table 4.1."""
+
+    theta: float  # [rad]
+    a: float  # twist about x [rad]
+    r_end: Vector  # r_{i-1,i} [m]
+    r_com: Vector  # r_{i-1,ci} [m]
+    mass: float  # [kg]
+    radius: float  # [m]
+    height: float  # [m]
+    along: int  # the frame axis the cylinder lies along
+
+
+PI = math.pi
+LINKS = (
+    Link(0, -PI / 2, (0.070, -0.352, 0), (0.014, -0.264, 0.067), 27, 0.147, 0.264, 1),
+    Link(-PI / 2, 0, (0.360, 0, 0), (0.201, 0, -0.070), 22, 0.108, 0.402, 0),
+    Link(0, -PI / 2, ORIGIN, ORIGIN, 0, 0, 0, 2),
+    Link(0, PI / 2, (0, 0.380, 0), (0, 0.080, 0), 25, 0.094, 0.600, 1),
+    Link(PI, PI / 2, ORIGIN, ORIGIN, 0, 0, 0, 2),
+    Link(0, 0, (0, 0, 0.065), (0, 0, 0.029), 1, 0.054, 0.072, 2),
+)
+
+# Data sheet: working ranges as totals [deg]; that they lie symmetric about zero is assumed, and so are the
+# ranges of the axes called unlimited, for which the data sheet's defaults are taken.
+RANGE = (360, 200, 280, 400, 240, 800)
+SPEED = (200, 200, 260, 360, 360, 450)  # [deg/s]
+
+PAYLOAD = 6.0  # at the wrist [kg]
+
+# Its controller (section 6.5): proportional [N m/rad] and derivative [N m s/rad] gains.
+KP = (50.0, 50.0, 50.0, 50.0, 50.0, 60.0)
+KD = (20.0, 20.0, 20.0, 20.0, 20.0, 22.0)
+
+
+class ClosedLoop(NamedTuple):
+    """A run of section 6.5: PD with gravity compensation, from rest at `start` to `reference` [rad], `duration` [s]."""
+
+    start: tuple[float, ...]
+    reference: tuple[float, ...]
+    duration: float = 5.0
+
+
+CLOSED_LOOPS = (
+    ClosedLoop((0, 0, 0, 0, 0, 0), (PI / 2, 0, -PI / 2, PI, PI / 2, -PI)),
+    ClosedLoop((0, PI, -PI / 2, 0, 0, 0), (PI, 0, 0, PI, -PI / 2, 0)),
+    ClosedLoop((0, PI / 2, -PI / 2, 0, 0, 0), (-PI, PI, -PI, -PI, -PI / 2, PI)),
+)
+
+NOTES = {
+    "robot": (
+        "ABB IRB 140 after H. Hoifodt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler "
+        "Formulation, MSc thesis, NTNU, 2011. Link i's frame has the orientation of the thesis's frame i and the "
+        "origin of its frame i-1, so that every joint axis passes through its link's origin."
+    ),
+    "base_link": "The fixed base of 23 kg moves nothing and is left out; the arm's total is 98 kg with it.",
+    "limits": (
+        "Data sheet: the range as a total; that it lies symmetric about zero is ASSUMED. Speed: data sheet. "
+        "Effort: ASSUMED unlimited (the data sheet gives none), written as the largest double."
+    ),
+    "unlimited": " The data sheet calls this axis unlimited; its default range is taken.",
+}
+
+
+def cylinder_inertia(mass: float, radius: float, height: float, along: int) -> Array:
+    """Inertia of a solid cylinder about its centre, its axis along frame axis `along` (4.25)-(4.31) [kg m^2]."""
+    across = mass * (3 * radius**2 + height**2) / 12
+    moments = [across, across, across]
+    moments[along] = mass * radius**2 / 2
+    return np.diag(moments)
+
+
+def frame_rotation(link: Link, q: float = 0.0) -> Array:
+    """R_i^{i-1} = Rot(z, q + theta) Rot(x, a)."""
+    x, _, z = np.eye(3)
+    return snap(rotation_about(z, np.asarray(q + link.theta)) @ rotation_about(x, np.asarray(link.a)))
+
+
+def cylinder(name: str, link: Link) -> Cylinder:
+    """The link's cylinder of table 4.1, for drawing."""
+    z_to = {0: (0.0, PI / 2, 0.0), 1: (-PI / 2, 0.0, 0.0), 2: ORIGIN}
+    x, y, z = (float(r) for r in link.r_com)
+    return Cylinder(name, link.radius, link.height, (x, y, z), z_to[link.along])
+
+
+def _notes() -> dict[str, str]:
+    notes = {"robot": NOTES["robot"], "base_link": NOTES["base_link"]}
+    for i, link in enumerate(LINKS, 1):
+        limits = NOTES["limits"] + (NOTES["unlimited"] if i in (4, 6) else "")
+        notes[f"joint_{i}"] = (
+            f"Origin: R_i^{{i-1}} and r_{{i-2,i-1}} of the thesis for i = {i}; axis b_{i} (3.30). {limits}"
+        )
+        notes[f"link_{i}"] = (
+            f"Table 4.1: cylinder of {link.mass} kg, radius {link.radius} m, height {link.height} m; "
+            f"centre r_{{{i - 1},c{i}}}; "
+            "moments m r^2/2 along, m (3 r^2 + h^2)/12 across (4.25)-(4.31)."
+            if link.mass
+            else "No mass and no length in the thesis."
+        )
+    return notes
+
+
+def irb140() -> Model:
+    """The ABB IRB 140 of the thesis: six revolute joints, links 3 and 5 massless, g = 9.81 m/s^2.
+
+    Returns
+    -------
+    Model
+        Joints joint_1 ... joint_6, links base_link, link_1 ... link_6. Link i has the orientation of the thesis's
+        frame i and the origin of its frame i-1. Working ranges about zero are assumed, efforts unlimited.
+
+    Notes
+    -----
+    Høifødt 2011, tables 3.1 and 4.1, (4.25)-(4.31); ABB's data sheet for ranges and speeds.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.irb140().mass.sum().item()
+    75.0
+    """
+    parts = [Part(link="base_link")]
+    origin: Vector = ORIGIN
+    for i, link in enumerate(LINKS):
+        R = frame_rotation(link)
+        parts.append(
+            Part(
+                link=f"link_{i + 1}",
+                joint=f"joint_{i + 1}",
+                kind="revolute",
+                parent=i,
+                placement=pose(R, origin),
+                axis=transpose(R)[:, 2],  # b_i: z_{i-1} seen from frame i (3.30)
+                mass=float(link.mass),
+                com=np.array(link.r_com, dtype=float),
+                inertia=cylinder_inertia(link.mass, link.radius, link.height, link.along),
+                lower=-math.radians(RANGE[i] / 2),
+                upper=math.radians(RANGE[i] / 2),
+                velocity=math.radians(SPEED[i]),
+            )
+        )
+        origin = link.r_end
+    return assemble(
+        "irb140",
+        parts,
+        shapes=[cylinder(f"link_{i}", link) for i, link in enumerate(LINKS, 1) if link.mass],
+        tip=np.array(LINKS[-1].r_end, dtype=float),
+        notes=_notes(),
+    )
+
+
+def irb140_mirrored() -> Model:
+    """The same arm with positive q3 the other way round, as the thesis's Euler-Lagrange model counts it.
+
+    Returns
+    -------
+    Model
+        `irb140` with the axis of joint_3 reversed: it stands at q as `irb140` does at (q1, q2, -q3, q4, q5, q6).
+
+    Notes
+    -----
+    Høifødt 2011, chapter 7.
+
+    Examples
+    --------
+    >>> import rne
+    >>> from rne.model.robots import irb140_mirrored
+    >>> (irb140_mirrored().axis + rne.irb140().axis)[2].tolist()
+    [0.0, 0.0, 0.0]
+    """
+    arm = irb140()
+    sign = np.array([1, 1, -1, 1, 1, 1])
+    return replace(
+        arm,
+        name="irb140_mirrored",
+        axis=arm.axis * sign[:, None] + 0.0,  # no negative zeros
+        lower=np.minimum(sign * arm.lower, sign * arm.upper),
+        upper=np.maximum(sign * arm.lower, sign * arm.upper),
+        notes=dict(arm.notes) | {"joint_3": f"The axis is reversed: positive q3 the other way. {arm.notes['joint_3']}"},
+    )

@@ -1,0 +1,170 @@
+"""What a Model must satisfy; each failure names the joint, body or link at fault."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import ModelError
+
+UNIT_TOLERANCE = 1e-12  # an axis or rotation off by more was never normalised
+INERTIA_TOLERANCE = 1e-12  # of trace + m |c|^2: rounding of a file's decimals, not a negative inertia
+
+
+def check_model(values: Mapping[str, Any]) -> None:
+    """Raise ModelError for the first contradiction among the fields of a Model, given by name."""
+    model = SimpleNamespace(**values)
+    _check_shapes(model)
+    _check_names(model)
+    _check_tree(model)
+    _check_mimics(model)
+    _check_finite(model)
+    for i, joint in enumerate(model.moving_joints):
+        _check_unit(f"joint {joint!r}: `axis`", model.axis[i])
+        _check_rotation(f"joint {joint!r}: `rotation`", model.rotation[i])
+        error = inertia_error(float(model.mass[i]), model.com[i], model.inertia[i])
+        if error:
+            raise ModelError(f"body of joint {joint!r}: {error}")
+    for link, R in zip(model.link_names, model.link_rotation, strict=True):
+        _check_rotation(f"link {link!r}: `link_rotation`", R)
+    error = inertia_error(float(model.base_mass), model.base_com, model.base_inertia)
+    if error:
+        raise ModelError(f"base: {error}")
+
+
+def inertia_error(mass: float, com: Array, inertia: Array) -> str | None:
+    """Say what makes a rigid body impossible, or None if it is possible.
+
+    Parameters
+    ----------
+    mass : float
+        [kg]
+    com : ndarray, shape (3,)
+        Centre of mass in the body's frame [m].
+    inertia : ndarray, shape (3, 3)
+        About the centre of mass [kg m^2].
+    """
+    if mass < 0:
+        return f"the mass must be 0 or positive, got {mass!r}"
+    if not np.array_equal(inertia, inertia.T):
+        return "the inertia must be symmetric"
+    smallest = float(np.linalg.eigvalsh(inertia)[0])
+    scale = float(np.trace(inertia) + mass * (com @ com))
+    if smallest < -INERTIA_TOLERANCE * scale:
+        return f"the inertia must have no negative eigenvalue, got {smallest:.6g} kg m^2"
+    return None
+
+
+def triangle_excess(inertia: Array) -> float:
+    """By how much the largest principal moment exceeds the sum of the others, relative to the trace."""
+    small, middle, large = np.linalg.eigvalsh(inertia)
+    trace = small + middle + large
+    return float((large - small - middle) / trace) if trace > 0 else 0.0
+
+
+def _check_shapes(model: SimpleNamespace) -> None:
+    nb, links = len(model.moving_joints), len(model.link_names)
+    shapes: dict[str, tuple[int, ...]] = {
+        "axis": (nb, 3),
+        "rotation": (nb, 3, 3),
+        "translation": (nb, 3),
+        "mass": (nb,),
+        "com": (nb, 3),
+        "inertia": (nb, 3, 3),
+        "lower": (nb,),
+        "upper": (nb,),
+        "velocity_limit": (nb,),
+        "effort_limit": (nb,),
+        "damping": (nb,),
+        "friction": (nb,),
+        "armature": (nb,),
+        "multiplier": (nb,),
+        "offset": (nb,),
+        "base_com": (3,),
+        "base_inertia": (3, 3),
+        "gravity": (3,),
+        "link_rotation": (links, 3, 3),
+        "link_translation": (links, 3),
+    }
+    for name, shape in shapes.items():
+        got = getattr(model, name).shape
+        if got != shape:
+            raise ModelError(f"`{name}` must have shape {shape}, got {got}")
+    for name, length in {
+        "joint_types": nb,
+        "parent": nb,
+        "coordinate": nb,
+        "link_joints": links,
+        "link_body": links,
+    }.items():
+        if len(getattr(model, name)) != length:
+            raise ModelError(f"`{name}` must have {length} entries, got {len(getattr(model, name))}")
+    if model.tip is not None and model.tip.shape != (3,):
+        raise ModelError(f"`tip` must have shape (3,), got {model.tip.shape}")
+
+
+def _check_names(model: SimpleNamespace) -> None:
+    for kind, names in (("joint", [j for j in model.link_joints if j]), ("link", model.link_names)):
+        seen: set[str] = set()
+        for name in names:
+            if name in seen:
+                raise ModelError(f"{kind} {name!r} is duplicated")
+            seen.add(name)
+    if not model.link_names:
+        raise ModelError("a robot needs at least its root link")
+
+
+def _check_tree(model: SimpleNamespace) -> None:
+    nb = len(model.moving_joints)
+    types = ("revolute", "continuous", "prismatic")
+    for i, joint in enumerate(model.moving_joints):
+        if model.joint_types[i] not in types:
+            raise ModelError(f"joint {joint!r}: type must be one of {list(types)}, got {model.joint_types[i]!r}")
+        if not -1 <= model.parent[i] < i:
+            raise ModelError(f"joint {joint!r}: parent must be one of the {i} bodies before it, got {model.parent[i]}")
+    for link, body in zip(model.link_names, model.link_body, strict=True):
+        if not -1 <= body < nb:
+            raise ModelError(f"link {link!r}: body must be from -1 to {nb - 1}, got {body}")
+    carried = {joint: body for joint, body in zip(model.link_joints, model.link_body, strict=True)}
+    for i, joint in enumerate(model.moving_joints):
+        if carried.get(joint) != i:
+            raise ModelError(f"joint {joint!r}: no link of body {i} is carried by it")
+
+
+def _check_mimics(model: SimpleNamespace) -> None:
+    nb, n = len(model.moving_joints), len(model.independent_joints)
+    for k, i in enumerate(model.independent_joints):
+        if not 0 <= i < nb or model.coordinate[i] != k:
+            raise ModelError(f"`independent_joints[{k}]` must be a joint of coordinate {k}, got {i}")
+        if model.multiplier[i] != 1 or model.offset[i] != 0:
+            raise ModelError(f"joint {model.moving_joints[i]!r}: an independent joint has multiplier 1 and offset 0")
+    for i, joint in enumerate(model.moving_joints):
+        if not 0 <= model.coordinate[i] < n:
+            raise ModelError(f"joint {joint!r}: coordinate must be from 0 to {n - 1}, got {model.coordinate[i]}")
+
+
+def _check_finite(model: SimpleNamespace) -> None:
+    may_be_infinite = {"lower", "upper", "velocity_limit", "effort_limit"}
+    for name, value in vars(model).items():
+        if isinstance(value, np.ndarray) and value.dtype == np.float64:
+            bad = np.isnan(value) if name in may_be_infinite else ~np.isfinite(value)
+            if bad.any():
+                index = tuple(int(k) for k in np.argwhere(bad)[0])
+                raise ModelError(f"`{name}` must be finite, got {value[index]} at index {index}")
+    if not np.isfinite(model.base_mass):
+        raise ModelError(f"`base_mass` must be finite, got {model.base_mass}")
+
+
+def _check_unit(what: str, axis: Array) -> None:
+    length = float(np.linalg.norm(axis))
+    if abs(length - 1) > UNIT_TOLERANCE:
+        raise ModelError(f"{what} must be a unit vector, got length {length:.17g}")
+
+
+def _check_rotation(what: str, R: Array) -> None:
+    if np.abs(R @ R.T - np.eye(3)).max() > UNIT_TOLERANCE or np.linalg.det(R) < 0:
+        raise ModelError(f"{what} must be a rotation: orthogonal with determinant +1")

@@ -1,0 +1,255 @@
+"""A robot on 3-D axes: cylinders, the lines between link origins, joints and their axes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import real_array
+from ..basics.spatial import Array, cross, rotate, rotation_from_rpy
+from ..model.builder import disassemble
+from ..model.model import Cylinder, Model
+from ..robot import Robot
+from .plots import COLORS, blank_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SIDES = 32  # of the prism that stands for a cylinder, a multiple of 4
+LIGHT = np.array([0.3, -0.7, 0.65])  # towards the light, near the viewer
+ARROW, BASE = 0.16, 0.22  # lengths of a joint's axis and of the base frame's axes, of the robot's extent
+ALPHA = 0.6  # of the surfaces
+NAME = 24  # letters of a link's name in the legend
+ABOVE = 100  # drawn over the surfaces, which matplotlib numbers from 3 on
+
+
+def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
+    """Draw a robot at one position.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : array_like, shape (n,)
+        Joint positions [rad or m].
+    ax : matplotlib 3-D axes, optional
+        To draw on, beside what is there; axes of a new figure if not given.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        `figure.savefig("arm.png")` writes it.
+
+    Raises
+    ------
+    ValueError
+        If `q` has the wrong shape or is not finite.
+    ImportError
+        If matplotlib is not installed.
+
+    Notes
+    -----
+    In the root link's axes, to one scale: the cylinders of `model.shapes`; lines from each joint's origin to the next
+    and to links on fixed joints; the centre of mass of bodies that have no cylinder. Lines are drawn over the
+    cylinders, so that joints inside them are seen.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.plotting.draw(rne.load("irb140"), [0] * 6).axes[0].get_zlabel()
+    'z [m]'
+    """
+    check_robot(robot)
+    poses = robot.link_poses(real_array("q", q, f"({robot.n},)"))
+    if poses.ndim != 3:
+        raise ValueError(f"`q` must have shape ({robot.n},), one position, got {np.shape(q)}")
+    if ax is None:
+        ax = blank_axes(robot.model.name)
+    elif getattr(ax, "name", None) != "3d":
+        raise TypeError(f"`ax` must be matplotlib axes of projection='3d', got {type(ax).__name__}")
+    Picture(ax, robot.model, poses[None]).place(0)
+    figure: Figure = ax.figure
+    return figure
+
+
+def check_robot(robot: Robot) -> None:
+    """Refuse what is no Robot."""
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+
+
+def blank_axes(title: str) -> Any:
+    """3-D axes on a new figure."""
+    figure = blank_figure(7.4, 5.4)
+    figure.set_layout_engine("none")
+    ax = figure.add_axes((0.0, 0.05, 0.72, 0.88), projection="3d")
+    ax.set_title(title)
+    return ax
+
+
+class Picture:
+    """A robot's artists on 3-D axes, which leave room for every pose of a motion.
+
+    Parameters
+    ----------
+    ax : matplotlib 3-D axes
+    model : Model
+    poses : ndarray, shape (frames, n_links, 4, 4)
+        Of every link in every frame [1, m].
+    """
+
+    def __init__(self, ax: Any, model: Model, poses: Array) -> None:
+        R, p = poses[..., :3, :3].astype(np.float64), poses[..., :3, 3].astype(np.float64)
+        before = np.stack([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1) if ax.has_data() else None
+        self.ax, self.origins = ax, p
+        self.parent = [part.parent for part in disassemble(model)]
+        links = [model.link_index(shape.link) for shape in model.shapes]
+        faces = np.array([_prism(shape) for shape in model.shapes]).reshape(len(links), 2 * SIDES, 4, 3)
+        self.faces = rotate(R[:, links, None, None], faces) + p[:, links, None, None]
+        self.colors = np.array([_color(k) for k in range(len(links))]).reshape(-1, 3)
+        carriers = [model.link_joints.index(joint) for joint in model.moving_joints]
+        shaped = {model.link_body[k] for k in links}
+        self.bare = [i for i in range(model.nb) if i not in shaped and model.mass[i] > 0]
+        self.hosts = [carriers[i] for i in self.bare]
+        self.centres = rotate(R[:, self.hosts], model.com[self.bare].astype(np.float64)) + p[:, self.hosts]
+        points = np.concatenate([x.reshape(len(p), -1, 3) for x in (p, self.faces, self.centres)], axis=1)
+        extent = float(np.ptp(points, axis=1).max()) or 1.0
+        self.joints, self.turns = carriers, model.is_revolute.copy()
+        self.arrows = _arrows(p[:, carriers], rotate(R[:, carriers], model.axis.astype(np.float64)), ARROW * extent)
+        self._make_artists()
+        self._base(BASE * extent)
+        room = [points.reshape(-1, 3), self.arrows.reshape(-1, 3), BASE * extent * np.eye(3)]
+        _make_room(ax, np.concatenate(room), before)
+        _legend(ax, [shape.link for shape in model.shapes], self.colors)
+
+    def _make_artists(self) -> None:
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        self.surface = Poly3DCollection([], alpha=ALPHA)
+        self.ax.add_collection3d(self.surface)
+        fixed = [k for k in range(1, len(self.parent)) if k not in self.joints]
+        joints = np.array(self.joints, dtype=int)
+        revolute, prismatic = joints[self.turns], joints[~self.turns]
+        self.fixed, self.revolute, self.prismatic = fixed, revolute, prismatic
+        self.lines = self._line(self.parent, color="0.15", linewidth=2, zorder=ABOVE)
+        self.to_centres = self._line(self.bare, color="0.5", linewidth=1, linestyle=":", zorder=ABOVE)
+        self.axes = self._line(self.joints, "joint axis", color="darkmagenta", linewidth=1.3, zorder=ABOVE + 1)
+        dots = {"linestyle": "", "markeredgecolor": "0.15", "markerfacecolor": "white", "zorder": ABOVE + 2}
+        self.at_revolute = self._line(revolute, "revolute joint", marker="o", markersize=6, **dots)
+        self.at_prismatic = self._line(prismatic, "prismatic joint", marker="s", markersize=7, **dots)
+        self.at_fixed = self._line(fixed, "link on a fixed joint", marker=".", **dots | {"markerfacecolor": "0.15"})
+        self.at_centres = self._line(self.bare, "centre of mass", marker="+", **dots | {"markeredgecolor": "0.3"})
+
+    def _line(self, shown: Any, label: str = "", **style: Any) -> Any:
+        """A curve without points, to be filled by `place`; in the legend if there will be any."""
+        return self.ax.plot([], [], [], label=label if label and len(shown) else "_nolegend_", **style)[0]
+
+    def _base(self, length: float) -> None:
+        for end, color, name in zip(length * np.eye(3), ("#c00", "#080", "#00c"), "xyz", strict=True):
+            self.ax.plot(*np.stack([np.zeros(3), end]).T, color=color, linewidth=2.5, alpha=0.7, zorder=ABOVE - 1)
+            self.ax.text(*(1.15 * end), name, color=color, ha="center", va="center", zorder=ABOVE + 3)
+
+    def place(self, frame: int) -> None:
+        """Move everything to where it is in a frame."""
+        p, centres = self.origins[frame], self.centres[frame]
+        children = range(1, len(self.parent))
+        _set(self.lines, _segments(p[[self.parent[k] for k in children]], p[1:]))
+        _set(self.to_centres, _segments(p[self.hosts], centres))
+        _set(self.axes, _broken(self.arrows[frame]))
+        _set(self.at_revolute, p[self.revolute])
+        _set(self.at_prismatic, p[self.prismatic])
+        _set(self.at_fixed, p[self.fixed])
+        _set(self.at_centres, centres)
+        faces = self.faces[frame]
+        if len(faces):
+            normals = cross(faces[..., 1, :] - faces[..., 0, :], faces[..., 2, :] - faces[..., 0, :])
+            size = np.linalg.norm(normals, axis=-1) * np.linalg.norm(LIGHT)
+            lit = normals @ LIGHT / np.where(size > 0, size, 1.0)  # flat cylinders have faces of no area
+            shades = (0.8 + 0.2 * lit)[..., None] * self.colors[:, None]
+            self.surface.set_verts(faces.reshape(-1, 4, 3))
+            self.surface.set_facecolor(shades.reshape(-1, 3))
+
+
+def _color(k: int) -> tuple[float, ...]:
+    from matplotlib.colors import to_rgb
+
+    return to_rgb(f"C{k % COLORS}")
+
+
+def _prism(shape: Cylinder) -> Array:
+    """The faces of a cylinder in its link's frame, corners anticlockwise from outside, shape (2 SIDES, 4, 3) [m]."""
+    angle = np.linspace(0, 2 * np.pi, SIDES + 1)
+    ring = np.stack([shape.radius * np.cos(angle), shape.radius * np.sin(angle), np.zeros(SIDES + 1)], axis=-1)
+    up = np.array([0, 0, shape.length / 2])
+    sides = np.stack([ring[:-1] - up, ring[1:] - up, ring[1:] + up, ring[:-1] + up], axis=1)
+    centre = np.zeros((SIDES // 2, 3))
+    fan = np.stack([centre, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1)
+    faces = np.concatenate([sides, fan + up, fan[:, ::-1] - up])
+    turned: Array = rotate(rotation_from_rpy(np.array(shape.rpy)), faces)
+    turned += np.array(shape.position)
+    return turned
+
+
+def _arrows(origins: Array, axes: Array, length: float) -> Array:
+    """Arrows along unit vectors, as paths over shaft and four barbs, shape (..., 9, 3) [m]."""
+    across = cross(axes, np.eye(3)[np.abs(axes).argmin(axis=-1)])
+    across = across / np.linalg.norm(across, axis=-1, keepdims=True)
+    other = cross(axes, across)
+    tips = origins + length * axes
+    path = [origins, tips]
+    for side in (across, -across, other, -other):
+        path += [tips + length * (0.08 * side - 0.22 * axes), tips]
+    return np.stack(path[:-1], axis=-2)
+
+
+def _segments(starts: Array, ends: Array) -> Array:
+    return _broken(np.stack([starts, ends], axis=-2))
+
+
+def _broken(paths: Array) -> Array:
+    """Paths of shape (k, points, 3) as one that matplotlib interrupts at NaN."""
+    return np.concatenate([paths, np.full((len(paths), 1, 3), np.nan)], axis=1).reshape(-1, 3)
+
+
+def _set(line: Any, points: Array) -> None:
+    line.set_data_3d(*points.T)
+
+
+def _make_room(ax: Any, points: Array, before: Array | None) -> None:
+    """Axes of one scale around the points, and around what the axes showed before."""
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = points.min(axis=0), points.max(axis=0)
+    if before is not None:
+        low, high = np.minimum(low, before[0]), np.maximum(high, before[1])
+    half = 0.52 * float((high - low).max())
+    for axis, middle in zip("xyz", (low + high) / 2, strict=True):
+        getattr(ax, f"set_{axis}lim")(middle - half, middle + half)
+        getattr(ax, f"set_{axis}label")(f"{axis} [m]", labelpad=9)
+        ticks = MaxNLocator(6).tick_values(middle - half, middle + half)
+        getattr(ax, f"set_{axis}ticks")(
+            ticks[np.abs(ticks - middle) < 0.88 * half]
+        )  # at the corners they would collide
+    ax.tick_params("z", pad=5)
+    ax.set_box_aspect((1, 1, 1))
+
+
+def _legend(ax: Any, links: list[str], colors: Array) -> None:
+    from matplotlib.patches import Patch
+
+    handles, labels = ax.get_legend_handles_labels()
+    entries = dict(zip(labels, handles, strict=True))
+    if len(links) <= COLORS:
+        for link, color in zip(links, colors, strict=True):
+            name = link if len(link) <= NAME else link[: NAME - 3] + "..."
+            entries[name] = Patch(color=color, alpha=ALPHA)
+    if entries:
+        ax.legend(
+            entries.values(),
+            entries,
+            loc="center left",
+            bbox_to_anchor=(1.08, 0.5),
+            fontsize="small",
+            frameon=False,
+        )

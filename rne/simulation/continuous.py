@@ -1,0 +1,121 @@
+"""Runs between instants at which something jumps: SciPy's solvers, restarted at each of them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .plant import Plant
+from .scipy_solvers import FAILURES, watched
+from .trajectory import Run, Task
+
+IMPLICIT = ("Radau", "BDF", "LSODA")
+NO_SAY = 1e100  # absolute tolerance of the energies, which are results and not part of the state
+
+
+def tolerances(plant: Plant, task: Task) -> tuple[float, Array]:
+    """Relative and absolute tolerances with which the energies of the ledger have no say in the steps.
+
+    All methods but LSODA take the mean square error of the components, which those that are always 0 must not dilute.
+    """
+    size, energies = plant.rhs.size, len(plant.rhs.ledger)
+    atols = np.full(size, task.atol)
+    if not energies:
+        return task.rtol, atols
+    atols[size - energies :] = NO_SAY
+    undiluted = 1.0 if task.method == "LSODA" else float(np.sqrt(1 - energies / size))
+    return task.rtol * undiluted, atols * undiluted
+
+
+def stops(plant: Plant) -> list[Callable[[float, Array], float]]:
+    """One event for each end of a joint's range; a joint that starts on or beyond it must first come back."""
+    model = plant.robot.model
+    found = []
+    for k, i in enumerate(model.independent_joints):
+        for bound, sign in ((model.upper[i], 1.0), (model.lower[i], -1.0)):
+            if np.isfinite(bound):
+                found.append(_stop(k, float(bound), sign))
+    return found
+
+
+def _stop(k: int, bound: float, sign: float) -> Callable[[float, Array], float]:
+    slack = 4 * float(np.finfo(float).eps) * max(1.0, abs(bound))  # a joint at rest on its stop has not reached it anew
+
+    def beyond(t: float, x: Array) -> float:
+        return sign * (float(x[k]) - bound) - slack
+
+    beyond.terminal, beyond.direction = True, 1.0  # type: ignore[attr-defined]
+    beyond.joint, beyond.bound = k, bound  # type: ignore[attr-defined]
+    return beyond
+
+
+def stop_message(event: Any, t: float, joints: Sequence[str]) -> str:
+    """Which joint met which stop when."""
+    return f"{joints[event.joint]!r} reached its stop at {event.bound:.6g} at t = {t:.6g} s"
+
+
+def smooth_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
+    """From break to break until the end, an event or a failure, which is added to `failures`."""
+    edges = [0.0, *sorted({b for b in task.breaks if 0 < b < task.duration}), task.duration]
+    x0, t_eval = task.x0, task.t_eval
+    times: list[Array] = []
+    states: list[Array] = []
+    run = Run(np.zeros(0), np.zeros((0, len(x0))), 0, "")
+    for begin, end in itertools.pairwise(edges):
+        inside = None
+        if t_eval is not None:
+            inside = t_eval[(t_eval > begin if begin else t_eval >= begin) & (t_eval <= end)]
+        fun = plant if len(edges) == 2 else _within(plant, (begin, end))
+        t, x, x0, status, ending = _segment(fun, plant, x0, (begin, end), inside, task, failures)
+        first = 1 if t_eval is None and times else 0  # the end of the segment before
+        times.append(t[first:])
+        states.append(x[first:])
+        run = Run(np.concatenate(times), np.concatenate(states), status, ending)
+        if failures or status:
+            break
+    return run
+
+
+def _segment(
+    fun: Callable[[float, Array], Array],
+    plant: Plant,
+    x0: Array,
+    span: tuple[float, float],
+    t_eval: Array | None,
+    task: Task,
+    failures: list[tuple[float, str]],
+) -> tuple[Array, Array, Array, int, str]:
+    """Times, states, the last state, status and SciPy's last word."""
+    from scipy.integrate import solve_ivp
+
+    rtol, atol = tolerances(plant, task)
+    events = task.events
+    options: dict[str, Any] = {"jac": plant.jacobian} if task.method in IMPLICIT else {}
+    last = [x0]
+    solver = watched(task.method, failures, last)
+    try:
+        solution = solve_ivp(
+            fun, span, x0, solver, t_eval, events=list(events) or None, rtol=rtol, atol=atol, **options
+        )
+    except FAILURES as error:  # at the very start, before a first step
+        failures.append((span[0], str(error)))
+        return np.zeros(0), np.zeros((0, len(x0))), x0, -1, ""
+    t = np.asarray(solution.t, dtype=float)
+    x = np.asarray(solution.y, dtype=float).T.reshape(len(t), len(x0))
+    if solution.status != 1:
+        return t, x, last[0], 0, str(solution.message)
+    hit = next(k for k, when in enumerate(solution.t_events) if len(when))
+    event, when = events[hit], float(solution.t_events[hit][0])
+    if t_eval is not None:
+        t, x = np.append(t, when), np.concatenate([x, solution.y_events[hit]])
+    return t, x, last[0], 1, stop_message(event, when, plant.robot.joint_names)
+
+
+def _within(plant: Plant, span: tuple[float, float]) -> Callable[[float, Array], Array]:
+    """The right-hand side between two jumps: at the very instant of one, the side within the span counts."""
+    first, last = float(np.nextafter(span[0], np.inf)), float(np.nextafter(span[1], 0.0))
+    return lambda t, x: plant(min(max(t, first), last), x)

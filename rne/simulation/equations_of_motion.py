@@ -1,0 +1,214 @@
+"""The equations of motion of a scene: dx/dt as one function of time and state, traced into one kernel.
+
+The state x is q, qd, the controller's states z, and the energies of the ledger: what the drives have supplied, what
+viscous and Coulomb friction have dissipated. Terms absent from the scene add no state.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..dynamics.conditioning import judge_accelerations
+from ..dynamics.quantity import Quantity, check_result
+from ..dynamics.verdict import SOUND, Verdict
+from ..elementwise import clip
+from ..kernels.kernel import Kernel
+from ..model.model import Model
+from ..robot import Robot
+from .friction import Friction
+
+TRIALS = 3  # random states on which a traced law must agree with a call of it
+AGREEMENT = 1e-9  # relative
+
+
+class AppliedTorques:
+    """Net joint torques of a scene, the rates of its controller's states, and the powers of its ledger.
+
+    Parameters
+    ----------
+    robot : Robot
+        As it stands in the scene, with payload and locked joints.
+    friction : Friction or None
+    torque_limit : ndarray, shape (n,), or None
+        Largest torque of each drive.
+    law : callable or None
+        A traceable law.
+    torque_given : bool
+        True if the drives' torques are an argument, `u`; without `torque_given` and `law` there are no drives.
+    """
+
+    name = "applied_torques"
+
+    def __init__(
+        self, robot: Robot, friction: Friction | None, torque_limit: Array | None, law: Any, torque_given: bool
+    ) -> None:
+        self.robot, self.friction, self.torque_limit = robot, friction, torque_limit
+        self.law, self.torque_given = law, torque_given
+        self.controller_states = int(getattr(law, "states", 0))
+        f = friction
+        ledger = {
+            "drives": law is not None or torque_given,
+            "viscous": f is not None and bool(np.any(f.viscous) or np.any(f.viscous_back)),
+            "coulomb": f is not None and bool(np.any(f.coulomb) or np.any(f.coulomb_back)),
+        }
+        self.ledger = tuple(name for name, present in ledger.items() if present)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: value for k, value in self.__dict__.items() if not isinstance(value, Kernel | AppliedTorques)}
+
+    @property
+    def size(self) -> int:
+        """Length of the state."""
+        return 2 * self.robot.n + self.controller_states + len(self.ledger)
+
+    @property
+    def quantity(self) -> Quantity:
+        """What is traced: arrays t, x and, where torques are given, u."""
+        return Quantity(name=self.name, core=self.core, widths=self._widths, base_parameters=True)
+
+    @property
+    def _widths(self) -> dict[str, int | None]:
+        widths: dict[str, int | None] = {"t": 1, "x": self.size}
+        return widths | {"u": self.robot.n} if self.torque_given else widths
+
+    def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, Array | None]:
+        """Torques of the drives within their limits, and the rates of the law's states."""
+        n = self.robot.n
+        q, qd = x[..., :n], x[..., n : 2 * n]
+        rates = None
+        if self.law is not None:
+            if hasattr(self.law, "states"):
+                u, rates = torques_and_rates(self.law(t, q, qd, x[..., 2 * n : 2 * n + self.controller_states]))
+            else:
+                u = self.law(t, q, qd)
+            u = _shaped_like(u, q)
+        if u is not None and self.torque_limit is not None:
+            u = clip(u, -self.torque_limit, self.torque_limit)
+        return u, rates
+
+    def parts(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
+        """Net torques, and the other rates one after the other."""
+        n = self.robot.n
+        qd = x[..., n : 2 * n]
+        u, rates = self.drives(t, x, u)
+        net, further = 0 * qd if u is None else u, [] if rates is None else [rates]
+        if u is not None:
+            further.append((u * qd).sum(-1, keepdims=True))
+        for name in ("viscous", "coulomb"):
+            if self.friction is not None and name in self.ledger:
+                torque = getattr(self.friction, f"{name}_torque")(qd)
+                net = net - torque
+                further.append((torque * qd).sum(-1, keepdims=True))
+        return net, further
+
+    def core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
+        """[net torques, dz/dt, powers], traced."""
+        net, further = self.parts(t, x, u)
+        return np.concatenate([net, *further], axis=-1)
+
+    def evaluate(self, model: Model, t: Array, x: Array, u: Array | None = None) -> tuple[Array, Verdict]:
+        """The same, with numbers."""
+        with np.errstate(all="ignore"):
+            result = self.core(model, np.asarray(t), np.asarray(x), u)
+        check_result("the torques", result)
+        return result, SOUND
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """The traced function, checked against calls of the law."""
+        kernel = Kernel(self, self.robot.model, {})
+        if self.law is not None:
+            _compare_law(self, kernel)
+        return kernel
+
+    @cached_property
+    def slopes(self) -> Kernel:
+        """Its exact derivatives by x, and by u where that is given."""
+        return Kernel(self, self.robot.model, {}, ("x", "u") if self.torque_given else ("x",))
+
+
+class RightHandSide(AppliedTorques):
+    """dx/dt of a scene; see `AppliedTorques` for its parameters."""
+
+    name = "right_hand_side"
+
+    @property
+    def quantity(self) -> Quantity:
+        """What is traced: as for the torques, with M's pivots behind the rates."""
+        n = self.robot.n
+        rates = ("x", slice(n, 2 * n))
+        return Quantity(
+            name=self.name, core=self.core, widths=self._widths, judge=self._judge, rates=rates, base_parameters=True
+        )
+
+    def core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
+        """(dx/dt, pivots, diagonal of M), traced."""
+        n = self.robot.n
+        q, qd = x[..., :n], x[..., n : 2 * n]
+        net, further = self.parts(t, x, u)
+        qdd, pivots, diagonal = self.robot.forward_method.quantity.core(model, q, qd, net)
+        return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
+
+    def _judge(self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array) -> Verdict:
+        n, t, x = self.robot.n, arguments["t"], arguments["x"]
+        net, _ = self.parts(t, x, arguments.get("u"))
+        state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
+        return judge_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
+
+    def evaluate(self, model: Model, t: Array, x: Array, u: Array | None = None) -> tuple[Array, Verdict]:
+        """dx/dt with numbers, by the recursion, with the Verdict on M; NotFiniteError where it overflows."""
+        t, x = np.asarray(t), np.asarray(x)
+        typed = model if x.dtype == model.mass.dtype else model.astype(x.dtype)
+        with np.errstate(all="ignore"):
+            rates, pivots, diagonal = self.core(typed, t, x, u)
+            verdict = self._judge(typed, {"t": t, "x": x, "u": u}, rates, pivots, diagonal)
+        if verdict.error is None:
+            check_result("the right-hand side", rates)
+        return np.asarray(rates), verdict
+
+    @cached_property
+    def torques(self) -> AppliedTorques:
+        """The torques alone, for Jacobians and reports."""
+        return AppliedTorques(self.robot, self.friction, self.torque_limit, self.law, self.torque_given)
+
+
+def torques_and_rates(returned: Any) -> tuple[Any, Any]:
+    """What a law with states returned, as (torques, dz/dt)."""
+    if not isinstance(returned, tuple) or len(returned) != 2:
+        got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
+        raise ValueError(f"`controller` with states must return (torques, rates of its states), got {got}")
+    return returned
+
+
+def _shaped_like(u: Any, q: Array) -> Array:
+    """A traced law's torques for every state; a constant one is the same for all."""
+    try:
+        torques = np.asarray(u)
+    except ValueError:
+        torques = np.asarray(None)
+    if torques.shape != q.shape and (torques.shape != q.shape[-1:] or (torques.dtype == object and torques.size == 0)):
+        raise ValueError(
+            f"`controller` must return shape (..., {q.shape[-1]}) for states of that shape, got {torques.shape}"
+        )
+    return torques + 0 * q if torques.shape != q.shape else torques
+
+
+def _compare_law(torques: AppliedTorques, kernel: Kernel) -> None:
+    """A law with memory, noise or a table would be frozen by tracing: it must agree with calls of it."""
+    rng = np.random.default_rng(0)
+    for _ in range(TRIALS):
+        t, x = rng.uniform(0, 1, 1), rng.uniform(-1, 1, torques.size)
+        traced = kernel(t, x)
+        called, _ = torques.evaluate(torques.robot.model, t, x)
+        worst = float(np.abs(traced - called).max()) if traced.size else 0.0
+        if not np.isfinite(worst):
+            raise ValueError("`controller` gives torques that are not finite")
+        if not worst <= AGREEMENT * max(1.0, float(np.abs(called).max(initial=0.0))):
+            raise ValueError(
+                f"the controller is marked traceable, but traced it gives torques that differ by {worst:.3g} from a "
+                "call of it: it has memory, noise or a branch; leave the mark off and it is called"
+            )

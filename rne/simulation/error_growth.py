@@ -1,0 +1,147 @@
+"""How far a simulated motion can be trusted: each step's error, carried along by the variational equation.
+
+A small deviation d of the state follows dd/dt = J(t) d, J the Jacobian of the right-hand side along the motion. Over
+a step it is multiplied by Phi = exp(Omega), Omega by Magnus's expansion of order 4 from J at its two ends and its
+middle: Hairer, Lubich, Wanner 2006, Geometric Numerical Integration, IV.7. The step's own error is what extrapolation
+to order 16 finds different in its end. What has no known sign is carried as a covariance: rounding, and where the
+extrapolation does not converge, in steps over many time constants of a stiff motion, the tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import RneError
+from .continuous import smooth_run
+from .plant import Plant
+from .symplectic import METHOD as GAUSS
+from .symplectic import symplectic_run
+from .trajectory import Run, Task
+
+BLOCK = 256  # steps looked at together
+LEVELS = 8  # of the extrapolation
+EPS = float(np.finfo(np.float64).eps)
+
+
+def growth_of(plant: Plant, task: Task, run: Run) -> Callable[[float], tuple[Array, Array]]:
+    """The function that a Trajectory keeps: it estimates when it is asked."""
+
+    def growth(bound: float) -> tuple[Array, Array]:
+        return error_growth(plant, task, run, bound)
+
+    return growth
+
+
+def error_growth(plant: Plant, task: Task, run: Run, bound: float = np.inf) -> tuple[Array, Array]:
+    """Times of the steps and the estimated error of the worst position there, until it exceeds `bound`.
+
+    Parameters
+    ----------
+    plant : Plant
+    task : Task
+    run : Run
+        What the task gave. With `t_eval` it lacks the solver's steps, and the task is run once more.
+    bound : float
+        [rad or m]
+    """
+    if task.t_eval is not None:
+        again = symplectic_run if task.method == GAUSS else smooth_run
+        run = again(plant, task._replace(t_eval=None), [])
+    n, size = plant.robot.n, 2 * plant.robot.n + plant.rhs.controller_states
+    if n == 0:
+        return run.t, np.zeros(len(run.t))
+    deviation, unsigned, errors = np.zeros(size), np.zeros((size, size)), [0.0]
+    for begin in range(0, len(run.t) - 1, BLOCK):
+        t, X = run.t[begin : begin + BLOCK + 1], run.x[begin : begin + BLOCK + 1]
+        for k, (Phi, wrong, unsure) in enumerate(zip(*_steps(plant, task, t, X, size), strict=True), start=begin + 1):
+            deviation = Phi @ deviation + wrong
+            unsigned = Phi @ unsigned @ Phi.T + np.diag(unsure**2)
+            errors.append(float((np.abs(deviation) + np.sqrt(np.diagonal(unsigned)))[:n].max()))
+            if not errors[-1] <= bound:
+                return run.t[: k + 1], np.array(errors)
+    return run.t, np.array(errors)
+
+
+def _steps(plant: Plant, task: Task, t: Array, X: Array, size: int) -> tuple[Array, Array, Array]:
+    """Phi of each step, shape (steps, size, size), its error, and what may be wrong with either sign, (steps, size)."""
+    from scipy.linalg import expm
+
+    h = np.diff(t)
+    first, last = np.nextafter(t[:-1], np.inf), np.nextafter(t[1:], 0.0)
+
+    def rates(s: Array, x: Array) -> Array:  # where something jumps, the side within the step counts
+        return _rates(plant, np.clip(s, first, last), x)
+
+    bend = rates(first, X[:-1]) - rates(last, X[1:])
+    middle = (X[:-1] + X[1:]) / 2 + h[:, None] / 8 * bend  # Hermite's cubic
+    times = np.concatenate([first, (first + last) / 2, last])
+    J = plant.jacobians(times, np.concatenate([X[:-1], middle, X[1:]]))[:, :size, :size]
+    begin, half, end = np.split(J, 3)
+    length = h[:, None, None]
+    Phi = expm(length / 6 * (begin + 4 * half + end) + length**2 / 12 * (end @ begin - begin @ end))
+    with np.errstate(all="ignore"):  # steps over many time constants overflow
+        right, unsure = (x[:, :size] for x in extrapolated(rates, first, X[:-1], h))
+    wrong, allowed = X[1:, :size] - right, task.atol + task.rtol * np.abs(X[1:, :size])
+    converged = (unsure <= allowed / 2).all(axis=1, keepdims=True)
+    rounding = EPS * np.abs(X[1:, :size])
+    return Phi, np.where(converged, wrong, 0.0), np.where(converged, rounding, allowed)
+
+
+def extrapolated(
+    rates: Callable[[Array, Array], Array], t: Array, x: Array, h: Array, levels: int = LEVELS
+) -> tuple[Array, Array]:
+    """The states a step later, and what the last level changed in them.
+
+    The modified midpoint rule with 2, 4, 6, ... substeps, extrapolated to none.
+    Gragg, Bulirsch and Stoer; Hairer, Norsett, Wanner 1993, Solving Ordinary Differential Equations I, II.9.
+
+    Parameters
+    ----------
+    rates : callable
+        f(t, x), shapes (...) and (..., size).
+    t, h : ndarray, shape (...)
+        Where each step starts, and its length [s].
+    x : ndarray, shape (..., size)
+        The states there.
+    levels : int
+        The order is twice this.
+    """
+    ends = []
+    start = rates(t, x)
+    for level in range(1, levels + 1):
+        part = h / (2 * level)
+        before, now = x, x + part[..., None] * start
+        for k in range(1, 2 * level):
+            before, now = now, before + 2 * part[..., None] * rates(t + k * part, now)
+        ends.append((before + now + part[..., None] * rates(t + h, now)) / 2)
+    coarser = without_steps(ends[:-1])
+    finest = without_steps(ends)
+    return finest, np.abs(finest - coarser)
+
+
+def without_steps(ends: list[Array]) -> Array:
+    """The limit of results with steps h/2, h/4, h/6, ...: Neville's scheme in their squares."""
+    ends = list(ends)
+    for k in range(1, len(ends)):
+        for level in range(len(ends) - 1, k - 1, -1):
+            squared = (np.ones((), dtype=ends[0].dtype) * (level + 1) / (level + 1 - k)) ** 2
+            ends[level] = ends[level] + (ends[level] - ends[level - 1]) / (squared - 1)
+    return ends[-1]
+
+
+def _rates(plant: Plant, t: Array, X: Array) -> Array:
+    """dx/dt in many states; NaN where it cannot be told."""
+    if plant.law is None:
+        try:
+            return plant.all_rates(t, X)
+        except (RneError, ValueError):
+            pass  # in some of them
+    found = np.full(X.shape, np.nan)
+    for k, (time, x) in enumerate(zip(t, X, strict=True)):
+        with suppress(RneError, ValueError, ArithmeticError):
+            found[k] = plant.rates(float(time), x, plant.torque(float(time), x))
+    return found

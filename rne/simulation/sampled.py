@@ -1,0 +1,159 @@
+"""Sampled control: the torques are computed at the samples and held in between, each sample met exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .continuous import IMPLICIT, stop_message, tolerances
+from .plant import Plant
+from .scene import Scene
+from .scipy_solvers import FAILURES, watched
+from .trajectory import Run, Task
+
+
+class Holder:
+    """What the controller's computer remembers: the torques it holds and its own states."""
+
+    def __init__(self, scene: Scene, plant: Plant) -> None:
+        self.scene, self.plant = scene, plant
+        self.period = float(scene.sample_time or 0.0)
+        self.own = np.zeros(int(getattr(scene.controller, "states", 0)))
+        self.held = np.zeros(scene.n)
+        self.first = True
+
+    def sample(self, t: float, x: Array) -> Array:
+        """The torques to hold from now on: within the drives' limits, no further from the last than their rate."""
+        u = np.asarray(self.plant.torque(t, x))
+        if self.scene.resolved.torque_limit is not None:
+            u = np.clip(u, -self.scene.resolved.torque_limit, self.scene.resolved.torque_limit)
+        if self.scene.resolved.torque_rate is not None and not self.first:
+            step = self.scene.resolved.torque_rate * self.period
+            u = np.clip(u, self.held - step, self.held + step)
+        self.held, self.first = u, False
+        return u
+
+    def law(self, t: float, q: Array, qd: Array) -> Array:
+        """The controller; one with states of its own adds their rates up from sample to sample."""
+        if not self.own.size:
+            return np.asarray(self.scene.controller(t, q, qd))
+        u, rates = self.scene.controller(t, q, qd, self.own)
+        self.own = self.own + self.period * np.asarray(rates)
+        return np.asarray(u)
+
+
+@dataclass
+class _Record:
+    """Samples asked for, or those of the controller."""
+
+    t_eval: Array | None
+    t: list[float]
+    x: list[Array]
+    u: list[Array]
+    own: list[Array]
+
+    def step(self, solver: Any, u: Array, own: Array) -> None:
+        """Values asked for within the solver's last step."""
+        if self.t_eval is None:
+            return
+        k, stop = len(self.t), int(np.searchsorted(self.t_eval, solver.t, side="right"))
+        if stop > k:
+            dense = solver.dense_output()
+            for time in self.t_eval[k:stop]:
+                self.add(float(time), np.array(solver.y if time == solver.t else dense(time)), u, own)
+
+    def add(self, t: float, x: Array, u: Array, own: Array) -> None:
+        self.t.append(t)
+        self.x.append(x)
+        self.u.append(u)
+        self.own.append(own)
+
+
+def sampled_run(scene: Scene, plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
+    """From sample to sample with one explicit solver, whose memory of the slope is renewed at each."""
+    if task.method in IMPLICIT:
+        raise ValueError(f"`method` of a sampled scene must be an explicit one, got {task.method!r}")
+    if scene.resolved.friction is not None and scene.resolved.friction.sticks:
+        raise ValueError("a sampled scene cannot have friction that sticks; give the friction a `smoothing`")
+    holder = Holder(scene, plant)
+    plant.law = holder.law
+    record, x0 = _Record(task.t_eval, [], [], [], []), task.x0
+    count = int(np.ceil(task.duration / holder.period * (1 - 1e-12)))
+    stop = None
+    try:
+        stop = _samples(holder, plant, task, count, record, failures)
+    except FAILURES as error:
+        failures.append((getattr(error, "time", None) or 0.0, str(error)))
+    shape = (len(record.t), len(x0))
+    u = np.array(record.u).reshape(len(record.t), scene.n)
+    ending = stop or f"the controller was asked {count} times, every {holder.period:g} s"
+    own = np.array(record.own).reshape(len(record.t), len(holder.own))
+    return Run(np.array(record.t), np.array(record.x).reshape(shape), int(stop is not None), ending, u, None, own)
+
+
+def _samples(
+    holder: Holder, plant: Plant, task: Task, count: int, record: _Record, failures: list[tuple[float, str]]
+) -> str | None:
+    """What stopped the run before its end, if anything did."""
+    rtol, atol = tolerances(plant, task)
+    solver, x, duration = None, task.x0, task.duration
+    for k in range(count):
+        begin, end = k * holder.period, (k + 1) * holder.period if k + 1 < count else duration
+        u = holder.sample(begin, x)
+        asked = record.t_eval is None or (k == 0 and len(record.t_eval) and record.t_eval[0] == 0)
+        if asked:
+            record.add(begin, x, u, holder.own)
+        if solver is None:
+            solver = watched(task.method, failures, [x])(
+                lambda t, y: _held(plant, t, y, holder), begin, x, end, rtol=rtol, atol=atol, first_step=end - begin
+            )
+        else:  # the same solver goes on, with the slope under the new torques
+            solver.t_bound, solver.status = end, "running"
+            solver.f = solver.fun(begin, x)
+        while solver.status == "running":
+            solver.step()
+            if solver.status == "failed":
+                return None
+            hit = first_stop(task.events, solver, plant.robot.joint_names) if task.events else None
+            if hit is not None:
+                record.add(hit[0], hit[1], u, holder.own)
+                return hit[2]
+            record.step(solver, u, holder.own)
+        x = np.array(solver.y)
+    if record.t_eval is None and count:
+        record.add(duration, x, holder.held, holder.own)
+    return None
+
+
+def first_stop(events: Sequence[Any], solver: Any, joints: Sequence[str]) -> tuple[float, Array, str] | None:
+    """Time, state and words of the first stop that the solver's last step has passed."""
+    from scipy.optimize import brentq
+
+    if not any(event(solver.t, solver.y) > 0 for event in events):
+        return None
+    dense = solver.dense_output()
+    hits = []
+    for event in events:
+        if event(solver.t_old, dense(solver.t_old)) <= 0 < event(solver.t, solver.y):
+            when = float(brentq(lambda t, e=event: e(t, dense(t)), solver.t_old, solver.t, xtol=1e-14))
+            hits.append((when, event))
+    if not hits:
+        return None
+    when, event = min(hits, key=lambda hit: hit[0])
+    return when, np.asarray(dense(when)), stop_message(event, when, joints)
+
+
+def first_torques(scene: Scene, plant: Plant, x0: Array) -> Array:
+    """What the controller asks for at the start."""
+    holder = Holder(scene, plant)
+    plant.law = holder.law
+    return holder.sample(0.0, x0)
+
+
+def _held(plant: Plant, t: float, x: Array, holder: Holder) -> Array:
+    plant.evaluations += 1
+    return plant.rates(t, x, holder.held)

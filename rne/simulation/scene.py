@@ -1,0 +1,258 @@
+"""A scene: what of a robot and its surroundings is modelled. Parts that are not given add no operations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import positive_number, vector
+from ..basics.spatial import Array
+from ..kernels.kernel import Kernel
+from ..robot import Robot
+from .equations_of_motion import RightHandSide
+from .friction import Friction, urdf_friction
+
+LARGEST = float(np.finfo(np.float64).max)  # stands for no limit beside limited drives: a kernel has no infinities
+
+
+class Payload(NamedTuple):
+    """A rigid body fixed to a link, by default the last one; see `rne.with_payload`."""
+
+    mass: float
+    com: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike | None = None
+    link: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ResolvedScene:
+    """The parts of a scene in numbers, as the simulation needs them.
+
+    Attributes
+    ----------
+    robot : Robot
+        Mounted, with payload, joints locked, the drives' inertia added.
+    friction : Friction or None
+    torque_limit : ndarray, shape (n,), or None
+        Largest torque of each drive; None if none is limited [N m or N].
+    torque_rate : ndarray, shape (n,), or None
+        Largest change of a held torque per second [N m/s or N/s].
+    """
+
+    robot: Robot
+    friction: Friction | None
+    torque_limit: Array | None
+    torque_rate: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A robot with what is modelled beside its rigid bodies.
+
+    Parameters
+    ----------
+    robot : Robot
+    mounting : array_like, shape (3,), optional
+        Roll, pitch and yaw of the root link in the world; see `rne.mounted` [rad].
+    gravity : array_like, shape (3,), optional
+        Another gravity than the robot's, in the axes of the root link before it is turned [m/s^2].
+    payload : Payload or float, optional
+        A body on a link, or the mass of a point at the origin of the last one [kg].
+    locked : mapping of str to float, optional
+        Joints held at a position, by name; they are no coordinates of the scene [rad or m].
+    friction : Friction or "urdf", optional
+        "urdf" takes the damping and friction of the file's `<dynamics>`.
+    armature : array_like, shape (n,), optional
+        Inertia of the drives, felt at the joints [kg m^2 or kg].
+    torque_limit : array_like, shape (n,), or "urdf", optional
+        Largest torque of each drive; "urdf" takes the file's `effort`, as far as it limits any [N m or N].
+    torque_rate : array_like, shape (n,), optional
+        Largest change of a drive's torque a second, from one sample to the next [N m/s or N/s].
+    stops : bool
+        True to end a run, with status 1, when a joint reaches a limit of its range.
+    controller : callable, optional
+        f(t, q, qd) -> torques; marked by `rne.traceable` it becomes part of the kernel, otherwise it is called.
+    sample_time : float, optional
+        The controller is asked every `sample_time`, and its torque held in between [s].
+
+    Raises
+    ------
+    ValueError
+        If a part has the wrong shape, is negative or not finite, or needs another part that is not there.
+
+    Examples
+    --------
+    >>> import rne
+    >>> scene = rne.Scene(rne.load("irb140"), gravity=[0, 0, 0], locked={"joint_4": 0, "joint_5": 0, "joint_6": 0})
+    >>> scene.n, sum(scene.kernel.operations.values()) < 160
+    (3, True)
+    """
+
+    robot: Robot
+    mounting: ArrayLike | None = None
+    gravity: ArrayLike | None = None
+    payload: Payload | float | None = None
+    locked: Mapping[str, float] | None = None
+    friction: Friction | str | None = None
+    armature: ArrayLike | None = None
+    torque_limit: ArrayLike | str | None = None
+    torque_rate: ArrayLike | None = None
+    stops: bool = False
+    controller: Any = None
+    sample_time: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.robot, Robot):
+            raise TypeError(f"`robot` must be an rne.Robot, got {type(self.robot).__name__}")
+        if self.controller is not None and not callable(self.controller):
+            raise TypeError(f"`controller` must be a function of (t, q, qd), got {type(self.controller).__name__}")
+        if self.sample_time is not None:
+            if self.controller is None:
+                raise ValueError("`sample_time` needs a `controller` to ask")
+            positive_number("sample_time", self.sample_time)
+        if hasattr(self.controller, "states") and not self.is_traced and self.sample_time is None:
+            raise ValueError("`controller` with states of its own must be traceable, or sampled by `sample_time`")
+        if self.torque_rate is not None and self.sample_time is None:
+            raise ValueError("`torque_rate` needs a `sample_time`: it bounds the step from one held torque to the next")
+        self.resolved  # errors in the parts are raised now  # noqa: B018
+        meant_for = getattr(self.controller, "robot", None)
+        if isinstance(meant_for, Robot) and meant_for.n != self.n:
+            raise ValueError(f"`controller` is for a robot of {meant_for.n} joints, the scene has {self.n}")
+
+    @cached_property
+    def resolved(self) -> ResolvedScene:
+        """The scene in numbers."""
+        robot = self._resolved_robot()
+        return ResolvedScene(
+            robot,
+            _resolved_friction(self.friction, robot),
+            _resolved_limit(self.torque_limit, robot),
+            None if self.torque_rate is None else vector("torque_rate", self.torque_rate, robot.n, sign="not negative"),
+        )
+
+    def _resolved_robot(self) -> Robot:
+        robot = self.robot
+        if self.gravity is not None:
+            robot = Robot(replace(robot.model, gravity=vector("gravity", self.gravity, 3)))
+        if self.mounting is not None:
+            robot = robot.mounted(self.mounting)
+        if self.payload is not None:
+            payload = Payload(*self.payload) if isinstance(self.payload, tuple) else Payload(self.payload)
+            robot = robot.with_payload(*payload)
+        if self.locked is not None:
+            robot = robot.locked(self.locked)
+        if self.armature is not None:
+            if robot.model.has_mimics:
+                raise ValueError("`armature` of a robot with mimicking joints belongs to its Model, joint by joint")
+            armature = vector("armature", self.armature, robot.n, sign="not negative")
+            robot = Robot(replace(robot.model, armature=armature))
+        return robot
+
+    @property
+    def n(self) -> int:
+        """Number of joint coordinates that are left."""
+        return self.resolved.robot.n
+
+    @cached_property
+    def right_hand_side(self) -> RightHandSide:
+        """dx/dt = f(t, x) of the state x = (q, qd, the controller's states, energies)."""
+        parts = self.resolved
+        torque_given = self.controller is not None and (self.sample_time is not None or not self.is_traced)
+        law = self.controller if self.is_traced and not torque_given else None
+        return RightHandSide(parts.robot, parts.friction, parts.torque_limit, law, torque_given)
+
+    @property
+    def is_traced(self) -> bool:
+        """True if the controller is part of the kernel, False if it is called or there is none."""
+        return bool(getattr(self.controller, "traceable", False))
+
+    @property
+    def kernel(self) -> Kernel:
+        """The whole right-hand side in one kernel, the controller included if it is traceable."""
+        return self.right_hand_side.kernel
+
+    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Torques of the drives, friction included, shape (..., n) [N m or N]."""
+        robot, friction = self.resolved.robot, self.resolved.friction
+        tau = robot.inverse_dynamics(q, qd, qdd)
+        return tau if friction is None else tau + friction.torque(robot.model, qd)
+
+    def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
+        """Accelerations under the drives' torques, friction included, shape (..., n) [rad/s^2 or m/s^2].
+
+        Dry friction has the size of slipping; at rest, where it may hold, it is left out.
+        """
+        robot, friction = self.resolved.robot, self.resolved.friction
+        net = np.asarray(tau, dtype=float)
+        if friction is not None:
+            net = net - friction.torque(robot.model, qd)
+        return robot.forward_dynamics(q, qd, net)
+
+    def cost(self) -> dict[str, int | str]:
+        """Operations a call of the right-hand side takes, and what each part adds to them.
+
+        Returns
+        -------
+        dict
+            "total"; for each part of the scene, and for gravity, what would be saved without it; "law" says whether
+            the controller is "traced", "called" or "none". Of a called controller the cost is unknown.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Scene(rne.load("irb140"), payload=rne.Payload(5.0, [0.1, 0.0, 0.1])).cost()["payload"] > 0
+        True
+        """
+        total = _operations(self)
+        costs: dict[str, int | str] = {"total": total}
+        parts = ("payload", "friction", "armature", "torque_limit", "controller")
+        for part in parts:
+            if getattr(self, part) is not None:
+                without: dict[str, Any] = {part: None}
+                if part == "controller":
+                    without |= {"sample_time": None, "torque_rate": None, "torque_limit": None}
+                costs[part] = total - _operations(replace(self, **without))
+        if np.any(self.resolved.robot.model.gravity):
+            costs["gravity"] = total - _operations(replace(self, gravity=np.zeros(3)))
+        costs["law"] = "none" if self.controller is None else "traced" if self.is_traced else "called"
+        return costs
+
+
+def bare(robot: Robot) -> Scene:
+    """The scene of the robot alone, kept with it so that its kernel is compiled once."""
+    scene: Scene = robot.cache.setdefault("scene", Scene(robot))
+    return scene
+
+
+def _operations(scene: Scene) -> int:
+    return sum(scene.kernel.operations.values())
+
+
+def _resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:
+    if friction is None:
+        return None
+    if isinstance(friction, str):
+        if friction != "urdf":
+            raise ValueError(f"`friction` must be an rne.Friction or 'urdf', got {friction!r}")
+        return urdf_friction(robot.model)
+    if not isinstance(friction, Friction):
+        raise TypeError(f"`friction` must be an rne.Friction or 'urdf', got {type(friction).__name__}")
+    friction.check(robot.model)
+    return friction
+
+
+def _resolved_limit(limit: ArrayLike | str | None, robot: Robot) -> Array | None:
+    if limit is None:
+        return None
+    if isinstance(limit, str):
+        if limit != "urdf":
+            raise ValueError(f"`torque_limit` must be an array or 'urdf', got {limit!r}")
+        bounds = np.asarray(robot.model.effort_limit[list(robot.model.independent_joints)], dtype=float)
+    else:
+        bounds = vector("torque_limit", limit, robot.n, sign="not negative")
+    return None if np.isinf(bounds).all() else np.minimum(bounds, LARGEST)

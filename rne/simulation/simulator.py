@@ -1,0 +1,264 @@
+"""Motion of an arm over time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import positive_number, real_array
+from ..basics.spatial import Array
+from ..errors import RneError, SimulationError
+from ..model.arguments import joint_array
+from ..robot import Robot
+from .continuous import smooth_run, stops
+from .equations_of_motion import RightHandSide
+from .error_growth import growth_of
+from .plant import Plant
+from .sampled import first_torques, sampled_run
+from .scene import Scene, bare
+from .stick_slip import DryPlant, stick_slip_run
+from .symplectic import METHOD as GAUSS
+from .symplectic import symplectic_run
+from .trajectory import Run, Task, Trajectory, build_trajectory
+
+TorqueLaw = Callable[[float, Array, Array], ArrayLike]
+
+METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA")
+# Fastest decay times duration above which an explicit method is held to tiny steps by stability alone:
+# DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
+STIFF = 1000.0
+
+
+def simulate(
+    scene_or_robot: Scene | Robot,
+    q0: ArrayLike,
+    qd0: ArrayLike,
+    duration: float,
+    *,
+    torque: ArrayLike | TorqueLaw | None = None,
+    method: str = "auto",
+    rtol: float = 1e-6,
+    atol: float = 1e-9,
+    t_eval: ArrayLike | None = None,
+    step: float | None = None,
+    breaks: Sequence[float] = (),
+) -> Trajectory:
+    """Simulate an arm from a start, under given torques or in a scene.
+
+    Parameters
+    ----------
+    scene_or_robot : Scene or Robot
+    q0, qd0 : array_like, shape (n,)
+        Joint positions and rates at the start [rad or m, /s].
+    duration : float
+        [s]
+    torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
+        Drive torques, for what has no controller of its own [N m or N]; none if not given.
+    method : str
+        "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), or for long motions without drives and friction
+        "gauss-4", whose energy error stays bounded. "auto" takes LSODA if the loop, linearised
+        at the start, decays so fast that an explicit method would be held to tiny steps, and DOP853 otherwise;
+        RK45 where a controller is sampled.
+    rtol, atol : float
+        Relative and absolute tolerance of the state, per step, for SciPy's methods.
+    t_eval : array_like, shape (T,), optional
+        Times to report, ascending within [0, duration] [s].
+    step : float, optional
+        Longest step of "gauss-4", whose steps are equal [s].
+    breaks : sequence of float
+        Instants at which the torques jump, to be stepped onto exactly; those that a controller names as its
+        `breaks` are added [s].
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape, is not finite or is out of range.
+    SimulationError
+        If a state or torque is not finite, M becomes singular, or the solver gives up before the end; has the time
+        and the trajectory so far.
+
+    Notes
+    -----
+    A Robot is simulated without friction, stops or limits: those are parts of a Scene. The energies of the ledger ride
+    along as further states that have no say in the step size.
+
+    Examples
+    --------
+    >>> import rne
+    >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.1)
+    >>> swing.method, swing.energy_drift < 1e-6
+    ('DOP853', True)
+    """
+    scene = _scene(scene_or_robot, torque)
+    known = (*METHODS, GAUSS)
+    if method != "auto" and method not in known:
+        raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}")
+    arm = scene.resolved.robot
+    rhs = _right_hand_side(scene_or_robot, scene)
+    x0 = np.concatenate([_start("q0", q0, arm), _start("qd0", qd0, arm), np.zeros(rhs.size - 2 * arm.n)])
+    end = positive_number("duration", duration, zero_allowed=True)
+    times = None if t_eval is None else _check_times(t_eval, end)
+    relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
+    near = None if step is None else positive_number("step", step)
+    plant = Plant(rhs, scene.controller if rhs.torque_given and scene.sample_time is None else None)
+    chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
+    _check_method(chosen, step, scene)
+    events = stops(plant) if scene.stops else []
+    task = Task(x0, end, chosen, relative, absolute, times, near, _breaks(scene, breaks), events)
+    try:
+        return _run(scene, plant, task, reason)
+    finally:
+        plant.verdict.announce(stacklevel=2)
+
+
+def _check_method(method: str, step: float | None, scene: Scene) -> None:
+    if method == GAUSS:
+        _check_free(scene, method)
+    elif step is not None:
+        raise ValueError(f"`step` is for the equal steps of {GAUSS!r}; {method!r} chooses its own")
+
+
+def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tuple[str, str]:
+    """The solver for this run, and why: the fastest decaying mode of the loop linearised at the start decides."""
+    if scene.sample_time is not None:
+        return "RK45", f"RK45: torques are held for {scene.sample_time:g} s, and an arm under held torques is not stiff"
+    size = 2 * plant.robot.n + plant.rhs.controller_states
+    try:
+        A = plant.jacobian(0.0, x0)[:size, :size]
+    except RneError:
+        return "DOP853", "DOP853: the loop cannot be linearised at the start"
+    if not A.size or not np.isfinite(A).all():
+        return "DOP853", "DOP853: nothing to linearise at the start"
+    decay = float(max(-np.linalg.eigvals(A).real.min(), 0.0))
+    stiff = decay * duration > STIFF
+    times = f"{decay * duration:.3g} times over the run ({'more than' if stiff else 'at most'} {STIFF:g})"
+    method, kind = ("LSODA", "stiff") if stiff else ("DOP853", "not stiff")
+    return method, f"{method}: {kind}, the fastest mode at the start decays at {decay:.4g} 1/s, {times}"
+
+
+def _run(scene: Scene, plant: Plant, task: Task, reason: str) -> Trajectory:
+    failures: list[tuple[float, str]] = []
+    if task.duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by either
+        t = np.unique([0.0, task.duration]) if task.t_eval is None else task.t_eval
+        run = _without_motion(scene, plant, task, t)
+    else:
+        run = _integrate(scene, plant, task, failures)
+    motion = build_trajectory(plant, task, run, reason, failures)
+    if scene.sample_time is None and run.qdd is None:
+        motion = replace(motion, growth=growth_of(plant, task, run))
+    if not failures:
+        return motion
+    time, cause = failures[0]
+    raise SimulationError(f"simulation stopped at t = {time:.6g} s of {task.duration:g} s: {cause}", time, motion)
+
+
+def _without_motion(scene: Scene, plant: Plant, task: Task, t: Array) -> Run:
+    """The initial state, at each time asked for."""
+    x = np.tile(task.x0, (len(t), 1))
+    if scene.sample_time is not None:
+        return Run(t, x, 0, "nothing to integrate", np.tile(first_torques(scene, plant, task.x0), (len(t), 1)))
+    if scene.resolved.friction is not None and scene.resolved.friction.sticks and plant.robot.n:
+        dry = DryPlant(plant, scene.resolved.friction)
+        dry.settle(0.0, task.x0)
+        qdd = np.tile(dry.accelerations(0.0, task.x0)[0], (len(t), 1))
+        return Run(t, x, 0, "nothing to integrate", None, qdd)
+    return Run(t, x, 0, "nothing to integrate")
+
+
+def _integrate(scene: Scene, plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
+    if task.method == GAUSS:
+        return symplectic_run(plant, task, failures)
+    if scene.sample_time is not None:
+        return sampled_run(scene, plant, task, failures)
+    if scene.resolved.friction is not None and scene.resolved.friction.sticks:
+        return stick_slip_run(plant, task, failures)
+    return smooth_run(plant, task, failures)
+
+
+def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:
+    if isinstance(scene_or_robot, Scene):
+        if torque is None:
+            return scene_or_robot
+        if scene_or_robot.controller is not None:
+            raise ValueError("`torque` cannot be given for a scene that has a controller")
+        return _with_law(scene_or_robot, torque)
+    if not isinstance(scene_or_robot, Robot):
+        raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
+    scene = bare(scene_or_robot)
+    return scene if torque is None else _with_law(scene, torque)
+
+
+class CalledLaw:
+    """Wrapper that prevents tracing; keeps the law's breaks."""
+
+    def __init__(self, law: TorqueLaw) -> None:
+        self.law = law
+        self.breaks = (*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ()))
+
+    def __call__(self, t: float, q: Array, qd: Array) -> ArrayLike:
+        return self.law(t, q, qd)
+
+
+def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
+    """The scene with a torque law that is called, not traced, as it may change between runs."""
+    if callable(torque):
+        if hasattr(torque, "states"):
+            raise ValueError("`torque` with states of its own needs a scene: rne.Scene(robot, controller=...)")
+        return replace(scene, controller=CalledLaw(torque))
+    n = scene.n
+    constant = real_array("torque", torque, f"({n},)")
+    if constant.shape != (n,):
+        raise ValueError(f"`torque` must have shape ({n},), got {constant.shape}")
+    return replace(scene, controller=lambda t, q, qd: constant)
+
+
+def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
+    """The scene's right-hand side; a bare robot caches one for all torque laws."""
+    if isinstance(given, Scene) or scene.controller is None:
+        return scene.right_hand_side
+    cached: RightHandSide = given.cache.setdefault("driven", scene.right_hand_side)
+    return cached
+
+
+def _check_free(scene: Scene, method: str) -> None:
+    named = [name for name in ("controller", "friction") if getattr(scene, name) is not None]
+    if named or scene.stops:
+        there = ", ".join(named) or "stops"
+        raise ValueError(f"`method` {method!r} is for motions without drives, friction and stops; there is {there}")
+
+
+def _breaks(scene: Scene, breaks: Sequence[float]) -> list[float]:
+    own = real_array("breaks", breaks, "(k,)")
+    if own.ndim != 1:
+        raise ValueError(f"`breaks` must have shape (k,), got {own.shape}")
+    law = scene.controller
+    of_law = [*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ())]
+    found: list[float] = []
+    for instant in sorted({*own.tolist(), *of_law}):
+        if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # rounding makes no second one
+            found.append(float(instant))
+    return found
+
+
+def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
+    array = joint_array(name, value, robot.model)
+    real_array(name, array, f"({robot.n},)")
+    if array.ndim != 1:
+        raise ValueError(f"`{name}` must have shape ({robot.n},), one state, got {array.shape}")
+    return array.astype(np.float64)
+
+
+def _check_times(t_eval: ArrayLike, duration: float) -> Array:
+    times = real_array("t_eval", t_eval, "(T,)").astype(np.float64)
+    if times.ndim != 1:
+        raise ValueError(f"`t_eval` must have shape (T,), got {times.shape}")
+    if times.size and (times[0] < 0 or times[-1] > duration or (np.diff(times) <= 0).any()):
+        raise ValueError(f"`t_eval` must ascend within [0, {duration:g}], got {times.min():g} ... {times.max():g}")
+    return times

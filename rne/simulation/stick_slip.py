@@ -1,0 +1,229 @@
+"""Dry friction: every joint slips forwards, slips backwards or sticks, and events lead from one to another.
+
+A sticking joint is held at rest by whatever torque that takes, up to its static friction; a slipping one is resisted
+by its Coulomb friction, and sticks or turns round when its rate passes through zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import NotFiniteError
+from .continuous import stop_message, tolerances
+from .friction import Friction
+from .plant import Plant
+from .scipy_solvers import FAILURES, watched
+from .trajectory import Run, Task
+
+MOST_EVENTS, MOST_AT_ONCE, MOST_PIVOTS = 100_000, 20, 1000
+AT_REST = 1e-12  # rad/s: a joint at an event
+JUST = 1e-12  # of the duration: two events closer than this are at the same instant
+ROUNDING = 1e-9  # relative and in N m: loads this close to the bound are held, accelerations this small have no sign
+
+
+class DryPlant:
+    """The right-hand side for given modes of the joints: +1 and -1 slip, 0 sticks."""
+
+    def __init__(self, plant: Plant, friction: Friction) -> None:
+        n = plant.robot.n
+        self.plant, self.friction, self.n = plant, friction, n
+        self.forward = np.broadcast_to(np.asarray(friction.coulomb, dtype=float), (n,))
+        self.back = np.broadcast_to(np.asarray(friction.coulomb_back, dtype=float), (n,))
+        self.mode = np.zeros(n, dtype=int)
+        self.loose = np.maximum(self.static(np.ones(n)), self.static(-np.ones(n))) == 0  # no friction, never sticks
+        self.span = (0.0, np.inf)
+
+    def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
+        """M, the net torque without dry friction, and the torque of the drives, on this side of a jump."""
+        t = min(max(t, self.span[0]), self.span[1])
+        n, robot, rhs = self.n, self.plant.robot, self.plant.rhs
+        q, qd = x[:n], x[n : 2 * n]
+        drives, _ = rhs.drives(np.array([t]), x, self.plant.torque(t, x))
+        u = np.zeros(n) if drives is None else np.asarray(drives)
+        net = u - robot.bias_torque(q, qd) - np.asarray(self.friction.viscous_torque(qd))
+        return robot.mass_matrix(q), net, u
+
+    def accelerations(self, t: float, x: Array) -> tuple[Array, Array, Array]:
+        """Accelerations, the friction each joint has (what a sticking one needs), and the drives' torques."""
+        M, net, u = self.loads(t, x)
+        slips = self.mode != 0
+        dry = np.where(self.mode > 0, self.forward, -self.back) * slips
+        qdd = np.zeros(self.n)
+        if slips.any():
+            qdd[slips] = np.linalg.solve(M[np.ix_(slips, slips)], (net - dry)[slips])
+        needed = net - M @ qdd
+        return qdd, np.where(slips, dry, needed), u
+
+    def static(self, direction: Array) -> Array:
+        """What a joint at rest can resist, pushed in a direction."""
+        if self.friction.static is not None:
+            return np.broadcast_to(np.asarray(self.friction.static, dtype=float), (self.n,))
+        return np.where(direction > 0, self.forward, self.back)
+
+    def settle(self, t: float, x: Array, overloaded: Sequence[int] = ()) -> None:
+        """Modes of the joints from their rates, and for those at rest from their loads.
+
+        Every joint at rest either resists its load or starts in the direction in which it is then accelerated. One
+        such set of modes exists, since M is positive definite; changing the first joint that is wrong, again and
+        again, finds it (Murty's rule for complementarity problems).
+        """
+        qd = x[self.n : 2 * self.n]
+        rests = np.abs(qd) <= AT_REST
+        self.mode = np.where(rests, 0, np.sign(qd)).astype(int)
+        self.mode[self.loose] = np.where(qd[self.loose] < 0, -1, 1)
+        rests = rests & ~self.loose
+        for k in overloaded:  # at this very instant, which rounding may place on either side
+            self.mode[k] = int(np.sign(self.accelerations(t, x)[1][k]))
+        for _ in range(MOST_PIVOTS):
+            qdd, needed, _ = self.accelerations(t, x)
+            breaks = rests & (self.mode == 0) & (self._margin(needed) < 0)
+            turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
+            wrong = np.nonzero(breaks | turns)[0]
+            if not len(wrong):
+                return
+            k = int(wrong[0])
+            self.mode[k] = 0 if turns[k] else int(np.sign(needed[k]))
+        raise NotFiniteError(f"no modes of sticking and slipping fit the loads at t = {t:.6g} s", t)
+
+    def _margin(self, needed: Array) -> Array:
+        """What is left of each joint's resistance; a load at the bound itself is still held."""
+        margin: Array = self.static(needed) * (1 + ROUNDING) + ROUNDING - np.abs(needed)
+        return margin
+
+    def __call__(self, t: float, x: Array) -> Array:
+        """dx/dt, with the rates of sticking joints at zero."""
+        self.plant.evaluations += 1
+        n = self.n
+        qd = np.where(self.mode != 0, x[n : 2 * n], 0.0)
+        qdd, dry, u = self.accelerations(t, np.concatenate([x[:n], qd, x[2 * n :]]))
+        powers = {"drives": u @ qd, "viscous": self.friction.viscous_torque(qd) @ qd, "coulomb": dry @ qd}
+        own = self.plant.rhs.controller_states
+        rates = [qd, qdd]
+        if own:
+            _, z_rates = self.plant.rhs.drives(np.array([t]), x, None)
+            rates.append(np.asarray(z_rates))
+        return np.concatenate([*rates, [powers[name] for name in self.plant.rhs.ledger]])
+
+    def events(self) -> list[Callable[[float, Array], float]]:
+        """A slipping joint comes to rest; a sticking one is overloaded."""
+        return [self._rest(i) if self.mode[i] else self._overload(i) for i in range(self.n) if not self.loose[i]]
+
+    def _rest(self, i: int) -> Callable[[float, Array], float]:
+        sign = float(self.mode[i])
+
+        def rate(t: float, x: Array) -> float:
+            return sign * float(x[self.n + i]) + AT_REST  # a joint that starts from rest has not come to rest
+
+        rate.terminal, rate.direction, rate.joint = True, -1.0, i  # type: ignore[attr-defined]
+        return rate
+
+    def _overload(self, i: int) -> Callable[[float, Array], float]:
+        def margin(t: float, x: Array) -> float:
+            return float(self._margin(self.accelerations(t, x)[1])[i])
+
+        margin.terminal, margin.direction, margin.joint = True, -1.0, i  # type: ignore[attr-defined]
+        return margin
+
+
+def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
+    """From event to event until the end, a stop or a failure, which is added to `failures`."""
+    if task.method in ("Radau", "BDF"):
+        raise ValueError(
+            f"`method` of a scene whose joints stick must not need a Jacobian, got {task.method!r}; take LSODA"
+        )
+    assert plant.rhs.friction is not None
+    dry = DryPlant(plant, plant.rhs.friction)
+    samples = _Samples(task, dry)
+    edges = [*sorted({b for b in task.breaks if 0 < b < task.duration}), task.duration]
+    t, x, at_once, stop, ending = 0.0, task.x0.copy(), 0, "", ""
+    overloaded: list[int] = []
+    try:
+        for count in range(MOST_EVENTS):
+            end = next(edge for edge in edges if edge > t)
+            dry.span = (float(np.nextafter(t, np.inf)) if t in edges else t, float(np.nextafter(end, 0.0)))
+            if at_once:  # an undeclared jump of the torques: look at its other side
+                dry.span = (t + at_once * JUST * task.duration, dry.span[1])
+            dry.settle(t, x, overloaded)
+            solution = _slide(dry, task, (t, end), x, failures)
+            samples.take(solution, float(solution.t[-1]), dry)
+            at_once = at_once + 1 if solution.t[-1] - t <= JUST * task.duration and solution.status == 1 else 0
+            if at_once > MOST_AT_ONCE:
+                raise NotFiniteError(f"sticking and slipping change without end at t = {t:.6g} s", t)
+            t, x = float(solution.t[-1]), np.array(solution.y[:, -1])
+            stop, overloaded = _come_to_rest(dry, solution, x, task)
+            if failures or stop or t >= task.duration:
+                ending = stop or f"{count} changes between sticking and slipping"
+                break
+        else:
+            raise NotFiniteError(f"more than {MOST_EVENTS} changes between sticking and slipping", t)
+        if not failures:
+            samples.last(t, x, dry, ended=t >= task.duration or bool(stop))
+    except FAILURES as error:
+        failures.append((getattr(error, "time", None) or t, str(error)))
+    return samples.run(1 if stop else 0, ending)
+
+
+def _slide(dry: DryPlant, task: Task, span: tuple[float, float], x: Array, failures: list[tuple[float, str]]) -> Any:
+    """To the next event or the end of the span."""
+    from scipy.integrate import solve_ivp
+
+    rtol, atol = tolerances(dry.plant, task)
+    solver = watched(task.method, failures, [x])
+    events = [*dry.events(), *task.events]
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "dense_output": True, "events": events or None}
+    try:
+        return solve_ivp(dry, span, x, solver, **options)
+    except ValueError as error:  # an event within rounding of a step's end, where SciPy's root finder sees no change
+        if "different signs" not in str(error):
+            raise
+        return solve_ivp(dry, span, x, solver, max_step=(span[1] - span[0]) / 97, **options)
+
+
+def _come_to_rest(dry: DryPlant, solution: Any, x: Array, task: Task) -> tuple[str, list[int]]:
+    """At an event the rate that passes through zero is zero. The words of a stop, and the joints that broke away."""
+    happened = [k for k, when in enumerate(solution.t_events or ()) if len(when)]
+    own = dry.events()
+    joints = [own[k].joint for k in happened if k < len(own)]  # type: ignore[attr-defined]
+    x[[dry.n + k for k in joints]] = 0.0
+    x[dry.n : 2 * dry.n][dry.mode == 0] = 0.0
+    stops = [task.events[k - len(own)] for k in happened if k >= len(own)]
+    words = stop_message(stops[0], float(solution.t[-1]), dry.plant.robot.joint_names) if stops else ""
+    return words, [k for k in joints if dry.mode[k] == 0]
+
+
+class _Samples:
+    """Times and states to report, with the accelerations that belong to the modes of their time."""
+
+    def __init__(self, task: Task, dry: DryPlant) -> None:
+        self.task, self.n = task, dry.n
+        self.t: list[float] = []
+        self.x: list[Array] = []
+        self.qdd: list[Array] = []
+
+    def take(self, solution: Any, until: float, dry: DryPlant) -> None:
+        """Those before the end of a segment."""
+        asked = solution.t[:-1] if self.task.t_eval is None else self.task.t_eval
+        for time in asked[(asked >= solution.t[0]) & (asked < until)]:
+            if not self.t or time > self.t[-1]:
+                self.add(float(time), np.asarray(solution.sol(time)), dry)
+
+    def last(self, t: float, x: Array, dry: DryPlant, *, ended: bool) -> None:
+        """The last instant itself, if it is asked for or nothing came after it."""
+        asked = self.task.t_eval
+        stopped = ended and t < self.task.duration
+        if asked is None or stopped or (len(asked) and asked[-1] == t):
+            self.add(t, x, dry)
+
+    def add(self, t: float, x: Array, dry: DryPlant) -> None:
+        self.t.append(t)
+        self.x.append(x)
+        self.qdd.append(dry.accelerations(t, x)[0])
+
+    def run(self, status: int, ending: str) -> Run:
+        """All of them."""
+        x = np.array(self.x).reshape(len(self.t), len(self.task.x0))
+        return Run(np.array(self.t), x, status, ending, None, np.array(self.qdd).reshape(len(self.t), self.n))

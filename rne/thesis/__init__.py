@@ -1,0 +1,1 @@
+"""The experiments of Høifødt 2011 and the main job, as pages with pictures."""

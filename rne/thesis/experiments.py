@@ -1,0 +1,182 @@
+"""The simulations of Høifødt 2011 as jobs: each a function of nothing, to be run side by side in processes."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..control.laws import pd_gravity
+from ..dynamics.lagrange import lagrange_inverse_dynamics
+from ..dynamics.rnea import gravity_torque, inverse_dynamics
+from ..errors import SimulationError
+from ..model.robots import irb140_mirrored
+from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from ..robot import Robot
+from ..simulation.scene import Scene
+from ..simulation.simulator import simulate
+from ..simulation.trajectory import Trajectory
+from ..urdf.loading import load
+
+PI = np.pi
+REST = np.zeros(6)
+UPRIGHT = np.array([0, PI / 2, -PI / 2, 0, 0, 0])
+HANGING = np.array([0, PI, -PI / 2, 0, 0, 0])
+TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
+SOLVERS = ("RK45", "LSODA", "Radau", "BDF")
+SAMPLE_TIMES = (1.30e-4, 1.35e-4)
+SAMPLED = (2.0, 0.031)  # and for how long each is simulated [s]
+LONG, LONG_STEP, LONG_RTOL = 1000.0, 5e-3, 1e-4  # [s, s, 1]
+
+
+class Timed(NamedTuple):
+    """A motion and the wall time it took [s]."""
+
+    motion: Trajectory
+    seconds: float
+
+
+def timed(*arguments: Any, **how: Any) -> Timed:
+    """A simulation with its wall time; what was reached, if it failed."""
+    start = time.perf_counter()
+    try:
+        motion = simulate(*arguments, **how)
+    except SimulationError as error:
+        motion = error.trajectory
+    return Timed(motion, time.perf_counter() - start)
+
+
+def holding() -> list[Trajectory]:
+    """6.3-1 to 6.3-4: the constant torque of (6.21)."""
+    robot = load("irb140")
+    torque = robot.gravity_torque(UPRIGHT)
+    runs = ((REST, 2.0), (HANGING, 2.0), (UPRIGHT, 10.0), (UPRIGHT + [0, 0.05, 0, 0, 0, 0], 6.0))
+    return [
+        simulate(robot, start, REST, end, torque=torque, t_eval=np.linspace(0, end, 6001), **TIGHT)
+        for start, end in runs
+    ]
+
+
+def swings() -> list[Trajectory]:
+    """6.4-1 and 6.4-2, and 6.4-1 at the thesis's tolerance."""
+    robot = load("irb140")
+    times = np.linspace(0, 10, 4001)
+    tight = [simulate(robot, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
+    return [*tight, simulate(robot, REST, REST, 10.0, method="RK45", rtol=1e-6, atol=1e-6)]
+
+
+def closed_loop(k: int) -> dict[str, Timed]:
+    """6.5-(k+1) by every solver, and by "auto" on a grid of 1 ms for the settling time."""
+    scene = loop_scene(k)
+    run = CLOSED_LOOPS[k]
+    simulate(scene, run.start, REST, 1e-3)  # compiles
+    found = {method: timed(scene, run.start, REST, run.duration, method=method) for method in SOLVERS}
+    found["auto"] = timed(scene, run.start, REST, run.duration)
+    found["grid"] = timed(scene, run.start, REST, run.duration, t_eval=np.linspace(0, run.duration, 5001))
+    return found
+
+
+def loop_scene(k: int, **parts: Any) -> Scene:
+    """The thesis's controller on the arm."""
+    robot = load("irb140")
+    return Scene(robot, controller=pd_gravity(robot, KP, KD, CLOSED_LOOPS[k].reference), **parts)
+
+
+def sampled(k: int) -> list[Timed]:
+    """6.5-(k+1) with torques held between samples, just below and just beyond the limit."""
+    return [
+        timed(loop_scene(k, sample_time=T), CLOSED_LOOPS[k].start, REST, end, method="RK23")
+        for T, end in zip(SAMPLE_TIMES, SAMPLED, strict=True)
+    ]
+
+
+def equilibria() -> tuple[Trajectory, Trajectory, Trajectory, float]:
+    """7.1-1 in both arms, 7.1-2 from 1e-6 rad along its growing mode, and that mode's rate [1/s]."""
+    robot, mirrored = load("irb140"), Robot(irb140_mirrored())
+    flip = np.array([1, 1, -1, 1, 1, 1])
+    times = np.linspace(0, 10, 1001)
+    hanging = simulate(robot, HANGING, REST, 10.0, t_eval=times, **TIGHT)
+    other = simulate(mirrored, HANGING * flip, REST, 10.0, t_eval=times, **TIGHT)
+    start = np.array([0, PI, PI / 2, 0, 0, 0])
+    A, _ = robot.linearize(start, REST, REST)
+    values, vectors = np.linalg.eig(A)
+    k = int(np.argmax(values.real))
+    mode = vectors[:, k].real * 1e-6 / np.abs(vectors[:6, k]).max()
+    times = np.linspace(0, 1.6, 801)
+    tipped = simulate(robot, start + mode[:6], mode[6:], 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
+    return hanging, other, tipped, float(values[k].real)
+
+
+def long_swing(method: str) -> Timed:
+    """6.4-1 for 1000 s."""
+    times = np.arange(0, LONG + 0.25, 0.5)
+    step = LONG_STEP if method == "gauss-4" else None
+    return timed(load("irb140"), REST, REST, LONG, method=method, step=step, rtol=LONG_RTOL, t_eval=times)
+
+
+def formulations() -> list[tuple[str, int, float]]:
+    """Table 7.1's question: operations and microseconds of one evaluation by each formulation."""
+    robot = load("irb140")
+    q = np.linspace(0.1, 0.6, 6)
+    rows: list[tuple[str, int, Callable[[], Any]]] = [
+        ("Euler-Lagrange as written", 0, lambda: lagrange_inverse_dynamics(robot.model, q, q, q)),
+        ("Newton-Euler as written", 0, lambda: inverse_dynamics(robot.model, q, q, q)),
+    ]
+    for name, function in (("Euler-Lagrange expanded", lagrange_inverse_dynamics), ("Newton-Euler", inverse_dynamics)):
+        kernel = robot.kernel(function)
+        rows.append((f"{name}, kernel", sum(kernel.operations.values()), lambda k=kernel: k(q, q, q)))  # type: ignore[misc]
+    seconds: dict[str, list[float]] = {name: [] for name, _, _ in rows}
+    for _ in range(9):
+        for name, _, call in rows:
+            start = time.perf_counter()
+            for _ in range(20):
+                call()
+            seconds[name].append((time.perf_counter() - start) / 20)
+    return [(name, count, float(np.median(seconds[name])) * 1e6) for name, count, _ in rows]
+
+
+def wrong_height(swing: Trajectory) -> Array:
+    """The energy as (6.38) has it, which leaves out q4 in the height of the wrist's 1 kg [J]."""
+    _, q2, q3, q4, q5, _ = swing.q.T
+    lost = np.cos(q2 + q3) * np.sin(q5) * (np.cos(q4) - 1)
+    energy: Array = swing.energy + 9.81 * 0.029 * lost
+    return energy
+
+
+def gravity_slope() -> float:
+    """Norm of dg/dq at the upright pose of 6.3-3: nothing there pushes an error on [N m/rad]."""
+    return float(np.linalg.norm(load("irb140").kernel(gravity_torque, "q")(UPRIGHT), 2))
+
+
+JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
+    "long gauss-4": (long_swing, ("gauss-4",)),
+    "long RK45": (long_swing, ("RK45",)),
+    "sampled 0": (sampled, (0,)),
+    "sampled 1": (sampled, (1,)),
+    "sampled 2": (sampled, (2,)),
+    "holding": (holding, ()),
+    "swings": (swings, ()),
+    "equilibria": (equilibria, ()),
+    "loop 0": (closed_loop, (0,)),
+    "loop 1": (closed_loop, (1,)),
+    "loop 2": (closed_loop, (2,)),
+    "formulations": (formulations, ()),
+}
+
+
+def run_all(say: Callable[[str], None]) -> dict[str, Any]:
+    """Every job, the longest first, in as many processes as there are cores."""
+    start = time.perf_counter()
+    found = {}
+    with ProcessPoolExecutor(min(4, os.cpu_count() or 1), mp_context=get_context("spawn")) as pool:
+        futures = {name: pool.submit(function, *arguments) for name, (function, arguments) in JOBS.items()}
+        for name, future in futures.items():
+            found[name] = future.result()
+            say(f"  {name}: done after {time.perf_counter() - start:.0f} s")
+    return found
