@@ -1,4 +1,4 @@
-"""Reference motions from rest to rest: functions of time that give (q, qd, qdd), plain or traced."""
+"""Reference motions from rest to rest: functions of time that return (q, qd, qdd), with numbers or traced."""
 
 from __future__ import annotations
 
@@ -11,55 +11,85 @@ from .basics.arrays import positive_number, real_array
 from .basics.spatial import Array
 from .elementwise import clip, less, where
 
+__all__ = ["Quintic", "Trapezoidal", "quintic", "trapezoidal"]
+
 
 @dataclass(frozen=True, eq=False)
 class Quintic:
-    """Rest to rest with continuous acceleration; see `quintic`."""
+    """A motion along a polynomial of fifth degree; see `quintic`.
+
+    Attributes
+    ----------
+    start, end : ndarray, shape (n,)
+        Joint positions [rad or m].
+    duration : float
+        [s]
+    """
 
     start: Array
     end: Array
     duration: float
 
-    def __call__(self, t: float) -> tuple[Array, Array, Array]:
-        """(q, qd, qdd) at time t [rad, rad/s, rad/s^2]; at rest before the start and after the end."""
-        s = clip(t / self.duration, 0.0, 1.0)
-        move = self.end - self.start
-        q = self.start + move * (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s))
-        qd = move * (s * s * (30.0 - 60.0 * s + 30.0 * s * s)) / self.duration
-        qdd = move * (s * (60.0 - 180.0 * s + 120.0 * s * s)) / self.duration**2
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at given times.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
+            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2]. At rest before the start and after the end.
+
+        Raises
+        ------
+        ValueError
+            If `t` is not real or not finite.
+        """
+        s = clip(_times(t) / self.duration, 0.0, 1.0)
+        distance = self.end - self.start
+        q = self.start + distance * (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s))
+        qd = distance * (s * s * (30.0 - 60.0 * s + 30.0 * s * s)) / self.duration
+        qdd = distance * (s * (60.0 - 180.0 * s + 120.0 * s * s)) / self.duration**2
         return q, qd, qdd
 
 
 def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
-    """A motion from rest to rest along a polynomial of fifth degree.
+    """A motion from rest to rest along a polynomial of fifth degree, with continuous acceleration.
 
     Parameters
     ----------
     start, end : array_like, shape (n,)
-        [rad or m]
+        Joint positions [rad or m].
     duration : float
         [s]
 
     Returns
     -------
     Quintic
-        f(t) -> (q, qd, qdd).
+        f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times.
 
     Raises
     ------
     ValueError
-        If the shapes differ or a number is not finite, or `duration` is not positive.
+        If the shapes differ, a number is not finite, or `duration` is not positive.
 
     Notes
     -----
-    Siciliano et al. 2009, section 4.2.1. Its peak rate is 15/8 of the mean, its peak acceleration
-    10/sqrt(3) move/duration^2.
+    Siciliano et al. 2009, section 4.2.1. The peak rate is 15/8 times distance / duration, the peak acceleration
+    10 / sqrt(3) times distance / duration^2.
 
     Examples
     --------
     >>> import rne
-    >>> [x.tolist() for x in rne.trajectories.quintic([0.0], [2.0], 4.0)(2.0)]
+    >>> path = rne.trajectories.quintic([0.0], [2.0], 4.0)
+    >>> [x.tolist() for x in path(2.0)]
     [[1.0], [0.9375], [0.0]]
+    >>> path([0.0, 2.0, 4.0])[0].tolist()
+    [[0.0], [1.0], [2.0]]
     """
     a, b = _ends(start, end)
     return Quintic(a, b, positive_number("duration", duration))
@@ -67,7 +97,17 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
 
 @dataclass(frozen=True, eq=False)
 class Trapezoidal:
-    """Constant acceleration, constant rate, constant deceleration; see `trapezoidal`."""
+    """Constant acceleration, constant rate, constant deceleration; see `trapezoidal`.
+
+    Attributes
+    ----------
+    start, end : ndarray, shape (n,)
+        Joint positions [rad or m].
+    duration : float
+        [s]
+    ramp : float
+        Time of acceleration, and of deceleration [s].
+    """
 
     start: Array
     end: Array
@@ -79,9 +119,26 @@ class Trapezoidal:
         """Times at which the acceleration jumps [s]."""
         return 0.0, self.ramp, self.duration - self.ramp, self.duration
 
-    def __call__(self, t: float) -> tuple[Array, Array, Array]:
-        """(q, qd, qdd) at time t [rad, rad/s, rad/s^2]; at rest before the start and after the end."""
-        T, r = self.duration, self.ramp
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at given times.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
+            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2]. At rest before the start and after the end.
+
+        Raises
+        ------
+        ValueError
+            If `t` is not real or not finite.
+        """
+        t, T, r = _times(t), self.duration, self.ramp
         rate = (self.end - self.start) / (T - r)
         up, level, down = clip(t, 0.0, r), clip(t, r, T - r) - r, clip(t, T - r, T) - (T - r)
         q = self.start + rate * (up * up / (2 * r) + level + down - down * down / (2 * r))
@@ -97,7 +154,7 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     Parameters
     ----------
     start, end : array_like, shape (n,)
-        [rad or m]
+        Joint positions [rad or m].
     duration : float
         [s]
     ramp : float
@@ -106,7 +163,8 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     Returns
     -------
     Trapezoidal
-        f(t) -> (q, qd, qdd). Its acceleration jumps at its `breaks`, which simulations step onto.
+        f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times. Its acceleration
+        jumps at the times `breaks`; simulations end a step at each of them.
 
     Raises
     ------
@@ -120,8 +178,11 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     Examples
     --------
     >>> import rne
-    >>> [x.tolist() for x in rne.trajectories.trapezoidal([0.0], [3.0], 4.0, 1.0)(1.0)]
+    >>> path = rne.trajectories.trapezoidal([0.0], [3.0], 4.0, 1.0)
+    >>> [x.tolist() for x in path(1.0)]
     [[0.5], [1.0], [0.0]]
+    >>> path.breaks
+    (0.0, 1.0, 3.0, 4.0)
     """
     a, b = _ends(start, end)
     T, r = positive_number("duration", duration), positive_number("ramp", ramp)
@@ -135,3 +196,15 @@ def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     if a.ndim != 1 or a.shape != b.shape:
         raise ValueError(f"`start` and `end` must have the same shape (n,), got {a.shape} and {b.shape}")
     return a, b
+
+
+def _times(t: ArrayLike) -> Array:
+    """Times in a shape that broadcasts against (n,); traced numbers are passed on unchecked."""
+    times = np.asarray(t)
+    if times.dtype != object:
+        times = real_array("t", times, "(T,)")
+    return times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None]
+
+
+def __dir__() -> list[str]:
+    return __all__
