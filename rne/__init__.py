@@ -101,3 +101,7 @@ __all__ = [
     "trajectories",
     "with_payload",
 ]
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -1,6 +1,6 @@
-"""Elementwise functions that a traced number knows too: NumPy's own would ask it for its value.
+"""Elementwise functions for control laws and friction that can be traced, where NumPy's own would need values.
 
-For control laws and friction, whose branches must stay branches when they are traced.
+A branch written with `where` remains a branch in the kernel.
 """
 
 from __future__ import annotations
@@ -50,17 +50,17 @@ def sign(x: ArrayLike) -> Array:
 
 
 def minimum(a: ArrayLike, b: ArrayLike) -> Array:
-    """The smaller of two arrays, entry by entry."""
+    """Elementwise minimum of two arrays."""
     return _apply("minimum", a, b)
 
 
 def maximum(a: ArrayLike, b: ArrayLike) -> Array:
-    """The larger of two arrays, entry by entry."""
+    """Elementwise maximum of two arrays."""
     return _apply("maximum", a, b)
 
 
 def less(a: ArrayLike, b: ArrayLike) -> Array:
-    """Where `a` is below `b`: for `where`."""
+    """Elementwise a < b, for the condition of `where`."""
     if any(np.asarray(x).dtype == object for x in (a, b)):
         return np.asarray(_object_less(a, b))
     return np.less(a, b)
@@ -72,5 +72,5 @@ def where(condition: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def clip(x: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
-    """`x` held between two bounds."""
+    """`x` limited to the range from `lower` to `upper`."""
     return minimum(maximum(x, lower), upper)

@@ -16,12 +16,12 @@ class ModelError(RneError, ValueError):
 
 
 class UrdfError(ModelError):
-    """A mistake in a URDF file; the message names the file, the element and the attribute.
+    """An error in a URDF file; the message names the file, the element and the attribute.
 
     Attributes
     ----------
     finding : rne.urdf.Finding or None
-        The finding behind the error, with its line and its cure.
+        The finding behind the error, with its line and how to fix it.
     """
 
     def __init__(self, message: str, finding: Any = None) -> None:
@@ -30,12 +30,12 @@ class UrdfError(ModelError):
 
 
 class NotFiniteError(RneError, ValueError):
-    """A result, state or torque that overflowed or is NaN; never returned in silence.
+    """A result, state or torque that overflowed or is NaN.
 
     Attributes
     ----------
     time : float or None
-        In a simulation, when [s].
+        The time in a simulation [s].
     """
 
     def __init__(self, message: str, time: float | None = None) -> None:
@@ -44,7 +44,7 @@ class NotFiniteError(RneError, ValueError):
 
 
 class SingularMassMatrixError(RneError, LinAlgError):
-    """Forward dynamics where some combination of joint motions moves no inertia.
+    """Forward dynamics of a state in which some combination of joint motions moves no inertia.
 
     Attributes
     ----------
@@ -62,23 +62,23 @@ class SingularMassMatrixError(RneError, LinAlgError):
         return f"{self.what}{f' at state {self.state}' if self.state else ''}{self.cause}"
 
     def at(self, state: tuple[int, ...]) -> SingularMassMatrixError:
-        """The same error, said of another state of a batch."""
+        """The same error for another state of a batch."""
         return SingularMassMatrixError(self.what, self.cause, self.joints, state)
 
 
 class PrecisionWarning(UserWarning):
-    """A result of which rounding has left few digits or none."""
+    """A result in which rounding has left few digits or none."""
 
 
 class SimulationError(RneError, RuntimeError):
-    """A simulation that did not reach its end.
+    """A simulation that did not reach its end time.
 
     Attributes
     ----------
     time : float
         The time of the failure [s].
     trajectory : rne.Trajectory
-        The motion up to the last good step.
+        The motion up to the last successful step.
     """
 
     def __init__(self, message: str, time: float, trajectory: Any) -> None:

@@ -190,7 +190,7 @@ class Robot:
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m, and per s, per s^2].
+            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
         Returns
         -------
@@ -205,7 +205,7 @@ class Robot:
         Parameters
         ----------
         q, qd, tau : array_like, shape (..., n)
-            Joint positions, rates and torques [rad or m, and per s, N m or N].
+            Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
 
         Returns
         -------
@@ -232,7 +232,7 @@ class Robot:
         Parameters
         ----------
         q, qd, tau : array_like, shape (..., n)
-            Joint positions, rates and torques [rad or m, and per s, N m or N].
+            Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
 
         Returns
         -------

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import positive_number, vector
 from ..basics.spatial import Array
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
@@ -95,7 +95,7 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     """
     if not isinstance(robot, Robot):
         raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
-    p, d = _gain("kp", kp, robot), _gain("kd", kd, robot)
+    p, d = (vector(name, gain, robot.n, sign="positive") for name, gain in (("kp", kp), ("kd", kd)))
     if sample_time is not None:
         positive_number("sample_time", sample_time)
     if robot.n == 0:
@@ -166,12 +166,3 @@ def _sample_limit(inverse: Array, kp: Array, kd: Array, first: float) -> float:
         middle = (low + high) / 2
         low, high = (middle, high) if radius(middle) < 1 else (low, middle)
     return low
-
-
-def _gain(name: str, value: ArrayLike, robot: Robot) -> Array:
-    array = real_array(name, value, f"({robot.n},)").astype(np.float64)
-    if array.shape != (robot.n,):
-        raise ValueError(f"`{name}` must have shape ({robot.n},), got {array.shape}")
-    if (array <= 0).any():
-        raise ValueError(f"`{name}` must be positive, got {array.min()}")
-    return array

@@ -9,15 +9,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array
+from ..basics.arrays import vector
 from ..basics.spatial import Array
 from ..elementwise import clip
-from ..model.arguments import joint_array
 from ..robot import Robot
 
 Reference = Callable[[float], tuple[Array, Array, Array]]
 F = TypeVar("F", bound=Callable[..., Any])
-MOST = 1e300  # stands for no bound beside bounded joints
+UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
 
 
 def traceable(law: F) -> F:
@@ -27,7 +26,8 @@ def traceable(law: F) -> F:
     ----------
     law : callable
         f(t, q, qd) -> torques, for arrays of shape (..., n): without memory, noise, tables or branches on values
-        (`rne.elementwise` has `where`); it may ask a Robot for torques and M. Unmarked laws are called, for one state.
+        (use `rne.elementwise.where`). It may call methods of a Robot. A law that is not marked is called, with one
+        state at a time.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def traceable(law: F) -> F:
 
 @dataclass(frozen=True, eq=False)
 class PD:
-    """Proportional and derivative feedback, with the arm's weight carried if asked; see `pd`, `pd_gravity`."""
+    """Proportional and derivative feedback, with or without gravity compensation; see `pd`, `pd_gravity`."""
 
     robot: Robot
     kp: Array
@@ -77,7 +77,7 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
     Returns
     -------
     PD
-        f(t, q, qd) -> torques, shape (..., n). Gravity leaves a lasting error; see `rne.check_gains`.
+        f(t, q, qd) -> torques, shape (..., n). Gravity causes a steady-state error; see `rne.check_gains`.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
     >>> rne.control.pd(rne.load("irb140"), [50] * 6, [20] * 6, [1] * 6)(0.0, [0] * 6, [0] * 6)[0].item()
     50.0
     """
-    p, d, q_ref = _gains(robot, kp=kp, kd=kd, reference=reference)
+    p, d, q_ref = _vectors(robot, kp=kp, kd=kd, reference=reference)
     return PD(robot, p, d, q_ref, gravity=False)
 
 
@@ -100,7 +100,7 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike)
     Parameters
     ----------
     robot : Robot
-        Whose weight is compensated; it need not be the one that is simulated.
+        The controller's model, whose gravity torque is compensated; it need not be the robot that is simulated.
     kp, kd : array_like, shape (n,)
         Gains of each joint [N m/rad, N m s/rad].
     reference : array_like, shape (n,)
@@ -125,13 +125,13 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike)
     >>> import rne
     >>> law = rne.control.pd_gravity(rne.load("irb140"), [50] * 6, [20] * 6, [0] * 6)
     """
-    p, d, q_ref = _gains(robot, kp=kp, kd=kd, reference=reference)
+    p, d, q_ref = _vectors(robot, kp=kp, kd=kd, reference=reference)
     return PD(robot, p, d, q_ref, gravity=True)
 
 
 @dataclass(frozen=True, eq=False)
 class PID:
-    """PD with an integral of the error, a state of its own; see `pid`."""
+    """PD with the integral of the error as a state of the controller; see `pid`."""
 
     robot: Robot
     kp: Array
@@ -144,13 +144,13 @@ class PID:
 
     @property
     def states(self) -> int:
-        """How many states the law has of its own: the error's integral of each joint."""
+        """Number of states of the controller: the integral of each joint's error."""
         return self.robot.n
 
     def __call__(self, t: float, q: Array, qd: Array, z: Array) -> tuple[Array, Array]:
         """Torques, and the rates of the integrals z [N m or N; rad or m]."""
         error = q - self.reference
-        held = self.ki * z if (self.windup == MOST).all() else clip(self.ki * z, -self.windup, self.windup)
+        held = self.ki * z if (self.windup == UNBOUNDED).all() else clip(self.ki * z, -self.windup, self.windup)
         feedback = -self.kp * error - held - self.kd * qd
         return self.robot.gravity_torque(q) + feedback if self.gravity else feedback, error
 
@@ -175,7 +175,7 @@ def pid(
     reference : array_like, shape (n,)
         [rad or m]
     gravity : bool
-        True to carry the arm's weight by the model as well.
+        True to compensate gravity by the model as well.
     windup : array_like, shape (n,) or a number
         Largest torque of the integral part [N m or N].
 
@@ -195,17 +195,14 @@ def pid(
     >>> rne.control.pid(rne.load("irb140"), [50] * 6, [10] * 6, [20] * 6, [0] * 6).states
     6
     """
-    p, i, d, q_ref = _gains(robot, kp=kp, ki=ki, kd=kd, reference=reference)
-    finite = np.minimum(windup, MOST) if np.ndim(windup) else np.full(robot.n, min(float(np.asarray(windup)), MOST))
-    bound = _vector(robot, "windup", finite)
-    if not (bound > 0).all():
-        raise ValueError(f"`windup` must be positive, got {bound.min()}")
-    return PID(robot, p, i, d, q_ref, gravity, bound)
+    p, i, d, q_ref = _vectors(robot, kp=kp, ki=ki, kd=kd, reference=reference)
+    bounded = np.minimum(windup, UNBOUNDED) if np.ndim(windup) else np.full(robot.n, np.minimum(windup, UNBOUNDED))
+    return PID(robot, p, i, d, q_ref, gravity, vector("windup", bounded, robot.n, sign="positive"))
 
 
 @dataclass(frozen=True, eq=False)
 class ComputedTorque:
-    """Inverse dynamics of the wanted acceleration; see `computed_torque`."""
+    """Inverse dynamics of the commanded acceleration; see `computed_torque`."""
 
     robot: Robot
     kp: Array
@@ -216,8 +213,8 @@ class ComputedTorque:
     def __call__(self, t: float, q: Array, qd: Array) -> Array:
         """Torques, shape of q [N m or N]."""
         q_ref, qd_ref, qdd_ref = self.reference(t)
-        wanted = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
-        return self.robot.inverse_dynamics(q, qd, wanted)
+        commanded = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
+        return self.robot.inverse_dynamics(q, qd, commanded)
 
 
 def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Reference) -> ComputedTorque:
@@ -255,7 +252,7 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     """
     if not callable(reference):
         raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
-    p, d = _gains(robot, kp=kp, kd=kd)
+    p, d = _vectors(robot, kp=kp, kd=kd)
     try:
         shapes = [np.shape(part) for part in reference(0.0)]
     except TypeError:
@@ -267,15 +264,7 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     return ComputedTorque(robot, p, d, reference)
 
 
-def _gains(robot: Robot, **values: ArrayLike) -> list[Array]:
-    return [_vector(robot, name, value) for name, value in values.items()]
-
-
-def _vector(robot: Robot, name: str, value: ArrayLike) -> Array:
+def _vectors(robot: Robot, **values: ArrayLike) -> list[Array]:
     if not isinstance(robot, Robot):
         raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
-    array = joint_array(name, real_array(name, value, f"({robot.n},)"), robot.model).astype(np.float64)
-    if array.shape != (robot.n,):
-        raise ValueError(f"`{name}` must have shape ({robot.n},), got {array.shape}")
-    array.flags.writeable = False
-    return array
+    return [vector(name, value, robot.n) for name, value in values.items()]

@@ -1,1 +1,1 @@
-"""The readable recursions, one file an algorithm: functions of (model, q, ...) on arrays."""
+"""The readable recursions, one file per algorithm: functions of (model, q, ...) on arrays."""

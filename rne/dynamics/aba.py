@@ -96,7 +96,7 @@ def articulated_forward_dynamics(
     model : Model
         Without mimic joints.
     q, qd, tau : ndarray, shape (..., n)
-        Joint positions, rates and torques [rad or m, /s, N m or N].
+        Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
     external : mapping of str to ndarray, shape (..., 6), optional
         Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
 

@@ -17,7 +17,7 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     ----------
     model : Model
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m, /s].
+        Joint positions and rates [rad or m; rad/s or m/s].
 
     Returns
     -------
@@ -31,8 +31,8 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
 
     Notes
     -----
-    A rigid body is a sum of points, and for a point C = m J^T dJ/dt gives the Christoffel symbols. Summed over the
-    body, with rates of components in its own axes:
+    A rigid body is a sum of point masses, and for a point mass C = m J^T dJ/dt gives the Christoffel symbols. Summed
+    over the body, with rates of components in its own axes:
     C = m Jc^T (dJc + [omega]x Jc) + Jw^T (I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw).
     dM/dt - 2C is skew: Siciliano et al. 2009, (7.49).
 

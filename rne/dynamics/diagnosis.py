@@ -28,11 +28,11 @@ class Diagnosis:
         Condition number of M scaled to unit diagonal, so that units and sizes do not count; infinite if M is singular
         to working precision.
     pivot : ndarray, shape (...)
-        The smallest ratio of a pivot of M = L^T D L to M's diagonal entry: 1 for a joint that no other one moves, a
-        few eps where forward dynamics refuse.
+        The smallest ratio of a pivot of M = L^T D L to M's diagonal entry: 1 for a joint that no other joint
+        moves, a few eps where forward dynamics raise an error.
     digits : ndarray, shape (...)
         Decimal digits left in forward dynamics, at least 0: -log10(eps condition), or with rates and torques given
-        -log10(eps amplification), which counts what cancels in tau - C qd - g too.
+        -log10(eps amplification), which includes the cancellation in tau - C qd - g.
     worst_state : tuple of int
         The state with the fewest digits; empty for a single one.
     worst_joint : tuple of str
@@ -68,7 +68,7 @@ def diagnose(
     *,
     dtype: DTypeLike | None = None,
 ) -> Diagnosis:
-    """How many digits forward dynamics keep in a state, and which motion costs them.
+    """Digits that forward dynamics keep in given states, and the motion that limits them.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def diagnose(
     q : array_like, shape (..., n)
         Joint positions [rad or m].
     qd, tau : array_like, shape (..., n), optional
-        Joint rates and torques, both or neither [/s, N m or N].
+        Joint rates and torques, both or neither [rad/s or m/s; N m or N].
     dtype : real floating data type, optional
-        The arithmetic to judge for; that of `q` if not given.
+        The arithmetic to diagnose for; by default that of `q`.
 
     Returns
     -------
@@ -92,8 +92,8 @@ def diagnose(
 
     Notes
     -----
-    A singular M is no error here: its condition is infinite and its digits are 0. Scaling to unit diagonal comes
-    within a factor n of the smallest condition number that any scaling of the joints can give (van der Sluis 1969).
+    A singular M is not an error here: its condition number is infinite and its digits are 0. Scaling to unit diagonal
+    comes within a factor n of the smallest condition number that any scaling of the joints gives (van der Sluis 1969).
     The amplification is Skeel's (1979) for M qdd = tau - C qd - g with relative errors in M, tau and C qd + g.
 
     Examples
@@ -103,20 +103,20 @@ def diagnose(
     15.0
     """
     positions = joint_array("q", q, model_argument(model))
-    judged_for = np.dtype(positions.dtype if dtype is None else dtype)
-    if dtype is None and judged_for.kind == "O":
-        judged_for = np.dtype(np.float64)
-    if judged_for.kind != "f" or positions.dtype.kind == "c":
-        name, got = ("q", positions.dtype) if dtype is None or judged_for.kind == "f" else ("dtype", judged_for)
+    arithmetic = np.dtype(positions.dtype if dtype is None else dtype)
+    if dtype is None and arithmetic.kind == "O":
+        arithmetic = np.dtype(np.float64)
+    if arithmetic.kind != "f" or positions.dtype.kind == "c":
+        name, got = ("q", positions.dtype) if dtype is None or arithmetic.kind == "f" else ("dtype", arithmetic)
         raise ValueError(f"`{name}` must be real floating point, got {got}")
     motion = _motion(model, positions, qd, tau)
     if motion is not None:
         positions = motion[0]
-    M = mass_matrix(model, positions.astype(np.result_type(judged_for, np.float64)))
-    condition, pivot = _condition(M, model, judged_for)
+    M = mass_matrix(model, positions.astype(np.result_type(arithmetic, np.float64)))
+    condition, pivot = _condition(M, model, arithmetic)
     lost = condition if motion is None else np.where(np.isinf(condition), np.inf, amplifications(model, *motion))
     with np.errstate(divide="ignore"):
-        digits = np.maximum(0.0, -np.log10(float(np.finfo(judged_for).eps) * lost))
+        digits = np.maximum(0.0, -np.log10(float(np.finfo(arithmetic).eps) * lost))
     state, joints = _worst(lost, M, model)
     return Diagnosis(condition, pivot, np.asarray(digits), state, joints)
 
@@ -135,7 +135,7 @@ def _motion(model: Model, q: Array, qd: ArrayLike | None, tau: ArrayLike | None)
     return states[0], states[1], states[2]
 
 
-def _condition(M: Array, model: Model, judged_for: np.dtype[Any]) -> tuple[Array, Array]:
+def _condition(M: Array, model: Model, arithmetic: np.dtype[Any]) -> tuple[Array, Array]:
     """Condition number of M scaled to unit diagonal, and the smallest pivot ratio; inf and 0 if M is singular."""
     if model.n == 0:
         return np.ones(M.shape[:-2]), np.ones(M.shape[:-2])
@@ -147,8 +147,8 @@ def _condition(M: Array, model: Model, judged_for: np.dtype[Any]) -> tuple[Array
         pivots = np.where(np.isfinite(pivots), pivots, 0)
         values = np.linalg.eigvalsh(scaled.astype(np.float64))
         condition = values[..., -1] / np.maximum(values[..., 0], 0)
-    ones = np.ones(pivots.shape, dtype=judged_for)
-    singular = (pivot_condition(pivots.astype(judged_for), ones) == 2).any(axis=-1)
+    ones = np.ones(pivots.shape, dtype=arithmetic)
+    singular = (pivot_condition(pivots.astype(arithmetic), ones) == 2).any(axis=-1)
     pivot = np.maximum(pivots.min(axis=-1), 0).astype(np.float64)
     return np.where(singular | ~np.isfinite(condition), np.inf, condition), np.asarray(pivot)
 

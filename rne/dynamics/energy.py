@@ -16,12 +16,12 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     ----------
     model : Model
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m, /s].
+        Joint positions and rates [rad or m; rad/s or m/s].
 
     Returns
     -------
     ndarray, shape (..., nb)
-        In the order of `model.moving_joints`, drives (`armature`) not included [J].
+        In the order of `model.moving_joints`, without that of the drives (`armature`) [J].
 
     Raises
     ------
@@ -48,13 +48,13 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
 
 @quantity()
 def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
-    """Kinetic energy of the arm, drives (`armature`) included; equal to qd^T M qd / 2.
+    """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
 
     Parameters
     ----------
     model : Model
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m, /s].
+        Joint positions and rates [rad or m; rad/s or m/s].
 
     Returns
     -------
@@ -126,7 +126,7 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
     ----------
     model : Model
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m, /s].
+        Joint positions and rates [rad or m; rad/s or m/s].
 
     Returns
     -------
@@ -140,7 +140,8 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
 
     Notes
     -----
-    Featherstone 2008, (2.61), summed over the bodies. Its rate is the wrench of the base, gravity and the outside.
+    Featherstone 2008, (2.61), summed over the bodies. Its rate is the sum of the wrenches of
+    base, gravity and environment.
 
     Examples
     --------

@@ -24,8 +24,8 @@ def ancestors(parent: tuple[int, ...], k: int) -> list[int]:
 def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
     """L (unit lower triangular) and pivots D with M = L^T D L, no fill-in between branches of the tree.
 
-    Featherstone 2008, section 6.5, without square roots: joints are eliminated from the tips inwards, which is
-    the order that keeps a light tip's digits.
+    Featherstone 2008, section 6.5, without square roots: joints are eliminated from the tips inwards, the order
+    that loses no digits of a light tip.
     """
     L = M.copy()
     D = zeros(M.shape[:-1], like=M)
@@ -71,7 +71,7 @@ def forward_dynamics(
     ----------
     model : Model
     q, qd, tau : ndarray, shape (..., n)
-        Joint positions, rates and torques [rad or m, and per s, N m or N].
+        Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
     external : mapping of str to ndarray, shape (..., 6), optional
         Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
 

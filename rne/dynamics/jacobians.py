@@ -47,7 +47,7 @@ def body_jacobian_rates(
 
 
 def _columns(model: Model, Jw: Array, Jv: Array, R0: Array) -> Array:
-    """Stack [angular; linear] in the root link's axes, one column per coordinate."""
+    """[angular; linear] parts in the root link's axes, one column per coordinate."""
     rows = np.concatenate([Jw @ transpose(R0), Jv @ transpose(R0)], axis=-1)
     J = np.swapaxes(rows, -1, -2)
     return J @ model.coordinate_map if model.has_mimics else J
@@ -77,7 +77,8 @@ def jacobian(model: Model, q: Array, link: str) -> Array:
 
     Notes
     -----
-    Siciliano et al. 2009, (3.29), with the angular part first as in Featherstone 2008.
+    Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008; Pinocchio's and Corke's
+    Jacobians have the linear rows first.
 
     Examples
     --------
@@ -102,7 +103,7 @@ def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
     ----------
     model : Model
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m, /s].
+        Joint positions and rates [rad or m; rad/s or m/s].
     link : str
         One of `model.link_names`.
 

@@ -1,8 +1,8 @@
-"""Inverse dynamics by the Euler-Lagrange formulation: the arm as a whole, no recursion over forces.
+"""Inverse dynamics by the Euler-Lagrange formulation, from the energies of the whole robot.
 
 d/dt dT/dqd - dT/dq + dU/dq = tau with T = qd^T M(q) qd / 2 becomes M qdd + C qd + g = tau, where M, its derivatives
 and g are sums over the bodies of products of Jacobians (Siciliano et al. 2009, section 7.1; Spong, Hutchinson and
-Vidyasagar 2006, sections 7.2 and 7.3). Nothing here comes from the Newton-Euler recursions, which it tests.
+Vidyasagar 2006, sections 7.2 and 7.3). It shares only the kinematics with the Newton-Euler recursions, which it tests.
 
 | quantity                               | code          | Siciliano           | Spong        |
 |----------------------------------------|---------------|---------------------|--------------|
@@ -12,7 +12,7 @@ Vidyasagar 2006, sections 7.2 and 7.3). Nothing here comes from the Newton-Euler
 | Christoffel symbols of the first kind  | c[i, j, k]    | c_kij               | c_ijk        |
 | gravity's torque                       | g             | g                   | g            |
 
-A Jacobian is kept as rows, one a joint, resolved in the axes of its own body, where the body's inertia is constant.
+A Jacobian is stored as rows, one per joint, in the axes of its own body, where the body's inertia is constant.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .quantity import quantity
 
 
 class Body(NamedTuple):
-    """What one body adds to the sums: how each joint moves it, what it weighs, where down is; in its own axes."""
+    """The terms of one body: Jacobians of centre of mass and rotation, mass, inertia and gravity, in its own axes."""
 
     Jc: Array
     Jw: Array
@@ -39,7 +39,7 @@ class Body(NamedTuple):
 
 
 def bodies(model: Model, q: Array) -> list[Body]:
-    """The bodies of the arm at q."""
+    """The terms of all bodies at q."""
     R, p = joint_transforms(model, q)
     Jw, Jv = body_jacobians(model, R, p)
     gravity = {BASE: model.gravity}
@@ -54,10 +54,10 @@ def bodies(model: Model, q: Array) -> list[Body]:
 def jacobian_derivatives(body: Body) -> tuple[Array, Array]:
     """dJc[k, j], dJw[k, j], shape (..., nb, nb, 3): derivatives of row j by q_k, in closed form.
 
-    A turn of joint k carries round all that comes after it: d Jc_j / dq_k = z_k x Jc_j for k before j. The order of
-    two derivatives is free, so that for k behind j it is z_j x Jc_k. Sliding turns nothing: its row of Jw is zero.
-    Of the angular rows the components in the body's axes are meant. Those of z_j change only if joint k is behind j:
-    by -z_k x z_j, as seen from the body. (Bruyninckx and De Schutter 1996, Mech. Mach. Theory 31, do this for chains.)
+    Joint k rotates everything behind it: d Jc_j / dq_k = z_k x Jc_j for k before j. Second derivatives commute, so that
+    for k behind j it is z_j x Jc_k. A sliding joint rotates nothing: its row of Jw is zero. The angular rows are
+    components in the body's axes. Those of z_j change only if joint k is behind j: by -z_k x z_j, seen from the body.
+    (Bruyninckx and De Schutter 1996, Mech. Mach. Theory 31, derive this for chains.)
     """
     nb = body.Jw.shape[-2]
     k, j = np.indices((nb, nb))
@@ -67,18 +67,18 @@ def jacobian_derivatives(body: Body) -> tuple[Array, Array]:
     return dJc, dJw
 
 
-def inertia_matrix(model: Model, arm: list[Body], like: Array) -> Array:
+def inertia_matrix(model: Model, terms: list[Body], like: Array) -> Array:
     """M = sum of m Jc^T Jc + Jw^T I Jw, with the drives' inertia on the diagonal, shape (..., nb, nb)."""
     M: Array = zeros((*like.shape[:-1], model.nb, model.nb), like=like) + np.diag(model.armature)
-    for b in arm:
+    for b in terms:
         M = M + b.mass * (b.Jc @ transpose(b.Jc)) + b.Jw @ b.inertia @ transpose(b.Jw)
     return M
 
 
-def inertia_derivatives(model: Model, arm: list[Body], like: Array) -> Array:
+def inertia_derivatives(model: Model, terms: list[Body], like: Array) -> Array:
     """dM[i, j, k] = dM_ij / dq_k by the product rule, shape (..., nb, nb, nb)."""
     half = zeros((*like.shape[:-1], model.nb, model.nb, model.nb), like=like)  # [k, i, j], row i differentiated
-    for b in arm:
+    for b in terms:
         dJc, dJw = jacobian_derivatives(b)
         half = half + b.mass * (dJc @ transpose(b.Jc)[..., None, :, :])
         half = half + dJw @ (b.inertia @ transpose(b.Jw))[..., None, :, :]
@@ -94,10 +94,10 @@ def christoffel(dM: Array) -> Array:
     return c
 
 
-def gravity_terms(model: Model, arm: list[Body], like: Array) -> Array:
+def gravity_terms(model: Model, terms: list[Body], like: Array) -> Array:
     """g_k = -sum of m g0^T Jc_k, shape (..., nb)."""
     g = zeros((*like.shape[:-1], model.nb), like=like)
-    for b in arm:
+    for b in terms:
         g = g - b.mass * rotate(b.Jc, b.gravity)
     return g
 
@@ -115,8 +115,8 @@ def christoffel_symbols(model: Model, q: Array) -> Array:
     Returns
     -------
     ndarray, shape (..., n, n, n)
-        c[..., i, j, k] = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2, symmetric in i and j; k is the joint that feels
-        the torque [kg m^2, kg m or kg].
+        c[..., i, j, k] = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2, symmetric in i and j; k is the joint on
+        which the torque acts [kg m^2, kg m or kg].
 
     Raises
     ------
@@ -151,7 +151,7 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
     ----------
     model : Model
     q, qd, qdd : ndarray, shape (..., n)
-        Joint positions, rates and accelerations [rad or m, /s, /s^2].
+        Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
     Returns
     -------
@@ -165,8 +165,8 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
 
     Notes
     -----
-    Siciliano et al. 2009, section 7.1; Spong, Hutchinson and Vidyasagar 2006, sections 7.2 and 7.3. O(n^4): it shows
-    what the recursion saves, and tests it.
+    Siciliano et al. 2009, section 7.1; Spong, Hutchinson and Vidyasagar 2006, sections 7.2 and 7.3. O(n^4),
+    where the recursion is O(n).
 
     Examples
     --------
@@ -174,10 +174,10 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
     >>> rne.lagrange_inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
     -22.499
     """
-    arm = bodies(model, q)
+    terms = bodies(model, q)
     qd, qdd = joint_rates(model, qd), joint_rates(model, qdd)
-    M = inertia_matrix(model, arm, q)
-    c = christoffel(inertia_derivatives(model, arm, q))
+    M = inertia_matrix(model, terms, q)
+    c = christoffel(inertia_derivatives(model, terms, q))
     C = (c * qd[..., :, None, None]).sum(-3)  # C_jk = sum of c_ijk qd_i: transposed
-    tau = rotate(M, qdd) + rotate_back(C, qd) + gravity_terms(model, arm, q)
+    tau = rotate(M, qdd) + rotate_back(C, qd) + gravity_terms(model, terms, q)
     return tau @ model.coordinate_map if model.has_mimics else tau

@@ -56,8 +56,8 @@ class Recursion:
     gravity : ndarray
         Gravity in each frame (5.33) [m/s^2].
     f, tau : ndarray
-        Force (3.24) and torque (3.27) of the joint on the body, at the frame's origin: along the axis the drive's,
-        across it the bearing's [N, N m].
+        Force (3.24) and torque (3.27) of the joint on the body, at the frame's origin: the component along the axis
+        is the drive's, the rest the bearing's [N, N m].
     u : ndarray, shape (..., n)
         Torques of the drives (5.3) [N m or N].
     joint_types : tuple of str
@@ -131,13 +131,13 @@ class Recursion:
 
 @quantity(returns_array=False)
 def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: External | None = None) -> Recursion:
-    """Inverse dynamics with every intermediate vector of every link kept.
+    """Inverse dynamics with all intermediate vectors of every link.
 
     Parameters
     ----------
     model : Model
     q, qd, qdd : ndarray, shape (..., n)
-        Joint positions, rates and accelerations [rad or m, /s, /s^2].
+        Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
     external : mapping of str to ndarray, shape (..., 6), optional
         Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
 
@@ -193,7 +193,7 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
 
 
 def link_ends(model: Model) -> list[Array] | None:
-    """End of each link in its own frame, the next joint's origin (the thesis's r_{i-1,i}); None if it branches."""
+    """End of each link in its frame: the next joint's origin, the thesis's r_{i-1,i}; None for a branched tree."""
     if any(parent != i - 1 for i, parent in enumerate(model.parent)):
         return None
     ends = [model.translation[i] for i in range(1, model.nb)]
@@ -201,7 +201,7 @@ def link_ends(model: Model) -> list[Array] | None:
 
 
 def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
-    """Magnitudes of force and torque that each joint's bearing carries across (revolute) or around its axis.
+    """Magnitudes of the force and torque that each joint's bearing carries.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
     Returns
     -------
     force, torque : ndarray, shape (..., nb)
-        [N, N m]; the drive's own component is left out.
+        [N, N m]; without the drive's component along the joint's axis.
 
     Examples
     --------

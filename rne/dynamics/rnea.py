@@ -106,7 +106,7 @@ def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external:
     ----------
     model : Model
     q, qd, qdd : ndarray, shape (..., n)
-        Joint positions, rates and accelerations [rad or m, and per s, per s^2].
+        Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
     external : mapping of str to ndarray, shape (..., 6), optional
         Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
 
@@ -141,7 +141,7 @@ def bias_torque(model: Model, q: Array, qd: Array, *, external: External | None 
     ----------
     model : Model
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m, and per s].
+        Joint positions and rates [rad or m; rad/s or m/s].
     external : mapping of str to ndarray, shape (..., 6), optional
         Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
 
@@ -210,7 +210,7 @@ def coriolis_torque(model: Model, q: Array, qd: Array) -> Array:
     ----------
     model : Model
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m, and per s].
+        Joint positions and rates [rad or m; rad/s or m/s].
 
     Returns
     -------

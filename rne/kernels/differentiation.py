@@ -1,4 +1,4 @@
-"""Exact derivatives of a graph: the rules of calculus, in the same graph, so that nothing is computed twice."""
+"""Exact derivatives of a graph by the chain rule, in the same graph, so that common terms are shared."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .graph import Graph
 def differentiate(graph: Graph, outputs: list[int], inputs: list[int]) -> list[int]:
     """References of d output / d input, output by output, each by all inputs.
 
-    Forward mode: from each input on, through the operations that depend on it. Zeros and repeated terms fold away.
+    Forward mode: from each input through the operations that depend on it. Zeros and repeated terms are folded away.
 
     Parameters
     ----------
@@ -96,4 +96,4 @@ def _unary_slope(graph: Graph, kind: str, value: int, a: int, da: int) -> int:
         return graph.multiply(graph.unary("sign", a), da)
     if kind == "tanh":
         return graph.multiply(graph.add(graph.constant(1.0), graph.negate(graph.multiply(value, value))), da)
-    return graph.constant(0.0)  # sign and comparisons are flat wherever they are smooth
+    return graph.constant(0.0)  # sign and comparisons are piecewise constant

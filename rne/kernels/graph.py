@@ -1,4 +1,4 @@
-"""The expression graph: every operation once, zeros and ones folded away, signs carried by the references.
+"""The expression graph: every operation once, zeros and ones folded away, signs kept in the references.
 
 A reference is a signed node: 2 * node + 1 stands for its negative. Signs move outwards through products, sums and odd
 functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last
@@ -28,7 +28,7 @@ COMPARISONS: dict[str, Callable[[float, float], bool]] = {
 
 
 def _ordinary(x: float) -> bool:
-    """True for a product of constants that neither overflowed nor lost digits to underflow."""
+    """True for a product of constants that did not overflow or lose digits to underflow."""
     return 1e-200 < abs(x) < 1e200
 
 
@@ -40,11 +40,11 @@ class Node(NamedTuple):
 
 
 class TooLarge(Exception):
-    """More operations than can sensibly be written out."""
+    """Raised for more operations than can sensibly be written out."""
 
 
 class Graph:
-    """Operations in the order they were first needed.
+    """Operations in the order in which they were first needed.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Graph:
         (p, m), (q, k) = self._term(a), self._term(b)
         if m == k:
             return self.multiply(self.constant(p + q), m)
-        if abs(p) == abs(q) != 1:  # one product for two
+        if abs(p) == abs(q) != 1:  # one product instead of two
             return self.multiply(self.constant(p), self.add(m, k if p == q else k ^ 1))
         doubled = self._doubled(a, b)
         if doubled is not None:
@@ -158,7 +158,7 @@ class Graph:
                 return self.multiply(self.constant(x * factor), m) ^ sign
             return self.node("multiply", a, b) ^ sign
         (p, m), (q, k) = self._term(a), self._term(b)
-        if (p != 1 or q != 1) and _ordinary(p * q):  # constants outwards, where they meet others
+        if (p != 1 or q != 1) and _ordinary(p * q):  # constants move outwards, where they combine with others
             return self.multiply(self.constant(p * q), self.multiply(m, k)) ^ sign
         return self.node("multiply", *sorted((a, b))) ^ sign
 

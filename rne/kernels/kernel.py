@@ -39,7 +39,7 @@ def compile(function: Declared, model: Model, **fixed: Any) -> Kernel:
     Returns
     -------
     Kernel
-        To be called as the function without the model: `kernel(q, qd, qdd)`.
+        Called like the function, without the model: `kernel(q, qd, qdd)`.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def derivative(function: Declared, model: Model, *wrt: str, **fixed: Any) -> Ker
     Returns
     -------
     Kernel
-        Gives the derivatives along a further last axis: by each joint of the first name, then of the second ...
+        Returns the derivatives along a further last axis: by the entries of the first argument, then of the second ...
 
     Raises
     ------
@@ -134,17 +134,17 @@ class Kernel:
 
     @property
     def operations(self) -> dict[str, int]:
-        """Arithmetic operations per state, by kind; empty where the recursion itself runs."""
+        """Arithmetic operations per state, by kind; empty if the recursion itself runs."""
         return self._trace.program.operations if self._trace else {}
 
     @property
     def is_unrolled(self) -> bool:
-        """False where the function is too large to be written out, and runs itself."""
+        """False if the function is too large to be written out, so that the recursion itself runs."""
         return self._trace is not None
 
     @property
     def traced(self) -> Trace:
-        """The traced program; a TypeError where the recursion itself runs."""
+        """The traced program; raises TypeError if the recursion itself runs."""
         if self._trace is None:
             raise TypeError(f"{self!r}: too large to be written out")
         return self._trace
@@ -180,9 +180,9 @@ class Kernel:
         Parameters
         ----------
         *arguments : array_like, shape (..., n)
-            As the function takes them, without the model.
+            The arrays that the function takes, in order.
         out : ndarray, optional
-            Where to write the result of a batch; must have its shape and dtype and share no memory with the inputs.
+            Array for the result of a batch, of its shape and dtype, sharing no memory with the inputs.
 
         Returns
         -------

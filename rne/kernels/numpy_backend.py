@@ -176,9 +176,9 @@ class Workspace:
 
 
 def aligned_zeros(rows: int, length: int, dtype: np.dtype[Any]) -> Array:
-    """Zeros whose every row starts on a cache line: vector loads that straddle two cost twice."""
+    """Zeros with every row aligned to a cache line, since vector loads across two lines cost twice."""
     line = LINE // dtype.itemsize
-    stride = (-(-length // line) + 1) * line  # one more, so that rows do not fall on the same sets of the cache
+    stride = (-(-length // line) + 1) * line  # one more, so that rows do not share the same sets of the cache
     flat = np.zeros(rows * stride + line, dtype=dtype)
     start = -flat.ctypes.data % LINE // dtype.itemsize
     return flat[start : start + rows * stride].reshape(rows, stride)

@@ -1,4 +1,4 @@
-"""Graph -> straight-line program: what the outputs need, in order, with the signs written out."""
+"""From a graph to a straight-line program: the operations that the outputs need, in order, signs written out."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 from .graph import Graph
 
-# A NaN or infinity in an operand shows in the result. (x / infinity hides it, but a denominator here is a pivot of M,
-# and those are judged.)
-CARRYING = frozenset({"add", "subtract", "multiply", "divide", "negative", "sin", "cos", "sqrt", "abs"})
+# Operations whose result is not finite if an operand is not. (x / infinity is finite, but a denominator here is a pivot
+# of M, which is checked separately.)
+PROPAGATING = frozenset({"add", "subtract", "multiply", "divide", "negative", "sin", "cos", "sqrt", "abs"})
 
 
 class Operand(NamedTuple):
-    """What an instruction works on: input k, constant number, or the result of instruction k."""
+    """An operand of an instruction: input k, a constant, or the result of instruction k."""
 
     kind: str  # "input", "constant", "result"
     value: float | int
@@ -31,7 +31,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """Instructions in order, and where each output entry is found.
+    """Instructions in order, and the operand that holds each output entry.
 
     Attributes
     ----------
@@ -48,19 +48,19 @@ class Program:
 
     @property
     def operations(self) -> dict[str, int]:
-        """Number of operations by kind; a sine is one, however it is evaluated."""
+        """Number of operations by kind; a sine counts as one, however it is evaluated."""
         return dict(sorted(Counter(instruction.kind for instruction in self.instructions).items()))
 
     @property
     def is_finite(self) -> bool:
-        """True if every constant is: of a model with numbers near the largest, a product may not be."""
+        """True if every constant is finite; a product may overflow for a model with numbers near the largest."""
         args = [arg for instruction in self.instructions for arg in instruction.args]
         return all(math.isfinite(arg.value) for arg in (*args, *self.outputs) if arg.kind == "constant")
 
     @cached_property
     def unchecked_inputs(self) -> list[int]:
-        """Inputs whose NaN or infinity might not show in an output: unused ones, or all if some operation hides it."""
-        if not self.operations.keys() <= CARRYING:
+        """Inputs whose NaN or infinity might not reach an output: unused ones, or all if some operation can hide it."""
+        if not self.operations.keys() <= PROPAGATING:
             return list(range(self.inputs))
         used = {arg.value for i in self.instructions for arg in i.args if arg.kind == "input"}
         used |= {output.value for output in self.outputs if output.kind == "input"}
@@ -101,7 +101,7 @@ class _Lowering:
         return [k for k in order if self.graph.nodes[k].kind not in ("input", "constant")]
 
     def _flipped(self) -> set[int]:
-        """Operations wanted only with the other sign, and what is written the other way round for it, at no cost."""
+        """Operations used only with the opposite sign, and those that can be rewritten for it at no cost."""
         signs: dict[int, set[int]] = {}
         for output in self.outputs:
             signs.setdefault(output >> 1, set()).add(output & 1)

@@ -27,7 +27,7 @@ FUNCTIONS = {
     "less_equal": "float({} <= {})",
     "where": "({1} if {0} else {2})",
 }
-LONGEST_SUM = 64  # terms that are written out
+LONGEST_SUM = 64  # terms in one written-out sum
 DEEPEST = 12  # nested parentheses in one expression
 
 
@@ -67,15 +67,15 @@ FUNCTION_NAMES: dict[str, Any] = {"sin": math.sin, "cos": math.cos, "sqrt": math
 def expressions(
     program: Program, entry: Callable[[int], str] = "x{}".format, functions: Mapping[str, str] = FUNCTIONS
 ) -> tuple[list[str], list[str]]:
-    """Assignments in order, and an expression for each output; what is read once is written where it is read.
+    """Assignments in order, and an expression for each output; a result that is read once is written inline.
 
     Parameters
     ----------
     program : Program
     entry : callable
-        How input k is written.
+        Text of input k.
     functions : mapping of str to str
-        How operations other than + - * / are written.
+        Text of the operations other than + - * /.
     """
     uses = Counter(arg for instruction in program.instructions for arg in instruction.args)
     uses.update(program.outputs)

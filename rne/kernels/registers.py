@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from .program import Instruction, Operand, Program
-from .schedule import frugal
+from .schedule import with_few_registers
 
 
 class Step(NamedTuple):
@@ -17,7 +17,7 @@ class Step(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Where everything is: inputs in the first registers, then outputs, then the rest."""
+    """The use of the registers: inputs first, then outputs, then intermediate results."""
 
     steps: tuple[Step, ...]
     registers: int
@@ -26,7 +26,7 @@ class Layout(NamedTuple):
 
 def allocate(program: Program) -> Layout:
     """Registers by liveness: each is free again after its last reader. Of two orders, the one that needs fewer."""
-    layouts = [_Allocator(ordered).layout() for ordered in (program, frugal(program))]
+    layouts = [_Allocator(ordered).layout() for ordered in (program, with_few_registers(program))]
     return min(layouts, key=lambda layout: layout.registers)
 
 
@@ -82,7 +82,7 @@ class _Allocator:
                 self.free.append(int(arg.value) if arg.kind == "input" else self.place[int(arg.value)])
 
     def layout(self) -> Layout:
-        """Steps in order; a result may take the register of an operand that is read for the last time."""
+        """Steps in order; a result may reuse the register of an operand that is read for the last time."""
         partners = self._sine_and_cosine()
         steps = []
         for k, instruction in enumerate(self.program.instructions):
@@ -94,7 +94,7 @@ class _Allocator:
                 steps.append(self._pair(k, partners[k], args))
                 self._release(k, instruction)
                 continue
-            if instruction.kind == "where":  # written in two parts, so its result must not overlay an operand
+            if instruction.kind == "where":  # written in two parts, so its result must not overlap an operand
                 steps.append(Step("where", args, (self._result(k),)))
                 self._release(k, instruction)
                 continue

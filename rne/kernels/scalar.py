@@ -1,4 +1,4 @@
-"""Numbers that record what is done to them."""
+"""Traced numbers: arithmetic on them is recorded in a graph."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .graph import Graph
 class Scalar:
     """A traced number: arithmetic on it adds operations to its graph.
 
-    It has no value. What would ask for one (a branch, float(), an array hidden in a product) raises TypeError
-    instead of freezing one outcome into the kernel.
+    It has no value. An operation that needs one (a branch, float(), conversion to an array) raises TypeError instead
+    of freezing one outcome into the kernel.
     """
 
     __slots__ = ("graph", "ref")
@@ -30,7 +30,9 @@ class Scalar:
             return other.ref
         if isinstance(other, numbers.Real | np.bool_):
             return self.graph.constant(float(other))
-        raise TypeError(f"a traced number cannot meet {type(other).__name__}; index arrays with [..., i, None]")
+        raise TypeError(
+            f"a traced number cannot be combined with {type(other).__name__}; index arrays with [..., i, None]"
+        )
 
     def __add__(self, other: Any) -> Scalar:
         return Scalar(self.graph, self.graph.add(self.ref, self._other(other)))

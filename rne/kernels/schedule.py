@@ -1,4 +1,4 @@
-"""The order of a program's instructions: any order that keeps arguments before results gives the same numbers."""
+"""The order of a program's instructions: any order with operands before results gives the same numbers."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections import Counter
 
 from .program import Instruction, Operand, Program
 
-LONGEST = 1500  # instructions that are worth the search, whose cost grows with their square
+MAX_INSTRUCTIONS = 1500  # for which the search is worth its cost, which grows with their square
 
 
-def frugal(program: Program) -> Program:
-    """The program with its instructions in an order that keeps few results waiting.
+def with_few_registers(program: Program) -> Program:
+    """The program with its instructions in an order that keeps few results alive at a time.
 
     Of the instructions that can run, the one that reads the most operands for the last time is next, and among
     those the one whose operands are freshest in the cache.
     """
     instructions = program.instructions
-    if len(instructions) > LONGEST:
+    if len(instructions) > MAX_INSTRUCTIONS:
         return program
     readers, missing = _readers(program)
     unread = Counter(arg for instruction in instructions for arg in set(instruction.args))
@@ -45,7 +45,7 @@ def frugal(program: Program) -> Program:
 
 
 def _readers(program: Program) -> tuple[list[list[int]], list[int]]:
-    """Who reads each result, and how many results each instruction waits for."""
+    """The readers of each result, and the number of results that each instruction waits for."""
     readers: list[list[int]] = [[] for _ in program.instructions]
     missing = [0] * len(program.instructions)
     for k, instruction in enumerate(program.instructions):

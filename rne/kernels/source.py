@@ -13,7 +13,7 @@ LANGUAGES = ("python", "numpy", "matlab", "c")
 
 
 class Printable(NamedTuple):
-    """What is printed: the program, its name, its arguments with their lengths, and the shape of its result."""
+    """A program to print: its name, its arguments with their lengths, and the shape of its result."""
 
     program: Program
     name: str

@@ -15,7 +15,7 @@ from .graph import Graph, TooLarge
 from .program import Program, lower
 from .scalar import inputs, references
 
-LIMIT = 50_000  # operations that are still sensibly written out
+LIMIT = 50_000  # operations that are written out at most
 
 
 class Trace(NamedTuple):

@@ -1,4 +1,4 @@
-"""Links and joints -> Model: fixed joints are merged here, and nowhere else.
+"""From links and joints to a Model: fixed joints are merged here, and nowhere else.
 
 Placements are composed in long double and rounded once, so that a thousand fixed joints in a row, or none, give
 the same digits.
@@ -40,9 +40,9 @@ def identity() -> Pose:
 
 
 class Mimic(NamedTuple):
-    """The joint stands at `multiplier` times the position of part `driver`'s joint, plus `offset`."""
+    """The joint's position is `multiplier` times that of part `independent`'s joint, plus `offset`."""
 
-    driver: int
+    independent: int
     multiplier: float
     offset: float
 
@@ -51,8 +51,9 @@ class Mimic(NamedTuple):
 class Part:
     """One link with the joint that carries it; the root has no joint. Quantities as in Model.
 
-    `link_origin` is where the link's own frame has its origin, seen from the joint's frame. It is not zero only where
-    the joint's origin was slid along its axis: all else, placements of other parts included, is seen from there.
+    `link_origin` is where the link's frame has its origin, seen from the joint's frame. It differs from zero only where
+    the joint's origin was moved along its axis: all other quantities, placements of other parts included, are seen from
+    the joint's frame.
     """
 
     link: str
@@ -105,9 +106,9 @@ def assemble(
     for part, body, frame in zip(parts, body_of, frames, strict=True):
         members[body].append((part, frame))
     bodies = [_merge(body) for body in members]
-    drivers = [k for k in moving if parts[k].mimic is None]
+    independent = [k for k in moving if parts[k].mimic is None]
     joint_at = {k: i for i, k in enumerate(moving)}
-    coordinate_at = {k: i for i, k in enumerate(drivers)}
+    coordinate_at = {k: i for i, k in enumerate(independent)}
     joints = [parts[k] for k in moving]
     return Model(
         name=name,
@@ -135,8 +136,10 @@ def assemble(
         damping=np.array([joint.damping for joint in joints]),
         friction=np.array([joint.friction for joint in joints]),
         armature=np.array([joint.armature for joint in joints]),
-        coordinate=tuple(coordinate_at[j.mimic.driver if j.mimic else k] for k, j in zip(moving, joints, strict=True)),
-        independent_joints=tuple(joint_at[k] for k in drivers),
+        coordinate=tuple(
+            coordinate_at[j.mimic.independent if j.mimic else k] for k, j in zip(moving, joints, strict=True)
+        ),
+        independent_joints=tuple(joint_at[k] for k in independent),
         multiplier=np.array([joint.mimic.multiplier if joint.mimic else 1.0 for joint in joints]),
         offset=np.array([joint.mimic.offset if joint.mimic else 0.0 for joint in joints]),
         gravity=gravity,
@@ -146,13 +149,18 @@ def assemble(
     )
 
 
+def _independent(k: int, part: Part) -> int:
+    """The part whose joint determines the position of part k's joint."""
+    return k if part.mimic is None else part.mimic.independent
+
+
 def _origin(part: Part, frame: Pose) -> Array:
     """Where the part's link has its origin in the frame of its body."""
     return frame.p + rotate(frame.R, part.link_origin) if np.any(part.link_origin) else frame.p
 
 
 def at_links(parts: Sequence[Part]) -> list[Part]:
-    """The same parts with every quantity seen from the links' own frames, far away or not."""
+    """The same parts with every quantity seen from the links' own frames."""
     near = [np.asarray(part.link_origin, dtype=Exact) for part in parts]
     if not np.any(near):
         return list(parts)
@@ -166,7 +174,7 @@ def at_links(parts: Sequence[Part]) -> list[Part]:
 
 
 def disassemble(model: Model) -> list[Part]:
-    """The parts of a Model: each body's inertia on the link its joint carries, other links massless."""
+    """The parts of a Model: each body's inertia on the link that its joint carries, all other links massless."""
     part_of_joint = {joint: k for k, joint in enumerate(model.link_joints)}
     carrier = {i: part_of_joint[joint] for i, joint in enumerate(model.moving_joints)} | {-1: 0}
     parts = []
@@ -183,8 +191,8 @@ def disassemble(model: Model) -> list[Part]:
 
 
 def _moving_part(model: Model, i: int, link: str, carrier: Mapping[int, int]) -> Part:
-    driver = model.independent_joints[model.coordinate[i]]
-    mimic = Mimic(carrier[driver], float(model.multiplier[i]), float(model.offset[i]))
+    independent = model.independent_joints[model.coordinate[i]]
+    mimic = Mimic(carrier[independent], float(model.multiplier[i]), float(model.offset[i]))
     return Part(
         link=link,
         joint=model.moving_joints[i],
@@ -203,7 +211,7 @@ def _moving_part(model: Model, i: int, link: str, carrier: Mapping[int, int]) ->
         damping=float(model.damping[i]),
         friction=float(model.friction[i]),
         armature=float(model.armature[i]),
-        mimic=None if driver == i else mimic,
+        mimic=None if independent == i else mimic,
     )
 
 

@@ -17,7 +17,7 @@ from .validation import check_model
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
 
-UNSET: Any = None  # replaced in __post_init__ by the default that the number of joints decides
+UNSET: Any = None  # replaced in __post_init__ by a default of the right shape
 NOT_COMPARED = ("tip", "notes")
 
 
@@ -44,7 +44,7 @@ class Moments(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model:
-    """A fixed-base tree of rigid bodies, one behind each moving joint.
+    """A fixed-base tree of rigid bodies, one per moving joint.
 
     Body i moves with joint i, and its frame has its origin on that joint's axis; `nb` is the number of moving
     joints, which is the number n of coordinates unless some joints mimic others. Units are SI.
@@ -65,17 +65,18 @@ class Model:
     mass, com, inertia : ndarray, shapes (nb,), (nb, 3), (nb, 3, 3)
         Of body i; the inertia is about the centre of mass, in the axes of frame i [kg, m, kg m^2].
     base_mass, base_com, base_inertia
-        The same for what is bolted to the base; never read by dynamics.
+        The same for the bodies fixed to the base; not used by dynamics.
     lower, upper, velocity_limit, effort_limit : ndarray, shape (nb,)
-        On record, infinite where unknown; a Scene may ask for ranges and efforts [rad or m, /s, N m or N].
+        Infinite where unknown. Dynamics ignore them; a Scene can apply ranges and efforts
+        [rad or m; rad/s or m/s; N m or N].
     damping, friction : ndarray, shape (nb,)
-        On record from the URDF's <dynamics>, not part of the dynamics of this class [N m s/rad, N m].
+        From the URDF's <dynamics>. Dynamics ignore them; a Scene can apply them [N m s/rad, N m].
     armature : ndarray, shape (nb,)
-        Inertia of the drive seen at the joint, added to the diagonal of M; zero on load [kg m^2 or kg].
+        Inertia of the drive reflected to the joint, added to the diagonal of M; zero after loading [kg m^2 or kg].
     coordinate, multiplier, offset : shapes (nb,)
-        Joint i stands at `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic).
+        The position of joint i is `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic).
     independent_joints : tuple of int, length n
-        The joint that coordinate k belongs to; all others are mimics.
+        The joint that coordinate k belongs to; all other joints mimic one of these.
     gravity : ndarray, shape (3,)
         In the axes of the root link [m/s^2].
     link_names : tuple of str
@@ -83,20 +84,21 @@ class Model:
     link_joints : tuple of str
         The joint that carries each link; "" for the root.
     link_body : tuple of int
-        The body each link is part of, -1 for the base.
+        The body that each link is part of, -1 for the base.
     link_rotation, link_translation : ndarray, shapes (n_links, 3, 3) and (n_links, 3)
-        Pose of each link in its body's frame: that of the link itself, but for joints that were slid at load.
+        Pose of each link in its body's frame; the identity for a link carried by a moving joint, unless the joint's
+        origin was moved along its axis at load.
     shapes : tuple of Cylinder
-        For drawing, never read by dynamics.
+        For drawing; not used by dynamics.
     tip : ndarray, shape (3,), or None
-        End of the last link of an unbranched chain (the thesis's r_{n-1,n}), for the record's a_e. Not compared.
+        End of the last link of an unbranched chain (the thesis's r_{n-1,n}), for `Recursion.a_e`. Not compared.
     notes : mapping of str to str
         Where the numbers of a link or joint come from. Not compared.
 
     Raises
     ------
     ModelError
-        If the arrays contradict each other or are not physical; the message names the joint or body.
+        If the arrays are inconsistent or not physical; the message names the joint or body.
     """
 
     name: str
@@ -196,7 +198,7 @@ class Model:
 
     @cached_property
     def has_mimics(self) -> bool:
-        """True if some joint follows another, so that q is not the list of the joints' positions."""
+        """True if some joint mimics another, so that q is not the list of the joints' positions."""
         return self.n != self.nb
 
     @cached_property
@@ -208,12 +210,12 @@ class Model:
 
     @cached_property
     def coordinate_parent(self) -> tuple[int, ...]:
-        """The parent of each coordinate in M's pattern of zeros; mimics may fill it, then the one before."""
+        """The parent of each coordinate in the sparsity pattern of M; the previous one if mimics fill it."""
         return tuple(range(-1, self.n - 1)) if self.has_mimics else self.parent
 
     @cached_property
     def moments(self) -> Moments:
-        """Moments of the bodies' mass about their frames' origins, which is all that dynamics needs of them."""
+        """Mass, first moment and inertia of the bodies about their frames' origins: the inertial parameters."""
         m, c = self.mass, self.com
         return Moments(m, m[..., None] * c, self.inertia + point_mass_inertia(m[..., None, None], c))
 
@@ -246,6 +248,9 @@ class Model:
 
     def astype(self, dtype: DTypeLike, number: Callable[[float], Any] | None = None) -> Model:
         """The same robot with every array in another dtype, for arithmetic in that dtype.
+
+        Rotations and axes keep the values they have in float64: in a finer dtype they are orthogonal and of unit length
+        to about 1e-16 only, so that identities between different formulas hold to that accuracy.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Model -> Model: another robot made from one. The original is never changed."""
+"""Robots made from others: with a payload, with joints locked, mounted. The original is not changed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .validation import inertia_error
 
 
 def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike | None, link: str) -> Model:
-    """The robot with a rigid body bolted to one of its links; what was there stays.
+    """The robot with a further rigid body fixed to one of its links.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     Returns
     -------
     Model
-        Its remaining joints in the same order, its links all there.
+        With the remaining joints in the same order and all links.
 
     Raises
     ------
@@ -111,9 +111,9 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     parts = disassemble(model)
     fixed = {}
     for k, part in enumerate(parts):
-        driver = parts[part.mimic.driver] if part.mimic else part
-        if driver.joint in values and part.kind != "fixed":
-            position = values[driver.joint]
+        independent = parts[part.mimic.independent] if part.mimic else part
+        if independent.joint in values and part.kind != "fixed":
+            position = values[independent.joint]
             if part.mimic:
                 position = part.mimic.multiplier * position + part.mimic.offset
             fixed[k] = replace(part, kind="fixed", mimic=None, placement=_moved(part, position))
@@ -127,7 +127,7 @@ def _part_index(model: Model) -> int:
 
 
 def _moved(part: Part, position: float) -> Pose:
-    """Where the part's joint holds it at that position."""
+    """The placement of the part with its joint locked at a position."""
     axis = np.asarray(part.axis, dtype=np.longdouble)
     if part.kind == "prismatic":
         return part.placement.then(pose(np.eye(3), axis * position))
@@ -135,19 +135,19 @@ def _moved(part: Part, position: float) -> Pose:
 
 
 def mounted(model: Model, rpy: ArrayLike) -> Model:
-    """The robot with its root link turned in the world: on a wall, a roof, a slope.
+    """The robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
 
     Parameters
     ----------
     model : Model
-        Its `gravity` is taken as the world's, in the axes that the root link has before it is turned.
+        Its `gravity` is taken as the world's, in the axes that the root link has before it is rotated.
     rpy : array_like, shape (3,)
         Roll, pitch and yaw of the root link [rad].
 
     Returns
     -------
     Model
-        The same arm with gravity seen from the turned root link; poses stay relative to the root link.
+        The same robot with gravity in the axes of the rotated root link; poses stay relative to the root link.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def mounted(model: Model, rpy: ArrayLike) -> Model:
     Examples
     --------
     >>> import math, rne
-    >>> rne.mounted(rne.irb140(), [math.pi, 0, 0]).gravity.tolist()  # under the roof
+    >>> rne.mounted(rne.irb140(), [math.pi, 0, 0]).gravity.tolist()  # under the ceiling
     [0.0, 0.0, 9.81]
     """
     angles = real_array("rpy", rpy, "(3,)")

@@ -1,4 +1,4 @@
-"""Runs between instants at which something jumps: SciPy's solvers, restarted at each of them."""
+"""Runs with continuous right-hand sides between the declared breaks: SciPy's solvers, restarted at each break."""
 
 from __future__ import annotations
 
@@ -10,29 +10,30 @@ import numpy as np
 
 from ..basics.spatial import Array
 from .plant import Plant
-from .scipy_solvers import FAILURES, watched
+from .scipy_solvers import FAILURES, guarded_solver
 from .trajectory import Run, Task
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
-NO_SAY = 1e100  # absolute tolerance of the energies, which are results and not part of the state
+UNCONTROLLED_ATOL = 1e100  # of the energies, which are integrated without controlling the step size
 
 
 def tolerances(plant: Plant, task: Task) -> tuple[float, Array]:
-    """Relative and absolute tolerances with which the energies of the ledger have no say in the steps.
+    """Relative and absolute tolerances with which the energies of the ledger do not control the step size.
 
-    All methods but LSODA take the mean square error of the components, which those that are always 0 must not dilute.
+    All methods but LSODA take the root mean square of the components' errors, so that components that are always 0
+    would loosen the tolerance of the others; it is tightened to make up for them.
     """
     size, energies = plant.rhs.size, len(plant.rhs.ledger)
     atols = np.full(size, task.atol)
     if not energies:
         return task.rtol, atols
-    atols[size - energies :] = NO_SAY
+    atols[size - energies :] = UNCONTROLLED_ATOL
     undiluted = 1.0 if task.method == "LSODA" else float(np.sqrt(1 - energies / size))
     return task.rtol * undiluted, atols * undiluted
 
 
 def stops(plant: Plant) -> list[Callable[[float, Array], float]]:
-    """One event for each end of a joint's range; a joint that starts on or beyond it must first come back."""
+    """One event for each end of a joint's range; a joint that starts on or beyond it must first return."""
     model = plant.robot.model
     found = []
     for k, i in enumerate(model.independent_joints):
@@ -43,7 +44,9 @@ def stops(plant: Plant) -> list[Callable[[float, Array], float]]:
 
 
 def _stop(k: int, bound: float, sign: float) -> Callable[[float, Array], float]:
-    slack = 4 * float(np.finfo(float).eps) * max(1.0, abs(bound))  # a joint at rest on its stop has not reached it anew
+    slack = (
+        4 * float(np.finfo(float).eps) * max(1.0, abs(bound))
+    )  # a joint at rest on its stop must not trigger the event
 
     def beyond(t: float, x: Array) -> float:
         return sign * (float(x[k]) - bound) - slack
@@ -54,12 +57,12 @@ def _stop(k: int, bound: float, sign: float) -> Callable[[float, Array], float]:
 
 
 def stop_message(event: Any, t: float, joints: Sequence[str]) -> str:
-    """Which joint met which stop when."""
+    """The message of a run that ended at a stop."""
     return f"{joints[event.joint]!r} reached its stop at {event.bound:.6g} at t = {t:.6g} s"
 
 
-def smooth_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
-    """From break to break until the end, an event or a failure, which is added to `failures`."""
+def continuous_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
+    """Integrate from break to break until the end, an event or a failure, which is added to `failures`."""
     edges = [0.0, *sorted({b for b in task.breaks if 0 < b < task.duration}), task.duration]
     x0, t_eval = task.x0, task.t_eval
     times: list[Array] = []
@@ -71,7 +74,7 @@ def smooth_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> R
             inside = t_eval[(t_eval > begin if begin else t_eval >= begin) & (t_eval <= end)]
         fun = plant if len(edges) == 2 else _within(plant, (begin, end))
         t, x, x0, status, ending = _segment(fun, plant, x0, (begin, end), inside, task, failures)
-        first = 1 if t_eval is None and times else 0  # the end of the segment before
+        first = 1 if t_eval is None and times else 0  # the end of the previous segment
         times.append(t[first:])
         states.append(x[first:])
         run = Run(np.concatenate(times), np.concatenate(states), status, ending)
@@ -89,19 +92,19 @@ def _segment(
     task: Task,
     failures: list[tuple[float, str]],
 ) -> tuple[Array, Array, Array, int, str]:
-    """Times, states, the last state, status and SciPy's last word."""
+    """Times, states, the last state, status and message of one segment."""
     from scipy.integrate import solve_ivp
 
     rtol, atol = tolerances(plant, task)
     events = task.events
     options: dict[str, Any] = {"jac": plant.jacobian} if task.method in IMPLICIT else {}
     last = [x0]
-    solver = watched(task.method, failures, last)
+    solver = guarded_solver(task.method, failures, last)
     try:
         solution = solve_ivp(
             fun, span, x0, solver, t_eval, events=list(events) or None, rtol=rtol, atol=atol, **options
         )
-    except FAILURES as error:  # at the very start, before a first step
+    except FAILURES as error:  # before the first step
         failures.append((span[0], str(error)))
         return np.zeros(0), np.zeros((0, len(x0))), x0, -1, ""
     t = np.asarray(solution.t, dtype=float)
@@ -116,6 +119,6 @@ def _segment(
 
 
 def _within(plant: Plant, span: tuple[float, float]) -> Callable[[float, Array], Array]:
-    """The right-hand side between two jumps: at the very instant of one, the side within the span counts."""
+    """The right-hand side between two breaks, each evaluated just inside the span."""
     first, last = float(np.nextafter(span[0], np.inf)), float(np.nextafter(span[1], 0.0))
     return lambda t, x: plant(min(max(t, first), last), x)

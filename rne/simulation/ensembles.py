@@ -16,7 +16,7 @@ from ..dynamics.verdict import SOUND, Verdict
 from ..model.arguments import joint_array
 from ..robot import Robot
 from .equations_of_motion import RightHandSide
-from .scene import Scene, bare
+from .scene import Scene, scene_of_robot
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
@@ -24,29 +24,29 @@ if TYPE_CHECKING:
 # Semi-implicit Euler, of order 1, is what most real-time engines step with; on damped stiff loops it is stable up to
 # 2/lambda at one evaluation per step, where RK4 takes four for 2.8/lambda.
 METHODS = ("rk4", "semi-implicit-euler")
-CHUNK = 8192  # starts that go through their steps together, so that their states stay in the cache
+CHUNK = 8192  # initial states stepped together, so that their states stay in the cache
 Progress = Callable[[int, int], Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Motions of many starts.
+    """Motions from many initial states.
 
     Attributes
     ----------
     t : ndarray, shape (S,)
-        Times kept [s].
+        Stored times [s].
     q, qd : ndarray, shape (S, N, n)
-        Positions and rates of each start at these times [rad or m, /s].
+        Positions and rates of each motion at these times [rad or m; rad/s or m/s].
     energies : ndarray, shape (S, N, k)
-        The scene's ledger; see `ledger` [J].
+        Energies of the ledger [J].
     ledger : tuple of str, length k
-        "drives", "viscous", "coulomb", as far as the scene has them.
+        "drives", "viscous", "coulomb": those that the scene has.
     method : str
     step : float
         [s]
     evaluations : int
-        Calls of the right-hand side, one for each state.
+        Evaluations of the right-hand side, counted per state.
     """
 
     t: Array
@@ -71,24 +71,25 @@ def ensemble(
     progress: Progress | None = None,
     executor: Executor | None = None,
 ) -> Ensemble:
-    """Simulate many starts of one scene at once by equal steps.
+    """Simulate many initial states of one scene at once by equal steps.
 
     Parameters
     ----------
     scene_or_robot : Scene or Robot
-        Its controller, if it has one, must be traceable and not sampled; stops and sticking friction are not modelled.
+        Its controller, if any, must be traceable and not sampled; stops and sticking friction are refused.
     q0, qd0 : array_like, shape (N, n)
-        Positions and rates at the start [rad or m, /s]. Both float32: all is computed in it, see docs/stability.md.
+        Initial positions and rates [rad or m; rad/s or m/s]. If both are float32, so is the computation; see
+        docs/stability.md.
     duration, step : float
         [s]; steps are equal and at most `step` long.
     method : {"rk4", "semi-implicit-euler"}
         Of order 4 and 1. The step is not controlled: halve it and compare.
     keep : int
-        Times kept, equally spaced, the first and the last among them.
+        Number of equally spaced times to store, the first and the last included.
     progress : callable, optional
-        progress(done, total), called as starts times steps are done.
+        progress(done, total), called with numbers of steps over all initial states.
     executor : concurrent.futures.Executor, optional
-        Shares the starts in chunks: a process pool, or a Dask cluster's `client.get_executor()`.
+        Runs chunks of initial states in parallel: a process pool, or a Dask cluster's `client.get_executor()`.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def ensemble(
     >>> rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3).q.shape
     (2, 100, 6)
     """
-    scene = bare(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
+    scene = scene_of_robot(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
     if not isinstance(scene, Scene):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
     rhs = _blocks(scene)
@@ -140,7 +141,7 @@ def ensemble(
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What is done with each chunk of starts."""
+    """The steps that are taken with each chunk of initial states."""
 
     rhs: RightHandSide
     method: str
@@ -149,7 +150,7 @@ class Plan:
     spans: int
 
     def run(self, x: Array, tick: Progress | None = None) -> tuple[Array, Verdict]:
-        """States at the kept times, shape (spans + 1, N, size), and the worst loss of precision."""
+        """States at the stored times, shape (spans + 1, N, size), and the worst loss of precision."""
         stepper = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}[self.method]
         work = _Work(self.rhs, x)
         kept = [x.copy()]
@@ -163,7 +164,7 @@ class Plan:
 
 
 class _Work:
-    """Arrays of one chunk, reused from step to step."""
+    """Arrays of one chunk, reused in every step."""
 
     def __init__(self, rhs: RightHandSide, x: Array) -> None:
         self.rhs, self.kernel, self.n = rhs, rhs.kernel, rhs.robot.n
@@ -183,7 +184,7 @@ class _Work:
 
 
 def _rk4(work: _Work, t: float, h: float) -> None:
-    """Runge and Kutta's classical method."""
+    """The classical Runge-Kutta method of order 4."""
     x, total, stage = work.x, work.sum, work.stage
     np.copyto(stage, x)
     for time, weight, ahead in ((t, 1, 0.5), (t + h / 2, 2, 0.5), (t + h / 2, 2, 1.0), (t + h, 1, 0.0)):
@@ -201,7 +202,7 @@ def _rk4(work: _Work, t: float, h: float) -> None:
 
 
 def _semi_implicit(work: _Work, t: float, h: float) -> None:
-    """Rates first, then positions with the new rates."""
+    """Semi-implicit Euler: rates first, then positions with the new rates."""
     k = work.slope(t, work.x)
     n = work.n
     work.x[:, n:] += h * k[:, n:]

@@ -185,7 +185,7 @@ def torques_and_rates(returned: Any) -> tuple[Any, Any]:
 
 
 def _shaped_like(u: Any, q: Array) -> Array:
-    """A traced law's torques for every state; a constant one is the same for all."""
+    """A traced law's torques with one row per state; a constant is repeated."""
     try:
         torques = np.asarray(u)
     except ValueError:
@@ -198,7 +198,7 @@ def _shaped_like(u: Any, q: Array) -> Array:
 
 
 def _compare_law(torques: AppliedTorques, kernel: Kernel) -> None:
-    """A law with memory, noise or a table would be frozen by tracing: it must agree with calls of it."""
+    """Refuse a law with memory, noise or a table, which tracing would freeze: kernel and call must agree."""
     rng = np.random.default_rng(0)
     for _ in range(TRIALS):
         t, x = rng.uniform(0, 1, 1), rng.uniform(-1, 1, torques.size)

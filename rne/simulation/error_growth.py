@@ -1,10 +1,11 @@
-"""How far a simulated motion can be trusted: each step's error, carried along by the variational equation.
+"""Growth of a simulation's error: each step's local error, propagated by the variational equation.
 
-A small deviation d of the state follows dd/dt = J(t) d, J the Jacobian of the right-hand side along the motion. Over
-a step it is multiplied by Phi = exp(Omega), Omega by Magnus's expansion of order 4 from J at its two ends and its
-middle: Hairer, Lubich, Wanner 2006, Geometric Numerical Integration, IV.7. The step's own error is what extrapolation
-to order 16 finds different in its end. What has no known sign is carried as a covariance: rounding, and where the
-extrapolation does not converge, in steps over many time constants of a stiff motion, the tolerance.
+A small deviation d of the state follows dd/dt = J(t) d, with J the Jacobian of the right-hand side along the motion.
+Over a step it is multiplied by Phi = exp(Omega), with Omega from Magnus's expansion of order 4 (J at both ends and in
+the middle): Hairer, Lubich, Wanner 2006, Geometric Numerical Integration, IV.7. The step's local error is the
+difference of its end from an extrapolation of order 16. Errors of unknown sign are propagated as a covariance:
+rounding, and the tolerance where the extrapolation does not converge, in steps over many time constants of a stiff
+motion.
 """
 
 from __future__ import annotations
@@ -16,19 +17,19 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import RneError
-from .continuous import smooth_run
+from .continuous import continuous_run
 from .plant import Plant
 from .symplectic import METHOD as GAUSS
 from .symplectic import symplectic_run
 from .trajectory import Run, Task
 
-BLOCK = 256  # steps looked at together
+BLOCK = 256  # steps evaluated together
 LEVELS = 8  # of the extrapolation
 EPS = float(np.finfo(np.float64).eps)
 
 
 def growth_of(plant: Plant, task: Task, run: Run) -> Callable[[float], tuple[Array, Array]]:
-    """The function that a Trajectory keeps: it estimates when it is asked."""
+    """The function that a Trajectory stores, so that the estimate is made only on request."""
 
     def growth(bound: float) -> tuple[Array, Array]:
         return error_growth(plant, task, run, bound)
@@ -44,12 +45,12 @@ def error_growth(plant: Plant, task: Task, run: Run, bound: float = np.inf) -> t
     plant : Plant
     task : Task
     run : Run
-        What the task gave. With `t_eval` it lacks the solver's steps, and the task is run once more.
+        The result of the task. With `t_eval` it lacks the solver's steps, and the task is run once more.
     bound : float
         [rad or m]
     """
     if task.t_eval is not None:
-        again = symplectic_run if task.method == GAUSS else smooth_run
+        again = symplectic_run if task.method == GAUSS else continuous_run
         run = again(plant, task._replace(t_eval=None), [])
     n, size = plant.robot.n, 2 * plant.robot.n + plant.rhs.controller_states
     if n == 0:
@@ -67,13 +68,13 @@ def error_growth(plant: Plant, task: Task, run: Run, bound: float = np.inf) -> t
 
 
 def _steps(plant: Plant, task: Task, t: Array, X: Array, size: int) -> tuple[Array, Array, Array]:
-    """Phi of each step, shape (steps, size, size), its error, and what may be wrong with either sign, (steps, size)."""
+    """Phi of each step, (steps, size, size), its local error, and the error of unknown sign, (steps, size)."""
     from scipy.linalg import expm
 
     h = np.diff(t)
     first, last = np.nextafter(t[:-1], np.inf), np.nextafter(t[1:], 0.0)
 
-    def rates(s: Array, x: Array) -> Array:  # where something jumps, the side within the step counts
+    def rates(s: Array, x: Array) -> Array:  # at a break, evaluated inside the step
         return _rates(plant, np.clip(s, first, last), x)
 
     bend = rates(first, X[:-1]) - rates(last, X[1:])
@@ -94,9 +95,9 @@ def _steps(plant: Plant, task: Task, t: Array, X: Array, size: int) -> tuple[Arr
 def extrapolated(
     rates: Callable[[Array, Array], Array], t: Array, x: Array, h: Array, levels: int = LEVELS
 ) -> tuple[Array, Array]:
-    """The states a step later, and what the last level changed in them.
+    """The states one step later, and how much the last level of extrapolation changed them.
 
-    The modified midpoint rule with 2, 4, 6, ... substeps, extrapolated to none.
+    The modified midpoint rule with 2, 4, 6, ... substeps, extrapolated to step size 0.
     Gragg, Bulirsch and Stoer; Hairer, Norsett, Wanner 1993, Solving Ordinary Differential Equations I, II.9.
 
     Parameters
@@ -104,9 +105,9 @@ def extrapolated(
     rates : callable
         f(t, x), shapes (...) and (..., size).
     t, h : ndarray, shape (...)
-        Where each step starts, and its length [s].
+        Start and length of each step [s].
     x : ndarray, shape (..., size)
-        The states there.
+        The states at the start.
     levels : int
         The order is twice this.
     """
@@ -134,12 +135,12 @@ def without_steps(ends: list[Array]) -> Array:
 
 
 def _rates(plant: Plant, t: Array, X: Array) -> Array:
-    """dx/dt in many states; NaN where it cannot be told."""
+    """dx/dt in many states; NaN where it cannot be computed."""
     if plant.law is None:
         try:
             return plant.all_rates(t, X)
         except (RneError, ValueError):
-            pass  # in some of them
+            pass  # in some states
     found = np.full(X.shape, np.nan)
     for k, (time, x) in enumerate(zip(t, X, strict=True)):
         with suppress(RneError, ValueError, ArithmeticError):

@@ -1,4 +1,4 @@
-"""Joint friction: viscous and Coulomb, each with its own size in either direction."""
+"""Joint friction: viscous and Coulomb, which may differ between the two directions of motion."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from ..basics.spatial import Array
 from ..elementwise import less, tanh, where
 from ..model.model import Model
 
-SMOOTHING = 0.01  # rad/s or m/s: at this rate Coulomb friction has three quarters of its size
+SMOOTHING = 0.01  # [rad/s or m/s]: rate at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
 
 
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """Friction of the joints: torque against the motion, added to what the dynamics ask for.
+    """Joint friction torques, which the drives must supply in addition to inverse dynamics.
 
     Attributes
     ----------
     viscous, viscous_back : ndarray, shape (n,) or a number
-        Torque a unit rate, forwards and backwards [N m s/rad or N s/m]; backwards as forwards if not given.
+        Torque per unit rate in the positive and negative direction; the negative one defaults to the positive one
+        [N m s/rad or N s/m].
     coulomb, coulomb_back : ndarray, shape (n,) or a number
-        Torque whatever the rate [N m or N].
+        Magnitude of Coulomb friction; the negative direction defaults to the positive one [N m or N].
     smoothing : float
-        Coulomb friction grows as tanh(rate / smoothing); 0 for dry friction that sticks, handled by events [rad/s].
+        Coulomb friction is smoothed to tanh(rate / smoothing); 0 for dry friction that sticks and slips by events
+        [rad/s or m/s].
     static : ndarray, shape (n,), or a number, optional
-        What a sticking joint resists before it breaks away, at least `coulomb`; equal to it if not given [N m or N].
+        Torque at which a sticking joint breaks away, at least `coulomb`, which is its default [N m or N].
 
     Raises
     ------
@@ -63,7 +65,7 @@ class Friction:
             raise ValueError(f"friction must be numbers or arrays of one shape (n,), got {sorted(shapes)}")
         largest = np.maximum(np.asarray(self.coulomb), np.asarray(self.coulomb_back))
         if self.static is not None and (np.asarray(self.static) < largest).any():
-            raise ValueError("`static` must be at least `coulomb`: a joint resists no less at rest than slipping")
+            raise ValueError("`static` must be at least `coulomb`: friction at rest is no less than when slipping")
 
     def _sizes(self) -> list[ArrayLike]:
         values = (self.viscous, self.coulomb, self.viscous_back, self.coulomb_back, self.static)
@@ -71,12 +73,12 @@ class Friction:
 
     @property
     def sticks(self) -> bool:
-        """True for dry friction, which holds a joint at rest."""
+        """True for dry friction, under which a joint can stick."""
         sizes = (self.coulomb, self.coulomb_back, self.static)
         return self.smoothing == 0 and any(np.any(np.asarray(size)) for size in sizes if size is not None)
 
     def check(self, model: Model) -> None:
-        """Refuse numbers that are not one a joint."""
+        """Refuse arrays that do not have one entry per joint."""
         for name in ("viscous", "coulomb", "viscous_back", "coulomb_back", "static"):
             array = np.asarray(getattr(self, name)) if getattr(self, name) is not None else np.zeros(())
             if array.shape not in ((), (model.n,)):
@@ -84,13 +86,13 @@ class Friction:
                 raise ValueError(f"`{name}` of the friction must be a number or of shape {shape}, got {array.shape}")
 
     def viscous_torque(self, qd: Array) -> Array:
-        """The part that grows with the rate, shape of qd."""
+        """Viscous friction, shape of qd [N m or N]."""
         if np.array_equal(np.asarray(self.viscous), np.asarray(self.viscous_back)):
             return np.asarray(self.viscous) * qd
         return where(less(qd, 0), np.asarray(self.viscous_back) * qd, np.asarray(self.viscous) * qd)
 
     def coulomb_torque(self, qd: Array) -> Array:
-        """The part that does not, smoothed around rest, or of the size of slipping if it is dry; shape of qd."""
+        """Coulomb friction, smoothed around zero rate; dry friction as when slipping. Shape of qd [N m or N]."""
         forward, back = np.asarray(self.coulomb, dtype=float), np.asarray(self.coulomb_back, dtype=float)
         if not (forward.any() or back.any()):
             return 0 * qd
@@ -100,14 +102,14 @@ class Friction:
         return size * tanh(qd * (1 / self.smoothing))
 
     def torque(self, model: Model, qd: ArrayLike) -> Array:
-        """Both parts for rates of a robot's joints: what the drives must give beyond the dynamics [N m or N]."""
+        """Friction torque of a robot's joints, viscous and Coulomb, shape of qd [N m or N]."""
         self.check(model)
         rates = np.asarray(qd)
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 
 def urdf_friction(model: Model, smoothing: float = SMOOTHING) -> Friction:
-    """The damping and friction that a URDF's `<dynamics>` names, brought to the robot's coordinates."""
+    """The damping and friction of a URDF's `<dynamics>`, mapped to the robot's coordinates."""
     G = np.abs(np.asarray(model.coordinate_map, dtype=float)) if model.has_mimics else np.eye(model.nb)
     return Friction(viscous=model.damping @ G**2, coulomb=model.friction @ G, smoothing=smoothing)
 

@@ -22,6 +22,8 @@ class Plant:
     rhs : RightHandSide
     law : callable or None
         f(t, q, qd) for the torques where `rhs.torque_given`.
+    law_name : {"controller", "torque"}
+        The argument that the user gave the law as, for error messages.
 
     Attributes
     ----------
@@ -29,10 +31,10 @@ class Plant:
         The loss of precision in the worst state evaluated so far.
     """
 
-    def __init__(self, rhs: RightHandSide, law: Callable[..., Any] | None) -> None:
+    def __init__(self, rhs: RightHandSide, law: Callable[..., Any] | None, law_name: str = "controller") -> None:
         self.rhs = rhs
         self.robot = rhs.robot
-        self.law = law
+        self.law, self.law_name = law, law_name
         self.evaluations = 0
         self.verdict = SOUND
         self.kernel = rhs.kernel
@@ -51,9 +53,9 @@ class Plant:
         n = self.robot.n
         tau = np.asarray(self.law(t, x[:n].copy(), x[n : 2 * n].copy()))  # a law may change what it is given
         if tau.dtype.kind not in "fiu":
-            raise ValueError(f"`torque` must return real numbers, got dtype {tau.dtype} at t = {t:.6g} s")
+            raise ValueError(f"`{self.law_name}` must return real numbers, got dtype {tau.dtype} at t = {t:.6g} s")
         if tau.shape != (n,):
-            raise ValueError(f"`torque` must return shape ({n},), got {tau.shape} at t = {t:.6g} s")
+            raise ValueError(f"`{self.law_name}` must return shape ({n},), got {tau.shape} at t = {t:.6g} s")
         if not np.isfinite(tau).all():
             i = int(np.argmin(np.isfinite(tau)))
             raise NotFiniteError(f"torque of {self.robot.joint_names[i]!r} is {tau[i]} at t = {t:.6g} s", t)
@@ -105,7 +107,7 @@ class Plant:
         return self._jacobian(np.array([t]), x, u, None if u is None else self._law_slopes(t, x, u))
 
     def jacobians(self, t: Array, X: Array) -> Array:
-        """The same at many times, shapes (T,) and (T, size)."""
+        """df/dx at many times, shapes (T,) and (T, size)."""
         if self.law is None:
             return self._jacobian(t[:, None], X, None, None)
         return np.array([self.jacobian(float(time), x) for time, x in zip(t, X, strict=True)])

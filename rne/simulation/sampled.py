@@ -10,24 +10,25 @@ import numpy as np
 
 from ..basics.spatial import Array
 from .continuous import IMPLICIT, stop_message, tolerances
+from .equations_of_motion import torques_and_rates
 from .plant import Plant
 from .scene import Scene
-from .scipy_solvers import FAILURES, watched
+from .scipy_solvers import FAILURES, guarded_solver
 from .trajectory import Run, Task
 
 
-class Holder:
-    """What the controller's computer remembers: the torques it holds and its own states."""
+class ZeroOrderHold:
+    """A controller that is sampled: the torques held since the last sample, and the controller's states."""
 
     def __init__(self, scene: Scene, plant: Plant) -> None:
         self.scene, self.plant = scene, plant
         self.period = float(scene.sample_time or 0.0)
-        self.own = np.zeros(int(getattr(scene.controller, "states", 0)))
+        self.controller_state = np.zeros(int(getattr(scene.controller, "states", 0)))
         self.held = np.zeros(scene.n)
         self.first = True
 
     def sample(self, t: float, x: Array) -> Array:
-        """The torques to hold from now on: within the drives' limits, no further from the last than their rate."""
+        """The torques to hold until the next sample, within the limits of torque and torque rate."""
         u = np.asarray(self.plant.torque(t, x))
         if self.scene.resolved.torque_limit is not None:
             u = np.clip(u, -self.scene.resolved.torque_limit, self.scene.resolved.torque_limit)
@@ -38,48 +39,48 @@ class Holder:
         return u
 
     def law(self, t: float, q: Array, qd: Array) -> Array:
-        """The controller; one with states of its own adds their rates up from sample to sample."""
-        if not self.own.size:
+        """The controller; its states are integrated by Euler's rule from sample to sample."""
+        if not self.controller_state.size:
             return np.asarray(self.scene.controller(t, q, qd))
-        u, rates = self.scene.controller(t, q, qd, self.own)
-        self.own = self.own + self.period * np.asarray(rates)
+        u, rates = torques_and_rates(self.scene.controller(t, q, qd, self.controller_state))
+        self.controller_state = self.controller_state + self.period * np.asarray(rates)
         return np.asarray(u)
 
 
 @dataclass
 class _Record:
-    """Samples asked for, or those of the controller."""
+    """The samples to report: at `t_eval`, or those of the controller."""
 
     t_eval: Array | None
     t: list[float]
     x: list[Array]
     u: list[Array]
-    own: list[Array]
+    controller_state: list[Array]
 
-    def step(self, solver: Any, u: Array, own: Array) -> None:
-        """Values asked for within the solver's last step."""
+    def step(self, solver: Any, u: Array, z: Array) -> None:
+        """Add the values at `t_eval` within the solver's last step."""
         if self.t_eval is None:
             return
         k, stop = len(self.t), int(np.searchsorted(self.t_eval, solver.t, side="right"))
         if stop > k:
             dense = solver.dense_output()
             for time in self.t_eval[k:stop]:
-                self.add(float(time), np.array(solver.y if time == solver.t else dense(time)), u, own)
+                self.add(float(time), np.array(solver.y if time == solver.t else dense(time)), u, z)
 
-    def add(self, t: float, x: Array, u: Array, own: Array) -> None:
+    def add(self, t: float, x: Array, u: Array, z: Array) -> None:
         self.t.append(t)
         self.x.append(x)
         self.u.append(u)
-        self.own.append(own)
+        self.controller_state.append(z)
 
 
 def sampled_run(scene: Scene, plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
-    """From sample to sample with one explicit solver, whose memory of the slope is renewed at each."""
+    """Run from sample to sample with one explicit solver, whose stored derivative is renewed at each sample."""
     if task.method in IMPLICIT:
         raise ValueError(f"`method` of a sampled scene must be an explicit one, got {task.method!r}")
     if scene.resolved.friction is not None and scene.resolved.friction.sticks:
         raise ValueError("a sampled scene cannot have friction that sticks; give the friction a `smoothing`")
-    holder = Holder(scene, plant)
+    holder = ZeroOrderHold(scene, plant)
     plant.law = holder.law
     record, x0 = _Record(task.t_eval, [], [], [], []), task.x0
     count = int(np.ceil(task.duration / holder.period * (1 - 1e-12)))
@@ -90,15 +91,15 @@ def sampled_run(scene: Scene, plant: Plant, task: Task, failures: list[tuple[flo
         failures.append((getattr(error, "time", None) or 0.0, str(error)))
     shape = (len(record.t), len(x0))
     u = np.array(record.u).reshape(len(record.t), scene.n)
-    ending = stop or f"the controller was asked {count} times, every {holder.period:g} s"
-    own = np.array(record.own).reshape(len(record.t), len(holder.own))
-    return Run(np.array(record.t), np.array(record.x).reshape(shape), int(stop is not None), ending, u, None, own)
+    ending = stop or f"the controller was sampled {count} times, every {holder.period:g} s"
+    states = np.array(record.controller_state).reshape(len(record.t), len(holder.controller_state))
+    return Run(np.array(record.t), np.array(record.x).reshape(shape), int(stop is not None), ending, u, None, states)
 
 
 def _samples(
-    holder: Holder, plant: Plant, task: Task, count: int, record: _Record, failures: list[tuple[float, str]]
+    holder: ZeroOrderHold, plant: Plant, task: Task, count: int, record: _Record, failures: list[tuple[float, str]]
 ) -> str | None:
-    """What stopped the run before its end, if anything did."""
+    """Integrate over all samples; returns the message of the event that stopped the run, or None."""
     rtol, atol = tolerances(plant, task)
     solver, x, duration = None, task.x0, task.duration
     for k in range(count):
@@ -106,9 +107,9 @@ def _samples(
         u = holder.sample(begin, x)
         asked = record.t_eval is None or (k == 0 and len(record.t_eval) and record.t_eval[0] == 0)
         if asked:
-            record.add(begin, x, u, holder.own)
+            record.add(begin, x, u, holder.controller_state)
         if solver is None:
-            solver = watched(task.method, failures, [x])(
+            solver = guarded_solver(task.method, failures, [x])(
                 lambda t, y: _held(plant, t, y, holder), begin, x, end, rtol=rtol, atol=atol, first_step=end - begin
             )
         else:  # the same solver goes on, with the slope under the new torques
@@ -120,17 +121,17 @@ def _samples(
                 return None
             hit = first_stop(task.events, solver, plant.robot.joint_names) if task.events else None
             if hit is not None:
-                record.add(hit[0], hit[1], u, holder.own)
+                record.add(hit[0], hit[1], u, holder.controller_state)
                 return hit[2]
-            record.step(solver, u, holder.own)
+            record.step(solver, u, holder.controller_state)
         x = np.array(solver.y)
     if record.t_eval is None and count:
-        record.add(duration, x, holder.held, holder.own)
+        record.add(duration, x, holder.held, holder.controller_state)
     return None
 
 
 def first_stop(events: Sequence[Any], solver: Any, joints: Sequence[str]) -> tuple[float, Array, str] | None:
-    """Time, state and words of the first stop that the solver's last step has passed."""
+    """Time, state and message of the first stop that the solver's last step has passed."""
     from scipy.optimize import brentq
 
     if not any(event(solver.t, solver.y) > 0 for event in events):
@@ -148,12 +149,12 @@ def first_stop(events: Sequence[Any], solver: Any, joints: Sequence[str]) -> tup
 
 
 def first_torques(scene: Scene, plant: Plant, x0: Array) -> Array:
-    """What the controller asks for at the start."""
-    holder = Holder(scene, plant)
+    """The controller's torques at the start."""
+    holder = ZeroOrderHold(scene, plant)
     plant.law = holder.law
     return holder.sample(0.0, x0)
 
 
-def _held(plant: Plant, t: float, x: Array, holder: Holder) -> Array:
+def _held(plant: Plant, t: float, x: Array, holder: ZeroOrderHold) -> Array:
     plant.evaluations += 1
     return plant.rates(t, x, holder.held)

@@ -62,23 +62,23 @@ class Scene:
     gravity : array_like, shape (3,), optional
         Another gravity than the robot's, in the axes of the root link before it is turned [m/s^2].
     payload : Payload or float, optional
-        A body on a link, or the mass of a point at the origin of the last one [kg].
+        A body on a link, or the mass of a point mass at the origin of the last link [kg].
     locked : mapping of str to float, optional
-        Joints held at a position, by name; they are no coordinates of the scene [rad or m].
+        Joints held at a position, by name; they are not coordinates of the scene [rad or m].
     friction : Friction or "urdf", optional
         "urdf" takes the damping and friction of the file's `<dynamics>`.
     armature : array_like, shape (n,), optional
-        Inertia of the drives, felt at the joints [kg m^2 or kg].
+        Inertia of the drives reflected to the joints [kg m^2 or kg].
     torque_limit : array_like, shape (n,), or "urdf", optional
         Largest torque of each drive; "urdf" takes the file's `effort`, as far as it limits any [N m or N].
     torque_rate : array_like, shape (n,), optional
-        Largest change of a drive's torque a second, from one sample to the next [N m/s or N/s].
+        Largest change of a drive's torque per second, from one sample to the next [N m/s or N/s].
     stops : bool
         True to end a run, with status 1, when a joint reaches a limit of its range.
     controller : callable, optional
         f(t, q, qd) -> torques; marked by `rne.traceable` it becomes part of the kernel, otherwise it is called.
     sample_time : float, optional
-        The controller is asked every `sample_time`, and its torque held in between [s].
+        The controller is evaluated every `sample_time`, and its torque is held in between [s].
 
     Raises
     ------
@@ -113,12 +113,14 @@ class Scene:
             raise TypeError(f"`controller` must be a function of (t, q, qd), got {type(self.controller).__name__}")
         if self.sample_time is not None:
             if self.controller is None:
-                raise ValueError("`sample_time` needs a `controller` to ask")
+                raise ValueError("`sample_time` needs a `controller`")
             positive_number("sample_time", self.sample_time)
         if hasattr(self.controller, "states") and not self.is_traced and self.sample_time is None:
-            raise ValueError("`controller` with states of its own must be traceable, or sampled by `sample_time`")
+            raise ValueError("`controller` with states must be traceable, or sampled by `sample_time`")
         if self.torque_rate is not None and self.sample_time is None:
-            raise ValueError("`torque_rate` needs a `sample_time`: it bounds the step from one held torque to the next")
+            raise ValueError(
+                "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next"
+            )
         self.resolved  # errors in the parts are raised now  # noqa: B018
         meant_for = getattr(self.controller, "robot", None)
         if isinstance(meant_for, Robot) and meant_for.n != self.n:
@@ -194,13 +196,13 @@ class Scene:
         return robot.forward_dynamics(q, qd, net)
 
     def cost(self) -> dict[str, int | str]:
-        """Operations a call of the right-hand side takes, and what each part adds to them.
+        """Operations per call of the right-hand side, and what each part adds to them.
 
         Returns
         -------
         dict
-            "total"; for each part of the scene, and for gravity, what would be saved without it; "law" says whether
-            the controller is "traced", "called" or "none". Of a called controller the cost is unknown.
+            "total"; for each part of the scene, and for gravity, the operations saved without it; "law" says whether
+            the controller is "traced", "called" or "none". The cost of a called controller is not known.
 
         Examples
         --------
@@ -223,8 +225,8 @@ class Scene:
         return costs
 
 
-def bare(robot: Robot) -> Scene:
-    """The scene of the robot alone, kept with it so that its kernel is compiled once."""
+def scene_of_robot(robot: Robot) -> Scene:
+    """The scene of the robot alone, cached with the robot so that its kernel is compiled once."""
     scene: Scene = robot.cache.setdefault("scene", Scene(robot))
     return scene
 

@@ -1,4 +1,4 @@
-"""SciPy's solvers, watched: a failure inside a step ends the run with what was reached, instead of losing it."""
+"""SciPy's solvers with failures caught: an error inside a step ends the run and keeps the motion so far."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..errors import NotFiniteError, SingularMassMatrixError
 FAILURES = (NotFiniteError, SingularMassMatrixError)
 
 
-def watched(method: str, failures: list[tuple[float, str]], last: list[Array]) -> Any:
+def guarded_solver(method: str, failures: list[tuple[float, str]], last: list[Array]) -> Any:
     """A subclass of one of SciPy's OdeSolver classes that reports a failed step as status 'failed'.
 
     Parameters
@@ -22,13 +22,13 @@ def watched(method: str, failures: list[tuple[float, str]], last: list[Array]) -
     failures : list
         Receives (time, cause) of a failure.
     last : list of one ndarray
-        Always the state after the last good step.
+        Holds the state after the last successful step.
     """
     import scipy.integrate
 
     base = getattr(scipy.integrate, method)
 
-    class Watched(base):  # type: ignore[misc, valid-type]
+    class GuardedSolver(base):  # type: ignore[misc, valid-type]
         def step(self) -> str | None:
             try:
                 message: str | None = super().step()
@@ -47,5 +47,5 @@ def watched(method: str, failures: list[tuple[float, str]], last: list[Array]) -
             failures.append((float(self.t if time is None else time), cause))
             return cause
 
-    Watched.__name__ = method
-    return Watched
+    GuardedSolver.__name__ = method
+    return GuardedSolver

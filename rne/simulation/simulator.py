@@ -13,12 +13,12 @@ from ..basics.spatial import Array
 from ..errors import RneError, SimulationError
 from ..model.arguments import joint_array
 from ..robot import Robot
-from .continuous import smooth_run, stops
+from .continuous import continuous_run, stops
 from .equations_of_motion import RightHandSide
 from .error_growth import growth_of
 from .plant import Plant
 from .sampled import first_torques, sampled_run
-from .scene import Scene, bare
+from .scene import Scene, scene_of_robot
 from .stick_slip import DryPlant, stick_slip_run
 from .symplectic import METHOD as GAUSS
 from .symplectic import symplectic_run
@@ -46,22 +46,22 @@ def simulate(
     step: float | None = None,
     breaks: Sequence[float] = (),
 ) -> Trajectory:
-    """Simulate an arm from a start, under given torques or in a scene.
+    """Simulate a robot or a scene from an initial state.
 
     Parameters
     ----------
     scene_or_robot : Scene or Robot
     q0, qd0 : array_like, shape (n,)
-        Joint positions and rates at the start [rad or m, /s].
+        Initial joint positions and rates [rad or m; rad/s or m/s].
     duration : float
         [s]
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
-        Drive torques, for what has no controller of its own [N m or N]; none if not given.
+        Drive torques, for a robot or a scene without a controller; zero if not given [N m or N].
     method : str
         "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), or for long motions without drives and friction
-        "gauss-4", whose energy error stays bounded. "auto" takes LSODA if the loop, linearised
-        at the start, decays so fast that an explicit method would be held to tiny steps, and DOP853 otherwise;
-        RK45 where a controller is sampled.
+        "gauss-4", whose energy error stays bounded. "auto" takes LSODA if the loop, linearised at the start, decays so
+        fast that stability would limit an explicit method to tiny steps, DOP853 otherwise, and RK45 for a sampled
+        controller.
     rtol, atol : float
         Relative and absolute tolerance of the state, per step, for SciPy's methods.
     t_eval : array_like, shape (T,), optional
@@ -69,8 +69,8 @@ def simulate(
     step : float, optional
         Longest step of "gauss-4", whose steps are equal [s].
     breaks : sequence of float
-        Instants at which the torques jump, to be stepped onto exactly; those that a controller names as its
-        `breaks` are added [s].
+        Instants at which the torques jump, which the solver steps onto exactly; the `breaks` attribute of the
+        controller or its reference adds to them [s].
 
     Returns
     -------
@@ -86,8 +86,8 @@ def simulate(
 
     Notes
     -----
-    A Robot is simulated without friction, stops or limits: those are parts of a Scene. The energies of the ledger ride
-    along as further states that have no say in the step size.
+    A Robot is simulated without friction, stops or limits: those are parts of a Scene. The energies of the ledger are
+    integrated as further states that do not control the step size.
 
     Examples
     --------
@@ -107,7 +107,8 @@ def simulate(
     times = None if t_eval is None else _check_times(t_eval, end)
     relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
     near = None if step is None else positive_number("step", step)
-    plant = Plant(rhs, scene.controller if rhs.torque_given and scene.sample_time is None else None)
+    called_law = scene.controller if rhs.torque_given and scene.sample_time is None else None
+    plant = Plant(rhs, called_law, "controller" if torque is None else "torque")
     chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
     _check_method(chosen, step, scene)
     events = stops(plant) if scene.stops else []
@@ -145,7 +146,7 @@ def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tup
 
 def _run(scene: Scene, plant: Plant, task: Task, reason: str) -> Trajectory:
     failures: list[tuple[float, str]] = []
-    if task.duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by either
+    if task.duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by both
         t = np.unique([0.0, task.duration]) if task.t_eval is None else task.t_eval
         run = _without_motion(scene, plant, task, t)
     else:
@@ -179,7 +180,7 @@ def _integrate(scene: Scene, plant: Plant, task: Task, failures: list[tuple[floa
         return sampled_run(scene, plant, task, failures)
     if scene.resolved.friction is not None and scene.resolved.friction.sticks:
         return stick_slip_run(plant, task, failures)
-    return smooth_run(plant, task, failures)
+    return continuous_run(plant, task, failures)
 
 
 def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:
@@ -191,7 +192,7 @@ def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) 
         return _with_law(scene_or_robot, torque)
     if not isinstance(scene_or_robot, Robot):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene_or_robot).__name__}")
-    scene = bare(scene_or_robot)
+    scene = scene_of_robot(scene_or_robot)
     return scene if torque is None else _with_law(scene, torque)
 
 
@@ -210,7 +211,7 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
     """The scene with a torque law that is called, not traced, as it may change between runs."""
     if callable(torque):
         if hasattr(torque, "states"):
-            raise ValueError("`torque` with states of its own needs a scene: rne.Scene(robot, controller=...)")
+            raise ValueError("`torque` with states needs a scene: rne.Scene(robot, controller=...)")
         return replace(scene, controller=CalledLaw(torque))
     n = scene.n
     constant = real_array("torque", torque, f"({n},)")
@@ -242,7 +243,7 @@ def _breaks(scene: Scene, breaks: Sequence[float]) -> list[float]:
     of_law = [*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ())]
     found: list[float] = []
     for instant in sorted({*own.tolist(), *of_law}):
-        if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # rounding makes no second one
+        if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # equal up to rounding
             found.append(float(instant))
     return found
 

@@ -1,7 +1,7 @@
 """Dry friction: every joint slips forwards, slips backwards or sticks, and events lead from one to another.
 
-A sticking joint is held at rest by whatever torque that takes, up to its static friction; a slipping one is resisted
-by its Coulomb friction, and sticks or turns round when its rate passes through zero.
+A sticking joint is held at rest by any torque up to its static friction; a slipping joint is resisted by its Coulomb
+friction, and sticks or reverses when its rate passes through zero.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from ..errors import NotFiniteError
 from .continuous import stop_message, tolerances
 from .friction import Friction
 from .plant import Plant
-from .scipy_solvers import FAILURES, watched
+from .scipy_solvers import FAILURES, guarded_solver
 from .trajectory import Run, Task
 
 MOST_EVENTS, MOST_AT_ONCE, MOST_PIVOTS = 100_000, 20, 1000
-AT_REST = 1e-12  # rad/s: a joint at an event
-JUST = 1e-12  # of the duration: two events closer than this are at the same instant
-ROUNDING = 1e-9  # relative and in N m: loads this close to the bound are held, accelerations this small have no sign
+AT_REST = 1e-12  # [rad/s or m/s]: rates below it count as zero
+SAME_INSTANT = 1e-12  # of the duration: events closer than this are simultaneous
+ROUNDING = 1e-9  # relative and in N m: loads this close to the limit are held, accelerations this small have no sign
 
 
 class DryPlant:
@@ -34,11 +34,13 @@ class DryPlant:
         self.forward = np.broadcast_to(np.asarray(friction.coulomb, dtype=float), (n,))
         self.back = np.broadcast_to(np.asarray(friction.coulomb_back, dtype=float), (n,))
         self.mode = np.zeros(n, dtype=int)
-        self.loose = np.maximum(self.static(np.ones(n)), self.static(-np.ones(n))) == 0  # no friction, never sticks
+        self.loose = (
+            np.maximum(self.static(np.ones(n)), self.static(-np.ones(n))) == 0
+        )  # without friction, never sticks
         self.span = (0.0, np.inf)
 
     def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
-        """M, the net torque without dry friction, and the torque of the drives, on this side of a jump."""
+        """M, the net torque without dry friction, and the torque of the drives, evaluated inside the current span."""
         t = min(max(t, self.span[0]), self.span[1])
         n, robot, rhs = self.n, self.plant.robot, self.plant.rhs
         q, qd = x[:n], x[n : 2 * n]
@@ -48,7 +50,7 @@ class DryPlant:
         return robot.mass_matrix(q), net, u
 
     def accelerations(self, t: float, x: Array) -> tuple[Array, Array, Array]:
-        """Accelerations, the friction each joint has (what a sticking one needs), and the drives' torques."""
+        """Accelerations, each joint's dry friction torque, and the drives' torques."""
         M, net, u = self.loads(t, x)
         slips = self.mode != 0
         dry = np.where(self.mode > 0, self.forward, -self.back) * slips
@@ -59,24 +61,24 @@ class DryPlant:
         return qdd, np.where(slips, dry, needed), u
 
     def static(self, direction: Array) -> Array:
-        """What a joint at rest can resist, pushed in a direction."""
+        """Static friction of each joint against a load in the given direction."""
         if self.friction.static is not None:
             return np.broadcast_to(np.asarray(self.friction.static, dtype=float), (self.n,))
         return np.where(direction > 0, self.forward, self.back)
 
     def settle(self, t: float, x: Array, overloaded: Sequence[int] = ()) -> None:
-        """Modes of the joints from their rates, and for those at rest from their loads.
+        """Set the modes of the joints from their rates, and of those at rest from their loads.
 
-        Every joint at rest either resists its load or starts in the direction in which it is then accelerated. One
-        such set of modes exists, since M is positive definite; changing the first joint that is wrong, again and
-        again, finds it (Murty's rule for complementarity problems).
+        Every joint at rest either resists its load or starts in the direction in which it is then accelerated. Exactly
+        one such set of modes exists, since M is positive definite; repeatedly changing the first inconsistent joint
+        finds it (Murty's rule for linear complementarity problems).
         """
         qd = x[self.n : 2 * self.n]
         rests = np.abs(qd) <= AT_REST
         self.mode = np.where(rests, 0, np.sign(qd)).astype(int)
         self.mode[self.loose] = np.where(qd[self.loose] < 0, -1, 1)
         rests = rests & ~self.loose
-        for k in overloaded:  # at this very instant, which rounding may place on either side
+        for k in overloaded:  # the event that just occurred, whose margin rounding may place on either side of zero
             self.mode[k] = int(np.sign(self.accelerations(t, x)[1][k]))
         for _ in range(MOST_PIVOTS):
             qdd, needed, _ = self.accelerations(t, x)
@@ -90,7 +92,7 @@ class DryPlant:
         raise NotFiniteError(f"no modes of sticking and slipping fit the loads at t = {t:.6g} s", t)
 
     def _margin(self, needed: Array) -> Array:
-        """What is left of each joint's resistance; a load at the bound itself is still held."""
+        """Static friction of each joint minus its load; a load equal to the static friction is still held."""
         margin: Array = self.static(needed) * (1 + ROUNDING) + ROUNDING - np.abs(needed)
         return margin
 
@@ -109,14 +111,14 @@ class DryPlant:
         return np.concatenate([*rates, [powers[name] for name in self.plant.rhs.ledger]])
 
     def events(self) -> list[Callable[[float, Array], float]]:
-        """A slipping joint comes to rest; a sticking one is overloaded."""
+        """The events that change a mode: a slipping joint comes to rest, a sticking one is overloaded."""
         return [self._rest(i) if self.mode[i] else self._overload(i) for i in range(self.n) if not self.loose[i]]
 
     def _rest(self, i: int) -> Callable[[float, Array], float]:
         sign = float(self.mode[i])
 
         def rate(t: float, x: Array) -> float:
-            return sign * float(x[self.n + i]) + AT_REST  # a joint that starts from rest has not come to rest
+            return sign * float(x[self.n + i]) + AT_REST  # positive for a joint that just started from rest
 
         rate.terminal, rate.direction, rate.joint = True, -1.0, i  # type: ignore[attr-defined]
         return rate
@@ -130,10 +132,10 @@ class DryPlant:
 
 
 def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
-    """From event to event until the end, a stop or a failure, which is added to `failures`."""
+    """Integrate from event to event until the end, a stop or a failure, which is added to `failures`."""
     if task.method in ("Radau", "BDF"):
         raise ValueError(
-            f"`method` of a scene whose joints stick must not need a Jacobian, got {task.method!r}; take LSODA"
+            f"`method` of a scene whose joints stick must not need a Jacobian, got {task.method!r}; use LSODA"
         )
     assert plant.rhs.friction is not None
     dry = DryPlant(plant, plant.rhs.friction)
@@ -145,14 +147,14 @@ def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) 
         for count in range(MOST_EVENTS):
             end = next(edge for edge in edges if edge > t)
             dry.span = (float(np.nextafter(t, np.inf)) if t in edges else t, float(np.nextafter(end, 0.0)))
-            if at_once:  # an undeclared jump of the torques: look at its other side
-                dry.span = (t + at_once * JUST * task.duration, dry.span[1])
+            if at_once:  # an undeclared jump of the torques: continue on its other side
+                dry.span = (t + at_once * SAME_INSTANT * task.duration, dry.span[1])
             dry.settle(t, x, overloaded)
             solution = _slide(dry, task, (t, end), x, failures)
             samples.take(solution, float(solution.t[-1]), dry)
-            at_once = at_once + 1 if solution.t[-1] - t <= JUST * task.duration and solution.status == 1 else 0
+            at_once = at_once + 1 if solution.t[-1] - t <= SAME_INSTANT * task.duration and solution.status == 1 else 0
             if at_once > MOST_AT_ONCE:
-                raise NotFiniteError(f"sticking and slipping change without end at t = {t:.6g} s", t)
+                raise NotFiniteError(f"sticking and slipping alternate without end at t = {t:.6g} s", t)
             t, x = float(solution.t[-1]), np.array(solution.y[:, -1])
             stop, overloaded = _come_to_rest(dry, solution, x, task)
             if failures or stop or t >= task.duration:
@@ -172,7 +174,7 @@ def _slide(dry: DryPlant, task: Task, span: tuple[float, float], x: Array, failu
     from scipy.integrate import solve_ivp
 
     rtol, atol = tolerances(dry.plant, task)
-    solver = watched(task.method, failures, [x])
+    solver = guarded_solver(task.method, failures, [x])
     events = [*dry.events(), *task.events]
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "dense_output": True, "events": events or None}
     try:
@@ -196,7 +198,7 @@ def _come_to_rest(dry: DryPlant, solution: Any, x: Array, task: Task) -> tuple[s
 
 
 class _Samples:
-    """Times and states to report, with the accelerations that belong to the modes of their time."""
+    """Times and states to report, with the accelerations under the modes at these times."""
 
     def __init__(self, task: Task, dry: DryPlant) -> None:
         self.task, self.n = task, dry.n
@@ -205,14 +207,14 @@ class _Samples:
         self.qdd: list[Array] = []
 
     def take(self, solution: Any, until: float, dry: DryPlant) -> None:
-        """Those before the end of a segment."""
+        """Add those before the end of a segment."""
         asked = solution.t[:-1] if self.task.t_eval is None else self.task.t_eval
         for time in asked[(asked >= solution.t[0]) & (asked < until)]:
             if not self.t or time > self.t[-1]:
                 self.add(float(time), np.asarray(solution.sol(time)), dry)
 
     def last(self, t: float, x: Array, dry: DryPlant, *, ended: bool) -> None:
-        """The last instant itself, if it is asked for or nothing came after it."""
+        """Add the last instant, if it is asked for or the run ended there."""
         asked = self.task.t_eval
         stopped = ended and t < self.task.duration
         if asked is None or stopped or (len(asked) and asked[-1] == t):

@@ -32,7 +32,7 @@ CONVERGED = 1e-13  # of the largest entry: the bound of the energy error needs t
 
 @quantity()
 def lagrangian(model: Model, q: Array, qd: Array) -> Array:
-    """Kinetic less potential energy [J]."""
+    """Kinetic minus potential energy [J]."""
     difference: Array = kinetic_energy.core(model, q, qd) - potential_energy.core(model, q)
     return difference
 

@@ -21,13 +21,13 @@ class Trajectory:
     Attributes
     ----------
     t : ndarray, shape (T,)
-        [s]; `t_eval` exactly if it was given, otherwise the solver's own steps.
+        [s]; exactly `t_eval` if it was given, otherwise the solver's steps.
     q, qd, qdd, tau : ndarray, shape (T, n)
-        Joint positions, rates, accelerations and drive torques [rad or m, /s, /s^2, N m or N].
+        Joint positions, rates, accelerations and drive torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     kinetic, potential, energy, work : ndarray, shape (T,)
         Energies, their sum, and the work the drives have done since the start [J].
     energy_drift : float
-        Largest |energy - energy at the start - work + dissipated| [J]: what the solver's errors have made or lost.
+        Largest |energy - energy at the start - work + dissipated| [J]: energy created or lost by the solver's errors.
     evaluations : int
         Calls of the right-hand side, those for Jacobians included.
     method : str
@@ -37,7 +37,7 @@ class Trajectory:
     message : str
         Why this method, and how the run ended.
     dissipated : mapping of str to ndarray, shape (T,)
-        Energy taken since the start by "viscous" and "coulomb" friction, where the scene has it [J].
+        Energy dissipated since the start by "viscous" and "coulomb" friction, where the scene has it [J].
     controller_state : ndarray, shape (T, m)
         States of the controller, such as the integral of a PID.
     energy_start : float
@@ -76,7 +76,7 @@ class Trajectory:
         """The time up to which the solver's tolerances, or its step, keep every joint within `accuracy` [s].
 
         Each step's error is followed by the variational equation of the motion, in which chaos and unstable
-        equilibria make it grow; beyond this time the motion is one that the arm could make, but not the one asked for.
+        equilibria make it grow; beyond this time the trajectory is no longer that of the given initial state.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class Trajectory:
         Returns
         -------
         float
-            An estimate, good to some percent where errors grow; the end of the motion if the error stays below.
+            An estimate, accurate to some percent where errors grow; the end of the motion if the error stays below.
 
         Raises
         ------
@@ -123,13 +123,13 @@ class Trajectory:
 
     @property
     def balance(self) -> Array:
-        """Energy that no source explains, over time: the solver's error, shape (T,) [J]."""
+        """Energy error over time, energy - initial energy - work + dissipated: the solver's error, shape (T,) [J]."""
         taken = sum(self.dissipated.values(), np.zeros(len(self.t)))
         return self.energy - self.energy_start - self.work + taken
 
 
 class Task(NamedTuple):
-    """What a solver is to do."""
+    """The task of a solver."""
 
     x0: Array
     duration: float
@@ -143,7 +143,7 @@ class Task(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a solver gives."""
+    """The result of a solver."""
 
     t: Array
     x: Array

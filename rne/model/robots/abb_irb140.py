@@ -1,4 +1,4 @@
-"""The ABB IRB 140 with the parameters of Høifødt 2011; the only place where its numbers stand.
+"""The ABB IRB 140 with the parameters of Høifødt 2011; the only place that holds its numbers.
 
 H. Høifødt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler Formulation, MSc thesis,
 NTNU, June 2011.
@@ -47,8 +47,6 @@ LINKS = (
 # ranges of the axes called unlimited, for which the data sheet's defaults are taken.
 RANGE = (360, 200, 280, 400, 240, 800)
 SPEED = (200, 200, 260, 360, 360, 450)  # [deg/s]
-
-PAYLOAD = 6.0  # at the wrist [kg]
 
 # Its controller (section 6.5): proportional [N m/rad] and derivative [N m s/rad] gains.
 KP = (50.0, 50.0, 50.0, 50.0, 50.0, 60.0)
@@ -133,7 +131,7 @@ def irb140() -> Model:
 
     Notes
     -----
-    Høifødt 2011, tables 3.1 and 4.1, (4.25)-(4.31); ABB's data sheet for ranges and speeds.
+    Høifødt 2011, chapter 4 with table 4.1, (4.25)-(4.31); ABB's data sheet for ranges and speeds.
 
     Examples
     --------
@@ -172,12 +170,12 @@ def irb140() -> Model:
 
 
 def irb140_mirrored() -> Model:
-    """The same arm with positive q3 the other way round, as the thesis's Euler-Lagrange model counts it.
+    """The same arm with positive q3 in the opposite direction, as in the thesis's Euler-Lagrange model.
 
     Returns
     -------
     Model
-        `irb140` with the axis of joint_3 reversed: it stands at q as `irb140` does at (q1, q2, -q3, q4, q5, q6).
+        `irb140` with the axis of joint_3 reversed: its pose at q is that of `irb140` at (q1, q2, -q3, q4, q5, q6).
 
     Notes
     -----
