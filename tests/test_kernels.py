@@ -451,7 +451,7 @@ class TestScalars:
             misuse(x)
 
     def test_an_array_cannot_hide_in_a_number(self, x):
-        with pytest.raises(TypeError, match="a traced number cannot meet ndarray"):
+        with pytest.raises(TypeError, match="a traced number cannot be combined with ndarray"):
             np.array([1.0, 2.0]) * x
 
     def test_other_powers_are_refused(self, x):

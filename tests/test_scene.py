@@ -217,11 +217,11 @@ class TestLimits:
         ({"armature": [-1] * 6}, ValueError, "`armature` must not be negative, got -1.0"),
         ({"torque_limit": "file"}, ValueError, "`torque_limit` must be an array or 'urdf', got 'file'"),
         ({"controller": 3}, TypeError, "`controller` must be a function of (t, q, qd), got int"),
-        ({"sample_time": 1.0}, ValueError, "`sample_time` needs a `controller` to ask"),
+        ({"sample_time": 1.0}, ValueError, "`sample_time` needs a `controller`"),
         (
             {"torque_rate": [1] * 6},
             ValueError,
-            "`torque_rate` needs a `sample_time`: it bounds the step from one held torque to the next",
+            "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next",
         ),
         ({"gravity": [0, 0]}, ValueError, "`gravity` must have shape (3,), got (2,)"),
     ],
@@ -237,7 +237,7 @@ def test_wrong_parts_are_named(irb140, parts, error, text):
         ({"coulomb": -1}, "`coulomb` must not be negative, got -1.0"),
         (
             {"coulomb": 2, "static": 1},
-            "`static` must be at least `coulomb`: a joint resists no less at rest than slipping",
+            "`static` must be at least `coulomb`: friction at rest is no less than when slipping",
         ),
     ],
 )
@@ -291,7 +291,7 @@ class TestDryFriction:
         scene = rne.Scene(irb140, friction=rne.Friction(coulomb=1.0, smoothing=0))
         with pytest.raises(
             ValueError,
-            match=r"^`method` of a scene whose joints stick must not need a Jacobian, got 'Radau'; take LSODA$",
+            match=r"^`method` of a scene whose joints stick must not need a Jacobian, got 'Radau'; use LSODA$",
         ):
             rne.simulate(scene, [0] * 6, [0] * 6, 1.0, method="Radau")
 
@@ -456,7 +456,7 @@ class TestWhatATesterFound:
                     r, [0, 0], [0, 0], 1.0, torque=rne.control.pid(r, [1, 1], [1, 1], [1, 1], [0, 0])
                 ),
                 ValueError,
-                "`torque` with states of its own needs a scene: rne.Scene(robot, controller=...)",
+                "`torque` with states needs a scene: rne.Scene(robot, controller=...)",
             ),
         ],
     )
