@@ -1,4 +1,4 @@
-"""A robot and what can be asked of it: each quantity is a method."""
+"""The Robot: a model with each quantity as a method."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ COMPILED = (inverse_dynamics, mass_matrix, bias_torque, gravity_torque)  # by `c
 
 
 class Robot:
-    """A robot and what can be asked of it.
+    """A robot whose quantities are methods.
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
     angles in radians; see the functions of the same names for details.
@@ -51,7 +51,7 @@ class Robot:
             raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
         self._model = model
         self.kernels = KernelCache(model)
-        self.cache: dict[str, Any] = {}  # what a simulation of the bare robot compiles, for the next run
+        self.cache: dict[str, Any] = {}  # compiled by simulations of the robot, for the next run
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self._model,)
@@ -122,7 +122,7 @@ class Robot:
         -------
         ndarray of int, shape (n,)
             `q[..., order]` is in that library's order, and `q_other[..., np.argsort(order)]` is in this one's.
-            Joints that mimic others are no coordinates here; Pinocchio numbers them as joints of their own.
+            Joints that mimic others are not coordinates here, but they are in Pinocchio unless it is told otherwise.
 
         Raises
         ------
@@ -227,7 +227,7 @@ class Robot:
         return slopes[..., :n], slopes[..., n : 2 * n], slopes[..., 2 * n :]
 
     def linearize(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
-        """The motion near a state: d(q, qd)/dt changes by A d(q, qd) + B dtau.
+        """The linearisation at a state: the derivative of (q, qd) changes by A d(q, qd) + B dtau.
 
         Parameters
         ----------
@@ -301,7 +301,7 @@ class Robot:
         inertia: ArrayLike | None = None,
         link: str | None = None,
     ) -> Robot:
-        """The robot with a rigid body bolted to a link, the last one if not said; see `rne.with_payload`."""
+        """The robot with a rigid body fixed to a link, by default the last one; see `rne.with_payload`."""
         return Robot(
             modify.with_payload(self._model, mass, com, inertia, self.link_names[-1] if link is None else link)
         )

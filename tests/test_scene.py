@@ -113,7 +113,7 @@ class TestTracing:
             return -len(calls) * qd
 
         with pytest.raises(
-            ValueError, match=r"^the controller is marked traceable, but traced it gives torques that differ by "
+            ValueError, match=r"^`controller` is marked traceable, but its traced torques differ by "
         ):
             rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [1] * 6, 0.1)
 

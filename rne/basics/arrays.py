@@ -41,7 +41,7 @@ def number_array(name: str, value: ArrayLike, shape: str) -> Array:
 
 
 def vector(name: str, value: ArrayLike, n: int, *, sign: Literal["any", "not negative", "positive"] = "any") -> Array:
-    """A read-only float64 copy of n finite real numbers, all of them of the sign asked for."""
+    """A read-only float64 copy of n finite real numbers, all of the required sign."""
     array = np.array(real_array(name, value, f"({n},)"), dtype=np.float64)
     if array.shape != (n,):
         raise ValueError(f"`{name}` must have shape ({n},), got {array.shape}")

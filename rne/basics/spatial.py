@@ -18,7 +18,7 @@ Array = NDArray[Any]
 SNAP = 4 * float(np.finfo(np.float64).eps)
 
 YZX, ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic orders of the axes
-# Small integers take on the dtype of what they meet. Row k of CROSS is [e_k]x, flattened.
+# Small integers are promoted to the dtype of the other operand. Row k of CROSS is [e_k]x, flattened.
 IDENTITY = np.eye(3, dtype=np.int8)
 CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], np.int8)
 
@@ -73,7 +73,7 @@ def _elementwise(name: str) -> Any:
     def apply(x: Any) -> Any:
         if hasattr(x, name):
             return getattr(x, name)()
-        if hasattr(x, "context"):  # mpmath: its own context has the precision
+        if hasattr(x, "context"):  # mpmath: its context holds the precision
             return getattr(x.context, name)(x)
         return plain(x)
 

@@ -1,4 +1,4 @@
-"""Control laws: functions of (t, q, qd) that give joint torques; and what their gains imply."""
+"""Control laws: functions of (t, q, qd) that return joint torques; and the stability of PD gains."""
 
 from .laws import PD, PID, ComputedTorque, Reference, computed_torque, pd, pd_gravity, pid, traceable
 

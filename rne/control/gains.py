@@ -1,4 +1,4 @@
-"""What PD gains mean for an arm before anyone simulates: its fastest mode, the sample time it bears, gravity."""
+"""Stability of PD gains without simulation: fastest mode, largest stable sample time, stiffness of gravity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 
 SAMPLES, REFINED = 4096, 4  # configurations drawn, and the best of them that are followed uphill
-FREE = np.pi  # a coordinate without limits is looked at from -pi to pi [rad or m]
+FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,19 +26,19 @@ class Gains:
     largest_mode : float
         Largest eigenvalue of M^-1 Kd over the workspace: the fastest decay of the closed loop, up to Kp [1/s].
     worst_q : ndarray, shape (n,)
-        Where it is [rad or m].
+        Configuration with the largest mode [rad or m].
     fastest_pole : float
-        Fastest decay of the loop there with Kp as well [1/s].
+        Fastest decay of the loop in that configuration, Kp included [1/s].
     sample_time_limit : float
-        Torques held for longer than this between samples make the loop unstable somewhere in the workspace [s].
+        Sample time above which held torques make the loop unstable somewhere in the workspace [s].
     gravity_stiffness : float
         Largest norm of dg/dq over the workspace: without gravity compensation every Kp must exceed it [N m/rad].
     beats_gravity : bool
-        True if the smallest Kp does.
+        True if the smallest Kp exceeds it.
     sample_time : float or None
-        The sample time that was asked about [s].
+        The given sample time [s].
     stable : bool or None
-        True if it is below the limit; None if none was given.
+        True if the sample time is below the limit; None if none was given.
     """
 
     largest_mode: float
@@ -52,16 +52,16 @@ class Gains:
 
     def __str__(self) -> str:
         verdict = "" if self.stable is None else f" {self.sample_time:g} s is {'' if self.stable else 'NOT '}stable."
-        carries = "beat" if self.beats_gravity else "do NOT beat"
+        exceed = "exceed" if self.beats_gravity else "do NOT exceed"
         return (
             f"fastest mode M^-1 Kd {self.largest_mode:.6g} 1/s, fastest pole {self.fastest_pole:.6g} 1/s\n"
             f"largest stable sample time {self.sample_time_limit:.4g} s.{verdict}\n"
-            f"gravity's stiffness {self.gravity_stiffness:.4g} N m/rad: without compensation the gains {carries} it"
+            f"gravity's stiffness {self.gravity_stiffness:.4g} N m/rad: without compensation the gains {exceed} it"
         )
 
 
 def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float | None = None) -> Gains:
-    """Whether PD gains are stable on an arm over its whole workspace, sampled or not.
+    """Stability of PD gains over a robot's workspace, continuous or sampled.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     Notes
     -----
     With gravity compensated, M qdd = -Kp (q - q_ref) - Kd qd near the reference. A mode of M^-1 Kd = lambda under
-    torques held for T is stable for lambda T < 2, whatever Kp, as long as Kp T < 2 Kd; both are looked at. Random
+    torques held for T is stable for lambda T < 2, for any Kp, as long as Kp T < 2 Kd; both conditions are checked. Random
     configurations within the joints' limits, the best followed uphill: a maximum found, not proved.
 
     Examples

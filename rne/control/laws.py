@@ -223,7 +223,7 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     Parameters
     ----------
     robot : Robot
-        The controller's model of the arm.
+        The controller's model.
     kp, kd : array_like, shape (n,)
         Gains of the error, which then obeys e'' + Kd e' + Kp e = 0 [1/s^2, 1/s].
     reference : callable

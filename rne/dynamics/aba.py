@@ -65,7 +65,7 @@ def hinge_of(
 
 
 def release_joint(body: Inertia, bias: Force, hinge: Hinge) -> tuple[Inertia, Force]:
-    """What the parent feels across the free joint: I^a and p^a of Featherstone 2008, (7.25) and (7.24)."""
+    """Inertia and bias force across the free joint: I^a and p^a of Featherstone 2008, (7.25) and (7.24)."""
     U_n, U_f, d = hinge.U_n, hinge.U_f, hinge.d[..., None]
     I = body.I - outer(U_n, U_n) / d
     H = body.H - outer(U_n, U_f) / d

@@ -1,7 +1,7 @@
 """How many digits forward dynamics keep: M's pivots decide whether it is singular, Skeel's amplification the digits.
 
-Everything that judges accelerations judges by `pivot_condition` and `amplifications`: the functions, kernels, batches
-and simulations through `judge_accelerations`, `rne.diagnose` directly.
+`pivot_condition` and `amplifications` are the only criteria: functions, kernels, batches and simulations apply them
+through `judge_accelerations`, `rne.diagnose` directly.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def rate_bound(dtype: np.dtype[Any]) -> float:
 def judge_singularity(
     model: Model, arguments: Mapping[str, Any], result: Array, pivots: Array, diagonal: Array
 ) -> Verdict:
-    """The Verdict of a solution with M alone: an error if M is singular, whatever digits are left otherwise."""
+    """The Verdict on a solution with M alone: an error if M is singular; digits are not counted."""
     singular = pivot_condition(pivots, diagonal).max(axis=-1, initial=0) == 2
     if not singular.any():
         return SOUND
@@ -60,7 +60,7 @@ def judge_singularity(
 def judge_accelerations(
     model: Model, arguments: Mapping[str, Any], qdd: Array, pivots: Array, diagonal: Array
 ) -> Verdict:
-    """The Verdict of forward dynamics: an error if M is singular, a loss if fewer than MIN_DIGITS digits are left.
+    """The Verdict on forward dynamics: an error if M is singular, a loss if fewer than MIN_DIGITS digits are left.
 
     Digits are counted only in states whose M is nearly singular or whose rates exceed `rate_bound`: everywhere else
     there are enough of them.

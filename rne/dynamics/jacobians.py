@@ -1,6 +1,6 @@
 """Jacobians of bodies and links, and their rates.
 
-Internally a Jacobian is kept as rows: row j holds the velocity that unit rate of joint j gives.
+Internally a Jacobian is stored as rows: row j holds the velocity per unit rate of joint j.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ def body_jacobian_rates(
     zero = np.zeros_like(Jw[BASE])
     dJw, dJv = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):
-        arm = p[i][..., None, :]
-        Jw_p, Jv_p = Jw[parent] @ R[i], (Jv[parent] + cross(Jw[parent], arm)) @ R[i]
-        dJv_p = (dJv[parent] + cross(dJw[parent], arm)) @ R[i]
+        p_i = p[i][..., None, :]
+        Jw_p, Jv_p = Jw[parent] @ R[i], (Jv[parent] + cross(Jw[parent], p_i)) @ R[i]
+        dJv_p = (dJv[parent] + cross(dJw[parent], p_i)) @ R[i]
         s_qd, t_qd = ((axis[i] * qd[..., i, None])[..., None, :] for axis in (model.angular_axis, model.linear_axis))
         dJw[i] = dJw[parent] @ R[i] - cross(s_qd, Jw_p)  # d/dt R^T = -[s qd]x R^T
         dJv[i] = dJv_p - cross(s_qd, Jv_p) + cross(Jw_p, t_qd)  # dp/dt = R t qd

@@ -1,8 +1,8 @@
 """Joint transforms, poses and velocities.
 
 R[i] takes coordinates of frame i to its parent body's frame, p[i] is the origin of frame i seen from there
-(the thesis's R_i^{i-1} and r_{i-2,i-1}). What a recursion starts from stands in its dictionaries under the key BASE,
-which is the parent of the first bodies.
+(the thesis's R_i^{i-1} and r_{i-2,i-1}). The initial values of a recursion are stored under the key BASE, the parent
+of the first bodies.
 """
 
 from __future__ import annotations

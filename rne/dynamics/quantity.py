@@ -33,7 +33,7 @@ JOINT_ARGUMENTS = ("q", "qd", "qdd", "tau")
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """What a function of a model takes, what its core returns, and what may be assumed when it is traced.
+    """Declaration of a function of a model: its arguments, what its core returns, what tracing may assume.
 
     Attributes
     ----------
@@ -43,9 +43,9 @@ class Quantity:
     widths : mapping of str to int or None
         The arrays it takes, in order, each with its length along the last axis; None for one entry per coordinate.
     judge : callable, optional
-        Says what the pivots mean for the result.
+        Turns the pivots into a Verdict on the result.
     rates : (str, slice), optional
-        Where joint rates are whose squares may cost digits: an argument and its entries.
+        The argument, and its entries, that are joint rates whose squares may cost digits.
     base_parameters : bool
         True if the result depends on the inertial parameters only through the base parameters, so that masses may be
         redistributed between bodies; see `rne.model.base_parameters`.

@@ -16,7 +16,7 @@ from .kinematics import BASE, joint_transforms
 from .quantity import quantity
 from .rnea import External, newton_euler
 
-# Attribute of the record, equation of Høifødt 2011, unit. a_o has no number of its own: it is its parent's (3.38).
+# Attribute of the record, equation of Høifødt 2011, unit. a_o has no equation number: it is the parent's (3.38).
 VECTORS = (
     ("omega", "(3.29)", "rad/s"),
     ("alpha", "(3.33)", "rad/s^2"),

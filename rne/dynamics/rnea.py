@@ -38,7 +38,7 @@ External = Mapping[str, Array]
 
 
 class NewtonEuler(NamedTuple):
-    """What the recursion finds for the base and every body, by body, and the joint torques."""
+    """Results of the recursion: vectors of the base (key BASE) and of every body by its index, and joint torques."""
 
     omega: dict[int, Array]
     alpha: dict[int, Array]
@@ -52,7 +52,7 @@ class NewtonEuler(NamedTuple):
 def newton_euler(
     model: Model, q: Array, qd: Array, qdd: Array, gravity: Array, external: External | None = None
 ) -> NewtonEuler:
-    """The recursion. The base is accelerated by -gravity, so that every body feels its weight (Luh et al. 1980)."""
+    """The recursion. Accelerating the base by -gravity accounts for the weight of all bodies (Luh et al. 1980)."""
     R, p = joint_transforms(model, q)
     qd, qdd = joint_rates(model, qd), joint_rates(model, qdd)
     s, t = model.angular_axis, model.linear_axis
@@ -100,7 +100,7 @@ def applied_wrenches(model: Model, external: External | None) -> dict[int, tuple
 
 @quantity(base_parameters=True)
 def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external: External | None = None) -> Array:
-    """Joint torques that give the arm the accelerations qdd: tau = M qdd + C qd + g.
+    """Joint torques for given accelerations: tau = M qdd + C qd + g.
 
     Parameters
     ----------

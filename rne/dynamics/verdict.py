@@ -1,4 +1,4 @@
-"""What is said of accelerations that M's conditioning has spoiled: carried with the result, announced once."""
+"""The error or warning about a result of forward dynamics: carried with the result, raised or issued once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class PrecisionLoss(NamedTuple):
 class Verdict(NamedTuple):
     """The error or the warning that belongs to a result; neither for a sound one.
 
-    `announce` raises or warns. It is called once, by the public function that the user called.
+    `announce` raises or warns. It is called once, by the function that the user called.
     """
 
     error: SingularMassMatrixError | None = None
@@ -40,7 +40,7 @@ class Verdict(NamedTuple):
             warnings.warn(str(self.loss), PrecisionWarning, stacklevel=stacklevel + 1)
 
     def relocated(self, place: Callable[[State], State]) -> Verdict:
-        """The same verdict with its state counted elsewhere, such as in the batch that a block is part of."""
+        """The same verdict with the state's index replaced, such as by that in the batch that a block is part of."""
         error = None if self.error is None else self.error.at(place(self.error.state))
         loss = None if self.loss is None else self.loss._replace(state=place(self.loss.state))
         return Verdict(error, loss)

@@ -37,7 +37,7 @@ class KernelCache:
     def __init__(self, model: Model) -> None:
         self.model = model
         self._kernels: dict[Any, Kernel] = {}
-        self._asked: set[Any] = set()  # what one state was asked of
+        self._evaluated: set[Any] = set()  # quantities evaluated for one state
         self._forward: Kernel | None = None
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
@@ -64,15 +64,15 @@ class KernelCache:
         return kernel.evaluate(*arrays)
 
     def _is_first(self, key: Any, arrays: Sequence[ArrayLike]) -> bool:
-        """True the first time that one state is asked of a quantity."""
-        if key in self._asked:
+        """True the first time that a quantity is evaluated for one state."""
+        if key in self._evaluated:
             return False
         try:
             one_state = all(np.ndim(a) < 2 for a in arrays)
         except ValueError:
             one_state = True  # no array: named where the function checks its arguments
         if one_state:
-            self._asked.add(key)
+            self._evaluated.add(key)
         return one_state
 
     def accelerations(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:

@@ -1,6 +1,6 @@
 """The expression graph: every operation once, zeros and ones folded away, signs kept in the references.
 
-A reference is a signed node: 2 * node + 1 stands for its negative. Signs move outwards through products, sums and odd
+A reference is a signed node: 2 * node + 1 denotes its negative. Signs move outwards through products, sums and odd
 functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last
 digits at most: nothing is rewritten that could overflow, cancel or divide by zero where the original would not.
 """
@@ -33,7 +33,7 @@ def _ordinary(x: float) -> bool:
 
 
 class Node(NamedTuple):
-    """One operation: its kind and what it works on (references, an input's index, or a constant's value)."""
+    """One operation: its kind and its operands (references, an input's index, or a constant's value)."""
 
     kind: str
     args: tuple[Any, ...]
@@ -58,7 +58,7 @@ class Graph:
         self._index: dict[tuple[Any, ...], int] = {}
 
     def node(self, kind: str, *args: Any) -> int:
-        """The reference of an operation, the same for the same operation."""
+        """The reference of an operation; equal operations share one."""
         key = (kind, *args)
         index = self._index.get(key)
         if index is None:
@@ -80,7 +80,7 @@ class Graph:
         return self.node("constant", value + 0.0)
 
     def value(self, ref: int) -> float | None:
-        """The number a reference stands for, or None if it depends on inputs."""
+        """The value of a constant reference, or None if it depends on inputs."""
         node = self.nodes[ref >> 1]
         if node.kind != "constant":
             return None

@@ -105,7 +105,7 @@ class Kernel:
     names : tuple of str
         The arrays it takes, in order.
     wrt : tuple of str
-        Those it gives the derivatives by; empty for the function itself.
+        The arguments of the derivatives; empty for the function itself.
     """
 
     def __init__(self, function: Declared, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = ()) -> None:
@@ -161,7 +161,7 @@ class Kernel:
 
     @cached_property
     def one_state(self) -> Callable[..., Array]:
-        """The program on one list of floats per argument; raises Refused for a state that needs a closer look."""
+        """The program on one list of floats per argument; raises Refused for a state to be examined by the recursion."""
         n, eps, guard = self.model.n, float(np.finfo(np.float64).eps), None
         if self.quantity.judge is not None:
             guard = Guard(NEARLY_SINGULAR * n * eps, n, self._rates, rate_bound(np.dtype(np.float64)))

@@ -32,11 +32,11 @@ DEEPEST = 12  # nested parentheses in one expression
 
 
 class Refused(Exception):
-    """A state that the function does not answer: its inputs, its result or M's pivots need a closer look."""
+    """Raised for a state whose inputs, result or pivots of M must be examined by the recursion."""
 
 
 class Guard(NamedTuple):
-    """What a state must satisfy to be answered without a closer look.
+    """Conditions under which a state needs no examination by the recursion.
 
     Attributes
     ----------

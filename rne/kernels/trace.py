@@ -39,7 +39,7 @@ def quantity_of(function: Declared) -> Quantity:
 
 
 def trace(quantity: Quantity, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = ()) -> Trace:
-    """Run the core on traced numbers, one state in a batch axis of length 1; differentiate if asked.
+    """Run the core on traced numbers, one state in a batch axis of length 1; differentiate by `wrt`.
 
     Raises TooLarge if the program has too many operations or a constant that is not finite.
     """

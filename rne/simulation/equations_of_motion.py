@@ -1,7 +1,7 @@
 """The equations of motion of a scene: dx/dt as one function of time and state, traced into one kernel.
 
-The state x is q, qd, the controller's states z, and the energies of the ledger: what the drives have supplied, what
-viscous and Coulomb friction have dissipated. Terms absent from the scene add no state.
+The state x is q, qd, the controller's states z, and the energies of the ledger: the work of the drives and the
+energy dissipated by viscous and Coulomb friction. Terms absent from the scene add no state.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class AppliedTorques:
     Parameters
     ----------
     robot : Robot
-        As it stands in the scene, with payload and locked joints.
+        The scene's robot, with payload and locked joints.
     friction : Friction or None
     torque_limit : ndarray, shape (n,), or None
         Largest torque of each drive.
@@ -206,9 +206,9 @@ def _compare_law(torques: AppliedTorques, kernel: Kernel) -> None:
         called, _ = torques.evaluate(torques.robot.model, t, x)
         worst = float(np.abs(traced - called).max()) if traced.size else 0.0
         if not np.isfinite(worst):
-            raise ValueError("`controller` gives torques that are not finite")
+            raise ValueError("`controller` returns torques that are not finite")
         if not worst <= AGREEMENT * max(1.0, float(np.abs(called).max(initial=0.0))):
             raise ValueError(
-                f"the controller is marked traceable, but traced it gives torques that differ by {worst:.3g} from a "
-                "call of it: it has memory, noise or a branch; leave the mark off and it is called"
+                f"`controller` is marked traceable, but its traced torques differ by {worst:.3g} from those of a call: "
+                "it has memory, noise or a branch; remove the mark, so that it is called"
             )

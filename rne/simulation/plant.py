@@ -51,7 +51,7 @@ class Plant:
         if self.law is None:
             return None
         n = self.robot.n
-        tau = np.asarray(self.law(t, x[:n].copy(), x[n : 2 * n].copy()))  # a law may change what it is given
+        tau = np.asarray(self.law(t, x[:n].copy(), x[n : 2 * n].copy()))  # a law may modify its arguments
         if tau.dtype.kind not in "fiu":
             raise ValueError(f"`{self.law_name}` must return real numbers, got dtype {tau.dtype} at t = {t:.6g} s")
         if tau.shape != (n,):
@@ -77,7 +77,7 @@ class Plant:
                     return self._one_state((t,), x.tolist())
                 return self._one_state((t,), x.tolist(), u.tolist())
             except Refused:
-                pass  # looked at below, by the recursion
+                pass  # examined below, by the recursion
         self._check_state(t, x)
         try:
             rates, verdict = self.rhs.evaluate(self.robot.model, np.array([t]), x, u)

@@ -17,7 +17,7 @@ from ..robot import Robot
 from .equations_of_motion import RightHandSide
 from .friction import Friction, urdf_friction
 
-LARGEST = float(np.finfo(np.float64).max)  # stands for no limit beside limited drives: a kernel has no infinities
+LARGEST = float(np.finfo(np.float64).max)  # in place of an infinite limit, which a kernel does not hold
 
 
 class Payload(NamedTuple):
@@ -52,7 +52,7 @@ class ResolvedScene:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot with what is modelled beside its rigid bodies.
+    """A robot and what is modelled in addition to its rigid-body dynamics.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Motion of an arm over time."""
+"""Simulation of a robot or a scene over time."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def simulate(
     ValueError
         If an argument has the wrong shape, is not finite or is out of range.
     SimulationError
-        If a state or torque is not finite, M becomes singular, or the solver gives up before the end; has the time
+        If a state or torque is not finite, M becomes singular, or the solver fails before the end; has the time
         and the trajectory so far.
 
     Notes
@@ -100,16 +100,16 @@ def simulate(
     known = (*METHODS, GAUSS)
     if method != "auto" and method not in known:
         raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}")
-    arm = scene.resolved.robot
+    robot = scene.resolved.robot
     rhs = _right_hand_side(scene_or_robot, scene)
-    x0 = np.concatenate([_start("q0", q0, arm), _start("qd0", qd0, arm), np.zeros(rhs.size - 2 * arm.n)])
+    x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(rhs.size - 2 * robot.n)])
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else _check_times(t_eval, end)
     relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
     near = None if step is None else positive_number("step", step)
     called_law = scene.controller if rhs.torque_given and scene.sample_time is None else None
     plant = Plant(rhs, called_law, "controller" if torque is None else "torque")
-    chosen, reason = (method, f"{method} as asked") if method != "auto" else choose_method(plant, x0, end, scene)
+    chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, scene)
     _check_method(chosen, step, scene)
     events = stops(plant) if scene.stops else []
     task = Task(x0, end, chosen, relative, absolute, times, near, _breaks(scene, breaks), events)
@@ -129,7 +129,10 @@ def _check_method(method: str, step: float | None, scene: Scene) -> None:
 def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tuple[str, str]:
     """The solver for this run, and why: the fastest decaying mode of the loop linearised at the start decides."""
     if scene.sample_time is not None:
-        return "RK45", f"RK45: torques are held for {scene.sample_time:g} s, and an arm under held torques is not stiff"
+        return (
+            "RK45",
+            f"RK45: torques are held for {scene.sample_time:g} s, and a robot under held torques is not stiff",
+        )
     size = 2 * plant.robot.n + plant.rhs.controller_states
     try:
         A = plant.jacobian(0.0, x0)[:size, :size]
@@ -161,7 +164,7 @@ def _run(scene: Scene, plant: Plant, task: Task, reason: str) -> Trajectory:
 
 
 def _without_motion(scene: Scene, plant: Plant, task: Task, t: Array) -> Run:
-    """The initial state, at each time asked for."""
+    """The initial state at each requested time."""
     x = np.tile(task.x0, (len(t), 1))
     if scene.sample_time is not None:
         return Run(t, x, 0, "nothing to integrate", np.tile(first_torques(scene, plant, task.x0), (len(t), 1)))
@@ -221,7 +224,7 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
 
 
 def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
-    """The scene's right-hand side; a bare robot caches one for all torque laws."""
+    """The scene's right-hand side; a robot caches one for all torque laws."""
     if isinstance(given, Scene) or scene.controller is None:
         return scene.right_hand_side
     cached: RightHandSide = given.cache.setdefault("driven", scene.right_hand_side)

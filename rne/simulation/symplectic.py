@@ -38,7 +38,7 @@ def lagrangian(model: Model, q: Array, qd: Array) -> Array:
 
 
 class Hamilton:
-    """dx/dt of x = (q, p) for an arm without drives and friction."""
+    """dx/dt of x = (q, p) for a robot without drives and friction."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.n = robot, robot.n
