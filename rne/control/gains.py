@@ -83,8 +83,8 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     Notes
     -----
     With gravity compensated, M qdd = -Kp (q - q_ref) - Kd qd near the reference. A mode of M^-1 Kd = lambda under
-    torques held for T is stable for lambda T < 2, for any Kp, as long as Kp T < 2 Kd; both conditions are checked. Random
-    configurations within the joints' limits, the best followed uphill: a maximum found, not proved.
+    torques held for T is stable for lambda T < 2, for any Kp, as long as Kp T < 2 Kd; both conditions are checked.
+    The maximum is searched for from random configurations within the joints' limits by L-BFGS-B; it is not proved.
 
     Examples
     --------

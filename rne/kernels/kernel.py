@@ -161,7 +161,7 @@ class Kernel:
 
     @cached_property
     def one_state(self) -> Callable[..., Array]:
-        """The program on one list of floats per argument; raises Refused for a state to be examined by the recursion."""
+        """The program on one list of floats per argument; raises Refused where the recursion must look closer."""
         n, eps, guard = self.model.n, float(np.finfo(np.float64).eps), None
         if self.quantity.judge is not None:
             guard = Guard(NEARLY_SINGULAR * n * eps, n, self._rates, rate_bound(np.dtype(np.float64)))

@@ -131,7 +131,7 @@ def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tup
     if scene.sample_time is not None:
         return (
             "RK45",
-            f"RK45: torques are held for {scene.sample_time:g} s, and a robot under held torques is not stiff",
+            f"RK45: torques are held for {scene.sample_time:g} s, and motion under held torques is not stiff",
         )
     size = 2 * plant.robot.n + plant.rhs.controller_states
     try:
