@@ -1,100 +1,182 @@
-"""Command line: python -m rne [report | check FILE | urdf NAME | source ROBOT ...]."""
+"""Command line: rne [report | check FILE ... | urdf NAME | source ROBOT], also as python -m rne."""
 
 from __future__ import annotations
 
 import argparse
+import inspect
+import os
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-QUANTITIES = (
-    "inverse_dynamics",
-    "mass_matrix",
-    "forward_dynamics",
-    "bias_torque",
-    "gravity_torque",
-    "coriolis_torque",
-    "coriolis_matrix",
-    "kinetic_energy",
-    "potential_energy",
-    "link_poses",
-)
 LANGUAGES = ("python", "numpy", "matlab", "c")
+REPORT_FOLDER = Path("rne-report")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; the exit code is 0 if all is well, 1 if something was found, 2 for a wrong call."""
-    parser = argparse.ArgumentParser(prog="python -m rne", description="Dynamics of robot manipulators.")
-    parser.add_argument(
-        "--out", type=Path, default=Path("rne-report"), help="folder of the report (default: %(default)s)"
+    """Run a command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The arguments; those of the process if not given.
+
+    Returns
+    -------
+    int
+        Exit code: 0 on success, 1 if a file has errors or a comparison exceeds its bound, 2 for a wrong call.
+    """
+    arguments = _parser().parse_args(argv)
+    run: Callable[[argparse.Namespace], int] = arguments.run
+    try:
+        code = run(arguments)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # the reader of the output, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        return _fail(_text(error))
+
+
+def quantities() -> list[str]:
+    """Names of the functions of a model that take joint arrays alone and return an array."""
+    import rne
+
+    def takes_joint_arrays_alone(name: str) -> bool:
+        declared = getattr(getattr(rne, name), "quantity", None)
+        if declared is None or not declared.returns_array:
+            return False
+        parameters = inspect.signature(getattr(rne, name)).parameters.values()
+        needed = [p.name for p in parameters if p.default is p.empty and p.name != "model"]
+        return needed == list(declared.widths)
+
+    return [name for name in rne.__all__ if takes_joint_arrays_alone(name)]
+
+
+def _parser() -> argparse.ArgumentParser:
+    import rne
+
+    as_module = Path(sys.argv[0]).name == "__main__.py"
+    parser = argparse.ArgumentParser(
+        prog="python -m rne" if as_module else "rne",
+        description="Dynamics of robot manipulators. Without a command: a report on the ABB IRB 140, with pictures.",
     )
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", help="without one: the report on the IRB 140")
-    check = commands.add_parser("check", help="print everything wrong or odd in a URDF file")
-    check.add_argument("file")
+    parser.set_defaults(run=_main_page)
+    parser.add_argument("--version", action="version", version=f"rne {rne.__version__}")
+    out = "folder of the report, made if it does not exist (default: rne-report)"
+    parser.add_argument("--out", metavar="DIR", type=Path, default=REPORT_FOLDER, help=out)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+    check = commands.add_parser("check", help="print all errors and warnings on URDF files")
+    check.add_argument("files", metavar="FILE", nargs="+")
+    check.set_defaults(run=_check)
     urdf = commands.add_parser("urdf", help="print a built-in robot as URDF")
-    urdf.add_argument("name", help="irb140")
-    source = commands.add_parser("source", help="print a quantity as straight-line source code")
-    source.add_argument("robot", help="irb140 or a URDF file")
-    source.add_argument("--quantity", default="inverse_dynamics", choices=QUANTITIES)
+    urdf.add_argument("name", metavar="NAME", help="irb140")
+    urdf.set_defaults(run=_urdf)
+    source = commands.add_parser("source", help="print a quantity of a robot as straight-line source code")
+    source.add_argument("robot", metavar="ROBOT", help="irb140, or the path of a URDF file")
+    choices = quantities()
+    source.add_argument(
+        "--quantity", metavar="QUANTITY", default="inverse_dynamics", choices=choices, help=", ".join(choices)
+    )
     source.add_argument("--language", default="python", choices=LANGUAGES)
-    report = commands.add_parser("report", help="reproduce every experiment of the thesis, in about two minutes")
-    report.add_argument("--markdown", type=Path, help="write the page there too, such as docs/thesis.md")
-    arguments = parser.parse_args(argv)
-    if arguments.command == "report":
-        return _thesis(arguments.out, arguments.markdown)
-    if arguments.command == "source":
-        return _source(arguments.robot, arguments.quantity, arguments.language)
-    if arguments.command == "check":
-        return _check(arguments.file)
-    if arguments.command == "urdf":
-        return _urdf(arguments.name)
-    return _report(arguments.out)
+    source.set_defaults(run=_source)
+    report = commands.add_parser("report", help="simulate every experiment of the thesis; takes about two minutes")
+    report.add_argument("--out", metavar="DIR", type=Path, default=argparse.SUPPRESS, help=out)
+    report.add_argument("--markdown", metavar="FILE", type=Path, help="also write the page there, such as thesis.md")
+    report.set_defaults(run=_thesis_page)
+    return parser
 
 
-def _check(file: str) -> int:
+def _check(arguments: argparse.Namespace) -> int:
     from .urdf import check
 
-    try:
-        findings = check(file)
-    except OSError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 1 if any(finding.severity == "error" for finding in findings) else 0
+    code = 0
+    for file in arguments.files:
+        try:
+            findings = check(file)
+        except OSError as error:
+            code = _fail(_text(error))
+        else:
+            code = max(code, int(any(finding.severity == "error" for finding in findings)))
+    return code
 
 
-def _urdf(name: str) -> int:
+def _urdf(arguments: argparse.Namespace) -> int:
     from .model.robots import BUILDERS
     from .urdf import to_urdf
 
-    if name not in BUILDERS:
-        print(f"error: no robot {name!r}; there are {', '.join(BUILDERS)}", file=sys.stderr)
-        return 2
-    print(to_urdf(BUILDERS[name]()), end="")
+    if arguments.name not in BUILDERS:
+        return _fail(f"no robot {arguments.name!r}; there are {', '.join(BUILDERS)}")
+    print(to_urdf(BUILDERS[arguments.name]()), end="")
     return 0
 
 
-def _source(robot: str, quantity: str, language: str) -> int:
+def _source(arguments: argparse.Namespace) -> int:
     import rne
 
     try:
-        print(rne.load(robot).kernel(getattr(rne, quantity)).source(language), end="")
-    except (OSError, rne.RneError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+        kernel = rne.load(arguments.robot).kernel(getattr(rne, arguments.quantity))
+    except rne.RneError as error:
+        return _fail(str(error))
+    try:
+        print(kernel.source(arguments.language), end="")
+    except TypeError as error:  # the kernel is too large to be written out
+        return _fail(str(error))
     return 0
 
 
-def _thesis(folder: Path, markdown: Path | None) -> int:
-    from .thesis.experiments_page import run
-
-    run(folder, lambda line: print(line, flush=True), markdown)
-    return 0
-
-
-def _report(folder: Path) -> int:
+def _main_page(arguments: argparse.Namespace) -> int:
     from .thesis.main_page import run
 
-    return 0 if run(folder, lambda line: print(line, flush=True)) else 1
+    problem = _folder_problem(arguments.out)
+    if problem:
+        return _fail(problem)
+    return 0 if run(arguments.out, _say) else 1
+
+
+def _thesis_page(arguments: argparse.Namespace) -> int:
+    from .thesis.experiments_page import run
+
+    problem = _file_problem(arguments.markdown) or _folder_problem(arguments.out)
+    if problem:
+        return _fail(problem)
+    run(arguments.out, _say, arguments.markdown)
+    return 0
+
+
+def _folder_problem(folder: Path) -> str:
+    """Make the folder and try to write into it, before anything long is computed."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return ""
+    except FileExistsError:
+        return f"--out: cannot write into {str(folder)!r}: Not a directory"
+    except OSError as error:
+        return f"--out: cannot write into {str(folder)!r}: {error.strerror}"
+
+
+def _file_problem(file: Path | None) -> str:
+    if file is not None and file.is_dir():
+        return f"--markdown: {str(file)!r} is a folder, not a file"
+    if file is not None and not file.parent.is_dir():
+        return f"--markdown: there is no folder {str(file.parent)!r}"
+    return ""
+
+
+def _text(error: OSError) -> str:
+    return f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _fail(message: str) -> int:
+    print(f"error: {message}", file=sys.stderr)
+    return 2
 
 
 if __name__ == "__main__":

@@ -3,14 +3,25 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from rne.__main__ import main
+import rne
+from rne.__main__ import main, quantities
 from rne.analysis.validation import against_energies, validate
 from rne.simulation.simulator import simulate
 from rne.thesis import main_page as main_job
 
 from .helpers import ROOT
+
+IRB140 = str(ROOT / "robots" / "irb140.urdf")
+
+
+@pytest.fixture
+def unused(monkeypatch):
+    """Neither page is made: a wrong folder is refused before anything is computed."""
+    for module in ("main_page", "experiments_page"):
+        monkeypatch.setattr(f"rne.thesis.{module}.run", lambda *_: pytest.fail("the page was made"))
 
 
 def test_check_of_a_sound_file(capsys):
@@ -30,6 +41,18 @@ def test_check_of_no_file(tmp_path, capsys):
     assert "error: no such file" in capsys.readouterr().err
 
 
+def test_check_of_several_files_looks_at_all_of_them(tmp_path, capsys):
+    broken = tmp_path / "broken.urdf"
+    broken.write_text("<robot>")
+    assert main(["check", str(broken), IRB140]) == 1
+    assert capsys.readouterr().out.endswith("irb140.urdf: no findings\n")
+    assert main(["check", str(tmp_path / "none.urdf"), str(broken), IRB140]) == 2
+    said = capsys.readouterr()
+    assert "no such file" in said.err
+    assert "is not well-formed XML" in said.out
+    assert said.out.endswith("irb140.urdf: no findings\n")
+
+
 def test_urdf_prints_the_file(capsys):
     assert main(["urdf", "irb140"]) == 0
     assert capsys.readouterr().out == (ROOT / "robots" / "irb140.urdf").read_text()
@@ -40,15 +63,100 @@ def test_urdf_of_an_unknown_robot(capsys):
     assert capsys.readouterr().err == "error: no robot 'irb'; there are irb140\n"
 
 
+def test_source_prints_a_quantity(capsys):
+    assert main(["source", "irb140", "--quantity", "gravity_torque", "--language", "c"]) == 0
+    assert "void gravity_torque(const double *q, double *result)" in capsys.readouterr().out
+
+
+def test_source_of_no_robot(capsys):
+    assert main(["source", "irb"]) == 2
+    assert capsys.readouterr().err == "error: 'irb' is neither a robot (irb140) nor a file\n"
+
+
+def test_every_quantity_of_joint_arrays_alone_can_be_printed():
+    assert {"inverse_dynamics", "mass_matrix", "forward_dynamics", "link_poses", "momentum"} <= set(quantities())
+    assert not {"recursion", "jacobian", "load"} & set(quantities())  # a record, needs a link, no quantity
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"rne {rne.__version__}\n"
+
+
+@pytest.mark.parametrize("command", [[], ["report"]])
+def test_out_on_a_file_is_refused_in_one_line(command, unused, tmp_path, capsys):
+    file = tmp_path / "file"
+    file.touch()
+    for folder in (file, file / "below"):
+        assert main([*command, "--out", str(folder)]) == 2
+        assert capsys.readouterr().err == f"error: --out: cannot write into {str(folder)!r}: Not a directory\n"
+
+
+@pytest.mark.parametrize("command", [[], ["report"]])
+def test_out_in_a_place_without_permission_is_refused_in_one_line(command, unused, tmp_path, capsys, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)  # the owner root may write anywhere
+    assert main([*command, "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"error: --out: cannot write into {str(tmp_path)!r}: Permission denied\n"
+
+
+@pytest.mark.parametrize("order", [["--out", "{}", "report"], ["report", "--out", "{}"]])
+def test_out_stands_before_or_after_the_command(order, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr("rne.thesis.experiments_page.run", lambda folder, say, markdown: seen.append(folder))
+    assert main([word.format(tmp_path / "page") for word in order]) == 0
+    assert seen == [tmp_path / "page"]
+
+
+def test_markdown_makes_no_folders(unused, tmp_path, capsys):
+    target = tmp_path / "docs" / "thesis.md"
+    assert main(["--out", str(tmp_path / "page"), "report", "--markdown", str(target)]) == 2
+    assert capsys.readouterr().err == f"error: --markdown: there is no folder {str(target.parent)!r}\n"
+    assert not list(tmp_path.iterdir())
+    assert main(["--out", str(tmp_path / "page"), "report", "--markdown", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"error: --markdown: {str(tmp_path)!r} is a folder, not a file\n"
+
+
+def test_an_error_of_the_system_is_one_line(tmp_path, monkeypatch, capsys):
+    def fail(*_):
+        raise OSError(28, "No space left on device", "page/index.html")
+
+    monkeypatch.setattr("rne.thesis.main_page.run", fail)
+    assert main(["--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == "error: page/index.html: No space left on device\n"
+
+
+@pytest.mark.parametrize(("argv0", "name"), [("/usr/lib/rne/__main__.py", "python -m rne"), ("/usr/bin/rne", "rne")])
+def test_usage_names_the_program_as_it_was_called(argv0, name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [argv0])
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main(["--help"])
+    assert capsys.readouterr().out.startswith(f"usage: {name} [")
+
+
 def test_python_dash_m(tmp_path):
     run = subprocess.run(
-        [sys.executable, "-m", "rne", "check", str(ROOT / "robots" / "irb140.urdf")],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        check=False,
+        [sys.executable, "-m", "rne", "check", IRB140], capture_output=True, text=True, cwd=tmp_path, check=False
     )
     assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_output_that_nobody_reads_is_no_error(tmp_path):
+    """Such as `rne source irb140 | head`."""
+    code = f"{sys.executable} -m rne urdf irb140 | true"
+    run = subprocess.run(["bash", "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert run.stderr == ""
+
+
+def test_carried_mass_is_that_of_everything_beyond_the_joint(tree):
+    def carried_by(joint):
+        beyond = (k for k in range(tree.nb) if tree.parent[k] == joint)
+        return tree.mass[joint] + sum(map(carried_by, beyond))
+
+    np.testing.assert_allclose(main_job.carried_masses(tree), [carried_by(i) for i in range(tree.nb)], rtol=1e-14)
 
 
 def test_validation_keeps_every_bound_against_pinocchio(irb140):
@@ -78,6 +186,8 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
     said = capsys.readouterr().out
     assert "against Pinocchio" in said
     page = (tmp_path / "index.html").read_text()
+    assert "<th>mass carried [kg]</th>" in page
+    assert "<td>joint_1</td><td>75</td>" in page
     for picture in ("free_swing.png", "closed_loop.png"):
         assert picture in page
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")

@@ -13,11 +13,12 @@ from PIL import Image
 
 import rne
 from rne.model.robots.generators import random_tree, straight_chain
-from rne.plotting.animation import _positions
-from rne.plotting.robot_picture import _prism
+from rne.plotting.animation import interpolated_positions
+from rne.plotting.robot_picture import cylinder_faces
 
-from .helpers import ROOT
+from .helpers import EPS, ROOT
 
+SAME_POSITION = 16 * EPS  # [m]; kernels and recursions round differently, robots here are of a few metres
 BENT = [0.5, 0.6, -0.4, 0.3, 0.8, 0]
 
 
@@ -116,7 +117,7 @@ def test_plot_without_joints():
 def test_draw_places_joints_and_cylinders(irb140, q):
     (ax,) = rne.plotting.draw(irb140, q).axes
     poses = irb140.link_poses(q)
-    np.testing.assert_array_equal(line(ax, "revolute joint"), poses[1:, :3, 3])
+    np.testing.assert_allclose(line(ax, "revolute joint"), poses[1:, :3, 3], rtol=0, atol=SAME_POSITION)
     assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x [m]", "y [m]", "z [m]"]
     assert legend(ax) == ["joint axis", "revolute joint", "link_1", "link_2", "link_4", "link_6"]
     corners = np.asarray(ax.collections[0]._faces).reshape(4, -1, 3)
@@ -150,7 +151,7 @@ def test_draw_of_any_tree(tree):
     for label, chosen in kinds.items():
         assert (label in legend(ax)) == chosen.any()
         if chosen.any():
-            np.testing.assert_array_equal(line(ax, label), at[chosen])
+            np.testing.assert_allclose(line(ax, label), at[chosen], rtol=0, atol=SAME_POSITION)
     arrows = line(ax, "joint axis").reshape(tree.nb, -1, 3)
     along = arrows[:, 1] - arrows[:, 0]
     poses = robot.link_poses(q)
@@ -183,7 +184,7 @@ def test_draw_on_given_axes_adds_and_keeps_room_for_both(irb140):
 
 
 def test_faces_of_a_cylinder_look_outwards():
-    faces = _prism(rne.Cylinder("link", 0.2, 0.5, (0, 0, 0), (0.3, 0.2, 0.1)))
+    faces = cylinder_faces(rne.Cylinder("link", 0.2, 0.5, (0, 0, 0), (0.3, 0.2, 0.1)))
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     assert ((normals * faces.mean(axis=1)).sum(axis=1) > 0).all()
 
@@ -203,6 +204,19 @@ def test_animation_has_its_frames_and_moves(irb140, swing, tmp_path):
     assert all((a != b).any() for a, b in itertools.pairwise(below_title))
 
 
+def test_colours_of_resting_parts_do_not_flicker(irb140, swing, tmp_path):
+    """Beside the axes stands the legend, in colours of small area that a palette per frame would not keep."""
+    rne.plotting.animate(irb140, swing, tmp_path / "swing.gif", fps=20)
+    with Image.open(tmp_path / "swing.gif") as film:
+        frames = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            frames.append(np.asarray(film.convert("RGB")).astype(int)[:, -180:])
+    assert (np.ptp(frames, axis=0) == 0).all()
+    assert (frames[0][0, -1] == 255).all()  # white
+    assert len(np.unique(frames[0].reshape(-1, 3), axis=0)) > 20
+
+
 def test_animation_of_a_single_sample_is_one_frame(rod, tmp_path):
     still = first(rne.simulate(rod, [1], [0], 0.1), 1)
     with Image.open(rne.plotting.animate(rod, still, tmp_path / "still.gif")) as film:
@@ -213,7 +227,7 @@ def test_positions_between_samples_follow_the_motion(rod):
     t = np.linspace(0, 2, 201)
     coarse = rne.simulate(rod, [1], [0], 2.0, rtol=1e-10)
     fine = rne.simulate(rod, [1], [0], 2.0, rtol=1e-10, t_eval=t)
-    assert np.abs(_positions(coarse, t) - fine.q).max() < 2e-3
+    assert np.abs(interpolated_positions(coarse, t) - fine.q).max() < 2e-3
     assert np.abs(np.interp(t, coarse.t, coarse.q[:, 0]) - fine.q[:, 0]).max() > 2e-3  # straight lines would not do
 
 
@@ -243,12 +257,27 @@ WRONG = {
     "plot few names": (
         lambda r, s: rne.plotting.plot(s, ["a", "b"]),
         ValueError,
-        "`names` must have 6 names, one a joint of `trajectory`, got 2",
+        "`names` must have 6 names, one per joint of `trajectory`, got 2",
+    ),
+    "plot robot": (
+        lambda r, s: rne.plotting.plot(s, r),
+        TypeError,
+        "`names` must be a sequence of str, got Robot; pass robot.joint_names",
+    ),
+    "plot number": (
+        lambda r, s: rne.plotting.plot(s, 6),
+        TypeError,
+        "`names` must be a sequence of str, got int",
+    ),
+    "plot numbers": (
+        lambda r, s: rne.plotting.plot(s, range(6)),
+        TypeError,
+        "`names` must be a sequence of str, got one with int",
     ),
     "plot one name": (
         lambda r, s: rne.plotting.plot(s, "abcdef"),
         TypeError,
-        "`names` must be a sequence of str, got 'abcdef'",
+        "`names` must be a sequence of str, got str",
     ),
     "draw model": (
         lambda r, s: rne.plotting.draw(r.model, [0] * 6),
@@ -275,41 +304,55 @@ WRONG = {
         TypeError,
         "`ax` must be matplotlib axes of projection='3d', got Axes",
     ),
-    "film model": (
+    "animation model": (
         lambda r, s: rne.plotting.animate(r.model, s, "a.gif"),
         TypeError,
         "`robot` must be an rne.Robot, got Model",
     ),
-    "film empty": (
+    "animation empty": (
         lambda r, s: rne.plotting.animate(r, first(s, 0), "a.gif"),
         ValueError,
         "`trajectory` must have at least one sample, got none",
     ),
-    "film other": (
+    "animation other": (
         lambda r, s: rne.plotting.animate(rne.Robot(straight_chain(2)), s, "a.gif"),
         ValueError,
-        "`trajectory` must be of 2 joints for robot 'chain2', got 6",
+        "`trajectory` must have 2 joints as robot 'chain2' has, got 6",
     ),
-    "film mp4": (lambda r, s: rne.plotting.animate(r, s, "a.mp4"), ValueError, "`path` must end in .gif, got 'a.mp4'"),
-    "film fps": (
+    "animation mp4": (
+        lambda r, s: rne.plotting.animate(r, s, "a.mp4"),
+        ValueError,
+        "`path` must end in .gif, got 'a.mp4'",
+    ),
+    "animation path": (
+        lambda r, s: rne.plotting.animate(r, s, None),
+        TypeError,
+        "`path` must be a str or path-like, got NoneType",
+    ),
+    "animation folder": (
+        lambda r, s: rne.plotting.animate(r, s, "films/a.gif"),
+        FileNotFoundError,
+        "`path` must be in an existing folder, got 'films/a.gif'",
+    ),
+    "animation fps": (
         lambda r, s: rne.plotting.animate(r, s, "a.gif", fps=60),
         ValueError,
         "`fps` must be at most 50, got 60",
     ),
-    "film no fps": (
+    "animation no fps": (
         lambda r, s: rne.plotting.animate(r, s, "a.gif", fps=0),
         ValueError,
         "`fps` must be positive, got 0.0",
     ),
-    "film back": (
+    "animation back": (
         lambda r, s: rne.plotting.animate(r, s, "a.gif", speed=-1),
         ValueError,
         "`speed` must be positive, got -1.0",
     ),
-    "film long": (
+    "animation long": (
         lambda r, s: rne.plotting.animate(r, s, "a.gif", speed=1e-3),
         ValueError,
-        "the film would have 8001 frames, at most 2000: raise `speed` or lower `fps`",
+        "the animation would have 8001 frames, at most 2000: raise `speed` or lower `fps`",
     ),
 }
 

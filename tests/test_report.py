@@ -1,6 +1,8 @@
 """The page of the thesis's experiments, here with its long runs cut short."""
 
 import re
+import threading
+from concurrent.futures import Future
 
 import pytest
 
@@ -18,8 +20,31 @@ def short(monkeypatch):
     monkeypatch.setattr(thesis, "run_all", here)
 
 
+def test_jobs_are_reported_as_they_finish():
+    """The first job finishes only after the second one has been reported."""
+    first, second = Future(), Future()
+    second.set_result(2)
+    lines = []
+
+    def say(line):
+        lines.append(line)
+        if not first.done():
+            first.set_result(1)
+
+    rescue = threading.Timer(30, lambda: first.done() or first.set_result(None))  # a failure instead of a deadlock
+    rescue.start()
+    found = experiments.results_as_they_finish({"first": first, "second": second}, say)
+    rescue.cancel()
+    assert found == {"first": 1, "second": 2}
+    assert [re.sub(r"\d+ s", "0 s", line) for line in lines] == [
+        "  second: done after 0 s, 1 of 2",
+        "  first: done after 0 s, 2 of 2",
+    ]
+
+
 def test_page_has_every_experiment(short, tmp_path):
     lines = []
+    (tmp_path / "docs").mkdir()
     thesis.run(tmp_path / "page", lines.append, tmp_path / "docs" / "thesis.md")
     html = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
     markdown = (tmp_path / "docs" / "thesis.md").read_text(encoding="utf-8")

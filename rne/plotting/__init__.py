@@ -1,4 +1,4 @@
-"""Pictures and pages about a robot and its motion. Nothing is computed here that the library does not offer."""
+"""Pictures of robots and motions; matplotlib is imported when a function is called."""
 
 from .animation import animate
 from .plots import plot

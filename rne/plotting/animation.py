@@ -1,8 +1,10 @@
-"""A motion as a moving picture."""
+"""Animations of a motion, as GIF files."""
 
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +17,14 @@ from ..simulation.trajectory import Trajectory
 from .plots import check_trajectory
 from .robot_picture import Picture, blank_axes, check_robot
 
-FASTEST = 50.0  # [1/s]; viewers slow down files that ask for more
-MOST_FRAMES = 2000  # all of them are held until the file is written
+MAX_FPS = 50.0  # [1/s]; viewers slow down files that ask for more
+MAX_FRAMES = 2000  # all of them are kept in memory until the file is written
 DPI = 90
 
 
-def animate(robot: Robot, trajectory: Trajectory, path: str | Path, fps: float = 20, speed: float = 1.0) -> Path:
+def animate(
+    robot: Robot, trajectory: Trajectory, path: str | os.PathLike[str], fps: float = 20, speed: float = 1.0
+) -> Path:
     """Write a motion as an animated GIF.
 
     Parameters
@@ -28,31 +32,35 @@ def animate(robot: Robot, trajectory: Trajectory, path: str | Path, fps: float =
     robot : Robot
     trajectory : Trajectory
         A motion of this robot.
-    path : str or Path
-        The file, ending in .gif.
+    path : str or path-like
+        The file to write, ending in .gif, in an existing folder.
     fps : float
-        Frames a second of the film, at most 50. GIF counts in hundredths of a second: the time of a frame is rounded
-        to them.
+        Frames per second, at most 50. GIF stores the time of a frame in hundredths of a second, to which it is rounded.
     speed : float
-        Seconds of the motion in one second of the film.
+        Seconds of the motion per second of the animation.
 
     Returns
     -------
-    Path
+    pathlib.Path
         The file written.
 
     Raises
     ------
+    TypeError
+        If `robot`, `trajectory` or `path` is of another type.
     ValueError
-        If `trajectory` has no samples or is not of this robot, an argument is out of range, or the film would have
-        more than 2000 frames.
+        If `trajectory` has no samples or is not of this robot, an argument is out of range, or there would be more
+        than 2000 frames.
+    FileNotFoundError
+        If the folder of `path` does not exist.
     ImportError
         If matplotlib is not installed.
 
     Notes
     -----
-    Frames are even in time from the first sample to the last. Between samples each joint follows the cubic through
-    the positions and rates of its neighbours, so that a solver's long steps still make a smooth motion.
+    The frames are evenly spaced in time, with the first and the last sample among them. Between samples the joint
+    positions are interpolated by cubic Hermite polynomials through the positions and rates of the samples, so that
+    the motion is smooth even where the solver took long steps.
 
     Examples
     --------
@@ -65,21 +73,55 @@ def animate(robot: Robot, trajectory: Trajectory, path: str | Path, fps: float =
     check_trajectory(trajectory)
     if trajectory.q.shape[1] != robot.n:
         raise ValueError(
-            f"`trajectory` must be of {robot.n} joints for robot {robot.model.name!r}, got {trajectory.q.shape[1]}"
+            f"`trajectory` must have {robot.n} joints as robot {robot.model.name!r} has, got {trajectory.q.shape[1]}"
         )
-    path = Path(path)
-    if path.suffix.lower() != ".gif":
-        raise ValueError(f"`path` must end in .gif, got {path.name!r}")
+    file = _gif_path(path)
     delay = _hundredths(positive_number("fps", fps))
     t = _frame_times(trajectory, delay, positive_number("speed", speed))
     ax = blank_axes("")
-    _write(path, ax, robot, t, _positions(trajectory, t), delay)
-    return path
+    _write(file, ax, robot, t, interpolated_positions(trajectory, t), delay)
+    return file
+
+
+def interpolated_positions(trajectory: Trajectory, t: Array) -> Array:
+    """Joint positions between samples, by cubic Hermite interpolation of positions and rates.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    t : ndarray, shape (frames,)
+        Times within the motion [s].
+
+    Returns
+    -------
+    ndarray, shape (frames, n)
+        [rad or m]
+    """
+    from scipy.interpolate import CubicHermiteSpline
+
+    increasing = np.append(True, np.diff(trajectory.t) > 0)
+    if increasing.sum() < 2:
+        return np.repeat(trajectory.q[:1], len(t), axis=0)
+    samples = (trajectory.t[increasing], trajectory.q[increasing], trajectory.qd[increasing])
+    q: Array = CubicHermiteSpline(*samples)(t)
+    return q
+
+
+def _gif_path(path: str | os.PathLike[str]) -> Path:
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
+    file = Path(path)
+    if file.suffix.lower() != ".gif":
+        raise ValueError(f"`path` must end in .gif, got {file.name!r}")
+    if not file.parent.is_dir():
+        raise FileNotFoundError(f"`path` must be in an existing folder, got {str(file)!r}")
+    return file
 
 
 def _hundredths(fps: float) -> int:
-    if fps > FASTEST:
-        raise ValueError(f"`fps` must be at most {FASTEST:g}, got {fps:g}")
+    """Time of a frame [0.01 s]."""
+    if fps > MAX_FPS:
+        raise ValueError(f"`fps` must be at most {MAX_FPS:g}, got {fps:g}")
     return round(100 / fps)
 
 
@@ -87,22 +129,11 @@ def _frame_times(trajectory: Trajectory, delay: int, speed: float) -> Array:
     """Times of the frames [s], both ends of the motion among them."""
     first, last = float(trajectory.t[0]), float(trajectory.t[-1])
     frames = (last - first) / speed / (delay / 100)
-    if frames + 1 > MOST_FRAMES:
+    if frames + 1 > MAX_FRAMES:
         raise ValueError(
-            f"the film would have {frames + 1:.0f} frames, at most {MOST_FRAMES}: raise `speed` or lower `fps`"
+            f"the animation would have {frames + 1:.0f} frames, at most {MAX_FRAMES}: raise `speed` or lower `fps`"
         )
     return np.linspace(first, last, max(round(frames), 1) + 1 if last > first else 1)
-
-
-def _positions(trajectory: Trajectory, t: Array) -> Array:
-    """Joint positions at the given times, by cubics through positions and rates of the samples."""
-    from scipy.interpolate import CubicHermiteSpline
-
-    new = np.append(True, np.diff(trajectory.t) > 0)
-    if new.sum() < 2:
-        return np.repeat(trajectory.q[:1], len(t), axis=0)
-    q: Array = CubicHermiteSpline(trajectory.t[new], trajectory.q[new], trajectory.qd[new])(t)
-    return q
 
 
 def _write(path: Path, ax: Any, robot: Robot, t: Array, q: Array, delay: int) -> None:
@@ -114,25 +145,20 @@ def _write(path: Path, ax: Any, robot: Robot, t: Array, q: Array, delay: int) ->
     ax.figure.set_dpi(DPI)
     canvas: Any = FigureCanvasAgg(ax.figure)
 
-    def shot(frame: int) -> Any:
+    def render(frame: int) -> Any:
         picture.place(frame)
         ax.set_title(f"{robot.model.name}, t = {t[frame]:.{decimals}f} s")
         canvas.draw()
         return Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
 
-    palette = _palette([shot(frame) for frame in sorted({0, len(t) // 2, len(t) - 1})])
-    images = [shot(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in range(len(t))]
+    palette = _common_palette([render(frame) for frame in sorted({0, len(t) // 2, len(t) - 1})])
+    images = [render(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in range(len(t))]
     images[0].save(path, save_all=True, append_images=images[1:], duration=10 * delay, loop=0, disposal=1)
 
 
-def _palette(images: list[Any]) -> Any:
-    """One palette for all frames, lest colours flicker: half for large areas, half for what is small but bright."""
+def _common_palette(images: Sequence[Any]) -> Any:
+    """256 colours for all frames: with a palette per frame the colours of resting parts would flicker."""
     from PIL import Image
 
     sample = Image.fromarray(np.concatenate([np.asarray(image) for image in images]))
-    colors: list[int] = []
-    for method in (Image.Quantize.MEDIANCUT, Image.Quantize.MAXCOVERAGE):
-        colors += (sample.quantize(128, method=method).getpalette() or [])[: 3 * 128]
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(colors)
-    return palette
+    return sample.quantize(method=Image.Quantize.MAXCOVERAGE, kmeans=1)

@@ -1,29 +1,30 @@
-"""Pictures of a Trajectory, drawn on matplotlib figures without any global state."""
+"""Plots of a Trajectory on matplotlib figures, without pyplot's global state."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..basics.spatial import Array
+from ..robot import Robot
 from ..simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SMALLEST = 1e-8  # [rad] shown on a log axis
-MAX_POINTS = 4000  # of a curve; a picture shows no more
-ROWS = 12  # of a legend that stands beside one panel
-COLORS = 10  # of matplotlib's cycle; from then on the dashes differ
-DASHES = ("-", "--", ":", "-.")
+SMALLEST = 1e-8  # [rad], lower end of a log axis
+MAX_POINTS = 4000  # per curve; a picture shows no more
+LEGEND_ROWS = 12  # that fit beside one panel
+COLORS = 10  # in matplotlib's cycle; further curves differ by their line style
+LINE_STYLES = ("-", "--", ":", "-.")
 ENDINGS = {1: ", stopped by an event", -1: ", failed"}
 
 
 def blank_figure(width: float, height: float) -> Figure:
-    """An empty figure of the given size [inch]; an ImportError says how to get matplotlib."""
+    """An empty figure of the given size [inch]; without matplotlib an ImportError says how to install it."""
     try:
         from matplotlib.figure import Figure
     except ModuleNotFoundError:
@@ -32,7 +33,7 @@ def blank_figure(width: float, height: float) -> Figure:
 
 
 def check_trajectory(trajectory: Trajectory) -> None:
-    """Refuse what is no Trajectory, and one without samples."""
+    """Raise TypeError for anything but a Trajectory, ValueError for one without samples."""
     if not isinstance(trajectory, Trajectory):
         raise TypeError(f"`trajectory` must be an rne.Trajectory, got {type(trajectory).__name__}")
     if not len(trajectory.t):
@@ -46,24 +47,26 @@ def plot(trajectory: Trajectory, names: Sequence[str] | None = None) -> Figure:
     ----------
     trajectory : Trajectory
     names : sequence of str, length n, optional
-        The joints' names for the legends, such as `robot.joint_names`; numbers if not given.
+        Names of the joints for the legends, as in `robot.joint_names`; numbered from 1 if not given.
 
     Returns
     -------
     matplotlib.figure.Figure
-        `figure.savefig("motion.png")` writes it. A trajectory does not say which joints turn and which slide, so
-        the labels name both units.
+        `figure.savefig("motion.png")` writes it to a file. The labels name the units of revolute and of prismatic
+        joints, since a trajectory does not record the types of its joints.
 
     Raises
     ------
+    TypeError
+        If `trajectory` is no Trajectory, or `names` no sequence of str; a Robot has its names as `robot.joint_names`.
     ValueError
-        If `trajectory` has no samples or `names` is not of its joints.
+        If `trajectory` has no samples or `names` has another length.
     ImportError
         If matplotlib is not installed.
 
     Notes
     -----
-    The energy error is energy - energy at the start - work: what the solver's errors have created or lost.
+    The energy error is energy - energy at the start - work + dissipated, which is zero but for the solver's errors.
 
     Examples
     --------
@@ -87,15 +90,20 @@ def plot(trajectory: Trajectory, names: Sequence[str] | None = None) -> Figure:
 def _joint_labels(n: int, names: Sequence[str] | None) -> tuple[str, ...]:
     if names is None:
         return tuple(f"joint {i}" for i in range(1, n + 1))
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"`names` must be a sequence of str, got {names!r}")
-    if len(names) != n:
-        raise ValueError(f"`names` must have {n} names, one a joint of `trajectory`, got {len(names)}")
-    return tuple(names)
+    if not isinstance(names, Iterable) or isinstance(names, str):
+        cure = "; pass robot.joint_names" if isinstance(names, Robot) else ""
+        raise TypeError(f"`names` must be a sequence of str, got {type(names).__name__}{cure}")
+    labels = tuple(names)
+    for label in labels:
+        if not isinstance(label, str):
+            raise TypeError(f"`names` must be a sequence of str, got one with {type(label).__name__}")
+    if len(labels) != n:
+        raise ValueError(f"`names` must have {n} names, one per joint of `trajectory`, got {len(labels)}")
+    return labels
 
 
 def panels(rows: int, title: str, height: float = 2.6, *, share: bool = True) -> tuple[Figure, list[Axes]]:
-    """Panels one below the other over time, with one time axis or each with its own."""
+    """A figure of panels below each other, which share one time axis or have one each."""
     figure = blank_figure(8, height * rows)
     axes = np.atleast_1d(figure.subplots(rows, 1, sharex=share))
     figure.suptitle(title)
@@ -106,20 +114,20 @@ def panels(rows: int, title: str, height: float = 2.6, *, share: bool = True) ->
 
 
 def curves(ax: Axes, t: Array, values: Array, names: Sequence[str], label: str) -> None:
-    """Columns over time with a legend beside the panel."""
+    """Plot the columns of `values` over time, with a legend beside the panel."""
     step = max(1, len(t) // MAX_POINTS)
     marker = "." if len(t) == 1 else ""
     for k, (column, name) in enumerate(zip(values.T, names, strict=True)):
-        dashes = DASHES[k // COLORS % len(DASHES)]
-        ax.plot(t[::step], column[::step], label=name, linewidth=1.2, linestyle=dashes, marker=marker)
+        style = LINE_STYLES[k // COLORS % len(LINE_STYLES)]
+        ax.plot(t[::step], column[::step], label=name, linewidth=1.2, linestyle=style, marker=marker)
     ax.set_ylabel(label)
     if names:
-        columns = -(-len(names) // ROWS)
+        columns = -(-len(names) // LEGEND_ROWS)
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False, ncols=columns)
 
 
 def _energies(upper: Axes, lower: Axes, trajectory: Trajectory) -> None:
-    """The energies, and below them what the solver's errors have created or lost."""
+    """The energies, and below them the energy error."""
     t = trajectory.t
     energies = np.stack([trajectory.kinetic, trajectory.potential, trajectory.energy], axis=1)
     curves(upper, t, energies, ("kinetic", "potential", "total"), "energy [J]")
@@ -127,7 +135,7 @@ def _energies(upper: Axes, lower: Axes, trajectory: Trajectory) -> None:
 
 
 def plot_free_motion(trajectory: Trajectory, names: tuple[str, ...], title: str) -> Any:
-    """Joint positions, energies and the energy error of a motion without drives."""
+    """Joint positions, energies and the energy error of a motion without drives, for revolute joints."""
     figure, axes = panels(3, title)
     curves(axes[0], trajectory.t, trajectory.q, names, "position [rad]")
     _energies(axes[1], axes[2], trajectory)
@@ -135,7 +143,7 @@ def plot_free_motion(trajectory: Trajectory, names: tuple[str, ...], title: str)
 
 
 def plot_closed_loop(trajectory: Trajectory, reference: Array, names: tuple[str, ...], title: str) -> Any:
-    """Errors and torques of a controlled motion, and its errors on a log scale."""
+    """Errors of a controlled motion, also on a log scale, and its torques, for revolute joints."""
     figure, axes = panels(3, title)
     t, error = trajectory.t, trajectory.q - reference
     curves(axes[0], t, error, names, "error [rad]")

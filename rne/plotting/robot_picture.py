@@ -1,4 +1,4 @@
-"""A robot on 3-D axes: cylinders, the lines between link origins, joints and their axes."""
+"""A robot drawn on 3-D axes: cylinders, lines between link origins, joints and their axes."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .plots import COLORS, blank_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIDES = 32  # of the prism that stands for a cylinder, a multiple of 4
-LIGHT = np.array([0.3, -0.7, 0.65])  # towards the light, near the viewer
-ARROW, BASE = 0.16, 0.22  # lengths of a joint's axis and of the base frame's axes, of the robot's extent
-ALPHA = 0.6  # of the surfaces
-NAME = 24  # letters of a link's name in the legend
-ABOVE = 100  # drawn over the surfaces, which matplotlib numbers from 3 on
+SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4
+LIGHT = np.array([0.3, -0.7, 0.65])  # direction towards the light
+ARROW, BASE = 0.16, 0.22  # lengths of a joint axis and of the base frame's axes, relative to the robot's extent
+ALPHA = 0.6  # opacity of the surfaces
+MAX_NAME = 24  # characters of a link's name in the legend
+ABOVE = 100  # zorder above the surfaces, for which matplotlib uses small numbers
 
 
 def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
@@ -34,15 +34,17 @@ def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
     q : array_like, shape (n,)
         Joint positions [rad or m].
     ax : matplotlib 3-D axes, optional
-        To draw on, beside what is there; axes of a new figure if not given.
+        Axes to add the robot to; those of a new figure if not given.
 
     Returns
     -------
     matplotlib.figure.Figure
-        `figure.savefig("arm.png")` writes it.
+        `figure.savefig("arm.png")` writes it to a file.
 
     Raises
     ------
+    TypeError
+        If `robot` is no Robot, or `ax` no 3-D axes.
     ValueError
         If `q` has the wrong shape or is not finite.
     ImportError
@@ -50,9 +52,9 @@ def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
 
     Notes
     -----
-    In the root link's axes, to one scale: the cylinders of `model.shapes`; lines from each joint's origin to the next
-    and to links on fixed joints; the centre of mass of bodies that have no cylinder. Lines are drawn over the
-    cylinders, so that joints inside them are seen.
+    The axes are those of the root link [m], all to the same scale. Drawn are the cylinders of `model.shapes`, lines
+    between the origins of successive links, and the centre of mass of each body that has no cylinder. Lines are drawn
+    over the cylinders, so that joints inside them can be seen.
 
     Examples
     --------
@@ -74,13 +76,13 @@ def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
 
 
 def check_robot(robot: Robot) -> None:
-    """Refuse what is no Robot."""
+    """Raise TypeError for anything but a Robot."""
     if not isinstance(robot, Robot):
         raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
 
 
 def blank_axes(title: str) -> Any:
-    """3-D axes on a new figure."""
+    """3-D axes on a new figure, with room for a legend beside them."""
     figure = blank_figure(7.4, 5.4)
     figure.set_layout_engine("none")
     ax = figure.add_axes((0.0, 0.05, 0.72, 0.88), projection="3d")
@@ -89,14 +91,14 @@ def blank_axes(title: str) -> Any:
 
 
 class Picture:
-    """A robot's artists on 3-D axes, which leave room for every pose of a motion.
+    """The lines and surfaces of a robot on 3-D axes, whose limits hold every frame of a motion.
 
     Parameters
     ----------
     ax : matplotlib 3-D axes
     model : Model
     poses : ndarray, shape (frames, n_links, 4, 4)
-        Of every link in every frame [1, m].
+        Pose of every link in every frame [1, m].
     """
 
     def __init__(self, ax: Any, model: Model, poses: Array) -> None:
@@ -105,7 +107,7 @@ class Picture:
         self.ax, self.origins = ax, p
         self.parent = [part.parent for part in disassemble(model)]
         links = [model.link_index(shape.link) for shape in model.shapes]
-        faces = np.array([_prism(shape) for shape in model.shapes]).reshape(len(links), 2 * SIDES, 4, 3)
+        faces = np.array([cylinder_faces(shape) for shape in model.shapes]).reshape(len(links), 2 * SIDES, 4, 3)
         self.faces = rotate(R[:, links, None, None], faces) + p[:, links, None, None]
         self.colors = np.array([_color(k) for k in range(len(links))]).reshape(-1, 3)
         carriers = [model.link_joints.index(joint) for joint in model.moving_joints]
@@ -115,7 +117,7 @@ class Picture:
         self.centres = rotate(R[:, self.hosts], model.com[self.bare].astype(np.float64)) + p[:, self.hosts]
         points = np.concatenate([x.reshape(len(p), -1, 3) for x in (p, self.faces, self.centres)], axis=1)
         extent = float(np.ptp(points, axis=1).max()) or 1.0
-        self.joints, self.turns = carriers, model.is_revolute.copy()
+        self.joints, self.is_revolute = carriers, model.is_revolute
         self.arrows = _arrows(p[:, carriers], rotate(R[:, carriers], model.axis.astype(np.float64)), ARROW * extent)
         self._make_artists()
         self._base(BASE * extent)
@@ -130,7 +132,7 @@ class Picture:
         self.ax.add_collection3d(self.surface)
         fixed = [k for k in range(1, len(self.parent)) if k not in self.joints]
         joints = np.array(self.joints, dtype=int)
-        revolute, prismatic = joints[self.turns], joints[~self.turns]
+        revolute, prismatic = joints[self.is_revolute], joints[~self.is_revolute]
         self.fixed, self.revolute, self.prismatic = fixed, revolute, prismatic
         self.lines = self._line(self.parent, color="0.15", linewidth=2, zorder=ABOVE)
         self.to_centres = self._line(self.bare, color="0.5", linewidth=1, linestyle=":", zorder=ABOVE)
@@ -142,7 +144,7 @@ class Picture:
         self.at_centres = self._line(self.bare, "centre of mass", marker="+", **dots | {"markeredgecolor": "0.3"})
 
     def _line(self, shown: Any, label: str = "", **style: Any) -> Any:
-        """A curve without points, to be filled by `place`; in the legend if there will be any."""
+        """A line without points, which `place` sets; in the legend if anything is shown by it."""
         return self.ax.plot([], [], [], label=label if label and len(shown) else "_nolegend_", **style)[0]
 
     def _base(self, length: float) -> None:
@@ -151,7 +153,7 @@ class Picture:
             self.ax.text(*(1.15 * end), name, color=color, ha="center", va="center", zorder=ABOVE + 3)
 
     def place(self, frame: int) -> None:
-        """Move everything to where it is in a frame."""
+        """Move all lines and surfaces to their places in one frame."""
         p, centres = self.origins[frame], self.centres[frame]
         children = range(1, len(self.parent))
         _set(self.lines, _segments(p[[self.parent[k] for k in children]], p[1:]))
@@ -177,8 +179,18 @@ def _color(k: int) -> tuple[float, ...]:
     return to_rgb(f"C{k % COLORS}")
 
 
-def _prism(shape: Cylinder) -> Array:
-    """The faces of a cylinder in its link's frame, corners anticlockwise from outside, shape (2 SIDES, 4, 3) [m]."""
+def cylinder_faces(shape: Cylinder) -> Array:
+    """The faces of a cylinder as a prism, in its link's frame.
+
+    Parameters
+    ----------
+    shape : Cylinder
+
+    Returns
+    -------
+    ndarray, shape (64, 4, 3)
+        Four corners of each face, anticlockwise seen from outside [m].
+    """
     angle = np.linspace(0, 2 * np.pi, SIDES + 1)
     ring = np.stack([shape.radius * np.cos(angle), shape.radius * np.sin(angle), np.zeros(SIDES + 1)], axis=-1)
     up = np.array([0, 0, shape.length / 2])
@@ -192,7 +204,7 @@ def _prism(shape: Cylinder) -> Array:
 
 
 def _arrows(origins: Array, axes: Array, length: float) -> Array:
-    """Arrows along unit vectors, as paths over shaft and four barbs, shape (..., 9, 3) [m]."""
+    """Arrows along unit vectors, each a path along the shaft and four barbs, shape (..., 9, 3) [m]."""
     across = cross(axes, np.eye(3)[np.abs(axes).argmin(axis=-1)])
     across = across / np.linalg.norm(across, axis=-1, keepdims=True)
     other = cross(axes, across)
@@ -208,7 +220,7 @@ def _segments(starts: Array, ends: Array) -> Array:
 
 
 def _broken(paths: Array) -> Array:
-    """Paths of shape (k, points, 3) as one that matplotlib interrupts at NaN."""
+    """Paths of shape (k, points, 3) joined into one, with NaN between them, where matplotlib breaks the line."""
     return np.concatenate([paths, np.full((len(paths), 1, 3), np.nan)], axis=1).reshape(-1, 3)
 
 
@@ -217,7 +229,7 @@ def _set(line: Any, points: Array) -> None:
 
 
 def _make_room(ax: Any, points: Array, before: Array | None) -> None:
-    """Axes of one scale around the points, and around what the axes showed before."""
+    """Set limits of equal length that hold the points, and what the axes showed before."""
     from matplotlib.ticker import MaxNLocator
 
     low, high = points.min(axis=0), points.max(axis=0)
@@ -242,7 +254,7 @@ def _legend(ax: Any, links: list[str], colors: Array) -> None:
     entries = dict(zip(labels, handles, strict=True))
     if len(links) <= COLORS:
         for link, color in zip(links, colors, strict=True):
-            name = link if len(link) <= NAME else link[: NAME - 3] + "..."
+            name = link if len(link) <= MAX_NAME else link[: MAX_NAME - 3] + "..."
             entries[name] = Patch(color=color, alpha=ALPHA)
     if entries:
         ax.legend(

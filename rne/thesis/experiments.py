@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from typing import Any, NamedTuple
 
@@ -171,12 +171,18 @@ JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
 
 
 def run_all(say: Callable[[str], None]) -> dict[str, Any]:
-    """Every job, the longest first, in as many processes as there are cores."""
-    start = time.perf_counter()
-    found = {}
+    """Run every job, the longest first, in up to four processes; results by name."""
     with ProcessPoolExecutor(min(4, os.cpu_count() or 1), mp_context=get_context("spawn")) as pool:
         futures = {name: pool.submit(function, *arguments) for name, (function, arguments) in JOBS.items()}
-        for name, future in futures.items():
-            found[name] = future.result()
-            say(f"  {name}: done after {time.perf_counter() - start:.0f} s")
+        return results_as_they_finish(futures, say)
+
+
+def results_as_they_finish(futures: Mapping[str, Future[Any]], say: Callable[[str], None]) -> dict[str, Any]:
+    """Results of jobs by name; each job is reported when it finishes, whatever the order of submission."""
+    start = time.perf_counter()
+    names = {future: name for name, future in futures.items()}
+    found = {}
+    for future in as_completed(names):
+        found[names[future]] = future.result()
+        say(f"  {names[future]}: done after {time.perf_counter() - start:.0f} s, {len(found)} of {len(names)}")
     return found

@@ -12,6 +12,7 @@ import numpy as np
 from ..analysis.validation import validate
 from ..basics.spatial import Array
 from ..control.laws import pd_gravity
+from ..model.model import Model
 from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..robot import Robot
 from ..simulation.simulator import simulate
@@ -52,16 +53,25 @@ def settling_time(trajectory: Trajectory, reference: Array) -> float:
     return float(trajectory.t[outside[-1] + 1]) if outside[-1] + 1 < len(trajectory.t) else float("inf")
 
 
+def carried_masses(model: Model) -> Array:
+    """The mass that each joint carries: its own body and all bodies beyond it, shape (nb,) [kg]."""
+    carried = model.mass.copy()
+    for i in reversed(range(model.nb)):
+        if model.parent[i] >= 0:
+            carried[model.parent[i]] += carried[i]
+    return carried
+
+
 def _checks(robot: Robot, page: Page) -> bool:
     page.heading("Model and checks")
-    model = robot.model
+    model, carried = robot.model, carried_masses(robot.model)
     holding = robot.gravity_torque([0, np.pi / 2, -np.pi / 2, 0, 0, 0]) / 9.81
     page.table(
-        ["joint", "mass behind it [kg]", "working range [rad]", "holding torque (6.21) / g [kg m]"],
+        ["joint", "mass carried [kg]", "working range [rad]", "holding torque (6.21) / g [kg m]"],
         [
             [
                 name,
-                f"{model.mass[i]:g}",
+                f"{carried[i]:g}",
                 f"{model.lower[i]:.3f} ... {model.upper[i]:.3f}",
                 f"{round(holding[i], 4) + 0.0:.4f}",
             ]

@@ -90,7 +90,6 @@ class Page:
     def write_markdown(self, path: Path) -> None:
         """Write the page as Markdown, its pictures into `pictures` beside it."""
         text = "\n\n".join([f"# {self.title}", *(block.markdown for block in self.body)])
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text + "\n", encoding="utf-8")
         if self.files:
             (path.parent / "pictures").mkdir(exist_ok=True)
