@@ -1,4 +1,4 @@
-"""From file to Model: fixed joints, inertial frames, order, mimics; and back."""
+"""From file to Model and back: fixed joints, inertial frames, joint order, limits, mimics, shapes."""
 
 import re
 
@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import rne
 from rne.basics.spatial import rotation_from_rpy, rpy_from_rotation
+from rne.model.model import Cylinder
 from rne.model.robots.generators import random_tree
 
 from .helpers import EPS, Oracle, each, relative, states
@@ -111,7 +112,7 @@ def test_mimic_chains_compose(read):
     assert model.offset.tolist() == [0.0, 0.5, -1.25]
 
 
-def test_mimic_may_stand_before_what_it_follows(read):
+def test_mimic_may_come_before_the_joint_it_follows(read):
     text = robot(
         *(link(name) for name in ("base", "a", "b")),
         joint("one", "base", "a", inside=LIMIT + '<mimic joint="two"/>'),
@@ -120,7 +121,62 @@ def test_mimic_may_stand_before_what_it_follows(read):
     assert read(text).joint_names == ("two",)
 
 
-def test_dynamics_are_kept_and_said_to_be_unused(read):
+def test_without_axis_it_is_x(read):
+    assert read(robot(*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT))).model.axis.tolist() == [[1, 0, 0]]
+
+
+@pytest.mark.parametrize("length", ["1e-200", "3", "1e200"])
+def test_an_axis_of_any_length_is_a_direction(read, length):
+    axis = f'<axis xyz="{length} -{length} 0"/>'
+    got = read(robot(*ARM[:2], joint("elbow", "base", "arm", inside=axis + LIMIT))).model.axis[0]
+    assert got.tolist() == [np.sqrt(0.5), -np.sqrt(0.5), 0]
+
+
+INFINITE = [-np.inf, np.inf, np.inf, np.inf]
+MOST = float(np.finfo(float).max)
+LIMITS = {
+    "given": ("prismatic", '<limit lower="-1" upper="2" velocity="3" effort="4"/>', [-1, 2, 3, 4]),
+    "no element": ("revolute", "", INFINITE),
+    "no attribute": ("revolute", "<limit/>", [0, 0, np.inf, np.inf]),
+    "upper only": ("revolute", '<limit upper="1"/>', [0, 1, np.inf, np.inf]),
+    "zero": ("revolute", '<limit lower="-1" upper="1" velocity="0" effort="0"/>', [-1, 1, 0, 0]),
+    "no bounds of a continuous joint": (
+        "continuous",
+        '<limit lower="-1" upper="2" velocity="3" effort="4"/>',
+        [-np.inf, np.inf, 3, 4],
+    ),
+    "the largest double": (
+        "revolute",
+        f'<limit lower="-{MOST!r}" upper="{MOST!r}" velocity="{MOST!r}" effort="{MOST!r}"/>',
+        INFINITE,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_limits(read, name):
+    kind, text, expected = LIMITS[name]
+    m = read(robot(*ARM[:2], joint("elbow", "base", "arm", kind, text))).model
+    assert [x[0] for x in (m.lower, m.upper, m.velocity_limit, m.effort_limit)] == expected
+
+
+def test_cylinders_are_kept_for_drawing(read):
+    def visual(size, place=""):
+        return f"<visual>{place}<geometry>{size}</geometry></visual>"
+
+    first, second = '<cylinder radius="0.1" length="2"/>', '<cylinder radius="3" length="0.5"/>'
+    shapes = (
+        visual(first, f"<origin {SKEW}/>") + visual('<box size="1 1 1"/>') + visual(second, '<origin rpy="1 2 3"/>')
+    )
+    model = read(robot(link("base", visual(second)), link("arm", INERTIAL + shapes), ARM[2])).model
+    assert model.shapes == (
+        Cylinder("base", 3, 0.5, (0, 0, 0), (0, 0, 0)),
+        Cylinder("arm", 0.1, 2, (0.3, -0.2, 0.5), (0.4, 1.1, -0.7)),
+        Cylinder("arm", 3, 0.5, (0, 0, 0), (1, 2, 3)),
+    )
+
+
+def test_dynamics_are_recorded_and_reported_as_not_applied(read):
     loaded = read(
         robot(*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT + '<dynamics damping="0.5" friction="2"/>'))
     )
@@ -132,7 +188,7 @@ def test_a_link_and_a_joint_may_share_a_name(read):
     assert read(robot(*ARM[:2], joint("arm", "base", "arm"))).joint_names == ("arm",)
 
 
-def test_default_namespace_comments_and_instructions_are_no_obstacle(read):
+def test_default_namespace_comments_and_instructions_are_allowed(read):
     text = (
         '<?xml version="1.0"?><robot name="r" xmlns="http://www.ros.org"><!-- a --><?pi?>' + "".join(ARM) + "</robot>"
     )
@@ -209,7 +265,7 @@ def test_rpy_of_a_rotation_gives_the_rotation(rpy):
 @settings(max_examples=300, deadline=None)
 @given(st.data())
 def test_a_damaged_file_is_an_error_or_a_robot_never_a_crash(data):
-    """Cut, repeat or replace pieces of a sound file: UrdfError or a Model, nothing else."""
+    """Cut, repeat or replace pieces of a valid file: UrdfError or a Model, nothing else."""
     import tempfile
     from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""URDF text <-> Model. A file is untrusted input: it is validated before any other library sees it."""
+"""URDF text <-> Model. A file is untrusted input: every element is validated before it is used."""
 
 from .findings import Finding
 from .read import check, read_urdf

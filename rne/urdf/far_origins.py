@@ -1,54 +1,52 @@
-"""Joint origins that a file put far out along the joint's own axis, slid back to the robot.
+"""Joint origins that a file places far out along the joint's own axis are moved back to the robot.
 
-A frame may sit anywhere on its joint's axis without the robot being another one, but a lever of a million metres costs
-six digits in M and twelve in articulated bodies. Sliding is done on the file's own numbers, with 80 digits, before
-anything is rounded; the links stay where the file has them (`Part.link_origin`).
+A revolute joint's frame may have its origin anywhere on the joint's axis: the robot is the same. But a lever of 1e6 m
+costs six digits in M and twelve in articulated-body dynamics. Such origins are slid along their axes when the file is
+read, in long double and from the file's own numbers, neither rounded nor snapped. Links keep the frames they have in
+the file (`Part.link_origin`).
+
+Accuracy: a joint is moved off its axis by about one rounding of long double, 1e-19 of the distance slid. Measured on
+robots of about a metre against 50 digits, errors stay at a few roundings of double for distances up to 1e4 m; at 1e6 m
+inverse dynamics and M are accurate to 1.5e-13, and forward dynamics to 4e-12, the same error times the condition of M.
+Where long double is no wider than double, an origin slid by 1e6 m is accurate to about 1e-10 m, as the file is there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from decimal import Decimal, localcontext
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array, dot, rotate
+from ..basics.spatial import Array, dot, rotate, rotate_back, rotation_about
 from ..model.builder import Exact, Part, Pose
 from ..model.model import REVOLUTE_TYPES
 
-DIGITS = 80
-# An origin this many times the robot's size away along its axis is no robot's but a habit of CAD: then all are slid
-# that are farther away than the robot is large. In example-robot-data the farthest is 1.04 times its robot's size away.
+# Origins stay where they are unless one is farther out along its axis than this many times the robot's size; then all
+# are slid that are farther out than the robot is large. In example-robot-data the farthest is 1.04 sizes out.
 FAR = 10
 
-Decimals = list[Decimal]
+
+class Unrounded(NamedTuple):
+    """A joint's roll, pitch, yaw [rad] and unit axis in long double, nothing snapped."""
+
+    rpy: Array
+    axis: Array
 
 
-class Written(NamedTuple):
-    """A joint's angles and axis as the file has them; the axis of any length."""
+def slide_far_origins(parts: list[Part], unrounded: Sequence[Unrounded]) -> list[Part]:
+    """The same robot with far joint origins slid along their axes, or `parts` itself if there are none.
 
-    rpy: Any
-    axis: Any
-
-
-def slid(parts: list[Part], written: Sequence[Written]) -> list[Part]:
-    """The same robot with far joint origins slid along their axes; the parts themselves if there are none.
-
-    `written` holds one entry a part; the root's is not looked at.
+    `unrounded` has one entry per part; the root's is not used.
     """
-    with np.errstate(all="ignore"):  # numbers near the largest are no robot's; the Model says so
+    with np.errstate(all="ignore"):  # numbers near the largest double overflow here; the Model reports them
         distances = far_origins(parts)
-    if not any(distances):
-        return parts
-    with localcontext() as context:
-        context.prec = DIGITS
-        return _moved(parts, written, distances)
+    return _moved(parts, unrounded, distances) if any(distances) else parts
 
 
 def far_origins(parts: Sequence[Part]) -> list[float]:
-    """How far to slide each joint's origin along its axis; 0 for those that stay, in ordinary robots all."""
+    """The distance to slide each joint's origin along its axis; 0 for those that stay, in ordinary robots all [m]."""
     origins, axes, coms = _at_zero(parts)
     masses = [Exact(part.mass) for part in parts]
     firsts = [m * c for m, c in zip(masses, coms, strict=True)]
@@ -83,72 +81,24 @@ def _at_zero(parts: Sequence[Part]) -> tuple[list[Array], list[Array], list[Arra
     return [pose.p for pose in poses], axes, coms
 
 
-def _moved(parts: list[Part], written: Sequence[Written], distances: Sequence[float]) -> list[Part]:
-    shifts: list[Decimals] = [[Decimal(0)] * 3 for _ in parts]  # of each part's frame, in its own axes
+def _moved(parts: list[Part], unrounded: Sequence[Unrounded], distances: Sequence[float]) -> list[Part]:
+    shifts: list[Array] = [np.zeros(3, dtype=Exact) for _ in parts]  # of each part's frame, in its own axes
     moved = [parts[0]]
     for k, part in enumerate(parts[1:], 1):
-        R = _rotation(written[k].rpy)
-        p, above = _decimals(part.placement.p), shifts[part.parent]
+        R, p, above = _rotation(unrounded[k].rpy), part.placement.p, shifts[part.parent]
         if distances[k]:
-            shifts[k] = [Decimal(distances[k]) * b for b in _unit(written[k].axis)]
-        elif part.kind == "fixed" and any(above):  # all that a body is made of is seen from its near origin
-            back = [a - x for a, x in zip(above, p, strict=True)]
-            shifts[k] = [sum((R[j][i] * back[j] for j in range(3)), Decimal(0)) for i in range(3)]
+            shifts[k] = distances[k] * unrounded[k].axis
+        elif part.kind == "fixed" and any(above):  # a fixed link's frame moves to the near origin of its body
+            shifts[k] = rotate_back(R, above - p)
         shift = shifts[k]
-        if not any(shift) and not any(above):
-            moved.append(part)
-            continue
-        turned = [sum((R[i][j] * shift[j] for j in range(3)), Decimal(0)) for i in range(3)]
-        place = [x + t - a for x, t, a in zip(p, turned, above, strict=True)]
-        com = [c - s for c, s in zip(_decimals(part.com), shift, strict=True)]
-        moved.append(
-            replace(
-                part,
-                placement=Pose(part.placement.R, _rounded(place)),
-                com=_rounded(com),
-                link_origin=_rounded([-s for s in shift]),
-            )
-        )
+        if any(shift) or any(above):
+            place = Pose(part.placement.R, p + rotate(R, shift) - above)
+            part = replace(part, placement=place, com=part.com - shift, link_origin=-shift)
+        moved.append(part)
     return moved
 
 
-def _decimals(vector: Any) -> Decimals:
-    """The file's doubles, which long double holds as they are."""
-    return [Decimal(float(x)) for x in vector]
-
-
-def _rounded(vector: Decimals) -> Array:
-    return np.array([Exact(str(x)) for x in vector])
-
-
-def _unit(axis: Any) -> Decimals:
-    b = _decimals(axis)
-    length = sum((x * x for x in b), Decimal(0)).sqrt()
-    return [x / length for x in b]
-
-
-def _rotation(rpy: Any) -> list[Decimals]:
-    """Rz(yaw) Ry(pitch) Rx(roll), nothing snapped."""
-    (sr, cr), (sp, cp), (sy, cy) = (_sincos(x) for x in _decimals(rpy))
-    return [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-
-
-def _sincos(x: Decimal) -> tuple[Decimal, Decimal]:
-    """From the series of a small angle, doubled as often as it was halved."""
-    halvings = max(0, 4 * (x.adjusted() + 2)) if x else 0
-    small = x / 2**halvings
-    sin, cos, term, n = Decimal(0), Decimal(0), Decimal(1), 0
-    while abs(term) > Decimal(10) ** (-DIGITS - 2) or n < 2:
-        if n % 2:
-            sin += term if n % 4 == 1 else -term
-        else:
-            cos += term if n % 4 == 0 else -term
-        n += 1
-        term = term * small / n
-    for _ in range(halvings):
-        sin, cos = 2 * sin * cos, cos * cos - sin * sin
-    return sin, cos
+def _rotation(rpy: Array) -> Array:
+    """Rz(yaw) Ry(pitch) Rx(roll) in long double, nothing snapped: 4 eps of a double are 1e-9 m at a million metres."""
+    roll, pitch, yaw = (rotation_about(b, angle) for b, angle in zip(np.eye(3, dtype=Exact), rpy, strict=True))
+    return yaw @ pitch @ roll

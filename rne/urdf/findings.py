@@ -1,4 +1,4 @@
-"""What a validator finds in a file."""
+"""Errors and warnings found in a file."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from typing import Any, Literal
 
 from ..errors import UrdfError
 
-ECHO = 80  # characters of a file's own text that are repeated in a message
+ECHO = 80  # characters of a file's own text that a message may quote
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One remark on a URDF file.
+    """One error or warning about a URDF file.
 
     Attributes
     ----------
     severity : {"error", "warning"}
-        Errors keep the robot from loading; with warnings it loads unchanged.
+        A file with errors does not load; warnings change nothing.
     file : str
     line : int or None
     element : str
-        The link, joint or part of it that is meant.
+        The link, joint or part of it at fault.
     message : str
         What is wrong.
     cure : str
-        What to do about it.
+        How to fix it.
     """
 
     severity: Literal["error", "warning"]
@@ -77,9 +77,14 @@ def _line(where: Any) -> int | None:
 
 
 def echo(value: object) -> str:
-    """A value of the file in quotes, cut to a length that fits a message."""
+    """A value of the file in quotes, cut to `ECHO` characters."""
+    return repr(cut(value))
+
+
+def cut(value: object) -> str:
+    """A text of the file or about it, cut to `ECHO` characters."""
     text = str(value)
-    return repr(text if len(text) <= ECHO else text[:ECHO] + "...")
+    return text if len(text) <= ECHO else text[:ECHO] + "..."
 
 
 def listed(names: Iterable[str]) -> str:

@@ -1,20 +1,22 @@
-"""Which elements and attributes a URDF has, and how numbers are written in it."""
+"""The elements and attributes of URDF, and the form of its numbers."""
 
 from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from .findings import Report, echo
 
-# One finite decimal number in ASCII.
+LARGEST = sys.float_info.max  # written for a limit that does not exist
+# One decimal number in ASCII.
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 
 
 class Rule(NamedTuple):
-    """What may stand in an element: attributes, children that stand once, children that may repeat."""
+    """The attributes of an element, the children it may have once, and those it may have many times."""
 
     attributes: frozenset[str] = frozenset()
     once: frozenset[str] = frozenset()
@@ -43,7 +45,7 @@ RULES = {
     "geometry": _rule(once="cylinder box sphere mesh capsule"),
     "cylinder": _rule("radius length"),
 }
-# Known, and of no weight for dynamics or the drawing: not looked into.
+# Known, but used neither for dynamics nor for drawing: their content is not checked.
 UNREAD = frozenset(
     [
         "material",
@@ -61,13 +63,13 @@ UNREAD = frozenset(
 
 
 def describe(element: Any) -> str:
-    """An element as a user would call it: link 'arm', joint 'elbow', or just its tag."""
+    """An element as messages name it: link 'arm', joint 'elbow', or just its tag."""
     name = element.get("name")
     return f"{element.tag} {echo(name)}" if name is not None else f"<{element.tag}>"
 
 
 def elements(root: Any) -> Iterator[tuple[Any, str]]:
-    """Every element that is read, with the name of the link or joint it belongs to; no recursion."""
+    """Every element that is read, with the link or joint it belongs to; not recursive, as depth is up to the file."""
     stack = [(root, "robot")]
     while stack:
         element, owner = stack.pop()
@@ -80,7 +82,7 @@ def elements(root: Any) -> Iterator[tuple[Any, str]]:
 
 
 def check_grammar(root: Any, report: Report) -> None:
-    """Warn of unknown elements and attributes; refuse elements that stand twice where one is meant."""
+    """Warn of unknown elements and attributes; report duplicated elements where one is allowed as errors."""
     for element, owner in elements(root):
         rule = RULES[element.tag]
         counts: dict[str, int] = {}
@@ -94,12 +96,7 @@ def check_grammar(root: Any, report: Report) -> None:
                     "remove it",
                 )
             elif child.tag in rule.once and counts[child.tag] == 2:
-                report.error(
-                    child,
-                    owner,
-                    f"<{child.tag}> stands twice in <{element.tag}>",
-                    "keep the one that is meant",
-                )
+                report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
         for attribute in element.attrib:
             if attribute not in rule.attributes:
                 report.warning(
@@ -111,7 +108,7 @@ def check_grammar(root: Any, report: Report) -> None:
 
 
 def prune(root: Any) -> None:
-    """Remove everything that was not validated, so that no other library reads it."""
+    """Remove everything that was not validated, so that nothing else is read."""
     for element, _ in list(elements(root)):
         rule = RULES[element.tag]
         for child in list(element):
@@ -134,12 +131,12 @@ def numbers(
         return None
     tokens = text.split()
     if len(tokens) != count:
-        report.error(element, owner, f"{what} must be {_amount(count)}, got {echo(text)}", "mend the attribute")
+        report.error(element, owner, f"{what} must be {_amount(count)}, got {echo(text)}", "fix the attribute")
         return None
     values = tuple(float(token) if NUMBER.fullmatch(token) else math.nan for token in tokens)
     if not all(math.isfinite(value) for value in values):
         message = f"{what} must be {_amount(count)}, finite and decimal, got {echo(text)}"
-        report.error(element, owner, message, "mend the attribute")
+        report.error(element, owner, message, "fix the attribute")
         return None
     return values
 

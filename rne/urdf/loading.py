@@ -1,4 +1,4 @@
-"""Robots by name or from a file."""
+"""Loading a robot by name or from a file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     Raises
     ------
     UrdfError
-        For the first mistake in the file, naming file, element and attribute.
+        For the first error in the file, naming file, element and attribute.
     FileNotFoundError
         If it is neither a robot's name nor a file.
     ValueError

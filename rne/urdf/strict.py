@@ -1,4 +1,4 @@
-"""The validator: every link and joint of a URDF, element by element."""
+"""Validation of every link and joint of a URDF, element by element."""
 
 from __future__ import annotations
 
@@ -9,20 +9,18 @@ import numpy as np
 from ..model.validation import inertia_error, triangle_excess
 from .findings import Report, echo
 from .grammar import check_grammar, describe, number, numbers, prune
-from .tree import check_tree
+from .tree import ENTRIES, TYPES, check_tree
 
-TYPES = ("revolute", "continuous", "prismatic", "fixed")
-ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-TRIANGLE_TOLERANCE = 1e-6  # of the trace: decimals of a file are rounded to six or so
+TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
 
 
 def validate(root: Any, report: Report) -> None:
-    """Report everything wrong with the robot; afterwards `root` holds only what was validated."""
+    """Report everything wrong with the robot; afterwards `root` holds only validated elements and attributes."""
     if not _is_robot(root, report):
         return
     check_grammar(root, report)
     if not root.get("name", "").strip():
-        report.warning(root, "robot", "attribute 'name' is missing", "give the robot a name; other readers insist")
+        report.warning(root, "robot", "attribute 'name' is missing", "give the robot a name; other readers require it")
     if root.find("link") is None:
         report.error(root, "robot", "there is no <link>", "a robot needs at least its root link")
     for link in root.findall("link"):
@@ -37,7 +35,7 @@ def _is_robot(root: Any, report: Report) -> bool:
     from lxml import etree
 
     tag = root.tag
-    if tag.startswith("{") and tag.endswith("}robot"):  # a default namespace says nothing in a URDF
+    if tag.startswith("{") and tag.endswith("}robot"):  # a default namespace has no meaning in URDF
         namespace = tag[: tag.index("}") + 1]
         report.warning(root, "robot", f"default namespace {echo(namespace[1:-1])} is ignored", "remove xmlns")
         for element in root.iter():
@@ -83,7 +81,7 @@ def _check_inertial(inertial: Any, owner: str, report: Report) -> None:
     mass = None if mass_element is None else number(mass_element, "value", owner, report)
     if mass is not None and mass < 0:
         message = f"attribute 'value' of <mass> must be 0 or positive, got {echo(mass_element.get('value'))}"
-        report.error(mass_element, owner, message, "mend the mass")
+        report.error(mass_element, owner, message, "fix the mass")
         mass = None
     if inertia_element is None:
         return
@@ -96,12 +94,12 @@ def _check_inertial(inertial: Any, owner: str, report: Report) -> None:
     if error:
         report.error(inertia_element, owner, f"<inertia>: {error}", "check signs and units of ixx ... izz")
     elif triangle_excess(inertia) > TRIANGLE_TOLERANCE:
-        message = "<inertia>: the largest principal moment exceeds the sum of the two others, which no body has"
+        message = "<inertia>: the largest principal moment exceeds the sum of the two others, which no rigid body has"
         report.warning(inertia_element, owner, message, "check ixx ... izz; torques are computed as written")
 
 
 def _check_visual(visual: Any, owner: str, report: Report) -> None:
-    """A cylinder is kept for drawing; a visual that cannot be drawn is dropped, it moves nothing."""
+    """Keep valid cylinders for drawing and remove all other visuals; an invalid cylinder is only a warning."""
     cylinder = visual.find("geometry/cylinder")
     trial = Report(report.file)
     if cylinder is not None:
@@ -124,7 +122,7 @@ def _check_joint(joint: Any, report: Report) -> None:
         if element is None:
             report.error(joint, owner, f"<{tag}> is missing", f'give <{tag} link="..."/>')
         elif not element.get("link"):
-            report.error(element, owner, f"attribute 'link' of <{tag}> is missing", "name the link")
+            report.error(element, owner, f"attribute 'link' of <{tag}> is missing", "give the link")
     _check_origin(joint, owner, report)
     _check_axis(joint, kind, owner, report)
     _check_limit(joint, kind, owner, report)
@@ -133,13 +131,13 @@ def _check_joint(joint: Any, report: Report) -> None:
         for attribute in ("damping", "friction"):
             value = number(dynamics, attribute, owner, report, default="0")
             if value is not None and value < 0:
-                message = f"attribute {attribute!r} of <dynamics> is negative: it would feed energy in"
+                message = f"attribute {attribute!r} of <dynamics> is negative: it would add energy"
                 report.warning(dynamics, owner, message, "check its sign")
     if mimic is not None:
         number(mimic, "multiplier", owner, report, default="1")
         number(mimic, "offset", owner, report, default="0")
         if not mimic.get("joint"):
-            report.error(mimic, owner, "attribute 'joint' of <mimic> is missing", "name the joint it follows")
+            report.error(mimic, owner, "attribute 'joint' of <mimic> is missing", "give the joint that it follows")
 
 
 def _check_axis(joint: Any, kind: str | None, owner: str, report: Report) -> None:
@@ -147,7 +145,7 @@ def _check_axis(joint: Any, kind: str | None, owner: str, report: Report) -> Non
     if axis is None:
         return
     if kind == "fixed":
-        report.warning(axis, owner, "a fixed joint has no <axis>; it is ignored", "remove it")
+        report.warning(axis, owner, "<axis> of a fixed joint is ignored", "remove it")
         joint.remove(axis)
         return
     xyz = numbers(axis, "xyz", owner, report, count=3)

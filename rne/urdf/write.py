@@ -1,4 +1,4 @@
-"""Model -> URDF text."""
+"""Writing a Model as URDF text."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from ..basics.spatial import rpy_from_rotation
 from ..model.arguments import model_argument
 from ..model.builder import Part, Pose, at_links, disassemble
 from ..model.model import Model
-
-LARGEST = float(np.finfo(np.float64).max)
+from .grammar import LARGEST
 
 
 def to_urdf(model: Model) -> str:
-    """The robot as URDF text; reading it back gives the same Model.
+    """Write a robot as URDF text; reading it back gives the same Model.
 
     Parameters
     ----------
@@ -24,19 +23,19 @@ def to_urdf(model: Model) -> str:
     Returns
     -------
     str
-        Numbers have all their digits. Merged links come back as fixed joints, their inertia on the body's first
-        link. What a URDF has no place for stands in a comment: gravity other than (0, 0, -9.81), and armature.
+        Numbers have all their digits. Merged links are written as fixed joints, their inertia on the body's first
+        link. What URDF cannot express is written as a comment: gravity other than (0, 0, -9.81), and armature.
 
     Raises
     ------
     ValueError
-        If a name has control characters, for which XML has no place.
+        If a name has control characters, which XML does not allow.
 
     Notes
     -----
     A rotation other than by right angles may change in its last digit, since a URDF holds angles. A limit that does
-    not exist is written as the largest double, which is read back as none. Joints whose origins were slid at load are
-    written where their file had them, rounded to doubles there.
+    not exist is written as the largest double, which is read back as no limit. Joints whose far origins were moved when
+    the robot was read are written where their file had them, rounded to doubles there.
 
     Examples
     --------
@@ -136,7 +135,7 @@ def _joint(root: Any, parts: list[Part], part: Part) -> None:
         etree.SubElement(
             joint,
             "mimic",
-            joint=parts[part.mimic.driver].joint,
+            joint=parts[part.mimic.independent].joint,
             multiplier=_number(part.mimic.multiplier),
             offset=_number(part.mimic.offset),
         )

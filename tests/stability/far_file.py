@@ -1,4 +1,4 @@
-"""URDF files whose joint origins were slid along their axes, and the robot of exactly their numbers."""
+"""URDF files with joint origins slid along their axes, and the robot of exactly the files' numbers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def far_text(model, distance, seed=0):
 
 
 def mp(text):
-    """The doubles of an attribute, as they are."""
+    """The doubles of an attribute, not rounded further."""
     return convert_array(np.array([float(x) for x in text.split()]), mpmath.mpf)
 
 

@@ -1,4 +1,4 @@
-"""A joint's origin may be written anywhere on its axis: the robot, and its digits, stay the same."""
+"""A joint's origin may be written anywhere on its axis: the robot is the same, and dynamics keeps its digits."""
 
 from dataclasses import fields, replace
 
@@ -9,13 +9,14 @@ import pytest
 import rne
 from rne.model.builder import Part
 from rne.model.robots.generators import random_tree
-from rne.urdf.far_origins import _rotation, far_origins
+from rne.urdf.far_origins import far_origins
 
 from ..helpers import data_robots
 from .families import case
 from .far_file import exact_model, far_text
 from .structured import DIGITS, EPS, Reference, changed, compared, measure
 
+LONG_EPS = float(np.finfo(np.longdouble).eps)
 MODELS = {
     "irb140": rne.irb140(),
     "ur5": rne.load(data_robots()["ur_description/ur5_robot"]).model,
@@ -34,10 +35,20 @@ def read(tmp_path):
     return read
 
 
+def bound(n, distance):
+    """Error that is allowed, in units of eps times the condition of the robot with short levers.
+
+    10 n roundings of double precision, as for any robot. The robot read differs from the file's by one rounding of long
+    double per metre that joints were slid, relative to these robots of about a metre: 0.05 at 1e2 m, 5 at 1e4 m and 488
+    at 1e6 m, where 277 were measured.
+    """
+    return 10 * n + distance * LONG_EPS / EPS
+
+
 @pytest.mark.parametrize("distance", [1e2, 1e4, 1e6])
 @pytest.mark.parametrize("name", MODELS)
 def test_dynamics_keep_their_digits(read, name, distance):
-    """Against 50 digits of exactly the file's doubles, in units of the condition of the robot with short levers."""
+    """Against 50 digits of exactly the file's doubles."""
     text = far_text(MODELS[name], distance)
     robot = read(text)
     one = case(name, robot.model)
@@ -46,7 +57,7 @@ def test_dynamics_keep_their_digits(read, name, distance):
     assert np.abs(exact.com).max() > distance / 10 > 5 * np.abs(robot.model.com).max()
     for quantity, measured in measure(one, exact_model=exact).items():
         assert not measured.refused
-        assert measured.ratio <= 10 * robot.n, quantity
+        assert measured.ratio <= bound(robot.n, distance), quantity
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -66,7 +77,7 @@ def test_links_stay_in_the_frames_of_the_file(read, name):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_written_and_read_again_it_is_the_same_robot(read, name):
-    """But for what doubles far away cannot hold: 1e-10 m, seen from a wrist of a few centimetres."""
+    """Up to the rounding of doubles at this distance: 1e-10 m, compared with a wrist of a few centimetres."""
     first = read(far_text(MODELS[name], 1e6))
     again = read(rne.to_urdf(first.model))
     q = case("", first.model).q
@@ -77,7 +88,7 @@ def test_written_and_read_again_it_is_the_same_robot(read, name):
 
 
 def test_the_record_is_that_of_the_same_motion(read):
-    """Angular quantities and torques agree with the near robot's; what is said of origins is said of near ones."""
+    """Angular quantities and torques agree with the near robot's; origins are the near ones."""
     far = read(far_text(MODELS["serial"], 1e6))
     near = rne.Robot(replace(MODELS["serial"], gravity=far.model.gravity))
     state = [x[0] for x in case("", far.model)[2:]]
@@ -133,14 +144,3 @@ def test_an_arm_a_few_times_its_size_up_the_axis_is_no_mistake():
     assert far_origins([Part(link="base")]) == [0.0]
     massless = Part(link="a", joint="j", kind="revolute", parent=0, axis=np.array([0, 0, 1.0]))
     assert far_origins([parts[0], massless]) == [0.0, 0.0]
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, np.pi / 2, -2.5, 1e3, 1e12])
-def test_rotations_of_eighty_digits(angle):
-    from decimal import localcontext
-
-    with localcontext() as context, mpmath.workdps(80):
-        context.prec = 80
-        R = _rotation([0.0, 0.0, angle])
-        assert abs(mpmath.mpf(str(R[0][0])) - mpmath.cos(mpmath.mpf(angle))) < mpmath.mpf(10) ** -55
-        assert abs(mpmath.mpf(str(R[1][0])) - mpmath.sin(mpmath.mpf(angle))) < mpmath.mpf(10) ** -55
