@@ -112,6 +112,18 @@ def test_mimic_chains_compose(read):
     assert model.offset.tolist() == [0.0, 0.5, -1.25]
 
 
+def test_a_thousand_mimics_compose_in_either_order_of_the_file(read):
+    joints = [joint("j0", "l0", "l1")]
+    for k in range(1, 1000):
+        inside = LIMIT + f'<mimic joint="j{k - 1}" multiplier="-1" offset="1"/>'
+        joints.append(joint(f"j{k}", f"l{k}", f"l{k + 1}", inside=inside))
+    links = [link(f"l{k}") for k in range(1001)]
+    for text in (robot(*links, *joints), robot(*links, *reversed(joints))):
+        model = read(text).model
+        assert model.multiplier.tolist() == [1.0, -1.0] * 500
+        assert model.offset.tolist() == [0.0, 1.0] * 500
+
+
 def test_mimic_may_come_before_the_joint_it_follows(read):
     text = robot(
         *(link(name) for name in ("base", "a", "b")),

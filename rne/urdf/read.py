@@ -118,8 +118,11 @@ def _model(root: Any, gravity: ArrayLike) -> Model:
     links = {link.get("name"): link for link in root.findall("link")}
     root_link, joints = _in_tree_order(links, root.findall("joint"))
     part_of_link = {root_link: 0} | {link_of(joint, "child"): k for k, joint in enumerate(joints, 1)}
-    by_name = {joint.get("name"): joint for joint in joints}
-    part_of_joint = {name: k for k, name in enumerate(by_name, 1)}
+    part_of_joint = {joint.get("name"): k for k, joint in enumerate(joints, 1)}
+    mimics = {
+        name: Mimic(part_of_joint[independent], float(multiplier), float(offset))
+        for name, (independent, multiplier, offset) in _mimics(joints).items()
+    }
     parts = [Part(link=root_link, **_inertial(links[root_link]))]
     for joint in joints:
         child = str(link_of(joint, "child"))
@@ -130,7 +133,7 @@ def _model(root: Any, gravity: ArrayLike) -> Model:
             parent=part_of_link[link_of(joint, "parent")],
             placement=_pose(joint),
             axis=snap(_axis(joint).astype(np.float64)),
-            mimic=_mimic(joint, by_name, part_of_joint),
+            mimic=mimics.get(joint.get("name")),
             **_limits(joint),
             **_dynamics(joint),
             **_inertial(links[child]),
@@ -213,18 +216,21 @@ def _dynamics(joint: Any) -> dict[str, Any]:
     return {name: _number(joint.find("dynamics"), name, 0.0) for name in ("damping", "friction")}
 
 
-def _mimic(joint: Any, by_name: dict[str, Any], part_of_joint: dict[str, int]) -> Mimic | None:
-    """The independent joint at the end of a chain of mimics, with multipliers and offsets composed."""
-    mimic = joint.find("mimic")
-    if mimic is None:
-        return None
-    name, multiplier, offset = "", Exact(1), Exact(0)
-    while mimic is not None:
-        offset = offset + multiplier * _number(mimic, "offset", 0.0)
-        multiplier = multiplier * _number(mimic, "multiplier", 1.0)
-        name = mimic.get("joint")
-        mimic = by_name[name].find("mimic")
-    return Mimic(part_of_joint[name], float(multiplier), float(offset))
+def _mimics(joints: list[Any]) -> dict[str, tuple[str, Any, Any]]:
+    """The independent joint at the end of each mimic's chain, with multiplier and offset composed along it."""
+    written = {joint.get("name"): joint.find("mimic") for joint in joints if joint.find("mimic") is not None}
+    composed: dict[str, tuple[str, Any, Any]] = {}
+    for name in written:
+        chain = []
+        while name in written and name not in composed:
+            chain.append(name)
+            name = written[name].get("joint")
+        for mimic in reversed(chain):
+            independent, multiplier, offset = composed.get(name, (name, Exact(1), Exact(0)))
+            factor = _number(written[mimic], "multiplier", 1.0)
+            offset = factor * offset + _number(written[mimic], "offset", 0.0)
+            name, composed[mimic] = mimic, (independent, factor * multiplier, offset)
+    return composed
 
 
 def _cylinders(link: Any) -> list[Cylinder]:
