@@ -26,10 +26,10 @@ TOLERANCES: dict[str, tuple[float, ...]] = {
 LOOP = CLOSED_LOOPS[0]
 
 
-def their_loop(robot: rne.Robot, xml: str) -> Side:
+def their_loop(robot: rne.Robot) -> Side:
     """Pinocchio's ABA under u = g(q) - Kp (q - q_ref) - Kd qd."""
     n, kp, kd, wanted = robot.n, np.array(KP), np.array(KD), np.array(LOOP.reference)
-    model, data = their_arm(robot, xml)
+    model, data = their_arm(robot)
 
     def law(x: np.ndarray) -> np.ndarray:
         torque: np.ndarray = pin.computeGeneralizedGravity(model, data, x[:n]) - kp * (x[:n] - wanted) - kd * x[n:]
@@ -47,18 +47,18 @@ def their_loop(robot: rne.Robot, xml: str) -> Side:
 
 
 def reference(scene: rne.Scene, theirs: Side, x0: np.ndarray, rtol: float) -> tuple[np.ndarray, float]:
-    """The joint positions at the end by our Radau, and the farthest that our LSODA and Pinocchio's Radau are off."""
+    """The joint positions at the end by our Radau, and the largest difference of LSODA and of Pinocchio's Radau."""
     tight = {m: tolerance(m, rtol) for m in ("Radau", "LSODA")}
     end, other = (simulated(scene, x0, DURATION, **o)[0][-1] for o in tight.values())
     third = in_solve_ivp(theirs, x0, DURATION, tight["Radau"])[0][-1]
     return end, float(max(np.abs(other - end).max(), np.abs(third - end).max()))
 
 
-def run(robot: rne.Robot, xml: str, quick: bool) -> dict[str, Any]:
+def run(robot: rne.Robot, quick: bool) -> dict[str, Any]:
     """On the IRB 140; the reference's runs are the warm-up."""
     scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, KP, KD, LOOP.reference))
     x0 = np.concatenate([LOOP.start, np.zeros(robot.n)])
-    theirs = their_loop(robot, xml)
+    theirs = their_loop(robot)
     end, uncertain = reference(scene, theirs, x0, 1e-8 if quick else 1e-12)
     tolerances = {"LSODA": TOLERANCES["LSODA"][:2]} if quick else TOLERANCES
     repeats = 1 if quick else 3

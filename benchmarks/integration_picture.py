@@ -1,4 +1,4 @@
-"""Chart B's picture: a panel for each comparison and robot, one legend for all."""
+"""Chart B's picture: a panel for each comparison and robot, and one legend."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ MARKERS = {
     "Radau": "D",
     "BDF": "v",
     "gauss-4": "*",
-    "implicit-midpoint": "P",
     "Euler": "<",
     "implicit": ">",
     "implicitfast": "X",
@@ -31,7 +30,7 @@ def picture(results: dict[str, Any]) -> Any:
 
     panels = [
         (f"{robot}, {_head(name)} of {panel['duration']:g} s", DRIFT if name.startswith("drift") else ERROR, result)
-        for name, panel in results["panels"].items()
+        for name, panel in results.items()
         for robot, result in panel["robots"].items()
     ]
     rows = len(panels) // 2 + 1
@@ -52,30 +51,30 @@ def picture(results: dict[str, Any]) -> Any:
 
 
 def _head(name: str) -> str:
-    return "stiff closed loop" if name == "closed_loop" else "free swing"
+    return "stiff closed loop" if name == "closed-loop" else "free swing"
 
 
 def style(who: str) -> dict[str, Any]:
-    """Colour says who, hollow and dotted the whole of rne.simulate."""
+    """A colour for each project; hollow and dotted for rne.simulate."""
     simulate = who == "simulate"
     return {"color": COLORS[who], "linestyle": ":" if simulate else "-", "fillstyle": "none" if simulate else "full"}
 
 
 def lines(ax: Any, result: dict[str, Any]) -> None:
-    """One for each method and way, and how far the reference may be off."""
+    """One for each method and way, and the uncertainty of the reference."""
     for who in WAYS:
         for method, marker in MARKERS.items():
             rows = [row for row in result["runs"] if row["method"] == method and who in row["seconds"]]
             seconds = [row["seconds"][who] * 1e3 for row in rows]
             errors = [row["errors"][who] for row in rows]
-            size = 8 if marker in "*PX" else 5.5
+            size = 8 if marker in "*X" else 5.5
             ax.plot(seconds, errors, marker=marker, markersize=size, linewidth=1.1, **style(who))
     uncertain = result.get("reference_uncertainty")
     if uncertain is None:
         return
     ax.axhline(uncertain, color="0.5", linestyle="--", linewidth=0.8)
     ax.annotate(
-        "how far the reference may be off",
+        "uncertainty of the reference",
         (0.02, uncertain),
         xycoords=("axes fraction", "data"),
         xytext=(0, 3),
@@ -86,7 +85,7 @@ def lines(ax: Any, result: dict[str, Any]) -> None:
 
 
 def legend(ax: Any, rows: list[dict[str, Any]]) -> None:
-    """Colours and markers, each said once, in a cell of its own."""
+    """Colours and markers, in a cell of their own."""
     from matplotlib.lines import Line2D
 
     ways = [who for who in WAYS if any(who in row["seconds"] for row in rows)]

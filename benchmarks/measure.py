@@ -1,20 +1,29 @@
-"""Interleaved timing: what is compared runs in turn, so that a machine's moods fall on all alike."""
+"""Interleaved timing: compared calls run in turn, so that changes of the machine's speed affect all of them alike."""
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata
 import json
 import os
 import platform
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 RESULTS = Path(__file__).parent / "results"
+Spread = tuple[float, float, float]  # median, smallest, largest
+
+
+def is_quick(doc: str | None) -> bool:
+    """Read the command line, whose only option is --quick."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="few states, few repeats, no file is written")
+    return bool(parser.parse_args().quick)
 
 
 def interleaved(calls: Mapping[str, Callable[[], Any]], repeats: int, warm_ups: int = 1) -> dict[str, list[float]]:
@@ -29,10 +38,16 @@ def interleaved(calls: Mapping[str, Callable[[], Any]], repeats: int, warm_ups: 
     return seconds
 
 
-def repeats_within(calls: Mapping[str, Callable[[], Any]], seconds: float, least: int = 5, most: int = 41) -> int:
-    """How often all calls can take turns within a time, from one run of each."""
+def per_state(calls: Mapping[str, tuple[Callable[[], Any], int]], repeats: int) -> dict[str, list[float]]:
+    """Seconds per state of calls that each compute a number of states, run in turn."""
+    seconds = interleaved({name: call for name, (call, _) in calls.items()}, repeats)
+    return {name: [s / calls[name][1] for s in runs] for name, runs in seconds.items()}
+
+
+def repeats_within(calls: Sequence[Callable[[], Any]], seconds: float, least: int = 5, most: int = 41) -> int:
+    """How often all calls can take turns within a time, judged by one run of each."""
     start = time.perf_counter()
-    for call in calls.values():
+    for call in calls:
         call()
     return min(max(int(seconds / (time.perf_counter() - start)), least), most)
 
@@ -47,30 +62,32 @@ def many(call: Callable[[], Any], times: int) -> Callable[[], None]:
     return repeated
 
 
-def ratio(seconds: Mapping[str, list[float]], a: str, b: str) -> tuple[float, float, float]:
+def ratio(seconds: Mapping[str, list[float]], a: str, b: str) -> Spread:
     """Median time of a over that of b, and the smallest and largest ratio of neighbouring runs."""
     pairs = [x / y for x, y in zip(seconds[a], seconds[b], strict=True)]
     return statistics.median(seconds[a]) / statistics.median(seconds[b]), min(pairs), max(pairs)
 
 
+def nanoseconds(seconds: Sequence[float]) -> float:
+    """The median in ns."""
+    return statistics.median(seconds) * 1e9
+
+
 def machine() -> dict[str, Any]:
-    """What a reader needs to judge the figures."""
-    model = "unknown"
+    """Processor and versions, without which times say nothing."""
     cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        names = [
-            line.split(":")[1].strip() for line in cpuinfo.read_text().splitlines() if line.startswith("model name")
-        ]
-        model = names[0] if names else model
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
     packages = {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "pin", "example-robot-data")}
-    return {"cpu": model, "cores": os.cpu_count(), "python": platform.python_version(), **packages}
+    cpu = names[0] if names else "unknown"
+    return {"cpu": cpu, "cores": os.cpu_count(), "python": platform.python_version(), **packages}
 
 
 def write(name: str, content: Mapping[str, Any]) -> None:
     """Keep results as JSON beside the benchmarks."""
     RESULTS.mkdir(exist_ok=True)
     text = json.dumps({"machine": machine(), "numpy_simd": simd()} | dict(content), indent=1)
-    (RESULTS / name).write_text(text + "\n")
+    (RESULTS / name).write_text(text + "\n", encoding="utf-8")
 
 
 def simd() -> list[str]:

@@ -1,4 +1,4 @@
-"""Pictures of the atlas: errors by family, steps, efforts, growing errors."""
+"""Pictures of docs/stability.md: errors by family, largest steps, evaluations, growing errors."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.motions import EXPLICIT, STIFF, TOPS
 from rne.plotting.plots import blank_figure
 
 STYLES = {"rk4": "o", "semi-implicit-euler": "s", "sampled": "^"}
@@ -15,7 +16,6 @@ MARKERS = {
     " by M": "o",
     ", compiled": "s",
     " by articulated bodies": "^",
-    ", refined twice": "D",
     ", Pinocchio": "x",
 }
 COLORS = {
@@ -57,18 +57,10 @@ def steps(found: dict[str, Any]) -> Any:
     left, right = figure.subplots(1, 2)
     for k, (method, marker) in enumerate(STYLES.items()):
         rows = [r for r in found["steps"] if r["method"] == method]
-        x = [r["scale"] for r in rows]
-        color = f"C{k}"
+        x, color = [r["scale"] for r in rows], f"C{k}"
         width = 4 if method == "semi-implicit-euler" else 1  # the same limit as sampled, to a part in 5000
-        left.plot(
-            x,
-            [r["predicted"] for r in rows],
-            "-",
-            color=color,
-            linewidth=width,
-            alpha=0.6,
-            label=f"{method}, predicted",
-        )
+        look = {"color": color, "linewidth": width, "alpha": 0.6}
+        left.plot(x, [r["predicted"] for r in rows], "-", label=f"{method}, predicted", **look)
         left.plot(x, [r["measured"] for r in rows], marker, color=color, fillstyle="none", label="measured")
     left.set(xscale="log", yscale="log", xlabel="gains, times the thesis's [1]", ylabel="largest stable step [s]")
     left.set_title("PD with gravity compensated, IRB 140", fontsize="medium")
@@ -83,20 +75,23 @@ def effort(found: dict[str, Any]) -> Any:
     """Evaluations over damping and over spin."""
     figure = blank_figure(11, 4.8)
     left, right = figure.subplots(1, 2)
-    for method in ("auto", "LSODA", "BDF", "Radau", "RK45", "DOP853"):
-        rows = [r for r in found["damping"] if method in r]
-        line = "o--" if method == "auto" else "o-"
-        x, y = [r["damping"] for r in rows], [r[method]["evaluations"] for r in rows]
-        left.plot(x, y, line, color=COLORS[method], fillstyle="none", label=method)
-    left.set(xscale="log", yscale="log", xlabel="damping of every joint [N m s/rad]", ylabel="evaluations for 1 s [1]")
+    evaluations(left, found["damping"], "damping", STIFF + EXPLICIT)
+    left.set_xlabel("damping of every joint [N m s/rad]")
     left.set_title("swing under viscous friction, rtol 1e-6", fontsize="medium")
-    for method in ("DOP853", "LSODA", "gauss-4"):
-        rows = [r for r in found["tops"] if "evaluations" in r[method]]
-        x, y = [r["spin"] for r in rows], [r[method]["evaluations"] for r in rows]
-        right.plot(x, y, "o-", color=COLORS[method], fillstyle="none", label=method)
-    right.set(xscale="log", yscale="log", xlabel="spin [rad/s]", ylabel="evaluations for 1 s [1]")
+    evaluations(right, found["tops"], "spin", TOPS)
+    right.set_xlabel("spin [rad/s]")
     right.set_title("released top, rtol 1e-9; gauss-4 at 5 ms", fontsize="medium")
     return _finished(figure, left, right)
+
+
+def evaluations(ax: Any, rows: list[dict[str, Any]], over: str, methods: tuple[str, ...]) -> None:
+    """A line for each method, where it has finished."""
+    for method in methods:
+        there = [row for row in rows if "evaluations" in row.get(method, {})]
+        line = "o--" if method == "auto" else "o-"
+        x, y = [row[over] for row in there], [row[method]["evaluations"] for row in there]
+        ax.plot(x, y, line, color=COLORS[method], fillstyle="none", label=method)
+    ax.set(xscale="log", yscale="log", ylabel="evaluations for 1 s [1]")
 
 
 def growth(found: dict[str, Any]) -> Any:

@@ -1,4 +1,4 @@
-"""MuJoCo's own integrators with their equal steps, on the same start and grid of times."""
+"""MuJoCo's own integrators with equal steps, from the same start and on the same grid of times."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 import rne
-from benchmarks.peers import MuJoCo, left_out
+from benchmarks.peers import PEERS
+from benchmarks.peers.mujoco import MuJoCo
 from benchmarks.runs import Motion
 
 INTEGRATORS = {
@@ -19,17 +20,17 @@ INTEGRATORS = {
 
 
 def stepper(robot: rne.Robot, x0: np.ndarray, grid: np.ndarray) -> Callable[[str, float], Motion] | str:
-    """A call (integrator, step) for the motion on the grid, or why there is none.
+    """A call (integrator, step) for the motion on the grid, or the reason why there is none.
 
     Without damping and constraints Euler is the semi-implicit one: rates first, positions with the new rates.
     """
-    if "mujoco" in left_out():
-        return left_out()["mujoco"]
+    if reason := PEERS["MuJoCo"].missing():
+        return reason
     try:
-        peer = MuJoCo(robot.model, [])
+        theirs = MuJoCo(robot.model)
     except ValueError as error:
-        return str(error).splitlines()[0].removeprefix("Error: ")
-    mj, model, n = peer.mj, peer.theirs, robot.n
+        return str(error)
+    mj, model, n = theirs.mujoco, theirs.model, robot.n
 
     def run(integrator: str, step: float) -> Motion:
         model.opt.integrator = int(getattr(mj.mjtIntegrator, INTEGRATORS[integrator]))

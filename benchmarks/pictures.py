@@ -1,4 +1,4 @@
-"""What the charts share: direct labels that keep clear of each other, and Markdown tables."""
+"""What the pictures share: colours, and labels beside points that keep clear of each other."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ OURS, PINOCCHIO, OTHER = "#0b62a4", "#c8501e", "#6a6a6a"
 NEAREST, FARTHEST = 6, 190  # [points] from a label to its point
 
 
+Box = tuple[float, float, float, float]  # left, lower, right, upper [pixels]
+
+
 def label_points(ax: Any, points: Sequence[tuple[float, float, str, str]], size: float = 8.0) -> None:
     """Write each (x, y, text, color) near its point, clear of texts and frame, with a line to it if far.
 
@@ -20,33 +23,22 @@ def label_points(ax: Any, points: Sequence[tuple[float, float, str, str]], size:
     scale = ax.figure.dpi / 72
     frame = ax.get_window_extent(renderer).padded(-3)
     spots = ax.transData.transform([(x, y) for x, y, _, _ in points])
-    taken = [(x - 6, y - 6, x + 6, y + 6) for x, y in spots]
+    taken: list[Box] = [(x - 6, y - 6, x + 6, y + 6) for x, y in spots]
     taken += [tuple(text.get_window_extent(renderer).extents) for text in ax.texts]
     lines: list[np.ndarray] = []
-    order = sorted(range(len(points)), key=lambda k: -len(_near(spots, k)))
-    for k in order:
+    for k in sorted(range(len(points)), key=lambda k: -len(_near(spots, k))):
         _, _, text, color = points[k]
         trial = ax.text(0, 0, text, fontsize=size)
         extent = trial.get_window_extent(renderer)
         trial.remove()
-        w, h = extent.width, extent.height
-        near = set(_near(spots, k, 14)) | {k}
-        obstacles = [b for j, b in enumerate(taken) if j not in near]
-        choice: list[Any] = []  # the first free place, then the first whose line is clear, then one that meets none
-        for x, y in _places(spots[k], w, h, scale):
-            box = (x, y, x + w, y + h)
-            if not _within(box, frame) or any(_overlap(box, t) for t in taken):
-                continue
-            line = _leader(spots[k], box)
-            blocked = any(_crosses(line, t) for t in obstacles) or any(_crosses(other, box) for other in lines)
-            worth = 0 if blocked else 1 if any(_meet(line, other) for other in lines) else 2
-            if not choice or worth > choice[0]:
-                choice = [worth, box, line]
-            if worth == 2:
-                break
-        if not choice:
+        near = {k, *_near(spots, k, 14)}
+        obstacles = [box for j, box in enumerate(taken) if j not in near]
+        boxes = ((x, y, x + extent.width, y + extent.height) for x, y in _places(spots[k], extent, scale))
+        free = (box for box in boxes if _within(box, frame) and not any(_overlap(box, other) for other in taken))
+        found = _first_clear(spots[k], free, obstacles, lines)
+        if found is None:
             raise ValueError(f"no room for the label {text!r}")
-        _, box, line = choice
+        box, line = found
         taken.append(box)
         lines.append(line)
         inverse = ax.transData.inverted()
@@ -56,6 +48,22 @@ def label_points(ax: Any, points: Sequence[tuple[float, float, str, str]], size:
         if np.hypot(*(line[1] - line[0])) > 9 * scale:
             ends = inverse.transform(line)
             ax.plot(ends[:, 0], ends[:, 1], color=color, linewidth=0.6, alpha=0.7, scalex=False, scaley=False)
+
+
+def _first_clear(
+    spot: np.ndarray, boxes: Iterable[Box], obstacles: Sequence[Box], lines: Sequence[np.ndarray]
+) -> tuple[Box, np.ndarray] | None:
+    """The first box whose line to the spot meets nothing, else meets only lines, else the first."""
+    choice: tuple[int, Box, np.ndarray] | None = None
+    for box in boxes:
+        line = _leader(spot, box)
+        blocked = any(_crosses(line, other) for other in obstacles) or any(_crosses(other, box) for other in lines)
+        worth = 0 if blocked else 1 if any(_meet(line, other) for other in lines) else 2
+        if choice is None or worth > choice[0]:
+            choice = worth, box, line
+        if worth == 2:
+            break
+    return None if choice is None else choice[1:]
 
 
 def lay_out(figure: Any) -> None:
@@ -74,7 +82,8 @@ def _within(box: Sequence[float], frame: Any) -> bool:
     return bool(box[0] > frame.x0 and box[1] > frame.y0 and box[2] < frame.x1 and box[3] < frame.y1)
 
 
-def _places(spot: np.ndarray, w: float, h: float, scale: float) -> Iterable[tuple[float, float]]:
+def _places(spot: np.ndarray, extent: Any, scale: float) -> Iterable[tuple[float, float]]:
+    w, h = extent.width, extent.height
     for distance in np.arange(NEAREST, FARTHEST, 4.0) * scale:
         for angle in np.radians([0, 90, 270, 180, 45, 315, 135, 225, 65, 295, 115, 245, 22, 338, 158, 202]):
             x, y = spot + distance * np.array([np.cos(angle), np.sin(angle)])
@@ -83,7 +92,7 @@ def _places(spot: np.ndarray, w: float, h: float, scale: float) -> Iterable[tupl
             yield float(left), float(low)
 
 
-def _leader(spot: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
+def _leader(spot: np.ndarray, box: Box) -> np.ndarray:
     return np.array([spot, [np.clip(spot[0], box[0], box[2]), np.clip(spot[1], box[1], box[3])]])
 
 
@@ -104,15 +113,3 @@ def _meet(a: np.ndarray, b: np.ndarray) -> bool:
         return False
     s, t = (w[0] * v[1] - w[1] * v[0]) / cross, (w[0] * u[1] - w[1] * u[0]) / cross
     return bool(0 < s < 1 and 0 < t < 1)
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
-
-
-def three(spread: Sequence[float]) -> str:
-    """A ratio with its smallest and largest."""
-    digits = [f"{x:.0f}" if x >= 100 else f"{x:.2g}" if x < 1 else f"{x:.1f}" for x in spread]
-    return f"{digits[0]} ({digits[1]} to {digits[2]})"

@@ -1,4 +1,4 @@
-"""What the panels of chart B share: the ways of simulating, and runs timed beside their errors."""
+"""Simulations timed beside their errors: rne.simulate, rne in solve_ivp, and Pinocchio in solve_ivp."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from scipy.integrate import solve_ivp
 
 import rne
 from benchmarks.measure import interleaved, ratio
-from benchmarks.peers import Pinocchio
+from benchmarks.peers.pinocchio import Pinocchio
 from rne.simulation.continuous import IMPLICIT
-from rne.simulation.equations_of_motion import Plant
+from rne.simulation.plant import Plant
 
 WAYS = {
     "rne": "rne in solve_ivp",
@@ -39,7 +39,7 @@ def tolerance(method: str, rtol: float) -> dict[str, Any]:
 
 
 def in_solve_ivp(side: Side, x0: np.ndarray, duration: float, options: dict[str, Any], **more: Any) -> Motion:
-    """A run of SciPy's solver itself."""
+    """A run of SciPy's own solver."""
     rates, jacobian = side
     exact = {"jac": jacobian} if options["method"] in IMPLICIT else {}
     y = solve_ivp(rates, (0.0, duration), x0, **options, **exact, **more).y.T
@@ -48,30 +48,30 @@ def in_solve_ivp(side: Side, x0: np.ndarray, duration: float, options: dict[str,
 
 
 def simulated(scene: rne.Scene | rne.Robot, x0: np.ndarray, duration: float, **options: Any) -> Motion:
-    """A run of ours, with all that it reports."""
+    """A run of rne.simulate, with all that it reports."""
     n = len(x0) // 2
     motion = rne.simulate(scene, x0[:n], x0[n:], duration, **options)
     return motion.q, motion.qd
 
 
 def our_side(robot: rne.Robot) -> Side:
-    """Of a bare arm."""
+    """A bare arm by rne."""
     plant = Plant(rne.Scene(robot).right_hand_side, None)
     return plant, plant.jacobian
 
 
-def their_arm(robot: rne.Robot, xml: str) -> tuple[Any, Any]:
+def their_arm(robot: rne.Robot) -> tuple[Any, Any]:
     """Pinocchio's model and data with our numbers, if its coordinates are ours."""
-    theirs = Pinocchio(robot.model, xml, [np.zeros((1, robot.n))] * 3)
+    theirs = Pinocchio(robot.model, [np.zeros((1, robot.n))] * 3)
     if theirs.model.nq != robot.n or theirs.oracle.v.tolist() != list(range(robot.n)):
         raise ValueError(f"Pinocchio's coordinates of {robot.model.name!r} are not ours")
     return theirs.model, theirs.data
 
 
-def their_side(robot: rne.Robot, xml: str) -> Side:
-    """Pinocchio's ABA of a bare arm."""
+def their_side(robot: rne.Robot) -> Side:
+    """A bare arm by Pinocchio's ABA."""
     n, still = robot.n, np.zeros(robot.n)
-    model, data = their_arm(robot, xml)
+    model, data = their_arm(robot)
 
     def rates(_t: float, x: np.ndarray) -> np.ndarray:
         return np.concatenate([x[n:], pin.aba(model, data, x[:n], x[n:], still)])
@@ -100,7 +100,7 @@ def measured(
     repeats: int,
     warm_ups: int = 1,
 ) -> Row:
-    """One method at one setting by every way that has it: median seconds, errors, times Pinocchio's time."""
+    """One method at one setting in each of the given ways: median seconds, errors, and times Pinocchio's time."""
     found: dict[str, Motion] = {}
 
     def kept(who: str, call: Callable[[], Motion]) -> Callable[[], None]:

@@ -1,47 +1,44 @@
-"""Chart D: what a scene pays. Parts are taken away down to the plain arm; what is not modelled must cost nothing.
+"""Chart D: what a scene costs. Parts are removed one by one down to the bare arm, and then parts of the arm.
 
 A scene's dx/dt is one kernel: controller, friction, limits and forward dynamics together. Pinocchio's ABA stands
-beside the scenes that are an arm alone; friction and controllers it leaves to its caller, and its batch call crashes
-on a single joint. Errors are those of the accelerations, against the recursion in long double.
+beside the scenes that are an arm alone.
 """
 
 from __future__ import annotations
 
-import statistics
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 import rne
-from benchmarks.evaluation import states
-from benchmarks.kernels import robots
-from benchmarks.measure import interleaved, ratio
-from benchmarks.peers import Pinocchio
-from benchmarks.pictures import OURS, PINOCCHIO, table, three
+from benchmarks.cases import load, states
+from benchmarks.growth import EXACT, error
+from benchmarks.measure import nanoseconds, per_state, ratio
+from benchmarks.pages import table, three
+from benchmarks.peers.pinocchio import Pinocchio
+from benchmarks.pictures import OURS, PINOCCHIO
 from rne.plotting.plots import blank_figure
-
-EXACT = 200  # states whose error is taken, against long double
 
 
 def ladder(robot: rne.Robot) -> dict[str, rne.Scene]:
-    """From the full scene to the plain arm, each a part less than the one before, and less than that arm."""
+    """From the full scene to the bare arm, each a part less than the one before, and less than that arm."""
     n = robot.n
     wrist = {name: 0.3 for name in robot.joint_names[3:]}
     rest = {name: 0.3 for k, name in enumerate(robot.joint_names) if k != 1}
     law = rne.control.pd_gravity(robot, [200.0] * n, [30.0] * n, [0.5] * n)
-    load = rne.Payload(3.0, [0.05, 0.02, 0.1], np.diag([0.02, 0.03, 0.01]))
+    payload = rne.Payload(3.0, [0.05, 0.02, 0.1], np.diag([0.02, 0.03, 0.01]))
     friction = rne.Friction(viscous=np.full(n, 5.0), coulomb=np.full(n, 2.0))
-    full = rne.Scene(robot, payload=load, friction=friction, armature=np.full(n, 0.5), controller=law)
+    full = rne.Scene(robot, payload=payload, friction=friction, armature=np.full(n, 0.5), controller=law)
     scenes = {"all: payload, armature, friction, PD with gravity term": full}
     for title, less in (
         ("without controller", {"controller": None}),
         ("without friction", {"friction": None}),
         ("without armature", {"armature": None}),
-        ("without payload: the plain arm", {"payload": None}),
-        ("the plain arm without gravity", {"gravity": np.zeros(3)}),
-        ("the plain arm, wrist locked: three joints", {"gravity": None, "locked": wrist}),
-        ("the plain arm, all but one joint locked", {"locked": rest}),
+        ("without payload: the bare arm", {"payload": None}),
+        ("the bare arm without gravity", {"gravity": np.zeros(3)}),
+        ("the bare arm, wrist locked: three joints", {"gravity": None, "locked": wrist}),
+        ("the bare arm, all but one joint locked", {"locked": rest}),
     ):
         full = replace(full, **less)
         scenes[title] = full
@@ -49,92 +46,81 @@ def ladder(robot: rne.Robot) -> dict[str, rne.Scene]:
 
 
 def compare(robot: rne.Robot, count: int, repeats: int) -> dict[str, Any]:
-    """Every scene of the ladder in one interleaved run, the arms alone with Pinocchio's."""
+    """Every scene of the ladder in one interleaved run, the bare arms beside Pinocchio."""
     scenes = ladder(robot)
     calls: dict[str, Any] = {}
     rows: dict[str, dict[str, Any]] = {}
     for title, scene in scenes.items():
         q, qd, tau = states(scene.n, count)
-        kernel = scene.kernel
-        x = np.concatenate([q, qd, np.zeros((count, scene.right_hand_side.size - 2 * scene.n))], axis=1)
+        kernel, rhs = scene.kernel, scene.right_hand_side
+        x = np.concatenate([q, qd, np.zeros((count, rhs.size - 2 * scene.n))], axis=1)
         t = np.zeros((count, 1))
         out = kernel(t, x)
-        calls[title] = lambda k=kernel, t=t, x=x, o=out: k(t, x, out=o)
-        few = min(EXACT, count)
-        long = scene.right_hand_side(scene.arm.model, t[:few].astype(np.longdouble), x[:few].astype(np.longdouble))
-        acceleration = slice(scene.n, 2 * scene.n)
-        exact = long[:, acceleration]
-        rows[title] = {
-            "joints": scene.n,
-            "operations": sum(kernel.operations.values()),
-            "error": _worst(out[:few, acceleration], exact),
-        }
+        calls[title] = lambda k=kernel, t=t, x=x, o=out: k(t, x, out=o), count
+        qdd = slice(scene.n, 2 * scene.n)
+
+        def accelerations(model: rne.Model, t: Any, x: Any, rhs: Any = rhs, qdd: slice = qdd) -> np.ndarray:
+            return np.asarray(rhs.evaluate(model, t, x)[0][:, qdd])
+
+        model = rhs.robot.model
+        operations = sum(kernel.operations.values())
+        worst = error(accelerations, model, [t, x], out[:, qdd])
+        rows[title] = {"joints": scene.n, "operations": operations, "error": worst}
         if scene.controller is None and scene.friction is None and scene.n > 1:
-            theirs = Pinocchio(scene.arm.model, rne.to_urdf(scene.arm.model), [q, qd, 0 * tau])
-            batch = theirs.batch("forward_dynamics")
-            assert batch is not None
-            batch()
-            calls[f"Pinocchio, {title}"] = batch
-            rows[title]["pinocchio_error"] = _worst(theirs.ours(theirs.out[:, :few]), exact)
-    seconds = interleaved(calls, repeats)
-    first = next(iter(scenes))
+            theirs = Pinocchio(model, [q, qd, 0 * tau])
+            calls[f"Pinocchio, {title}"] = theirs.fastest("forward_dynamics")
+            result = theirs.results("forward_dynamics", min(EXACT, count))
+            rows[title]["pinocchio_error"] = error(accelerations, model, [t, x], result)
+    each = per_state(calls, repeats)
     for title, row in rows.items():
-        row["ns_a_state"] = statistics.median(seconds[title]) / count * 1e9
-        row["times_faster_than_full"] = ratio(seconds, first, title)
-        name = f"Pinocchio, {title}"
-        if name in seconds:
-            row["pinocchio_ns_a_state"] = statistics.median(seconds[name]) / count * 1e9
-            row["times_faster"] = ratio(seconds, name, title)
+        row["ns_per_state"] = nanoseconds(each[title])
+        row["times_faster_than_full"] = ratio(each, next(iter(scenes)), title)
+        if f"Pinocchio, {title}" in each:
+            row["pinocchio_ns_per_state"] = nanoseconds(each[f"Pinocchio, {title}"])
+            row["times_faster"] = ratio(each, f"Pinocchio, {title}", title)
     return rows
-
-
-def _worst(got: np.ndarray, exact: np.ndarray) -> float:
-    return float((np.abs(got - exact).max(1) / np.abs(exact).max(1)).max())
 
 
 def run(quick: bool) -> dict[str, Any]:
     """IRB 140 and UR5."""
     count, repeats = (200, 1) if quick else (20_000, 15)
-    found = {name: robot for name, (robot, _) in robots().items() if name in ("irb140", "ur5")}
-    return {
-        "states": count,
-        "repeats": repeats,
-        "robots": {n: compare(r, count, repeats) for n, r in found.items()},
-    }
+    names = ("irb140",) if quick else ("irb140", "ur5")
+    robots = {name: compare(load(name), count, repeats) for name in names}
+    return {"states": count, "repeats": repeats, "robots": robots}
 
 
 def picture(results: dict[str, Any]) -> Any:
-    """Operations and time a state, a bar for each scene."""
+    """Operations and time per state, a bar for each scene."""
     found = results["robots"]
     figure = blank_figure(14, 3.9 * len(found) + 0.5)
-    grid = np.atleast_2d(figure.subplots(len(found), 2, sharey=True, sharex="col"))
-    figure.suptitle("What a scene pays: dx/dt of a state, parts taken away row by row")
-    for axes, (robot, rows) in zip(grid, found.items(), strict=True):
-        places = np.arange(len(rows))
-        axes[0].set_yticks(places, list(rows))
-        bars = axes[0].barh(places, [r["operations"] for r in rows.values()], color=OURS, height=0.6)
-        axes[0].bar_label(bars, padding=3, fontsize="small")
-        bars = axes[1].barh(places - 0.2, [r["ns_a_state"] for r in rows.values()], color=OURS, height=0.38)
-        axes[1].bar_label(bars, fmt="%.0f", padding=3, fontsize="small")
-        there = [k for k, r in enumerate(rows.values()) if "times_faster" in r]
-        values = [r["pinocchio_ns_a_state"] for r in rows.values() if "times_faster" in r]
-        bars = axes[1].barh(np.array(there) + 0.2, values, color=PINOCCHIO, height=0.38)
-        axes[1].bar_label(bars, fmt="%.0f", padding=3, fontsize="small")
-        axes[1].barh([0], [0], color=OURS, label="rne, scene's kernel, batch")
-        axes[1].barh([0], [0], color=PINOCCHIO, label="Pinocchio, ABA of the same arm, batch")
-        axes[1].legend(loc="lower right", fontsize="small", frameon=False)
-        for ax in axes:
+    grid = figure.subplots(len(found), 2, sharey=True, sharex="col", squeeze=False)
+    figure.suptitle("What a scene costs: dx/dt of a state, parts removed row by row")
+    for (left, right), (robot, rows) in zip(grid, found.items(), strict=True):
+        left.set_yticks(np.arange(len(rows)), list(rows))
+        bars = left.barh(np.arange(len(rows)), [r["operations"] for r in rows.values()], color=OURS, height=0.6)
+        left.bar_label(bars, padding=3, fontsize="small")
+        theirs = [k for k, r in enumerate(rows.values()) if "times_faster" in r]
+        values = list(rows.values())
+        for places, key, color, label in (
+            (np.arange(len(rows)) - 0.2, "ns_per_state", OURS, "rne, scene's kernel, batch"),
+            (np.array(theirs) + 0.2, "pinocchio_ns_per_state", PINOCCHIO, "Pinocchio, ABA of the same arm, batch"),
+        ):
+            lengths = [r[key] for r in values if key in r]
+            bars = right.barh(places, lengths, color=color, height=0.38, label=label)
+            right.bar_label(bars, fmt="%.0f", padding=3, fontsize="small")
+        right.legend(loc="lower right", fontsize="small", frameon=False)
+        for ax in (left, right):
             ax.set_title(robot)
             ax.grid(True, axis="x", alpha=0.3)
             ax.set_axisbelow(True)
             ax.margins(x=0.1)
     grid[0, 0].invert_yaxis()
-    grid[-1, 0].set_xlabel("operations a state [1]")
-    grid[-1, 1].set_xlabel(f"time a state [ns], batch of {results['states']}")
+    grid[-1, 0].set_xlabel("operations per state [1]")
+    grid[-1, 1].set_xlabel(f"time per state [ns], batch of {results['states']}")
     return figure
 
 
-def tables(results: dict[str, Any]) -> str:
+def tables(results: dict[str, Any]) -> dict[str, str]:
     """All scenes."""
     rows = [
         [
@@ -142,15 +128,15 @@ def tables(results: dict[str, Any]) -> str:
             title,
             str(row["joints"]),
             str(row["operations"]),
-            f"{row['ns_a_state']:.0f}",
+            f"{row['ns_per_state']:.0f}",
             three(row["times_faster_than_full"]),
             f"{row['error']:.1e}",
-            f"{row['pinocchio_ns_a_state']:.0f}" if "times_faster" in row else "-",
+            f"{row['pinocchio_ns_per_state']:.0f}" if "times_faster" in row else "-",
             three(row["times_faster"]) if "times_faster" in row else "-",
             f"{row['pinocchio_error']:.1e}" if "times_faster" in row else "-",
         ]
         for robot, scenes in results["robots"].items()
         for title, row in scenes.items()
     ]
-    head = ["robot", "scene", "joints", "operations", "ns a state", "times the full scene's speed", "error"]
-    return table([*head, "Pinocchio ns", "times its speed", "Pinocchio's error"], rows)
+    head = ["robot", "scene", "joints", "operations", "ns per state", "times the full scene's speed", "error"]
+    return {"scenes": table([*head, "Pinocchio ns", "times its speed", "Pinocchio's error"], rows)}

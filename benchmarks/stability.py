@@ -1,11 +1,11 @@
-"""Where methods fail, docs/stability.md: python -m benchmarks.stability [--quick]
+"""Where methods fail: python -m benchmarks.stability [--quick]
 
-Every method on every family of tests/stability, against 50 digits, and the motions at the edges of simulation.
+Every method on every family of tests/stability, against 50 digits, and simulations at their limits. Writes
+benchmarks/results/stability.json, and the tables and pictures of docs/stability.md, whose text is written by hand.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -18,22 +18,19 @@ import mpmath
 
 import rne
 from benchmarks import motions, motions_pictures
-from benchmarks.measure import write
-from benchmarks.peers import Pinocchio
-from benchmarks.pictures import table
+from benchmarks.measure import is_quick, write
+from benchmarks.pages import DOCS, rewrite, table
+from benchmarks.peers.pinocchio import Pinocchio
 from rne.model.robots.generators import straight_chain
 from tests.stability.families import FAMILIES, Case, case, straight, subjects
 from tests.stability.far_file import exact_model, far_text
 from tests.stability.structured import DIGITS, measure
 
-OUT = Path(__file__).parent.parent / "docs" / "stability.md"
-PICTURES = OUT.parent / "stability"
-INTRODUCTION = (Path(__file__).parent / "limits.md").read_text(encoding="utf-8").strip()
-HEAD = ["family", "quantity", "worst case", "error", "condition", "error / (eps condition)", ""]
+HEAD = ["family", "quantity", "worst case", "error", "condition", "error / (eps condition)", "remarks"]
 
 
 def far_origins() -> Iterator[tuple[Case, Any]]:
-    """Robots loaded from files with joint origins up to 1e6 m away along their axes, and exactly the files' numbers."""
+    """Robots loaded from files with joint origins up to 1e6 m away along their axes, and the files' exact numbers."""
     for name, model in subjects():
         text = far_text(model, 1e6)
         with tempfile.TemporaryDirectory() as folder:
@@ -46,9 +43,9 @@ def far_origins() -> Iterator[tuple[Case, Any]]:
 
 
 def pinocchio(one: Case) -> dict[str, Any]:
-    """Pinocchio's methods on our very numbers, as in METHODS; none where it cannot be given them."""
+    """Pinocchio's methods on our own numbers, as in METHODS; none where it cannot be given them."""
     try:
-        oracle = Pinocchio(one.model, rne.to_urdf(one.model), [one.q, one.qd, one.qdd]).oracle
+        oracle = Pinocchio(one.model, [one.q, one.qd, one.qdd]).oracle
     except ValueError as error:
         print(f"Pinocchio is left out of {one.name}: {error}", file=sys.stderr)
         return {}
@@ -65,7 +62,7 @@ def _ours(call: Any, _model: rne.Model, *state: Any) -> Any:
 
 
 def rows(family: str, cases: list[tuple[Case, Any]]) -> list[dict[str, Any]]:
-    """One row a method: the worst case of the family."""
+    """One row per method: the worst case of the family."""
     worst: dict[str, dict[str, Any]] = {}
     refused: dict[str, list[str]] = {}
     for one, exact in cases:
@@ -81,20 +78,18 @@ def rows(family: str, cases: list[tuple[Case, Any]]) -> list[dict[str, Any]]:
 
 
 def cells(row: dict[str, Any]) -> list[str]:
-    """Of the table."""
-    instead = "warned of" if row["warned"] else ""
+    """A line of the table."""
+    remark = "`PrecisionWarning`" if row["warned"] else ""
     if row["refused_cases"]:
-        instead = f"mpmath numbers for {', '.join(row['refused_cases'])}, refused as singular"
+        remark = f"`SingularMassMatrixError` on {', '.join(row['refused_cases'])}"
     ratio = f"{row['ratio']:.2g}"
     beyond = row["ratio"] > 10 * row["n"]
     figures = [f"{row['error']:.1e}", f"{row['condition']:.1e}", f"**{ratio}**" if beyond else ratio]
-    return [row["family"], row["method"], row["case"], *figures, instead]
+    return [row["family"], row["method"], row["case"], *figures, remark]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="one family, and no file is written")
-    quick = parser.parse_args().quick
+def evaluation(quick: bool) -> list[dict[str, Any]]:
+    """The rows of every family, or of one."""
     found: list[dict[str, Any]] = []
     for family, cases in FAMILIES.items():
         if quick and family != "base far away":
@@ -103,20 +98,23 @@ def main() -> None:
         if family == "straight chains" and not quick:
             members.append((case("straight chain, n = 100", straight_chain(100), straight(100), count=1), None))
         found += rows(family, members)
-    if quick:
-        print(table(HEAD, map(cells, found)))
-        return
-    found += rows("slid joint origins", list(far_origins()))
-    moved = json.loads(json.dumps(motions.run()))
-    write("stability.json", {"evaluation": found, "simulation": moved})
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    pictures = {"families": motions_pictures.families(found)}
-    pictures |= {name: getattr(motions_pictures, name)(moved) for name in ("steps", "effort", "growth")}
-    for name, figure in pictures.items():
-        figure.savefig(PICTURES / f"{name}.png", facecolor="white")
-    page = "\n\n".join([INTRODUCTION, table(HEAD, map(cells, found)), motions.section(moved)])
-    print(page)
-    OUT.write_text(page, encoding="utf-8")
+    return found if quick else found + rows("slid joint origins", list(far_origins()))
+
+
+def main() -> None:
+    quick = is_quick(__doc__)
+    found = evaluation(quick)
+    tables = {"families": table(HEAD, map(cells, found))}
+    if not quick:
+        moved = json.loads(json.dumps(motions.run()))
+        tables |= motions.tables(moved)
+        write("stability.json", {"evaluation": found, "simulation": moved})
+        pictures = {"families": motions_pictures.families(found)}
+        pictures |= {name: getattr(motions_pictures, name)(moved) for name in ("steps", "effort", "growth")}
+        for name, figure in pictures.items():
+            figure.savefig(DOCS / "stability" / f"{name}.png", facecolor="white")
+        rewrite(DOCS / "stability.md", tables)
+    print("\n\n".join(tables.values()))
 
 
 if __name__ == "__main__":

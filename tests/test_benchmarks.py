@@ -1,13 +1,18 @@
-"""Each benchmark runs once, small, so that it cannot rot; it writes nothing then."""
+"""Each benchmark runs once with few states and writes nothing; the text of the pages agrees with their tables."""
 
+import re
 import subprocess
 import sys
 
 import pytest
 
+from benchmarks.pages import BLOCK, DOCS, filled, table
+
 from .helpers import ROOT
 
 BENCHMARKS = ["benchmarks", *(f"benchmarks.{name}" for name in ("validation", "kernels", "lagrange", "simulation"))]
+NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-\d+)?(?![\w]|\.\d)")
+NAMES = ["RK45", "DOP853", "gauss-4", "IRB 140", "UR5", "RK4"]  # their digits are no figures
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
@@ -19,3 +24,29 @@ def test_quick_run_prints_a_table_and_changes_no_file(name):
     assert run.returncode == 0, run.stderr
     assert "| irb140 |" in run.stdout
     assert [path.read_bytes() for path in results] == before
+
+
+def test_figures_in_the_text_of_results_stand_in_the_tables():
+    """After new runs this names the figures to rewrite by hand."""
+    page = (DOCS / "benchmarks" / "index.md").read_text(encoding="utf-8")
+    tables = set(NUMBER.findall("\n".join(block[0] for block in BLOCK.finditer(page))))
+    results = re.findall(r"^Result: .+?(?=\n\n)", page, re.DOTALL | re.MULTILINE)
+    assert len(results) >= 4
+    for result in results:
+        for name in NAMES:
+            result = result.replace(name, "")
+        figures = NUMBER.findall(result)
+        assert figures
+        assert [figure for figure in figures if figure not in tables] == [], result
+
+
+def test_filling_a_page_replaces_tables_and_keeps_the_text():
+    page = "Before.\n\n<!-- table: one -->\n\n| old |\n\n<!-- end of table -->\n\nAfter.\n"
+    new = filled(page, {"one": table(["a"], [["1"]])})
+    assert new == "Before.\n\n<!-- table: one -->\n\n| a |\n|---|\n| 1 |\n\n<!-- end of table -->\n\nAfter.\n"
+    assert filled(new, {"one": table(["a"], [["1"]])}) == new
+
+
+def test_a_page_without_a_place_for_a_table_is_refused():
+    with pytest.raises(ValueError, match=re.escape("the page has the tables ['one'], given are ['two']")):
+        filled("<!-- table: one -->\n<!-- end of table -->\n", {"two": ""})

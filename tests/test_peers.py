@@ -1,4 +1,4 @@
-"""The other packages of the benchmarks: absent ones are named, and what is told of present ones follows the numbers."""
+"""The registry of peers: packages that are absent or broken are named with their reason, and one file adds a peer."""
 
 import itertools
 
@@ -8,49 +8,71 @@ import pytest
 import rne
 from benchmarks import evaluation
 from benchmarks.growth import chain
-from benchmarks.peers import PEERS, Case, found, left_out, toolbox, versions
+from benchmarks.peers import PEERS, Case, Point, left_out, peer, registry, toolbox, versions
 
 
-def test_a_package_that_is_absent_or_broken_is_named_with_its_reason(monkeypatch):
-    monkeypatch.setattr(found, "OTHERS", {"no_such_package": "no-such-package"})
-    assert left_out()["no_such_package"] == "not installed"
-    assert "no_such_package" not in versions()
+@pytest.fixture
+def only_one(monkeypatch):
+    """A function that registers one peer in an otherwise empty registry."""
+
+    def register(points=lambda case: [], modules=("no_such_package",), **options):
+        monkeypatch.setattr(registry, "PEERS", {})
+        monkeypatch.setattr(evaluation, "PEERS", registry.PEERS)
+        return peer("example", requirement="no-such-package[extra]>=1.0", modules=modules, **options)(points)
+
+    registry.import_failure.cache_clear()
+    yield register
+    registry.import_failure.cache_clear()
+
+
+def test_every_file_of_the_folder_registers_its_peers():
+    assert {"Pinocchio", "MuJoCo", "CasADi VM", "CasADi in C", "roboticstoolbox", "adam", "adam in C"} <= set(PEERS)
+
+
+def test_a_package_that_is_absent_or_broken_is_named_with_its_reason(monkeypatch, only_one):
+    only_one()
+    assert left_out() == {"example": "not installed"}
+    assert versions() == {}
 
     def broken(name):
         raise AttributeError("module 'numpy' has no attribute 'float'")
 
-    monkeypatch.setattr(found.importlib, "import_module", broken)
-    found.module.cache_clear()
-    assert left_out()["no_such_package"] == "its import fails: module 'numpy' has no attribute 'float'"
-    found.module.cache_clear()
+    registry.import_failure.cache_clear()
+    monkeypatch.setattr(registry.importlib, "import_module", broken)
+    assert left_out() == {"example": "its import fails: module 'numpy' has no attribute 'float'"}
 
 
-def test_only_present_packages_that_take_the_robot_are_timed(monkeypatch):
-    def refuses(case):
-        raise ValueError("Error: too light\nand more")
+def test_a_peer_that_needs_a_compiler_is_left_out_without_one(monkeypatch, only_one):
+    only_one(modules=("numpy",), compiles=True)
+    monkeypatch.setattr(registry.shutil, "which", lambda name: None)
+    assert left_out() == {"example": "there is no C compiler `cc`"}
 
+
+def test_the_decorator_returns_the_function_and_keeps_the_requirement(only_one):
+    def points(case):
+        return []
+
+    assert only_one(points) is points
+    assert registry.PEERS["example"].distribution == "no-such-package"
+
+
+def test_a_peer_is_timed_or_its_reason_recorded(only_one):
     robot = rne.load("irb140")
     case = Case(robot, "mass_matrix", robot.kernel(rne.mass_matrix), evaluation.states(robot.n, 3))
-    monkeypatch.setattr(evaluation, "left_out", lambda: dict.fromkeys(set(PEERS) - {"mujoco"}, "not installed"))
-    monkeypatch.setitem(PEERS, "mujoco", refuses)
     refused = {}
-    assert evaluation.others(case, refused) == []
-    assert refused == {"mujoco": "it refuses the robot: too light"}
+    only_one(modules=("numpy",))(case)
+    assert evaluation.theirs(case, refused) == []
+    point = Point("example, batch", lambda: None, 3, lambda few: np.zeros((few, 6, 6)))
+    only_one(lambda case: [point], modules=("numpy",))
+    assert evaluation.theirs(case, refused) == [point]
+    assert refused == {}
 
+    def refuses(case):
+        raise ValueError("too light")
 
-def test_the_conclusion_says_who_is_faster_and_by_how_much():
-    rows = {
-        name: {"kernel_faster": (x, 0.9 * x, 1.1 * x), "worst_error": 1e-16, "build_s": 0.5 if x == 1 else None}
-        for name, x in {"kernel, batch": 1.0, "slow, batch": 4.0, "fast, batch": 0.5}.items()
-    }
-    level = rows | {"fast, batch": rows["fast, batch"] | {"kernel_faster": (1.05, 1.0, 1.1)}}
-    text = evaluation.conclusion(
-        {"sizes": {"batch": 300}, "robots": {"arm": {"mass_matrix": rows, "inverse_dynamics": level}}}
-    )
-    assert "Batches are of 300 states" in text
-    assert "- The kernel's batch is faster, wherever both run, than slow, batch (4.0 to 4.0 times)." in text
-    assert "faster on arm mass matrix (2.00 times); level within 10% on arm inverse dynamics." in text
-    assert "kernel, batch 0.50 to 0.50" in text
+    only_one(refuses, modules=("numpy",))
+    assert evaluation.theirs(case, refused) == []
+    assert refused == {"example": "too light"}
 
 
 @pytest.mark.parametrize("model", [rne.irb140(), chain("straight", 5), chain("crooked", 7)], ids=lambda m: m.name)

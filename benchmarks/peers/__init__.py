@@ -1,20 +1,23 @@
-"""Other packages on the same robots and states; those that are not there are named, not counted."""
+"""Other packages, whose calls chart A times beside ours. A package that is not installed is left out by name.
+
+To add one, write one file in this folder. Its function takes a `Case`, returns a list of `Point`, and is decorated:
+
+    @peer("MuJoCo", requirement="mujoco>=3.2", modules=("mujoco",))
+    def points(case: Case) -> list[Point]: ...
+
+Import the package inside the function; raise ValueError for a robot that it cannot take. Nothing else needs to be
+edited: the files of this folder are found here. `pip install $(python -m benchmarks.peers)` installs every package.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
+import pkgutil
 
-from benchmarks.peers import adam, casadi, mujoco, toolbox
-from benchmarks.peers.casadi import CasADi
-from benchmarks.peers.found import Case, Point, left_out, versions
-from benchmarks.peers.mujoco import MuJoCo
-from benchmarks.peers.pinocchio import Pinocchio
+from benchmarks.peers.registry import PEERS, Case, Point, left_out, peer, versions
 
-__all__ = ["PEERS", "CasADi", "Case", "MuJoCo", "Pinocchio", "Point", "left_out", "versions"]
+__all__ = ["PEERS", "Case", "Point", "left_out", "peer", "versions"]
 
-PEERS: dict[str, Callable[[Case], list[Point]]] = {
-    "mujoco": mujoco.points,
-    "casadi": casadi.points,
-    "roboticstoolbox": toolbox.points,
-    "adam": adam.points,
-}
+for _module in pkgutil.iter_modules(__path__):
+    if not _module.name.startswith("_"):
+        importlib.import_module(f"{__name__}.{_module.name}")

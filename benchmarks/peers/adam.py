@@ -1,4 +1,4 @@
-"""adam: M and the bias force from the URDF; its robots float, and the joints' block is that of the fixed base.
+"""adam: M and the bias force from the URDF. Its robots float; the block of the joints is that of the fixed base.
 
 It has no inverse dynamics with accelerations, and its forward dynamics is of the floating robot: both are put
 together from M and the bias force here.
@@ -11,25 +11,32 @@ from typing import Any
 import numpy as np
 
 import rne
-from benchmarks.peers.casadi import compiled_point
-from benchmarks.peers.found import Case, Point, module
+from benchmarks.peers.casadi import in_c
+from benchmarks.peers.registry import Case, Point, peer
 
+REQUIREMENT = "adam-robotics[casadi]>=0.5"
 STATES = 1000
 
 
+@peer("adam", requirement=REQUIREMENT, modules=("adam.numpy",))
 def points(case: Case) -> list[Point]:
-    """Its NumPy on a batch, and its CasADi expressions in C."""
+    """Its NumPy on a batch."""
     count = min(len(case.states[0]), STATES)
     call = numpy_call(case.robot.model, case.quantity, [a[:count] for a in case.states])
-    found = [Point("adam, batch", call, count, lambda few: call()[:few])]
-    if isinstance(module("casadi"), str) or isinstance(module("adam.casadi"), str):
-        return found
-    return found + compiled_point("adam in C, batch", casadi_function(case.robot.model, case.quantity), case)
+    return [Point("adam, batch", call, count, lambda few: call()[:few])]
+
+
+@peer("adam in C", requirement=REQUIREMENT, modules=("adam.casadi", "casadi"), compiles=True)
+def compiled_points(case: Case) -> list[Point]:
+    """Its CasADi expressions in C."""
+    return [in_c("adam in C, batch", casadi_function(case.robot.model, case.quantity), case)]
 
 
 def numpy_call(model: rne.Model, quantity: str, states: list[np.ndarray]) -> Any:
     """All states in one call."""
-    robot = _read(module("adam.numpy"), model)
+    import adam.numpy
+
+    robot = _read(adam.numpy, model)
     q, qd, third = states
     base, still = np.tile(np.eye(4), (len(q), 1, 1)), np.zeros((len(q), 6))
 
@@ -50,7 +57,10 @@ def numpy_call(model: rne.Model, quantity: str, states: list[np.ndarray]) -> Any
 
 def casadi_function(model: rne.Model, quantity: str) -> Any:
     """The same as an expression; M is solved by CasADi's LDL."""
-    ca, robot = module("casadi"), _read(module("adam.casadi"), model)
+    import adam.casadi
+    import casadi as ca
+
+    robot = _read(adam.casadi, model)
     q, qd, third = (ca.SX.sym(name, model.n) for name in ("q", "qd", "third"))
     M = robot.mass_matrix_fun()(np.eye(4), q)[6:, 6:]
     h = robot.bias_force_fun()(np.eye(4), q, np.zeros(6), qd)[6:]

@@ -1,4 +1,4 @@
-"""CasADi on our kernel's own source, so the same operations: in its virtual machine, and as the C that it writes."""
+"""CasADi on the source text of our kernel, so the same operations: in its virtual machine, and as C that it writes."""
 
 from __future__ import annotations
 
@@ -10,65 +10,67 @@ from typing import Any
 
 import numpy as np
 
-import rne
-from benchmarks.peers.found import Case, Point, compiler, module
+from benchmarks.peers.registry import Case, Point, compiler, peer
 
+REQUIREMENT = "casadi>=3.7"
 FLAGS = ["-O3", "-march=native", "-shared", "-fPIC"]
 
 
+@peer("CasADi VM", requirement=REQUIREMENT, modules=("casadi",))
 def points(case: Case) -> list[Point]:
-    """The virtual machine, and C where there is a compiler."""
-    peer = CasADi(case.kernel, case.arrays)
-    found = [Point("CasADi VM, batch", peer.batch, len(case.arrays[0]), peer.results)]
-    return found + compiled_point("CasADi in C, batch", peer.function, case)
+    """The virtual machine, on all states in one call."""
+    batch = Batch(kernel_as_function(case).map(len(case.arrays[0])), case)
+    return [Point("CasADi VM, batch", batch.call, batch.count, batch.results)]
 
 
-def compiled_point(name: str, function: Any, case: Case) -> list[Point]:
-    """The Function in C on all states, if there is a compiler."""
-    if compiler() is None:
-        return []
-    count = len(case.arrays[0])
-    library, seconds = compiled(function.map(count))
-    batch = Batch(library, case.arrays, (count, *case.kernel.shapes[0]))
-    return [Point(name, batch.call, count, batch.results, build_s=seconds)]
+@peer("CasADi in C", requirement=REQUIREMENT, modules=("casadi",), compiles=True)
+def compiled_points(case: Case) -> list[Point]:
+    """The C that CasADi writes, on all states in one call."""
+    return [in_c("CasADi in C, batch", kernel_as_function(case), case)]
 
 
-class CasADi:
-    """The kernel as a Function, mapped over all states."""
+def kernel_as_function(case: Case) -> Any:
+    """The kernel as a CasADi Function of one state."""
+    import casadi as ca
 
-    def __init__(self, kernel: rne.Kernel, arrays: list[np.ndarray]) -> None:
-        ca = module("casadi")
-        scope: dict[str, Any] = {}
-        exec(kernel.source("python"), scope)
-        scope |= {"sin": ca.sin, "cos": ca.cos, "sqrt": ca.sqrt}
-        symbols = [ca.SX.sym(name, a.shape[1]) for name, a in zip(kernel.names, arrays, strict=True)]
-        flat = _flat(scope[kernel.function.__name__](*[[s[i] for i in range(s.shape[0])] for s in symbols]))
-        self.function = ca.Function("f", symbols, [ca.vertcat(*flat)])
-        count = len(arrays[0])
-        batch = Batch(self.function.map(count), arrays, (count, *kernel.shapes[0]))
-        self.batch, self.results = batch.call, batch.results
+    scope: dict[str, Any] = {}
+    exec(case.kernel.source("python"), scope)
+    scope |= {"sin": ca.sin, "cos": ca.cos, "sqrt": ca.sqrt}
+    symbols = [ca.SX.sym(name, a.shape[1]) for name, a in zip(case.kernel.names, case.arrays, strict=True)]
+    result = scope[case.kernel.quantity.name](*[[s[i] for i in range(s.shape[0])] for s in symbols])
+    return ca.Function("f", symbols, [ca.vertcat(*_flat(result))])
+
+
+def in_c(name: str, function: Any, case: Case) -> Point:
+    """A CasADi Function of one state, compiled for all states in one call."""
+    library, seconds = compiled(function.map(len(case.arrays[0])))
+    batch = Batch(library, case)
+    return Point(name, batch.call, batch.count, batch.results, build_s=seconds)
 
 
 class Batch:
     """A mapped Function on NumPy's own memory: CasADi's usual call copies the states and takes several times longer."""
 
-    def __init__(self, mapped: Any, arrays: list[np.ndarray], shape: tuple[int, ...]) -> None:
-        self.arrays = [np.ascontiguousarray(a) for a in arrays]  # (N, n) by rows is CasADi's n x N by columns
-        self.out = np.zeros(shape)
+    def __init__(self, mapped: Any, case: Case) -> None:
+        self.arrays = [np.ascontiguousarray(a) for a in case.arrays]  # (N, n) by rows is CasADi's n x N by columns
+        self.count = len(self.arrays[0])
+        self.out = np.zeros((self.count, *case.kernel.traced.shape))
         self.buffer, self.call = mapped.buffer()
         for i, a in enumerate(self.arrays):
             self.buffer.set_arg(i, memoryview(a))
         self.buffer.set_res(0, memoryview(self.out))
 
-    def results(self, count: int) -> np.ndarray:
+    def results(self, few: int) -> np.ndarray:
         """Of the first states."""
         self.call()
-        return self.out[:count].copy()
+        return self.out[:few].copy()
 
 
 def compiled(function: Any) -> tuple[Any, float]:
     """The Function in C, and the seconds it took to write and compile it."""
-    ca, start = module("casadi"), time.perf_counter()
+    import casadi as ca
+
+    start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         source, library = Path(folder) / "f.c", Path(folder) / "f.so"
         generator = ca.CodeGenerator(source.name)

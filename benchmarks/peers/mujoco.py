@@ -1,4 +1,4 @@
-"""MuJoCo's calls, one state each; it reads the URDF."""
+"""MuJoCo, one state per call: it reads the URDF and turns the inertias to their principal axes."""
 
 from __future__ import annotations
 
@@ -7,37 +7,51 @@ from collections.abc import Callable
 import numpy as np
 
 import rne
-from benchmarks.peers.found import Call, Case, Point, module
+from benchmarks.peers.registry import Case, Point, peer
+
+LOOP = 2000  # states of a Python loop over single calls
 
 
+@peer("MuJoCo", requirement="mujoco>=3.2", modules=("mujoco",))
 def points(case: Case) -> list[Point]:
-    """Its calls from Python."""
-    peer = MuJoCo(case.robot.model, case.states)
-    call, count = peer.loop(case.quantity)
-    return [Point("MuJoCo, one state", call, count, lambda few: peer.results(case.quantity, few))]
+    """A Python loop over single calls."""
+    theirs = MuJoCo(case.robot.model)
+    call, states = theirs.one_state(case.quantity), list(zip(*(s[:LOOP] for s in case.states), strict=True))
+
+    def loop() -> None:
+        for state in states:
+            call(*state)
+
+    def results(few: int) -> np.ndarray:
+        return np.array([call(*state).copy() for state in states[:few]])
+
+    return [Point("MuJoCo, one state", loop, len(states), results)]
 
 
 class MuJoCo:
-    """One state a call; contacts, limits and joint damping are off."""
+    """The robot in MuJoCo; contacts, limits and joint damping are off."""
 
-    def __init__(self, model: rne.Model, states: list[np.ndarray]) -> None:
-        self.mj = module("mujoco")
-        theirs = self.mj.MjModel.from_xml_string(rne.to_urdf(model))
+    def __init__(self, model: rne.Model) -> None:
+        import mujoco
+
+        self.mujoco = mujoco
+        try:
+            theirs = mujoco.MjModel.from_xml_string(rne.to_urdf(model))
+        except ValueError as error:
+            raise ValueError(str(error).splitlines()[0].removeprefix("Error: ")) from None
         theirs.opt.gravity[:] = model.gravity
         theirs.dof_damping[:] = 0
         theirs.dof_frictionloss[:] = 0
-        theirs.opt.disableflags |= int(self.mj.mjtDisableBit.mjDSBL_CONSTRAINT)
-        self.theirs, self.data = theirs, self.mj.MjData(theirs)
-        joints = [self.mj.mj_name2id(theirs, self.mj.mjtObj.mjOBJ_JOINT, name) for name in model.moving_joints]
+        theirs.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self.model, self.data = theirs, mujoco.MjData(theirs)
+        joints = [mujoco.mj_name2id(theirs, mujoco.mjtObj.mjOBJ_JOINT, name) for name in model.moving_joints]
         if sorted(joints) != joints:
             raise ValueError(f"MuJoCo orders the joints of {model.name!r} differently")
-        self.states = states
-        self.M = np.zeros((theirs.nv, theirs.nv))
 
-    def one(self, quantity: str) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-        """The call, with its state set before it."""
-        mj, m, d = self.mj, self.theirs, self.data
-        M = self.M
+    def one_state(self, quantity: str) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+        """The call for one state, which is set first."""
+        mj, m, d = self.mujoco, self.model, self.data
+        M = np.zeros((m.nv, m.nv))
 
         def inverse(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
             d.qpos[:], d.qvel[:], d.qacc[:] = q, qd, qdd
@@ -58,18 +72,3 @@ class MuJoCo:
             return np.asarray(d.qacc)
 
         return {"inverse_dynamics": inverse, "mass_matrix": mass, "forward_dynamics": forward}[quantity]
-
-    def loop(self, quantity: str) -> tuple[Call, int]:
-        """One call a state."""
-        call, states = self.one(quantity), list(zip(*(s[:2000] for s in self.states), strict=True))
-
-        def run() -> None:
-            for s in states:
-                call(*s)
-
-        return run, len(states)
-
-    def results(self, quantity: str, count: int) -> np.ndarray:
-        """Of the first states."""
-        call = self.one(quantity)
-        return np.array([call(*s).copy() for s in zip(*(s[:count] for s in self.states), strict=True)])

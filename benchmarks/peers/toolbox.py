@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 import rne
-from benchmarks.peers.found import Case, Point, module
+from benchmarks.peers.registry import Case, Point, peer
 
 STATES = 200  # of the calls that loop in Python
 PARALLEL = 1e-9  # sine between axes, and distance [m], taken for zero
 
 
+@peer("roboticstoolbox", requirement="roboticstoolbox-python>=1.5", modules=("roboticstoolbox",))
 def points(case: Case) -> list[Point]:
     """The toolbox's call for many states."""
     robot = dh_robot(case.robot.model)
@@ -28,8 +29,11 @@ def points(case: Case) -> list[Point]:
 
 def dh_robot(model: rne.Model) -> Any:
     """The toolbox's robot with our model's dynamics."""
+    from roboticstoolbox import DHRobot, RevoluteMDH
+    from spatialmath import SE3
+
     if set(model.joint_types) - {"revolute", "continuous"} or list(model.parent) != list(range(-1, model.n - 1)):
-        raise ValueError("a chain of revolute joints only is turned into DH parameters here")
+        raise ValueError("only chains of revolute joints are converted to DH parameters here")
     bodies = _poses(model)
     frames = _dh_frames(bodies, model)
     links, before = [], frames[0]
@@ -39,10 +43,10 @@ def dh_robot(model: rne.Model) -> Any:
         R = body[:3, :3]
         numbers = {"m": model.mass[i], "r": R @ model.com[i] + body[:3, 3], "I": R @ model.inertia[i] @ R.T}
         drive = {"Jm": model.armature[i], "G": 1.0}
-        links.append(module("roboticstoolbox").RevoluteMDH(d=d, a=a, alpha=alpha, offset=theta, **numbers, **drive))
+        links.append(RevoluteMDH(d=d, a=a, alpha=alpha, offset=theta, **numbers, **drive))
         before = frame
-    base = module("spatialmath").SE3(frames[0], check=False)
-    return module("roboticstoolbox").DHRobot(links, base=base, gravity=model.gravity)
+    base = SE3(frames[0], check=False)
+    return DHRobot(links, base=base, gravity=model.gravity)
 
 
 def _poses(model: rne.Model) -> list[np.ndarray]:
