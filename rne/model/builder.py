@@ -129,16 +129,8 @@ def assemble(
         link_body=tuple(body_of),
         link_rotation=_stacked([snap(frame.R) for frame in frames], (3, 3)),
         link_translation=_stacked([_origin(part, frame) for part, frame in zip(parts, frames, strict=True)], (3,)),
-        lower=np.array([joint.lower for joint in joints]),
-        upper=np.array([joint.upper for joint in joints]),
-        velocity_limit=np.array([joint.velocity for joint in joints]),
-        effort_limit=np.array([joint.effort for joint in joints]),
-        damping=np.array([joint.damping for joint in joints]),
-        friction=np.array([joint.friction for joint in joints]),
-        armature=np.array([joint.armature for joint in joints]),
-        coordinate=tuple(
-            coordinate_at[j.mimic.independent if j.mimic else k] for k, j in zip(moving, joints, strict=True)
-        ),
+        **_limits_and_drives(joints),
+        coordinate=tuple(coordinate_at[_independent(k, parts[k])] for k in moving),
         independent_joints=tuple(joint_at[k] for k in independent),
         multiplier=np.array([joint.mimic.multiplier if joint.mimic else 1.0 for joint in joints]),
         offset=np.array([joint.mimic.offset if joint.mimic else 0.0 for joint in joints]),
@@ -147,6 +139,13 @@ def assemble(
         tip=tip,
         notes=notes or {},
     )
+
+
+def _limits_and_drives(joints: Sequence[Part]) -> dict[str, Array]:
+    """Limits, friction and drives of the moving joints, by the names of the Model's fields."""
+    names = {"velocity_limit": "velocity", "effort_limit": "effort"}
+    columns = ("lower", "upper", "velocity_limit", "effort_limit", "damping", "friction", "armature")
+    return {column: np.array([getattr(joint, names.get(column, column)) for joint in joints]) for column in columns}
 
 
 def _independent(k: int, part: Part) -> int:
