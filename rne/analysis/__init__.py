@@ -1,1 +1,1 @@
-"""What a motion or a model implies: bearing loads, comparison with Pinocchio."""
+"""Analyses of motions and models: bearing loads, comparison with Pinocchio and with the energies."""

@@ -1,4 +1,4 @@
-"""What the joints' bearings carry along a motion, beside the drives."""
+"""Loads on the joints' bearings along a motion."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from ..simulation.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class BearingPeaks:
-    """The largest loads on every joint's bearing over the samples of a motion. Printed, it is a table.
+    """The largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
 
     Attributes
     ----------
     joints : tuple of str
-        The moving joints.
+        The moving joints, nb of them.
     force, torque : ndarray, shape (nb,)
-        Largest force and torque that the bearing carries, the drive's own component left out [N, N m].
+        Largest force and torque on the bearing, without the component along the axis that the drive provides [N, N m].
     force_time, torque_time : ndarray, shape (nb,)
         When each was first reached [s].
     start, end : float
         Times of the first and last sample [s].
     samples : int
-        Number of samples; a peak between two of them is not seen.
+        Number of samples; peaks between them are not found.
     """
 
     joints: tuple[str, ...]
@@ -53,14 +53,13 @@ class BearingPeaks:
 
 
 def bearing_peaks(robot: Robot, trajectory: Trajectory) -> BearingPeaks:
-    """Largest force and torque on every joint's bearing over a motion, and when they were reached.
+    """Largest force and torque on every joint's bearing during a motion, and when they occur.
 
     Parameters
     ----------
     robot : Robot
-        The robot that moved.
     trajectory : Trajectory
-        Its motion; loads are found at its samples, so give `simulate` a fine `t_eval`.
+        A motion of this robot. Loads are computed at its samples only: give `simulate` a fine `t_eval`.
 
     Returns
     -------
@@ -69,21 +68,21 @@ def bearing_peaks(robot: Robot, trajectory: Trajectory) -> BearingPeaks:
     Raises
     ------
     TypeError
-        If an argument is something else.
+        If `robot` is no Robot or `trajectory` no Trajectory.
     ValueError
         If the trajectory has no samples or is of a robot with another number of joints, or a load overflows.
 
     Notes
     -----
-    Høifødt 2011, (3.24), (3.27) and (5.3): b_i^T tau_i is the drive's, the rest of f_i and tau_i the bearing's.
-    Accelerations are those on record in the trajectory.
+    Høifødt 2011, (3.24), (3.27) and (5.3): the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
+    Accelerations are those recorded in the trajectory.
 
     Examples
     --------
     >>> import rne
     >>> robot = rne.load("irb140")
     >>> peaks = rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1))
-    >>> peaks.joints[0], bool(peaks.force[0] <= 75 * 9.81)  # the arm gives way to its weight
+    >>> peaks.joints[0], bool(peaks.force[0] <= 75 * 9.81)  # less than its weight: the arm falls
     ('joint_1', True)
     """
     if not isinstance(robot, Robot):

@@ -1,7 +1,7 @@
-"""Pinocchio's answers in our joint order: the one place that knows its conventions.
+"""Pinocchio's results in this package's joint order and conventions.
 
-Its siblings are in alphabetical order, a `continuous` joint is a (cos, sin) pair, spatial vectors are
-[linear; angular], and mimic joints are independent. Everything is mapped by joint name.
+Pinocchio orders siblings alphabetically, represents a `continuous` joint by (cos, sin), writes spatial vectors as
+[linear; angular], and treats mimic joints as independent. Everything is mapped by joint name.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Oracle:
     ----------
     model : Model
     xml : str
-        The URDF text for Pinocchio to read itself.
+        The URDF text, which Pinocchio reads by itself.
     """
 
     def __init__(self, model: Model, xml: str) -> None:
@@ -37,7 +37,7 @@ class Oracle:
         self.v = np.array([self.theirs.joints[k].idx_v for k in self.joint_ids], dtype=int)
 
     def q(self, q: Array) -> Array:
-        """Our joint positions as Pinocchio's configuration."""
+        """Joint positions as Pinocchio's configuration vector, shape (nq,)."""
         ours = self.model.coordinate_map @ q + self.model.offset
         theirs: Array = self.pin.neutral(self.theirs)
         for k, x in zip(self.joint_ids, ours, strict=True):
@@ -46,44 +46,44 @@ class Oracle:
         return theirs
 
     def rates(self, x: Array) -> Array:
-        """Our joint rates or accelerations in Pinocchio's order."""
+        """Joint rates or accelerations in Pinocchio's order, shape (nv,)."""
         theirs = np.zeros(self.theirs.nv)
         theirs[self.v] = self.model.coordinate_map @ x
         return theirs
 
     def torque(self, tau: Array) -> Array:
-        """Pinocchio's torques in our order."""
+        """Pinocchio's torques in this package's order, shape (n,)."""
         ours: Array = self.model.coordinate_map.T @ np.asarray(tau)[self.v]
         return ours
 
     def matrix(self, M: Array) -> Array:
-        """A joint-space matrix of Pinocchio's in our order."""
+        """A joint-space matrix of Pinocchio in this package's order, shape (n, n)."""
         G = self.model.coordinate_map
         ours: Array = G.T @ np.asarray(M)[np.ix_(self.v, self.v)] @ G
         return ours
 
     def inverse_dynamics(self, q: Array, qd: Array, qdd: Array, *forces: Any) -> Array:
-        """By rnea."""
+        """Joint torques by `rnea`."""
         return self.torque(self.pin.rnea(self.theirs, self.data, self.q(q), self.rates(qd), self.rates(qdd), *forces))
 
     def mass_matrix(self, q: Array) -> Array:
-        """By crba."""
+        """Mass matrix by `crba`."""
         return self.matrix(self.pin.crba(self.theirs, self.data, self.q(q)))
 
     def gravity_torque(self, q: Array) -> Array:
-        """By computeGeneralizedGravity."""
+        """Gravity torques by `computeGeneralizedGravity`."""
         return self.torque(self.pin.computeGeneralizedGravity(self.theirs, self.data, self.q(q)))
 
     def bias_torque(self, q: Array, qd: Array) -> Array:
-        """By nonLinearEffects."""
+        """Bias torques by `nonLinearEffects`."""
         return self.torque(self.pin.nonLinearEffects(self.theirs, self.data, self.q(q), self.rates(qd)))
 
     def coriolis_matrix(self, q: Array, qd: Array) -> Array:
-        """By computeCoriolisMatrix."""
+        """Coriolis matrix by `computeCoriolisMatrix`."""
         return self.matrix(self.pin.computeCoriolisMatrix(self.theirs, self.data, self.q(q), self.rates(qd)))
 
     def forward_dynamics(self, q: Array, qd: Array, tau: Array) -> Array:
-        """By aba; for robots without mimic joints."""
+        """Joint accelerations by `aba`; for robots without mimic joints."""
         theirs = np.zeros(self.theirs.nv)
         theirs[self.v] = tau
         qdd: Array = self.pin.aba(self.theirs, self.data, self.q(q), self.rates(qd), theirs)[self.v]
@@ -91,5 +91,5 @@ class Oracle:
 
 
 def each(call: Callable[..., Array], *arrays: Array) -> Array:
-    """Call on every state of a batch."""
+    """Results of a function of one state for every state of a batch."""
     return np.array([call(*state) for state in zip(*arrays, strict=True)])

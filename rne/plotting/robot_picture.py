@@ -126,7 +126,10 @@ class Picture:
         _legend(ax, [shape.link for shape in model.shapes], self.colors)
 
     def _make_artists(self) -> None:
+        from matplotlib import rcParams
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        line, face = rcParams["axes.edgecolor"], rcParams["axes.facecolor"]  # those of the style in use
 
         self.surface = Poly3DCollection([], alpha=ALPHA)
         self.ax.add_collection3d(self.surface)
@@ -134,21 +137,21 @@ class Picture:
         joints = np.array(self.joints, dtype=int)
         revolute, prismatic = joints[self.is_revolute], joints[~self.is_revolute]
         self.fixed, self.revolute, self.prismatic = fixed, revolute, prismatic
-        self.lines = self._line(self.parent, color="0.15", linewidth=2, zorder=ABOVE)
+        self.lines = self._line(self.parent, color=line, linewidth=2, zorder=ABOVE)
         self.to_centres = self._line(self.bare, color="0.5", linewidth=1, linestyle=":", zorder=ABOVE)
-        self.axes = self._line(self.joints, "joint axis", color="darkmagenta", linewidth=1.3, zorder=ABOVE + 1)
-        dots = {"linestyle": "", "markeredgecolor": "0.15", "markerfacecolor": "white", "zorder": ABOVE + 2}
+        self.axes = self._line(self.joints, "joint axis", color="#b030b0", linewidth=1.3, zorder=ABOVE + 1)
+        dots = {"linestyle": "", "markeredgecolor": line, "markerfacecolor": face, "zorder": ABOVE + 2}
         self.at_revolute = self._line(revolute, "revolute joint", marker="o", markersize=6, **dots)
         self.at_prismatic = self._line(prismatic, "prismatic joint", marker="s", markersize=7, **dots)
-        self.at_fixed = self._line(fixed, "link on a fixed joint", marker=".", **dots | {"markerfacecolor": "0.15"})
-        self.at_centres = self._line(self.bare, "centre of mass", marker="+", **dots | {"markeredgecolor": "0.3"})
+        self.at_fixed = self._line(fixed, "link on a fixed joint", marker=".", **dots | {"markerfacecolor": line})
+        self.at_centres = self._line(self.bare, "centre of mass", marker="+", **dots | {"markeredgecolor": "0.5"})
 
     def _line(self, shown: Any, label: str = "", **style: Any) -> Any:
         """A line without points, which `place` sets; in the legend if anything is shown by it."""
         return self.ax.plot([], [], [], label=label if label and len(shown) else "_nolegend_", **style)[0]
 
     def _base(self, length: float) -> None:
-        for end, color, name in zip(length * np.eye(3), ("#c00", "#080", "#00c"), "xyz", strict=True):
+        for end, color, name in zip(length * np.eye(3), ("#d22", "#0a0", "#33e"), "xyz", strict=True):
             self.ax.plot(*np.stack([np.zeros(3), end]).T, color=color, linewidth=2.5, alpha=0.7, zorder=ABOVE - 1)
             self.ax.text(*(1.15 * end), name, color=color, ha="center", va="center", zorder=ABOVE + 3)
 

@@ -1,1 +1,1 @@
-"""The experiments of Høifødt 2011 and the main job, as pages with pictures."""
+"""The main job and the experiments of Høifødt 2011, as pages with pictures."""

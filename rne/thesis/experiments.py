@@ -1,4 +1,4 @@
-"""The simulations of Høifødt 2011 as jobs: each a function of nothing, to be run side by side in processes."""
+"""The simulations of Høifødt 2011, as independent jobs that run in parallel processes."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ UPRIGHT = np.array([0, PI / 2, -PI / 2, 0, 0, 0])
 HANGING = np.array([0, PI, -PI / 2, 0, 0, 0])
 TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 SOLVERS = ("RK45", "LSODA", "Radau", "BDF")
-SAMPLE_TIMES = (1.30e-4, 1.35e-4)
-SAMPLED = (2.0, 0.031)  # and for how long each is simulated [s]
+SAMPLE_TIMES = (1.30e-4, 1.35e-4)  # just below and just above the stability limit [s]
+SAMPLED = (2.0, 0.031)  # duration simulated with each [s]
 LONG, LONG_STEP, LONG_RTOL = 1000.0, 5e-3, 1e-4  # [s, s, 1]
 
 
 class Timed(NamedTuple):
-    """A motion and the wall time it took [s]."""
+    """A motion and the wall time of its simulation [s]."""
 
     motion: Trajectory
     seconds: float
 
 
 def timed(*arguments: Any, **how: Any) -> Timed:
-    """A simulation with its wall time; what was reached, if it failed."""
+    """Simulate and measure the wall time; if the simulation fails, return the motion up to the failure."""
     start = time.perf_counter()
     try:
         motion = simulate(*arguments, **how)
@@ -53,7 +53,7 @@ def timed(*arguments: Any, **how: Any) -> Timed:
 
 
 def holding() -> list[Trajectory]:
-    """6.3-1 to 6.3-4: the constant torque of (6.21)."""
+    """6.3-1 to 6.3-4: motions under the constant torque of (6.21)."""
     robot = load("irb140")
     torque = robot.gravity_torque(UPRIGHT)
     runs = ((REST, 2.0), (HANGING, 2.0), (UPRIGHT, 10.0), (UPRIGHT + [0, 0.05, 0, 0, 0, 0], 6.0))
@@ -64,7 +64,7 @@ def holding() -> list[Trajectory]:
 
 
 def swings() -> list[Trajectory]:
-    """6.4-1 and 6.4-2, and 6.4-1 at the thesis's tolerance."""
+    """Free motions 6.4-1 and 6.4-2 with tight tolerances, and 6.4-1 with the thesis's."""
     robot = load("irb140")
     times = np.linspace(0, 10, 4001)
     tight = [simulate(robot, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
@@ -72,10 +72,10 @@ def swings() -> list[Trajectory]:
 
 
 def closed_loop(k: int) -> dict[str, Timed]:
-    """6.5-(k+1) by every solver, and by "auto" on a grid of 1 ms for the settling time."""
+    """6.5-(k+1) by every solver, by "auto", and by "auto" sampled every millisecond."""
     scene = loop_scene(k)
     run = CLOSED_LOOPS[k]
-    simulate(scene, run.start, REST, 1e-3)  # compiles
+    simulate(scene, run.start, REST, 1e-3)  # traces the kernels before time is measured
     found = {method: timed(scene, run.start, REST, run.duration, method=method) for method in SOLVERS}
     found["auto"] = timed(scene, run.start, REST, run.duration)
     found["grid"] = timed(scene, run.start, REST, run.duration, t_eval=np.linspace(0, run.duration, 5001))
@@ -83,13 +83,13 @@ def closed_loop(k: int) -> dict[str, Timed]:
 
 
 def loop_scene(k: int, **parts: Any) -> Scene:
-    """The thesis's controller on the arm."""
+    """The arm with the thesis's controller of 6.5-(k+1)."""
     robot = load("irb140")
     return Scene(robot, controller=pd_gravity(robot, KP, KD, CLOSED_LOOPS[k].reference), **parts)
 
 
 def sampled(k: int) -> list[Timed]:
-    """6.5-(k+1) with torques held between samples, just below and just beyond the limit."""
+    """6.5-(k+1) with torques held between samples, just below and just above the stability limit."""
     return [
         timed(loop_scene(k, sample_time=T), CLOSED_LOOPS[k].start, REST, end, method="RK23")
         for T, end in zip(SAMPLE_TIMES, SAMPLED, strict=True)
@@ -97,7 +97,7 @@ def sampled(k: int) -> list[Timed]:
 
 
 def equilibria() -> tuple[Trajectory, Trajectory, Trajectory, float]:
-    """7.1-1 in both arms, 7.1-2 from 1e-6 rad along its growing mode, and that mode's rate [1/s]."""
+    """7.1-1 with either sign of q3, 7.1-2 from 1e-6 rad along its unstable mode, and that mode's rate [1/s]."""
     robot, mirrored = load("irb140"), Robot(irb140_mirrored())
     flip = np.array([1, 1, -1, 1, 1, 1])
     times = np.linspace(0, 10, 1001)
@@ -121,7 +121,7 @@ def long_swing(method: str) -> Timed:
 
 
 def formulations() -> list[tuple[str, int, float]]:
-    """Table 7.1's question: operations and microseconds of one evaluation by each formulation."""
+    """Name, operations and time per evaluation [µs] of each formulation, for Table 7.1."""
     robot = load("irb140")
     q = np.linspace(0.1, 0.6, 6)
     rows: list[tuple[str, int, Callable[[], Any]]] = [
@@ -142,7 +142,7 @@ def formulations() -> list[tuple[str, int, float]]:
 
 
 def wrong_height(swing: Trajectory) -> Array:
-    """The energy as (6.38) has it, which leaves out q4 in the height of the wrist's 1 kg [J]."""
+    """The energy with the height of the wrist's 1 kg as in (6.38), which omits q4, shape (T,) [J]."""
     _, q2, q3, q4, q5, _ = swing.q.T
     lost = np.cos(q2 + q3) * np.sin(q5) * (np.cos(q4) - 1)
     energy: Array = swing.energy + 9.81 * 0.029 * lost
@@ -150,7 +150,7 @@ def wrong_height(swing: Trajectory) -> Array:
 
 
 def gravity_slope() -> float:
-    """Norm of dg/dq at the upright pose of 6.3-3: nothing there pushes an error on [N m/rad]."""
+    """Norm of dg/dq at the upright pose of 6.3-3, where it vanishes [N m/rad]."""
     return float(np.linalg.norm(load("irb140").kernel(gravity_torque, "q")(UPRIGHT), 2))
 
 

@@ -1,4 +1,4 @@
-"""The main job: the IRB 140 checked, swinging freely and under the thesis's control, on one page."""
+"""The page of the main job: the IRB 140 validated, in free motion and under the thesis's control."""
 
 from __future__ import annotations
 
@@ -21,15 +21,33 @@ from ..urdf.loading import load
 from .page import Page
 
 SETTLED = 0.01  # [rad], every joint
+UPRIGHT = (0, np.pi / 2, -np.pi / 2, 0, 0, 0)  # [rad], the pose of (6.21)
 
 
 def run(folder: Path, say: Callable[[str], None]) -> bool:
-    """Run the main job, write pictures and page into `folder`; True if every comparison kept its bound."""
+    """Run the main job and write its page.
+
+    Parameters
+    ----------
+    folder : Path
+        For the HTML page and its pictures; made if it does not exist.
+    say : callable
+        Called with each line of text.
+
+    Returns
+    -------
+    bool
+        True if all differences from the independent source are within their bounds.
+    """
     started = time.perf_counter()
     folder.mkdir(parents=True, exist_ok=True)
     robot = load("irb140")
     page = Page("ABB IRB 140 by recursive Newton-Euler", say, folder)
     page.text(repr(robot))
+    if has_matplotlib():
+        from ..plotting.robot_picture import draw
+
+        page.figure("robot", lambda: draw(robot, UPRIGHT), "The robot held at (0, π/2, -π/2, 0, 0, 0)")
     held = _checks(robot, page)
     _free_swing(robot, page)
     _closed_loop(robot, page)
@@ -41,12 +59,12 @@ def run(folder: Path, say: Callable[[str], None]) -> bool:
 
 
 def has_matplotlib() -> bool:
-    """True if pictures can be drawn."""
+    """True if matplotlib is installed."""
     return importlib.util.find_spec("matplotlib") is not None
 
 
 def settling_time(trajectory: Trajectory, reference: Array) -> float:
-    """First reported time after which every joint stays within 0.01 rad of its reference [s]."""
+    """First sample from which on every joint stays within 0.01 rad of its reference [s]; infinity if there is none."""
     outside = np.nonzero((np.abs(trajectory.q - reference) > SETTLED).any(axis=1))[0]
     if not len(outside):
         return float(trajectory.t[0])
@@ -65,7 +83,7 @@ def carried_masses(model: Model) -> Array:
 def _checks(robot: Robot, page: Page) -> bool:
     page.heading("Model and checks")
     model, carried = robot.model, carried_masses(robot.model)
-    holding = robot.gravity_torque([0, np.pi / 2, -np.pi / 2, 0, 0, 0]) / 9.81
+    holding = robot.gravity_torque(UPRIGHT) / 9.81
     page.table(
         ["joint", "mass carried [kg]", "working range [rad]", "holding torque (6.21) / g [kg m]"],
         [
@@ -80,11 +98,11 @@ def _checks(robot: Robot, page: Page) -> bool:
     )
     samples = 1000
     source, rows = validate(robot, samples)
-    page.text(f"Worst difference over {samples} random states, rates up to 10 rad/s, against {source}:")
+    page.text(f"Largest difference over {samples} random states, rates up to 10 rad/s, against {source}:")
     page.table(
-        ["quantity", "what", "worst, relative to the largest entry", "bound", "kept"],
+        ["quantity", "symbol", "largest difference, relative to the largest entry", "bound", "within bound"],
         [
-            [r.quantity, r.meaning, f"{r.worst:.1e}", f"{r.bound:.1e}", "yes" if r.worst <= r.bound else "NO"]
+            [r.quantity, r.symbol, f"{r.worst:.1e}", f"{r.bound:.1e}", "yes" if r.worst <= r.bound else "NO"]
             for r in rows
         ],
     )
@@ -96,7 +114,7 @@ def _free_swing(robot: Robot, page: Page) -> None:
     swing = simulate(robot, np.zeros(robot.n), np.zeros(robot.n), 10.0, rtol=1e-9)
     page.text(
         f"{swing.method}, rtol 1e-9: {swing.evaluations} evaluations, energy {swing.energy[0]:.5f} J, "
-        f"largest drift {swing.energy_drift:.1e} J."
+        f"largest energy error {swing.energy_drift:.1e} J."
     )
     page.text(swing.message)
     if has_matplotlib():
@@ -129,5 +147,5 @@ def _closed_loop(robot: Robot, page: Page) -> None:
         page.figure(
             "closed_loop",
             lambda: plot_closed_loop(motion, reference, robot.joint_names, title),
-            "Errors, their logarithm and torques of the closed loop",
+            "Errors, also on a log scale, and torques of the closed loop",
         )

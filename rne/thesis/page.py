@@ -1,4 +1,7 @@
-"""A page of text, tables and pictures, said line by line while it grows; written as HTML and as Markdown."""
+"""A page of text, tables and pictures, printed while it grows and written as HTML and as Markdown.
+
+It is written out here because no template engine or Markdown converter is among the dependencies.
+"""
 
 from __future__ import annotations
 
@@ -13,45 +16,68 @@ STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 table { border-collapse: collapse; display: block; overflow-x: auto; margin: 1rem 0; }
 th, td { border-bottom: 1px solid #8886; padding: .25rem .75rem; text-align: left; }
-img { max-width: 100%; height: auto; border-radius: .25rem; }
 pre { overflow-x: auto; }
+picture { display: block; overflow-x: auto; }
+img { max-width: 100%; min-width: 34rem; height: auto; border-radius: .25rem; }
+@media (prefers-color-scheme: dark) { body { background: #121212; color: #ddd; } }
 """
+CONTENTS_FROM = 4  # headings, from which on a page has a table of contents
+DARK: dict[str, Any] = {  # added to matplotlib's style of this name
+    **{f"{part}.facecolor": "#121212" for part in ("figure", "axes", "savefig")},
+    **{f"axes3d.{axis}axis.panecolor": (0.2, 0.2, 0.2, 0.5) for axis in "xyz"},
+    "grid.color": "0.6",
+}
+DARK_COLORS = (
+    *("#4fa3e0", "#ff9d47", "#5fcf5f", "#ff6b6b", "#b794e8"),
+    *("#c08a7a", "#f09ad8", "#a8a8a8", "#d6d84a", "#42d6e6"),
+)
 
 
 class Block(NamedTuple):
-    """A piece of the page in both languages."""
+    """A piece of the page, as HTML and as Markdown."""
 
     html: str
     markdown: str
 
 
 class Page:
-    """Headings, text, tables and pictures, in order."""
+    """Headings, text, tables and pictures, in order.
+
+    Parameters
+    ----------
+    title : str
+    say : callable
+        Called with each line of text as it is added.
+    folder : Path
+        Where the pictures and the HTML page are written.
+    """
 
     def __init__(self, title: str, say: Callable[[str], None], folder: Path) -> None:
         self.title = title
         self.say = say
         self.folder = folder
         self.body: list[Block] = []
+        self.headings: list[str] = []
         self.files: list[str] = []
 
     def heading(self, text: str) -> None:
-        """A section's heading."""
+        """Add a section's heading."""
         self.say(f"\n{text}")
-        self.body.append(Block(f"<h2>{escape(text)}</h2>", f"## {text}"))
+        self.headings.append(text)
+        self.body.append(Block(f'<h2 id="s{len(self.headings)}">{escape(text)}</h2>', f"## {text}"))
 
     def text(self, text: str) -> None:
-        """A paragraph."""
+        """Add a paragraph."""
         self.say(text)
         self.body.append(Block(f"<p>{escape(text)}</p>", text))
 
     def verbatim(self, text: str) -> None:
-        """Lines as they are printed."""
+        """Add lines in a fixed-width font."""
         self.say(text)
         self.body.append(Block(f"<pre>{escape(text)}</pre>", f"```text\n{text}\n```"))
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """A table of strings."""
+        """Add a table of strings."""
         widths = [max(len(row[k]) for row in [header, *rows]) for k in range(len(header))]
         for row in [header, *rows]:
             self.say("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
@@ -63,11 +89,12 @@ class Page:
         self.body.append(Block(html, "\n".join(bars)))
 
     def figure(self, name: str, draw: Callable[[], Any], caption: str) -> None:
-        """A picture, drawn once for light pages and once for dark ones."""
+        """Add a picture, drawn once for light pages and once for dark ones."""
         import matplotlib.style
+        from cycler import cycler
 
         draw().savefig(self.folder / f"{name}.png")
-        with matplotlib.style.context("dark_background"):
+        with matplotlib.style.context(["dark_background", DARK | {"axes.prop_cycle": cycler(color=DARK_COLORS)}]):
             draw().savefig(self.folder / f"{name}-dark.png")
         dark = f'<source srcset="{name}-dark.png" media="(prefers-color-scheme: dark)">'
         html = f'<p><picture>{dark}<img src="{name}.png" alt="{escape(caption)}"></picture></p>'
@@ -80,15 +107,21 @@ class Page:
             '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
             f"<title>{escape(self.title)}</title><style>{STYLE}</style>"
         )
-        body = f"<h1>{escape(self.title)}</h1>" + "\n".join(block.html for block in self.body)
+        body = f"<h1>{escape(self.title)}</h1>{self._contents()}" + "\n".join(block.html for block in self.body)
         path = self.folder / name
         path.write_text(
             f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n', encoding="utf-8"
         )
         return path
 
+    def _contents(self) -> str:
+        if len(self.headings) < CONTENTS_FROM:
+            return ""
+        links = (f'<li><a href="#s{k}">{escape(text)}</a></li>' for k, text in enumerate(self.headings, 1))
+        return f"<nav><ul>{''.join(links)}</ul></nav>"
+
     def write_markdown(self, path: Path) -> None:
-        """Write the page as Markdown, its pictures into `pictures` beside it."""
+        """Write the page as Markdown, and its pictures into the folder `pictures` beside it."""
         text = "\n\n".join([f"# {self.title}", *(block.markdown for block in self.body)])
         path.write_text(text + "\n", encoding="utf-8")
         if self.files:
