@@ -1,9 +1,13 @@
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads cost more than matrices of six joints give
+
 import pytest
 
 import rne
 from rne.model.robots.generators import random_tree
 
-from .helpers import Oracle, data_robots
+from .helpers import Oracle, data_robot, data_robots
 
 TREES = {
     "single": random_tree(1, seed=1),
@@ -33,4 +37,9 @@ def irb140_oracle(irb140):
 
 @pytest.fixture(scope="session")
 def ur5():
-    return rne.load(data_robots()["ur_description/ur5_robot"])
+    return data_robot("ur_description/ur5_robot")
+
+
+@pytest.fixture(scope="session")
+def ur5_oracle(ur5):
+    return Oracle(ur5.model, data_robots()["ur_description/ur5_robot"].read_text())

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 from pathlib import Path
 
 import numpy as np
 
+import rne
 from rne.analysis.pinocchio import Oracle, each
 
-__all__ = ["EPS", "ROOT", "Oracle", "data_robots", "each", "relative", "states"]
+__all__ = ["EPS", "ROOT", "Oracle", "data_robot", "data_robots", "each", "relative", "states"]
 
 ROOT = Path(__file__).parent.parent
 EPS = float(np.finfo(float).eps)
@@ -32,8 +34,15 @@ def relative(a, b):
     return float((np.abs(a - b).max(axis=axes) / size).max())
 
 
+@functools.cache
 def data_robots():
     """URDF files of example-robot-data, by short name."""
     files = importlib.metadata.files("example-robot-data") or []
     urdfs = sorted((f for f in files if f.suffix == ".urdf"), key=str)
     return {f"{f.parts[f.parts.index('robots') + 1]}/{f.stem}": Path(f.locate()) for f in urdfs}
+
+
+@functools.cache
+def data_robot(name):
+    """A robot of example-robot-data, loaded once for all tests; it keeps the kernels that they trace."""
+    return rne.load(data_robots()[name])

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -12,6 +13,7 @@ from rne.control.laws import pd_gravity
 from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
 
 from .helpers import ROOT, relative, states
+from .test_closed_forms import planar_arm
 
 LAW = 1e-12  # of the largest entry
 STEP = 1e-30  # of the complex step: exact derivatives
@@ -291,18 +293,25 @@ def test_energy_variations_of_6_4_5_are_those_of_6_38(irb140, q2):
 # 9. (2.7)
 
 
-def test_a_rotation_with_one_sign_changed_as_in_2_7_is_none():
-    c, s = np.cos([0.3, 0.5, 0.7]), np.sin([0.3, 0.5, 0.7])
-    X, Y, Z = np.zeros((3, 3, 3))
-    X[:] = [[1, 0, 0], [0, c[0], -s[0]], [0, s[0], c[0]]]
-    Y[:] = [[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]]
-    Z[:] = [[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]]
-    for R in (Y, X @ Y @ Z):
-        assert R[0, 2] == s[1]
-        assert np.abs(R @ R.T - np.eye(3)).max() <= 1e-15
-        R[0, 2] = -s[1]
-        assert np.abs(R @ R.T - np.eye(3)).max() > 0.5
-        assert np.linalg.det(R) == pytest.approx(1 - 2 * s[1] ** 2, rel=1e-14)
+def skew(s, printed):
+    """(2.7), the general skew-symmetric matrix, or as printed with -s2 in row 1, column 3."""
+    s1, s2, s3 = s
+    return np.array([[0, -s3, -s2 if printed else s2], [s3, 0, -s1], [-s2, s1, 0]])
+
+
+def test_S_of_2_7_with_s2_in_row_1_is_skew_symmetric_and_gives_the_cross_product():
+    s, a = np.random.default_rng(9).normal(size=(2, 3))
+    S = skew(s, printed=False)
+    assert not (S + S.T).any()
+    np.testing.assert_allclose(S @ a, np.cross(s, a), rtol=0, atol=1e-15)
+
+
+def test_S_as_printed_in_2_7_is_neither():
+    s, a = np.random.default_rng(9).normal(size=(2, 3))
+    S = skew(s, printed=True)
+    np.testing.assert_array_equal(S + S.T, -2 * s[1] * np.array([[0, 0, 1], [0, 0, 0], [1, 0, 0]]))
+    np.testing.assert_allclose(S @ a - np.cross(s, a), [-2 * s[1] * a[2], 0, 0], rtol=0, atol=1e-15)
+    assert abs(2 * s[1] * a[2]) > 0.1
 
 
 # 10. List of symbols
@@ -330,6 +339,35 @@ def test_a_relative_tolerance_of_1_as_printed_in_6_1_gives_another_motion(irb140
     )
     assert np.abs(meant - fine).max() < 1e-5
     assert np.abs(printed - fine).max() > 0.1
+
+
+# 12. (D.11)
+
+
+def planar_record(q):
+    """The arm of appendix D at rest: both axes along z, gravity along -y."""
+    arm = planar_arm(0.7, 0.3, 2.0, 0.11, 0.25, 1.3, 0.07)
+    return rne.recursion(arm, q, np.zeros(2), np.zeros(2))
+
+
+def test_g_j_in_frame_1_is_g_s_c_0_and_gravity_is_minus_that():
+    q = np.array([0.4, -1.1])
+    s, c = np.sin(q[0]), np.cos(q[0])
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    np.testing.assert_allclose(R.T @ [0, 9.81, 0], 9.81 * np.array([s, c, 0]), atol=1e-15)
+    np.testing.assert_allclose(planar_record(q).gravity[0], -9.81 * np.array([s, c, 0]), atol=1e-14)
+
+
+def test_g_j_as_printed_in_D_11_points_the_other_way_and_would_turn_every_holding_torque_round():
+    q = np.array([0.4, -1.1])
+    s, c = np.sin(q[0]), np.cos(q[0])
+    printed = -9.81 * np.array([s, c, 0])
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    assert np.linalg.norm(R.T @ [0, 9.81, 0] - printed) == pytest.approx(2 * 9.81)
+    upside_down = replace(planar_arm(0.7, 0.3, 2.0, 0.11, 0.25, 1.3, 0.07), gravity=-R @ printed)  # gravity as -g j
+    wrong, right = rne.gravity_torque(upside_down, q), planar_record(q).u
+    np.testing.assert_allclose(wrong, -right, rtol=1e-13)
+    assert right[1] == pytest.approx(1.3 * 0.25 * 9.81 * np.cos(q.sum()), rel=1e-13)
 
 
 # The page itself

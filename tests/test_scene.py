@@ -195,7 +195,7 @@ class TestLimits:
         assert np.abs(np.diff(motion.tau, axis=0)).max() <= 1000 * 1e-4 * (1 + 1e-9)
 
     def test_held_torques_change_at_samples_only(self, irb140):
-        law = rne.control.pd(irb140, [50] * 6, [20] * 6, [1] * 6)
+        law = rne.control.pd(irb140, [5] * 6, [0.1] * 6, [1] * 6)
         scene = rne.Scene(irb140, controller=law, sample_time=1e-3)
         motion = rne.simulate(scene, [0] * 6, [0] * 6, 5e-3, t_eval=np.arange(51) * 1e-4)
         changes = np.nonzero(np.abs(np.diff(motion.tau[:, 0])) > 0)[0] + 1

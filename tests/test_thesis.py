@@ -117,22 +117,27 @@ def test_stiffness_costs_the_explicit_method_a_hundred_times_the_evaluations(irb
     assert np.abs(explicit.q[-1] - implicit.q[-1]).max() <= 1e-5
 
 
-@pytest.mark.parametrize(("sample_time", "stable"), [(1.30e-4, True), (1.35e-4, False)])
-def test_sampled_controller(irb140, loop, sample_time, stable):
-    """Torques held between samples are unstable beyond 2 / lambda = 1.308e-4 s; the stable case runs 1.2 s."""
-    scene_of_thesis, _ = loop
-    law = rne.control.pd_gravity(irb140, KP, KD, scene_of_thesis.reference)
-    scene = rne.Scene(irb140, controller=law, sample_time=sample_time)
-    if stable:
-        motion = rne.simulate(scene, scene_of_thesis.start, REST, 1.2)
-        assert np.abs(motion.qd[-1]).max() <= 10
-        assert np.abs(motion.qd).max() <= 100
-    else:
-        try:
-            rates = rne.simulate(scene, scene_of_thesis.start, REST, 0.031).qd
-        except rne.SimulationError as error:
-            rates = error.trajectory.qd
-        assert np.abs(rates).max() >= 1e5
+GROWN = dict(zip(CLOSED_LOOPS, (0.022, 0.031, 0.022), strict=True))  # [s] after which rates exceed 1e5 rad/s
+
+
+def test_sampled_controller_is_unstable_beyond_2_by_lambda(irb140, loop):
+    """Torques held between samples of 1.35e-4 s, more than 2 / lambda = 1.308e-4 s."""
+    scene_of_thesis, unsampled = loop
+    scene = rne.Scene(irb140, controller=unsampled.controller, sample_time=1.35e-4)
+    try:
+        rates = rne.simulate(scene, scene_of_thesis.start, REST, GROWN[scene_of_thesis]).qd
+    except rne.SimulationError as error:
+        rates = error.trajectory.qd
+    assert np.abs(rates).max() >= 1e5
+
+
+def test_sampled_controller_is_stable_below_2_by_lambda(irb140, loop):
+    """3000 samples of 1.30e-4 s."""
+    scene_of_thesis, unsampled = loop
+    scene = rne.Scene(irb140, controller=unsampled.controller, sample_time=1.30e-4)
+    motion = rne.simulate(scene, scene_of_thesis.start, REST, 0.39)
+    assert np.abs(motion.qd[-1]).max() <= 10
+    assert np.abs(motion.qd).max() <= 100
 
 
 def test_check_gains_knows_the_limit_before_anyone_simulates(irb140):

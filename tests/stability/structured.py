@@ -36,8 +36,10 @@ class Measured(NamedTuple):
 
     @property
     def ratio(self):
-        """Error in units of eps times the structured condition."""
-        return 0.0 if self.refused else self.error / (EPS * self.condition)
+        """Error in units of eps times the structured condition; infinite for a refusal where digits could be had."""
+        if self.refused:
+            return 0.0 if EPS * self.condition >= 1 else np.inf
+        return self.error / (EPS * self.condition)
 
 
 def changed(array, signs):
@@ -155,7 +157,7 @@ def torques(case):
 
 
 def answered(robot, function, arguments, exact):
-    """One method's worst state; refused if an error says that M is singular in every one of them."""
+    """One method's worst state; refused if an error says that M is singular there."""
     call = getattr(robot, function) if isinstance(function, str) else partial(function, robot.model)
     rows = []
     for k in range(len(exact.value)):

@@ -17,9 +17,11 @@ def fastest(irb140):
 @pytest.mark.parametrize("method", steps.METHODS)
 @pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
 def test_the_largest_stable_step_is_the_predicted_one(irb140, fastest, method, scale):
-    """Over four decades of gain, within what the bisection resolves: 10 % / 2^6, and the loop's own curvature."""
+    """Over four decades of gain: 0.2 % below it a deviation shrinks in 100 steps, 0.2 % above it grows."""
     one = steps.loop(irb140, scale, fastest)
-    assert steps.measured(method, one) == pytest.approx(steps.predicted(method, one), rel=2e-3)
+    step = steps.predicted(method, one)
+    assert steps.shrinks(method, one, step * (1 - 2e-3))
+    assert not steps.shrinks(method, one, step * (1 + 2e-3))
 
 
 def test_check_gains_knows_the_sampled_limit(irb140, fastest):
@@ -40,14 +42,14 @@ def test_stiff_damping_costs_implicit_methods_nothing(irb140):
     assert explicit[1] / explicit[0] == pytest.approx(5, rel=0.15)
 
 
-@pytest.mark.parametrize("spin", [100.0, 1e3, 3e4])
-def test_a_top_in_steady_precession_stays_in_it(spin):
-    """Its rates solve across cos(tilt) w^2 - about spin w + moment = 0, whatever the spin."""
+@pytest.mark.parametrize(("spin", "duration"), [(100.0, 1.0), (1e3, 1.0), (3e4, 0.05)])
+def test_a_top_in_steady_precession_stays_in_it(spin, duration):
+    """Its rates solve across cos(tilt) w^2 - about spin w + moment = 0, whatever the spin; at least 15 turns."""
     top = Top.of()
     rates = top.steady(spin, 0.6)
-    run = rne.simulate(top.robot, [0.0, 0.6, 0.0], rates, 1.0, rtol=1e-10, atol=1e-13)
+    run = rne.simulate(top.robot, [0.0, 0.6, 0.0], rates, duration, rtol=1e-10, atol=1e-13)
     np.testing.assert_allclose(run.q[:, 1], 0.6, rtol=0, atol=1e-9)
-    assert run.q[-1, 0] == pytest.approx(rates[0], rel=1e-9)
+    assert run.q[-1, 0] == pytest.approx(rates[0] * duration, rel=1e-9)
 
 
 def test_a_released_top_nods_at_its_rate_and_keeps_its_momenta():
