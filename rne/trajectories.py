@@ -201,7 +201,7 @@ def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
 def _times(t: ArrayLike) -> Array:
     """Times in a shape that broadcasts against (n,); traced numbers are passed on unchecked."""
     times = np.asarray(t)
-    if times.dtype != object:
+    if times.dtype != object or not all(hasattr(x, "__truediv__") for x in times.flat):
         times = real_array("t", times, "(T,)")
     return times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None]
 

@@ -188,7 +188,7 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
     page = (tmp_path / "index.html").read_text()
     assert "<th>mass carried [kg]</th>" in page
     assert "<td>joint_1</td><td>75</td>" in page
-    for picture in ("free_swing.png", "closed_loop.png"):
+    for picture in ("robot.png", "free_swing.png", "closed_loop.png"):
         assert picture in page
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
 

@@ -73,3 +73,5 @@ def test_page_has_every_experiment(short, tmp_path):
         assert (tmp_path / "docs" / "pictures" / picture).exists()
     assert 'media="(prefers-color-scheme: dark)"' in html
     assert "width=device-width" in html
+    for number, heading in re.findall(r'<h2 id="s(\d+)">([^<]+)</h2>', html):
+        assert f'<a href="#s{number}">{heading}</a>' in html

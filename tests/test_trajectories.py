@@ -77,6 +77,7 @@ def test_rates_are_derivatives(path):
         (np.nan, "`t` must be finite, got nan at index ()"),
         ([0.0, np.inf], "`t` must be finite, got inf at index (1,)"),
         ("now", "`t` must be an array of numbers of shape (T,), got dtype <U3"),
+        (None, "`t` must be an array of numbers of shape (T,), got dtype object"),
         (1j, "`t` must be real, got dtype complex128"),
     ],
 )

@@ -17,6 +17,7 @@ from ..simulation.trajectory import Trajectory
 from .plots import check_trajectory
 from .robot_picture import Picture, blank_axes, check_robot
 
+MIN_FPS = 0.01  # [1/s]; GIF stores at most 655 s per frame
 MAX_FPS = 50.0  # [1/s]; viewers slow down files that ask for more
 MAX_FRAMES = 2000  # all of them are kept in memory until the file is written
 DPI = 90
@@ -35,7 +36,8 @@ def animate(
     path : str or path-like
         The file to write, ending in .gif, in an existing folder.
     fps : float
-        Frames per second, at most 50. GIF stores the time of a frame in hundredths of a second, to which it is rounded.
+        Frames per second, from 0.01 to 50. GIF stores the time of a frame in hundredths of a second, to which it is
+        rounded.
     speed : float
         Seconds of the motion per second of the animation.
 
@@ -120,8 +122,8 @@ def _gif_path(path: str | os.PathLike[str]) -> Path:
 
 def _hundredths(fps: float) -> int:
     """Time of a frame [0.01 s]."""
-    if fps > MAX_FPS:
-        raise ValueError(f"`fps` must be at most {MAX_FPS:g}, got {fps:g}")
+    if not MIN_FPS <= fps <= MAX_FPS:
+        raise ValueError(f"`fps` must be between {MIN_FPS:g} and {MAX_FPS:g}, got {fps:g}")
     return round(100 / fps)
 
 
@@ -131,7 +133,7 @@ def _frame_times(trajectory: Trajectory, delay: int, speed: float) -> Array:
     frames = (last - first) / speed / (delay / 100)
     if frames + 1 > MAX_FRAMES:
         raise ValueError(
-            f"the animation would have {frames + 1:.0f} frames, at most {MAX_FRAMES}: raise `speed` or lower `fps`"
+            f"the animation would have {frames + 1:.6g} frames, at most {MAX_FRAMES}: raise `speed` or lower `fps`"
         )
     return np.linspace(first, last, max(round(frames), 1) + 1 if last > first else 1)
 
