@@ -92,7 +92,7 @@ class Robot:
     @property
     def forward_method(self) -> Declared:
         """The function that forward dynamics of this robot take, chosen by the number of operations."""
-        return self.kernels.forward_kernel().function
+        return self.kernels.forward_method()
 
     @property
     def model(self) -> Model:
@@ -150,7 +150,8 @@ class Robot:
         """Torques tau = M qdd + C qd + g, shape (..., n) [N m or N]; see `rne.inverse_dynamics`."""
         if external is None:
             return self.kernels.evaluate(inverse_dynamics, q, qd, qdd)[0]
-        return inverse_dynamics(self._model, np.asarray(q), np.asarray(qd), np.asarray(qdd), external=external)
+        tau: Array = inverse_dynamics.evaluate(self._model, q, qd, qdd, external=external)[0]
+        return tau
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """M(q), shape (..., n, n), full and exactly symmetric [kg m^2, kg m or kg]; see `rne.mass_matrix`."""
@@ -164,7 +165,7 @@ class Robot:
             qdd, verdict = self.kernels.accelerations(q, qd, tau)
         else:
             qdd, verdict = forward_dynamics.evaluate(self._model, q, qd, tau, external=external)
-        verdict.announce(stacklevel=2)
+        verdict.raise_or_warn(stacklevel=2)
         return qdd
 
     def diagnose(
@@ -182,7 +183,8 @@ class Robot:
         """C qd + g, shape (..., n) [N m or N]; see `rne.bias_torque`."""
         if external is None:
             return self.kernels.evaluate(bias_torque, q, qd)[0]
-        return bias_torque(self._model, np.asarray(q), np.asarray(qd), external=external)
+        tau: Array = bias_torque.evaluate(self._model, q, qd, external=external)[0]
+        return tau
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the inverse dynamics.
@@ -222,7 +224,7 @@ class Robot:
         From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
         """
         slopes, verdict = self.kernels.forward_derivatives(q, qd, tau)
-        verdict.announce(stacklevel=2)
+        verdict.raise_or_warn(stacklevel=2)
         n = self.n
         return slopes[..., :n], slopes[..., n : 2 * n], slopes[..., 2 * n :]
 
@@ -245,7 +247,7 @@ class Robot:
             If M is singular to working precision.
         """
         slopes, verdict = self.kernels.forward_derivatives(q, qd, tau)
-        verdict.announce(stacklevel=2)
+        verdict.raise_or_warn(stacklevel=2)
         n = self.n
         system = np.zeros((*slopes.shape[:-2], 2 * n, 3 * n), dtype=slopes.dtype)
         system[..., :n, n : 2 * n] = np.eye(n)
@@ -292,7 +294,8 @@ class Robot:
 
     def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
         """Every omega, alpha, a, f and tau of every link; see `rne.recursion`."""
-        return recursion(self._model, np.asarray(q), np.asarray(qd), np.asarray(qdd), external=external)
+        record: Recursion = recursion.evaluate(self._model, q, qd, qdd, external=external)[0]
+        return record
 
     def with_payload(
         self,
@@ -317,7 +320,7 @@ class Robot:
     def __repr__(self) -> str:
         model = self._model
         lines = [
-            f"Robot {model.name!r}: {model.n} joints, {len(model.link_names)} links, "
+            f"Robot {model.name!r}: {model.n} joint{'s' * (model.n != 1)}, {len(model.link_names)} links, "
             f"{model.mass.sum():.6g} kg moving, gravity {model.gravity.tolist()} m/s^2"
         ]
         if model.has_mimics:

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 
 from .spatial import Array
 
+UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
+
 
 def real_array(name: str, value: ArrayLike, shape: str) -> Array:
     """An array of finite real numbers."""

@@ -9,14 +9,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import vector
+from ..basics.arrays import UNBOUNDED, vector
 from ..basics.spatial import Array
 from ..elementwise import clip
 from ..robot import Robot
 
 Reference = Callable[[float], tuple[Array, Array, Array]]
 F = TypeVar("F", bound=Callable[..., Any])
-UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
 
 
 def traceable(law: F) -> F:

@@ -1,4 +1,16 @@
-"""Forward dynamics by articulated bodies, in link frames."""
+"""Forward dynamics by the articulated-body algorithm (ABA), in link frames.
+
+| quantity                                     | code            | Featherstone 2008, table 7.1 |
+|----------------------------------------------|-----------------|------------------------------|
+| velocity, angular and linear                 | omega[i], v[i]  | v_i                          |
+| articulated inertia, in 3x3 blocks           | IA[i]: I, H, M  | I^A_i = [I H; H^T M]         |
+| articulated bias force                       | pA[i]: n, f     | p^A_i                        |
+| axes of a rotating and of a sliding joint    | s[i], t[i]      | S_i                          |
+| velocity-product acceleration                | c: angular, linear | c_i                       |
+| I^A S; S^T I^A S; tau - S^T p^A              | U: n, f; d; u   | U_i, D_i, u_i                |
+
+Vectors and blocks instead of 6-vectors: the tracer then finds more zeros.
+"""
 
 from __future__ import annotations
 
@@ -15,25 +27,37 @@ from .rnea import External, applied_wrenches
 
 
 class Inertia(NamedTuple):
-    """Six-by-six inertia in blocks: moment = I alpha + H a, force = H^T alpha + M a."""
+    """Blocks of a 6x6 inertia about the frame's origin: moment = I alpha + H a, force = H^T alpha + M a."""
 
     I: Array
     H: Array
     M: Array
 
+    def plus(self, other: Inertia) -> Inertia:
+        """The sum of two inertias in the same frame."""
+        return Inertia(self.I + other.I, self.H + other.H, self.M + other.M)
+
+    def times(self, angular: Array, linear: Array) -> Force:
+        """Moment and force for an angular and a linear acceleration."""
+        n = rotate(self.I, angular) + rotate(self.H, linear)
+        return Force(n, rotate(transpose(self.H), angular) + rotate(self.M, linear))
+
 
 class Force(NamedTuple):
-    """Moment about the frame's origin, and force."""
+    """Moment about the frame's origin, and force, each of shape (..., 3)."""
 
     n: Array
     f: Array
 
+    def plus(self, other: Force) -> Force:
+        """The sum of two forces in the same frame."""
+        return Force(self.n + other.n, self.f + other.f)
 
-class Hinge(NamedTuple):
-    """Of joint i: U = I^A S in two parts, d = S^T U and u = tau - S^T p^A of shape (..., 1), and the bias c."""
 
-    U_n: Array
-    U_f: Array
+class JointTerms(NamedTuple):
+    """Terms of one joint that pass 3 needs, in its frame: U, c of shape (..., 3) each, d and u of shape (..., 1)."""
+
+    U: Force
     d: Array
     u: Array
     c_angular: Array
@@ -46,43 +70,29 @@ def rigid_body(model: Model, i: int, omega: Array, v: Array) -> tuple[Inertia, F
     The term v x m v = 0 is left out, whose rounding error would exceed a small inertia; the terms in h follow from it
     by Jacobi's identity.
     """
-    m, h, I = (moment[i] for moment in model.moments)
+    m, h, I = model.body_moments(i)
     omega_v = cross(omega, v)
     n = cross(omega, rotate(I, omega)) + cross(h, omega_v)
     f = m * omega_v + cross(omega, cross(omega, h))
     return Inertia(I, cross_matrix(h), m * IDENTITY), Force(n, f)
 
 
-def hinge_of(
-    body: Inertia, bias: Force, s: Array, t: Array, omega: Array, v: Array, rate: Array, tau: Array, armature: Array
-) -> Hinge:
-    """U, d, u and c of a joint with axes s and t (Featherstone 2008, (7.43)-(7.45)); rate and tau (..., 1)."""
-    U_n = rotate(body.I, s) + rotate(body.H, t)
-    U_f = rotate(transpose(body.H), s) + rotate(body.M, t)
-    d = dot(s, U_n)[..., None] + dot(t, U_f)[..., None] + armature
-    u = tau - dot(s, bias.n)[..., None] - dot(t, bias.f)[..., None]
-    return Hinge(U_n, U_f, d, u, cross(omega, s * rate), cross(v, s * rate) + cross(omega, t * rate))
+def across_joint(IA: Inertia, pA: Force, joint: JointTerms) -> tuple[Inertia, Force]:
+    """I^a and p^a that the parent feels across the free joint (Featherstone 2008, (7.25) and (7.24))."""
+    U, d = joint.U, joint.d[..., None]
+    Ia = Inertia(IA.I - outer(U.n, U.n) / d, IA.H - outer(U.n, U.f) / d, IA.M - outer(U.f, U.f) / d)
+    u_over_d = joint.u / joint.d
+    driven = Force(U.n * u_over_d, U.f * u_over_d)
+    return Ia, pA.plus(Ia.times(joint.c_angular, joint.c_linear)).plus(driven)
 
 
-def release_joint(body: Inertia, bias: Force, hinge: Hinge) -> tuple[Inertia, Force]:
-    """Inertia and bias force across the free joint: I^a and p^a of Featherstone 2008, (7.25) and (7.24)."""
-    U_n, U_f, d = hinge.U_n, hinge.U_f, hinge.d[..., None]
-    I = body.I - outer(U_n, U_n) / d
-    H = body.H - outer(U_n, U_f) / d
-    M = body.M - outer(U_f, U_f) / d
-    share = hinge.u / hinge.d
-    n = bias.n + rotate(I, hinge.c_angular) + rotate(H, hinge.c_linear) + U_n * share
-    f = bias.f + rotate(transpose(H), hinge.c_angular) + rotate(M, hinge.c_linear) + U_f * share
-    return Inertia(I, H, M), Force(n, f)
-
-
-def move_to_parent(body: Inertia, bias: Force, R: Array, p: Array) -> tuple[Inertia, Force]:
-    """The same seen from the parent's frame: rotated by R, then the reference point moved by p."""
-    I, H, M = (R @ block @ transpose(R) for block in body)
+def move_to_parent(inertia: Inertia, force: Force, R: Array, p: Array) -> tuple[Inertia, Force]:
+    """The same in the parent's frame: rotated by R, then the reference point moved by p."""
+    I, H, M = (R @ block @ transpose(R) for block in inertia)
     P = cross_matrix(p)
     H_p = H + P @ M
-    f = rotate(R, bias.f)
-    return Inertia(I - H @ P + P @ transpose(H_p), H_p, M), Force(rotate(R, bias.n) + cross(p, f), f)
+    f = rotate(R, force.f)
+    return Inertia(I - H @ P + P @ transpose(H_p), H_p, M), Force(rotate(R, force.n) + cross(p, f), f)
 
 
 @judged_quantity(judge_accelerations)
@@ -134,35 +144,39 @@ def articulated_forward_dynamics(
         raise ModelError(f"robot {model.name!r} has mimic joints; use forward_dynamics, which reduces M to q")
     R, p = joint_transforms(model, q)
     s, t = model.angular_axis, model.linear_axis
+
+    # pass 1, outwards: velocities, and inertia and bias force of each body by itself
     omega, v = velocities(model, R, p, qd)
-    inertia: dict[int, Inertia] = {}
-    bias: dict[int, Force] = {}
+    IA: dict[int, Inertia] = {}
+    pA: dict[int, Force] = {}
     for i in range(model.nb):
-        inertia[i], bias[i] = rigid_body(model, i, omega[i], v[i])
+        IA[i], pA[i] = rigid_body(model, i, omega[i], v[i])
     for i, (moment, force) in applied_wrenches(model, external).items():
         if i != BASE:
-            bias[i] = Force(bias[i].n - moment, bias[i].f - force)
+            pA[i] = pA[i].plus(Force(-moment, -force))
 
-    # inwards: articulated inertia and bias force of each body
-    hinge: dict[int, Hinge] = {}
+    # pass 2, inwards: articulated inertia and bias force
+    joints: dict[int, JointTerms] = {}
     for i in reversed(range(model.nb)):
-        rate, torque = qd[..., i, None], tau[..., i, None]
-        hinge[i] = hinge_of(inertia[i], bias[i], s[i], t[i], omega[i], v[i], rate, torque, model.armature[i])
-        parent = model.parent[i]
+        qd_i, parent = qd[..., i, None], model.parent[i]
+        U = IA[i].times(s[i], t[i])
+        d = dot(s[i], U.n)[..., None] + dot(t[i], U.f)[..., None] + model.armature[i]  # (7.44)
+        u = tau[..., i, None] - dot(s[i], pA[i].n)[..., None] - dot(t[i], pA[i].f)[..., None]  # (7.45)
+        c_linear = cross(v[i], s[i] * qd_i) + cross(omega[i], t[i] * qd_i)
+        joints[i] = JointTerms(U, d, u, cross(omega[i], s[i] * qd_i), c_linear)
         if parent != BASE:
-            free = release_joint(inertia[i], bias[i], hinge[i])
-            I, b = move_to_parent(*free, R[i], p[i])
-            inertia[parent] = Inertia(*(x + y for x, y in zip(inertia[parent], I, strict=True)))
-            bias[parent] = Force(*(x + y for x, y in zip(bias[parent], b, strict=True)))
+            Ia, pa = move_to_parent(*across_joint(IA[i], pA[i], joints[i]), R[i], p[i])
+            IA[parent], pA[parent] = IA[parent].plus(Ia), pA[parent].plus(pa)
 
-    # outwards: accelerations
+    # pass 3, outwards: accelerations, the base's being -gravity
     qdd, pivots = zeros(q.shape, like=q), zeros(q.shape, like=q)
     alpha, a = {BASE: zeros((3,), like=q)}, {BASE: zeros((3,), like=q) - model.gravity}
     for i, parent in enumerate(model.parent):
-        c = hinge[i]
-        alpha_i = rotate_back(R[i], alpha[parent]) + c.c_angular
-        a_i = rotate_back(R[i], a[parent] + cross(alpha[parent], p[i])) + c.c_linear
-        qdd_i = (c.u - dot(c.U_n, alpha_i)[..., None] - dot(c.U_f, a_i)[..., None]) / c.d
+        joint = joints[i]
+        alpha_i = rotate_back(R[i], alpha[parent]) + joint.c_angular
+        a_i = rotate_back(R[i], a[parent] + cross(alpha[parent], p[i])) + joint.c_linear
+        qdd_i = (joint.u - dot(joint.U.n, alpha_i)[..., None] - dot(joint.U.f, a_i)[..., None]) / joint.d
         alpha[i], a[i] = alpha_i + s[i] * qdd_i, a_i + t[i] * qdd_i
-        qdd[..., i], pivots[..., i] = qdd_i[..., 0], c.d[..., 0]
-    return qdd, pivots, mass_diagonal(model, composite_inertias(model, R, p), like=q)
+        qdd[..., i], pivots[..., i] = qdd_i[..., 0], joint.d[..., 0]
+    diagonal = mass_diagonal(model, composite_inertias(model, R, p), like=q)  # scale of the pivots d
+    return qdd, pivots, diagonal

@@ -1,6 +1,6 @@
 """How many digits forward dynamics keep: M's pivots decide whether it is singular, Skeel's amplification the digits.
 
-`pivot_condition` and `amplifications` are the only criteria: functions, kernels, batches and simulations apply them
+`pivot_grade` and `amplifications` are the only criteria: functions, kernels, batches and simulations apply them
 through `judge_accelerations`, `rne.diagnose` directly.
 """
 
@@ -16,16 +16,16 @@ from ..errors import SingularMassMatrixError
 from ..model.model import Model
 from .crba import mass_matrix
 from .rnea import External, bias_torque
-from .verdict import SOUND, PrecisionLoss, State, Verdict
+from .verdict import SOUND, BatchIndex, PrecisionLoss, Verdict
 
 MIN_DIGITS = 3.0  # decimal digits below which a result is warned of
-# Bounds of a pivot of M, in units of n eps of M's diagonal entry: at most the first, it is only rounding error; at most
-# the second, the digits left are counted.
+# A pivot of M up to SINGULAR n eps M_kk is only rounding error: M is singular, an error. Up to NEARLY_SINGULAR
+# n eps M_kk the digits left are estimated.
 SINGULAR, NEARLY_SINGULAR = 8, 1000
 
 
-def pivot_condition(pivots: Array, diagonal: Array) -> Array:
-    """0 where a pivot of M is sound, 1 where M is nearly singular, 2 where it is singular, shape (..., n).
+def pivot_grade(pivots: Array, diagonal: Array) -> Array:
+    """Grade of each pivot of M: 0 for a sound one, 1 if M is nearly singular, 2 if it is singular, shape (..., n).
 
     A pivot that is not a number counts as singular.
     """
@@ -42,15 +42,18 @@ def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
 
 
 def rate_bound(dtype: np.dtype[Any]) -> float:
-    """Joint rate eps^(-1/4) whose square leaves half the digits of the dtype: above it the digits left are counted."""
+    """Joint rate eps^(-1/4) [rad/s or m/s], 8192 in float64, above which the digits left are estimated.
+
+    Its square is eps^(-1/2): where torques cancel C qd + g, half the digits of the dtype are left.
+    """
     return float(np.finfo(dtype).eps ** -0.25)
 
 
 def judge_singularity(
     model: Model, arguments: Mapping[str, Any], result: Array, pivots: Array, diagonal: Array
 ) -> Verdict:
-    """The Verdict on a solution with M alone: an error if M is singular; digits are not counted."""
-    singular = pivot_condition(pivots, diagonal).max(axis=-1, initial=0) == 2
+    """The Verdict on a solution with M alone: an error if M is singular; digits are not estimated."""
+    singular = pivot_grade(pivots, diagonal).max(axis=-1, initial=0) == 2
     if not singular.any():
         return SOUND
     state = tuple(int(k) for k in np.argwhere(singular)[0])
@@ -62,13 +65,13 @@ def judge_accelerations(
 ) -> Verdict:
     """The Verdict on forward dynamics: an error if M is singular, a loss if fewer than MIN_DIGITS digits are left.
 
-    Digits are counted only in states whose M is nearly singular or whose rates exceed `rate_bound`: everywhere else
+    Digits are estimated only in states whose M is nearly singular or whose rates exceed `rate_bound`: everywhere else
     there are enough of them.
     """
     verdict = judge_singularity(model, arguments, qdd, pivots, diagonal)
     if verdict.error is not None or qdd.dtype.kind != "f":
         return verdict
-    nearly = np.asarray(pivot_condition(pivots, diagonal).max(axis=-1, initial=0) > 0)
+    nearly = np.asarray(pivot_grade(pivots, diagonal).max(axis=-1, initial=0) > 0)
     fast = np.asarray(np.abs(arguments["qd"]).max(axis=-1, initial=0.0) > rate_bound(qdd.dtype))
     suspect = nearly | fast
     if not suspect.any():
@@ -80,8 +83,8 @@ def judge_accelerations(
     digits = max(0.0, -float(np.log10(lost[k])))
     if digits >= MIN_DIGITS:
         return SOUND
-    state: State = tuple(int(i) for i in np.argwhere(suspect)[k])
-    cause = f"the torques and C qd + g cancel at {np.abs(qd[k]).max():.1e}/s"
+    state: BatchIndex = tuple(int(i) for i in np.argwhere(suspect)[k])
+    cause = f"the torques and C qd + g cancel at joint rates of {np.abs(qd[k]).max():.1e} rad/s or m/s"
     return Verdict(loss=PrecisionLoss(digits, state, "M is nearly singular" if nearly[state] else cause))
 
 
@@ -133,7 +136,7 @@ def weakest_motion(model: Model, M: Array) -> tuple[tuple[str, ...], float]:
     return joints, float(values[0])
 
 
-def singular_error(model: Model, M: Array, state: State) -> SingularMassMatrixError:
+def singular_error(model: Model, M: Array, state: BatchIndex) -> SingularMassMatrixError:
     """The error that names the joints whose combined motion moves no inertia."""
     joints, value = weakest_motion(model, M)
     names = ", ".join(repr(name) for name in joints)

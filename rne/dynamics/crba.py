@@ -1,8 +1,6 @@
-"""The joint-space inertia matrix from composite rigid bodies."""
+"""The joint-space inertia matrix M(q) by the composite-rigid-body algorithm (CRBA)."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,44 +14,37 @@ from ..basics.spatial import (
     transpose,
     zeros,
 )
-from ..model.model import Model
+from ..model.model import Model, Moments
 from .kinematics import BASE, joint_transforms
 from .quantity import quantity
 
 
-class Composite(NamedTuple):
-    """Mass, first moment, and inertia about the frame's origin."""
-
-    mass: Array
-    first_moment: Array
-    inertia: Array
-
-
-def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> dict[int, Composite]:
-    """Mass, first moment and inertia about its frame's origin of each body with all it carries, in its axes."""
+def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> dict[int, Moments]:
+    """Mass, first moment and inertia of each body with its whole subtree (I^C_i of Featherstone), in frame i."""
     zero = zeros((3,), like=model.mass)
-    composites: dict[int, Composite] = {i: Composite(*(x[i] for x in model.moments)) for i in range(model.nb)}
-    composites[BASE] = Composite(zero[0], zero, cross_matrix(zero))
+    composites = {i: model.body_moments(i) for i in range(model.nb)} | {
+        BASE: Moments(zero[0], zero, cross_matrix(zero))
+    }
     for i in reversed(range(model.nb)):
         parent = model.parent[i]
         moved = move_to_parent(composites[i], R[i], p[i])
-        composites[parent] = Composite(*(a + b for a, b in zip(composites[parent], moved, strict=True)))
+        composites[parent] = Moments(*(a + b for a, b in zip(composites[parent], moved, strict=True)))
     return composites
 
 
-def move_to_parent(body: Composite, R: Array, p: Array) -> Composite:
-    """The same body seen from the parent's frame: rotated by R, then its reference point moved by p.
+def move_to_parent(body: Moments, R: Array, p: Array) -> Moments:
+    """The same body in the parent's frame: rotated by R, then its reference point moved by p.
 
-    Featherstone 2008, (2.66) in three-vectors.
+    Featherstone 2008, (2.66) in three-vectors: I - (S + S^T) with S = [p]x [h + m p / 2]x.
     """
     m, h_i, I = body
     h = rotate(R, h_i)
-    steiner = cross_matrix(p) @ cross_matrix(h + (m / 2) * p)
-    return Composite(m, h + m * p, mirrored(R @ I @ transpose(R) - (steiner + transpose(steiner))))
+    S = cross_matrix(p) @ cross_matrix(h + (m / 2) * p)
+    return Moments(m, h + m * p, mirrored(R @ I @ transpose(R) - (S + transpose(S))))
 
 
-def unit_acceleration(body: Composite, s: Array, t: Array) -> tuple[Array, Array]:
-    """Force and moment that a composite body takes for a unit acceleration of its joint with axes s and t."""
+def unit_acceleration(body: Moments, s: Array, t: Array) -> tuple[Array, Array]:
+    """Force and moment I^C S that a composite body takes for a unit acceleration of its joint with axes s and t."""
     m, h, I = body
     return m * t + cross(s, h), rotate(I, s) + cross(h, t)
 
@@ -80,7 +71,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
 
     Notes
     -----
-    Composite rigid bodies: Featherstone 2008, table 6.2. O(n d), d the depth of the tree.
+    Composite-rigid-body algorithm: Featherstone 2008, table 6.2. O(n d), d the depth of the tree.
 
     Examples
     --------
@@ -104,7 +95,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     return reduce_to_coordinates(model, M) if model.has_mimics else M
 
 
-def mass_diagonal(model: Model, composites: dict[int, Composite], like: Array) -> Array:
+def mass_diagonal(model: Model, composites: dict[int, Moments], like: Array) -> Array:
     """The diagonal of M: the inertia that each joint accelerates with all others locked, shape (..., nb)."""
     diagonal = zeros(like.shape, like=like)
     for j, (s, t) in enumerate(zip(model.angular_axis, model.linear_axis, strict=True)):

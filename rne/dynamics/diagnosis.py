@@ -12,7 +12,7 @@ from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..model.arguments import joint_array, model_argument
 from ..model.model import Model
-from .conditioning import amplifications, pivot_condition, weakest_motion
+from .conditioning import amplifications, pivot_grade, weakest_motion
 from .crba import mass_matrix
 from .forward import factorise
 from .quantity import common_leading_shape
@@ -148,7 +148,7 @@ def _condition(M: Array, model: Model, arithmetic: np.dtype[Any]) -> tuple[Array
         values = np.linalg.eigvalsh(scaled.astype(np.float64))
         condition = values[..., -1] / np.maximum(values[..., 0], 0)
     ones = np.ones(pivots.shape, dtype=arithmetic)
-    singular = (pivot_condition(pivots.astype(arithmetic), ones) == 2).any(axis=-1)
+    singular = (pivot_grade(pivots.astype(arithmetic), ones) == 2).any(axis=-1)
     pivot = np.maximum(pivots.min(axis=-1), 0).astype(np.float64)
     return np.where(singular | ~np.isfinite(condition), np.inf, condition), np.asarray(pivot)
 

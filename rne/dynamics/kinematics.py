@@ -31,6 +31,7 @@ def joint_rates(model: Model, qd: Array) -> Array:
 def joint_transforms(model: Model, q: Array) -> tuple[list[Array], list[Array]]:
     """R[i] and p[i] of every body, from the coordinates q."""
     position = joint_positions(model, q)
+    # a sliding joint does not rotate; int8 keeps the dtype of the positions
     R = model.rotation @ rotation_about(model.axis, position * model.is_revolute.astype("int8"))
     p = model.translation + rotate(model.rotation, model.linear_axis) * position[..., None]
     return [R[..., i, :, :] for i in range(model.nb)], [p[..., i, :] for i in range(model.nb)]

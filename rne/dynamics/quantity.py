@@ -2,6 +2,9 @@
 
 A core is the bare recursion. It takes arrays that are finite, of one dtype and of one leading shape, and never
 branches on a value. `function.core` is that recursion, to be read, tested or traced on its own.
+
+Arguments named q, qd, qdd and tau are joint arrays, checked and traced; `external` (wrenches by link) and `link` are
+the other arguments that a quantity may have.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ T_co = TypeVar("T_co", covariant=True)
 Judge = Callable[[Model, Mapping[str, Any], Array, Array, Array], Verdict]
 
 JOINT_ARGUMENTS = ("q", "qd", "qdd", "tau")
+OPTIONS = ("external", "link")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +95,9 @@ def quantity(
     """Declare a core as a public function whose result is checked for overflow only."""
 
     def decorate(core: Callable[Concatenate[Model, P], R]) -> QuantityFunction[P, R]:
-        return cast("QuantityFunction[P, R]", _declare(core, None, base_parameters, returns_array))
+        return cast(
+            "QuantityFunction[P, R]", _declare(core, None, base_parameters=base_parameters, returns_array=returns_array)
+        )
 
     return decorate
 
@@ -101,18 +107,22 @@ def judged_quantity(
 ) -> Callable[[Callable[Concatenate[Model, P], tuple[Array, Array, Array]]], QuantityFunction[P, Array]]:
     """Declare a core that returns (result, pivots of M, diagonal of M) as a public function of the result.
 
-    `judge` turns pivots and arguments into the Verdict that the public call announces.
+    `judge` turns pivots and arguments into the Verdict on the result. Such results depend on base parameters only.
     """
 
     def decorate(core: Callable[Concatenate[Model, P], tuple[Array, Array, Array]]) -> QuantityFunction[P, Array]:
-        return cast("QuantityFunction[P, Array]", _declare(core, judge, True, True))
+        return cast("QuantityFunction[P, Array]", _declare(core, judge, base_parameters=True, returns_array=True))
 
     return decorate
 
 
-def _declare(core: Callable[..., Any], judge: Judge | None, base_parameters: bool, returns_array: bool) -> Any:
+def _declare(core: Callable[..., Any], judge: Judge | None, *, base_parameters: bool, returns_array: bool) -> Any:
+    """The public function of a core, with its Quantity."""
     signature = inspect.signature(core)
     name = core.__name__
+    unknown = signature.parameters.keys() - {"model", *JOINT_ARGUMENTS, *OPTIONS}
+    if unknown:
+        raise TypeError(f"{name}: arguments must be named {[*JOINT_ARGUMENTS, *OPTIONS]}, got {sorted(unknown)}")
 
     def evaluate(model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]:
         model_argument(model)
@@ -132,7 +142,7 @@ def _declare(core: Callable[..., Any], judge: Judge | None, base_parameters: boo
     @functools.wraps(core)
     def function(model: Model, *args: Any, **kwargs: Any) -> Any:
         result, verdict = evaluate(model, *args, **kwargs)
-        verdict.announce(stacklevel=2)
+        verdict.raise_or_warn(stacklevel=2)
         return result
 
     public = cast("Any", function)

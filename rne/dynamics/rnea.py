@@ -2,24 +2,26 @@
 
 Every vector of the recursion is in the axes of its own link's frame i, whose origin lies on joint i.
 
-| quantity                              | code       | thesis    | Featherstone    | Siciliano       |
-|---------------------------------------|------------|-----------|-----------------|-----------------|
-| rotation, frame i to its parent       | R[i]       | R_i^{i-1} | E^T of iX_l(i)  | R_i^{i-1}       |
-| origin of frame i in its parent frame | p[i]       | r_{i-2,i-1} | r of iX_l(i)  | r_{i-1,i}       |
-| axis of a rotating joint, else 0      | s[i]       | b_i       | S_i, angular    | z_{i-1}         |
-| axis of a sliding joint, else 0       | t[i]       |           | S_i, linear     | z_{i-1}         |
-| angular velocity                      | omega[i]   | omega_i   | v_i, angular    | omega_i         |
-| the parent's, in frame i              | omega_p    |           |                 |                 |
-| angular acceleration                  | alpha[i]   | alpha_i   | a_i, angular    | omega'_i        |
-| acceleration of the frame's origin    | a[i]       | a_e,i-1   | a_i + omega x v | p''_i           |
-| U r = alpha x r + omega x (omega x r) | U[i]       |           |                 |                 |
-| mass; mass times centre; inertia about the frame's origin | m, h, I | m_i, m_i r_{i-1,ci} | m, m c, I_O | m_i |
-| force, moment of the joint on body i  | f[i], n[i] | f_i, tau_i | f_i            | f_i, mu_i       |
-| joint torque (or force)               | tau        | u         | tau             | tau             |
+| quantity                              | code       | record  | thesis      | Featherstone    | Siciliano   |
+|---------------------------------------|------------|---------|-------------|-----------------|-------------|
+| rotation, frame i to its parent       | R[i]       |         | R_i^{i-1}   | E^T of iX_l(i)  | R_i^{i-1}   |
+| origin of frame i in its parent frame | p[i]       |         | r_{i-2,i-1} | r of iX_l(i)    | r_{i-2,i-1} |
+| axis of a rotating joint, else 0      | s[i]       |         | b_i         | S_i, angular    | z_{i-1}     |
+| axis of a sliding joint, else 0       | t[i]       |         |             | S_i, linear     | z_{i-1}     |
+| angular velocity                      | omega[i]   | omega   | omega_i     | v_i, angular    | omega_i     |
+| the parent's, in frame i              | omega_p    |         |             |                 |             |
+| angular acceleration                  | alpha[i]   | alpha   | alpha_i     | a_i, angular    | omega'_i    |
+| acceleration of the frame's origin, -g | a[i]      | a_o - g | a_e,i-1 - g | a_i + omega x v | p''_{i-1} - g |
+| U r = alpha x r + omega x (omega x r) | U[i]       |         |             |                 |             |
+| mass; mass times centre; inertia about the frame's origin | m, h, I | | m_i, m_i r_{i-1,ci} | m, m c, I_O | m_i |
+| force, moment of the joint on body i  | f[i], n[i] | f, tau  | f_i, tau_i  | f_i             | f_i, mu_i   |
+| joint torque (or force)               | tau        | u       | u           | tau             | tau         |
 
-Numbers at the ends of lines are equations of Høifødt 2011; a sliding joint's terms are Siciliano et al. 2009, 7.5.
-A point of a body at r has the acceleration a + U r. Summed over the body, force and moment about its frame's origin
-are m a + U h, which is m a_c, and h x a + I alpha + omega x I omega, with h = m r_c and I about that origin.
+"Record" is rne.Recursion. Frame i has its origin on joint i; Siciliano's frame i, and the thesis's, at the far end of
+link i. Numbers at the ends of lines are equations of Høifødt 2011; the terms of sliding joints are those of Siciliano
+et al. 2009, section 7.5. A point of a body at r has the acceleration a + U r. Summed over the body, force and moment
+about its frame's origin are m a + U h, which is m a_c, and h x a + I alpha + omega x I omega, with h = m r_c and I
+about that origin.
 """
 
 from __future__ import annotations
@@ -60,29 +62,30 @@ def newton_euler(
     omega, alpha, a, U = {BASE: zero}, {BASE: zero}, {BASE: zero - gravity}, {BASE: spin_matrix(zero, zero)}
     f, n = {BASE: zero}, {BASE: zero}
 
-    # outwards: velocities, accelerations, and the force and moment that moving each body takes
+    # outwards: velocities, accelerations, and the force and moment that accelerate each body
     for i, parent in enumerate(model.parent):
-        m, h, I = (moment[i] for moment in model.moments)
-        rate, acceleration = qd[..., i, None], qdd[..., i, None]
+        m, h, I = model.body_moments(i)
+        qd_i, qdd_i = qd[..., i, None], qdd[..., i, None]
         omega_p = rotate_back(R[i], omega[parent])
         a_p = rotate_back(R[i], a[parent] + rotate(U[parent], p[i]))  # (3.38)
-        omega[i] = omega_p + s[i] * rate  # (3.29)
-        alpha[i] = rotate_back(R[i], alpha[parent]) + s[i] * acceleration + cross(omega_p, s[i] * rate)  # (3.33)
-        a[i] = a_p + t[i] * acceleration + 2 * cross(omega_p, t[i] * rate)  # Siciliano (7.106)
+        omega[i] = omega_p + s[i] * qd_i  # (3.29)
+        alpha[i] = rotate_back(R[i], alpha[parent]) + s[i] * qdd_i + cross(omega_p, s[i] * qd_i)  # (3.33)
+        a[i] = a_p + t[i] * qdd_i + 2 * cross(omega_p, t[i] * qd_i)  # Siciliano, section 7.5
         U[i] = spin_matrix(omega[i], alpha[i])
         f[i] = m * a[i] + rotate(U[i], h)  # m_i a_c,i of (3.24)
         n[i] = cross(h, a[i]) + rotate(I, alpha[i]) + cross(omega[i], rotate(I, omega[i]))  # the body's part of (3.27)
     for i, (moment, force) in applied_wrenches(model, external).items():
         f[i], n[i] = f[i] - force, n[i] - moment
 
-    # inwards: what each joint carries, and its component along the joint's axis
+    # inwards: force and moment in each joint, and their component along its axis
     tau = zeros(qdd.shape, like=qdd)
     for i in reversed(range(model.nb)):
         parent, f_p = model.parent[i], rotate(R[i], f[i])
         tau[..., i] = dot(n[i], s[i]) + dot(f[i], t[i]) + model.armature[i] * qdd[..., i]  # (5.3)
         f[parent] = f[parent] + f_p  # (3.24)
         n[parent] = n[parent] + rotate(R[i], n[i]) + cross(p[i], f_p)  # (3.27)
-    return NewtonEuler(omega, alpha, a, U, f, n, tau @ model.coordinate_map if model.has_mimics else tau)
+    tau = tau @ model.coordinate_map if model.has_mimics else tau  # G^T tau: joints that mimic add to their coordinate
+    return NewtonEuler(omega, alpha, a, U, f, n, tau)
 
 
 def applied_wrenches(model: Model, external: External | None) -> dict[int, tuple[Array, Array]]:

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 from ..errors import PrecisionWarning, SingularMassMatrixError
 
-State = tuple[int, ...]
+BatchIndex = tuple[int, ...]  # of a state in a batch; empty for a single state
 
 
 class PrecisionLoss(NamedTuple):
     """The state of a call with the fewest decimal digits left, and why."""
 
     digits: float
-    state: State
+    state: BatchIndex
     cause: str
 
     def __str__(self) -> str:
@@ -26,20 +26,20 @@ class PrecisionLoss(NamedTuple):
 class Verdict(NamedTuple):
     """The error or the warning that belongs to a result; neither for a sound one.
 
-    `announce` raises or warns. It is called once, by the function that the user called.
+    `raise_or_warn` raises or warns. It is called once, by the function that the user called.
     """
 
     error: SingularMassMatrixError | None = None
     loss: PrecisionLoss | None = None
 
-    def announce(self, stacklevel: int) -> None:
+    def raise_or_warn(self, stacklevel: int) -> None:
         """Raise the error or warn of the loss; `stacklevel` counts frames up from the caller of this method."""
         if self.error is not None:
             raise self.error
         if self.loss is not None:
             warnings.warn(str(self.loss), PrecisionWarning, stacklevel=stacklevel + 1)
 
-    def relocated(self, place: Callable[[State], State]) -> Verdict:
+    def with_state(self, place: Callable[[BatchIndex], BatchIndex]) -> Verdict:
         """The same verdict with the state's index replaced, such as by that in the batch that a block is part of."""
         error = None if self.error is None else self.error.at(place(self.error.state))
         loss = None if self.loss is None else self.loss._replace(state=place(self.loss.state))

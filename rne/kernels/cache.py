@@ -1,4 +1,4 @@
-"""The kernels of one model, traced when they are worth it."""
+"""The kernels of one model: the first single-state call runs the recursion, later calls and batches a kernel."""
 
 from __future__ import annotations
 
@@ -42,6 +42,8 @@ class KernelCache:
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
         """The function, or its derivatives by some arguments, traced on first use."""
+        if "link" in fixed:
+            self.model.link_index(fixed["link"])
         key = (function, *wrt, *fixed.items())
         kernel = self._kernels.get(key)
         if kernel is None:
@@ -56,15 +58,15 @@ class KernelCache:
         key = (function, *wrt, *fixed.items())
         kernel = self._kernels.get(key)
         if kernel is None:
-            if self._is_first(key, arrays):
+            if self._mark_first_state(key, arrays):
                 if wrt:
                     return complex_step(function, self.model, arrays, wrt, fixed)
                 return function.evaluate(self.model, *arrays, **fixed)
             kernel = self.kernel(function, *wrt, **fixed)
         return kernel.evaluate(*arrays)
 
-    def _is_first(self, key: Any, arrays: Sequence[ArrayLike]) -> bool:
-        """True the first time that a quantity is evaluated for one state."""
+    def _mark_first_state(self, key: Any, arrays: Sequence[ArrayLike]) -> bool:
+        """True if a quantity is evaluated for one state for the first time, which is recorded."""
         if key in self._evaluated:
             return False
         try:
@@ -77,10 +79,8 @@ class KernelCache:
 
     def accelerations(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:
         """Forward dynamics by the method that suits the model."""
-        if self._forward is None and self._is_first("forward dynamics", (q, qd, tau)):
-            by_bodies = self.model.n > MANY_JOINTS and not self.model.has_mimics
-            method: Declared = articulated_forward_dynamics if by_bodies else forward_dynamics
-            return method.evaluate(self.model, q, qd, tau)
+        if self._forward is None and self._mark_first_state("forward dynamics", (q, qd, tau)):
+            return self._forward_methods()[-1].evaluate(self.model, q, qd, tau)
         return self.forward_kernel().evaluate(q, qd, tau)
 
     def forward_kernel(self) -> Kernel:
@@ -90,14 +90,22 @@ class KernelCache:
         about the same digits on few joints, and on long chains articulated bodies lose fewer.
         """
         if self._forward is None:
-            n, methods = self.model.n, [forward_dynamics, articulated_forward_dynamics]
-            if n <= FEW_JOINTS or self.model.has_mimics:
-                methods = [forward_dynamics]
-            elif n > MANY_JOINTS:
-                methods = [articulated_forward_dynamics]
-            kernels = [self.kernel(method) for method in methods]
+            kernels = [self.kernel(method) for method in self._forward_methods()]
             self._forward = min(kernels, key=lambda k: sum(k.operations.values()) or float("inf"))
         return self._forward
+
+    def forward_method(self) -> Declared:
+        """The function that forward dynamics of this model use; traced only where operations must be counted."""
+        methods = self._forward_methods()
+        return methods[0] if len(methods) == 1 else self.forward_kernel().function
+
+    def _forward_methods(self) -> list[Declared]:
+        """The candidates by the number of joints."""
+        if self.model.n <= FEW_JOINTS or self.model.has_mimics:
+            return [forward_dynamics]
+        if self.model.n > MANY_JOINTS:
+            return [articulated_forward_dynamics]
+        return [forward_dynamics, articulated_forward_dynamics]
 
     def inverse_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Derivatives of inverse dynamics by q and by qd, and M, its derivative by qdd, each (..., n, n)."""

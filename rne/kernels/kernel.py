@@ -11,7 +11,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.conditioning import NEARLY_SINGULAR, rate_bound
 from ..dynamics.quantity import Declared, common_leading_shape
-from ..dynamics.verdict import SOUND, State, Verdict
+from ..dynamics.verdict import SOUND, BatchIndex, Verdict
 from ..model.arguments import joint_array, joint_shaped, model_argument
 from ..model.model import Model
 from .complex_step import complex_step
@@ -160,7 +160,7 @@ class Kernel:
         return range(start, start + self.widths[k])[entries]
 
     @cached_property
-    def one_state(self) -> Callable[..., Array]:
+    def state_function(self) -> Callable[..., Array]:
         """The program on one list of floats per argument; raises Refused where the recursion must look closer."""
         n, eps, guard = self.model.n, float(np.finfo(np.float64).eps), None
         if self.quantity.judge is not None:
@@ -196,7 +196,7 @@ class Kernel:
         """
         result, verdict = self.evaluate(*arguments, out=out)
         if verdict is not SOUND:
-            verdict.announce(stacklevel=2)
+            verdict.raise_or_warn(stacklevel=2)
         return result
 
     def _is_plain_state(self, arguments: Sequence[Any]) -> bool:
@@ -211,7 +211,7 @@ class Kernel:
     def evaluate(self, *arguments: Any, out: Array | None = None) -> tuple[Array, Verdict]:
         """The result and its Verdict, not yet announced; see `__call__` for the arguments."""
         if out is None and self._is_plain_state(arguments):
-            return self._one_state(arguments)
+            return self._evaluate_one_state(arguments)
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
             result = self.quantity.core(traced_model(self.quantity, self.model), *arguments, **self.fixed)
             return (result if self.quantity.judge is None else result[0]), SOUND
@@ -224,7 +224,7 @@ class Kernel:
         dtype = np.result_type(*arrays)
         if self._trace is not None and dtype.name in DTYPES:
             if out is None and dtype == np.float64 and all(a.ndim == 1 for a in arrays):
-                return self._one_state(arrays)
+                return self._evaluate_one_state(arrays)
             return self._batch(arrays, dtype, out)
         result, verdict = self._by_function(arrays)
         if out is None or verdict.error is not None:
@@ -260,9 +260,9 @@ class Kernel:
             return complex_step(self.function, self.model, arguments, self.wrt, self.fixed)
         return self.function.evaluate(self.model, *arguments, **self.fixed)
 
-    def _one_state(self, arrays: Sequence[Array]) -> tuple[Array, Verdict]:
+    def _evaluate_one_state(self, arrays: Sequence[Array]) -> tuple[Array, Verdict]:
         try:
-            return self.one_state(*[a.tolist() for a in arrays]), SOUND
+            return self.state_function(*[a.tolist() for a in arrays]), SOUND
         except Refused:
             return self._by_function(arrays)
 
@@ -278,11 +278,11 @@ class Kernel:
                 joint_array(name, array.reshape(*leading, width), self.model, width)  # names NaN by its index
             result, verdict = self._by_function([array[begin:end].astype(dtype) for array in states])
 
-            def place(state: State) -> State:
+            def place(state: BatchIndex) -> BatchIndex:
                 k = begin + (state[0] if state else 0)
                 return tuple(int(i) for i in np.unravel_index(k, leading))
 
-            return np.asarray(result).reshape(end - begin, -1), verdict.relocated(place)
+            return np.asarray(result).reshape(end - begin, -1), verdict.with_state(place)
 
         entries = int(np.prod(self.traced.shape, dtype=np.int64))
         return out, self.blocks.run(states, out.reshape(count, entries), by_function)

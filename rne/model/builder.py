@@ -1,7 +1,7 @@
 """From links and joints to a Model: fixed joints are merged here, and nowhere else.
 
 Placements are composed in long double and rounded once, so that a thousand fixed joints in a row, or none, give
-the same digits.
+the same digits where long double is wider than double.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from ..basics.spatial import Array, combine_bodies, rotate, snap, transpose
 from .model import STANDARD_GRAVITY, Cylinder, Model
 
-Exact = np.longdouble
+Extended = np.longdouble  # no wider than double on some platforms
 
 
 class Pose(NamedTuple):
@@ -31,7 +31,7 @@ class Pose(NamedTuple):
 
 def pose(R: Any, p: Any) -> Pose:
     """A Pose of any real arrays."""
-    return Pose(np.array(R, dtype=Exact), np.array(p, dtype=Exact))
+    return Pose(np.array(R, dtype=Extended), np.array(p, dtype=Extended))
 
 
 def identity() -> Pose:
@@ -160,7 +160,7 @@ def _origin(part: Part, frame: Pose) -> Array:
 
 def at_links(parts: Sequence[Part]) -> list[Part]:
     """The same parts with every quantity seen from the links' own frames."""
-    near = [np.asarray(part.link_origin, dtype=Exact) for part in parts]
+    near = [np.asarray(part.link_origin, dtype=Extended) for part in parts]
     if not np.any(near):
         return list(parts)
     moved = []
@@ -215,7 +215,7 @@ def _moving_part(model: Model, i: int, link: str, carrier: Mapping[int, int]) ->
 
 
 def _stacked(rows: list[Any], shape: tuple[int, ...]) -> Array:
-    return np.array(rows, dtype=Exact).reshape(len(rows), *shape).astype(np.float64)
+    return np.array(rows, dtype=Extended).reshape(len(rows), *shape).astype(np.float64)
 
 
 def _merge(parts: list[tuple[Part, Pose]]) -> tuple[Any, Array, Array]:
@@ -223,9 +223,9 @@ def _merge(parts: list[tuple[Part, Pose]]) -> tuple[Any, Array, Array]:
     members = []
     for part, frame in parts:
         if part.mass != 0 or np.any(part.inertia):
-            I = frame.R @ np.asarray(part.inertia, dtype=Exact) @ transpose(frame.R)
-            com = frame.p + rotate(frame.R, np.asarray(part.com, dtype=Exact))
-            members.append((Exact(part.mass), com, (I + transpose(I)) / 2))
+            I = frame.R @ np.asarray(part.inertia, dtype=Extended) @ transpose(frame.R)
+            com = frame.p + rotate(frame.R, np.asarray(part.com, dtype=Extended))
+            members.append((Extended(part.mass), com, (I + transpose(I)) / 2))
     if not members:
         return 0.0, np.zeros(3), np.zeros((3, 3))
     mass, com, inertia = members[0] if len(members) == 1 else combine_bodies(members)

@@ -70,11 +70,11 @@ class Model:
         Infinite where unknown. Dynamics ignore them; a Scene can apply ranges and efforts
         [rad or m; rad/s or m/s; N m or N].
     damping, friction : ndarray, shape (nb,)
-        From the URDF's <dynamics>. Dynamics ignore them; a Scene can apply them [N m s/rad, N m].
+        From the URDF's <dynamics>. Dynamics ignore them; a Scene can apply them [N m s/rad or N s/m; N m or N].
     armature : ndarray, shape (nb,)
         Inertia of the drive reflected to the joint, added to the diagonal of M; zero after loading [kg m^2 or kg].
     coordinate, multiplier, offset : shapes (nb,)
-        The position of joint i is `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic).
+        The position of joint i is `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic) [rad or m].
     independent_joints : tuple of int, length n
         The joint that coordinate k belongs to; all other joints mimic one of these.
     gravity : ndarray, shape (3,)
@@ -176,7 +176,7 @@ class Model:
         if not isinstance(other, Model):
             return NotImplemented
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name not in NOT_COMPARED)
-        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
+        return all(_equal(a, b) for a, b in pairs)
 
     def __hash__(self) -> int:
         return hash((self.name, self.moving_joints, self.link_names, self.mass.tobytes()))
@@ -218,6 +218,10 @@ class Model:
         """Mass, first moment and inertia of the bodies about their frames' origins: the inertial parameters."""
         m, c = self.mass, self.com
         return Moments(m, m[..., None] * c, self.inertia + point_mass_inertia(m[..., None, None], c))
+
+    def body_moments(self, i: int) -> Moments:
+        """Mass, first moment and inertia of body i about its frame's origin."""
+        return Moments(*(moment[i] for moment in self.moments))
 
     def with_moments(self, moments: Moments) -> Model:
         """The same robot with other moments of mass; used only for dynamics, see `rne.model.base_parameters`."""
@@ -271,6 +275,12 @@ class Model:
             if array is not None:
                 values[name] = array.astype(dtype) if number is None else convert_array(array, number)
         return unchecked_model(values)
+
+
+def _equal(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    return bool(a == b)
 
 
 def convert_array(array: Array, number: Callable[[float], Any]) -> Array:

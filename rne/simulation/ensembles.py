@@ -133,7 +133,7 @@ def ensemble(
     t = np.linspace(0.0, end, keep)
     count = {"rk4": 4, "semi-implicit-euler": 1}[method] * steps * len(q)
     for _, verdict in kept:
-        verdict.announce(stacklevel=2)
+        verdict.raise_or_warn(stacklevel=2)
     x = np.concatenate([part[0] for part in kept], axis=1) if kept else np.zeros((keep, 0, rhs.size), q.dtype)
     energies = x[..., 2 * n + rhs.controller_states :]
     return Ensemble(t, x[..., :n], x[..., n : 2 * n], energies, rhs.ledger, method, end / steps, count)

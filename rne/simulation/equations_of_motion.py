@@ -1,5 +1,12 @@
 """The equations of motion of a scene: dx/dt as one function of time and state, traced into one kernel.
 
+| control law                  | where it is evaluated                 | `law`  | `torque_given` |
+|------------------------------|---------------------------------------|--------|----------------|
+| none                         |                                       | None   | False          |
+| marked by `rne.traceable`    | in the kernel, traced                 | given  | False          |
+| called, or `torque=`         | by Plant.torque; its torques are `u`  | None   | True           |
+| sampled                      | by ZeroOrderHold; its torques are `u` | None   | True           |
+
 The state x is q, qd, the controller's states z, and the energies of the ledger: the work of the drives and the
 energy dissipated by viscous and Coulomb friction. Terms absent from the scene add no state.
 """

@@ -38,20 +38,26 @@ class Plant:
         self.evaluations = 0
         self.verdict = SOUND
         self.kernel = rhs.kernel
-        self._one_state = self.kernel.one_state if self.kernel.is_unrolled else None
+        self._state_function = self.kernel.state_function if self.kernel.is_unrolled else None
 
     def note(self, verdict: Verdict) -> None:
         """Raise an error; keep a loss if it is the worst so far."""
         if verdict.error is not None:
             raise verdict.error
-        self.verdict = self.verdict.worse(verdict.relocated(lambda state: ()))
+        self.verdict = self.verdict.worse(verdict.with_state(lambda state: ()))
 
     def torque(self, t: float, x: Array) -> Array | None:
         """Torques that the law returns, checked: a NaN or a wrong shape is named with its time."""
         if self.law is None:
             return None
         n = self.robot.n
-        tau = np.asarray(self.law(t, x[:n].copy(), x[n : 2 * n].copy()))  # a law may modify its arguments
+        returned = self.law(t, x[:n].copy(), x[n : 2 * n].copy())  # a law may modify its arguments
+        try:
+            tau = np.asarray(returned)
+        except ValueError:
+            raise ValueError(
+                f"`{self.law_name}` must return shape ({n},), got rows of unequal length at t = {t:.6g} s"
+            ) from None
         if tau.dtype.kind not in "fiu":
             raise ValueError(f"`{self.law_name}` must return real numbers, got dtype {tau.dtype} at t = {t:.6g} s")
         if tau.shape != (n,):
@@ -71,11 +77,11 @@ class Plant:
 
     def rates(self, t: float, x: Array, u: Array | None) -> Array:
         """dx/dt under given torques."""
-        if self._one_state is not None:
+        if self._state_function is not None:
             try:
                 if u is None:
-                    return self._one_state((t,), x.tolist())
-                return self._one_state((t,), x.tolist(), u.tolist())
+                    return self._state_function((t,), x.tolist())
+                return self._state_function((t,), x.tolist(), u.tolist())
             except Refused:
                 pass  # examined below, by the recursion
         self._check_state(t, x)
@@ -99,7 +105,7 @@ class Plant:
     def jacobian(self, t: float, x: Array) -> Array:
         """df/dx: dynamics, friction and traced laws exactly, called laws by forward differences.
 
-        Counted as one evaluation for each component of the state, as differences would cost.
+        Counted as 2 n evaluations, the cost of differences.
         """
         self._check_state(t, x)
         self.evaluations += 2 * self.robot.n

@@ -57,11 +57,11 @@ class _Record:
     u: list[Array]
     controller_state: list[Array]
 
-    def step(self, solver: Any, u: Array, z: Array) -> None:
-        """Add the values at `t_eval` within the solver's last step."""
+    def step(self, solver: Any, end: float, u: Array, z: Array) -> None:
+        """Add the values at `t_eval` within the solver's last step, up to `end`."""
         if self.t_eval is None:
             return
-        k, stop = len(self.t), int(np.searchsorted(self.t_eval, solver.t, side="right"))
+        k, stop = len(self.t), int(np.searchsorted(self.t_eval, end, side="right"))
         if stop > k:
             dense = solver.dense_output()
             for time in self.t_eval[k:stop]:
@@ -112,7 +112,7 @@ def _samples(
             solver = guarded_solver(task.method, failures, [x])(
                 lambda t, y: _held(plant, t, y, holder), begin, x, end, rtol=rtol, atol=atol, first_step=end - begin
             )
-        else:  # the same solver goes on, with the slope under the new torques
+        else:  # the same solver goes on: its stored slope, end and status (RungeKutta's) are renewed
             solver.t_bound, solver.status = end, "running"
             solver.f = solver.fun(begin, x)
         while solver.status == "running":
@@ -120,10 +120,11 @@ def _samples(
             if solver.status == "failed":
                 return None
             hit = first_stop(task.events, solver, plant.robot.joint_names) if task.events else None
+            record.step(solver, solver.t if hit is None else hit[0], u, holder.controller_state)
             if hit is not None:
-                record.add(hit[0], hit[1], u, holder.controller_state)
+                if not record.t or record.t[-1] < hit[0]:
+                    record.add(hit[0], hit[1], u, holder.controller_state)
                 return hit[2]
-            record.step(solver, u, holder.controller_state)
         x = np.array(solver.y)
     if record.t_eval is None and count:
         record.add(duration, x, holder.held, holder.controller_state)

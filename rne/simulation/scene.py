@@ -10,14 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, vector
+from ..basics.arrays import UNBOUNDED, positive_number, vector
 from ..basics.spatial import Array
 from ..kernels.kernel import Kernel
 from ..robot import Robot
 from .equations_of_motion import RightHandSide
 from .friction import Friction, urdf_friction
-
-LARGEST = float(np.finfo(np.float64).max)  # in place of an infinite limit, which a kernel does not hold
 
 
 class Payload(NamedTuple):
@@ -121,7 +119,7 @@ class Scene:
             raise ValueError(
                 "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next"
             )
-        self.resolved  # errors in the parts are raised now  # noqa: B018
+        _ = self.resolved  # raises the errors in the parts
         meant_for = getattr(self.controller, "robot", None)
         if isinstance(meant_for, Robot) and meant_for.n != self.n:
             raise ValueError(f"`controller` is for a robot of {meant_for.n} joints, the scene has {self.n}")
@@ -195,14 +193,15 @@ class Scene:
             net = net - friction.torque(robot.model, qd)
         return robot.forward_dynamics(q, qd, net)
 
-    def cost(self) -> dict[str, int | str]:
+    def cost(self) -> dict[str, int | str | None]:
         """Operations per call of the right-hand side, and what each part adds to them.
 
         Returns
         -------
         dict
-            "total"; for each part of the scene, and for gravity, the operations saved without it; "law" says whether
-            the controller is "traced", "called" or "none". The cost of a called controller is not known.
+            "total"; for payload, friction, armature, torque_limit, controller (where given) and gravity, the operations
+            saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
+            controller is not known, nor that of a robot too large to be written out: then "total" is None.
 
         Examples
         --------
@@ -210,8 +209,11 @@ class Scene:
         >>> rne.Scene(rne.load("irb140"), payload=rne.Payload(5.0, [0.1, 0.0, 0.1])).cost()["payload"] > 0
         True
         """
+        law = "none" if self.controller is None else "traced" if self.is_traced else "called"
+        if not self.kernel.is_unrolled:
+            return {"total": None, "law": law}
         total = _operations(self)
-        costs: dict[str, int | str] = {"total": total}
+        costs: dict[str, int | str | None] = {"total": total}
         parts = ("payload", "friction", "armature", "torque_limit", "controller")
         for part in parts:
             if getattr(self, part) is not None:
@@ -221,8 +223,7 @@ class Scene:
                 costs[part] = total - _operations(replace(self, **without))
         if np.any(self.resolved.robot.model.gravity):
             costs["gravity"] = total - _operations(replace(self, gravity=np.zeros(3)))
-        costs["law"] = "none" if self.controller is None else "traced" if self.is_traced else "called"
-        return costs
+        return costs | {"law": law}
 
 
 def scene_of_robot(robot: Robot) -> Scene:
@@ -257,4 +258,4 @@ def _resolved_limit(limit: ArrayLike | str | None, robot: Robot) -> Array | None
         bounds = np.asarray(robot.model.effort_limit[list(robot.model.independent_joints)], dtype=float)
     else:
         bounds = vector("torque_limit", limit, robot.n, sign="not negative")
-    return None if np.isinf(bounds).all() else np.minimum(bounds, LARGEST)
+    return None if np.isinf(bounds).all() else np.minimum(bounds, UNBOUNDED)

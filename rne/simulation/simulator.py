@@ -59,9 +59,9 @@ def simulate(
         Drive torques, for a robot or a scene without a controller; zero if not given [N m or N].
     method : str
         "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), or for long motions without drives and friction
-        "gauss-4", whose energy error stays bounded. "auto" takes LSODA if the loop, linearised at the start, decays so
-        fast that stability would limit an explicit method to tiny steps, DOP853 otherwise, and RK45 for a sampled
-        controller.
+        "gauss-4", whose energy error stays bounded. "auto" takes LSODA if the fastest decay of the loop, linearised at
+        the start, times the duration exceeds 1000 (a stiff loop), DOP853 otherwise, and RK45 for a sampled controller.
+        A called law is evaluated some times before the run for this.
     rtol, atol : float
         Relative and absolute tolerance of the state, per step, for SciPy's methods.
     t_eval : array_like, shape (T,), optional
@@ -106,17 +106,17 @@ def simulate(
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else _check_times(t_eval, end)
     relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
-    near = None if step is None else positive_number("step", step)
+    longest_step = None if step is None else positive_number("step", step)
     called_law = scene.controller if rhs.torque_given and scene.sample_time is None else None
     plant = Plant(rhs, called_law, "controller" if torque is None else "torque")
     chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, scene)
     _check_method(chosen, step, scene)
     events = stops(plant) if scene.stops else []
-    task = Task(x0, end, chosen, relative, absolute, times, near, _breaks(scene, breaks), events)
+    task = Task(x0, end, chosen, relative, absolute, times, longest_step, _breaks(scene, breaks), events)
     try:
         return _run(scene, plant, task, reason)
     finally:
-        plant.verdict.announce(stacklevel=2)
+        plant.verdict.raise_or_warn(stacklevel=2)
 
 
 def _check_method(method: str, step: float | None, scene: Scene) -> None:
@@ -140,7 +140,7 @@ def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tup
         return "DOP853", "DOP853: the loop cannot be linearised at the start"
     if not A.size or not np.isfinite(A).all():
         return "DOP853", "DOP853: nothing to linearise at the start"
-    decay = float(max(-np.linalg.eigvals(A).real.min(), 0.0))
+    decay = float(max(-np.linalg.eigvals(A).real.min(), 0.0)) + 0.0  # no negative zero
     stiff = decay * duration > STIFF
     times = f"{decay * duration:.3g} times over the run ({'more than' if stiff else 'at most'} {STIFF:g})"
     method, kind = ("LSODA", "stiff") if stiff else ("DOP853", "not stiff")

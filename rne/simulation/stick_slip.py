@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
+from ..dynamics.conditioning import pivot_grade, singular_error
+from ..dynamics.forward import factorise, solve_factored
 from ..errors import NotFiniteError
 from .continuous import stop_message, tolerances
 from .friction import Friction
@@ -19,7 +21,7 @@ from .plant import Plant
 from .scipy_solvers import FAILURES, guarded_solver
 from .trajectory import Run, Task
 
-MOST_EVENTS, MOST_AT_ONCE, MOST_PIVOTS = 100_000, 20, 1000
+MAX_EVENTS, MAX_EVENTS_AT_ONE_TIME, MAX_MODE_CHANGES = 100_000, 20, 1000
 AT_REST = 1e-12  # [rad/s or m/s]: rates below it count as zero
 SAME_INSTANT = 1e-12  # of the duration: events closer than this are simultaneous
 ROUNDING = 1e-9  # relative and in N m: loads this close to the limit are held, accelerations this small have no sign
@@ -34,7 +36,7 @@ class DryPlant:
         self.forward = np.broadcast_to(np.asarray(friction.coulomb, dtype=float), (n,))
         self.back = np.broadcast_to(np.asarray(friction.coulomb_back, dtype=float), (n,))
         self.mode = np.zeros(n, dtype=int)
-        self.loose = (
+        self.frictionless = (
             np.maximum(self.static(np.ones(n)), self.static(-np.ones(n))) == 0
         )  # without friction, never sticks
         self.span = (0.0, np.inf)
@@ -56,9 +58,19 @@ class DryPlant:
         dry = np.where(self.mode > 0, self.forward, -self.back) * slips
         qdd = np.zeros(self.n)
         if slips.any():
-            qdd[slips] = np.linalg.solve(M[np.ix_(slips, slips)], (net - dry)[slips])
+            qdd[slips] = self._accelerated(M, net - dry, slips)
         needed = net - M @ qdd
         return qdd, np.where(slips, dry, needed), u
+
+    def _accelerated(self, M: Array, torque: Array, slips: Array) -> Array:
+        """Accelerations of the slipping joints, the others at rest; an error that names joints if M is singular."""
+        part = M[np.ix_(slips, slips)]
+        chain = tuple(range(-1, len(part) - 1))
+        with np.errstate(all="ignore"):  # a singular part is named below
+            L, D = factorise(part, chain)
+        if (pivot_grade(D, np.diagonal(part)) == 2).any():
+            raise singular_error(self.plant.robot.model, M, ())
+        return solve_factored(L, D, chain, torque[slips])
 
     def static(self, direction: Array) -> Array:
         """Static friction of each joint against a load in the given direction."""
@@ -76,11 +88,11 @@ class DryPlant:
         qd = x[self.n : 2 * self.n]
         rests = np.abs(qd) <= AT_REST
         self.mode = np.where(rests, 0, np.sign(qd)).astype(int)
-        self.mode[self.loose] = np.where(qd[self.loose] < 0, -1, 1)
-        rests = rests & ~self.loose
+        self.mode[self.frictionless] = np.where(qd[self.frictionless] < 0, -1, 1)
+        rests = rests & ~self.frictionless
         for k in overloaded:  # the event that just occurred, whose margin rounding may place on either side of zero
             self.mode[k] = int(np.sign(self.accelerations(t, x)[1][k]))
-        for _ in range(MOST_PIVOTS):
+        for _ in range(MAX_MODE_CHANGES):
             qdd, needed, _ = self.accelerations(t, x)
             breaks = rests & (self.mode == 0) & (self._margin(needed) < 0)
             turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
@@ -112,7 +124,7 @@ class DryPlant:
 
     def events(self) -> list[Callable[[float, Array], float]]:
         """The events that change a mode: a slipping joint comes to rest, a sticking one is overloaded."""
-        return [self._rest(i) if self.mode[i] else self._overload(i) for i in range(self.n) if not self.loose[i]]
+        return [self._rest(i) if self.mode[i] else self._overload(i) for i in range(self.n) if not self.frictionless[i]]
 
     def _rest(self, i: int) -> Callable[[float, Array], float]:
         sign = float(self.mode[i])
@@ -144,16 +156,16 @@ def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) 
     t, x, at_once, stop, ending = 0.0, task.x0.copy(), 0, "", ""
     overloaded: list[int] = []
     try:
-        for count in range(MOST_EVENTS):
+        for count in range(MAX_EVENTS):
             end = next(edge for edge in edges if edge > t)
             dry.span = (float(np.nextafter(t, np.inf)) if t in edges else t, float(np.nextafter(end, 0.0)))
             if at_once:  # an undeclared jump of the torques: continue on its other side
                 dry.span = (t + at_once * SAME_INSTANT * task.duration, dry.span[1])
             dry.settle(t, x, overloaded)
-            solution = _slide(dry, task, (t, end), x, failures)
+            solution = _integrate_to_event(dry, task, (t, end), x, failures)
             samples.take(solution, float(solution.t[-1]), dry)
             at_once = at_once + 1 if solution.t[-1] - t <= SAME_INSTANT * task.duration and solution.status == 1 else 0
-            if at_once > MOST_AT_ONCE:
+            if at_once > MAX_EVENTS_AT_ONE_TIME:
                 raise NotFiniteError(f"sticking and slipping alternate without end at t = {t:.6g} s", t)
             t, x = float(solution.t[-1]), np.array(solution.y[:, -1])
             stop, overloaded = _come_to_rest(dry, solution, x, task)
@@ -161,7 +173,7 @@ def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) 
                 ending = stop or f"{count} changes between sticking and slipping"
                 break
         else:
-            raise NotFiniteError(f"more than {MOST_EVENTS} changes between sticking and slipping", t)
+            raise NotFiniteError(f"more than {MAX_EVENTS} changes between sticking and slipping", t)
         if not failures:
             samples.last(t, x, dry, ended=t >= task.duration or bool(stop))
     except FAILURES as error:
@@ -169,7 +181,9 @@ def stick_slip_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) 
     return samples.run(1 if stop else 0, ending)
 
 
-def _slide(dry: DryPlant, task: Task, span: tuple[float, float], x: Array, failures: list[tuple[float, str]]) -> Any:
+def _integrate_to_event(
+    dry: DryPlant, task: Task, span: tuple[float, float], x: Array, failures: list[tuple[float, str]]
+) -> Any:
     """To the next event or the end of the span."""
     from scipy.integrate import solve_ivp
 

@@ -55,8 +55,8 @@ class Hamilton:
                 parts = []
                 for x in X.tolist():
                     q = x[:n]
-                    qd = self.rates.one_state(q, x[n:])
-                    parts += [qd, self.slopes.one_state(q, qd.tolist())]
+                    qd = self.rates.state_function(q, x[n:])
+                    parts += [qd, self.slopes.state_function(q, qd.tolist())]
                 return np.array(parts).reshape(X.shape)
             except Refused:
                 pass  # named below

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array, dot, rotate, rotate_back, rotation_about
-from ..model.builder import Exact, Part, Pose
+from ..model.builder import Extended, Part, Pose
 from ..model.model import REVOLUTE_TYPES
 
 # Origins stay where they are unless one is farther out along its axis than this many times the robot's size; then all
@@ -48,7 +48,7 @@ def slide_far_origins(parts: list[Part], unrounded: Sequence[Unrounded]) -> list
 def far_origins(parts: Sequence[Part]) -> list[float]:
     """The distance to slide each joint's origin along its axis; 0 for those that stay, in ordinary robots all [m]."""
     origins, axes, coms = _at_zero(parts)
-    masses = [Exact(part.mass) for part in parts]
+    masses = [Extended(part.mass) for part in parts]
     firsts = [m * c for m, c in zip(masses, coms, strict=True)]
     sizes = []  # squares of lengths
     slides: list[float] = [0.0] * len(parts)
@@ -65,7 +65,7 @@ def far_origins(parts: Sequence[Part]) -> list[float]:
             sizes.append(dot(across, across))
         masses[parent] = masses[parent] + masses[k]
         firsts[parent] = firsts[parent] + firsts[k]
-    reach = np.sqrt(max(sizes, default=Exact(0)))
+    reach = np.sqrt(max(sizes, default=Extended(0)))
     if not any(abs(s) > FAR * reach > 0 for s in slides) or not np.isfinite(slides).all():
         return [0.0] * len(parts)
     return [s if abs(s) > reach else 0.0 for s in slides]
@@ -76,13 +76,15 @@ def _at_zero(parts: Sequence[Part]) -> tuple[list[Array], list[Array], list[Arra
     poses: list[Pose] = []
     for part in parts:
         poses.append(poses[part.parent].then(part.placement) if part.parent >= 0 else part.placement)
-    axes = [rotate(pose.R, np.asarray(part.axis, dtype=Exact)) for part, pose in zip(parts, poses, strict=True)]
-    coms = [pose.p + rotate(pose.R, np.asarray(part.com, dtype=Exact)) for part, pose in zip(parts, poses, strict=True)]
+    axes = [rotate(pose.R, np.asarray(part.axis, dtype=Extended)) for part, pose in zip(parts, poses, strict=True)]
+    coms = [
+        pose.p + rotate(pose.R, np.asarray(part.com, dtype=Extended)) for part, pose in zip(parts, poses, strict=True)
+    ]
     return [pose.p for pose in poses], axes, coms
 
 
 def _moved(parts: list[Part], unrounded: Sequence[Unrounded], distances: Sequence[float]) -> list[Part]:
-    shifts: list[Array] = [np.zeros(3, dtype=Exact) for _ in parts]  # of each part's frame, in its own axes
+    shifts: list[Array] = [np.zeros(3, dtype=Extended) for _ in parts]  # of each part's frame, in its own axes
     moved = [parts[0]]
     for k, part in enumerate(parts[1:], 1):
         R, p, above = _rotation(unrounded[k].rpy), part.placement.p, shifts[part.parent]
@@ -100,5 +102,5 @@ def _moved(parts: list[Part], unrounded: Sequence[Unrounded], distances: Sequenc
 
 def _rotation(rpy: Array) -> Array:
     """Rz(yaw) Ry(pitch) Rx(roll) in long double, nothing snapped: 4 eps of a double are 1e-9 m at a million metres."""
-    roll, pitch, yaw = (rotation_about(b, angle) for b, angle in zip(np.eye(3, dtype=Exact), rpy, strict=True))
+    roll, pitch, yaw = (rotation_about(b, angle) for b, angle in zip(np.eye(3, dtype=Extended), rpy, strict=True))
     return yaw @ pitch @ roll

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, rotation_from_rpy, snap, transpose
 from ..errors import ModelError, UrdfError
-from ..model.builder import Exact, Mimic, Part, Pose, assemble
+from ..model.builder import Extended, Mimic, Part, Pose, assemble
 from ..model.model import STANDARD_GRAVITY, Cylinder, Model
 from .document import parse, read_bytes
 from .far_origins import Unrounded, slide_far_origins
@@ -163,7 +163,7 @@ def _in_tree_order(links: dict[str, Any], joints: list[Any]) -> tuple[str, list[
 
 
 def _vector(text: str) -> Array:
-    return np.array([float(token) for token in text.split()], dtype=Exact)
+    return np.array([float(token) for token in text.split()], dtype=Extended)
 
 
 def _number(element: Any | None, attribute: str, default: float) -> float:
@@ -226,7 +226,7 @@ def _mimics(joints: list[Any]) -> dict[str, tuple[str, Any, Any]]:
             chain.append(name)
             name = written[name].get("joint")
         for mimic in reversed(chain):
-            independent, multiplier, offset = composed.get(name, (name, Exact(1), Exact(0)))
+            independent, multiplier, offset = composed.get(name, (name, Extended(1), Extended(0)))
             factor = _number(written[mimic], "multiplier", 1.0)
             offset = factor * offset + _number(written[mimic], "offset", 0.0)
             name, composed[mimic] = mimic, (independent, factor * multiplier, offset)
