@@ -22,11 +22,26 @@ BY = {
     "link_poses": (rne.link_poses, ("q",)),
 }
 
+# As in conftest, but smaller: programs of derivatives grow with the square of the number of joints.
+TREES = {
+    "single": random_tree(1, seed=1),
+    "serial": random_tree(4, seed=2, prismatic=0, branching=0),
+    "sliders": random_tree(5, seed=3, prismatic=1),
+    "mixed": random_tree(5, seed=4),
+    "bushy": random_tree(8, seed=5, branching=0.8),
+    "mimics": random_tree(4, seed=6, mimics=3),
+}
+
+
+@pytest.fixture(params=TREES, scope="module")
+def robot(request):
+    return rne.Robot(TREES[request.param])
+
 
 @pytest.mark.parametrize("name", BY)
-def test_derivative_is_the_complex_step_of_the_recursion(tree, name):
+def test_derivative_is_the_complex_step_of_the_recursion(robot, name):
     function, wrt = BY[name]
-    kernel = rne.derivative(function, tree, *wrt)
+    tree, kernel = robot.model, robot.kernel(function, *wrt)
     arguments = states(tree.n, 4)[: len(kernel.names)]
     expected = complex_step(function, tree, arguments, wrt, {})[0]
     got = kernel(*arguments)
@@ -39,8 +54,8 @@ def test_derivative_is_the_complex_step_of_the_recursion(tree, name):
     assert np.abs(single - expected).max() <= bound * size
 
 
-def test_forward_dynamics_derivatives(tree):
-    robot = rne.Robot(tree)
+def test_forward_dynamics_derivatives(robot):
+    tree = robot.model
     q, qd, tau = states(tree.n, 4, rate=2.0)
     expected = complex_step(rne.forward_dynamics, tree, (q, qd, tau), ("q", "qd", "tau"), {})[0]
     got = np.concatenate(robot.forward_dynamics_derivatives(q, qd, tau), axis=-1)

@@ -16,7 +16,8 @@ from rne.kernels.python_backend import compiled_function
 from rne.kernels.scalar import inputs, references
 from rne.model.robots.generators import random_tree, straight_chain
 
-from .helpers import EPS, data_robots, relative, states
+from .helpers import EPS, data_robot, relative, states
+from .test_oracle import LOADABLE
 
 FUNCTIONS = {
     "inverse_dynamics": (rne.inverse_dynamics, 3),
@@ -78,7 +79,7 @@ def test_kernel_is_the_recursion_on_trees(tree, call):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_kernel_is_the_recursion_on_arms(name, call):
-    model = rne.irb140() if name == "irb140" else rne.load(data_robots()[name]).model
+    model = rne.irb140() if name == "irb140" else data_robot(name).model
     check_same(model, *call)
 
 
@@ -86,12 +87,15 @@ def test_kernel_in_float32(call):
     check_same(rne.irb140(), *call, dtype=np.float32)
 
 
-@pytest.mark.parametrize("name", list(data_robots()))
+ONE_OF_EACH_FOLDER = set({name.split("/")[0]: name for name in LOADABLE}.values())  # the others are its variants
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.long] * (name not in ONE_OF_EACH_FOLDER)) for name in LOADABLE],
+)
 def test_robot_is_the_recursion_on_every_data_robot(name):
-    try:
-        robot = rne.load(data_robots()[name])
-    except rne.UrdfError:
-        return  # refused by name in test_oracle
+    robot = data_robot(name)
     q, qd, qdd = states(robot.n, 5)
     bound = 4e-15 * max(robot.n, 1)
     assert apart(robot.inverse_dynamics(q, qd, qdd), rne.inverse_dynamics(robot.model, q, qd, qdd)) <= bound

@@ -13,7 +13,7 @@ from .helpers import EPS, states
 def test_forward_dynamics_takes_the_method_with_fewer_operations(n):
     robot = rne.Robot(straight_chain(n))
     count = sum(robot.kernels.forward_kernel().operations.values())
-    both = [rne.compile(f, robot.model) for f in (rne.forward_dynamics, rne.articulated_forward_dynamics)]
+    both = [robot.kernel(f) for f in (rne.forward_dynamics, rne.articulated_forward_dynamics)]
     assert count == min(sum(k.operations.values()) for k in both)
 
 

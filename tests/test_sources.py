@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.__main__ import LANGUAGES, QUANTITIES, main
+from rne.__main__ import LANGUAGES, main, quantities
 from rne.kernels.source import LANGUAGES as PRINTED
 
 from .helpers import states
@@ -123,7 +123,7 @@ def test_command_line(capsys):
     assert main(["source", "nobody"]) == 2
     assert capsys.readouterr().err == "error: 'nobody' is neither a robot (irb140) nor a file\n"
     assert PRINTED == LANGUAGES
-    assert all(hasattr(rne, name) for name in QUANTITIES)
+    assert all(hasattr(rne, name) for name in quantities())
 
 
 def test_printed_python_needs_nothing_of_this_package(irb140, tmp_path):

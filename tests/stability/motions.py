@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -126,28 +127,32 @@ def pulse_missed(robot, width, method, named, impulse=1.0, rtol=1e-6):
 
     With `named` the pulse's edges are given as `breaks`.
     """
+    got = after_pulse(robot, width, named, impulse, method=method, rtol=rtol, atol=1e-3 * rtol)
+    exact = after_pulse(robot, width, True, impulse, method="DOP853", rtol=1e-11, atol=1e-13)
+    return float(np.abs(got - exact).max() / np.abs(exact).max())
+
+
+@cache
+def after_pulse(robot, width, named, impulse, **options):
+    """The rates at 1 s of an arm at rest without gravity that was pushed at 0.5 s."""
     begin = 0.5
 
     def pulse(t, q, qd):
         return np.where(begin <= t < begin + width, impulse / width, 0.0) * np.ones(6)
 
-    breaks = [begin, begin + width] if named else []
-    options = {"method": method, "rtol": rtol, "atol": 1e-3 * rtol}
     scene = rne.Scene(robot, gravity=[0, 0, 0])
-    got = rne.simulate(scene, Q0, 0 * Q0, 1.0, torque=pulse, breaks=breaks, **options).qd[-1]
-    exact = rne.simulate(
-        scene, Q0, 0 * Q0, 1.0, torque=pulse, breaks=[begin, begin + width], method="DOP853", rtol=1e-11, atol=1e-13
-    ).qd[-1]
-    return float(np.abs(got - exact).max() / np.abs(exact).max())
+    breaks = [begin, begin + width] if named else []
+    return rne.simulate(scene, Q0, 0 * Q0, 1.0, torque=pulse, breaks=breaks, **options).qd[-1]
 
 
 def equal_steps(robot, steps, dtype, duration=0.5, starts=32, finest=1e-4):
     """{step: largest error of a position at the end} of swings by rk4 in a dtype, against finer steps."""
     rng = np.random.default_rng(0)
     q0 = rng.uniform(-1, 1, (starts, robot.n)).astype(np.float32)
-    exact = rne.ensemble(robot, q0.astype(float), 0.0 * q0.astype(float), duration, step=finest).q[-1]
-    found = {}
-    for step in steps:
-        got = rne.ensemble(robot, q0.astype(dtype), 0 * q0.astype(dtype), duration, step=step).q[-1]
-        found[step] = float(np.abs(got - exact).max())
-    return found
+    exact = swings(robot, q0.astype(float), duration, finest)
+    return {step: float(np.abs(swings(robot, q0.astype(dtype), duration, step) - exact).max()) for step in steps}
+
+
+def swings(robot, q0, duration, step):
+    """Positions at the end of free swings by rk4."""
+    return rne.ensemble(robot, q0, 0 * q0, duration, step=step).q[-1]

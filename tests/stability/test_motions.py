@@ -102,8 +102,8 @@ def test_pulses_are_met_if_they_are_named_and_missed_otherwise(irb140, width):
 
 
 def test_single_precision_follows_until_its_rounding_adds_up(irb140):
-    double = motions.equal_steps(irb140, (1e-2, 2e-3), np.float64, finest=5e-4)
-    single = motions.equal_steps(irb140, (1e-2, 2e-3, 5e-4), np.float32, finest=5e-4)
+    double = motions.equal_steps(irb140, (1e-2, 2e-3), np.float64, finest=1e-3)
+    single = motions.equal_steps(irb140, (1e-2, 2e-3, 5e-4), np.float32, finest=1e-3)
     assert double[1e-2] / double[2e-3] == pytest.approx(5**4, rel=0.5)
     assert single[1e-2] == pytest.approx(double[1e-2], rel=0.05)
     assert single[2e-3] > 5 * double[2e-3]
