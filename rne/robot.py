@@ -90,11 +90,6 @@ class Robot:
             self.kernels.forward_kernel()
 
     @property
-    def forward_method(self) -> Declared:
-        """The function that forward dynamics of this robot take, chosen by the number of operations."""
-        return self.kernels.forward_method()
-
-    @property
     def model(self) -> Model:
         """The robot's parameters."""
         return self._model

@@ -16,7 +16,7 @@ LOOP = 2000  # states of a Python loop over single calls
 def points(case: Case) -> list[Point]:
     """A Python loop over single calls."""
     theirs = MuJoCo(case.robot.model)
-    call, states = theirs.one_state(case.quantity), list(zip(*(s[:LOOP] for s in case.states), strict=True))
+    call, states = theirs.state_function(case.quantity), list(zip(*(s[:LOOP] for s in case.states), strict=True))
 
     def loop() -> None:
         for state in states:
@@ -48,7 +48,7 @@ class MuJoCo:
         if sorted(joints) != joints:
             raise ValueError(f"MuJoCo orders the joints of {model.name!r} differently")
 
-    def one_state(self, quantity: str) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    def state_function(self, quantity: str) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
         """The call for one state, which is set first."""
         mj, m, d = self.mujoco, self.model, self.data
         M = np.zeros((m.nv, m.nv))

@@ -84,7 +84,7 @@ def judge_accelerations(
     if digits >= MIN_DIGITS:
         return SOUND
     state: BatchIndex = tuple(int(i) for i in np.argwhere(suspect)[k])
-    cause = f"the torques and C qd + g cancel at joint rates of {np.abs(qd[k]).max():.1e} rad/s or m/s"
+    cause = f"the torques and C qd + g cancel at rates of {np.abs(qd[k]).max():.1e} rad/s or m/s"
     return Verdict(loss=PrecisionLoss(digits, state, "M is nearly singular" if nearly[state] else cause))
 
 

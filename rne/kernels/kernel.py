@@ -162,9 +162,17 @@ class Kernel:
     @cached_property
     def state_function(self) -> Callable[..., Array]:
         """The program on one list of floats per argument; raises Refused where the recursion must look closer."""
+        return self._state_function(self._rates)
+
+    @cached_property
+    def state_function_at_any_rate(self) -> Callable[..., Array]:
+        """The same without the check of joint rates, for simulations, which check them at their samples."""
+        return self._state_function(range(0))
+
+    def _state_function(self, rates: range) -> Callable[..., Array]:
         n, eps, guard = self.model.n, float(np.finfo(np.float64).eps), None
         if self.quantity.judge is not None:
-            guard = Guard(NEARLY_SINGULAR * n * eps, n, self._rates, rate_bound(np.dtype(np.float64)))
+            guard = Guard(NEARLY_SINGULAR * n * eps, n, rates, rate_bound(np.dtype(np.float64)))
         return compiled_function(self.traced.program, self.widths, self.traced.shape, guard)
 
     @cached_property

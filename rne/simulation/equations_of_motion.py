@@ -157,7 +157,7 @@ class RightHandSide(AppliedTorques):
         n = self.robot.n
         q, qd = x[..., :n], x[..., n : 2 * n]
         net, further = self.parts(t, x, u)
-        qdd, pivots, diagonal = self.robot.forward_method.quantity.core(model, q, qd, net)
+        qdd, pivots, diagonal = self.robot.kernels.forward_method().quantity.core(model, q, qd, net)
         return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
 
     def _judge(self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array) -> Verdict:

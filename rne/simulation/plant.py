@@ -38,7 +38,7 @@ class Plant:
         self.evaluations = 0
         self.verdict = SOUND
         self.kernel = rhs.kernel
-        self._state_function = self.kernel.state_function if self.kernel.is_unrolled else None
+        self._state_function = self.kernel.state_function_at_any_rate if self.kernel.is_unrolled else None
 
     def note(self, verdict: Verdict) -> None:
         """Raise an error; keep a loss if it is the worst so far."""
