@@ -257,7 +257,9 @@ class TestWarnings:
                 call(q, fast, tau)
             assert len(said) == 1
             assert str(said[0].message).startswith("forward dynamics keep about 0 digits at state (")
-            assert str(said[0].message).endswith("the torques and C qd + g cancel at rates of 1.0e+08 rad/s or m/s; see Robot.diagnose")
+            assert str(said[0].message).endswith(
+                "the torques and C qd + g cancel at rates of 1.0e+08 rad/s or m/s; see Robot.diagnose"
+            )
             assert said[0].filename == __file__
 
     def test_of_a_kernel_near_a_singular_M(self):

@@ -112,9 +112,7 @@ class TestTracing:
             calls.append(1)
             return -len(calls) * qd
 
-        with pytest.raises(
-            ValueError, match=r"^`controller` is marked traceable, but its traced torques differ by "
-        ):
+        with pytest.raises(ValueError, match=r"^`controller` is marked traceable, but its traced torques differ by "):
             rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [1] * 6, 0.1)
 
     def test_branch_on_a_value_is_refused(self, irb140):
@@ -195,7 +193,7 @@ class TestLimits:
         assert np.abs(np.diff(motion.tau, axis=0)).max() <= 1000 * 1e-4 * (1 + 1e-9)
 
     def test_held_torques_change_at_samples_only(self, irb140):
-        law = rne.control.pd(irb140, [5] * 6, [0.1] * 6, [1] * 6)
+        law = rne.control.pd(irb140, [50] * 6, [20] * 6, [1] * 6)
         scene = rne.Scene(irb140, controller=law, sample_time=1e-3)
         motion = rne.simulate(scene, [0] * 6, [0] * 6, 5e-3, t_eval=np.arange(51) * 1e-4)
         changes = np.nonzero(np.abs(np.diff(motion.tau[:, 0])) > 0)[0] + 1
@@ -378,6 +376,37 @@ class TestWhatATesterFound:
             ValueError, match=rf"^`controller` must return shape \(..., 2\) for states of that shape, got {shape}$"
         ):
             rne.simulate(scene, [0, 0], [0, 0], 1.0)
+
+    @pytest.mark.parametrize("sample_time", [None, 0.01], ids=["traced", "sampled"])
+    @pytest.mark.parametrize(
+        ("returned", "got"),
+        [
+            (lambda u, rates: u, "ndarray"),
+            (lambda u, rates: [u, rates], "list"),
+            (lambda u, rates: None, "NoneType"),
+            (lambda u, rates: (u,), "a tuple of 1"),
+            (lambda u, rates: (u, rates, rates), "a tuple of 3"),
+        ],
+        ids=["torques alone", "list", "nothing", "one", "three"],
+    )
+    def test_law_with_states_that_returns_no_pair(self, two, sample_time, returned, got):
+        def law(t, q, qd, z):
+            return returned(-qd, q - z)
+
+        law.states = 2
+        scene = rne.Scene(two, controller=rne.traceable(law), sample_time=sample_time)
+        text = f"`controller` with states must return (torques, rates of its states), got {got}"
+        with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+            rne.simulate(scene, [0.1, 0.2], [0, 0], 0.05)
+
+    def test_law_with_states_that_is_neither_traced_nor_sampled(self, two):
+        def law(t, q, qd, z):
+            return -qd, q - z
+
+        law.states = 2
+        text = "`controller` with states must be traceable, or sampled by `sample_time`"
+        with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+            rne.simulate(rne.Scene(two, controller=law), [0.1, 0.2], [0, 0], 0.05)
 
     def test_constant_traced_law(self, two):
         scene = rne.Scene(two, controller=rne.traceable(lambda t, q, qd: [1.0, 2.0]))

@@ -206,11 +206,10 @@ class TestFailures:
     @pytest.mark.parametrize("method", METHODS)
     def test_motion_that_runs_away(self, double, method):
         def law(t, q, qd):
-            with np.errstate(over="ignore"):
-                return 1e3 * qd**9
+            return 1e3 * qd**3
 
         with pytest.raises(rne.SimulationError) as caught:
-            rne.simulate(double, [1, 0], [1, 0], 10.0, torque=law, method=method, rtol=0.1)
+            rne.simulate(double, [1, 0], [1, 0], 10.0, torque=law, method=method)
         assert np.isfinite(caught.value.trajectory.qd).all()
         assert caught.value.time < 10.0
 

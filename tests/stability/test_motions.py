@@ -42,14 +42,14 @@ def test_stiff_damping_costs_implicit_methods_nothing(irb140):
     assert explicit[1] / explicit[0] == pytest.approx(5, rel=0.15)
 
 
-@pytest.mark.parametrize(("spin", "duration"), [(100.0, 1.0), (1e3, 1.0), (3e4, 0.05)])
-def test_a_top_in_steady_precession_stays_in_it(spin, duration):
-    """Its rates solve across cos(tilt) w^2 - about spin w + moment = 0, whatever the spin; at least 15 turns."""
+@pytest.mark.parametrize("spin", [100.0, 1e3, 3e4])
+def test_a_top_in_steady_precession_stays_in_it(spin):
+    """Its rates solve across cos(tilt) w^2 - about spin w + moment = 0, whatever the spin."""
     top = Top.of()
     rates = top.steady(spin, 0.6)
-    run = rne.simulate(top.robot, [0.0, 0.6, 0.0], rates, duration, rtol=1e-10, atol=1e-13)
+    run = rne.simulate(top.robot, [0.0, 0.6, 0.0], rates, 1.0, rtol=1e-10, atol=1e-13)
     np.testing.assert_allclose(run.q[:, 1], 0.6, rtol=0, atol=1e-9)
-    assert run.q[-1, 0] == pytest.approx(rates[0] * duration, rel=1e-9)
+    assert run.q[-1, 0] == pytest.approx(rates[0], rel=1e-9)
 
 
 def test_a_released_top_nods_at_its_rate_and_keeps_its_momenta():
