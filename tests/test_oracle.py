@@ -156,15 +156,9 @@ class TestEveryDataRobot:
         assert np.abs(our_rate - dJ).max(initial=0) <= DATA * max(1, np.abs(dJ).max(initial=0))
 
 
-# Fixed joints, which order what they carry, are merged at load.
-UNORDERED = {"centauro_description/centauro", "tiago_pro_description/tiago_pro"}
-
-
-def test_joint_order_is_that_of_pinocchios_own_model(data_arm, request):
+def test_joint_order_is_that_of_pinocchios_own_model(data_arm):
     """Of the independent joints; Pinocchio numbers mimics too."""
     robot, oracle = data_arm
-    if request.node.callspec.params["data_arm"] in UNORDERED:
-        request.applymarker(pytest.mark.xfail(strict=True, reason="siblings behind fixed joints"))
     order = robot.joint_order("pinocchio")
     theirs = [name for name in oracle.theirs.names if name in robot.joint_names]
     assert [robot.joint_names[k] for k in order] == theirs

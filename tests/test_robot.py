@@ -1,5 +1,7 @@
 """What the Robot chooses, and that its choice shows only in the time."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -38,3 +40,17 @@ def test_repr_of_a_plain_robot(irb140):
 def test_kernels_are_kept(irb140):
     assert irb140.kernel(rne.mass_matrix) is irb140.kernel(rne.mass_matrix)
     assert irb140.kernel(rne.mass_matrix) is not irb140.kernel(rne.mass_matrix, "q")
+
+
+def test_joint_order_without_the_parents_of_links(irb140):
+    """A Model built by hand need not know how links on fixed joints hang together."""
+    tree = random_tree(8, 5, branching=0.6)
+    unknown = rne.Robot(dataclasses.replace(tree, link_parent=None))
+    order = unknown.joint_order("pinocchio")
+    assert sorted(order) == list(range(8))
+    depth_first = [tree.joint_names[k] for k in order]
+    for i, joint in enumerate(tree.moving_joints):
+        if tree.parent[i] >= 0:
+            assert depth_first.index(tree.moving_joints[tree.parent[i]]) < depth_first.index(joint)
+    with pytest.raises(rne.ModelError, match=r"^`link_parent` must have 7 entries, got 2$"):
+        dataclasses.replace(irb140.model, link_parent=(-1, 0))

@@ -126,6 +126,7 @@ def assemble(
         base_inertia=bodies[-1][2],
         link_names=tuple(part.link for part in parts),
         link_joints=tuple(part.joint for part in parts),
+        link_parent=tuple(part.parent for part in parts),
         link_body=tuple(body_of),
         link_rotation=_stacked([snap(frame.R) for frame in frames], (3, 3)),
         link_translation=_stacked([_origin(part, frame) for part, frame in zip(parts, frames, strict=True)], (3,)),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..basics.spatial import Array
-from .builder import disassemble
 from .model import Model
 
 
@@ -14,13 +13,21 @@ def pinocchio_order(model: Model) -> Array:
 
     `q[..., pinocchio_order(model)]` holds the positions of the independent joints in Pinocchio's order, shape (n,).
     """
-    parts = disassemble(model)
     children: dict[int, list[int]] = {}
-    for k, part in enumerate(parts[1:], 1):
-        children.setdefault(part.parent, []).append(k)
-    names, stack = [], [0]
+    parents = _attached_to_bodies(model) if model.link_parent is None else model.link_parent
+    for k, parent in enumerate(parents):
+        children.setdefault(parent, []).append(k)
+    joints, stack = [], [0]
     while stack:
         k = stack.pop()
-        names.append(parts[k].joint)
-        stack += sorted(children.get(k, []), key=lambda child: parts[child].joint, reverse=True)
-    return np.array([model.joint_names.index(name) for name in names if name in model.joint_names], dtype=int)
+        joints.append(model.link_joints[k])
+        stack += sorted(children.get(k, []), key=lambda child: model.link_joints[child], reverse=True)
+    return np.array([model.joint_names.index(joint) for joint in joints if joint in model.joint_names], dtype=int)
+
+
+def _attached_to_bodies(model: Model) -> list[int]:
+    """The parent of each link, links on fixed joints being attached to the link of their body on a moving joint."""
+    place = {joint: k for k, joint in enumerate(model.link_joints)}
+    carrier = {i: place[joint] for i, joint in enumerate(model.moving_joints)} | {-1: 0}
+    above = {place[joint]: carrier[model.parent[i]] for i, joint in enumerate(model.moving_joints)}
+    return [-1 if k == 0 else above.get(k, carrier[body]) for k, body in enumerate(model.link_body)]

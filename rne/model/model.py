@@ -18,7 +18,7 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
 
 UNSET: Any = None  # replaced in __post_init__ by a default of the right shape
-NOT_COMPARED = ("tip", "notes")
+NOT_COMPARED = ("tip", "notes", "link_parent")
 
 
 class Cylinder(NamedTuple):
@@ -83,6 +83,9 @@ class Model:
         The root, then every link in tree order, those behind fixed joints included.
     link_joints : tuple of str
         The joint that carries each link; "" for the root.
+    link_parent : tuple of int, or None
+        The place in `link_names` of the link that each link is attached to by its joint, -1 for the root; None if not
+        known. Not compared.
     link_body : tuple of int
         The body that each link is part of, -1 for the base.
     link_rotation, link_translation : ndarray, shapes (n_links, 3, 3) and (n_links, 3)
@@ -116,6 +119,7 @@ class Model:
     link_body: tuple[int, ...]
     link_rotation: Array
     link_translation: Array
+    link_parent: tuple[int, ...] | None = None
     lower: Array = UNSET
     upper: Array = UNSET
     velocity_limit: Array = UNSET
