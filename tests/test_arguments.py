@@ -43,7 +43,7 @@ def refused(call, text, error=ValueError):
         call()
 
 
-def test_wrong_length(irb140):
+def test_an_array_of_a_wrong_length_is_refused(irb140):
     refused(lambda: irb140.gravity_torque(np.zeros(5)), "`q` must have shape (..., 6) for robot 'irb140', got (5,)")
 
 
@@ -65,7 +65,7 @@ def test_nan_is_refused_with_its_place(irb140):
     refused(lambda: irb140.mass_matrix(q), "`q` must be finite, got nan at index (2, 1)")
 
 
-def test_infinity_in_another_argument(irb140):
+def test_infinity_is_refused_in_every_argument(irb140):
     qd = [0, 0, np.inf, 0, 0, 0]
     refused(lambda: irb140.bias_torque([0] * 6, qd), "`qd` must be finite, got inf at index (2,)")
 
@@ -82,12 +82,12 @@ def test_nothing_and_objects_are_no_numbers():
     refused(lambda: rne.Robot(TREE).gravity_torque([{1}] * 3), text)
 
 
-def test_numbers_beyond_double(irb140):
+def test_numbers_beyond_double_are_refused(irb140):
     with pytest.raises(ValueError, match=r"^`q` must be numbers within the range of float64$"):
         irb140.gravity_torque([10**400] * 6)
 
 
-def test_python_numbers_in_an_object_array(irb140):
+def test_python_numbers_in_an_object_array_are_numbers(irb140):
     q = np.array([Fraction(1, 2)] * 6, dtype=object)
     assert np.array_equal(irb140.gravity_torque(q), irb140.gravity_torque([0.5] * 6))
     slopes = rne.derivative(rne.gravity_torque, rne.irb140(), "q")
@@ -102,7 +102,7 @@ def test_locked_takes_a_mapping(irb140, positions):
         irb140.locked(positions)
 
 
-def test_a_name_that_xml_cannot_hold():
+def test_a_name_that_xml_cannot_hold_is_refused():
     with pytest.raises(
         ValueError, match=r"^'a\\x00b' cannot be written to XML, which has no control characters; rename it$"
     ):
@@ -113,14 +113,14 @@ def test_half_precision_is_computed_in_single(irb140):
     assert irb140.gravity_torque(np.ones(6, np.float16)).dtype == np.float32
 
 
-def test_ragged_rows():
+def test_ragged_rows_are_refused():
     refused(
         lambda: rne.gravity_torque(TREE, [[0, 1], [2]]),
         "`q` must be an array of numbers of shape (..., 3), got rows of unequal length",
     )
 
 
-def test_leading_shapes_that_do_not_fit():
+def test_leading_shapes_that_do_not_fit_are_refused():
     refused(
         lambda: rne.bias_torque(TREE, np.zeros((2, 3)), np.zeros((5, 3))),
         "leading shapes must broadcast against each other, got `q` (2, 3), `qd` (5, 3)",
@@ -134,21 +134,21 @@ def test_overflow_is_an_error_not_an_infinity():
     )
 
 
-def test_external_on_an_unknown_link():
+def test_external_on_an_unknown_link_is_refused():
     refused(
         lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"hand": np.zeros(6)}),
         f"`external` must name links of {list(TREE.link_names)}, got 'hand'",
     )
 
 
-def test_external_of_a_wrong_shape():
+def test_external_of_a_wrong_shape_is_refused():
     refused(
         lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"link0": np.zeros(3)}),
         "`external['link0']` must have shape (..., 6), [moment; force], got (3,)",
     )
 
 
-def test_external_that_is_no_mapping():
+def test_external_that_is_no_mapping_is_refused():
     refused(
         lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external=np.zeros(6)),
         "`external` must be a mapping of link name to wrench, got ndarray",
@@ -161,7 +161,7 @@ def test_external_batches_broadcast_too():
     assert got.shape == (4, 3)
 
 
-def test_jacobian_of_an_unknown_link():
+def test_jacobian_of_an_unknown_link_is_refused():
     names = list(TREE.link_names)
     refused(lambda: rne.jacobian(TREE, np.zeros(3), "hand"), f"`link` must be one of {names}, got 'hand'")
 
@@ -175,11 +175,11 @@ def test_a_robot_is_not_a_model(irb140):
     refused(lambda: rne.Robot("irb140"), "`model` must be an rne.Model, got str", TypeError)
 
 
-def test_load_of_neither_name_nor_file():
+def test_load_refuses_what_is_neither_name_nor_file():
     refused(lambda: rne.load("irb14"), "'irb14' is neither a robot (irb140) nor a file", FileNotFoundError)
 
 
-def test_gravity_of_a_wrong_shape():
+def test_gravity_of_a_wrong_shape_is_refused():
     refused(lambda: rne.load("irb140", gravity=[9.81]), "`gravity` must have shape (3,), got (1,)")
 
 

@@ -52,14 +52,14 @@ def test_planar_arm_of_appendix_D():
     np.testing.assert_allclose(got, np.stack([tau1, tau2], -1), atol=TIGHT * np.abs(got).max() * 4)
 
 
-def test_pendulum():
+def test_torque_of_a_pendulum_is_that_of_the_textbook():
     rod = straight_chain(1, length=0.5, mass=2.0)
     q, qd, qdd = states(1, 50)
     expected = 2.0 * 0.5**2 / 3 * qdd + 2.0 * G * 0.25 * np.sin(q)
     np.testing.assert_allclose(rne.inverse_dynamics(rod, q, qd, qdd), expected, atol=TIGHT * np.abs(expected).max())
 
 
-def test_double_pendulum():
+def test_M_and_coriolis_torque_of_a_double_pendulum_are_those_of_the_textbook():
     """Two equal rods: the mass matrix and the centrifugal torque of any textbook."""
     m, l = 1.5, 0.4
     chain = straight_chain(2, length=l, mass=m)

@@ -54,7 +54,7 @@ def test_derivative_is_the_complex_step_of_the_recursion(robot, name):
     assert np.abs(single - expected).max() <= bound * size
 
 
-def test_forward_dynamics_derivatives(robot):
+def test_forward_dynamics_derivatives_are_the_complex_step(robot):
     tree = robot.model
     q, qd, tau = states(tree.n, 4, rate=2.0)
     expected = complex_step(rne.forward_dynamics, tree, (q, qd, tau), ("q", "qd", "tau"), {})[0]
@@ -109,7 +109,7 @@ def test_a_large_robot_takes_the_complex_step(monkeypatch):
     assert relative(stepped(*s), traced(*s)) <= EXACT
 
 
-def test_errors(irb140):
+def test_wrong_arguments_are_named(irb140):
     with pytest.raises(ValueError, match=r"^`wrt` must name arguments of \['q', 'qd'\], got 'tau'$"):
         rne.derivative(rne.bias_torque, irb140.model, "tau")
     with pytest.raises(ValueError, match=r"^`wrt` must name at least one argument of \['q', 'qd'\]$"):
@@ -118,7 +118,7 @@ def test_errors(irb140):
         irb140.inverse_dynamics_derivatives([0, 0, np.nan, 0, 0, 0], [0] * 6, [0] * 6)
 
 
-def test_derivatives_in_long_double(irb140):
+def test_derivatives_in_long_double_agree_with_those_in_double(irb140):
     q, qd, tau = (x.astype(np.longdouble) for x in states(6, 3))
     A, B = irb140.linearize(q, qd, tau)
     plain = irb140.linearize(*(x.astype(float) for x in (q, qd, tau)))

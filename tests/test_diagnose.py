@@ -68,7 +68,7 @@ def right_or_refused(robot, q, qd, tau, tolerance):
     return answers
 
 
-def test_an_ordinary_robot(irb140):
+def test_an_ordinary_robot_keeps_its_digits(irb140):
     found = irb140.diagnose(np.full(6, 0.3))
     assert found.condition.shape == found.digits.shape == found.pivot.shape == ()
     assert found.worst_state == ()
@@ -139,13 +139,13 @@ def test_a_singular_M_is_a_finding_not_an_error():
     )
 
 
-def test_a_joint_that_moves_nothing():
+def test_a_joint_that_moves_nothing_is_named():
     parts = [Part(link="base"), Part(link="a", joint="idle", kind="continuous", parent=0, axis=Z)]
     found = rne.Robot(assemble("empty", parts)).diagnose([0.0])
     assert (found.condition, found.pivot, found.digits, found.worst_joint) == (np.inf, 0, 0, ("idle",))
 
 
-def test_no_joints_and_no_states(irb140):
+def test_no_joints_and_no_states_are_sound(irb140):
     still = rne.Robot(assemble("still", [Part(link="base", mass=1.0)])).diagnose([])
     assert (still.condition, still.pivot, still.worst_joint) == (1, 1, ())
     assert (
@@ -246,7 +246,7 @@ class TestWithRatesAndTorques:
 class TestWarnings:
     TEXT = "forward dynamics keep about {} digits{}: {}; see Robot.diagnose"
 
-    def test_of_rates_that_leave_no_digit(self, irb140):
+    def test_rates_that_leave_no_digit_are_warned_of(self, irb140):
         q, qd, qdd = (x[:3] for x in states(6, 3))
         fast = 1e8 * np.sign(qd)
         tau = irb140.inverse_dynamics(q, fast, qdd)
@@ -262,7 +262,7 @@ class TestWarnings:
             )
             assert said[0].filename == __file__
 
-    def test_of_a_kernel_near_a_singular_M(self):
+    def test_a_kernel_warns_near_a_singular_M(self):
         robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
         state = np.array([0.1, 0.2]), np.array([0.3, 0.4]), np.array([1.0, 2.0])
         expected = self.TEXT.format(2, "", "M is nearly singular")
@@ -276,7 +276,7 @@ class TestWarnings:
         q, qd, _ = states(6, 3)
         irb140.forward_dynamics(q, 1e8 * qd, np.zeros_like(q))
 
-    def test_of_float32_at_its_own_rates(self, irb140):
+    def test_float32_is_warned_of_at_rates_of_its_own(self, irb140):
         q, qd, qdd = (x.astype(np.float32) for x in states(6, 3))
         tau = irb140.inverse_dynamics(q, 1000 * qd, qdd)
         with pytest.warns(rne.PrecisionWarning):
@@ -309,7 +309,7 @@ class TestWarnings:
             robot.forward_dynamics([0.1, 0.2], [3e5, 4e5], [1.0, 2.0])
         assert len(said) == 1
 
-    def test_of_a_simulation_once(self):
+    def test_a_simulation_warns_once(self):
         robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
         with pytest.warns(rne.PrecisionWarning) as said:
             rne.simulate(robot, [0.1, 0.2], [0.3, 0.4], 0.1, torque=[1.0, 2.0])

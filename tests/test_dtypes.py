@@ -69,7 +69,7 @@ def test_complex_arguments_give_exact_derivatives(irb140):
     assert relative(difference[None], exact_derivative[None]) <= 1e-6
 
 
-def test_fifty_digits_through_every_layer():
+def test_fifty_digits_pass_through_every_layer():
     """mpmath numbers keep their precision: forward dynamics undoes inverse dynamics to 40 digits."""
     model = rne.irb140()
     with mpmath.workdps(50):

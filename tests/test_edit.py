@@ -80,7 +80,7 @@ def refused(call, text):
         call()
 
 
-def test_errors(irb140):
+def test_wrong_arguments_are_named(irb140):
     refused(lambda: irb140.with_payload(-1.0), "payload on link 'link_6': the mass must be 0 or positive, got -1.0")
     refused(lambda: irb140.with_payload(1.0, [0, 0]), "`com` must have shape (3,), got (2,)")
     refused(lambda: irb140.with_payload(np.nan), "`mass` must be finite, got nan at index ()")
@@ -100,7 +100,7 @@ class TestModel:
         with pytest.raises(ValueError, match="read-only"):
             irb140.model.mass[0] = 1.0
 
-    def test_pickles(self, tree):
+    def test_a_model_pickles_with_its_arrays_read_only(self, tree):
         import pickle
 
         copy = pickle.loads(pickle.dumps(tree))

@@ -24,7 +24,7 @@ def chain():
 
 
 @pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("semi-implicit-euler", 1)])
-def test_order_of_each_method(chain, starts, method, order):
+def test_each_method_has_its_order(chain, starts, method, order):
     exact = np.array(
         [rne.simulate(chain, q, qd, 0.2, rtol=1e-12, atol=1e-13).q[-1] for q, qd in zip(*starts, strict=True)]
     )
@@ -34,7 +34,7 @@ def test_order_of_each_method(chain, starts, method, order):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
 
 
-def test_kept_times_and_ledger(irb140):
+def test_times_and_energies_are_those_of_single_motions(irb140):
     law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0] * 6)
     scene = rne.Scene(irb140, controller=law, friction=rne.Friction(viscous=1.0), armature=[1.0] * 6)
     q = states(6, 5)[0] * 0.1
@@ -54,7 +54,7 @@ def test_progress_is_told(chain, starts):
     assert [done for done, _ in told] == sorted(done for done, _ in told)
 
 
-def test_process_pool(chain, starts):
+def test_a_process_pool_gives_the_same(chain, starts):
     here = rne.ensemble(chain, *starts, 0.1, step=0.01)
     with ProcessPoolExecutor(2) as pool:
         there = rne.ensemble(chain, *starts, 0.1, step=0.01, executor=pool)
@@ -62,7 +62,7 @@ def test_process_pool(chain, starts):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_dask_cluster(chain, starts):
+def test_a_dask_cluster_gives_the_same(chain, starts):
     """A local cluster's executor is one like any other."""
     from distributed import Client, LocalCluster
 
@@ -75,7 +75,7 @@ def test_dask_cluster(chain, starts):
     assert np.abs(here.q - there.q).max() <= 1e-13
 
 
-def test_no_starts(chain):
+def test_no_starts_give_no_motions(chain):
     empty = np.zeros((0, 2))
     assert rne.ensemble(chain, empty, empty, 0.1, step=0.01).q.shape == (2, 0, 2)
 

@@ -36,7 +36,7 @@ def test_load_by_name_reads_no_file(monkeypatch, tmp_path):
     assert rne.load("irb140").model == rne.irb140()
 
 
-def test_names(irb140):
+def test_joints_and_links_have_their_names(irb140):
     assert irb140.joint_names == tuple(f"joint_{i}" for i in range(1, 7))
     assert irb140.link_names == ("base_link", *(f"link_{i}" for i in range(1, 7)))
     assert irb140.n == 6
@@ -46,13 +46,13 @@ def test_axes_are_the_thesis_b_i(irb140):
     assert irb140.model.axis.tolist() == [[0, -1, 0], [0, 0, 1], [0, -1, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1]]
 
 
-def test_holding_torque_6_21(irb140):
+def test_holding_torque_is_that_of_6_21(irb140):
     q = [0, math.pi / 2, -math.pi / 2, 0, 0, 0]
     expected = np.array([0, -16.191, -2.409, 0, -0.029, 0]) * 9.81
     np.testing.assert_allclose(irb140.gravity_torque(q), expected, atol=1e-13)
 
 
-def test_potential_energy_at_zero(irb140):
+def test_potential_energy_at_zero_is_that_of_6_4(irb140):
     assert irb140.potential_energy(np.zeros(6)) == pytest.approx(370.87686, abs=1e-12)
 
 

@@ -83,7 +83,7 @@ def test_kernel_is_the_recursion_on_arms(name, call):
     check_same(model, *call)
 
 
-def test_kernel_in_float32(call):
+def test_kernel_in_float32_is_the_recursion(call):
     check_same(rne.irb140(), *call, dtype=np.float32)
 
 
@@ -102,13 +102,13 @@ def test_robot_is_the_recursion_on_every_data_robot(name):
     assert apart(robot.mass_matrix(q), rne.mass_matrix(robot.model, q)) <= bound
 
 
-def test_kernels_with_an_argument_of_their_own(irb140):
+def test_kernels_with_an_argument_of_their_own_are_the_recursion(irb140):
     q, qd, _ = states(6, 5)
     assert apart(irb140.jacobian(q, "link_4"), rne.jacobian(irb140.model, q, "link_4")) <= 4e-15 * 6
     assert apart(irb140.jacobian_rate(q, qd, "link_4"), rne.jacobian_rate(irb140.model, q, qd, "link_4")) <= 4e-15 * 6
 
 
-def test_symmetric_to_the_last_bit(irb140):
+def test_M_is_symmetric_to_the_last_bit(irb140):
     M = irb140.mass_matrix(states(6, 50)[0])
     assert np.array_equal(M, np.swapaxes(M, 1, 2))
 
@@ -119,7 +119,7 @@ def kernel():
 
 
 class TestOperations:
-    def test_counts_of_the_irb140(self):
+    def test_operations_of_the_irb140_are_few(self):
         counts = {
             f: rne.compile(f, rne.irb140()).operations
             for f in (rne.inverse_dynamics, rne.mass_matrix, rne.forward_dynamics)
@@ -158,7 +158,7 @@ class TestOperations:
 
 class TestBatches:
     @pytest.mark.parametrize("count", [0, 1, 2, 255, 256, 257, 8191, 8192, 8193, 20000])
-    def test_any_number_of_states(self, kernel, count):
+    def test_any_number_of_states_gives_the_same(self, kernel, count):
         s = states(6, count, rate=1.0, acceleration=1.0)
         got = kernel(*s)
         assert got.shape == (count, 6)
@@ -166,7 +166,7 @@ class TestBatches:
             assert relative(got[k][None], kernel(*(x[k] for x in s))[None]) <= 4e-15 * 6
 
     @pytest.mark.parametrize("length", [1, 7, 64, 1000])
-    def test_any_length_of_blocks(self, kernel, length, monkeypatch):
+    def test_any_length_of_blocks_gives_the_same(self, kernel, length, monkeypatch):
         s = states(6, 333)
         expected = kernel(*s)
         monkeypatch.setattr(numpy_backend, "block_length", lambda registers, itemsize: length)
@@ -174,28 +174,28 @@ class TestBatches:
         assert apart(kernel(*s), expected) <= 4e-15 * 6
         kernel.blocks.workspaces.clear()
 
-    def test_any_memory_order(self, kernel):
+    def test_any_memory_order_gives_the_same(self, kernel):
         s = states(6, 100)
         expected = kernel(*s)
         assert np.array_equal(kernel(*(np.asfortranarray(x) for x in s)), expected)
         assert np.array_equal(kernel(*(np.repeat(x, 2, axis=1)[:, ::2] for x in s)), expected)
 
-    def test_broadcasting(self, kernel):
+    def test_leading_axes_broadcast(self, kernel):
         q, qd, qdd = states(6, 12)
         got = kernel(q.reshape(3, 4, 6), qd[:4], qdd[0])
         assert apart(got, rne.inverse_dynamics(rne.irb140(), q.reshape(3, 4, 6), qd[:4], qdd[0])) <= 4e-15 * 6
 
-    def test_lists_and_integers(self, kernel):
+    def test_lists_and_integers_are_taken(self, kernel):
         assert kernel([0] * 6, [0] * 6, [0] * 6).shape == (6,)
         assert kernel([[0] * 6] * 3, [0] * 6, [0] * 6).shape == (3, 6)
 
-    def test_out(self, kernel):
+    def test_out_is_filled_and_returned(self, kernel):
         s = states(6, 100)
         out = np.empty((100, 6))
         assert kernel(*s, out=out) is out
         assert np.array_equal(out, kernel(*s))
 
-    def test_out_of_a_wrong_kind(self, kernel):
+    def test_out_of_a_wrong_kind_is_refused(self, kernel):
         s = states(6, 100)
         with pytest.raises(
             ValueError, match=r"^`out` must be a float64 array of shape \(100, 6\), got float64 \(6, 100\)$"
@@ -232,7 +232,7 @@ class TestBatches:
             got = pool.submit(kernel, *s).result()
         assert apart(got, kernel(*s)) <= 4e-15 * 6
 
-    def test_pickle_of_kernel_and_robot(self, kernel, irb140):
+    def test_kernel_and_robot_pickle(self, kernel, irb140):
         s = states(6, 5)
         assert np.array_equal(pickle.loads(pickle.dumps(kernel))(*s), kernel(*s))
         assert pickle.loads(pickle.dumps(irb140)).model == irb140.model
@@ -308,11 +308,11 @@ class TestErrors:
         with pytest.raises(TypeError, match=r"^`function` must be one of rne's functions of a model, got <function"):
             rne.compile(lambda model, q: q, rne.irb140())
 
-    def test_too_few_arguments(self):
+    def test_too_few_arguments_are_refused(self):
         with pytest.raises(TypeError, match=r"^this kernel takes q, qd, qdd; got 2 arguments$"):
             rne.compile(rne.inverse_dynamics, rne.irb140())(np.zeros(6), np.zeros(6))
 
-    def test_transposed_batch(self, irb140):
+    def test_a_transposed_batch_is_named(self, irb140):
         with pytest.raises(ValueError, match="states go along the first axis"):
             irb140.gravity_torque(np.zeros((6, 50)))
 
@@ -466,7 +466,7 @@ class TestScalars:
         assert (np.float64(2.0) * x).ref == (x * 2.0).ref
         assert (np.float64(2.0) - x).ref == (-(x - 2.0)).ref
 
-    def test_where_and_comparisons(self):
+    def test_where_and_comparisons_are_those_of_numbers(self):
         graph = Graph()
         x, y = inputs(graph, (2,), 0)
         results = [(x < y).where(x, y), (x >= y).where(-x, -y), x.maximum(-y), x.sign(), abs(-x), (x * x).sqrt()]

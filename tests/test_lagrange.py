@@ -54,7 +54,7 @@ def test_torques_are_those_of_the_recursion(arm):
 
 
 @pytest.mark.parametrize("seed", range(20, 26))
-def test_torques_on_more_trees(seed):
+def test_torques_are_those_of_the_recursion_on_more_trees(seed):
     tree = random_tree(6, seed, prismatic=0.4, branching=0.4, mimics=seed % 3)
     s = states(tree.n, 10, seed=seed)
     assert relative(rne.lagrange_inverse_dynamics(tree, *s), rne.inverse_dynamics(tree, *s)) <= LAW
@@ -159,7 +159,7 @@ def test_complex_arguments_give_exact_derivatives():
 
 
 @pytest.mark.parametrize("model", [rne.irb140(), irb140_mirrored(), COUPLED], ids=["irb140", "mirrored", "coupled"])
-def test_fifty_digits(model):
+def test_two_formulations_agree_to_45_of_50_digits(model):
     """Two formulations, one torque, to 45 of 50 digits: they agree in exact arithmetic, not by tolerance.
 
     Only where the rotations hold exact zeros and ones: a random tree's, rounded to doubles, turn no body rigidly, and

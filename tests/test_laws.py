@@ -197,6 +197,20 @@ def test_armature_adds_to_the_diagonal_and_to_the_energy(tree):
     assert relative(forward(geared, q, qd, tau), qdd) <= 100 * kappa * EPS
 
 
+def test_pivots_are_scaled_by_the_diagonal_of_M(tree):
+    """Both methods return M's diagonal, armature included, by which their pivots are judged."""
+    from dataclasses import replace
+
+    q, qd, tau = states(tree.n, 5)
+    geared = replace(tree, armature=np.linspace(10.0, 100.0, tree.nb))
+    expected = np.diagonal(rne.mass_matrix(geared, q), axis1=-2, axis2=-1)
+    methods = [rne.forward_dynamics] if tree.has_mimics else [rne.forward_dynamics, rne.articulated_forward_dynamics]
+    for method in methods:
+        _, pivots, diagonal = method.core(geared, q, qd, tau)
+        np.testing.assert_allclose(diagonal, expected, rtol=LAW)
+        assert (pivots <= diagonal * (1 + LAW)).all()
+
+
 def test_kinetic_energy_with_armature_is_half_qd_M_qd(tree):
     from dataclasses import replace
 

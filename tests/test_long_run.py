@@ -36,7 +36,7 @@ def test_what_a_step_loses_to_rounding_is_added_to_the_next():
     assert motion.q[-1, 0] - 1e9 == pytest.approx(1e-5, abs=np.spacing(1e9))
 
 
-def test_order():
+def test_the_method_has_order_4():
     robot = rne.Robot(straight_chain(3))
     start = np.array([0.5, 1.0, -0.5])
     exact = rne.simulate(robot, start, 0 * start, 0.5, rtol=1e-12, atol=1e-13).q[-1]
@@ -85,7 +85,7 @@ def test_a_step_too_long_is_an_error(irb140):
         rne.simulate(irb140, np.zeros(6), np.full(6, 50.0), 1.0, method="gauss-4", step=0.1)
 
 
-def test_a_step_for_a_method_that_chooses_its_own(irb140):
+def test_a_step_is_refused_for_a_method_that_chooses_its_own(irb140):
     text = r"^`step` is for the equal steps of 'gauss-4'; 'RK45' chooses its own$"
     with pytest.raises(ValueError, match=text):
         rne.simulate(irb140, np.zeros(6), np.zeros(6), 1.0, method="RK45", step=0.01)

@@ -36,17 +36,17 @@ def data_arm(request):
 class TestArms:
     """IRB 140 and UR5, 1000 random states, rates up to 10 rad/s."""
 
-    def test_inverse_dynamics(self, arm):
+    def test_inverse_dynamics_are_pinocchios(self, arm):
         robot, oracle = arm
         s = states(robot.n, 1000)
         assert relative(robot.inverse_dynamics(*s), each(oracle.inverse_dynamics, *s)) <= EXACT
 
-    def test_mass_matrix(self, arm):
+    def test_mass_matrix_is_pinocchios(self, arm):
         robot, oracle = arm
         q, _, _ = states(robot.n, 1000)
         assert relative(robot.mass_matrix(q), each(oracle.mass_matrix, q)) <= EXACT
 
-    def test_gravity_and_bias(self, arm):
+    def test_gravity_and_bias_are_pinocchios(self, arm):
         robot, oracle = arm
         q, qd, _ = states(robot.n, 1000)
         assert relative(robot.gravity_torque(q), each(oracle.gravity_torque, q)) <= EXACT
@@ -74,7 +74,7 @@ class TestEveryDataRobot:
 
     SAMPLES = 8
 
-    def test_torques_and_mass_matrix(self, data_arm):
+    def test_torques_and_mass_matrix_are_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, qd, qdd = states(robot.n, self.SAMPLES)
         tau = rne.inverse_dynamics(robot.model, q, qd, qdd)
@@ -84,7 +84,7 @@ class TestEveryDataRobot:
         assert relative(rne.bias_torque(robot.model, q, qd), each(oracle.bias_torque, q, qd)) <= DATA
 
     @pytest.mark.parametrize("forward", [rne.forward_dynamics, rne.articulated_forward_dynamics])
-    def test_forward_dynamics_by_backward_error_or_a_named_singularity(self, data_arm, forward):
+    def test_forward_dynamics_solve_pinocchios_equation_or_name_a_singularity(self, data_arm, forward):
         robot, oracle = data_arm
         if robot.model.has_mimics and forward is rne.articulated_forward_dynamics:
             with pytest.raises(rne.ModelError, match="mimic"):
@@ -106,7 +106,7 @@ class TestEveryDataRobot:
         size = norm_M * np.linalg.norm(got, axis=-1) + np.linalg.norm(h, axis=-1) + np.linalg.norm(tau, axis=-1)
         assert (residual <= 10 * max(robot.n, 1) * EPS * size).all()
 
-    def test_link_poses(self, data_arm):
+    def test_link_poses_are_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, _, _ = states(robot.n)
         data = oracle.theirs.createData()
@@ -116,7 +116,7 @@ class TestEveryDataRobot:
             theirs = data.oMf[oracle.theirs.getFrameId(link, pin.FrameType.BODY)].homogeneous
             assert np.abs(T - theirs).max() <= 1e-13 * max(1.0, np.abs(theirs).max()), link
 
-    def test_intermediate_velocities_accelerations_and_wrenches(self, data_arm):
+    def test_velocities_accelerations_and_wrenches_within_are_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, qd, qdd = states(robot.n)
         record = robot.recursion(q, qd, qdd)
@@ -131,13 +131,13 @@ class TestEveryDataRobot:
             assert np.abs(record.f[i] - f.linear).max() <= DATA * scale[2]
             assert np.abs(record.tau[i] - f.angular).max() <= DATA * scale[3]
 
-    def test_energies(self, data_arm):
+    def test_kinetic_energy_is_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, qd, _ = states(robot.n)
         kinetic = pin.computeKineticEnergy(oracle.theirs, oracle.data, oracle.q(q), oracle.rates(qd))
         assert rne.kinetic_energy(robot.model, q, qd) == pytest.approx(kinetic, rel=DATA, abs=1e-300)
 
-    def test_jacobians_and_their_rates(self, data_arm):
+    def test_jacobians_and_their_rates_are_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, qd, _ = states(robot.n)
         link = robot.link_names[-1]
@@ -188,7 +188,7 @@ def test_every_data_robot_is_either_loaded_or_refused_by_name():
     assert set(REFUSED) <= set(data_robots())
 
 
-def test_external_wrenches(ur5, ur5_oracle):
+def test_torques_under_an_external_wrench_are_pinocchios(ur5, ur5_oracle):
     oracle = ur5_oracle
     q, qd, qdd = states(6, seed=7)
     wrench = np.random.default_rng(8).normal(size=6)

@@ -84,7 +84,7 @@ def test_decimal_points_stand_below_each_other(irb140):
         (mpmath.mpf("-1e-5000"), "-1e-5000"),
     ],
 )
-def test_six_digits(number, text):
+def test_numbers_have_six_digits(number, text):
     assert six_digits(number) == text
 
 

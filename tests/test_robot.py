@@ -33,7 +33,7 @@ def test_mimics_are_solved_through_M():
     assert robot.kernels.forward_kernel().function is rne.forward_dynamics
 
 
-def test_repr_of_a_plain_robot(irb140):
+def test_repr_of_a_plain_robot_is_one_line(irb140):
     assert repr(irb140) == "Robot 'irb140': 6 joints, 7 links, 75 kg moving, gravity [0.0, 0.0, -9.81] m/s^2"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.robots.generators import straight_chain
+from rne.model.robots.generators import random_tree, straight_chain
 
 from .helpers import relative, states
 
@@ -26,7 +26,7 @@ def full(irb140):
 
 class TestDynamics:
     @pytest.mark.parametrize("smoothing", [0.0, 0.01])
-    def test_forward_undoes_inverse(self, irb140, smoothing):
+    def test_forward_dynamics_undo_inverse_dynamics(self, irb140, smoothing):
         """With armature and friction on; of dry friction wherever every joint moves."""
         friction = rne.Friction(viscous=1.0, viscous_back=2.0, coulomb=[1, 2, 3, 4, 5, 6], smoothing=smoothing)
         scene = rne.Scene(irb140, **{**EVERYTHING, "friction": friction})
@@ -44,7 +44,7 @@ class TestDynamics:
         assert rates[:, 12] == pytest.approx((friction.viscous_torque(qd) * qd).sum(-1), rel=1e-13)
         assert rates[:, 13] == pytest.approx((friction.coulomb_torque(qd) * qd).sum(-1), rel=1e-13)
 
-    def test_urdf_friction(self, tmp_path):
+    def test_friction_of_the_file_is_added(self, tmp_path):
         text = rne.to_urdf(straight_chain(1)).replace("</joint>", '<dynamics damping="0.7" friction="0.3"/></joint>')
         (tmp_path / "arm.urdf").write_text(text)
         scene = rne.Scene(rne.load(tmp_path / "arm.urdf"), friction="urdf")
@@ -75,7 +75,7 @@ class TestCost:
             less = rne.Scene(irb140, **{k: v for k, v in EVERYTHING.items() if k != part})
             assert costs[part] == costs["total"] - less.cost()["total"] > 0
 
-    def test_from_everything_to_hardly_anything(self, irb140, full):
+    def test_cost_falls_from_everything_to_hardly_anything(self, irb140, full):
         wrist = {f"joint_{k}": 0.0 for k in (4, 5, 6)}
         one = {f"joint_{k}": 0.0 for k in (1, 3, 4, 5, 6)}
         scenes = [
@@ -244,6 +244,28 @@ def test_wrong_friction_is_named(arguments, text):
         rne.Friction(**arguments)
 
 
+class TestFriction:
+    def test_each_direction_has_its_own(self, irb140):
+        friction = rne.Friction(viscous=1.0, viscous_back=2.0, coulomb=3.0, coulomb_back=4.0, smoothing=0.01)
+        ahead, back = (friction.torque(irb140.model, np.full(6, rate)) for rate in (0.5, -0.5))
+        assert ahead == pytest.approx(1.0 * 0.5 + 3.0, rel=1e-15)
+        assert back == pytest.approx(-2.0 * 0.5 - 4.0, rel=1e-15)
+        slow = friction.torque(irb140.model, np.full(6, -0.01))
+        assert slow == pytest.approx(-0.02 - 4.0 * np.tanh(1.0), rel=1e-15)
+
+    def test_friction_of_a_file_takes_the_power_that_its_joints_take(self):
+        """A mimic's damping and friction act at its own rate, whatever its multiplier."""
+        tree = random_tree(5, seed=6, mimics=3)
+        rng = np.random.default_rng(0)
+        model = replace(tree, damping=rng.uniform(0, 1, tree.nb), friction=rng.uniform(0, 1, tree.nb))
+        friction = rne.Scene(rne.Robot(model), friction="urdf").resolved.friction
+        for qd in np.diag(rng.uniform(-2, 2, tree.n)):  # one coordinate at a time, with those that mimic it
+            rates = model.coordinate_map @ qd
+            assert friction.viscous_torque(qd) @ qd == pytest.approx(model.damping @ rates**2, rel=1e-14)
+            dry = replace(friction, smoothing=0.0)
+            assert dry.coulomb_torque(qd) @ qd == pytest.approx(model.friction @ np.abs(rates), rel=1e-14)
+
+
 class TestDryFriction:
     """A block of 1 kg on a slider is the textbook."""
 
@@ -258,6 +280,17 @@ class TestDryFriction:
         above = rne.simulate(scene, [0], [0], 1.0, torque=[3.1])
         assert not below.q.any()
         assert above.q[-1, 0] == pytest.approx((3.1 - 2.0) / 2, rel=1e-6)
+
+    @pytest.mark.parametrize(("sign", "kinetic"), [(1, 2.0), (-1, 3.0)])
+    def test_each_direction_breaks_away_and_brakes_by_its_own(self, slider, sign, kinetic):
+        """A block of 1 kg held by 2 N against moving ahead and by 3 N against moving back."""
+        scene = rne.Scene(slider, friction=rne.Friction(coulomb=2.0, coulomb_back=3.0, smoothing=0))
+        held = rne.simulate(scene, [0], [0], 1.0, torque=[sign * (kinetic - 0.1)])
+        assert not held.q.any()
+        pushed = rne.simulate(scene, [0], [0], 1.0, torque=[sign * (kinetic + 0.5)])
+        assert pushed.q[-1, 0] == pytest.approx(sign * 0.5 / 2, rel=1e-6)
+        sliding = rne.simulate(scene, [0], [sign * 3.0], 4.0)
+        assert sliding.q[-1, 0] == pytest.approx(sign * 9 / (2 * kinetic), rel=1e-6)
 
     def test_slides_to_rest_and_stays(self, slider):
         """v0^2 / (2 mu): and the heat is the kinetic energy it had."""
@@ -285,7 +318,7 @@ class TestDryFriction:
         assert not motion.qdd[-1].any()
         assert motion.energy_drift <= 1e-4
 
-    def test_what_cannot_go_together(self, irb140):
+    def test_parts_that_cannot_go_together_are_named(self, irb140):
         scene = rne.Scene(irb140, friction=rne.Friction(coulomb=1.0, smoothing=0))
         with pytest.raises(
             ValueError,
@@ -313,7 +346,7 @@ class TestDryFrictionOfSeveralJoints:
         assert not rne.simulate(scene, [0, 0], [0, 0], 1.0).q.any()
 
     @pytest.mark.parametrize("breaks", [[1.0], []])
-    def test_jump_of_the_torque_while_a_joint_sticks(self, two, breaks):
+    def test_a_jump_of_the_torque_is_met_while_a_joint_sticks(self, two, breaks):
         scene = self.scene(two, lambda t, q, qd: np.array([0.5 if t < 1 else 5.0, 0.0]), coulomb=[1, 1])
         motion = rne.simulate(scene, [0, 0], [0, 0], 1.5, breaks=breaks, t_eval=[0, 0.9, 1.5])
         assert not motion.q[1].any()
@@ -340,7 +373,7 @@ class TestDryFrictionOfSeveralJoints:
             assert (np.abs(needed)[dry.mode == 0] <= np.array([0.5, 0.2])[dry.mode == 0] * (1 + 1e-8)).all()
         assert len(modes) == 9
 
-    def test_pid_with_limits_through_many_events(self, two):
+    def test_pid_with_limits_passes_through_many_events(self, two):
         law = rne.control.pid(two, [50, 20], [30, 10], [10, 4], [0.3, -0.2], gravity=True)
         friction = rne.Friction(viscous=0.1, coulomb=[0.5, 0.2], smoothing=0)
         motion = rne.simulate(
@@ -350,7 +383,7 @@ class TestDryFrictionOfSeveralJoints:
         assert motion.energy_drift <= 1e-6
 
 
-class TestWhatATesterFound:
+class TestCornerCases:
     @pytest.fixture
     def two(self):
         return rne.Robot(straight_chain(2))
@@ -370,7 +403,7 @@ class TestWhatATesterFound:
             (lambda t, q, qd: [1, 2, 3], r"\(3,\)"),
         ],
     )
-    def test_traced_law_of_a_wrong_shape(self, two, law, shape):
+    def test_traced_law_of_a_wrong_shape_is_refused(self, two, law, shape):
         scene = rne.Scene(two, controller=rne.traceable(law))
         with pytest.raises(
             ValueError, match=rf"^`controller` must return shape \(..., 2\) for states of that shape, got {shape}$"
@@ -389,7 +422,7 @@ class TestWhatATesterFound:
         ],
         ids=["torques alone", "list", "nothing", "one", "three"],
     )
-    def test_law_with_states_that_returns_no_pair(self, two, sample_time, returned, got):
+    def test_law_with_states_that_returns_no_pair_is_refused(self, two, sample_time, returned, got):
         def law(t, q, qd, z):
             return returned(-qd, q - z)
 
@@ -399,7 +432,7 @@ class TestWhatATesterFound:
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             rne.simulate(scene, [0.1, 0.2], [0, 0], 0.05)
 
-    def test_law_with_states_that_is_neither_traced_nor_sampled(self, two):
+    def test_law_with_states_that_is_neither_traced_nor_sampled_is_refused(self, two):
         def law(t, q, qd, z):
             return -qd, q - z
 
@@ -408,13 +441,13 @@ class TestWhatATesterFound:
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             rne.simulate(rne.Scene(two, controller=law), [0.1, 0.2], [0, 0], 0.05)
 
-    def test_constant_traced_law(self, two):
+    def test_a_constant_traced_law_is_repeated(self, two):
         scene = rne.Scene(two, controller=rne.traceable(lambda t, q, qd: [1.0, 2.0]))
         motion = rne.simulate(scene, [0, 0], [0, 0], 0.1)
         assert (motion.tau == [1.0, 2.0]).all()
         assert motion.tau.shape == motion.q.shape
 
-    def test_held_torques_at_the_times_asked_for(self, two):
+    def test_held_torques_are_given_at_the_times_asked_for(self, two):
         scene = rne.Scene(two, controller=lambda t, q, qd: np.array([1 + 10 * t, -1.0]), sample_time=0.1)
         assert rne.simulate(scene, [0, 0], [0, 0], 1.0, t_eval=[0, 0.55]).tau[:, 0] == pytest.approx([1.0, 6.0])
         assert rne.simulate(scene, [0, 0], [0, 0], 0.0).tau[0] == pytest.approx([1.0, -1.0])
@@ -423,7 +456,7 @@ class TestWhatATesterFound:
         scene = rne.Scene(two, controller=lambda t, q, qd: -qd, sample_time=0.078)
         assert rne.simulate(scene, [0, 0], [0, 0], 3.744, t_eval=[0, 1.872, 3.744]).t[-1] == 3.744
 
-    def test_windup_of_one_joint_only(self, two):
+    def test_windup_may_be_bounded_for_one_joint_only(self, two):
         law = rne.control.pid(two, [1, 1], [10, 10], [1, 1], [0, 0], windup=[0.5, np.inf])
         assert law(0.0, np.zeros(2), np.zeros(2), np.full(2, 10.0))[0] == pytest.approx([-0.5, -100.0])
 
@@ -489,7 +522,7 @@ class TestWhatATesterFound:
             ),
         ],
     )
-    def test_wrong_arguments(self, two, make, error, text):
+    def test_wrong_arguments_are_named(self, two, make, error, text):
         with pytest.raises(error, match=rf"^{re.escape(text)}$"):
             make(two)
 
@@ -516,7 +549,7 @@ class TestTorqueLimits:
         assert limited.resolved.torque_limit is None
         assert limited.cost()["total"] == rne.Scene(irb140, controller=law).cost()["total"]
 
-    def test_some_drives_limited(self, irb140):
+    def test_drives_are_limited_each_by_itself(self, irb140):
         model = replace(irb140.model, effort_limit=np.array([40.0, np.inf, np.inf, np.inf, np.inf, np.inf]))
         robot = rne.Robot(model)
         law = rne.control.pd_gravity(robot, [500] * 6, [20] * 6, [1] * 6)

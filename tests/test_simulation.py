@@ -187,7 +187,7 @@ def test_hard_damping_and_soft_spring_settle_alike_for_every_stiff_method(double
 
 class TestFailures:
     @pytest.mark.parametrize("method", METHODS)
-    def test_torque_that_becomes_nan(self, double, method):
+    def test_torque_that_becomes_nan_is_named_with_its_time(self, double, method):
         def law(t, q, qd):
             return [np.nan if t > 0.2 else 0.0, 0.0]
 
@@ -204,7 +204,7 @@ class TestFailures:
         )
 
     @pytest.mark.parametrize("method", METHODS)
-    def test_motion_that_runs_away(self, double, method):
+    def test_motion_that_runs_away_keeps_its_finite_part(self, double, method):
         def law(t, q, qd):
             return 1e3 * qd**3
 
@@ -213,7 +213,7 @@ class TestFailures:
         assert np.isfinite(caught.value.trajectory.qd).all()
         assert caught.value.time < 10.0
 
-    def test_singular_mass_matrix(self):
+    def test_singular_mass_matrix_is_named(self):
         from rne.model.builder import Part, assemble
 
         ghost = rne.Robot(assemble("ghost", [Part(link="b"), Part(link="a", joint="j", kind="revolute", parent=0)]))
@@ -221,7 +221,7 @@ class TestFailures:
             rne.simulate(ghost, [0.0], [0.0], 1.0)
 
     @pytest.mark.parametrize("method", METHODS)
-    def test_torque_too_large_for_the_arithmetic(self, irb140, method):
+    def test_torque_too_large_for_the_arithmetic_is_an_overflow(self, irb140, method):
         with pytest.raises(rne.SimulationError, match="overflows"):
             rne.simulate(irb140, [0] * 6, [0] * 6, 0.1, torque=[1e308] * 6, method=method)
 

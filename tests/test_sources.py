@@ -38,7 +38,7 @@ def namespace(source):
     return space
 
 
-def test_python(kernel):
+def test_printed_python_is_the_kernel(kernel):
     function = namespace(kernel.source("python"))[kernel.function.__name__]
     arguments = values(kernel)
     same([function(*(a[k] for a in arguments)) for k in range(3)], kernel, arguments)
@@ -52,7 +52,7 @@ def test_numpy_source_broadcasts_in_its_dtype():
     assert function(*(a.astype(np.float32) for a in (q, qd, qdd))).dtype == np.float32
 
 
-def test_numpy(kernel):
+def test_printed_numpy_is_the_kernel(kernel):
     function = namespace(kernel.source("numpy"))[kernel.function.__name__]
     arguments = values(kernel)
     same(function(*arguments), kernel, arguments)
@@ -67,7 +67,7 @@ def test_derivatives_are_printed_too(irb140):
 @pytest.mark.skipif(
     shutil.which("octave-cli") is None and shutil.which("octave") is None, reason="GNU Octave is not here"
 )
-def test_matlab_in_octave(kernel, tmp_path):
+def test_printed_matlab_is_the_kernel_in_octave(kernel, tmp_path):
     octave = shutil.which("octave-cli") or shutil.which("octave")
     name, arguments = kernel.function.__name__, values(kernel)
     (tmp_path / f"{name}.m").write_text(kernel.source("matlab"))
@@ -86,7 +86,7 @@ def test_matlab_in_octave(kernel, tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler here")
-def test_c_with_the_system_compiler(kernel, tmp_path):
+def test_printed_c_is_the_kernel(kernel, tmp_path):
     import ctypes
 
     (tmp_path / "kernel.c").write_text(kernel.source("c"))
@@ -117,7 +117,7 @@ def test_names_of_a_file_do_not_reach_the_source(irb140):
         assert "irb140" not in text
 
 
-def test_command_line(capsys):
+def test_command_line_prints_source_or_says_why_not(capsys):
     assert main(["source", "irb140", "--quantity", "mass_matrix", "--language", "matlab"]) == 0
     assert capsys.readouterr().out.startswith("function result = mass_matrix(q)\n")
     assert main(["source", "nobody"]) == 2

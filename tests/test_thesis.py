@@ -30,7 +30,7 @@ def first_time(motion, distance, centre):
     return motion.t[k - 1] + share * (motion.t[k] - motion.t[k - 1])
 
 
-def test_holding_torque_of_6_21(holding):
+def test_holding_torque_is_that_of_6_21(holding):
     assert holding / 9.81 == pytest.approx([0, -16.191, -2.409, 0, -0.029, 0], abs=1e-3)
 
 
@@ -62,7 +62,7 @@ def test_6_3_4_collapses_after_four_seconds(irb140, holding):
     assert first_time(motion, 1.0, UPRIGHT) == pytest.approx(5.418, abs=0.01)
 
 
-def test_6_4_energy_and_divergence(irb140):
+def test_6_4_keeps_its_energy_while_a_small_offset_grows(irb140):
     """An offset of 1e-6 rad gives an entirely different motion, both of constant energy."""
     times = np.linspace(0, 10, 2001)
     swings = [rne.simulate(irb140, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
@@ -145,6 +145,12 @@ def test_check_gains_knows_the_limit_before_anyone_simulates(irb140):
     assert gains.fastest_pole == pytest.approx(15288, abs=1)
     assert gains.gravity_stiffness == pytest.approx(163, abs=1)
     assert not gains.beats_gravity
+
+
+def test_gains_beat_gravity_if_the_smallest_does(irb140):
+    """dg/dq reaches 163 N m/rad over the workspace."""
+    assert rne.check_gains(irb140, [170] * 6, KD).beats_gravity
+    assert not rne.check_gains(irb140, [170] * 5 + [160], KD).beats_gravity
 
 
 def test_7_1_1_hangs_still_in_both_arms(irb140):
