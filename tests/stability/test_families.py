@@ -64,8 +64,3 @@ def test_quick_table_changes_no_file():
     assert run.returncode == 0, run.stderr
     assert "| base far away | inverse dynamics |" in run.stdout
     assert (ROOT / "docs" / "stability.md").read_bytes() == before
-
-
-def test_the_page_opens_with_the_limits():
-    page, limits = ((ROOT / path).read_text(encoding="utf-8") for path in ("docs/stability.md", "benchmarks/limits.md"))
-    assert page.startswith(limits.strip() + "\n\n| family |")
