@@ -107,7 +107,9 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     if sample_time is not None:
         positive_number("sample_time", sample_time)
     if robot.n == 0:
-        return Gains(0.0, np.zeros(0), 0.0, np.inf, np.zeros(0), 0.0, True, sample_time, None if sample_time is None else True)
+        return Gains(
+            0.0, np.zeros(0), 0.0, np.inf, np.zeros(0), 0.0, True, sample_time, None if sample_time is None else True
+        )
     lower, upper = workspace(robot)
     half = np.sqrt(d)
 
@@ -179,7 +181,11 @@ class SampledLoop:
         self.slope = robot.kernel(gravity_torque, "q")
 
     def radius(self, q: Array, T: float) -> Array:
-        """Spectral radius of the map of (e, qd) over one sample time T, for configurations q, shape (...)."""
+        """Spectral radius of `step` for configurations q, shape (...)."""
+        return np.abs(np.linalg.eigvals(self.step(q, T))).max(axis=-1)
+
+    def step(self, q: Array, T: float) -> Array:
+        """The matrix of the map of (e, qd) over one sample time T, for configurations q, shape (..., 2 n, 2 n)."""
         inverse = np.linalg.inv(self.robot.mass_matrix(q))
         W = inverse @ self.slope(q) * T * T  # gravity's stiffness: y'' = -(W / T^2) y + a while torques are held
         one = np.broadcast_to(np.eye(len(self.kp)), W.shape)
@@ -187,12 +193,15 @@ class SampledLoop:
         term = one
         for k in range(1, 12):
             term = -term @ W / ((2 * k - 1) * (2 * k))
-            position, rate, force = position + term, rate + term / (2 * k + 1), force + term / ((2 * k + 1) * (2 * k + 2))
+            position, rate, force = (
+                position + term,
+                rate + term / (2 * k + 1),
+                force + term / ((2 * k + 1) * (2 * k + 2)),
+            )
         P, D = inverse * self.kp, inverse * self.kd
         by_rate = [T * rate - T * T * force @ D, position - T * rate @ D]
         by_error = [one - T * T * force @ P, -T * rate @ P]
-        step = np.concatenate([np.concatenate(by_error, -2), np.concatenate(by_rate, -2)], -1)
-        return np.abs(np.linalg.eigvals(step)).max(axis=-1)
+        return np.concatenate([np.concatenate(by_error, -2), np.concatenate(by_rate, -2)], -1)
 
     def limit(self, upper: float, start: Array) -> tuple[float, Array]:
         """The smallest sample time, at most about `upper`, that is unstable in some configuration, and where.
