@@ -13,7 +13,9 @@ from ..basics.spatial import Array
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 
-SAMPLES, REFINED = 4096, 4  # configurations drawn, and the best of them that are followed uphill
+SAMPLES, REFINED = 4096, 4  # configurations drawn for symmetric eigenvalues, and the best of them that are refined
+SAMPLED_LOOPS = 1024  # configurations drawn for the eigenvalues of the sampled loop, which cost more
+ROUNDS = 20  # of lowering the sample time and searching again
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
 
@@ -31,6 +33,8 @@ class Gains:
         Fastest decay of the loop in that configuration, Kp included [1/s].
     sample_time_limit : float
         Sample time above which held torques make the loop unstable somewhere in the workspace [s].
+    sample_time_q : ndarray, shape (n,)
+        Configuration that becomes unstable first [rad or m].
     gravity_stiffness : float
         Largest norm of dg/dq over the workspace: without gravity compensation every Kp must exceed it [N m/rad].
     beats_gravity : bool
@@ -45,6 +49,7 @@ class Gains:
     worst_q: Array
     fastest_pole: float
     sample_time_limit: float
+    sample_time_q: Array
     gravity_stiffness: float
     beats_gravity: bool
     sample_time: float | None
@@ -82,9 +87,12 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
 
     Notes
     -----
-    With gravity compensated, M qdd = -Kp (q - q_ref) - Kd qd near the reference. A mode of M^-1 Kd = lambda under
-    torques held for T is stable for lambda T < 2, for any Kp, as long as Kp T < 2 Kd; both conditions are checked.
-    The maximum is searched for from random configurations within the joints' limits by L-BFGS-B; it is not proved.
+    With gravity compensated, M qdd = -Kp e - Kd qd near a reference, e = q - q_ref. Evaluated continuously this loop is
+    stable for all positive gains. Evaluated every T and held, it is the linear map of (e, qd) from sample to sample, in
+    which the compensated gravity is held too: exact but for terms of second order in e and qd. The limit is the
+    smallest T at which an eigenvalue of that map leaves the unit circle, over all configurations. For one configuration
+    this is certain; over the workspace it is a search: random configurations within the joints' limits (seeded), the
+    worst of them refined by L-BFGS-B. Åström and Wittenmark 1997, Computer-Controlled Systems, section 2.3.
 
     Examples
     --------
@@ -99,7 +107,9 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     if sample_time is not None:
         positive_number("sample_time", sample_time)
     if robot.n == 0:
-        return Gains(0.0, np.zeros(0), 0.0, np.inf, 0.0, True, sample_time, None if sample_time is None else True)
+        return Gains(
+            0.0, np.zeros(0), 0.0, np.inf, np.zeros(0), 0.0, True, sample_time, None if sample_time is None else True
+        )
     lower, upper = workspace(robot)
     half = np.sqrt(d)
 
@@ -112,12 +122,13 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     inverse = np.linalg.inv(robot.mass_matrix(worst))
     n = robot.n
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse * p, -inverse * d]])
-    limit = _sample_limit(inverse, p, d, 2 / largest)
+    limit, limit_q = SampledLoop(robot, p, d).limit(2 / largest, worst)
     return Gains(
         largest,
         worst,
         float(-np.linalg.eigvals(A).real.min()),
         limit,
+        limit_q,
         stiffness,
         bool(p.min() > stiffness),
         sample_time,
@@ -132,37 +143,90 @@ def workspace(robot: Robot) -> tuple[Array, Array]:
     return np.where(np.isfinite(lower), lower, -FREE), np.where(np.isfinite(upper), upper, FREE)
 
 
-def largest_over(value: Callable[[Array], Array], lower: Array, upper: Array) -> tuple[float, Array]:
-    """The largest value found between two corners of the workspace, and where."""
+def random_configurations(lower: Array, upper: Array, count: int) -> Array:
+    """Configurations between two corners of the workspace, the one nearest to zero first, shape (count + 1, n)."""
+    drawn = np.random.default_rng(0).uniform(np.minimum(lower, upper), np.maximum(lower, upper), (count, len(lower)))
+    return np.concatenate([np.clip(np.zeros((1, len(lower))), lower, upper), drawn])
+
+
+def largest_over(
+    value: Callable[[Array], Array], lower: Array, upper: Array, drawn: Array | None = None
+) -> tuple[float, Array]:
+    """The largest value found between two corners of the workspace, and where; refined from the best drawn ones."""
     from scipy.optimize import minimize
 
-    rng = np.random.default_rng(0)
-    drawn = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper), (SAMPLES, len(lower)))
-    drawn = np.concatenate([np.clip(np.zeros((1, len(lower))), lower, upper), drawn])
+    drawn = random_configurations(lower, upper, SAMPLES) if drawn is None else drawn
     values = value(drawn)
     best, where = float(values.max()), drawn[int(values.argmax())]
     for start in drawn[np.argsort(values)[-REFINED:]]:
-        climbed = minimize(
+        refined = minimize(
             lambda q: -float(value(q)), start, method="L-BFGS-B", bounds=list(zip(lower, upper, strict=True))
         )
-        if -climbed.fun > best:
-            best, where = float(-climbed.fun), np.asarray(climbed.x)
+        if -refined.fun > best:
+            best, where = float(-refined.fun), np.asarray(refined.x)
     return best, where
 
 
-def _sample_limit(inverse: Array, kp: Array, kd: Array, first: float) -> float:
-    """Largest T for which the loop with torques held for T is stable, at most `first`."""
-    n = len(kp)
-    P, D, one = inverse * kp, inverse * kd, np.eye(n)
+class SampledLoop:
+    """The linearised loop of a robot under sampled PD control with gravity compensation, in many configurations.
 
-    def radius(T: float) -> float:
-        step = np.block([[one - T * T / 2 * P, T * one - T * T / 2 * D], [-T * P, one - T * D]])
-        return float(np.abs(np.linalg.eigvals(step)).max())
+    Parameters
+    ----------
+    robot : Robot
+    kp, kd : ndarray, shape (n,)
+    """
 
-    if radius(first * (1 - 1e-6)) < 1:
-        return first
-    low, high = 0.0, first
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if radius(middle) < 1 else (low, middle)
-    return low
+    def __init__(self, robot: Robot, kp: Array, kd: Array) -> None:
+        self.robot, self.kp, self.kd = robot, kp, kd
+        self.slope = robot.kernel(gravity_torque, "q")
+
+    def radius(self, q: Array, T: float) -> Array:
+        """Spectral radius of `step` for configurations q, shape (...)."""
+        return np.abs(np.linalg.eigvals(self.step(q, T))).max(axis=-1)
+
+    def step(self, q: Array, T: float) -> Array:
+        """The matrix of the map of (e, qd) over one sample time T, for configurations q, shape (..., 2 n, 2 n)."""
+        inverse = np.linalg.inv(self.robot.mass_matrix(q))
+        W = inverse @ self.slope(q) * T * T  # gravity's stiffness: y'' = -(W / T^2) y + a while torques are held
+        one = np.broadcast_to(np.eye(len(self.kp)), W.shape)
+        position, rate, force = one, one, one / 2  # series of y(T) = force a T^2, y'(T) = rate a T, e(T) = position e
+        term = one
+        for k in range(1, 12):
+            term = -term @ W / ((2 * k - 1) * (2 * k))
+            position, rate, force = (
+                position + term,
+                rate + term / (2 * k + 1),
+                force + term / ((2 * k + 1) * (2 * k + 2)),
+            )
+        P, D = inverse * self.kp, inverse * self.kd
+        by_rate = [T * rate - T * T * force @ D, position - T * rate @ D]
+        by_error = [one - T * T * force @ P, -T * rate @ P]
+        return np.concatenate([np.concatenate(by_error, -2), np.concatenate(by_rate, -2)], -1)
+
+    def limit(self, upper: float, start: Array) -> tuple[float, Array]:
+        """The smallest sample time, at most about `upper`, that is unstable in some configuration, and where.
+
+        `start` is a configuration that is examined along with the random ones.
+        """
+        low, high = workspace(self.robot)
+        drawn = np.concatenate([start[None], random_configurations(low, high, SAMPLED_LOOPS)])
+        T, where = self.first_unstable(start, upper * (1 + 1e-9)), start
+        for _ in range(ROUNDS):
+            largest, q = largest_over(lambda x: self.radius(x, T * (1 - 1e-6)), low, high, drawn)  # noqa: B023
+            if largest < 1:
+                break
+            T, where = self.first_unstable(q, T), q
+        return T, where
+
+    def first_unstable(self, q: Array, upper: float) -> float:
+        """The smallest sample time up to `upper` at which configuration q is unstable; `upper` if there is none."""
+        tried = upper * np.concatenate([np.geomspace(1e-3, 0.5, 60, endpoint=False), np.linspace(0.5, 1.0, 61)])
+        unstable = [T for T in tried if self.radius(q, float(T)) >= 1]
+        if not unstable:
+            return upper
+        above = float(unstable[0])
+        below = float(tried[np.searchsorted(tried, above) - 1]) if above > tried[0] else 0.0
+        for _ in range(50):
+            middle = (below + above) / 2
+            below, above = (middle, above) if self.radius(q, middle) < 1 else (below, middle)
+        return below
