@@ -6,6 +6,11 @@ import pytest
 
 import rne
 from rne.kernels.complex_step import complex_step
+from rne.kernels.differentiation import differentiate
+from rne.kernels.graph import Graph
+from rne.kernels.program import lower
+from rne.kernels.python_backend import compiled_function
+from rne.kernels.scalar import inputs
 from rne.model.robots.generators import random_tree
 
 from .helpers import EPS, relative, states
@@ -61,6 +66,33 @@ def test_forward_dynamics_derivatives_are_the_complex_step(robot):
     got = np.concatenate(robot.forward_dynamics_derivatives(q, qd, tau), axis=-1)
     kappa = np.linalg.cond(rne.mass_matrix(tree, q)).max()
     assert np.abs(got - expected).max() <= EXACT * kappa * np.abs(expected).max()
+
+
+# Elementary operations of two numbers, on traced numbers and on arrays, with their derivatives by both.
+OPERATIONS = {
+    "sin": (lambda x, y: (x * y).sin(), lambda x, y: (y * np.cos(x * y), x * np.cos(x * y))),
+    "cos": (lambda x, y: (x + 2 * y).cos(), lambda x, y: (-np.sin(x + 2 * y), -2 * np.sin(x + 2 * y))),
+    "sqrt": (lambda x, y: (x * x + y * y).sqrt(), lambda x, y: (x / np.hypot(x, y), y / np.hypot(x, y))),
+    "tanh": (lambda x, y: (x - y).tanh(), lambda x, y: (np.cosh(x - y) ** -2, -(np.cosh(x - y) ** -2))),
+    "divide": (lambda x, y: x / y, lambda x, y: (1 / y, -x / y**2)),
+    "abs": (lambda x, y: abs(x * y), lambda x, y: (np.sign(x * y) * y, np.sign(x * y) * x)),
+    "minimum": (lambda x, y: x.minimum(3 * y), lambda x, y: (1, 0) if x < 3 * y else (0, 3)),
+    "maximum": (lambda x, y: x.maximum(3 * y), lambda x, y: (1, 0) if x > 3 * y else (0, 3)),
+    "where": (lambda x, y: (x < y).where(x * x, -y), lambda x, y: (2 * x, 0) if x < y else (0, -1)),
+    "sign": (lambda x, y: x.sign() * y, lambda x, y: (0, np.sign(x))),
+    "negative": (lambda x, y: -(x - y).maximum(y), lambda x, y: (-1, 1) if x - y > y else (0, -1)),
+}
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_derivative_of_every_elementary_operation_is_that_of_the_textbook(name):
+    operation, slopes = OPERATIONS[name]
+    graph = Graph()
+    result = operation(*inputs(graph, (2,), 0))
+    program = lower(graph, differentiate(graph, [result.ref], [0, 1]), 2)
+    function = compiled_function(program, [2], (2,))
+    for x, y in np.random.default_rng(0).uniform(-2, 2, (20, 2)):
+        np.testing.assert_allclose(function([x, y]), slopes(x, y), rtol=1e-13, atol=1e-15)
 
 
 def test_linearize_predicts_the_change_of_the_motion(irb140):

@@ -34,6 +34,15 @@ def test_each_method_has_its_order(chain, starts, method, order):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
 
 
+def test_rk4_has_its_order_under_a_law_that_changes_with_time(chain, starts):
+    """Each stage is evaluated at its own time."""
+    law = rne.traceable(lambda t, q, qd: rne.elementwise.tanh(10 * t) + 0 * q)
+    scene, (q, qd) = rne.Scene(chain, controller=law), (x[:5] for x in starts)
+    exact = np.array([rne.simulate(scene, *s, 0.2, rtol=1e-12, atol=1e-13).q[-1] for s in zip(q, qd, strict=True)])
+    errors = [np.abs(rne.ensemble(scene, q, qd, 0.2, step=h).q[-1] - exact).max() for h in (0.004, 0.002)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.35)
+
+
 def test_times_and_energies_are_those_of_single_motions(irb140):
     law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0] * 6)
     scene = rne.Scene(irb140, controller=law, friction=rne.Friction(viscous=1.0), armature=[1.0] * 6)

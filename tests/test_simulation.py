@@ -164,6 +164,19 @@ def test_evaluations_are_calls_and_one_per_component_of_the_state_for_each_jacob
     assert motion.evaluations == counts["__call__"] + 4 * counts["jacobian"]
 
 
+def test_evaluations_of_a_sampled_scene_are_those_under_held_torques(double, monkeypatch):
+    calls, rates = [], Plant.rates
+
+    def counted(self, t, x, u):
+        calls.append(t)
+        return rates(self, t, x, u)
+
+    monkeypatch.setattr(Plant, "rates", counted)
+    scene = rne.Scene(double, controller=lambda t, q, qd: -qd, sample_time=0.01)
+    motion = rne.simulate(scene, [1, 0], [0, 0], 0.1)
+    assert motion.evaluations == len(calls) >= 60  # ten samples, six stages of RK45 each
+
+
 def test_every_call_of_a_law_is_an_evaluation_or_a_difference(double):
     """A law is called once an evaluation, once more for each Jacobian, and at the samples to report."""
     calls = []

@@ -30,12 +30,16 @@ def nearly_singular():
     return sliders(5e-14), (np.array([0.1, 0.2]), np.array([0.3, 0.4]), np.array([1.0, 2.0]))
 
 
-def fast():
-    """Rates of 1e6 rad/s, and the torques that leave accelerations of 1 rad/s^2 or less."""
+def fast(rate=1e6):
+    """Rates of 1e6 rad/s in every joint, and the torques that leave accelerations of 1 rad/s^2 or less."""
     model = rne.irb140()
-    q, qd, qdd = states(6, acceleration=1.0)
-    qd = 1e6 * np.sign(qd)
+    q, _, qdd = states(6, acceleration=1.0)
+    qd = np.full(6, rate)
     return model, (q, qd, rne.inverse_dynamics(model, q, qd, qdd))
+
+
+def fast_backwards():
+    return fast(-1e6)
 
 
 def singular():
@@ -45,6 +49,7 @@ def singular():
 LOSSES = {
     "nearly singular": (nearly_singular, "M is nearly singular"),
     "fast": (fast, "the torques and C qd + g cancel at "),
+    "fast backwards": (fast_backwards, "the torques and C qd + g cancel at "),
 }
 
 
@@ -144,6 +149,26 @@ def test_a_simulation_warns_once_and_of_nothing_better_than_its_start(state):
     digits = [int(words.split("about ")[1].split()[0]) for words in (text, at_start)]
     assert digits[0] <= digits[1]
     assert LOSSES[state][1] in text
+
+
+@pytest.mark.parametrize("state", LOSSES)
+def test_an_ensemble_warns_once_of_its_worst_motion(state):
+    model, (q, qd, tau) = LOSSES[state][0]()
+    scene = rne.Scene(rne.Robot(model), controller=rne.traceable(lambda t, q, qd: tau))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene.kernel  # noqa: B018  traced here
+    q0, qd0 = np.stack([0 * q, q, 0 * q]), np.stack([0 * q, qd, 0 * q])
+    [(text, file)] = said_by(lambda: rne.ensemble(scene, q0, qd0, 1e-9, step=1e-9))
+    assert file == __file__
+    assert LOSSES[state][1] in text
+
+
+@pytest.mark.xfail(strict=True, reason="the comparison of a traced law with a call of it warns of its random states")
+def test_tracing_a_law_warns_of_nothing():
+    model, (_, _, tau) = nearly_singular()
+    scene = rne.Scene(rne.Robot(model), controller=rne.traceable(lambda t, q, qd: tau))
+    assert said_by(lambda: scene.kernel) == []
 
 
 def test_a_fast_motion_is_judged_at_its_samples_and_not_at_every_evaluation(monkeypatch):
