@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import rne
+from rne.dynamics.conditioning import pivot_grade
 from rne.model.builder import Part, assemble
 from rne.simulation.equations_of_motion import RightHandSide
 
-from .helpers import states
+from .helpers import EPS, states
 from .stability.motions import Top
 
 LINE = np.array([0.6, 0.0, 0.8])
@@ -228,6 +229,18 @@ def gimbal_closing():
     q = np.ones((4, 3))
     q[2, 1] = 0.0
     return assemble("gimbal", parts), (q, np.zeros((4, 3)), np.zeros((4, 3)))
+
+
+@pytest.mark.parametrize(
+    ("units", "grade"),
+    [(1.0, 2), (7.9, 2), (8.1, 1), (999.0, 1), (1001.0, 0), (0.0, 2), (-1.0, 2), (np.nan, 2), (np.inf, 0)],
+)
+def test_a_pivot_is_graded_in_units_of_n_eps_of_the_diagonal(units, grade):
+    """Up to 8 it is rounding error, up to 1000 digits are estimated; what is no number is singular."""
+    diagonal = np.array([2.0, 5.0, 1e-9])
+    pivots = diagonal.copy()
+    pivots[1] = units * 3 * EPS * diagonal[1]
+    assert pivot_grade(pivots, diagonal).tolist() == [0, grade, 0]
 
 
 @pytest.mark.parametrize("way", ONE_STATE)
