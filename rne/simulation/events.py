@@ -16,6 +16,7 @@ from ..basics.spatial import Array
 
 NODES = 10  # intervals per step at whose ends events are evaluated
 NEXT = 1e-3  # of an interval: distance from the ends of the step of two more points, which show where values rise there
+HIGHEST = 4  # how far a peak may lie above the highest point, in units of the rise to it; a parabola's, 1/4
 Interpolant = Callable[[float], Array]
 
 
@@ -50,7 +51,8 @@ def _crossing(k: int, event: Any, interpolant: Interpolant, times: Array, values
     for j in range(len(times) - 1):
         if values[j] <= 0 < values[j + 1]:
             return Crossing(k, float(times[j]), float(times[j + 1]))
-        if j > 0 and values[j] < 0 and values[j - 1] <= values[j] >= values[j + 1]:
+        is_peak = j > 0 and values[j] < 0 and values[j - 1] <= values[j] >= values[j + 1]
+        if is_peak and values[j] + HIGHEST * (values[j] - min(values[j - 1], values[j + 1])) >= 0:
             peak = _peak(event, interpolant, float(times[j - 1]), float(times[j + 1]))
             if event.direction * event(peak, interpolant(peak)) > 0:
                 return Crossing(k, float(times[j - 1]), peak)

@@ -44,6 +44,8 @@ class DryPlant:
         )  # without friction, never sticks
         self.span = (0.0, np.inf)
         self.largest_load = 0.0  # of any joint, when loads were last evaluated [N m or N]
+        self.last_key: Any = None
+        self.last_accelerations = (np.zeros(n), np.zeros(n), np.zeros(n))
 
     def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
         """M, the net torque without dry friction, and the torque of the drives, evaluated inside the current span."""
@@ -57,7 +59,13 @@ class DryPlant:
         return robot.mass_matrix(q), net, u
 
     def accelerations(self, t: float, x: Array) -> tuple[Array, Array, Array]:
-        """Accelerations, each joint's dry friction torque, and the drives' torques."""
+        """Accelerations, each joint's dry friction torque, and the drives' torques; the last result is kept."""
+        key = t, x.tobytes(), self.mode.tobytes(), self.span
+        if key != self.last_key:  # the events of all sticking joints ask for it at the same instant
+            self.last_accelerations, self.last_key = self._accelerations(t, x), key
+        return self.last_accelerations
+
+    def _accelerations(self, t: float, x: Array) -> tuple[Array, Array, Array]:
         M, net, u = self.loads(t, x)
         slips = self.mode != 0
         dry = np.where(self.mode > 0, self.forward, -self.back) * slips
