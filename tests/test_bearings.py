@@ -103,7 +103,7 @@ def test_trajectory_of_another_robot_is_refused(swing):
 
 
 def test_model_for_robot_is_refused(irb140, swing):
-    with pytest.raises(TypeError, match=r"^`robot` must be an rne.Robot, got Model$"):
+    with pytest.raises(TypeError, match=r"^`robot` must be an rne.Robot or rne.Scene, got Model$"):
         rne.bearing_peaks(irb140.model, swing)
 
 

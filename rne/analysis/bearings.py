@@ -10,6 +10,7 @@ from ..basics.spatial import Array
 from ..basics.text_table import Row, aligned, short, six_digits
 from ..dynamics.record import bearing_loads
 from ..robot import Robot
+from ..simulation.scene import Scene
 from ..simulation.trajectory import Trajectory
 
 
@@ -52,12 +53,13 @@ class BearingPeaks:
         return "\n".join([title, *aligned(rows)])
 
 
-def bearing_peaks(robot: Robot, trajectory: Trajectory) -> BearingPeaks:
+def bearing_peaks(robot: Robot | Scene, trajectory: Trajectory) -> BearingPeaks:
     """Largest force and torque on every joint's bearing during a motion, and when they occur.
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot or Scene
+        What moved; of a Scene, its robot with mounting, payload and locked joints.
     trajectory : Trajectory
         A motion of this robot. Loads are computed at its samples only: give `simulate` a fine `t_eval`.
 
@@ -68,7 +70,7 @@ def bearing_peaks(robot: Robot, trajectory: Trajectory) -> BearingPeaks:
     Raises
     ------
     TypeError
-        If `robot` is no Robot or `trajectory` no Trajectory.
+        If `robot` is no Robot or Scene, or `trajectory` no Trajectory.
     ValueError
         If the trajectory has no samples or is of a robot with another number of joints, or a load overflows.
 
@@ -85,8 +87,10 @@ def bearing_peaks(robot: Robot, trajectory: Trajectory) -> BearingPeaks:
     >>> peaks.joints[0], bool(peaks.force[0] <= 75 * 9.81)  # less than its weight: the arm falls
     ('joint_1', True)
     """
+    if isinstance(robot, Scene):
+        robot = robot.resolved.robot
     if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+        raise TypeError(f"`robot` must be an rne.Robot or rne.Scene, got {type(robot).__name__}")
     if not isinstance(trajectory, Trajectory):
         raise TypeError(f"`trajectory` must be an rne.Trajectory, got {type(trajectory).__name__}")
     t, q = trajectory.t, trajectory.q

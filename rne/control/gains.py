@@ -182,7 +182,8 @@ class SampledLoop:
 
     def radius(self, q: Array, T: float) -> Array:
         """Spectral radius of `step` for configurations q, shape (...)."""
-        return np.abs(np.linalg.eigvals(self.step(q, T))).max(axis=-1)
+        radius: Array = np.abs(np.linalg.eigvals(self.step(q, T))).max(axis=-1)
+        return radius
 
     def step(self, q: Array, T: float) -> Array:
         """The matrix of the map of (e, qd) over one sample time T, for configurations q, shape (..., 2 n, 2 n)."""

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, vector
+from ..basics.arrays import UNBOUNDED, convert_numbers, vector
 from ..basics.spatial import Array
 from ..elementwise import clip
 from ..robot import Robot
@@ -195,7 +195,8 @@ def pid(
     6
     """
     p, i, d, q_ref = _vectors(robot, kp=kp, ki=ki, kd=kd, reference=reference)
-    bounded = np.minimum(windup, UNBOUNDED) if np.ndim(windup) else np.full(robot.n, np.minimum(windup, UNBOUNDED))
+    bound = convert_numbers("windup", windup, f"({robot.n},)")
+    bounded = np.minimum(bound if bound.ndim else np.full(robot.n, bound), UNBOUNDED)
     return PID(robot, p, i, d, q_ref, gravity, vector("windup", bounded, robot.n, sign="positive"))
 
 

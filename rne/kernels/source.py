@@ -61,7 +61,10 @@ def _python(p: Printable) -> str:
     flat = ", ".join(outputs[: len(_entries(p.shape))])
     body = [*lines, f"return [{flat}]" if p.shape else f"return {flat}"]
     doc = f'"""Entries of the result, shape {p.shape}, row by row."""'
-    head = ["from math import cos, sin, sqrt, tanh", "", "", f"def {p.name}({', '.join(p.arguments)}):", f"    {doc}"]
+    head = ["from math import cos, sin, sqrt, tanh", "", ""]
+    if any("sign(" in line for line in body):
+        head += ["def sign(x):", "    return float((x > 0) - (x < 0))", "", ""]
+    head += [f"def {p.name}({', '.join(p.arguments)}):", f"    {doc}"]
     return "\n".join([*head, *(f"    {line}" for line in body)]) + "\n"
 
 

@@ -12,7 +12,10 @@ from ..basics.arrays import real_array
 from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose
 from .builder import Part, Pose, assemble, disassemble, pose
 from .model import Model
-from .validation import inertia_error
+from .validation import inertia_error, triangle_excess
+
+SYMMETRY = 1e-12  # of the largest entry: asymmetry of an inertia that is rounding error
+TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
 
 
 def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike | None, link: str) -> Model:
@@ -52,7 +55,11 @@ def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike |
     for name, array, shape in (("mass", m, ()), ("com", c, (3,)), ("inertia", I, (3, 3))):
         if array.shape != shape:
             raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
+    if np.abs(I - I.T).max() <= SYMMETRY * np.abs(I).max(initial=0.0):  # R I R^T is symmetric up to rounding
+        I = _symmetric(I)
     error = inertia_error(float(m), c, I)
+    if error is None and triangle_excess(I) > TRIANGLE:
+        error = "the largest principal moment of inertia must not exceed the sum of the two others"
     if error:
         raise ValueError(f"payload on link {link!r}: {error}")
     R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]

@@ -33,32 +33,46 @@ def tolerances(plant: Plant, task: Task) -> tuple[float, Array]:
 
 
 def stops(plant: Plant) -> list[Callable[[float, Array], float]]:
-    """One event for each end of a joint's range; a joint that starts on or beyond it must first return."""
+    """One event for each end of a joint's range, mimic joints included."""
     model = plant.robot.model
     found = []
-    for k, i in enumerate(model.independent_joints):
+    for i, joint in enumerate(model.moving_joints):
         for bound, sign in ((model.upper[i], 1.0), (model.lower[i], -1.0)):
             if np.isfinite(bound):
-                found.append(_stop(k, float(bound), sign))
+                place = model.coordinate[i], float(model.multiplier[i]), float(model.offset[i])
+                found.append(_stop(joint, place, float(bound), sign))
     return found
 
 
-def _stop(k: int, bound: float, sign: float) -> Callable[[float, Array], float]:
-    slack = (
-        4 * float(np.finfo(float).eps) * max(1.0, abs(bound))
-    )  # a joint at rest on its stop must not trigger the event
+def _stop(joint: str, place: tuple[int, float, float], bound: float, sign: float) -> Callable[[float, Array], float]:
+    """The event of a joint at `multiplier * q[coordinate] + offset`, the three of `place`."""
+    coordinate, multiplier, offset = place
+    slack = 4 * float(np.finfo(float).eps) * max(1.0, abs(bound))  # a joint at rest on its stop has not just reached it
+
+    def position(x: Array) -> float:
+        return multiplier * float(x[coordinate]) + offset
 
     def beyond(t: float, x: Array) -> float:
-        return sign * (float(x[k]) - bound) - slack
+        return sign * (position(x) - bound) - slack
 
     beyond.terminal, beyond.direction = True, 1.0  # type: ignore[attr-defined]
-    beyond.joint, beyond.bound = k, bound  # type: ignore[attr-defined]
+    beyond.joint, beyond.bound, beyond.position = joint, bound, position  # type: ignore[attr-defined]
     return beyond
 
 
-def stop_message(event: Any, t: float, joints: Sequence[str]) -> str:
+def check_within_stops(events: Sequence[Any], x0: Array) -> None:
+    """Refuse an initial state beyond a stop."""
+    for event in events:
+        if event(0.0, x0) > 0:
+            raise ValueError(
+                f"`q0` must be within the stops, got {event.position(x0):.6g} for joint {event.joint!r}, "
+                f"whose stop is at {event.bound:.6g}"
+            )
+
+
+def stop_message(event: Any, t: float) -> str:
     """The message of a run that ended at a stop."""
-    return f"{joints[event.joint]!r} reached its stop at {event.bound:.6g} at t = {t:.6g} s"
+    return f"{event.joint!r} reached its stop at {event.bound:.6g} at t = {t:.6g} s"
 
 
 def continuous_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
@@ -99,7 +113,7 @@ def _segment(
     events = task.events
     options: dict[str, Any] = {"jac": plant.jacobian} if task.method in IMPLICIT else {}
     last = [x0]
-    solver = guarded_solver(task.method, failures, last)
+    solver = guarded_solver(task.method, failures, last, events)
     try:
         solution = solve_ivp(
             fun, span, x0, solver, t_eval, events=list(events) or None, rtol=rtol, atol=atol, **options
@@ -115,7 +129,7 @@ def _segment(
     event, when = events[hit], float(solution.t_events[hit][0])
     if t_eval is not None:
         t, x = np.append(t, when), np.concatenate([x, solution.y_events[hit]])
-    return t, x, last[0], 1, stop_message(event, when, plant.robot.joint_names)
+    return t, x, last[0], 1, stop_message(event, when)
 
 
 def _within(plant: Plant, span: tuple[float, float]) -> Callable[[float, Array], Array]:

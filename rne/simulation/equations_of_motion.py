@@ -177,6 +177,10 @@ class RightHandSide(AppliedTorques):
             check_result("the right-hand side", rates)
         return np.asarray(rates), verdict
 
+    def is_current(self) -> bool:
+        """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
+        return self.law is None or _difference(self.torques, self.torques.kernel) <= AGREEMENT
+
     @cached_property
     def torques(self) -> AppliedTorques:
         """The torques alone, for Jacobians and reports."""
@@ -206,16 +210,23 @@ def _shaped_like(u: Any, q: Array) -> Array:
 
 def _compare_law(torques: AppliedTorques, kernel: Kernel) -> None:
     """Refuse a law with memory, noise or a table, which tracing would freeze: kernel and call must agree."""
-    rng = np.random.default_rng(0)
+    worst = _difference(torques, kernel)
+    if not np.isfinite(worst):
+        raise ValueError("`controller` returns torques that are not finite")
+    if worst > AGREEMENT:
+        raise ValueError(
+            f"`controller` is marked traceable, but its traced torques differ by {worst:.3g} from those of a call: "
+            "it has memory, noise or a branch; remove the mark, so that it is called"
+        )
+
+
+def _difference(torques: AppliedTorques, kernel: Kernel) -> float:
+    """Largest difference between traced and called torques in some states, relative where they exceed 1."""
+    rng, worst = np.random.default_rng(0), 0.0
     for _ in range(TRIALS):
         t, x = rng.uniform(0, 1, 1), rng.uniform(-1, 1, torques.size)
-        traced = kernel(t, x)
         called, _ = torques.evaluate(torques.robot.model, t, x)
-        worst = float(np.abs(traced - called).max()) if traced.size else 0.0
-        if not np.isfinite(worst):
-            raise ValueError("`controller` returns torques that are not finite")
-        if not worst <= AGREEMENT * max(1.0, float(np.abs(called).max(initial=0.0))):
-            raise ValueError(
-                f"`controller` is marked traceable, but its traced torques differ by {worst:.3g} from those of a call: "
-                "it has memory, noise or a branch; remove the mark, so that it is called"
-            )
+        scale = max(1.0, float(np.abs(called).max(initial=0.0)))
+        difference = np.abs(kernel(t, x)[: torques.robot.n] - called[: torques.robot.n])
+        worst = max(worst, float(difference.max(initial=0.0)) / scale)
+    return worst

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..elementwise import less, tanh, where
+from ..model.arguments import joint_array
 from ..model.model import Model
 
 SMOOTHING = 0.01  # [rad/s or m/s]: rate at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
@@ -35,7 +36,7 @@ class Friction:
     Raises
     ------
     ValueError
-        For negative or non-finite numbers, or `static` below `coulomb`.
+        For negative or non-finite numbers, `static` below `coulomb`, or `static` with smoothed friction.
 
     Examples
     --------
@@ -66,6 +67,8 @@ class Friction:
         largest = np.maximum(np.asarray(self.coulomb), np.asarray(self.coulomb_back))
         if self.static is not None and (np.asarray(self.static) < largest).any():
             raise ValueError("`static` must be at least `coulomb`: friction at rest is no less than when slipping")
+        if self.static is not None and self.smoothing != 0:
+            raise ValueError("`static` needs dry friction: set `smoothing` to 0")
 
     def _sizes(self) -> list[ArrayLike]:
         values = (self.viscous, self.coulomb, self.viscous_back, self.coulomb_back, self.static)
@@ -104,7 +107,7 @@ class Friction:
     def torque(self, model: Model, qd: ArrayLike) -> Array:
         """Friction torque of a robot's joints, viscous and Coulomb, shape of qd [N m or N]."""
         self.check(model)
-        rates = np.asarray(qd)
+        rates = joint_array("qd", qd, model)
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 

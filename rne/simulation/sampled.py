@@ -9,12 +9,16 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
+from ..errors import NotFiniteError
 from .continuous import IMPLICIT, stop_message, tolerances
 from .equations_of_motion import torques_and_rates
+from .events import first_crossing
 from .plant import Plant
 from .scene import Scene
 from .scipy_solvers import FAILURES, guarded_solver
 from .trajectory import Run, Task
+
+MAX_EVALUATIONS = 50_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
 
 
 class ZeroOrderHold:
@@ -104,10 +108,11 @@ def _samples(
     solver, x, duration = None, task.x0, task.duration
     for k in range(count):
         begin, end = k * holder.period, (k + 1) * holder.period if k + 1 < count else duration
+        z = holder.controller_state
         u = holder.sample(begin, x)
         asked = record.t_eval is None or (k == 0 and len(record.t_eval) and record.t_eval[0] == 0)
         if asked:
-            record.add(begin, x, u, holder.controller_state)
+            record.add(begin, x, u, z)
         if solver is None:
             solver = guarded_solver(task.method, failures, [x])(
                 lambda t, y: _held(plant, t, y, holder), begin, x, end, rtol=rtol, atol=atol, first_step=end - begin
@@ -115,15 +120,17 @@ def _samples(
         else:  # the same solver goes on: its stored slope, end and status (RungeKutta's) are renewed
             solver.t_bound, solver.status = end, "running"
             solver.f = solver.fun(begin, x)
+        begun = plant.evaluations
         while solver.status == "running":
             solver.step()
+            _check_work(plant, solver, begun)
             if solver.status == "failed":
                 return None
-            hit = first_stop(task.events, solver, plant.robot.joint_names) if task.events else None
-            record.step(solver, solver.t if hit is None else hit[0], u, holder.controller_state)
+            hit = first_stop(task.events, solver) if task.events else None
+            record.step(solver, solver.t if hit is None else hit[0], u, z)
             if hit is not None:
                 if not record.t or record.t[-1] < hit[0]:
-                    record.add(hit[0], hit[1], u, holder.controller_state)
+                    record.add(hit[0], hit[1], u, z)
                 return hit[2]
         x = np.array(solver.y)
     if record.t_eval is None and count:
@@ -131,22 +138,32 @@ def _samples(
     return None
 
 
-def first_stop(events: Sequence[Any], solver: Any, joints: Sequence[str]) -> tuple[float, Array, str] | None:
+def _check_work(plant: Plant, solver: Any, begun: int) -> None:
+    """Stop a diverging loop, whose steps become ever shorter, after bounded work."""
+    if plant.evaluations - begun <= MAX_EVALUATIONS:
+        return
+    n = plant.robot.n
+    rates = np.abs(solver.y[n : 2 * n])
+    k = int(np.argmax(rates))
+    raise NotFiniteError(
+        f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {solver.t:.6g} s, where "
+        f"{plant.robot.joint_names[k]!r} moves at {rates[k]:.3g} rad/s or m/s: the sampled loop is unstable, see "
+        "rne.check_gains",
+        float(solver.t),
+    )
+
+
+def first_stop(events: Sequence[Any], solver: Any) -> tuple[float, Array, str] | None:
     """Time, state and message of the first stop that the solver's last step has passed."""
     from scipy.optimize import brentq
 
-    if not any(event(solver.t, solver.y) > 0 for event in events):
-        return None
     dense = solver.dense_output()
-    hits = []
-    for event in events:
-        if event(solver.t_old, dense(solver.t_old)) <= 0 < event(solver.t, solver.y):
-            when = float(brentq(lambda t, e=event: e(t, dense(t)), solver.t_old, solver.t, xtol=1e-14))
-            hits.append((when, event))
-    if not hits:
+    crossing = first_crossing(events, dense, solver.t_old, solver.t)
+    if crossing is None:
         return None
-    when, event = min(hits, key=lambda hit: hit[0])
-    return when, np.asarray(dense(when)), stop_message(event, when, joints)
+    event = events[crossing.event]
+    when = float(brentq(lambda t: event(t, dense(t)), crossing.before, crossing.after, xtol=1e-14))
+    return when, np.asarray(dense(when)), stop_message(event, when)
 
 
 def first_torques(scene: Scene, plant: Plant, x0: Array) -> Array:

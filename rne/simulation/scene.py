@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, positive_number, vector
+from ..basics.arrays import UNBOUNDED, convert_numbers, positive_number, vector
 from ..basics.spatial import Array
 from ..kernels.kernel import Kernel
 from ..robot import Robot
@@ -119,6 +119,11 @@ class Scene:
             raise ValueError(
                 "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next"
             )
+        for name in ("mounting", "gravity", "armature", "torque_limit", "torque_rate"):
+            if isinstance(
+                getattr(self, name), np.ndarray
+            ):  # a later change of the caller's array is not one of the scene
+                object.__setattr__(self, name, getattr(self, name).copy())
         _ = self.resolved  # raises the errors in the parts
         meant_for = getattr(self.controller, "robot", None)
         if isinstance(meant_for, Robot) and meant_for.n != self.n:
@@ -132,7 +137,7 @@ class Scene:
             robot,
             _resolved_friction(self.friction, robot),
             _resolved_limit(self.torque_limit, robot),
-            None if self.torque_rate is None else vector("torque_rate", self.torque_rate, robot.n, sign="not negative"),
+            None if self.torque_rate is None else _bounds("torque_rate", self.torque_rate, robot.n),
         )
 
     def _resolved_robot(self) -> Robot:
@@ -166,6 +171,12 @@ class Scene:
         law = self.controller if self.is_traced and not torque_given else None
         return RightHandSide(parts.robot, parts.friction, parts.torque_limit, law, torque_given)
 
+    def current_right_hand_side(self) -> RightHandSide:
+        """The right-hand side, traced anew if the controller has changed since it was traced."""
+        if not self.right_hand_side.is_current():
+            del self.__dict__["right_hand_side"]
+        return self.right_hand_side
+
     @property
     def is_traced(self) -> bool:
         """True if the controller is part of the kernel, False if it is called or there is none."""
@@ -188,7 +199,7 @@ class Scene:
         Dry friction has the size of slipping; at rest, where it may hold, it is left out.
         """
         robot, friction = self.resolved.robot, self.resolved.friction
-        net = np.asarray(tau, dtype=float)
+        net = convert_numbers("tau", tau, f"(..., {robot.n})")
         if friction is not None:
             net = net - friction.torque(robot.model, qd)
         return robot.forward_dynamics(q, qd, net)
@@ -257,5 +268,11 @@ def _resolved_limit(limit: ArrayLike | str | None, robot: Robot) -> Array | None
             raise ValueError(f"`torque_limit` must be an array or 'urdf', got {limit!r}")
         bounds = np.asarray(robot.model.effort_limit[list(robot.model.independent_joints)], dtype=float)
     else:
-        bounds = vector("torque_limit", limit, robot.n, sign="not negative")
-    return None if np.isinf(bounds).all() else np.minimum(bounds, UNBOUNDED)
+        bounds = _bounds("torque_limit", limit, robot.n)
+    return None if (bounds >= UNBOUNDED).all() else np.minimum(bounds, UNBOUNDED)
+
+
+def _bounds(name: str, value: ArrayLike, n: int) -> Array:
+    """Largest absolute values, one per joint; an infinite one is no bound."""
+    array = convert_numbers(name, value, f"({n},)")
+    return vector(name, np.where(np.isposinf(array), UNBOUNDED, array), n, sign="not negative")

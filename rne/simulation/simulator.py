@@ -13,7 +13,7 @@ from ..basics.spatial import Array
 from ..errors import RneError, SimulationError
 from ..model.arguments import joint_array
 from ..robot import Robot
-from .continuous import continuous_run, stops
+from .continuous import check_within_stops, continuous_run, stops
 from .equations_of_motion import RightHandSide
 from .error_growth import growth_of
 from .plant import Plant
@@ -112,6 +112,7 @@ def simulate(
     chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, scene)
     _check_method(chosen, step, scene)
     events = stops(plant) if scene.stops else []
+    check_within_stops(events, x0)
     task = Task(x0, end, chosen, relative, absolute, times, longest_step, _breaks(scene, breaks), events)
     try:
         return _run(scene, plant, task, reason)
@@ -226,7 +227,7 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
 def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
     """The scene's right-hand side; a robot caches one for all torque laws."""
     if isinstance(given, Scene) or scene.controller is None:
-        return scene.right_hand_side
+        return scene.current_right_hand_side()
     cached: RightHandSide = given.cache.setdefault("driven", scene.right_hand_side)
     return cached
 

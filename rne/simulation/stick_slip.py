@@ -23,8 +23,11 @@ from .trajectory import Run, Task
 
 MAX_EVENTS, MAX_EVENTS_AT_ONE_TIME, MAX_MODE_CHANGES = 100_000, 20, 1000
 AT_REST = 1e-12  # [rad/s or m/s]: rates below it count as zero
+# Steps of a robot all of whose joints stick; with the points at which events are examined inside a step, loads of a
+# duration above 1/1000 of the run's are found.
+STUCK_STEPS = 100
 SAME_INSTANT = 1e-12  # of the duration: events closer than this are simultaneous
-ROUNDING = 1e-9  # relative and in N m: loads this close to the limit are held, accelerations this small have no sign
+ROUNDING = 1e-9  # of the largest load or acceleration: closer to the limit a load is held, closer to 0 there is no sign
 
 
 class DryPlant:
@@ -40,6 +43,9 @@ class DryPlant:
             np.maximum(self.static(np.ones(n)), self.static(-np.ones(n))) == 0
         )  # without friction, never sticks
         self.span = (0.0, np.inf)
+        self.largest_load = 0.0  # of any joint, when loads were last evaluated [N m or N]
+        self.last_key: Any = None
+        self.last_accelerations = (np.zeros(n), np.zeros(n), np.zeros(n))
 
     def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
         """M, the net torque without dry friction, and the torque of the drives, evaluated inside the current span."""
@@ -49,10 +55,17 @@ class DryPlant:
         drives, _ = rhs.drives(np.array([t]), x, self.plant.torque(t, x))
         u = np.zeros(n) if drives is None else np.asarray(drives)
         net = u - robot.bias_torque(q, qd) - np.asarray(self.friction.viscous_torque(qd))
+        self.largest_load = float(np.abs(net).max(initial=0.0))
         return robot.mass_matrix(q), net, u
 
     def accelerations(self, t: float, x: Array) -> tuple[Array, Array, Array]:
-        """Accelerations, each joint's dry friction torque, and the drives' torques."""
+        """Accelerations, each joint's dry friction torque, and the drives' torques; the last result is kept."""
+        key = t, x.tobytes(), self.mode.tobytes(), self.span
+        if key != self.last_key:  # the events of all sticking joints ask for it at the same instant
+            self.last_accelerations, self.last_key = self._accelerations(t, x), key
+        return self.last_accelerations
+
+    def _accelerations(self, t: float, x: Array) -> tuple[Array, Array, Array]:
         M, net, u = self.loads(t, x)
         slips = self.mode != 0
         dry = np.where(self.mode > 0, self.forward, -self.back) * slips
@@ -105,7 +118,7 @@ class DryPlant:
 
     def _margin(self, needed: Array) -> Array:
         """Static friction of each joint minus its load; a load equal to the static friction is still held."""
-        margin: Array = self.static(needed) * (1 + ROUNDING) + ROUNDING - np.abs(needed)
+        margin: Array = self.static(needed) * (1 + ROUNDING) + ROUNDING * self.largest_load - np.abs(needed)
         return margin
 
     def __call__(self, t: float, x: Array) -> Array:
@@ -188,15 +201,17 @@ def _integrate_to_event(
     from scipy.integrate import solve_ivp
 
     rtol, atol = tolerances(dry.plant, task)
-    solver = guarded_solver(task.method, failures, [x])
     events = [*dry.events(), *task.events]
+    solver = guarded_solver(task.method, failures, [x], events)
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "dense_output": True, "events": events or None}
+    if not dry.mode.any():  # nothing moves, so that the step control sees nothing of torques that change with time
+        options["max_step"] = task.duration / STUCK_STEPS
     try:
         return solve_ivp(dry, span, x, solver, **options)
     except ValueError as error:  # an event within rounding of a step's end, where SciPy's root finder sees no change
         if "different signs" not in str(error):
             raise
-        return solve_ivp(dry, span, x, solver, max_step=(span[1] - span[0]) / 97, **options)
+        return solve_ivp(dry, span, x, solver, **options | {"max_step": (span[1] - span[0]) / 97})
 
 
 def _come_to_rest(dry: DryPlant, solution: Any, x: Array, task: Task) -> tuple[str, list[int]]:
@@ -207,7 +222,7 @@ def _come_to_rest(dry: DryPlant, solution: Any, x: Array, task: Task) -> tuple[s
     x[[dry.n + k for k in joints]] = 0.0
     x[dry.n : 2 * dry.n][dry.mode == 0] = 0.0
     stops = [task.events[k - len(own)] for k in happened if k >= len(own)]
-    words = stop_message(stops[0], float(solution.t[-1]), dry.plant.robot.joint_names) if stops else ""
+    words = stop_message(stops[0], float(solution.t[-1])) if stops else ""
     return words, [k for k in joints if dry.mode[k] == 0]
 
 

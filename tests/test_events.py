@@ -1,0 +1,183 @@
+"""Events inside steps: stops touched and left again, rates that dip to zero, break-away while everything sticks.
+
+The oracles are closed forms: parabolas under gravity, and a block under sums of sines, integrated exactly between the
+zeros of its rate and load.
+"""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import rne
+from rne.model.builder import Mimic, Part, assemble
+
+X, _, Z = np.eye(3)
+TIGHT = {"rtol": 1e-9, "atol": 1e-12}
+
+
+def slider(axis=X, gravity=0.0, upper=np.inf, mass=1.0):
+    joint = Part(link="l", joint="j", kind="prismatic", parent=0, axis=axis, mass=mass, upper=upper)
+    return rne.Robot(assemble("slider", [Part(link="base"), joint], gravity=(0, 0, -gravity)))
+
+
+def dry(robot, coulomb, static=None):
+    return rne.Scene(robot, friction=rne.Friction(coulomb=coulomb, static=static, smoothing=0))
+
+
+@pytest.mark.parametrize("method", ["auto", "RK45", "LSODA", "Radau", "BDF", "sampled"])
+def test_a_stop_touched_inside_a_step_is_found(method):
+    """A lift thrown to an apex of 0.4505 m passes its stop at 0.45 m and returns within 20 ms."""
+    rate = np.sqrt(2 * 9.81 * 0.4505)
+    sampled = {"controller": lambda t, q, qd: 0 * q, "sample_time": 0.05} if method == "sampled" else {}
+    scene = rne.Scene(slider(Z, 9.81, upper=0.45), stops=True, **sampled)
+    motion = rne.simulate(scene, [0.0], [rate], 1.0, method="auto" if sampled else method)
+    assert motion.status == 1
+    expected = (rate - np.sqrt(rate**2 - 2 * 9.81 * 0.45)) / 9.81
+    assert motion.t[-1] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_stops_of_a_mimic_joint_bind():
+    parts = [Part(link="base")]
+    parts.append(Part(link="a", joint="ja", kind="prismatic", parent=0, axis=X, mass=1.0, lower=-1.0, upper=1.0))
+    parts.append(
+        Part(link="b", joint="jb", kind="prismatic", parent=1, axis=X, mass=1.0, upper=0.2, mimic=Mimic(1, 1.0, 0.0))
+    )
+    robot = rne.Robot(assemble("gripper", parts, gravity=(0, 0, 0)))
+    motion = rne.simulate(rne.Scene(robot, stops=True), [0.0], [1.0], 2.0)
+    assert motion.t[-1] == pytest.approx(0.2, abs=1e-12)
+    assert motion.message.endswith("'jb' reached its stop at 0.2 at t = 0.2 s")
+
+
+def test_a_start_beyond_a_stop_is_refused():
+    text = r"^`q0` must be within the stops, got 0.5 for joint 'j', whose stop is at 0.45$"
+    with pytest.raises(ValueError, match=text):
+        rne.simulate(rne.Scene(slider(upper=0.45), stops=True), [0.5], [0.0], 1.0)
+
+
+def check_stop(seed):
+    """A throw against gravity: stopped below the apex, not stopped above it."""
+    rng = np.random.default_rng(seed)
+    gravity, rate = rng.uniform(1, 20), rng.uniform(0.5, 5)
+    apex = rate**2 / 2 / gravity
+    upper = apex * (rng.uniform(0.2, 1.3) if seed % 2 else 1 + rng.choice([-1, 1]) * 10 ** rng.uniform(-5, -2))
+    scene = rne.Scene(slider(Z, gravity, upper), stops=True)
+    end = rng.uniform(1.2, 4) * rate / gravity
+    motion = rne.simulate(scene, [0.0], [rate], end, method=str(rng.choice(["auto", "RK45", "LSODA"])))
+    assert motion.status == (upper < apex)
+    if upper < apex:
+        assert motion.t[-1] == pytest.approx((rate - np.sqrt(rate**2 - 2 * gravity * upper)) / gravity, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_throws_at_stops(seed):
+    check_stop(seed)
+
+
+def test_strokes_of_a_block_that_sticks_at_first():
+    """Strokes of 20 mm, once missed altogether: while everything sticks the state says nothing of the force."""
+    law = lambda t, q, qd: [1.5 * np.sin(2 * np.pi * t)]  # noqa: E731
+    motion = rne.simulate(dry(slider(), 1.0), [0.0], [0.0], 10.0, torque=law)
+    assert motion.q.max() == pytest.approx(0.02045, abs=1e-4)
+    assert motion.message.endswith("39 changes between sticking and slipping")
+
+
+def test_a_rate_that_dips_to_zero():
+    motion = rne.simulate(dry(slider(), 1.0), [0.0], [1.98], 2.0, torque=lambda t, q, qd: [4 * t - 3])
+    assert motion.q[-1, 0] == pytest.approx(1.3146667, abs=1e-6)
+
+
+def test_a_block_of_a_milligram_is_a_block():
+    """0.5 nN against 0.1 nN of friction: 20 mm in 10 s."""
+    motion = rne.simulate(dry(slider(mass=1e-6), 1e-10), [0.0], [0.0], 10.0, torque=[5e-10])
+    assert motion.q[-1, 0] == pytest.approx(0.02, rel=1e-6)
+
+
+def test_static_friction_needs_dry_friction():
+    with pytest.raises(ValueError, match=r"^`static` needs dry friction: set `smoothing` to 0$"):
+        rne.Friction(coulomb=1.0, static=2.0)
+
+
+def test_a_scene_copies_what_it_is_given(irb140):
+    armature = np.full(6, 0.1)
+    scene = rne.Scene(irb140, armature=armature)
+    before = rne.simulate(scene, [0] * 6, [0] * 6, 0.1, torque=np.zeros(6)).q[-1]
+    armature[:] = 50.0
+    assert np.array_equal(rne.simulate(scene, [0] * 6, [0] * 6, 0.1, torque=np.zeros(6)).q[-1], before)
+
+
+class Block:
+    """A block of 1 kg under a constant force and sines, with dry friction, integrated in closed form."""
+
+    def __init__(self, seed):
+        rng = np.random.default_rng(seed)
+        k = int(rng.integers(1, 4))
+        self.size, self.omega = rng.uniform(0.2, 2, k), 10 ** rng.uniform(0, 1.3, k)
+        self.phase, self.constant = rng.uniform(0, 2 * np.pi, k), rng.uniform(-0.5, 0.5)
+        self.coulomb = rng.uniform(0.3, 1.5)
+        self.static = self.coulomb * rng.choice([1.0, rng.uniform(1, 1.6)])
+        self.rate, self.end = rng.choice([0.0, rng.uniform(-2, 2)]), rng.uniform(1, 5)
+        self.method = str(rng.choice(["auto", "RK45", "LSODA"]))
+
+    def force(self, t, integrals=0):
+        """The force, or its integral or double integral over time."""
+        angle = self.omega * np.asarray(t)[..., None] + self.phase
+        wave = (np.sin(angle), -np.cos(angle) / self.omega, -np.sin(angle) / self.omega**2)[integrals]
+        constant = self.constant * (1.0, t, t * t / 2)[integrals]
+        return constant + (self.size * wave).sum(-1)
+
+    def slip(self, t, v, u, sign):
+        """Rate and path from t to u of a slip in direction `sign` that starts with rate v."""
+        since = u - t
+        rate = v + self.force(u, 1) - self.force(t, 1) - sign * self.coulomb * since
+        path = v * since + self.force(u, 2) - self.force(t, 2) - self.force(t, 1) * since
+        return rate, path - sign * self.coulomb * since**2 / 2
+
+    def break_away(self, t):
+        """When the force next exceeds static friction."""
+        grid = np.linspace(t, self.end, 20001)
+        over = np.abs(self.force(grid)) - self.static * (1 + 1e-12)
+        if not (over > 0).any():
+            return None
+        k = int(np.argmax(over > 0))
+        return brentq(lambda s: abs(self.force(s)) - self.static, grid[k - 1], grid[k], xtol=1e-15) if k else t
+
+    def position(self):
+        """The exact position at the end."""
+        t, x, v = 0.0, 0.0, self.rate
+        while t < self.end:
+            if v == 0:
+                t = self.break_away(t)
+                if t is None:
+                    break
+            sign = np.sign(v) if v else np.sign(self.force(t))
+            grid = np.linspace(t, self.end, 20001)[1:]
+            rates = sign * self.slip(t, v, grid, sign)[0]
+            rests = rates <= 0
+            rests[: int(np.argmax(rates > 0))] = False  # a slip that starts at rest
+            if not rests.any():
+                return x + self.slip(t, v, self.end, sign)[1]
+            k = int(np.argmax(rests))
+            rest = brentq(lambda u: sign * self.slip(t, v, u, sign)[0], grid[k - 1] if k else t, grid[k], xtol=1e-15)  # noqa: B023
+            t, x, v = rest, x + self.slip(t, v, rest, sign)[1], 0.0
+        return x
+
+
+def check_block(seed):
+    block = Block(seed)
+    scene = dry(slider(), block.coulomb, block.static)
+    law = lambda t, q, qd: [float(block.force(t))]  # noqa: E731
+    motion = rne.simulate(scene, [0.0], [block.rate], block.end, torque=law, method=block.method, **TIGHT)
+    assert motion.q[-1, 0] == pytest.approx(block.position(), abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_random_stick_slip(seed):
+    check_block(seed)
+
+
+@pytest.mark.long
+def test_many_random_throws_and_blocks():
+    for seed in range(20, 520):
+        check_stop(seed)
+    for seed in range(10, 310):
+        check_block(seed)
