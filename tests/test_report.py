@@ -42,6 +42,7 @@ def test_jobs_are_reported_as_they_finish():
     ]
 
 
+@pytest.mark.long
 def test_page_has_every_experiment(short, tmp_path):
     lines = []
     (tmp_path / "docs").mkdir()

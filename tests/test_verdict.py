@@ -165,7 +165,6 @@ def test_an_ensemble_warns_once_of_its_worst_motion(state):
     assert LOSSES[state][1] in text
 
 
-@pytest.mark.xfail(strict=True, reason="the comparison of a traced law with a call of it warns of its random states")
 def test_tracing_a_law_warns_of_nothing():
     model, (_, _, tau) = nearly_singular()
     scene = rne.Scene(rne.Robot(model), controller=rne.traceable(lambda t, q, qd: tau))

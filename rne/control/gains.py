@@ -14,7 +14,7 @@ from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 
 SAMPLES, REFINED = 4096, 4  # configurations drawn for symmetric eigenvalues, and the best of them that are refined
-SAMPLED_LOOPS = 1024  # configurations drawn for the eigenvalues of the sampled loop, which cost more
+SAMPLED_LOOPS = 512  # configurations drawn for the eigenvalues of the sampled loop, which cost more
 ROUNDS = 20  # of lowering the sample time and searching again
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
