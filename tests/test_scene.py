@@ -192,6 +192,31 @@ class TestLimits:
         motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.02)
         assert np.abs(np.diff(motion.tau, axis=0)).max() <= 1000 * 1e-4 * (1 + 1e-9)
 
+    def test_the_first_torque_is_not_held_to_the_rate(self, irb140):
+        law = rne.control.pd(irb140, [500] * 6, [20] * 6, [1] * 6)
+        scene = rne.Scene(irb140, controller=law, sample_time=1e-3, torque_rate=[1000.0] * 6)
+        assert rne.simulate(scene, [0] * 6, [0] * 6, 2e-3).tau[0] == pytest.approx(500)
+
+    def test_rate_limit_counts_from_the_limited_torque(self, irb140):
+        """Asked for +-100 N m, limited to 10 N m and 5 N m per sample: from 10 it comes back at once."""
+        scene = rne.Scene(
+            irb140, controller=lambda t, q, qd: np.full(6, 100.0 if t < 0.0015 else -100.0), sample_time=1e-3,
+            torque_limit=[10.0] * 6, torque_rate=[5000.0] * 6,
+        )  # fmt: skip
+        motion = rne.simulate(scene, [0] * 6, [0] * 6, 7e-3, t_eval=np.arange(7) * 1e-3)
+        assert motion.tau[:, 0] == pytest.approx([10, 10, 5, 0, -5, -10, -10])
+
+    @pytest.mark.parametrize(("rate", "bound"), [(2.0, "upper"), (-2.0, "lower")])
+    def test_each_end_of_a_range_is_a_stop(self, irb140, rate, bound):
+        """A joint that turns at a constant rate is stopped when it has passed through its range."""
+        model = replace(irb140.model, gravity=np.zeros(3))
+        scene = rne.Scene(rne.Robot(model).locked({f"joint_{k}": 0.0 for k in range(2, 7)}), stops=True)
+        motion = rne.simulate(scene, [0.0], [rate], 10.0)
+        end = getattr(irb140.model, bound)[0]
+        assert motion.status == 1
+        assert motion.q[-1, 0] == pytest.approx(end, rel=1e-12)
+        assert motion.message.endswith(f"'joint_1' reached its stop at {end:.6g} at t = {end / rate:.6g} s")
+
     def test_held_torques_change_at_samples_only(self, irb140):
         law = rne.control.pd(irb140, [50] * 6, [20] * 6, [1] * 6)
         scene = rne.Scene(irb140, controller=law, sample_time=1e-3)
