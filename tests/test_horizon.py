@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,6 +74,14 @@ def test_a_chain_that_stands_upside_down_is_trusted_for_the_logarithm_of_roundin
     fallen = np.abs(motion.q - q0).max(axis=1) > 0.1
     assert fallen.any()
     assert horizon < motion.t[np.argmax(fallen)]
+
+
+def test_between_two_steps_the_horizon_is_where_an_exponential_passes_the_accuracy(irb140):
+    t = np.arange(6.0)
+    motion = replace(rne.simulate(irb140, Q0, 0 * Q0, 0.01), growth=lambda bound: (t, 1e-8 * np.exp(3 * t)))
+    for accuracy in (1e-7, 1e-5, 1e-3):
+        assert motion.trusted_horizon(accuracy) == pytest.approx(np.log(accuracy / 1e-8) / 3, rel=1e-12)
+    assert motion.trusted_horizon(1.0) == 5.0
 
 
 def test_a_stable_loop_is_trusted_to_the_end(irb140):

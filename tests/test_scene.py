@@ -203,8 +203,8 @@ class TestLimits:
             irb140, controller=lambda t, q, qd: np.full(6, 100.0 if t < 0.0015 else -100.0), sample_time=1e-3,
             torque_limit=[10.0] * 6, torque_rate=[5000.0] * 6,
         )  # fmt: skip
-        motion = rne.simulate(scene, [0] * 6, [0] * 6, 7e-3, t_eval=np.arange(7) * 1e-3)
-        assert motion.tau[:, 0] == pytest.approx([10, 10, 5, 0, -5, -10, -10])
+        motion = rne.simulate(scene, [0] * 6, [0] * 6, 7e-3)
+        assert motion.tau[:-1, 0] == pytest.approx([10, 10, 5, 0, -5, -10, -10])
 
     @pytest.mark.parametrize(("rate", "bound"), [(2.0, "upper"), (-2.0, "lower")])
     def test_each_end_of_a_range_is_a_stop(self, irb140, rate, bound):
