@@ -1,5 +1,6 @@
 """Derivatives: traced ones against complex step of the recursion and against Pinocchio."""
 
+import mpmath
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -148,6 +149,22 @@ def test_wrong_arguments_are_named(irb140):
         rne.derivative(rne.bias_torque, irb140.model)
     with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(2,\)$"):
         irb140.inverse_dynamics_derivatives([0, 0, np.nan, 0, 0, 0], [0] * 6, [0] * 6)
+
+
+def test_derivatives_in_long_double_are_exact_to_it(irb140):
+    """Against differences of 60 digits."""
+    q = states(6)[0].astype(np.longdouble)
+    got = irb140.kernel(rne.gravity_torque, "q")(q)
+    with mpmath.workdps(60):
+        h, exact = mpmath.mpf(10) ** -20, np.vectorize(lambda x: mpmath.mpf(float(x)), otypes=[object])(q)
+        steps = [h * np.eye(6, dtype=int)[j] for j in range(6)]
+        slopes = [
+            (rne.gravity_torque(irb140.model, exact + e) - rne.gravity_torque(irb140.model, exact - e)) / (2 * h)
+            for e in steps
+        ]
+        reference = np.vectorize(lambda x: np.longdouble(mpmath.nstr(x, 25)))(np.stack(slopes, axis=1))
+    assert got.dtype == np.longdouble
+    assert np.abs(got - reference).max() <= 100 * np.finfo(np.longdouble).eps * np.abs(reference).max()
 
 
 def test_derivatives_in_long_double_agree_with_those_in_double(irb140):

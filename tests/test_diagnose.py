@@ -139,6 +139,21 @@ def test_a_singular_M_is_a_finding_not_an_error():
     )
 
 
+def test_every_joint_of_the_weakest_motion_is_named_however_small_its_part():
+    """Three sliders in a plane: the third is the first and a fiftieth of the second; a fourth one stands apart."""
+    third = np.array([0.98, 0.02, 0.0]) / np.hypot(0.98, 0.02)
+    axes = {"along": X, "across": Y, "oblique": third, "apart": Z}
+    parts = [Part(link="base")]
+    for k, (name, axis) in enumerate(axes.items()):
+        body = {"mass": 1.0} if k == 3 else {}
+        parts.append(Part(link=name, joint=name, kind="prismatic", axis=axis, parent=k, **body))
+    robot = rne.Robot(assemble("plane", parts))
+    assert robot.diagnose(np.zeros(4)).worst_joint == ("along", "across", "oblique")
+    with pytest.raises(rne.SingularMassMatrixError) as caught:
+        robot.forward_dynamics(np.zeros(4), np.zeros(4), np.zeros(4))
+    assert caught.value.joints == ("along", "across", "oblique")
+
+
 def test_a_joint_that_moves_nothing_is_named():
     parts = [Part(link="base"), Part(link="a", joint="idle", kind="continuous", parent=0, axis=Z)]
     found = rne.Robot(assemble("empty", parts)).diagnose([0.0])

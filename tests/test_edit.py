@@ -63,6 +63,21 @@ def test_mounted_robot_is_the_robot_in_turned_gravity(irb140):
     assert relative(roof.gravity_torque(q)[None], -irb140.gravity_torque(q)[None]) <= 4 * EPS
 
 
+@pytest.mark.parametrize(
+    ("rpy", "down"),
+    [
+        ([np.pi / 2, 0, 0], [0, -1, 0]),
+        ([0, np.pi / 2, 0], [1, 0, 0]),
+        ([0, np.pi / 6, 0], [0.5, 0, -np.sqrt(3) / 2]),
+        ([0, np.pi / 2, np.pi / 2], [1, 0, 0]),
+        ([np.pi / 2, np.pi / 2, 0.0], [1, 0, 0]),
+    ],
+)
+def test_down_is_seen_from_the_rotated_root_link(irb140, rpy, down):
+    """Rolled by a quarter turn the root's y axis points up; pitched by one, its x axis points down."""
+    np.testing.assert_allclose(irb140.mounted(rpy).model.gravity, 9.81 * np.array(down), atol=1e-14)
+
+
 def test_mounting_keeps_gravitys_size(irb140):
     slope = irb140.mounted([0.3, -0.7, 1.1])
     assert np.linalg.norm(slope.model.gravity) == pytest.approx(9.81, rel=1e-15)
