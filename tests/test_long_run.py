@@ -7,6 +7,7 @@ import pytest
 
 import rne
 from rne.model.robots.generators import straight_chain
+from rne.simulation import symplectic
 from rne.simulation.symplectic import WEIGHTS, Hamilton, solve_stages
 
 
@@ -70,6 +71,16 @@ def test_values_between_steps_are_of_the_method(irb140):
     assert np.array_equal(asked.q[2], steps.q[5])
     assert np.array_equal(asked.q[3], steps.q[10])
     assert np.abs(asked.q - fine.q).max() <= 1e-4
+
+
+def test_slopes_continued_from_two_steps_save_evaluations(irb140, monkeypatch):
+    """The stages' slopes are guessed by a polynomial through those of past steps."""
+    evaluations = []
+    for steps in (1, 2):
+        monkeypatch.setattr(symplectic, "HISTORY", steps)
+        how = {"method": "gauss-4", "step": 1e-3}
+        evaluations.append(rne.simulate(irb140, np.zeros(6), np.zeros(6), 0.2, **how).evaluations)
+    assert evaluations[1] < 0.8 * evaluations[0]
 
 
 def test_drives_and_friction_are_refused(irb140):

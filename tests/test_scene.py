@@ -99,6 +99,12 @@ class TestCost:
         assert costs["law"] == "traced"
         assert costs["controller"] < alone + 6 * 4 + 11  # feedback: 4 a joint; power: 11
 
+    def test_a_sampled_scene_costs_what_its_held_torques_do(self, irb140):
+        law = rne.control.pd(irb140, [50] * 6, [20] * 6, [0] * 6)
+        limits = {"sample_time": 1e-3, "torque_limit": [40.0] * 6, "torque_rate": [1e3] * 6}
+        costs = rne.Scene(irb140, controller=law, **limits).cost()
+        assert costs["controller"] == costs["total"] - rne.Scene(irb140).cost()["total"] > 0
+
     def test_called_law_says_so(self, irb140):
         assert rne.Scene(irb140, controller=lambda t, q, qd: -qd).cost()["law"] == "called"
 
@@ -365,6 +371,12 @@ class TestDryFrictionOfSeveralJoints:
     def test_joint_without_friction_never_sticks(self, two):
         motion = rne.simulate(self.scene(two, coulomb=[5, 0]), [0, 0], [0, 0], 1.0)
         assert not motion.q.any()
+
+    def test_a_joint_without_friction_slips_at_rest_however_small_its_load(self, two):
+        scene = self.scene(two, lambda t, q, qd: np.array([0.0, 1e-12]), coulomb=[5, 0])
+        motion = rne.simulate(scene, [0, 0], [0, 0], 1.0)
+        free = 1e-12 / two.mass_matrix([0, 0])[1, 1]
+        assert motion.qdd[0].tolist() == pytest.approx([0.0, free], rel=1e-6)
 
     def test_load_at_the_bound_itself_is_held(self, two):
         scene = self.scene(two, lambda t, q, qd: np.array([1.0, 0.0]), coulomb=[1, 1])
