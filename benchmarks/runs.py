@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import rne
 from benchmarks.measure import interleaved, ratio
 from benchmarks.peers.pinocchio import Pinocchio
-from rne.simulation.continuous import IMPLICIT
+from rne.simulation.solver import IMPLICIT
 from rne.simulation.plant import Plant
 
 WAYS = {

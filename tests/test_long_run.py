@@ -8,6 +8,7 @@ import pytest
 import rne
 from rne.model.robots.generators import straight_chain
 from rne.simulation import symplectic
+from rne.simulation.plant import Plant
 from rne.simulation.symplectic import WEIGHTS, Hamilton, solve_stages
 
 
@@ -51,7 +52,7 @@ def test_the_method_has_order_4():
 def test_the_map_is_symplectic():
     """J^T Omega J = Omega for the step's Jacobian J by differences, in (q, p)."""
     robot = rne.Robot(straight_chain(2))
-    system = Hamilton(robot)
+    system = Hamilton(Plant(rne.Scene(robot).right_hand_side, None))
 
     def step(x, h=0.05):
         stages = solve_stages(system, x, h, WEIGHTS, np.tile(system(x[None]), (2, 1)))

@@ -37,12 +37,14 @@ class TestDynamics:
 
     def test_right_hand_side_is_the_scene_written_out(self, full):
         q, qd, _ = states(6, 20)
-        rates = full.kernel(np.zeros((20, 1)), np.concatenate([q, qd, np.zeros((20, 2))], axis=1))
+        kernel = full.right_hand_side_with_energies.kernel
+        rates = kernel(np.zeros((20, 1)), np.concatenate([q, qd, np.zeros((20, 2))], axis=1))
         assert np.array_equal(rates[:, :6], qd)
         assert relative(rates[:, 6:12], full.forward_dynamics(q, qd, 0 * q)) <= 1e-11
         friction = full.resolved.friction
         assert rates[:, 12] == pytest.approx((friction.viscous_torque(qd) * qd).sum(-1), rel=1e-13)
         assert rates[:, 13] == pytest.approx((friction.coulomb_torque(qd) * qd).sum(-1), rel=1e-13)
+        assert relative(full.kernel(np.zeros((20, 1)), np.concatenate([q, qd], axis=1)), rates[:, :12]) <= 1e-15
 
     def test_friction_of_the_file_is_added(self, tmp_path):
         text = rne.to_urdf(straight_chain(1)).replace("</joint>", '<dynamics damping="0.7" friction="0.3"/></joint>')
@@ -143,8 +145,8 @@ class TestTracing:
 
         scene = rne.Scene(irb140, controller=rne.traceable(law))
         for t in (0.4, 0.6):
-            x = np.concatenate([*states(6)[:2], np.zeros(1)])
-            q, qd = x[:6], x[6:12]
+            q, qd = states(6)[:2]
+            x = np.concatenate([q, qd])
             expected = irb140.forward_dynamics(q, qd, law(t, q, qd))
             assert relative(scene.kernel(np.array([t]), x)[6:12], expected) <= 1e-11
 
@@ -169,7 +171,7 @@ class TestTracing:
     def test_scene_pickles_with_its_kernel(self, full):
         full.kernel  # noqa: B018
         again = pickle.loads(pickle.dumps(full))
-        x = np.concatenate([*states(6)[:2], np.zeros(2)])
+        x = np.concatenate(states(6)[:2])
         assert np.array_equal(again.kernel(np.zeros(1), x), full.kernel(np.zeros(1), x))
 
 
@@ -349,13 +351,30 @@ class TestDryFriction:
         assert not motion.qdd[-1].any()
         assert motion.energy_drift <= 1e-4
 
-    def test_parts_that_cannot_go_together_are_named(self, irb140):
-        scene = rne.Scene(irb140, friction=rne.Friction(coulomb=1.0, smoothing=0))
-        with pytest.raises(
-            ValueError,
-            match=r"^`method` of a scene whose joints stick must not need a Jacobian, got 'Radau'; use LSODA$",
-        ):
-            rne.simulate(scene, [0] * 6, [0] * 6, 1.0, method="Radau")
+    @pytest.mark.parametrize("method", ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"])
+    def test_every_method_brings_a_block_to_rest(self, slider, method):
+        """Sliding from 3 m/s against 1 N: 4.5 m."""
+        scene = rne.Scene(slider, friction=rne.Friction(coulomb=1.0, smoothing=0))
+        motion = rne.simulate(scene, [0], [3.0], 4.0, method=method, rtol=1e-8)
+        assert motion.q[-1, 0] == pytest.approx(4.5, rel=1e-7)
+        assert motion.message.endswith("1 changes between sticking and slipping")
+
+    def test_sampled_control_of_a_joint_that_sticks(self, slider):
+        """A ramp of 1 N/s held for 0.1 s: break-away from 1 N at the sample 1.1 s, then u = k 0.1 s in each period."""
+        scene = rne.Scene(
+            slider,
+            friction=rne.Friction(coulomb=1.0, smoothing=0),
+            controller=lambda t, q, qd: np.array([t]),
+            sample_time=0.1,
+        )
+        motion = rne.simulate(scene, [0], [0], 2.0)
+        x, v = 0.0, 0.0
+        for k in range(11, 20):
+            a = 0.1 * k - 1.0
+            x, v = x + 0.1 * v + 0.005 * a, v + 0.1 * a
+        assert motion.q[-1, 0] == pytest.approx(x, rel=1e-9)
+        assert not motion.q[motion.t <= 1.1].any()
+        assert motion.energy_drift <= 1e-12
 
 
 class TestDryFrictionOfSeveralJoints:
@@ -402,9 +421,9 @@ class TestDryFrictionOfSeveralJoints:
         modes = set()
         for _ in range(300):
             self.load = rng.normal(size=2)
-            x = np.concatenate([rng.uniform(-3, 3, 2), np.zeros(2 + len(plant.rhs.ledger))])
-            dry.settle(0.0, x)
-            qdd, needed, _ = dry.accelerations(0.0, x)
+            x = np.concatenate([rng.uniform(-3, 3, 2), np.zeros(2)])
+            dry.settle(0.0, x, [])
+            qdd, needed, *_ = dry.accelerations(0.0, x)
             modes.add(tuple(dry.mode))
             assert (qdd * dry.mode >= -1e-9).all()
             assert (np.abs(needed)[dry.mode == 0] <= np.array([0.5, 0.2])[dry.mode == 0] * (1 + 1e-8)).all()

@@ -84,7 +84,7 @@ def test_printed_python_knows_sign(irb140):
     law = rne.traceable(lambda t, q, qd: -rne.elementwise.sign(qd))
     namespace = {}
     exec(rne.Scene(irb140, controller=law).kernel.source("python"), namespace)
-    rates = namespace["right_hand_side"]([0.0], [0.1] * 12 + [0.0])
+    rates = namespace["right_hand_side"]([0.0], [0.1] * 12)
     np.testing.assert_allclose(rates[:6], 0.1)
 
 
@@ -98,8 +98,9 @@ def test_an_unstable_sampled_loop_ends_after_bounded_work(irb140):
     law = rne.control.pd_gravity(irb140, [50] * 5 + [60], [20] * 5 + [22], [0] * 6)
     scene = rne.Scene(irb140, controller=law, sample_time=1e-3)
     with pytest.raises(
-        rne.SimulationError, match=r"within one sample at t = .* the sampled loop is unstable, see"
+        rne.SimulationError,
+        match=r"within one sample at t = .* the sampled loop is unstable; by rne.check_gains it is stable up to 0.0001308 s everywhere, and sampled every 0.001 s$",
     ) as caught:
         rne.simulate(scene, [0.1] * 6, [0] * 6, 1.0)
-    assert caught.value.trajectory.evaluations < 120_000
+    assert caught.value.trajectory.evaluations < 60_000
     assert 0 < caught.value.time < 0.02

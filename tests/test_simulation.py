@@ -173,12 +173,12 @@ def test_evaluations_of_a_sampled_scene_are_those_under_held_torques(double, mon
 
     monkeypatch.setattr(Plant, "rates", counted)
     scene = rne.Scene(double, controller=lambda t, q, qd: -qd, sample_time=0.01)
-    motion = rne.simulate(scene, [1, 0], [0, 0], 0.1)
+    motion = rne.simulate(scene, [1, 0], [0, 0], 0.1, method="RK45")
     assert motion.evaluations == len(calls) >= 60  # ten samples, six stages of RK45 each
 
 
 def test_every_call_of_a_law_is_an_evaluation_or_a_difference(double):
-    """A law is called once an evaluation, once more for each Jacobian, and at the samples to report."""
+    """A law is called once an evaluation, once more for each Jacobian, at the samples to report, and for the ledger."""
     calls = []
 
     def damp(t, q, qd):
@@ -186,7 +186,7 @@ def test_every_call_of_a_law_is_an_evaluation_or_a_difference(double):
         return -0.5 * qd
 
     motion = rne.simulate(double, [1, 0], [0, 0], 0.5, torque=damp, method="LSODA", t_eval=[0.0, 0.5])
-    assert motion.evaluations <= len(calls) <= 2 * motion.evaluations
+    assert motion.evaluations <= len(calls) <= 3 * motion.evaluations
 
 
 def test_hard_damping_and_soft_spring_settle_alike_for_every_stiff_method(double):

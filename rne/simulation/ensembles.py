@@ -243,6 +243,7 @@ def _blocks(scene: Scene) -> RightHandSide:
         raise ValueError(
             "an ensemble has no events: its scene must have no `sample_time`, `stops` or sticking friction"
         )
-    if scene.right_hand_side.torque_given:
+    rhs = scene.right_hand_side_with_energies
+    if rhs.torque_given:
         raise ValueError("the controller of an ensemble must be traceable (mark it with rne.traceable)")
-    return scene.right_hand_side
+    return rhs

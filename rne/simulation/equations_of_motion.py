@@ -7,8 +7,8 @@
 | called, or `torque=`         | by Plant.torque; its torques are `u`  | None   | True           |
 | sampled                      | by ZeroOrderHold; its torques are `u` | None   | True           |
 
-The state x is q, qd, the controller's states z, and the energies of the ledger: the work of the drives and the
-energy dissipated by viscous and Coulomb friction. Terms absent from the scene add no state.
+The state x is q, qd and the controller's states z. The ledger names the powers that the scene has: those of the drives
+and of viscous and Coulomb friction; an ensemble, whose steps are fixed, integrates them as further states.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.conditioning import judge_accelerations
 from ..dynamics.quantity import Quantity, check_result
+from ..dynamics.rnea import inverse_dynamics
 from ..dynamics.verdict import SOUND, Verdict
 from ..elementwise import clip
 from ..kernels.kernel import Kernel
@@ -70,7 +71,7 @@ class AppliedTorques:
     @property
     def size(self) -> int:
         """Length of the state."""
-        return 2 * self.robot.n + self.controller_states + len(self.ledger)
+        return 2 * self.robot.n + self.controller_states
 
     @property
     def quantity(self) -> Quantity:
@@ -97,25 +98,25 @@ class AppliedTorques:
             u = clip(u, -self.torque_limit, self.torque_limit)
         return u, rates
 
-    def parts(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array]]:
-        """Net torques, and the other rates one after the other."""
+    def parts(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array], list[Array]]:
+        """Net torques, the rates of the controller's states, and the powers of the ledger."""
         n = self.robot.n
         qd = x[..., n : 2 * n]
         u, rates = self.drives(t, x, u)
-        net, further = 0 * qd if u is None else u, [] if rates is None else [rates]
+        net, powers = 0 * qd if u is None else u, []
         if u is not None:
-            further.append((u * qd).sum(-1, keepdims=True))
+            powers.append((u * qd).sum(-1, keepdims=True))
         for name in ("viscous", "coulomb"):
             if self.friction is not None and name in self.ledger:
                 torque = getattr(self.friction, f"{name}_torque")(qd)
                 net = net - torque
-                further.append((torque * qd).sum(-1, keepdims=True))
-        return net, further
+                powers.append((torque * qd).sum(-1, keepdims=True))
+        return net, [] if rates is None else [rates], powers
 
     def core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """[net torques, dz/dt, powers], traced."""
-        net, further = self.parts(t, x, u)
-        return np.concatenate([net, *further], axis=-1)
+        net, rates, powers = self.parts(t, x, u)
+        return np.concatenate([net, *rates, *powers], axis=-1)
 
     def evaluate(self, model: Model, t: Array, x: Array, u: Array | None = None) -> tuple[Array, Verdict]:
         """The same, with numbers."""
@@ -132,16 +133,64 @@ class AppliedTorques:
             _compare_law(self, kernel)
         return kernel
 
+
+class Residual(AppliedTorques):
+    """[M a + C qd + g - net torques, dz/dt] at accelerations a: its slopes linearise the motion, see Plant.jacobian."""
+
+    name = "residual"
+
+    @property
+    def _widths(self) -> dict[str, int | None]:
+        widths = super()._widths
+        return {"t": 1, "x": self.size, "a": self.robot.n} | widths
+
+    def core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:  # type: ignore[override]
+        """The residual, traced."""
+        n = self.robot.n
+        net, rates, _ = self.parts(t, x, u)
+        needed = inverse_dynamics.core(model, x[..., :n], x[..., n : 2 * n], a)
+        return np.concatenate([needed - net, *rates], axis=-1)
+
+    def evaluate(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> tuple[Array, Verdict]:  # type: ignore[override]
+        """The same, with numbers."""
+        with np.errstate(all="ignore"):
+            result = self.core(model, np.asarray(t), np.asarray(x), np.asarray(a), u)
+        check_result("the equations of motion", result)
+        return result, SOUND
+
     @cached_property
     def slopes(self) -> Kernel:
-        """Its exact derivatives by x, and by u where that is given."""
-        return Kernel(self, self.robot.model, {}, ("x", "u") if self.torque_given else ("x",))
+        """Its exact derivatives by x and a, and by u where that is given."""
+        return Kernel(self, self.robot.model, {}, ("x", "a", "u") if self.torque_given else ("x", "a"))
 
 
 class RightHandSide(AppliedTorques):
-    """dx/dt of a scene; see `AppliedTorques` for its parameters."""
+    """dx/dt of a scene; see `AppliedTorques` for its further parameters.
+
+    Parameters
+    ----------
+    with_energies : bool
+        True to append the energies of the ledger to the state.
+    """
 
     name = "right_hand_side"
+
+    def __init__(
+        self,
+        robot: Robot,
+        friction: Friction | None,
+        torque_limit: Array | None,
+        law: Any,
+        torque_given: bool,
+        with_energies: bool = False,
+    ) -> None:
+        super().__init__(robot, friction, torque_limit, law, torque_given)
+        self.with_energies = with_energies
+
+    @property
+    def size(self) -> int:
+        """Length of the state."""
+        return super().size + self.with_energies * len(self.ledger)
 
     @property
     def quantity(self) -> Quantity:
@@ -156,13 +205,14 @@ class RightHandSide(AppliedTorques):
         """(dx/dt, pivots, diagonal of M), traced."""
         n = self.robot.n
         q, qd = x[..., :n], x[..., n : 2 * n]
-        net, further = self.parts(t, x, u)
+        net, further, powers = self.parts(t, x, u)
         qdd, pivots, diagonal = self.robot.kernels.forward_method().quantity.core(model, q, qd, net)
-        return np.concatenate([qd, qdd, *further], axis=-1), pivots, diagonal
+        rates = [qd, qdd, *further, *(powers if self.with_energies else [])]
+        return np.concatenate(rates, axis=-1), pivots, diagonal
 
     def _judge(self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array) -> Verdict:
         n, t, x = self.robot.n, arguments["t"], arguments["x"]
-        net, _ = self.parts(t, x, arguments.get("u"))
+        net, _, _ = self.parts(t, x, arguments.get("u"))
         state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
         return judge_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
 
@@ -189,8 +239,13 @@ class RightHandSide(AppliedTorques):
 
     @cached_property
     def torques(self) -> AppliedTorques:
-        """The torques alone, for Jacobians and reports."""
+        """The torques alone, for reports."""
         return AppliedTorques(self.robot, self.friction, self.torque_limit, self.law, self.torque_given)
+
+    @cached_property
+    def residual(self) -> Residual:
+        """The equations of motion, for Jacobians."""
+        return Residual(self.robot, self.friction, self.torque_limit, self.law, self.torque_given)
 
 
 def torques_and_rates(returned: Any) -> tuple[Any, Any]:

@@ -17,10 +17,8 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import RneError
-from .continuous import continuous_run
+from .loop import Loop
 from .plant import Plant
-from .symplectic import METHOD as GAUSS
-from .symplectic import symplectic_run
 from .trajectory import Run, Task
 
 BLOCK = 256  # steps evaluated together
@@ -50,8 +48,7 @@ def error_growth(plant: Plant, task: Task, run: Run, bound: float = np.inf) -> t
         [rad or m]
     """
     if task.t_eval is not None:
-        again = symplectic_run if task.method == GAUSS else continuous_run
-        run = again(plant, task._replace(t_eval=None), [])
+        run = Loop(plant, task._replace(t_eval=None)).run()
     n, size = plant.robot.n, 2 * plant.robot.n + plant.rhs.controller_states
     if n == 0:
         return run.t, np.zeros(len(run.t))

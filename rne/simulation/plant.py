@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -12,33 +13,75 @@ from ..dynamics.verdict import SOUND, Verdict
 from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
 from .equations_of_motion import RightHandSide
+from .events import Event
 
 
 class Plant:
     """f(t, x) for a solver, counting its calls; an untraced law is called for the drives' torques.
 
+    Nothing in it switches by itself; see `DryPlant` for what does.
+
     Parameters
     ----------
     rhs : RightHandSide
     law : callable or None
-        f(t, q, qd) for the torques where `rhs.torque_given`.
+        f(t, q, qd) for the torques where `rhs.torque_given` and the controller is not sampled.
     law_name : {"controller", "torque"}
         The argument that the user gave the law as, for error messages.
 
     Attributes
     ----------
+    held : ndarray, shape (n,), or None
+        The torques held since the last sample, of a sampled controller.
+    span : (float, float)
+        Times within which torques are evaluated: just inside the segment, on this side of the breaks at its ends.
     verdict : Verdict
         The loss of precision in the worst state evaluated so far.
     """
+
+    events: Sequence[Event] = ()
+    at_rest = None  # entries of the state that are held at zero
+    has_changed = False  # by the beginning of the segment
+    told = ""
 
     def __init__(self, rhs: RightHandSide, law: Callable[..., Any] | None, law_name: str = "controller") -> None:
         self.rhs = rhs
         self.robot = rhs.robot
         self.law, self.law_name = law, law_name
+        self.held: Array | None = None
+        self.span = (-np.inf, np.inf)
         self.evaluations = 0
         self.verdict = SOUND
         self.kernel = rhs.kernel
         self._state_function = self.kernel.state_function_at_any_rate if self.kernel.is_unrolled else None
+
+    def start(self, x: Array) -> Array:
+        """The solver's state at the start of a run, of (q, qd, z)."""
+        return x
+
+    def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
+        """Prepare for a segment that begins here."""
+        self.span = span
+
+    def after(self, event: Event, x: Array) -> Array:
+        """The state with which motion goes on after one of `events`."""
+        return x
+
+    def longest_step(self, duration: float) -> float:
+        """Longest step that the solver may take [s]."""
+        return np.inf
+
+    def reported(self, x: Array) -> Array:
+        """The state to report of a solver's state."""
+        return x
+
+    def accelerations_at(self, t: float, x: Array) -> Array | None:
+        """Accelerations to report, where they do not follow from time, state and torques."""
+        return None
+
+    def states(self, X: Array) -> Array:
+        """All reported states, shape (T, size), as (q, qd, z)."""
+        return X
 
     def note(self, verdict: Verdict) -> None:
         """Raise an error; keep a loss if it is the worst so far."""
@@ -49,9 +92,15 @@ class Plant:
     def torque(self, t: float, x: Array) -> Array | None:
         """Torques that the law returns, checked: a NaN or a wrong shape is named with its time."""
         if self.law is None:
-            return None
+            return self.held
         n = self.robot.n
         returned = self.law(t, x[:n].copy(), x[n : 2 * n].copy())  # a law may modify its arguments
+        plain = type(returned) is np.ndarray and returned.dtype == np.float64 and returned.shape == (n,)
+        return returned.copy() if plain and isfinite(sum(returned.tolist())) else self._checked(t, returned)
+
+    def _checked(self, t: float, returned: Any) -> Array:
+        """What a law returned as an array of torques."""
+        n = self.robot.n
         try:
             tau = np.asarray(returned)
         except ValueError:
@@ -70,8 +119,10 @@ class Plant:
     def __call__(self, t: float, x: Array) -> Array:
         """dx/dt."""
         self.evaluations += 1
+        first, last = self.span
+        t = first if t < first else last if t > last else t
         if self.law is None:
-            return self.rates(t, x, None)
+            return self.rates(t, x, self.held)
         self._check_state(t, x)
         return self.rates(t, x, self.torque(t, x))
 
@@ -98,8 +149,31 @@ class Plant:
         self.note(verdict)
         return rates
 
+    @property
+    def integrated(self) -> tuple[str, ...]:
+        """The energies to integrate: the work of torques that are held is exact without."""
+        return tuple(name for name in self.rhs.ledger if name != "drives" or self.held is None)
+
+    def powers(self, t: Array, X: Array, held: Array | None) -> Array:
+        """Powers of the `integrated` at many times, shapes (T,), (T, size) and (T, n) of torques that are held."""
+        u = held if self.law is None else self.torques_at(t, X)
+        arguments = (t[:, None], X) if u is None else (t[:, None], X, u)
+        found, _ = self.rhs.torques.kernel.evaluate(*arguments)
+        return found[:, -len(self.integrated) :]
+
+    def drive_torques(self, t: Array, X: Array) -> Array | None:
+        """Torques of the drives at many times, shape (T, n); None without drives."""
+        u = None if self.law is None else self.torques_at(t, X)
+        drives, _ = self.rhs.drives(t[:, None], X, u)
+        return None if drives is None else np.asarray(drives, dtype=np.float64)
+
+    def torques_at(self, t: Array, X: Array) -> Array:
+        """Torques of a called law at many times, shape (T, n)."""
+        found = [self.torque(float(time), x) for time, x in zip(t, X, strict=True)]
+        return np.array(found).reshape(len(t), self.robot.n)
+
     def _check_state(self, t: float, x: Array) -> None:
-        if not np.isfinite(x[: 2 * self.robot.n]).all():
+        if not isfinite(sum(x.tolist())) and not np.isfinite(x[: 2 * self.robot.n]).all():
             raise NotFiniteError(f"state is not finite at t = {t:.6g} s", t)
 
     def jacobian(self, t: float, x: Array) -> Array:
@@ -109,29 +183,28 @@ class Plant:
         """
         self._check_state(t, x)
         self.evaluations += 2 * self.robot.n
+        t = min(max(t, self.span[0]), self.span[1])
         u = self.torque(t, x)
-        return self._jacobian(np.array([t]), x, u, None if u is None else self._law_slopes(t, x, u))
+        by_law = None if self.law is None or u is None else self._law_slopes(t, x, u)
+        return self._jacobian(np.array([t]), x, self.rates(t, x, u), u, by_law)
 
     def jacobians(self, t: Array, X: Array) -> Array:
         """df/dx at many times, shapes (T,) and (T, size)."""
         if self.law is None:
-            return self._jacobian(t[:, None], X, None, None)
+            return self._jacobian(t[:, None], X, self.all_rates(t, X), None, None)
         return np.array([self.jacobian(float(time), x) for time, x in zip(t, X, strict=True)])
 
-    def _jacobian(self, t: Array, x: Array, u: Array | None, by_law: Array | None) -> Array:
+    def _jacobian(self, t: Array, x: Array, rates: Array, u: Array | None, by_law: Array | None) -> Array:
+        """From M qdd + h - torques = 0: M dqdd = -d(M qdd + h - torques) at constant qdd."""
         n, size = self.robot.n, x.shape[-1]
-        torques = () if u is None else (u,)
-        net = self.rhs.torques.kernel(t, x, *torques)[..., :n]
-        slopes = self.rhs.torques.slopes(t, x, *torques)
-        by_x = slopes[..., :size]
+        qdd = rates[..., n : 2 * n]
+        slopes = self.rhs.residual.slopes(t, x, qdd, *(() if u is None else (u,)))
+        by_x, M, by_u = np.split(slopes, [size, size + n], axis=-1)
         if by_law is not None:
-            by_x = by_x + slopes[..., size:] @ by_law
-        dqdd, verdict = self.robot.kernels.forward_derivatives(x[..., :n], x[..., n : 2 * n], net)
-        self.note(verdict)
+            by_x = by_x + by_u @ by_law
         J = np.zeros((*x.shape, size))
         J[..., :n, n : 2 * n] = np.eye(n)
-        J[..., n : 2 * n, :] = dqdd[..., 2 * n :] @ by_x[..., :n, :]
-        J[..., n : 2 * n, : 2 * n] += dqdd[..., : 2 * n]
+        J[..., n : 2 * n, :] = np.linalg.solve(M[..., :n, :], -by_x[..., :n, :])
         J[..., 2 * n :, :] = by_x[..., n:, :]
         return J
 

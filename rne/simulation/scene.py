@@ -165,11 +165,19 @@ class Scene:
 
     @cached_property
     def right_hand_side(self) -> RightHandSide:
-        """dx/dt = f(t, x) of the state x = (q, qd, the controller's states, energies)."""
+        """dx/dt = f(t, x) of the state x = (q, qd, the controller's states)."""
+        return self._right_hand_side(with_energies=False)
+
+    @cached_property
+    def right_hand_side_with_energies(self) -> RightHandSide:
+        """The same, with the energies of the ledger as further states."""
+        return self._right_hand_side(with_energies=True)
+
+    def _right_hand_side(self, *, with_energies: bool) -> RightHandSide:
         parts = self.resolved
         torque_given = self.controller is not None and (self.sample_time is not None or not self.is_traced)
         law = self.controller if self.is_traced and not torque_given else None
-        return RightHandSide(parts.robot, parts.friction, parts.torque_limit, law, torque_given)
+        return RightHandSide(parts.robot, parts.friction, parts.torque_limit, law, torque_given, with_energies)
 
     def current_right_hand_side(self) -> RightHandSide:
         """The right-hand side, traced anew if the controller has changed since it was traced."""

@@ -10,26 +10,23 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array
-from ..errors import RneError, SimulationError
+from ..errors import SimulationError
 from ..model.arguments import joint_array
 from ..robot import Robot
-from .continuous import check_within_stops, continuous_run, stops
 from .equations_of_motion import RightHandSide
 from .error_growth import growth_of
+from .loop import Loop
 from .plant import Plant
-from .sampled import first_torques, sampled_run
+from .sampled import ZeroOrderHold
 from .scene import Scene, scene_of_robot
-from .stick_slip import DryPlant, stick_slip_run
+from .stops import check_within_stops, stops
 from .symplectic import METHOD as GAUSS
-from .symplectic import symplectic_run
-from .trajectory import Run, Task, Trajectory, build_trajectory
+from .trajectory import Task, Trajectory, build_trajectory
+from .watch import STIFF, fastest_decay
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA")
-# Fastest decay times duration above which an explicit method is held to tiny steps by stability alone:
-# DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
-STIFF = 1000.0
 
 
 def simulate(
@@ -87,7 +84,8 @@ def simulate(
     Notes
     -----
     A Robot is simulated without friction, stops or limits: those are parts of a Scene. The energies of the ledger are
-    integrated as further states that do not control the step size.
+    the integrals of the powers along the motion that is returned. Runs of "auto" that begin with DOP853 or RK45 go on
+    with LSODA from where stability, not accuracy, limits the steps.
 
     Examples
     --------
@@ -107,17 +105,18 @@ def simulate(
     times = None if t_eval is None else _check_times(t_eval, end)
     relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
     longest_step = None if step is None else positive_number("step", step)
-    called_law = scene.controller if rhs.torque_given and scene.sample_time is None else None
-    plant = Plant(rhs, called_law, "controller" if torque is None else "torque")
+    plant = Plant(rhs, scene.controller if rhs.torque_given else None, "controller" if torque is None else "torque")
+    hold = None if scene.sample_time is None else ZeroOrderHold(scene, plant)
     chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, scene)
     _check_method(chosen, step, scene)
-    events = stops(plant) if scene.stops else []
-    check_within_stops(events, x0)
-    task = Task(x0, end, chosen, relative, absolute, times, longest_step, _breaks(scene, breaks), events)
-    try:
-        return _run(scene, plant, task, reason)
-    finally:
-        plant.verdict.raise_or_warn(stacklevel=2)
+    ends = stops(robot.model) if scene.stops else []
+    check_within_stops(ends, x0)
+    task = Task(
+        x0, end, chosen, relative, absolute, times, longest_step, _breaks(scene, breaks), ends, method == "auto"
+    )
+    motion = _run(plant, task, hold, reason)
+    plant.verdict.raise_or_warn(stacklevel=2)
+    return motion
 
 
 def _check_method(method: str, step: float | None, scene: Scene) -> None:
@@ -128,63 +127,33 @@ def _check_method(method: str, step: float | None, scene: Scene) -> None:
 
 
 def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tuple[str, str]:
-    """The solver for this run, and why: the fastest decaying mode of the loop linearised at the start decides."""
+    """The solver for this run, and why: the fastest decaying mode of the motion linearised at the start decides."""
+    decay = fastest_decay(plant, 0.0, x0)
     if scene.sample_time is not None:
-        return (
-            "RK45",
-            f"RK45: torques are held for {scene.sample_time:g} s, and motion under held torques is not stiff",
-        )
-    size = 2 * plant.robot.n + plant.rhs.controller_states
-    try:
-        A = plant.jacobian(0.0, x0)[:size, :size]
-    except RneError:
-        return "DOP853", "DOP853: the loop cannot be linearised at the start"
-    if not A.size or not np.isfinite(A).all():
-        return "DOP853", "DOP853: nothing to linearise at the start"
-    decay = float(max(-np.linalg.eigvals(A).real.min(), 0.0)) + 0.0  # no negative zero
-    stiff = decay * duration > STIFF
-    times = f"{decay * duration:.3g} times over the run ({'more than' if stiff else 'at most'} {STIFF:g})"
-    method, kind = ("LSODA", "stiff") if stiff else ("DOP853", "not stiff")
-    return method, f"{method}: {kind}, the fastest mode at the start decays at {decay:.4g} 1/s, {times}"
+        if decay * scene.sample_time > STIFF:
+            return "LSODA", f"LSODA: under held torques the fastest mode at the start decays at {decay:.4g} 1/s"
+        return "RK45", f"RK45: torques are held for {scene.sample_time:g} s, and motion under held torques is not stiff"
+    if not np.isfinite(decay):
+        return "DOP853", "DOP853: the motion cannot be linearised at the start"
+    times = f"{decay * duration:.3g} times over the run"
+    if decay * duration > STIFF:
+        return "LSODA", f"LSODA: stiff, the fastest mode at the start decays at {decay:.4g} 1/s, {times} (> {STIFF:g})"
+    return (
+        "DOP853",
+        f"DOP853: not stiff, no mode at the start decays faster than {decay:.4g} 1/s, {times} (<= {STIFF:g})",
+    )
 
 
-def _run(scene: Scene, plant: Plant, task: Task, reason: str) -> Trajectory:
-    failures: list[tuple[float, str]] = []
-    if task.duration == 0 or plant.robot.n == 0:  # nothing moves, and SciPy's solvers divide by both
-        t = np.unique([0.0, task.duration]) if task.t_eval is None else task.t_eval
-        run = _without_motion(scene, plant, task, t)
-    else:
-        run = _integrate(scene, plant, task, failures)
-    motion = build_trajectory(plant, task, run, reason, failures)
-    if scene.sample_time is None and run.qdd is None:
+def _run(plant: Plant, task: Task, hold: ZeroOrderHold | None, reason: str) -> Trajectory:
+    run = Loop(plant, task, hold).run()
+    motion, failure = build_trajectory(plant, task, run, reason)
+    if hold is None and run.qdd is None:
         motion = replace(motion, growth=growth_of(plant, task, run))
-    if not failures:
+    if failure is None:
         return motion
-    time, cause = failures[0]
-    raise SimulationError(f"simulation stopped at t = {time:.6g} s of {task.duration:g} s: {cause}", time, motion)
-
-
-def _without_motion(scene: Scene, plant: Plant, task: Task, t: Array) -> Run:
-    """The initial state at each requested time."""
-    x = np.tile(task.x0, (len(t), 1))
-    if scene.sample_time is not None:
-        return Run(t, x, 0, "nothing to integrate", np.tile(first_torques(scene, plant, task.x0), (len(t), 1)))
-    if scene.resolved.friction is not None and scene.resolved.friction.sticks and plant.robot.n:
-        dry = DryPlant(plant, scene.resolved.friction)
-        dry.settle(0.0, task.x0)
-        qdd = np.tile(dry.accelerations(0.0, task.x0)[0], (len(t), 1))
-        return Run(t, x, 0, "nothing to integrate", None, qdd)
-    return Run(t, x, 0, "nothing to integrate")
-
-
-def _integrate(scene: Scene, plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
-    if task.method == GAUSS:
-        return symplectic_run(plant, task, failures)
-    if scene.sample_time is not None:
-        return sampled_run(scene, plant, task, failures)
-    if scene.resolved.friction is not None and scene.resolved.friction.sticks:
-        return stick_slip_run(plant, task, failures)
-    return continuous_run(plant, task, failures)
+    raise SimulationError(
+        f"simulation stopped at t = {failure.time:.6g} s of {task.duration:g} s: {failure.cause}", failure.time, motion
+    )
 
 
 def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:

@@ -6,7 +6,9 @@ Hamilton's equations. Hairer, Lubich, Wanner 2006, Geometric Numerical Integrati
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,12 +16,11 @@ from ..basics.spatial import Array
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.quantity import quantity
-from ..errors import NotFiniteError, SingularMassMatrixError
+from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
 from ..model.model import Model
-from ..robot import Robot
+from .events import Event
 from .plant import Plant
-from .trajectory import Run, Task
 
 METHOD = "gauss-4"
 NODES = np.array([0.5 - sqrt(3) / 6, 0.5 + sqrt(3) / 6])  # the weights b are 1/2 and 1/2
@@ -38,17 +39,21 @@ def lagrangian(model: Model, q: Array, qd: Array) -> Array:
 
 
 class Hamilton:
-    """dx/dt of x = (q, p) for a robot without drives and friction."""
+    """dx/dt of x = (q, p) for a robot without drives and friction, in which nothing switches."""
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot, self.n = robot, robot.n
-        self.rates = robot.kernel(solve_mass_matrix)
-        self.slopes = robot.kernel(lagrangian, "q")
-        self.evaluations = 0
+    events: Sequence[Event] = ()
+    at_rest = None
+    has_changed = False
+    told = ""
+
+    def __init__(self, plant: Plant) -> None:
+        self.robot, self.n, self.plant = plant.robot, plant.robot.n, plant
+        self.rates = self.robot.kernel(solve_mass_matrix)
+        self.slopes = self.robot.kernel(lagrangian, "q")
 
     def __call__(self, X: Array) -> Array:
         """Hamilton's equations for a few states, shape (k, 2 n)."""
-        self.evaluations += len(X)
+        self.plant.evaluations += len(X)
         n = self.n
         if self.rates.is_unrolled and self.slopes.is_unrolled:
             try:
@@ -63,43 +68,88 @@ class Hamilton:
         rates = self.rates(X[:, :n], X[:, n:])
         return np.concatenate([rates, self.slopes(X[:, :n], rates)], axis=1)
 
+    def start(self, x: Array) -> Array:
+        """(q, p) of a state (q, qd)."""
+        n = self.n
+        return np.concatenate([x[:n], self.robot.mass_matrix(x[:n]) @ x[n : 2 * n]])
 
-def symplectic_run(plant: Plant, task: Task, failures: list[tuple[float, str]]) -> Run:
-    """Equal steps, at most `step` long; values between their ends are those of the collocation polynomial."""
-    n = plant.robot.n
-    system = Hamilton(plant.robot)
-    near = STEP if task.step is None else task.step
-    count = max(1, int(np.ceil(task.duration / near * (1 - 1e-12))))
-    h = task.duration / count
-    grid = np.linspace(0.0, task.duration, count + 1) if task.t_eval is None else task.t_eval
-    found = np.zeros((len(grid), 2 * n))
-    x0 = task.x0
-    x = np.concatenate([x0[:n], plant.robot.mass_matrix(x0[:n]) @ x0[n : 2 * n]])
-    weights = [_continuation(NODES, k) for k in range(1, HISTORY + 1)]
-    lost = np.zeros_like(x)  # rounding error of x, added back at the next step (Kahan's compensated sum)
-    done, k = 0, 0
-    try:
-        history = [np.tile(system(x[None]), (len(NODES), 1))]
-        for k in range(count):
-            while done < len(grid) and grid[done] <= k * h * (1 + 1e-15):
-                found[done] = x
-                done += 1
-            guess = weights[len(history) - 1] @ np.concatenate(history) if k else history[0]
-            stages = solve_stages(system, x, h, WEIGHTS, guess)
-            history = [*history[k == 0 or len(history) == HISTORY :], stages]
-            while done < len(grid) and grid[done] < (k + 1) * h * (1 - 1e-12):
-                found[done] = x + h * _weights(NODES, grid[done] / h - k) @ stages
-                done += 1
-            move = h * stages.mean(axis=0) + lost
-            lost = move - ((x + move) - x)
-            x = x + move
-    except (NotFiniteError, SingularMassMatrixError, ArithmeticError) as error:
-        failures.append((k * h, str(error)))
-        grid = grid[:done]
-    found = found[: len(grid)]
-    found[done:] = x
-    plant.evaluations += system.evaluations
-    return Run(grid, _states(plant.robot, found, system), 0, f"{count} steps of {h:.6g} s")
+    def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
+        """Nothing to prepare."""
+
+    def longest_step(self, duration: float) -> float:
+        """The solver's steps are equal."""
+        return np.inf
+
+    def reported(self, x: Array) -> Array:
+        """(q, p); `states` converts all of them at once."""
+        return x
+
+    def accelerations_at(self, t: float, x: Array) -> None:
+        """Accelerations follow from the state."""
+
+    def states(self, X: Array) -> Array:
+        """States (T, 2 n) as (q, qd)."""
+        q, p = X[:, : self.n], X[:, self.n :]
+        return np.concatenate([q, self.rates(q, p)], axis=1) if len(X) else X
+
+
+class GaussSolver:
+    """Equal steps of Gauss's method on (q, p); inside a step, the collocation polynomial.
+
+    Parameters
+    ----------
+    system : Hamilton
+    duration : float
+        [s]
+    longest : float or None
+        Steps are at most this long [s].
+    """
+
+    def __init__(self, system: Hamilton, duration: float, longest: float | None) -> None:
+        self.system, self.duration = system, duration
+        self.count = max(1, int(np.ceil(duration / (longest or STEP) * (1 - 1e-12))))
+        self.h = duration / self.count
+        self.k = 0
+        self.weights = [_continuation(NODES, k) for k in range(1, HISTORY + 1)]
+
+    def start(self, system: Hamilton, t: float, x: Array, end: float, longest: float) -> None:
+        """Begin the run."""
+        self.x = x
+        self.lost = np.zeros_like(x)  # rounding error of x, added back at the next step (Kahan's compensated sum)
+        self.history = [np.tile(system(x[None]), (len(NODES), 1))]
+
+    @property
+    def is_running(self) -> bool:
+        """False when the end was reached."""
+        return self.k < self.count
+
+    def step(self) -> GaussStep:
+        """The next step."""
+        k, h, x = self.k, self.h, self.x
+        guess = self.weights[len(self.history) - 1] @ np.concatenate(self.history) if k else self.history[0]
+        stages = solve_stages(self.system, x, h, WEIGHTS, guess)
+        self.history = [*self.history[k == 0 or len(self.history) == HISTORY :], stages]
+        move = h * stages.mean(axis=0) + self.lost
+        self.lost = move - ((x + move) - x)
+        self.x, self.k = x + move, k + 1
+        end = self.duration if self.k == self.count else self.k * h
+        return GaussStep(k * h, end, self.x, h, x, stages)
+
+
+class GaussStep(NamedTuple):
+    """One step: its ends, the state at the end, and what its interpolant needs."""
+
+    begin: float
+    end: float
+    x: Array
+    h: float
+    start: Array
+    stages: Array
+
+    def interpolant(self, t: Any) -> Array:
+        """The states (2 n, m) at times (m,) inside the step."""
+        s = (np.asarray(t) - self.begin) / self.h
+        return self.start[:, None] + self.h * self.stages.T @ _weights(NODES, s)
 
 
 def solve_stages(system: Hamilton, x: Array, h: float, a: Array, guess: Array) -> Array:
@@ -126,14 +176,7 @@ def _continuation(c: Array, steps: int) -> Array:
     return weights
 
 
-def _weights(c: Array, s: float) -> Array:
-    """Integrals from 0 to s of the Lagrange polynomials on the nodes c."""
+def _weights(c: Array, s: Array) -> Array:
+    """Integrals from 0 to s of the Lagrange polynomials on the nodes c, shape (2, m)."""
     width = c[1] - c[0]
     return np.array([(c[1] * s - s * s / 2) / width, (s * s / 2 - c[0] * s) / width])
-
-
-def _states(robot: Robot, found: Array, system: Hamilton) -> Array:
-    n = robot.n
-    q, p = found[:, :n], found[:, n:]
-    qd = system.rates(q, p) if len(q) else p
-    return np.concatenate([q, qd], axis=1)

@@ -12,6 +12,7 @@ from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 from .plant import Plant
+from .stops import Stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,47 +130,61 @@ class Trajectory:
 
 
 class Task(NamedTuple):
-    """The task of a solver."""
+    """The task of a run."""
 
     x0: Array
     duration: float
     method: str
     rtol: float
     atol: float
-    t_eval: Array | None
-    step: float | None
-    breaks: Sequence[float]
-    events: Sequence[Any]
+    t_eval: Array | None = None
+    step: float | None = None
+    breaks: Sequence[float] = ()
+    stops: Sequence[Stop] = ()
+    is_auto: bool = False  # True if the method may be changed while the run goes on
+
+
+class Failure(NamedTuple):
+    """Why a run ended before its time."""
+
+    time: float
+    cause: str
 
 
 class Run(NamedTuple):
-    """The result of a solver."""
+    """The result of a run."""
 
     t: Array
     x: Array
     status: int
     ending: str
-    u: Array | None = None  # torques that were held, where they were
-    qdd: Array | None = None  # accelerations, where the right-hand side alone does not give them
-    controller_state: Array | None = None  # states of a sampled controller
+    u: Array | None  # torques that were held, where they were
+    qdd: Array | None  # accelerations, where they do not follow from time, state and torques
+    controller_state: Array | None  # states of a sampled controller
+    energies: Mapping[str, Array]  # of the ledger, (T,) each
+    failure: Failure | None
+    method: str
 
 
-def build_trajectory(plant: Plant, task: Task, run: Run, reason: str, failures: list[tuple[float, str]]) -> Trajectory:
-    """The motion with its torques and energies; samples from one on that is not finite are left out."""
+def build_trajectory(plant: Plant, task: Task, run: Run, reason: str) -> tuple[Trajectory, Failure | None]:
+    """The motion with its torques and energies, up to the first instant that is not finite."""
     rhs = plant.rhs
     n = rhs.robot.n
-    t, x, tau, qdd = _sound_samples(plant, run, failures)
+    tau, qdd, failure = _torques_and_accelerations(plant, run)
+    failure = run.failure or failure
+    T = len(tau)
     if run.qdd is not None:
-        qdd = run.qdd[: len(t)]
-    q, qd, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + rhs.controller_states]
-    entries = dict(zip(rhs.ledger, x[:, 2 * n + rhs.controller_states :].T, strict=True))
-    work = entries.pop("drives", np.zeros(len(t)))
+        qdd = run.qdd[:T]
+    t, x = run.t[:T], run.x[:T]
+    q, qd, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+    entries = {name: energy[:T] for name, energy in run.energies.items()}
+    work = entries.pop("drives", np.zeros(T))
     kinetic, potential = rhs.robot.kinetic_energy(q, qd), rhs.robot.potential_energy(q)
     energy = kinetic + potential
-    taken = sum(entries.values(), np.zeros(len(t)))
+    taken = sum(entries.values(), np.zeros(T))
     start = float(rhs.robot.kinetic_energy(*np.split(task.x0[: 2 * n], 2)) + rhs.robot.potential_energy(task.x0[:n]))
-    drift = float(np.abs(energy - start - work + taken).max()) if len(t) else 0.0
-    return Trajectory(
+    drift = float(np.abs(energy - start - work + taken).max()) if T else 0.0
+    motion = Trajectory(
         t,
         q,
         qd,
@@ -181,43 +196,40 @@ def build_trajectory(plant: Plant, task: Task, run: Run, reason: str, failures: 
         work,
         drift,
         plant.evaluations,
-        task.method,
-        -1 if failures else run.status,
-        failures[0][1] if failures else f"{reason}; {run.ending}",
+        run.method,
+        -1 if failure else run.status,
+        failure.cause if failure else f"{reason}; {run.ending}",
         entries,
-        z if run.controller_state is None else run.controller_state[: len(t)],
+        z if run.controller_state is None else run.controller_state[:T],
         start,
     )
+    return motion, failure
 
 
-def _sound_samples(plant: Plant, run: Run, failures: list[tuple[float, str]]) -> tuple[Array, Array, Array, Array]:
-    """Times, states, torques and accelerations up to the first sample that is not finite or where M is singular."""
-    n = plant.rhs.robot.n
-    times = run.t[:, None]
+def _torques_and_accelerations(plant: Plant, run: Run) -> tuple[Array, Array, Failure | None]:
+    """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
+    n = plant.robot.n
     try:
         u = run.u
         if u is None and plant.law is not None:
-            u = np.array([plant.torque(float(t), x) for t, x in zip(run.t, run.x, strict=True)]).reshape(-1, n)
+            u = plant.torques_at(run.t, run.x)
         rates = plant.all_rates(run.t, run.x, u)
-        drives, _ = plant.rhs.drives(times, run.x, u)
-        tau = np.zeros((len(times), n)) if drives is None else np.asarray(drives, dtype=np.float64)
-        return run.t, run.x, tau, rates[:, n : 2 * n]
+        drives, _ = plant.rhs.drives(run.t[:, None], run.x, u)
+        tau = np.zeros((len(run.t), n)) if drives is None else np.asarray(drives, dtype=np.float64)
+        return tau, rates[:, n : 2 * n], None
     except (NotFiniteError, SingularMassMatrixError, ValueError):  # found by looking at each
-        return _one_by_one(plant, run, failures)
+        return _one_by_one(plant, run)
 
 
-def _one_by_one(plant: Plant, run: Run, failures: list[tuple[float, str]]) -> tuple[Array, Array, Array, Array]:
-    n = plant.rhs.robot.n
+def _one_by_one(plant: Plant, run: Run) -> tuple[Array, Array, Failure | None]:
+    n = plant.robot.n
     tau, qdd = np.zeros((len(run.t), n)), np.zeros((len(run.t), n))
-    sound = 0
-    for k, (time, x) in enumerate(zip(run.t, run.x, strict=True)):
+    for k, (time, x) in enumerate(zip(run.t.tolist(), run.x, strict=True)):
         try:
-            u = plant.torque(float(time), x) if run.u is None else run.u[k]
+            u = plant.torque(time, x) if run.u is None else run.u[k]
             drives, _ = plant.rhs.drives(np.array([time]), x, u)
             tau[k] = 0.0 if drives is None else drives
-            qdd[k] = plant.rates(float(time), x, u)[n : 2 * n]
+            qdd[k] = plant.rates(time, x, u)[n : 2 * n]
         except (NotFiniteError, SingularMassMatrixError) as error:
-            failures.append((float(time), str(error)))
-            break
-        sound += 1
-    return run.t[:sound], run.x[:sound], tau[:sound], qdd[:sound]
+            return tau[:k], qdd[:k], Failure(time, str(error))
+    return tau, qdd, None

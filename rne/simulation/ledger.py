@@ -1,0 +1,171 @@
+"""The ledger of a motion: work of the drives and friction losses, integrated along the motion that is returned.
+
+A panel is a few of the solver's steps. On it every power, on the steps' interpolants, is replaced by its polynomial
+through Gauss's nodes, which is integrated exactly. A panel on which the polynomial's coefficients have not decayed is
+halved; the number of steps in a panel follows from how often that happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ..basics.spatial import Array
+from .events import Interpolant
+
+Powers = Callable[[Array, Array, Array | None], Array]  # times (N,), states (N, size), held torques -> (N, k)
+
+DEGREE = 6  # of the polynomials
+NODES, _ = legendre.leggauss(DEGREE + 1)
+COEFFICIENTS = np.linalg.inv(legendre.legvander(NODES, DEGREE))  # of Legendre's polynomials, from values at the nodes
+NEGLIGIBLE = 1e-8  # estimated error of a panel, in units of all energy exchanged so far
+EASY = 1e-2  # of that: panels may be twice as long
+HALVINGS, SHORTEST = 12, 1e-13  # panels are not halved more often, nor below that part of the time
+BLOCK = 24  # panels evaluated together
+FIRST_STEPS, MOST_STEPS = 4, 64  # in a panel
+
+
+class Span(NamedTuple):
+    """A step, or its part before an event."""
+
+    begin: float
+    end: float
+    interpolant: Interpolant
+
+
+class Panel(NamedTuple):
+    """Some spans, or a part of them from `begin` to `end`, in which the same torques are held and joints at rest."""
+
+    begin: float
+    end: float
+    spans: tuple[Span, ...]
+    held: Array | None
+    at_rest: Array | None
+
+    def nodes(self) -> Array:
+        """Gauss's nodes on it."""
+        return self.begin + (self.end - self.begin) * (1 + NODES) / 2
+
+    def states(self) -> Array:
+        """The states there, shape (DEGREE + 1, size)."""
+        t, spans = self.nodes(), self.spans
+        if len(spans) == 1:
+            X = np.array(spans[0].interpolant(t)).T
+        else:
+            cuts = [0, *t.searchsorted([span.end for span in spans[:-1]]).tolist(), len(t)]
+            parts = [span.interpolant(t[a:b]) for span, a, b in zip(spans, cuts, cuts[1:], strict=False) if a < b]
+            X = np.concatenate(parts, axis=1).T
+        if self.at_rest is not None:
+            X[:, self.at_rest] = 0.0
+        return X
+
+    def halves(self) -> tuple[Panel, Panel]:
+        """Its two halves."""
+        middle = (self.begin + self.end) / 2
+        return self._replace(end=middle), self._replace(begin=middle)
+
+
+class Ledger:
+    """Energies since the start, as a function of time.
+
+    Parameters
+    ----------
+    powers : callable
+        The powers in many states.
+    count : int
+        How many there are.
+    """
+
+    def __init__(self, powers: Powers, count: int) -> None:
+        self.powers, self.count = powers, count
+        self.pieces: list[tuple[float, float, Array]] = []  # begin, length and coefficients, shape (DEGREE + 1, k)
+        self.exchanged = 0.0  # integral of the powers' sizes
+        self.steps = FIRST_STEPS  # in a panel
+        self._spans: list[Span] = []
+        self._panels: list[Panel] = []
+
+    @property
+    def end(self) -> float:
+        """The time up to which it was integrated."""
+        return self.pieces[-1][0] + self.pieces[-1][1] if self.pieces else 0.0
+
+    def add(self, span: Span, held: Array | None, at_rest: Array | None, *, is_last: bool) -> None:
+        """Integrate over a step; the last one before the torques that are held or the joints at rest change."""
+        if span.end > span.begin:
+            self._spans.append(span)
+        if self._spans and (is_last or len(self._spans) >= self.steps):
+            spans, self._spans = tuple(self._spans), []
+            self._panels.append(Panel(spans[0].begin, spans[-1].end, spans, held, at_rest))
+            if len(self._panels) >= BLOCK:
+                self.integrate()
+
+    def integrate(self) -> None:
+        """Integrate over the panels that were added."""
+        panels, self._panels = self._panels, []
+        done: list[tuple[float, float, Array]] = []
+        for halving in range(HALVINGS + 1):
+            if not panels:
+                break
+            lengths = np.array([panel.end - panel.begin for panel in panels])
+            coefficients = COEFFICIENTS @ self._at_nodes(panels)
+            errors = lengths * _truncation(coefficients)
+            if halving == 0:
+                self.exchanged += float((lengths * np.abs(coefficients[:, 0]).sum(axis=1)).sum())
+                self._adapt(errors)
+            divisible = lengths > SHORTEST * np.array([abs(panel.end) for panel in panels])
+            rough = (errors > NEGLIGIBLE * self.exchanged) & divisible & (halving < HALVINGS)
+            done += [
+                (panel.begin, float(length), c)
+                for panel, length, c, bad in zip(panels, lengths, coefficients, rough, strict=True)
+                if not bad
+            ]
+            panels = [half for panel, bad in zip(panels, rough, strict=True) if bad for half in panel.halves()]
+        self.pieces += sorted(done, key=lambda piece: piece[0])
+
+    def _adapt(self, errors: Array) -> None:
+        """The length of the next panels."""
+        if np.mean(errors > NEGLIGIBLE * self.exchanged) > 0.1:
+            self.steps = max(1, self.steps // 2)
+        elif np.mean(errors > EASY * NEGLIGIBLE * self.exchanged) < 0.1:
+            self.steps = min(MOST_STEPS, self.steps * 2)
+
+    def _at_nodes(self, panels: list[Panel]) -> Array:
+        """Powers at the nodes of each panel, shape (P, DEGREE + 1, k)."""
+        times = np.concatenate([panel.nodes() for panel in panels])
+        states = np.concatenate([panel.states() for panel in panels])
+        held = None
+        if panels[0].held is not None:
+            held = np.repeat([panel.held for panel in panels], len(NODES), axis=0)
+        return self.powers(times, states, held).reshape(len(panels), len(NODES), self.count)
+
+    def at(self, times: Array) -> Array:
+        """Energies since the start at times that were integrated over, shape (T, k)."""
+        self.integrate()
+        if not self.pieces:
+            return np.zeros((len(times), self.count))
+        begins, lengths, polynomials = (np.array(part) for part in zip(*self.pieces, strict=True))
+        whole = np.concatenate([np.zeros((1, self.count)), np.cumsum(lengths[:, None] * polynomials[:, 0], axis=0)])
+        k = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
+        s = np.clip(2 * (times - begins[k]) / lengths[k] - 1, -1, 1)
+        found: Array = whole[k] + lengths[k, None] / 2 * (_antiderivatives(s)[:, :, None] * polynomials[k]).sum(axis=1)
+        return found
+
+
+def _truncation(coefficients: Array) -> Array:
+    """Estimated sizes of the first coefficients left out, shape (P,): the decay of the last ones goes on.
+
+    At the end of a panel the integral is far better, exact to twice the degree; the estimate is of its interior.
+    """
+    sizes = np.abs(coefficients).sum(axis=2)
+    last, before = sizes[:, -2:].sum(axis=1), sizes[:, -4:-2].sum(axis=1)
+    error: Array = last * np.minimum(1.0, last / np.maximum(before, np.finfo(float).tiny))
+    return error
+
+
+def _antiderivatives(s: Array) -> Array:
+    """Integrals of Legendre's polynomials from -1 to s, shape (T, DEGREE + 1)."""
+    P = legendre.legvander(s, DEGREE + 1)
+    return np.stack([s + 1] + [(P[:, j + 1] - P[:, j - 1]) / (2 * j + 1) for j in range(1, DEGREE + 1)], axis=1)

@@ -1,0 +1,231 @@
+"""The simulation loop: segments between the instants at which something switches.
+
+At the start of a segment the controller is sampled, if it is due, and the modes of dry friction are settled. A solver
+then steps to the next sample or break, unless an event happens inside a step: there the segment ends, and the next one
+begins, or the run ends at a stop. Times to report and the energies of the ledger come from each step's interpolant.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import NotFiniteError, SingularMassMatrixError
+from .events import first_crossing
+from .ledger import Ledger, Span
+from .plant import Plant
+from .record import Record
+from .sampled import MAX_EVALUATIONS, ZeroOrderHold
+from .solver import AdaptiveSolver, Step
+from .stick_slip import DryPlant
+from .stops import Stop
+from .symplectic import METHOD as GAUSS
+from .symplectic import GaussSolver, Hamilton
+from .trajectory import Failure, Run, Task
+from .watch import Watch
+
+FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
+
+
+class Loop:
+    """One run.
+
+    Parameters
+    ----------
+    plant : Plant
+    task : Task
+    hold : ZeroOrderHold, optional
+        For a sampled controller.
+    """
+
+    def __init__(self, plant: Plant, task: Task, hold: ZeroOrderHold | None = None) -> None:
+        self.plant, self.task, self.hold = plant, task, hold
+        self.system, self.solver = _system_and_solver(plant, task)
+        self.t, self.x = 0.0, task.x0.copy()
+        self.stop: Stop | None = None
+        self.watch = Watch(plant, task)
+        self.ledger = Ledger(plant.powers, len(plant.integrated)) if plant.integrated else None
+        self.work_before, self.begun = 0.0, self.x  # work of held torques before the segment, and its first state
+        self.record = Record(task.t_eval, every_step=hold is None)
+        self.samples, self.evaluations_before = 0, 0
+        self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
+
+    def run(self) -> Run:
+        """From the start to the end, a stop or a failure."""
+        failure = None
+        try:
+            if self.task.duration == 0 or self.plant.robot.n == 0:  # nothing moves; SciPy's solvers divide by both
+                self._rest()
+            else:
+                self.x = self.system.start(self.x)
+                while self.t < self.task.duration and self.stop is None:
+                    self._segment()
+                if self.hold is not None and self.t >= self.samples * self.hold.period:
+                    self.hold.state = self.hold.next_state  # as of the sample that would follow
+                self.record.finish(self.t, self.x, self, stopped=self.stop is not None)
+        except FAILURES as error:
+            failure = self._failure(error)
+        self.plant.span = (-np.inf, np.inf)
+        try:
+            energies = self._energies()
+        except FAILURES as error:
+            failure = failure or self._failure(error)
+            self.record.cut(self.ledger.end if self.ledger is not None else 0.0)
+            energies = self._energies()
+        return self._result(energies, failure)
+
+    def _failure(self, error: Exception) -> Failure:
+        return Failure(float(getattr(error, "time", None) or self.t), str(error))
+
+    def _rest(self) -> None:
+        """The initial state at every time."""
+        self._begin_segment()
+        end = self.task.duration
+        self.record.finish(end, self.x, self, stopped=False)
+
+    def _segment(self) -> None:
+        """To the next sample, break, event or the end."""
+        end, resumes = self._begin_segment()
+        if resumes:
+            self.solver.resume(self.system, self.t, self.x, end)
+        else:
+            self.solver.start(self.system, self.t, self.x, end, self.system.longest_step(self.task.duration))
+        events = [*self.system.events, *self.task.stops]
+        while self.solver.is_running:
+            step = self.solver.step()
+            crossing = first_crossing(events, step.interpolant, step.begin, step.end) if events else None
+            if crossing is not None:
+                self._take(step, crossing.t, crossing.x, is_last=True)
+                return self._happen(events[crossing.event], crossing.t, crossing.x)
+            self._take(step, step.end, step.x, is_last=not self.solver.is_running)
+            self.t, self.x = step.end, step.x
+            if self._looks_further() and step.end < end:
+                break
+        self.x = self.system.reported(self.x)
+        return None
+
+    def _begin_segment(self) -> tuple[float, bool]:
+        """Sample the controller if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
+        t, hold = self.t, self.hold
+        self.work_before, self.begun = self.work(self.x), self.x
+        is_sample = hold is not None and t >= self.samples * hold.period
+        if hold is not None and is_sample:
+            hold.sample(t, self.x)
+            self.samples += 1
+            self.evaluations_before = self.plant.evaluations
+        end = self._next_switch()
+        begin = float(np.nextafter(t, np.inf)) if t in self.breaks else t
+        self.system.begin(t, self.x, (begin, float(np.nextafter(end, 0.0))))
+        self.record.begin(t, self.x, self)
+        return end, is_sample and not self.system.has_changed
+
+    def _next_switch(self) -> float:
+        """The next sample, the next break or the end."""
+        duration = self.task.duration
+        if self.hold is not None:
+            sample = self.samples * self.hold.period
+            return sample if sample < duration * (1 - 1e-12) else duration
+        return next((b for b in self.breaks if b > self.t), duration)
+
+    def _take(self, step: Step, end: float, x: Array, *, is_last: bool) -> None:
+        """Report what is asked for within a step, as far as `end`, and integrate its powers."""
+        self.record.take(step, end, x, self)
+        if self.ledger is not None:
+            span = Span(step.begin, end, step.interpolant)
+            self.ledger.add(span, self.plant.held, self.system.at_rest, is_last=is_last)
+
+    def _happen(self, event: Any, t: float, x: Array) -> None:
+        """Go on from an event, or end at a stop."""
+        self.t, self.x = t, self.system.after(event, x)
+        if isinstance(event, Stop):
+            self.stop = event
+        else:
+            self.watch.change(t)
+
+    def _looks_further(self) -> bool:
+        """Watch the run; True if it goes on with another method."""
+        if self.hold is not None and self.plant.evaluations - self.evaluations_before > MAX_EVALUATIONS:
+            raise _diverged(self)
+        if self.task.method == GAUSS:
+            return False
+        before = self.watch.method
+        self.watch.step(self.t, self.x)
+        if self.watch.method == before:
+            return False
+        self.solver = AdaptiveSolver(self.watch.method, self.task.rtol, self.task.atol)
+        return True
+
+    def work(self, x: Array) -> float:
+        """Work of the torques that are held, up to a state x of the segment."""
+        if self.plant.held is None:
+            return 0.0
+        n = self.plant.robot.n
+        return self.work_before + float(self.plant.held @ (x[:n] - self.begun[:n]))
+
+    def _energies(self) -> dict[str, Array]:
+        """Energies of the ledger at the reported instants."""
+        times = self.record.t
+        found = {}
+        if self.hold is not None:
+            found["drives"] = np.array([instant.work for instant in self.record.instants])
+        if self.ledger is not None:
+            found |= dict(zip(self.plant.integrated, self.ledger.at(times).T, strict=True))
+        return found
+
+    def _result(self, energies: dict[str, Array], failure: Failure | None) -> Run:
+        instants = self.record.instants
+        n, size = self.plant.robot.n, len(self.task.x0)
+        x = self.system.states(np.array([i.x for i in instants]).reshape(len(instants), size))
+
+        def column(values: list[Array | None], width: int) -> Array | None:
+            return None if not values or values[0] is None else np.array(values).reshape(len(values), width)
+
+        return Run(
+            self.record.t,
+            x,
+            0 if self.stop is None else 1,
+            self._ending(),
+            column([i.held for i in instants], n),
+            column([i.qdd for i in instants], n),
+            column([i.controller_state for i in instants], 0 if self.hold is None else len(self.hold.state)),
+            energies,
+            failure,
+            self.watch.method,
+        )
+
+    def _ending(self) -> str:
+        """How the run went, for the message."""
+        if self.stop is not None:
+            return self.stop.message(self.t)
+        parts = [self.watch.told, self.system.told]
+        if isinstance(self.solver, GaussSolver):
+            parts.append(f"{self.solver.count} steps of {self.solver.h:.6g} s")
+        if self.hold is not None:
+            parts.append(f"the controller was sampled {self.samples} times, every {self.hold.period:g} s")
+        return "; ".join(part for part in parts if part) or "the end was reached"
+
+
+def _system_and_solver(plant: Plant, task: Task) -> tuple[Any, Any]:
+    """What is integrated, and by what."""
+    if task.method == GAUSS:
+        hamilton = Hamilton(plant)
+        return hamilton, GaussSolver(hamilton, task.duration, task.step)
+    friction = plant.rhs.friction
+    system = DryPlant(plant, friction) if friction is not None and friction.sticks else plant
+    return system, AdaptiveSolver(task.method, task.rtol, task.atol)
+
+
+def _diverged(loop: Loop) -> NotFiniteError:
+    """The error of a sampled loop that diverges, whose steps become ever shorter."""
+    assert loop.hold is not None
+    n = loop.plant.robot.n
+    rates = np.abs(loop.x[n : 2 * n])
+    k = int(np.argmax(rates))
+    return NotFiniteError(
+        f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {loop.t:.6g} s, where "
+        f"{loop.plant.robot.joint_names[k]!r} moves at {rates[k]:.3g} rad/s or m/s: the sampled loop is unstable; "
+        f"{loop.hold.stability()}",
+        loop.t,
+    )
