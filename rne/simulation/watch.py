@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 
 import numpy as np
@@ -16,10 +17,11 @@ from .trajectory import Task
 STIFF = 1000.0
 HELD_BACK = 1.5  # steps of this many time constants of the fastest mode: stability limits them, not accuracy
 CHECKED = 100  # steps between two looks
-SLOW = 2000  # pace at which a law is suspected to chatter: that many looks' worth of steps for the whole run
-SWING = 0.25  # of the range of a torque: a change that counts as a switch
-SWITCHES = 1 / 8  # of the steps: a law that switches more often chatters
-CLOSE = 1e3  # tolerances: between switches of a chattering law the state moves less
+SLOW = 2000  # looks' worth of steps that the whole run would take at a pace that is suspicious
+EXAMINED = 10  # of the last steps are examined for a jump of the torques nearby
+REACH = 4  # steps' lengths along the motion within which a jump is looked for
+BISECTIONS = 40
+NOTICED = 1e-3  # of a torque: smaller changes are no jump
 MAX_CHANGES = 1000  # of sticking and slipping, within SAME_SPAN of the duration
 SAME_SPAN = 1e-4
 
@@ -38,7 +40,7 @@ class Watch:
     def __init__(self, plant: Plant, task: Task) -> None:
         self.plant, self.task, self.method, self.told = plant, task, task.method, ""
         self.recent: deque[tuple[float, Array]] = deque(maxlen=CHECKED + 1)
-        self.count = 0
+        self.count, self.next_suspicion = 0, CHECKED
         self.changes: deque[float] = deque(maxlen=MAX_CHANGES)
 
     def step(self, t: float, x: Array) -> None:
@@ -48,7 +50,8 @@ class Watch:
         if self.count % CHECKED or len(self.recent) <= CHECKED:
             return
         pace = t - self.recent[0][0]  # time covered since the last look
-        if self.plant.held is None and pace * SLOW < self.task.duration:
+        if self.plant.held is None and pace * SLOW < self.task.duration and self.count >= self.next_suspicion:
+            self.next_suspicion = 2 * self.count
             self._check_chatter()
         if self.task.is_auto and self.method in ("DOP853", "RK45"):
             self._check_stiffness(t, x, pace / CHECKED)
@@ -75,22 +78,48 @@ class Watch:
             self.method = "LSODA"
 
     def _check_chatter(self) -> None:
-        """Refuse a law that switches back and forth while the state stays where it is."""
-        t, X = np.array([s for s, _ in self.recent]), np.array([x for _, x in self.recent])
-        u = self.plant.drive_torques(t, X)
-        if u is None:
+        """Refuse torques that jump right beside most of the last states: the motion is held at the jump."""
+        chosen = list(self.recent)[-EXAMINED - 1 :]
+        found = [self._jump(t, x, end - t) for (t, x), (end, _) in itertools.pairwise(chosen)]
+        jumps = np.array([jump for jump in found if jump is not None])
+        if len(jumps) < EXAMINED / 2:
             return
-        jumps, extent = np.abs(np.diff(u, axis=0)), np.ptp(u, axis=0)
-        switches = (jumps > SWING * extent).sum(axis=0)
-        close = np.abs(np.diff(X, axis=0)) <= CLOSE * (self.task.atol + self.task.rtol * np.abs(X[1:]))
-        k = int(np.argmax(switches))
-        if switches[k] > SWITCHES * len(jumps) and extent[k] > 0 and close.all(axis=1).mean() > 0.9:
-            raise NotFiniteError(
-                f"the torque of {self.plant.robot.joint_names[k]!r} switches {switches[k]} times within "
-                f"{t[-1] - t[0]:.3g} s at t = {t[-1]:.6g} s, by up to {extent[k]:.3g}: the law chatters; smooth it, "
-                "such as by tanh, or sample it",
-                float(t[-1]),
-            )
+        t, k = chosen[-1][0], int(np.argmax(np.abs(jumps).max(axis=0)))
+        raise NotFiniteError(
+            f"the torque of {self.plant.robot.joint_names[k]!r} jumps by {np.abs(jumps[:, k]).max():.3g} where the "
+            f"motion stays at t = {t:.6g} s: the law chatters; smooth it, such as by tanh, or sample it",
+            t,
+        )
+
+    def _jump(self, t: float, x: Array, h: float) -> Array | None:
+        """The jump of the torques between a state and one a few steps ahead, or None if they are continuous."""
+        plant, n = self.plant, self.plant.robot.n
+
+        def torques(state: Array) -> Array | None:
+            return plant.drive_torques(np.array([t]), state[None])
+
+        u = torques(x)
+        if u is None:
+            return None
+        try:
+            ahead = x + REACH * h * plant.rates(t, x, u[0] if plant.rhs.torque_given else None)
+            beyond = torques(ahead)
+            assert beyond is not None
+            change = np.abs(beyond - u).max()
+            if not change > NOTICED * np.abs(u).max():
+                return None
+            for _ in range(BISECTIONS):
+                middle = (x + ahead) / 2
+                between = torques(middle)
+                assert between is not None
+                if np.abs(between - u).max() >= np.abs(beyond - between).max():
+                    ahead, beyond = middle, between
+                else:
+                    x, u = middle, between
+        except (RneError, ValueError):
+            return None
+        jump: Array = (beyond - u).reshape(n)
+        return jump if np.abs(jump).max() > change / 4 else None
 
 
 def fastest_decay(plant: Plant, t: float, x: Array) -> float:

@@ -1,0 +1,69 @@
+"""Runs that are watched: loops that become stiff on the way, and laws that chatter, end in bounded time."""
+
+import numpy as np
+import pytest
+
+import rne
+from rne.model.builder import Part, assemble
+
+METHODS = ["auto", "RK45", "LSODA", "Radau"]
+
+
+@pytest.fixture
+def block():
+    joint = Part(link="l", joint="j", kind="prismatic", parent=0, axis=np.eye(3)[0], mass=1.0)
+    return rne.Robot(assemble("slider", [Part(link="base"), joint], gravity=(0, 0, 0)))
+
+
+def switching(t, q, qd):
+    """A sliding mode: on q + qd = 0 the force switches without end."""
+    return -2 * np.sign(q + qd)
+
+
+def test_auto_goes_on_with_lsoda_where_a_motion_becomes_stiff(irb140):
+    """Smoothed Coulomb friction is stiff around zero rate only, where a joint passes later."""
+    scene = rne.Scene(irb140, friction=rne.Friction(coulomb=2.0))
+    motion = rne.simulate(scene, np.zeros(6), np.ones(6), 1.0)
+    assert motion.method == "LSODA"
+    assert "LSODA from t = " in motion.message
+    reference = rne.simulate(scene, np.zeros(6), np.ones(6), 1.0, method="LSODA", rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(motion.q[-1], reference.q[-1], atol=1e-4)
+    held_back = rne.simulate(scene, np.zeros(6), np.ones(6), 0.05, method="DOP853")
+    assert motion.evaluations < held_back.evaluations  # twenty times as long
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", ["called", "traced", "dry"])
+def test_a_sliding_mode_ends_with_an_error_that_says_what_to_smooth(block, method, kind):
+    """Once without end: 60 s take 1e9 steps. The surface q + qd = 0 is reached after 0.41 s, 0.48 s with friction."""
+    traced = rne.traceable(lambda t, q, qd: -2 * rne.elementwise.sign(q + qd))
+    friction = rne.Friction(coulomb=0.3, smoothing=0) if kind == "dry" else None
+    scene = rne.Scene(block, controller=traced if kind == "traced" else switching, friction=friction)
+    with pytest.raises(rne.SimulationError) as caught:
+        rne.simulate(scene, [1.0], [0.0], 60.0, method=method)
+    error = caught.value
+    assert "the torque of 'j' jumps by " in str(error)
+    assert str(error).endswith("the law chatters; smooth it, such as by tanh, or sample it")
+    assert 0.41 < error.time < 0.5
+    assert error.trajectory.evaluations < 20_000
+
+
+@pytest.mark.parametrize("method", ["DOP853", "RK45"])
+def test_a_stiff_loop_is_no_chatter(irb140, method):
+    """An explicit method is held to tiny steps by stability; its torques are continuous."""
+    law = rne.control.pd_gravity(irb140, [50] * 6, [200] * 6, np.zeros(6))
+    motion = rne.simulate(rne.Scene(irb140, controller=law), np.full(6, 0.1), np.zeros(6), 0.02, method=method)
+    assert motion.status == 0
+
+
+def test_a_law_that_switches_once_in_a_while_runs(block):
+    """A bang-bang oscillator: x'' = -sign(x) has period 4 sqrt(2 x0), and jumps that are left behind at once."""
+    motion = rne.simulate(block, [0.5], [0.0], 40.0, torque=lambda t, q, qd: -np.sign(q), rtol=1e-9, atol=1e-12)
+    assert motion.q[-1, 0] == pytest.approx(0.5, abs=1e-5)
+    assert motion.energy_drift <= 1e-6 * 20  # 0.5 J are exchanged in each of 40 quarters
+
+
+def test_sampled_switching_is_a_motion(block):
+    """Sampled, the same law is a sequence of constant forces."""
+    motion = rne.simulate(rne.Scene(block, controller=switching, sample_time=0.01), [1.0], [0.0], 10.0)
+    assert abs(motion.q[-1, 0]) < 0.02
