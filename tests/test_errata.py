@@ -49,10 +49,10 @@ def test_alpha_is_the_rate_of_omega_in_the_axes_of_the_base(irb140):
     q, qd, qdd = states(6, seed=1)
 
     def omega_in_base(x, v):
-        R = irb140.link_poses(x)[1:, :3, :3]
+        R = irb140.link_poses(x)[1:7, :3, :3]
         return (R @ irb140.recursion(x, v, qdd).omega[..., None])[..., 0]
 
-    R = irb140.link_poses(q)[1:, :3, :3]
+    R = irb140.link_poses(q)[1:7, :3, :3]
     in_link = (np.swapaxes(R, -1, -2) @ rate(omega_in_base, q, qd, qdd)[..., None])[..., 0]
     assert relative(in_link, irb140.recursion(q, qd, qdd).alpha) <= LAW
 
@@ -265,7 +265,7 @@ def height_of_link_6(q, printed):
 
 
 def height_by_kinematics(irb140, q):
-    T = irb140.link_poses(q)[..., -1, :, :]
+    T = irb140.link_poses(q)[..., irb140.model.link_index("link_6"), :, :]
     return (T[..., :3, :3] @ [0, 0, 0.029] + T[..., :3, 3])[..., 2]
 
 

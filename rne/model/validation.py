@@ -105,8 +105,6 @@ def _check_shapes(model: SimpleNamespace) -> None:
             raise ModelError(f"`{name}` must have {length} entries, got {len(getattr(model, name))}")
     if model.link_parent is not None and len(model.link_parent) != links:
         raise ModelError(f"`link_parent` must have {links} entries, got {len(model.link_parent)}")
-    if model.tip is not None and model.tip.shape != (3,):
-        raise ModelError(f"`tip` must have shape (3,), got {model.tip.shape}")
 
 
 def _check_names(model: SimpleNamespace) -> None:

@@ -71,13 +71,15 @@ NOTES = {
     "robot": (
         "ABB IRB 140 after H. Hoifodt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler "
         "Formulation, MSc thesis, NTNU, 2011. Link i's frame has the orientation of the thesis's frame i and the "
-        "origin of its frame i-1, so that every joint axis passes through its link's origin."
+        "origin of its frame i-1, so that every joint axis passes through its link's origin. The frame tool0 is the "
+        "thesis's frame 6, the flange."
     ),
     "base_link": "The fixed base of 23 kg moves nothing and is left out; the arm's total is 98 kg with it.",
     "limits": (
         "Data sheet: the range as a total; that it lies symmetric about zero is ASSUMED. Speed: data sheet. "
         "Effort: ASSUMED unlimited (the data sheet gives none), written as the largest double."
     ),
+    "flange": "The flange, frame 6 of the thesis: r_{5,6} = (0, 0, 0.065) m (4.24).",
     "unlimited": " The data sheet calls this axis unlimited; its default range is taken.",
 }
 
@@ -104,7 +106,7 @@ def cylinder(name: str, link: Link) -> Cylinder:
 
 
 def _notes() -> dict[str, str]:
-    notes = {"robot": NOTES["robot"], "base_link": NOTES["base_link"]}
+    notes = {"robot": NOTES["robot"], "base_link": NOTES["base_link"], "flange": NOTES["flange"]}
     for i, link in enumerate(LINKS, 1):
         limits = NOTES["limits"] + (NOTES["unlimited"] if i in (4, 6) else "")
         notes[f"joint_{i}"] = (
@@ -126,8 +128,9 @@ def irb140() -> Model:
     Returns
     -------
     Model
-        Joints joint_1 ... joint_6, links base_link, link_1 ... link_6. Link i has the orientation of the thesis's
-        frame i and the origin of its frame i-1. Working ranges about zero are assumed, efforts unlimited.
+        Joints joint_1 ... joint_6, links base_link, link_1 ... link_6 and tool0, the flange, fixed to link_6. Link i
+        has the orientation of the thesis's frame i and the origin of its frame i-1; tool0 is its frame 6 (4.24).
+        Working ranges about zero are assumed, efforts unlimited.
 
     Notes
     -----
@@ -160,11 +163,11 @@ def irb140() -> Model:
             )
         )
         origin = link.r_end
+    parts.append(Part(link="tool0", joint="flange", parent=6, placement=pose(np.eye(3), origin)))
     return assemble(
         "irb140",
         parts,
         shapes=[cylinder(f"link_{i}", link) for i, link in enumerate(LINKS, 1) if link.mass],
-        tip=np.array(LINKS[-1].r_end, dtype=float),
         notes=_notes(),
     )
 
