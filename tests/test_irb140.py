@@ -90,6 +90,22 @@ def test_joints_and_links_have_their_names(irb140):
     assert irb140.n == 6
 
 
+def test_densities_of_the_cylinders_are_about_the_thesis_1500():
+    """Mass by volume of table 4.1's cylinders; the thesis states 1500 kg/m^3."""
+    solid = [link for link in LINKS if link.mass]
+    densities = [link.mass / (math.pi * link.radius**2 * link.height) for link in solid]
+    np.testing.assert_allclose(densities, [1506.5, 1493.5, 1501.0, 1516.1], rtol=0, atol=0.05)
+
+
+def test_reach_of_axis_5_is_that_of_the_data_sheet(irb140):
+    """0.070 + 0.360 + 0.380 = 0.810 m from axis 1 with the arm stretched out, and nowhere more."""
+    wrist = irb140.model.link_index("link_5")
+    stretched = irb140.link_poses([0, math.pi / 2, -math.pi / 2, 0, 0, 0])[wrist, :2, 3]
+    assert np.hypot(*stretched) == pytest.approx(0.810, rel=1e-15)
+    anywhere = irb140.link_poses(states(6, 2000)[0])[:, wrist, :2, 3]
+    assert np.hypot(*anywhere.T).max() <= 0.810
+
+
 def test_axes_are_the_thesis_b_i(irb140):
     assert irb140.model.axis.tolist() == [[0, -1, 0], [0, 0, 1], [0, -1, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1]]
 

@@ -13,9 +13,8 @@ from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotatio
 from .builder import Part, Pose, assemble, disassemble, pose
 from .ends import end_link
 from .model import Model
-from .validation import inertia_error, triangle_excess
+from .validation import inertia_error, symmetric_up_to_rounding, triangle_excess
 
-SYMMETRY = 1e-12  # of the largest entry: asymmetry of an inertia that is rounding error
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
 
 
@@ -66,8 +65,7 @@ def with_payload(
     for name, array, shape in (("mass", m, ()), ("com", c, (3,)), ("inertia", I, (3, 3))):
         if array.shape != shape:
             raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
-    if np.abs(I - I.T).max() <= SYMMETRY * np.abs(I).max(initial=0.0):  # R I R^T is symmetric up to rounding
-        I = _symmetric(I)
+    I = symmetric_up_to_rounding(I)
     error = inertia_error(float(m), c, I)
     if error is None and triangle_excess(I) > TRIANGLE:
         error = "the largest principal moment of inertia must not exceed the sum of the two others"
