@@ -16,6 +16,7 @@ from ...basics.spatial import Array, rotation_about, snap, transpose
 from ..builder import Part, assemble, pose
 from ..model import Cylinder, Model
 from ..solids import cylinder_inertia
+from .data_sheet import DataSheet, Datum
 
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
@@ -44,10 +45,26 @@ LINKS = (
     Link(0, 0, (0, 0, 0.065), (0, 0, 0.029), 1, 0.054, 0.072, "z"),
 )
 
-# Data sheet: working ranges as totals [deg]; that they lie symmetric about zero is assumed, and so are the
-# ranges of the axes called unlimited, for which the data sheet's defaults are taken.
-RANGE = (360, 200, 280, 400, 240, 800)
-SPEED = (200, 200, 260, 360, 360, 450)  # [deg/s]
+SHEET = "ABB's data sheet (Høifødt 2011, appendix A)"
+FASTER = f"{SHEET}, of the IRB 140T"
+CYCLE = "pick cycle of 25 mm up, 300 mm across and 25 mm down with 5 kg"
+
+# As printed there. That the ranges, given as totals, lie symmetric about zero is an assumption of `irb140`.
+DATA_SHEET = DataSheet(
+    ranges=Datum((360, 200, 280, 400, 240, 800), "deg", f"{SHEET}; axes 4 and 6 unlimited, these are the defaults"),
+    speeds=Datum((200, 200, 260, 360, 360, 450), "deg/s", SHEET),
+    fast_speeds=Datum((250, 250, 260, 360, 360, 450), "deg/s", f"{FASTER}: axes 1 and 2 are faster"),
+    payload=Datum(6, "kg", SHEET),
+    upper_arm_load=Datum(1, "kg", f"{SHEET}, instead of the wrist's"),
+    wrist_load=Datum(0.5, "kg", f"{SHEET}, instead of the upper arm's"),
+    tcp_speed=Datum(2.5, "m/s", SHEET),
+    tcp_acceleration=Datum(20, "m/s^2", SHEET),
+    acceleration_time=Datum(0.15, "s", f"{SHEET}, from rest to 1 m/s"),
+    repeatability=Datum(0.03, "mm", SHEET),
+    reach=Datum(810, "mm", f"{SHEET}, of axis 5"),
+    cycle_time=Datum(0.85, "s", f"{SHEET}, {CYCLE}"),
+    fast_cycle_time=Datum(0.77, "s", f"{FASTER}, {CYCLE}"),
+)
 
 # Its controller (section 6.5): proportional [N m/rad] and derivative [N m s/rad] gains.
 KP = (50.0, 50.0, 50.0, 50.0, 50.0, 60.0)
@@ -129,7 +146,8 @@ def irb140() -> Model:
     -----
     Høifødt 2011, chapter 4 with table 4.1, (4.24)-(4.31); ABB's data sheet for ranges and speeds. The cylinders of
     table 4.1 have densities of 1493 to 1516 kg/m^3; the thesis states 1500. The reach of axis 5 from axis 1 is
-    0.070 + 0.360 + 0.380 = 0.810 m, as in the data sheet.
+    0.070 + 0.360 + 0.380 = 0.810 m, as in the data sheet, whose numbers are in
+    `rne.model.robots.abb_irb140.DATA_SHEET`.
 
     Examples
     --------
@@ -137,6 +155,7 @@ def irb140() -> Model:
     >>> rne.irb140().mass.sum().item()
     75.0
     """
+    ranges, speeds = (np.array(datum.value) for datum in (DATA_SHEET.ranges, DATA_SHEET.speeds))
     parts = [Part(link="base_link")]
     origin: Vector = ORIGIN
     for i, link in enumerate(LINKS):
@@ -152,9 +171,9 @@ def irb140() -> Model:
                 mass=float(link.mass),
                 com=np.array(link.r_com, dtype=float),
                 inertia=cylinder_inertia(link.mass, link.radius, link.height, link.along),
-                lower=-math.radians(RANGE[i] / 2),
-                upper=math.radians(RANGE[i] / 2),
-                velocity=math.radians(SPEED[i]),
+                lower=-math.radians(ranges[i] / 2),
+                upper=math.radians(ranges[i] / 2),
+                velocity=math.radians(speeds[i]),
             )
         )
         origin = link.r_end
