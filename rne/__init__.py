@@ -25,9 +25,12 @@ from .errors import (
     UrdfError,
 )
 from .kernels.kernel import Kernel, compile, derivative
+from .model.chains import chain
+from .model.denavit_hartenberg import dh_chain
 from .model.model import Cylinder, Model
 from .model.modify import locked, mounted, with_payload
 from .model.robots import irb140
+from .model.solids import cylinder_inertia
 from .robot import Robot
 from .simulation.ensembles import Ensemble, ensemble
 from .simulation.friction import Friction
@@ -65,6 +68,7 @@ __all__ = [
     "bearing_loads",
     "bearing_peaks",
     "bias_torque",
+    "chain",
     "check",
     "check_gains",
     "christoffel_symbols",
@@ -72,7 +76,9 @@ __all__ = [
     "control",
     "coriolis_matrix",
     "coriolis_torque",
+    "cylinder_inertia",
     "derivative",
+    "dh_chain",
     "diagnose",
     "elementwise",
     "ensemble",

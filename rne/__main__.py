@@ -77,9 +77,10 @@ def _parser() -> argparse.ArgumentParser:
     source = commands.add_parser("source", help="print a quantity of a robot as straight-line source code")
     source.add_argument("robot", metavar="ROBOT", help="irb140, or the path of a URDF file")
     choices = quantities()
-    source.add_argument(
-        "--quantity", metavar="QUANTITY", default="inverse_dynamics", choices=choices, help=", ".join(choices)
-    )
+    default = f"{', '.join(choices)} (default: inverse_dynamics, or that of the element)"
+    source.add_argument("--quantity", metavar="QUANTITY", choices=choices, help=default)
+    element = "one entry alone: m23 of M, c3 of C q', g2 of g, tau4, h1, qdd5; joints from 1, m2_13 beyond nine"
+    source.add_argument("--element", metavar="ELEMENT", help=element)
     source.add_argument("--language", default="python", choices=LANGUAGES)
     source.set_defaults(run=_source)
     report = commands.add_parser("report", help="simulate every experiment of the thesis; takes about two minutes")
@@ -116,12 +117,19 @@ def _urdf(arguments: argparse.Namespace) -> int:
 def _source(arguments: argparse.Namespace) -> int:
     import rne
 
+    from .kernels.elements import quantity_of_element
+
     try:
-        kernel = rne.load(arguments.robot).kernel(getattr(rne, arguments.quantity))
-    except rne.RneError as error:
-        return _fail(str(error))
+        quantity = arguments.quantity or "inverse_dynamics"
+        if arguments.element is not None and arguments.quantity is None:
+            quantity = quantity_of_element(arguments.element)
+        kernel = rne.load(arguments.robot).kernel(getattr(rne, quantity))
+    except (rne.RneError, ValueError) as error:
+        return _fail(str(error).replace("`element`", "--element"))
     try:
-        print(kernel.source(arguments.language), end="")
+        print(kernel.source(arguments.language, arguments.element), end="")
+    except ValueError as error:
+        return _fail(str(error).replace("`element`", "--element"))
     except TypeError as error:  # the kernel is too large to be written out
         return _fail(str(error))
     return 0

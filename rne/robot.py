@@ -299,10 +299,8 @@ class Robot:
         inertia: ArrayLike | None = None,
         link: str | None = None,
     ) -> Robot:
-        """The robot with a rigid body fixed to a link, by default the last one; see `rne.with_payload`."""
-        return Robot(
-            modify.with_payload(self._model, mass, com, inertia, self.link_names[-1] if link is None else link)
-        )
+        """The robot with a rigid body fixed to a link, by default a chain's last one; see `rne.with_payload`."""
+        return Robot(modify.with_payload(self._model, mass, com, inertia, link))
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """The smaller robot with some joints fixed, {joint: position}; see `rne.locked`."""

@@ -96,12 +96,12 @@ def refused(call, text):
 
 
 def test_wrong_arguments_are_named(irb140):
-    refused(lambda: irb140.with_payload(-1.0), "payload on link 'link_6': the mass must be 0 or positive, got -1.0")
+    refused(lambda: irb140.with_payload(-1.0), "payload on link 'tool0': the mass must be 0 or positive, got -1.0")
     refused(lambda: irb140.with_payload(1.0, [0, 0]), "`com` must have shape (3,), got (2,)")
     refused(lambda: irb140.with_payload(np.nan), "`mass` must be finite, got nan at index ()")
     refused(
         lambda: irb140.with_payload(1.0, [0, 0, 0], np.diag([1, 1, -1])),
-        "payload on link 'link_6': the inertia must have no negative eigenvalue, got -1 kg m^2",
+        "payload on link 'tool0': the inertia must have no negative eigenvalue, got -1 kg m^2",
     )
     refused(
         lambda: irb140.locked({"joint_7": 0.0}),

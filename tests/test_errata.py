@@ -49,10 +49,10 @@ def test_alpha_is_the_rate_of_omega_in_the_axes_of_the_base(irb140):
     q, qd, qdd = states(6, seed=1)
 
     def omega_in_base(x, v):
-        R = irb140.link_poses(x)[1:, :3, :3]
+        R = irb140.link_poses(x)[1:7, :3, :3]
         return (R @ irb140.recursion(x, v, qdd).omega[..., None])[..., 0]
 
-    R = irb140.link_poses(q)[1:, :3, :3]
+    R = irb140.link_poses(q)[1:7, :3, :3]
     in_link = (np.swapaxes(R, -1, -2) @ rate(omega_in_base, q, qd, qdd)[..., None])[..., 0]
     assert relative(in_link, irb140.recursion(q, qd, qdd).alpha) <= LAW
 
@@ -265,7 +265,7 @@ def height_of_link_6(q, printed):
 
 
 def height_by_kinematics(irb140, q):
-    T = irb140.link_poses(q)[..., -1, :, :]
+    T = irb140.link_poses(q)[..., irb140.model.link_index("link_6"), :, :]
     return (T[..., :3, :3] @ [0, 0, 0.029] + T[..., :3, 3])[..., 2]
 
 
@@ -370,6 +370,44 @@ def test_g_j_as_printed_in_D_11_points_the_other_way_and_would_turn_every_holdin
     assert right[1] == pytest.approx(1.3 * 0.25 * 9.81 * np.cos(q.sum()), rel=1e-13)
 
 
+# 13. 6.3.1
+
+
+def test_gravity_on_joint_4_is_that_of_the_bent_hand(irb140):
+    q, _, _ = states(6, 100, seed=13)
+    expected = 1 * 9.81 * 0.029 * np.sin(q[:, 3]) * np.sin(q[:, 4]) * np.cos(q[:, 1] + q[:, 2])
+    np.testing.assert_allclose(irb140.gravity_torque(q)[:, 3], expected, rtol=0, atol=1e-14)
+    for start in ([0, 0, 0], [0, np.pi, -np.pi / 2], [0, np.pi / 2, -np.pi / 2]):
+        assert abs(irb140.gravity_torque([*start, 0, 0, 0])[3]) <= 1e-16  # the positions of 6.3
+
+
+def test_joint_4_at_rest_is_not_free_of_gravity_as_6_3_1_says(irb140):
+    q = np.array([0, 0, 0, 1.0, 1.0, 0])
+    held = irb140.recursion(q, np.zeros(6), np.zeros(6))
+    assert held.u[3] == pytest.approx(0.201, abs=5e-4)
+    released = irb140.forward_dynamics(q, np.zeros(6), held.u * (np.arange(6) != 3))
+    assert released[3] == pytest.approx(-1.80, abs=5e-3)  # the other drives hold: without its own torque it turns
+
+
+# 14. Appendix C
+
+
+def test_drives_1_and_4_are_the_y_components_of_appendix_C(irb140):
+    record = irb140.recursion(*states(6, 20, seed=14))
+    np.testing.assert_array_equal(record.u[:, 0], -record.tau[:, 0, 1])
+    np.testing.assert_array_equal(record.u[:, 3], record.tau[:, 3, 1])
+
+
+def test_x_components_as_appendix_C_labels_them_are_not_the_drives(irb140):
+    record = irb140.recursion(*states(6, 20, seed=14))
+    for k in (0, 3):
+        assert (np.abs(np.abs(record.tau[:, k, 0]) - np.abs(record.u[:, k])) > 0.1).all()
+    rest = np.zeros(6)
+    x, y, _ = irb140.recursion(rest, rest, rest).tau[0]
+    assert y == 0
+    assert x == pytest.approx(2.64, abs=5e-3)
+
+
 # The page itself
 
 
@@ -389,7 +427,7 @@ def test_every_test_named_in_the_errata_exists():
 
 def test_every_erratum_names_a_test():
     sections = re.split(r"^## ", ERRATA, flags=re.MULTILINE)[1:]
-    assert [section.split(".")[0] for section in sections] == [str(k) for k in range(1, 13)]
+    assert [section.split(".")[0] for section in sections] == [str(k) for k in range(1, 15)]
     for section in sections:
         assert "`tests/" in section, section.splitlines()[0]
 

@@ -1,6 +1,7 @@
 """The IRB 140 of the thesis: its numbers, its URDF, what it claims."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 import rne
 from rne.control.laws import pd_gravity
-from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.model.ends import tip
+from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, cylinder_inertia, frame_rotation
 from rne.thesis.main_page import settling_time
 
 from .helpers import ROOT, states
@@ -21,7 +23,53 @@ def test_urdf_is_what_the_writer_makes():
 
 
 def test_urdf_loads_as_the_same_model():
-    assert rne.read_urdf(URDF) == rne.irb140()
+    file, built = rne.read_urdf(URDF), rne.irb140()
+    assert file == built
+    assert file.link_parent == built.link_parent
+    assert tip(file).tolist() == tip(built).tolist() == [0, 0, 0.065]  # r_{5,6} (4.24)
+
+
+def test_flange_is_the_thesis_frame_6(irb140):
+    """Products of the thesis's own rotations and lengths: R_6^0, and the sum of the turned r_{i-1,i}."""
+    q, _, _ = states(6, seed=1)
+    R, p = np.eye(3), np.zeros(3)
+    for link, x in zip(LINKS, q, strict=True):
+        R = R @ frame_rotation(link, x)
+        p = p + R @ link.r_end
+    np.testing.assert_allclose(irb140.link_poses(q)[-1], np.block([[R, p[:, None]], [0, 0, 0, 1]]), atol=4e-16)
+
+
+def test_ends_of_all_six_links_are_on_record_from_file_and_builder():
+    s = states(6, 3)
+    file, built = (rne.recursion(model, *s).a_e for model in (rne.read_urdf(URDF), rne.irb140()))
+    assert built.shape == (3, 6, 3)
+    assert np.array_equal(file, built)
+
+
+@pytest.mark.parametrize("source", ["irb140", URDF])
+def test_a_payload_sits_at_the_flange(source):
+    """The arm stretched out as in (6.21): the lever about joint 2 is 0.360 + 0.380 + 0.065 = 0.805 m."""
+    arm = rne.load(source)
+    q = [0, math.pi / 2, -math.pi / 2, 0, 0, 0]
+    for loaded in (arm.with_payload(6.0), rne.Scene(arm, payload=6.0), rne.Scene(arm, payload=rne.Payload(6.0))):
+        added = loaded.inverse_dynamics(q, np.zeros(6), np.zeros(6)) - arm.gravity_torque(q)
+        np.testing.assert_allclose(added[1:3], -6 * 9.81 * np.array([0.805, 0.380 + 0.065]), rtol=1e-13)
+
+
+def test_the_flange_costs_nothing_and_changes_no_torque(irb140, tmp_path):
+    """The arm without the frame, from the same file, has bit by bit the same parameters of its bodies."""
+    text = URDF.read_text(encoding="utf-8")
+    bodies = ("axis", "rotation", "translation", "mass", "com", "inertia")
+    without = re.sub(r'  <link name="tool0"/>.*?</joint>\n', "", text, flags=re.DOTALL)
+    assert without.count("<link") == 7
+    path = tmp_path / "bare.urdf"
+    path.write_text(without, encoding="utf-8")
+    bare = rne.read_urdf(path)
+    assert all(np.array_equal(getattr(bare, name), getattr(irb140.model, name)) for name in bodies)
+    counts = [
+        sum(irb140.kernel(f).operations.values()) for f in (rne.inverse_dynamics, rne.mass_matrix, rne.forward_dynamics)
+    ]
+    assert counts == [280, 155, 538]
 
 
 def test_urdf_has_no_findings(capsys):
@@ -38,8 +86,24 @@ def test_load_by_name_reads_no_file(monkeypatch, tmp_path):
 
 def test_joints_and_links_have_their_names(irb140):
     assert irb140.joint_names == tuple(f"joint_{i}" for i in range(1, 7))
-    assert irb140.link_names == ("base_link", *(f"link_{i}" for i in range(1, 7)))
+    assert irb140.link_names == ("base_link", *(f"link_{i}" for i in range(1, 7)), "tool0")
     assert irb140.n == 6
+
+
+def test_densities_of_the_cylinders_are_about_the_thesis_1500():
+    """Mass by volume of table 4.1's cylinders; the thesis states 1500 kg/m^3."""
+    solid = [link for link in LINKS if link.mass]
+    densities = [link.mass / (math.pi * link.radius**2 * link.height) for link in solid]
+    np.testing.assert_allclose(densities, [1506.5, 1493.5, 1501.0, 1516.1], rtol=0, atol=0.05)
+
+
+def test_reach_of_axis_5_is_that_of_the_data_sheet(irb140):
+    """0.070 + 0.360 + 0.380 = 0.810 m from axis 1 with the arm stretched out, and nowhere more."""
+    wrist = irb140.model.link_index("link_5")
+    stretched = irb140.link_poses([0, math.pi / 2, -math.pi / 2, 0, 0, 0])[wrist, :2, 3]
+    assert np.hypot(*stretched) == pytest.approx(0.810, rel=1e-15)
+    anywhere = irb140.link_poses(states(6, 2000)[0])[:, wrist, :2, 3]
+    assert np.hypot(*anywhere.T).max() <= 0.810
 
 
 def test_axes_are_the_thesis_b_i(irb140):
@@ -70,8 +134,6 @@ def test_potential_energy_is_the_sum_of_heights(irb140):
 
 def test_record_follows_the_thesis_recursion(irb140):
     """(3.29)-(3.38) and (3.24)-(3.27), written out with the thesis's own rotations and lengths."""
-    from rne.model.robots.abb_irb140 import LINKS, cylinder_inertia, frame_rotation
-
     q, qd, qdd = states(6, seed=3)
     record = irb140.recursion(q, qd, qdd)
     R = [frame_rotation(link, x) for link, x in zip(LINKS, q, strict=True)]

@@ -136,9 +136,11 @@ def test_torques_of_the_first_instants_do_not_hide_those_that_follow(irb140, swi
 def test_draw_places_joints_and_cylinders(irb140, q):
     (ax,) = rne.plotting.draw(irb140, q).axes
     poses = irb140.link_poses(q)
-    np.testing.assert_allclose(line(ax, "revolute joint"), poses[1:, :3, 3], rtol=0, atol=SAME_POSITION)
+    np.testing.assert_allclose(line(ax, "revolute joint"), poses[1:7, :3, 3], rtol=0, atol=SAME_POSITION)
     assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x [m]", "y [m]", "z [m]"]
-    assert legend(ax) == ["joint axis", "revolute joint", "link_1", "link_2", "link_4", "link_6"]
+    np.testing.assert_allclose(line(ax, "link on a fixed joint"), poses[7:, :3, 3], rtol=0, atol=SAME_POSITION)
+    markers = ["joint axis", "revolute joint", "link on a fixed joint"]
+    assert legend(ax) == [*markers, "link_1", "link_2", "link_4", "link_6"]
     corners = np.asarray(ax.collections[0]._faces).reshape(4, -1, 3)
     for shape, points in zip(irb140.model.shapes, corners, strict=True):
         T = poses[irb140.link_names.index(shape.link)]

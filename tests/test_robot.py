@@ -34,7 +34,7 @@ def test_mimics_are_solved_through_M():
 
 
 def test_repr_of_a_plain_robot_is_one_line(irb140):
-    assert repr(irb140) == "Robot 'irb140': 6 joints, 7 links, 75 kg moving, gravity [0.0, 0.0, -9.81] m/s^2"
+    assert repr(irb140) == "Robot 'irb140': 6 joints, 8 links, 75 kg moving, gravity [0.0, 0.0, -9.81] m/s^2"
 
 
 def test_kernels_are_kept(irb140):
@@ -52,5 +52,5 @@ def test_joint_order_without_the_parents_of_links(irb140):
     for i, joint in enumerate(tree.moving_joints):
         if tree.parent[i] >= 0:
             assert depth_first.index(tree.moving_joints[tree.parent[i]]) < depth_first.index(joint)
-    with pytest.raises(rne.ModelError, match=r"^`link_parent` must have 7 entries, got 2$"):
+    with pytest.raises(rne.ModelError, match=r"^`link_parent` must have 8 entries, got 2$"):
         dataclasses.replace(irb140.model, link_parent=(-1, 0))

@@ -40,7 +40,7 @@ def test_the_state_of_a_sampled_controller_is_that_of_its_sample(irb140):
 
 def test_a_payload_that_no_body_has_is_refused(irb140):
     text = (
-        r"^payload on link 'link_6': the largest principal moment of inertia must not exceed the sum of the two others$"
+        r"^payload on link 'tool0': the largest principal moment of inertia must not exceed the sum of the two others$"
     )
     with pytest.raises(ValueError, match=text):
         irb140.with_payload(1.0, inertia=np.diag([1.0, 1.0, 5.0]))

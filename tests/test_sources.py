@@ -1,8 +1,10 @@
 """Generated source text computes what the kernel computes, in every language."""
 
+import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -110,11 +112,94 @@ def test_another_language_is_refused(irb140):
         irb140.kernel(rne.mass_matrix).source("fortran")
 
 
-def test_names_of_a_file_do_not_reach_the_source(irb140):
-    for language in LANGUAGES:
-        text = irb140.kernel(rne.inverse_dynamics).source(language)
-        assert "joint" not in text
-        assert "irb140" not in text
+COMMENTS = {"python": "#", "numpy": "#", "matlab": "%", "c": "/*"}
+
+
+def code_and_comments(text, language):
+    """Lines of code, and lines of comments."""
+    code, comments = [], []
+    for line in text.splitlines():
+        (comments if line.startswith(COMMENTS[language]) else code).append(line)
+    return code, comments
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_names_of_a_file_stand_in_comments_only(irb140, language):
+    code, comments = code_and_comments(irb140.kernel(rne.inverse_dynamics).source(language), language)
+    assert not any("joint" in line or "irb140" in line for line in code)
+    assert sum("irb140" in line for line in comments) == 1
+
+
+HOSTILE = (
+    "*/ int main(){} /*", "a\nimport os", 'b"""; x = 1', "%{", "%}", "\\", "...", "coding: utf-16", "??/", "\u2028x", "\rx",
+    "ж" * 200,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_name_can_leave_its_comment(irb140, language):
+    """Robots of a hostile file: the code is that of the robot with plain names, and comments are harmless ASCII."""
+    plain, _ = code_and_comments(irb140.kernel(rne.gravity_torque).source(language), language)
+    for k in range(0, len(HOSTILE), 6):
+        names = HOSTILE[k : k + 6]
+        rename = dict(zip(irb140.joint_names, names, strict=True))
+        renamed = replace(
+            irb140.model,
+            name=names[0],
+            moving_joints=names,
+            link_joints=tuple(rename.get(joint, joint) for joint in irb140.model.link_joints),
+        )
+        code, comments = code_and_comments(rne.compile(rne.gravity_torque, renamed).source(language), language)
+        assert code == plain
+        text = " ".join(line.removeprefix("/* ").removesuffix(" */").lstrip("#% ") for line in comments)
+        assert re.fullmatch(r"[A-Za-z0-9_.+ ,<>^-]*", text), text
+
+
+def test_heading_names_robot_joints_and_units(irb140):
+    _, comments = code_and_comments(irb140.kernel(rne.inverse_dynamics).source("python"), "python")
+    assert comments == [
+        "# inverse_dynamics of robot irb140",
+        "# Joints in order - 1 joint_1, 2 joint_2, 3 joint_3, 4 joint_4, 5 joint_5, 6 joint_6",
+        "# Units - q rad, qd rad/s, qdd rad/s^2",
+        "# Unit of the result - N m",
+    ]
+
+
+def test_heading_of_sliding_joints_has_their_units():
+    model = rne.dh_chain(
+        a=[0.1] * 3, alpha=[1.0] * 3, d=[0.2] * 3, theta=[0.3] * 3, types=["prismatic", "revolute", "prismatic"],
+        masses=np.ones(3), centres=np.ones((3, 3)), inertias=np.zeros((3, 3, 3)), name="gantry",
+    )  # fmt: skip
+    kernel = rne.compile(rne.mass_matrix, model)
+    _, comments = code_and_comments(kernel.source("matlab"), "matlab")
+    assert comments == [
+        "% mass_matrix of robot gantry",
+        "% Joints in order - 1 joint_1, 2 joint_2, 3 joint_3",
+        "% Units of rotating joints 2 - q rad",
+        "% Units of sliding joints 1, 3 - q m",
+        "% Unit of the result - kg or kg m or kg m^2",
+    ]
+    units = [kernel.source("c", element).splitlines()[4] for element in ("m11", "m12", "m22", "m31")]
+    assert units == [f"/* Unit of the result - {unit} */" for unit in ("kg", "kg m", "kg m^2", "kg")]
+    torque = rne.compile(rne.bias_torque, model)
+    assert [torque.source("c", f"h{k}").splitlines()[4] for k in (1, 2)] == [
+        "/* Unit of the result - N */",
+        "/* Unit of the result - N m */",
+    ]
+
+
+def test_heading_of_many_joints_is_wrapped_and_of_none_says_so():
+    from rne.model.robots.generators import straight_chain
+
+    lines = rne.compile(rne.gravity_torque, straight_chain(30)).source("python").splitlines()
+    assert all(len(line) <= 102 for line in lines if line.startswith("#"))
+    assert "30 joint29" in " ".join(lines[1:6])
+    nothing = rne.compile(rne.gravity_torque, rne.chain(np.zeros((0, 3, 3)), np.zeros((0, 3))))
+    assert nothing.source("c").splitlines()[1:3] == ["/* Joints in order - none */", "/* Unit of the result - none */"]
+    energy = rne.compile(rne.kinetic_energy, straight_chain(1)).source("c").splitlines()
+    assert energy[3] == "/* Unit of the result - J */"
+    poses = rne.compile(rne.link_poses, straight_chain(1)).source("c").splitlines()
+    assert poses[3] == "/* Unit of the result - SI */"
 
 
 def test_command_line_prints_source_or_says_why_not(capsys):

@@ -238,8 +238,8 @@ def test_generated_names_survive_a_round_trip(read):
     for k, name in enumerate(odd, 1):
         text = text.replace(f'"link_{k}"', quoteattr(name))
     loaded = read(text)
-    assert loaded.link_names == ("base_link", *odd)
-    assert rne.to_urdf(loaded.model).count("<link") == 7
+    assert loaded.link_names == ("base_link", *odd, "tool0")
+    assert rne.to_urdf(loaded.model).count("<link") == 8
 
 
 @settings(max_examples=40, deadline=None)

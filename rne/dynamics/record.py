@@ -11,6 +11,7 @@ import numpy as np
 
 from ..basics.spatial import Array, dot, rotate, rotate_back, zeros
 from ..basics.text_table import Row, aligned, short, six_digits
+from ..model.ends import tip
 from ..model.model import Model
 from .kinematics import BASE, joint_transforms
 from .quantity import quantity
@@ -51,8 +52,8 @@ class Recursion:
     a_o, a_c : ndarray
         True acceleration of the frame's origin and of the centre of mass (3.37), without gravity [m/s^2].
     a_e : ndarray or None, shape (..., k, 3)
-        True acceleration of the link's end, the next joint's origin (3.38), for an unbranched chain; the last
-        link has an end if the model knows its `tip`, then k = nb, otherwise k = nb - 1 [m/s^2].
+        True acceleration of the link's end, the next joint's origin (3.38), for an unbranched chain; the end of the
+        last body is the origin of the frame fixed to it: k = nb, or k = nb - 1 without such a frame [m/s^2].
     gravity : ndarray
         Gravity in each frame (5.33) [m/s^2].
     f, tau : ndarray
@@ -193,11 +194,12 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
 
 
 def link_ends(model: Model) -> list[Array] | None:
-    """End of each link in its frame: the next joint's origin, the thesis's r_{i-1,i}; None for a branched tree."""
+    """End of each body in its frame: the next joint's origin, the thesis's r_{i-1,i}; None for a branched tree."""
     if any(parent != i - 1 for i, parent in enumerate(model.parent)):
         return None
     ends = [model.translation[i] for i in range(1, model.nb)]
-    return ends if model.tip is None else [*ends, model.tip]
+    last = tip(model)
+    return ends if last is None else [*ends, last]
 
 
 def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:

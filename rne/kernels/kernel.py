@@ -15,7 +15,9 @@ from ..dynamics.verdict import SOUND, BatchIndex, Verdict
 from ..model.arguments import joint_array, joint_shaped, model_argument
 from ..model.model import Model
 from .complex_step import complex_step
+from .elements import entry_of_element
 from .graph import TooLarge
+from .heading import heading
 from .numpy_backend import BlockProgram, check_out
 from .python_backend import Guard, Refused, compiled_function
 from .scalar import is_traced
@@ -240,27 +242,44 @@ class Kernel:
         check_out(out, result.shape, result.dtype, self.names, arrays)[...] = result
         return out, verdict
 
-    def source(self, language: str = "python") -> str:
+    def source(self, language: str = "python", element: str | None = None) -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
 
         Parameters
         ----------
         language : {"python", "numpy", "matlab", "c"}
             MATLAB runs in Octave too; "numpy" takes batches.
+        element : str, optional
+            One entry alone, as in the thesis's appendix C, with the operations that it needs: "m23" of M, "c3" of
+            C q', "g2" of g, "tau4" of inverse dynamics, "h1" of bias torques, "qdd5" of forward dynamics. Joints are
+            counted from 1; beyond nine, "m2_13".
 
         Returns
         -------
         str
+            With the robot, the order of its joints and the units in a comment at the head.
 
         Raises
         ------
         ValueError
-            For any other language.
+            For any other language, or an entry that the quantity does not have.
         TypeError
             If the kernel is too large to be written out.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.compile(rne.gravity_torque, rne.irb140()).source("matlab", "g4").splitlines()[:2]
+        ['function result = g4(q)', '% Entry 4 of gravity_torque of robot irb140']
         """
         name = "_".join([self.quantity.name, *(["by", *self.wrt] if self.wrt else [])])
-        return to_source(Printable(self.traced.program, name, self.names, self.widths, self.traced.shape), language)
+        traced, entry = self.traced, None
+        title = name
+        if element is not None:
+            entry = entry_of_element(element, name, traced.shape)
+            traced, title = trace(self.quantity, self.model, self.fixed, self.wrt, entry), element
+        lines = heading(self.model, name, self.names, entry)
+        return to_source(Printable(traced.program, title, self.names, self.widths, traced.shape, lines), language)
 
     def _by_function(self, arguments: Sequence[Any]) -> tuple[Array, Verdict]:
         """The function itself, or its derivatives by complex step."""

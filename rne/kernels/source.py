@@ -1,4 +1,4 @@
-"""A program as source text: Python, NumPy, MATLAB (and Octave) or C. Joints are numbers there, names never appear."""
+"""A program as source text: Python, NumPy, MATLAB (and Octave) or C. Joints are numbers; names are in comments only."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ LANGUAGES = ("python", "numpy", "matlab", "c")
 
 
 class Printable(NamedTuple):
-    """A program to print: its name, its arguments with their lengths, and the shape of its result."""
+    """A program to print: its name, arguments with their lengths, shape of its result, lines of its heading."""
 
     program: Program
     name: str
     arguments: tuple[str, ...]
     widths: tuple[int, ...]
     shape: tuple[int, ...]
+    heading: Sequence[str] = ()
 
 
 def to_source(printable: Printable, language: str) -> str:
@@ -61,7 +62,7 @@ def _python(p: Printable) -> str:
     flat = ", ".join(outputs[: len(_entries(p.shape))])
     body = [*lines, f"return [{flat}]" if p.shape else f"return {flat}"]
     doc = f'"""Entries of the result, shape {p.shape}, row by row."""'
-    head = ["from math import cos, sin, sqrt, tanh", "", ""]
+    head = [*(f"# {line}" for line in p.heading), "from math import cos, sin, sqrt, tanh", "", ""]
     if any("sign(" in line for line in body):
         head += ["def sign(x):", "    return float((x > 0) - (x < 0))", "", ""]
     head += [f"def {p.name}({', '.join(p.arguments)}):", f"    {doc}"]
@@ -89,7 +90,8 @@ def _numpy(p: Printable) -> str:
         *stores,
         "return result",
     ]
-    head = ["import numpy as np", "", "", f"def {p.name}({', '.join(p.arguments)}):"]
+    comments = [f"# {line}" for line in p.heading]
+    head = [*comments, "import numpy as np", "", "", f"def {p.name}({', '.join(p.arguments)}):"]
     return "\n".join([*head, *(f"    {line}" for line in body)]) + "\n"
 
 
@@ -109,7 +111,8 @@ def _matlab(p: Printable) -> str:
     size = ", ".join(map(str, p.shape if len(p.shape) > 1 else (*p.shape, 1) if p.shape else (1, 1)))
     body = [*lines, f"result = zeros({size})", *stores]
     head = f"function result = {p.name}({', '.join(p.arguments)})"
-    return "\n".join([head, *(f"  {line};" for line in body), "end"]) + "\n"
+    comments = [f"% {line}" for line in p.heading]
+    return "\n".join([head, *comments, *(f"  {line};" for line in body), "end"]) + "\n"
 
 
 def _c(p: Printable) -> str:
@@ -126,7 +129,15 @@ def _c(p: Printable) -> str:
     stores = [f"result[{k}] = {output}" for k, output in enumerate(outputs[: len(_entries(p.shape))])]
     arguments = ", ".join([f"const double *{name}" for name in p.arguments] + ["double *result"])
     body = [*(f"const double {line};" for line in lines), *(f"{store};" for store in stores)]
-    head = ["#include <math.h>", "", f"/* {_size(p.shape)} entries, row by row. */", f"void {p.name}({arguments})", "{"]
+    comments = [f"/* {line} */" for line in p.heading]
+    head = [
+        *comments,
+        "#include <math.h>",
+        "",
+        f"/* {_size(p.shape)} {'entries, row by row' if p.shape else 'entry'}. */",
+        f"void {p.name}({arguments})",
+        "{",
+    ]
     return "\n".join([*head, *(f"    {line}" for line in body), "}"]) + "\n"
 
 

@@ -38,10 +38,17 @@ def quantity_of(function: Declared) -> Quantity:
     return quantity
 
 
-def trace(quantity: Quantity, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = ()) -> Trace:
+def trace(
+    quantity: Quantity,
+    model: Model,
+    fixed: Mapping[str, Any],
+    wrt: Sequence[str] = (),
+    entry: tuple[int, ...] | None = None,
+) -> Trace:
     """Run the core on traced numbers, one state in a batch axis of length 1; differentiate by `wrt`.
 
-    Raises TooLarge if the program has too many operations or a constant that is not finite.
+    Of a single `entry` of the result only the operations that it needs are kept. Raises TooLarge if the program has too
+    many operations or a constant that is not finite.
     """
     graph = Graph(limit=8 * LIMIT)
     widths = argument_widths(quantity, model)
@@ -52,7 +59,10 @@ def trace(quantity: Quantity, model: Model, fixed: Mapping[str, Any], wrt: Seque
     if wrt:
         by = [starts[name] + j for name in wrt for j in range(widths[name])]
         shape, outputs = (*shape, len(by)), differentiate(graph, outputs, by)
-    outputs += [ref for part in judged for ref in references(graph, part)]
+    if entry is None:
+        outputs += [ref for part in judged for ref in references(graph, part)]
+    else:
+        shape, outputs = (), [outputs[int(np.ravel_multi_index(entry, shape))]]
     program = lower(graph, outputs, sum(widths.values()))
     if len(program.instructions) > LIMIT or not program.is_finite:
         raise TooLarge("operations or constants")  # the recursion runs, and names what is wrong

@@ -82,7 +82,6 @@ def assemble(
     *,
     gravity: Any = STANDARD_GRAVITY,
     shapes: Sequence[Cylinder] = (),
-    tip: Any = None,
     notes: Mapping[str, str] | None = None,
 ) -> Model:
     """The Model of a tree of parts, the root first and every parent before its children."""
@@ -137,7 +136,6 @@ def assemble(
         offset=np.array([joint.mimic.offset if joint.mimic else 0.0 for joint in joints]),
         gravity=gravity,
         shapes=tuple(shapes),
-        tip=tip,
         notes=notes or {},
     )
 

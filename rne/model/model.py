@@ -18,7 +18,7 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
 
 UNSET: Any = None  # replaced in __post_init__ by a default of the right shape
-NOT_COMPARED = ("tip", "notes", "link_parent")
+NOT_COMPARED = ("notes", "link_parent")
 
 
 class Cylinder(NamedTuple):
@@ -93,8 +93,6 @@ class Model:
         origin was moved along its axis at load.
     shapes : tuple of Cylinder
         For drawing; not used by dynamics.
-    tip : ndarray, shape (3,), or None
-        End of the last link of an unbranched chain (the thesis's r_{n-1,n}), for `Recursion.a_e`. Not compared.
     notes : mapping of str to str
         Where the numbers of a link or joint come from. Not compared.
 
@@ -136,7 +134,6 @@ class Model:
     base_inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
     gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
     shapes: tuple[Cylinder, ...] = ()
-    tip: Array | None = None
     notes: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -216,6 +213,16 @@ class Model:
     def coordinate_parent(self) -> tuple[int, ...]:
         """The parent of each coordinate in the sparsity pattern of M; the previous one if mimics fill it."""
         return tuple(range(-1, self.n - 1)) if self.has_mimics else self.parent
+
+    @cached_property
+    def link_tree(self) -> tuple[int, ...]:
+        """`link_parent`; where it is not known, links on fixed joints are taken to be on their body's first link."""
+        if self.link_parent is not None:
+            return self.link_parent
+        place = {joint: k for k, joint in enumerate(self.link_joints)}
+        carrier = {i: place[joint] for i, joint in enumerate(self.moving_joints)} | {-1: 0}
+        above = {carrier[i]: carrier[parent] for i, parent in enumerate(self.parent)}
+        return tuple(-1 if k == 0 else above.get(k, carrier[body]) for k, body in enumerate(self.link_body))
 
     @cached_property
     def moments(self) -> Moments:

@@ -11,14 +11,20 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import real_array
 from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose
 from .builder import Part, Pose, assemble, disassemble, pose
+from .ends import end_link
 from .model import Model
-from .validation import inertia_error, triangle_excess
+from .validation import inertia_error, symmetric_up_to_rounding, triangle_excess
 
-SYMMETRY = 1e-12  # of the largest entry: asymmetry of an inertia that is rounding error
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
 
 
-def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike | None, link: str) -> Model:
+def with_payload(
+    model: Model,
+    mass: float,
+    com: ArrayLike = (0.0, 0.0, 0.0),
+    inertia: ArrayLike | None = None,
+    link: str | None = None,
+) -> Model:
     """The robot with a further rigid body fixed to one of its links.
 
     Parameters
@@ -26,12 +32,13 @@ def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike |
     model : Model
     mass : float
         [kg]
-    com : array_like, shape (3,)
-        The payload's centre of mass in the link's frame [m].
+    com : array_like, shape (3,), optional
+        The payload's centre of mass in the link's frame; the link's origin if not given [m].
     inertia : array_like, shape (3, 3), or None
         About the payload's centre of mass, in the link's axes; None for a point mass [kg m^2].
-    link : str
-        One of `model.link_names`.
+    link : str, optional
+        One of `model.link_names`. If not given, the last link of the chain, a fixed frame such as a flange behind the
+        last joint included.
 
     Returns
     -------
@@ -40,14 +47,17 @@ def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike |
     Raises
     ------
     ValueError
-        If the link does not exist or the payload is not a possible rigid body.
+        If the link does not exist, is not given for a robot whose moving joints branch or mimic others or whose last
+        body ends at several points, or the payload is not a possible rigid body.
 
     Examples
     --------
     >>> import rne
-    >>> rne.with_payload(rne.irb140(), 6.0, [0, 0, 0.1], None, "link_6").mass[5].item()
-    7.0
+    >>> loaded = rne.with_payload(rne.irb140(), 6.0)  # at the flange, link tool0
+    >>> loaded.mass[5].item(), round(loaded.com[5, 2].item(), 4)  # (1 kg at 0.029 m + 6 kg at 0.065 m) / 7 kg
+    (7.0, 0.0599)
     """
+    link = end_link(model) if link is None else link
     index = model.link_index(link)
     m = real_array("mass", mass, "()")
     c = real_array("com", com, "(3,)")
@@ -55,8 +65,7 @@ def with_payload(model: Model, mass: float, com: ArrayLike, inertia: ArrayLike |
     for name, array, shape in (("mass", m, ()), ("com", c, (3,)), ("inertia", I, (3, 3))):
         if array.shape != shape:
             raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
-    if np.abs(I - I.T).max() <= SYMMETRY * np.abs(I).max(initial=0.0):  # R I R^T is symmetric up to rounding
-        I = _symmetric(I)
+    I = symmetric_up_to_rounding(I)
     error = inertia_error(float(m), c, I)
     if error is None and triangle_excess(I) > TRIANGLE:
         error = "the largest principal moment of inertia must not exceed the sum of the two others"
@@ -125,12 +134,8 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
                 position = part.mimic.multiplier * position + part.mimic.offset
             fixed[k] = replace(part, kind="fixed", mimic=None, placement=_moved(part, position))
     edited = [fixed.get(k, part) for k, part in enumerate(parts)]
-    tip = model.tip if model.nb == 0 or _part_index(model) not in fixed else None
-    return assemble(model.name, edited, gravity=model.gravity, shapes=model.shapes, tip=tip, notes=model.notes)
-
-
-def _part_index(model: Model) -> int:
-    return model.link_joints.index(model.moving_joints[-1])
+    smaller = assemble(model.name, edited, gravity=model.gravity, shapes=model.shapes, notes=model.notes)
+    return replace(smaller, link_parent=model.link_parent)
 
 
 def _moved(part: Part, position: float) -> Pose:

@@ -11,7 +11,9 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import ModelError
 
+JOINT_TYPES = ("revolute", "continuous", "prismatic")
 UNIT_TOLERANCE = 1e-12  # an axis or rotation off by more was never normalised
+SYMMETRY = 1e-12  # of the largest entry: asymmetry of an inertia that is rounding error
 INERTIA_TOLERANCE = 1e-12  # of trace + m |c|^2: rounding of a file's decimals, not a negative inertia
 
 
@@ -57,6 +59,17 @@ def inertia_error(mass: float, com: Array, inertia: Array) -> str | None:
     if smallest < -INERTIA_TOLERANCE * scale:
         return f"the inertia must have no negative eigenvalue, got {smallest:.6g} kg m^2"
     return None
+
+
+def symmetric_up_to_rounding(inertia: Array) -> Array:
+    """The symmetric part of an inertia that differs from it by rounding only, such as R I R^T; others unchanged."""
+    half: Array = (inertia + inertia.T) / 2
+    return half if 2 * np.abs(inertia - half).max() <= SYMMETRY * np.abs(inertia).max() else inertia
+
+
+def is_rotation(R: Array) -> bool:
+    """True for an orthogonal matrix with determinant +1."""
+    return bool(np.abs(R @ R.T - np.eye(3)).max() <= UNIT_TOLERANCE and np.linalg.det(R) > 0)
 
 
 def triangle_excess(inertia: Array) -> float:
@@ -105,8 +118,6 @@ def _check_shapes(model: SimpleNamespace) -> None:
             raise ModelError(f"`{name}` must have {length} entries, got {len(getattr(model, name))}")
     if model.link_parent is not None and len(model.link_parent) != links:
         raise ModelError(f"`link_parent` must have {links} entries, got {len(model.link_parent)}")
-    if model.tip is not None and model.tip.shape != (3,):
-        raise ModelError(f"`tip` must have shape (3,), got {model.tip.shape}")
 
 
 def _check_names(model: SimpleNamespace) -> None:
@@ -122,10 +133,9 @@ def _check_names(model: SimpleNamespace) -> None:
 
 def _check_tree(model: SimpleNamespace) -> None:
     nb = len(model.moving_joints)
-    types = ("revolute", "continuous", "prismatic")
     for i, joint in enumerate(model.moving_joints):
-        if model.joint_types[i] not in types:
-            raise ModelError(f"joint {joint!r}: type must be one of {list(types)}, got {model.joint_types[i]!r}")
+        if model.joint_types[i] not in JOINT_TYPES:
+            raise ModelError(f"joint {joint!r}: type must be one of {list(JOINT_TYPES)}, got {model.joint_types[i]!r}")
         if not -1 <= model.parent[i] < i:
             raise ModelError(f"joint {joint!r}: parent must be one of the {i} bodies before it, got {model.parent[i]}")
     for link, body in zip(model.link_names, model.link_body, strict=True):
@@ -168,5 +178,5 @@ def _check_unit(what: str, axis: Array) -> None:
 
 
 def _check_rotation(what: str, R: Array) -> None:
-    if np.abs(R @ R.T - np.eye(3)).max() > UNIT_TOLERANCE or np.linalg.det(R) < 0:
+    if not is_rotation(R):
         raise ModelError(f"{what} must be a rotation: orthogonal with determinant +1")

@@ -11,6 +11,8 @@ import numpy as np
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
+from ..model.model import Model
+from .limits import Violation, limit_violations
 from .plant import Plant
 from .stops import Stop
 
@@ -43,6 +45,8 @@ class Trajectory:
         States of the controller, such as the integral of a PID.
     energy_start : float
         Energy at t = 0, which `t_eval` may leave out [J].
+    model : Model or None
+        The robot that moved, of a scene with payload and without locked joints; for `check_limits`.
     growth : callable or None
         growth(bound) -> times and estimated errors of the positions until they exceed the bound; see
         `trusted_horizon`.
@@ -66,6 +70,7 @@ class Trajectory:
     controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
     energy_start: float = 0.0
     growth: Callable[[float], tuple[Array, Array]] | None = field(default=None, repr=False)
+    model: Model | None = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "growth": None}  # it may hold laws that do not pickle
@@ -121,6 +126,31 @@ class Trajectory:
             return float(t[k - 1])
         part = np.log(bound / error[k - 1]) / np.log(error[k] / error[k - 1])
         return float(t[k - 1] + part * (t[k] - t[k - 1]))
+
+    def check_limits(self) -> list[Violation]:
+        """Where the motion exceeds the ranges, speeds and efforts of its robot; see `rne.simulation.limits`.
+
+        Returns
+        -------
+        list of Violation
+            One for each limit exceeded at any sample, in the order of the joints; `print(*violations, sep="\\n")`
+            shows them. Joints that mimic others are examined too, except for their torques, which are not known.
+
+        Raises
+        ------
+        ValueError
+            If the trajectory was made without a model.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 2.0)
+        >>> [v.joint for v in swing.check_limits() if v.quantity == "rate"][:2]
+        ['joint_2', 'joint_3']
+        """
+        if self.model is None:
+            raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
+        return limit_violations(self.model, self.t, self.q, self.qd, self.tau)
 
     @property
     def balance(self) -> Array:
@@ -202,6 +232,7 @@ def build_trajectory(plant: Plant, task: Task, run: Run, reason: str) -> tuple[T
         entries,
         z if run.controller_state is None else run.controller_state[:T],
         start,
+        model=rhs.robot.model,
     )
     return motion, failure
 

@@ -40,8 +40,8 @@ def to_urdf(model: Model) -> str:
     Examples
     --------
     >>> import rne
-    >>> rne.to_urdf(rne.irb140()).count("<joint ")
-    6
+    >>> rne.to_urdf(rne.irb140()).count("<joint ")  # six that move, and the flange
+    7
     """
     from lxml import etree
 

@@ -125,7 +125,7 @@ def scaled(model, s):
     """The same robot s times as large, of the same density."""
     return replace(
         model, translation=s * model.translation, com=s * model.com, link_translation=s * model.link_translation,
-        mass=s**3 * model.mass, inertia=s**5 * model.inertia, tip=None,
+        mass=s**3 * model.mass, inertia=s**5 * model.inertia,
     )  # fmt: skip
 
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ...basics.spatial import Array, rotation_about, snap, transpose
 from ..builder import Part, assemble, pose
 from ..model import Cylinder, Model
+from ..solids import cylinder_inertia
+from .data_sheet import DataSheet, Datum
 
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
@@ -30,23 +32,39 @@ class Link(NamedTuple):
     mass: float  # [kg]
     radius: float  # [m]
     height: float  # [m]
-    along: int  # the frame axis the cylinder lies along
+    along: Literal["x", "y", "z"]  # the frame axis the cylinder lies along
 
 
 PI = math.pi
 LINKS = (
-    Link(0, -PI / 2, (0.070, -0.352, 0), (0.014, -0.264, 0.067), 27, 0.147, 0.264, 1),
-    Link(-PI / 2, 0, (0.360, 0, 0), (0.201, 0, -0.070), 22, 0.108, 0.402, 0),
-    Link(0, -PI / 2, ORIGIN, ORIGIN, 0, 0, 0, 2),
-    Link(0, PI / 2, (0, 0.380, 0), (0, 0.080, 0), 25, 0.094, 0.600, 1),
-    Link(PI, PI / 2, ORIGIN, ORIGIN, 0, 0, 0, 2),
-    Link(0, 0, (0, 0, 0.065), (0, 0, 0.029), 1, 0.054, 0.072, 2),
+    Link(0, -PI / 2, (0.070, -0.352, 0), (0.014, -0.264, 0.067), 27, 0.147, 0.264, "y"),
+    Link(-PI / 2, 0, (0.360, 0, 0), (0.201, 0, -0.070), 22, 0.108, 0.402, "x"),
+    Link(0, -PI / 2, ORIGIN, ORIGIN, 0, 0, 0, "z"),
+    Link(0, PI / 2, (0, 0.380, 0), (0, 0.080, 0), 25, 0.094, 0.600, "y"),
+    Link(PI, PI / 2, ORIGIN, ORIGIN, 0, 0, 0, "z"),
+    Link(0, 0, (0, 0, 0.065), (0, 0, 0.029), 1, 0.054, 0.072, "z"),
 )
 
-# Data sheet: working ranges as totals [deg]; that they lie symmetric about zero is assumed, and so are the
-# ranges of the axes called unlimited, for which the data sheet's defaults are taken.
-RANGE = (360, 200, 280, 400, 240, 800)
-SPEED = (200, 200, 260, 360, 360, 450)  # [deg/s]
+SHEET = "ABB's data sheet (Høifødt 2011, appendix A)"
+FASTER = f"{SHEET}, of the IRB 140T"
+CYCLE = "pick cycle of 25 mm up, 300 mm across and 25 mm down with 5 kg"
+
+# As printed there. That the ranges, given as totals, lie symmetric about zero is an assumption of `irb140`.
+DATA_SHEET = DataSheet(
+    ranges=Datum((360, 200, 280, 400, 240, 800), "deg", f"{SHEET}; axes 4 and 6 unlimited, these are the defaults"),
+    speeds=Datum((200, 200, 260, 360, 360, 450), "deg/s", SHEET),
+    fast_speeds=Datum((250, 250, 260, 360, 360, 450), "deg/s", f"{FASTER}: axes 1 and 2 are faster"),
+    payload=Datum(6, "kg", SHEET),
+    upper_arm_load=Datum(1, "kg", f"{SHEET}, instead of the wrist's"),
+    wrist_load=Datum(0.5, "kg", f"{SHEET}, instead of the upper arm's"),
+    tcp_speed=Datum(2.5, "m/s", SHEET),
+    tcp_acceleration=Datum(20, "m/s^2", SHEET),
+    acceleration_time=Datum(0.15, "s", f"{SHEET}, from rest to 1 m/s"),
+    repeatability=Datum(0.03, "mm", SHEET),
+    reach=Datum(810, "mm", f"{SHEET}, of axis 5"),
+    cycle_time=Datum(0.85, "s", f"{SHEET}, {CYCLE}"),
+    fast_cycle_time=Datum(0.77, "s", f"{FASTER}, {CYCLE}"),
+)
 
 # Its controller (section 6.5): proportional [N m/rad] and derivative [N m s/rad] gains.
 KP = (50.0, 50.0, 50.0, 50.0, 50.0, 60.0)
@@ -71,23 +89,17 @@ NOTES = {
     "robot": (
         "ABB IRB 140 after H. Hoifodt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler "
         "Formulation, MSc thesis, NTNU, 2011. Link i's frame has the orientation of the thesis's frame i and the "
-        "origin of its frame i-1, so that every joint axis passes through its link's origin."
+        "origin of its frame i-1, so that every joint axis passes through its link's origin. The frame tool0 is the "
+        "thesis's frame 6, the flange."
     ),
     "base_link": "The fixed base of 23 kg moves nothing and is left out; the arm's total is 98 kg with it.",
     "limits": (
         "Data sheet: the range as a total; that it lies symmetric about zero is ASSUMED. Speed: data sheet. "
         "Effort: ASSUMED unlimited (the data sheet gives none), written as the largest double."
     ),
+    "flange": "The flange, frame 6 of the thesis: r_{5,6} = (0, 0, 0.065) m (4.24).",
     "unlimited": " The data sheet calls this axis unlimited; its default range is taken.",
 }
-
-
-def cylinder_inertia(mass: float, radius: float, height: float, along: int) -> Array:
-    """Inertia of a solid cylinder about its centre, its axis along frame axis `along` (4.25)-(4.31) [kg m^2]."""
-    across = mass * (3 * radius**2 + height**2) / 12
-    moments = [across, across, across]
-    moments[along] = mass * radius**2 / 2
-    return np.diag(moments)
 
 
 def frame_rotation(link: Link, q: float = 0.0) -> Array:
@@ -98,13 +110,13 @@ def frame_rotation(link: Link, q: float = 0.0) -> Array:
 
 def cylinder(name: str, link: Link) -> Cylinder:
     """The link's cylinder of table 4.1, for drawing."""
-    z_to = {0: (0.0, PI / 2, 0.0), 1: (-PI / 2, 0.0, 0.0), 2: ORIGIN}
+    z_to = {"x": (0.0, PI / 2, 0.0), "y": (-PI / 2, 0.0, 0.0), "z": ORIGIN}
     x, y, z = (float(r) for r in link.r_com)
     return Cylinder(name, link.radius, link.height, (x, y, z), z_to[link.along])
 
 
 def _notes() -> dict[str, str]:
-    notes = {"robot": NOTES["robot"], "base_link": NOTES["base_link"]}
+    notes = {"robot": NOTES["robot"], "base_link": NOTES["base_link"], "flange": NOTES["flange"]}
     for i, link in enumerate(LINKS, 1):
         limits = NOTES["limits"] + (NOTES["unlimited"] if i in (4, 6) else "")
         notes[f"joint_{i}"] = (
@@ -126,12 +138,16 @@ def irb140() -> Model:
     Returns
     -------
     Model
-        Joints joint_1 ... joint_6, links base_link, link_1 ... link_6. Link i has the orientation of the thesis's
-        frame i and the origin of its frame i-1. Working ranges about zero are assumed, efforts unlimited.
+        Joints joint_1 ... joint_6, links base_link, link_1 ... link_6 and tool0, the flange, fixed to link_6. Link i
+        has the orientation of the thesis's frame i and the origin of its frame i-1; tool0 is its frame 6 (4.24).
+        Working ranges about zero are assumed, efforts unlimited.
 
     Notes
     -----
-    Høifødt 2011, chapter 4 with table 4.1, (4.25)-(4.31); ABB's data sheet for ranges and speeds.
+    Høifødt 2011, chapter 4 with table 4.1, (4.24)-(4.31); ABB's data sheet for ranges and speeds. The cylinders of
+    table 4.1 have densities of 1493 to 1516 kg/m^3; the thesis states 1500. The reach of axis 5 from axis 1 is
+    0.070 + 0.360 + 0.380 = 0.810 m, as in the data sheet, whose numbers are in
+    `rne.model.robots.abb_irb140.DATA_SHEET`.
 
     Examples
     --------
@@ -139,6 +155,7 @@ def irb140() -> Model:
     >>> rne.irb140().mass.sum().item()
     75.0
     """
+    ranges, speeds = (np.array(datum.value) for datum in (DATA_SHEET.ranges, DATA_SHEET.speeds))
     parts = [Part(link="base_link")]
     origin: Vector = ORIGIN
     for i, link in enumerate(LINKS):
@@ -154,17 +171,17 @@ def irb140() -> Model:
                 mass=float(link.mass),
                 com=np.array(link.r_com, dtype=float),
                 inertia=cylinder_inertia(link.mass, link.radius, link.height, link.along),
-                lower=-math.radians(RANGE[i] / 2),
-                upper=math.radians(RANGE[i] / 2),
-                velocity=math.radians(SPEED[i]),
+                lower=-math.radians(ranges[i] / 2),
+                upper=math.radians(ranges[i] / 2),
+                velocity=math.radians(speeds[i]),
             )
         )
         origin = link.r_end
+    parts.append(Part(link="tool0", joint="flange", parent=6, placement=pose(np.eye(3), origin)))
     return assemble(
         "irb140",
         parts,
         shapes=[cylinder(f"link_{i}", link) for i, link in enumerate(LINKS, 1) if link.mass],
-        tip=np.array(LINKS[-1].r_end, dtype=float),
         notes=_notes(),
     )
 

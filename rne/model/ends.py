@@ -1,0 +1,81 @@
+"""Where a chain ends: the link that a payload sits on by default, and the end of the last body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .model import Model
+
+
+def end_link(model: Model) -> str:
+    """The link at the end of an unbranched chain, a fixed frame behind the last joint included.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    str
+        Of the links that no other is attached to, the one that moves with the last joint. If several do, they must have
+        the same origin; then it is the last of them in `link_names`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such link: moving joints branch, one mimics another, or the last body ends at several points.
+
+    Examples
+    --------
+    >>> import rne
+    >>> from rne.model.ends import end_link
+    >>> end_link(rne.irb140())
+    'tool0'
+    """
+    ends = _ends(model)
+    mimics = [joint for i, joint in enumerate(model.moving_joints) if i not in model.independent_joints]
+    if not _is_chain(model):
+        reason = "its moving joints branch"
+    elif mimics:
+        reason = f"its joint {mimics[0]!r} mimics another"
+    elif not _at_one_point(model, ends):
+        reason = "its last body ends at several points"
+    else:
+        return model.link_names[ends[-1]]
+    candidates = [model.link_names[k] for k in _leaves(model) if model.link_body[k] >= 0 or not model.nb]
+    raise ValueError(f"`link` must be given for robot {model.name!r}: {reason}; its leaf links are {candidates}")
+
+
+def tip(model: Model) -> Array | None:
+    """End of the last body of an unbranched chain in its frame, the thesis's r_{n-1,n}, shape (3,) [m].
+
+    It is the origin of the frame fixed behind the last joint's link; None if there is none, or several at different
+    points, or the chain branches.
+    """
+    ends = _ends(model)
+    if not model.nb or not _is_chain(model) or not _at_one_point(model, ends):
+        return None
+    if model.link_joints[ends[-1]] == model.moving_joints[-1]:
+        return None
+    end: Array = model.link_translation[ends[-1]]
+    return end
+
+
+def _is_chain(model: Model) -> bool:
+    return all(parent == i - 1 for i, parent in enumerate(model.parent))
+
+
+def _leaves(model: Model) -> list[int]:
+    """Links that no other link is attached to, by their places in `link_names`."""
+    carrying = set(model.link_tree)
+    return [k for k in range(len(model.link_names)) if k not in carrying]
+
+
+def _ends(model: Model) -> list[int]:
+    """The leaves that belong to the last body."""
+    return [k for k in _leaves(model) if model.link_body[k] == model.nb - 1]
+
+
+def _at_one_point(model: Model, links: list[int]) -> bool:
+    return bool(np.all(model.link_translation[links] == model.link_translation[links[-1]]))

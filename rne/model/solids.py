@@ -1,0 +1,51 @@
+"""Moments of inertia of solid bodies."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from ..basics.arrays import positive_number
+from ..basics.spatial import Array
+
+
+def cylinder_inertia(mass: float, radius: float, length: float, axis: Literal["x", "y", "z"]) -> Array:
+    """Inertia of a solid cylinder about its centre of mass, in axes parallel and perpendicular to it.
+
+    Parameters
+    ----------
+    mass : float
+        [kg]
+    radius, length : float
+        [m]
+    axis : {"x", "y", "z"}
+        The axis of the link's frame that the cylinder is parallel to.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        m r^2 / 2 about the cylinder's axis, m (3 r^2 + h^2) / 12 about the two others [kg m^2].
+
+    Raises
+    ------
+    ValueError
+        If a number is negative or not finite, or the axis is another.
+
+    Notes
+    -----
+    Høifødt 2011, (4.25)-(4.31).
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.cylinder_inertia(12.0, 1.0, 1.0, "y").diagonal().tolist()
+    [4.0, 6.0, 4.0]
+    """
+    if axis not in ("x", "y", "z"):
+        raise ValueError(f"`axis` must be 'x', 'y' or 'z', got {axis!r}")
+    sizes = {"mass": mass, "radius": radius, "length": length}
+    m, r, h = (positive_number(name, value, zero_allowed=True) for name, value in sizes.items())
+    moments = np.full(3, m * (3 * r**2 + h**2) / 12)
+    moments["xyz".index(axis)] = m * r**2 / 2
+    return np.diag(moments)

@@ -1,0 +1,117 @@
+"""Where a motion exceeds the limits of its robot: ranges, speeds and efforts of the joints.
+
+A simulation applies no limits but those its scene models (stops, torque limits); this says afterwards what a real robot
+could not have done.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..basics.text_table import short
+from ..dynamics.kinematics import joint_positions, joint_rates
+from ..model.model import Model
+
+ROUNDING = 1e-9  # of a joint's larger limit: a stop or a saturated drive that is exceeded by less is met
+
+UNITS = {
+    "position": ("rad", "m"),
+    "rate": ("rad/s", "m/s"),
+    "torque": ("N m", "N"),
+}
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One limit of one joint that a motion exceeds; `str` says it in a line.
+
+    Attributes
+    ----------
+    joint : str
+    quantity : {"position", "rate", "torque"}
+    value, limit : float
+        The value farthest beyond the limit, and the limit on that side [`unit`].
+    unit : str
+        Radians for rotating joints.
+    first_time, worst_time : float
+        The first sample beyond the limit, and the one with `value` [s].
+    """
+
+    joint: str
+    quantity: Literal["position", "rate", "torque"]
+    value: float
+    limit: float
+    unit: str
+    first_time: float
+    worst_time: float
+
+    def __str__(self) -> str:
+        beyond = "above" if self.value > self.limit else "below"
+        return (
+            f"{short(self.joint)}: {self.quantity} {self._written(self.value)} {beyond} {self._written(self.limit)}, "
+            f"worst at {self.worst_time:.6g} s, first at {self.first_time:.6g} s"
+        )
+
+    def _written(self, value: float) -> str:
+        degrees = f" ({math.degrees(value):.4g} {self.unit.replace('rad', 'deg')})" if "rad" in self.unit else ""
+        return f"{value:.4g} {self.unit}{degrees}"
+
+
+def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) -> list[Violation]:
+    """The limits of a model that a motion exceeds.
+
+    Parameters
+    ----------
+    model : Model
+    t : ndarray, shape (T,)
+        Times of the samples; what happens between them is not seen [s].
+    q, qd, tau : ndarray, shape (T, n)
+        Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+
+    Returns
+    -------
+    list of Violation
+        In the order of the joints, for each its position (each side), rate and torque. A limit counts as exceeded by
+        more than 1e-9 of it, so that a motion that ends at a stop, or with saturated torque, does not.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> from rne.simulation.limits import limit_violations
+    >>> fast = np.array([[4.0, 0, 0, 0, 0, 0]])
+    >>> print(*limit_violations(rne.irb140(), np.zeros(1), 0 * fast, fast, 0 * fast))
+    joint_1: rate 4 rad/s (229.2 deg/s) above 3.491 rad/s (200 deg/s), worst at 0 s, first at 0 s
+    """
+    found = []
+    for joint, quantity, values, lower, upper in _limited(model, q, qd, tau):
+        finite = [abs(limit) for limit in (lower, upper) if math.isfinite(limit)]
+        tolerance = ROUNDING * max(finite, default=0.0)
+        unit = UNITS[quantity][0 if model.is_revolute[joint] else 1]
+        below, above = lower - values, values - upper
+        for excess in (below, above) if quantity == "position" else (np.maximum(below, above),):
+            beyond = np.flatnonzero(excess > tolerance)
+            if len(beyond):
+                k = int(np.argmax(excess))
+                value, limit = float(values[k]), lower if below[k] > above[k] else upper
+                times = float(t[beyond[0]]), float(t[k])
+                found.append(Violation(model.moving_joints[joint], quantity, value, limit, unit, *times))
+    return found
+
+
+def _limited(
+    model: Model, q: Array, qd: Array, tau: Array
+) -> Iterator[tuple[int, Literal["position", "rate", "torque"], Array, float, float]]:
+    """Joint, quantity, its values over time, and its lower and upper limit."""
+    positions, rates = joint_positions(model, q), joint_rates(model, qd)
+    for i in range(model.nb):
+        speed, effort = float(model.velocity_limit[i]), float(model.effort_limit[i])
+        yield i, "position", positions[:, i], float(model.lower[i]), float(model.upper[i])
+        yield i, "rate", rates[:, i], -speed, speed
+        if i in model.independent_joints:
+            yield i, "torque", tau[:, model.coordinate[i]], -effort, effort

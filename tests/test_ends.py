@@ -1,0 +1,145 @@
+"""Where a chain ends: the default link of a payload, and the end of the last body."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rne
+from rne.model.builder import Mimic, Part, assemble, pose
+from rne.model.ends import end_link, tip
+from rne.model.robots.generators import straight_chain
+
+from .conftest import TREES
+from .helpers import data_robot, states
+
+Z = np.array([0.0, 0.0, 1.0])
+
+
+def frame(link, parent, xyz=(0, 0, 0)):
+    return Part(link=link, joint=f"to_{link}", parent=parent, placement=pose(np.eye(3), xyz))
+
+
+def arm(*frames, parent=1, mimic=None):
+    """Two joints, the second on part `parent`, each carrying 1 kg, and frames behind them."""
+    moving = [
+        Part(link=f"link{k}", joint=f"j{k}", kind="continuous", parent=p, axis=Z, mass=1.0, com=Z, mimic=m)
+        for k, p, m in ((1, 0, None), (2, parent, mimic))
+    ]
+    return assemble("arm", [Part(link="root"), *moving, *frames])
+
+
+def test_last_link_of_a_chain_carries_the_payload():
+    model = straight_chain(3)
+    assert end_link(model) == "rod2"
+    assert rne.with_payload(model, 2.0) == rne.with_payload(model, 2.0, np.zeros(3), None, "rod2")
+
+
+def test_fixed_frames_behind_the_last_joint_are_part_of_the_chain():
+    model = arm(frame("flange", 2, [0, 0, 0.1]), frame("tool", 3, [0, 0, 0.2]))
+    assert end_link(model) == "tool"
+    np.testing.assert_allclose(tip(model), [0, 0, 0.3], rtol=1e-15)
+
+
+def test_frames_on_other_bodies_are_not_its_end():
+    model = arm(frame("tool", 2), frame("camera", 1), frame("pedestal", 0))
+    assert model.link_names[-1] == "pedestal"
+    assert end_link(model) == "tool"
+
+
+def test_of_frames_at_one_point_it_is_the_last():
+    model = arm(frame("ee_link", 2, [0, 0, 0.1]), frame("tool0", 2, [0, 0, 0.1]))
+    assert end_link(model) == "tool0"
+
+
+def test_a_chain_without_a_frame_behind_its_last_joint_has_no_tip():
+    model = straight_chain(2)
+    assert tip(model) is None
+    assert rne.recursion(model, *states(2)).a_e.shape == (1, 3)
+
+
+def test_end_of_the_last_body_moves_as_its_frame_does():
+    """a_e's last row is the second derivative of the frame's position, by complex step from the Jacobian's."""
+    model = arm(frame("tool", 2, [0.3, 0.1, 0.2]))
+    q, qd, qdd = states(2, seed=3)
+    J, J_rate = rne.jacobian(model, q, "tool"), rne.jacobian_rate(model, q, qd, "tool")
+    a = (J @ qdd + J_rate @ qd)[3:]
+    R = rne.link_poses(model, q)[model.link_index("link2"), :3, :3]
+    np.testing.assert_allclose(rne.recursion(model, q, qd, qdd).a_e[1], R.T @ a, rtol=0, atol=1e-12 * np.abs(a).max())
+
+
+@pytest.mark.parametrize(
+    ("model", "reason", "leaves"),
+    [
+        (arm(parent=0), "its moving joints branch", ["link1", "link2"]),
+        (arm(frame("tool", 1), parent=0), "its moving joints branch", ["link2", "tool"]),
+        (arm(mimic=Mimic(1, 2.0, 0.0)), "its joint 'j2' mimics another", ["link2"]),
+        (
+            arm(frame("left", 2, [0, 1, 0]), frame("right", 2, [0, -1, 0]), frame("base", 0)),
+            "its last body ends at several points",
+            ["left", "right"],
+        ),
+    ],
+)
+def test_where_a_payload_belongs_is_not_guessed(model, reason, leaves):
+    text = f"`link` must be given for robot 'arm': {reason}; its leaf links are {leaves}"
+    robot = rne.Robot(model)
+    calls = (lambda: rne.with_payload(model, 1.0), lambda: robot.with_payload(1.0), lambda: rne.Scene(robot, payload=1))
+    for call in calls:
+        with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
+            call()
+    loaded = rne.Scene(robot, payload=rne.Payload(1.0, link=leaves[-1])).resolved.robot
+    assert loaded.model == rne.with_payload(model, 1.0, link=leaves[-1])
+
+
+def test_the_pandas_payload_is_refused_without_a_link():
+    text = (
+        "`link` must be given for robot 'panda': its moving joints branch; "
+        "its leaf links are ['panda_hand_tcp', 'panda_leftfinger', 'panda_rightfinger']"
+    )
+    panda = data_robot("panda_description/panda")
+    with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
+        panda.with_payload(3.0)
+    assert panda.with_payload(3.0, link="panda_hand_tcp").model.mass.sum() > panda.model.mass.sum()
+
+
+@pytest.mark.parametrize(
+    ("name", "link"), [("ur_description/ur5_robot", "tool0"), ("xarm_description/xarm7", "link_eef")]
+)
+def test_arms_of_makers_carry_it_at_their_tool_frame(name, link):
+    assert end_link(data_robot(name).model) == link
+
+
+def test_a_hand_of_fixed_fingers_has_no_single_end():
+    with pytest.raises(ValueError, match="its last body ends at several points"):
+        data_robot("kinova_description/kinova").with_payload(1.0)
+
+
+def test_locking_joints_one_by_one_or_together_keeps_the_end(irb140):
+    together = irb140.locked({"joint_5": 0.3, "joint_6": 0.2})
+    one_by_one = irb140.locked({"joint_5": 0.3}).locked({"joint_6": 0.2})
+    assert end_link(together.model) == end_link(one_by_one.model) == "tool0"
+    assert together.model.link_parent == one_by_one.model.link_parent == irb140.model.link_parent
+    q = states(4)[0]
+    moved = irb140.link_poses(np.r_[q, 0.3, 0.2])
+    np.testing.assert_allclose(together.link_poses(q)[-1], moved[-1], atol=1e-15)
+    R = moved[4, :3, :3]
+    np.testing.assert_allclose(tip(together.model), R.T @ (moved[-1] - moved[4])[:3, 3], atol=1e-15)
+
+
+def test_a_model_that_does_not_know_its_links_parents_has_the_same_end(irb140):
+    unknown = replace(irb140.model, link_parent=None)
+    assert unknown.link_tree == irb140.model.link_parent
+    assert end_link(unknown) == "tool0"
+
+
+def test_a_robot_without_moving_joints_carries_it_at_its_last_frame():
+    block = assemble("block", [Part(link="base", mass=1.0), frame("top", 0, [0, 0, 1])])
+    assert end_link(block) == "top"
+    assert tip(block) is None
+    assert rne.with_payload(block, 1.0).base_com.tolist() == [0, 0, 0.5]
+
+
+def test_branched_robots_have_no_tip():
+    assert tip(TREES["bushy"]) is None
