@@ -3,8 +3,9 @@
 | control law                  | where it is evaluated                 | `law`  | `torque_given` |
 |------------------------------|---------------------------------------|--------|----------------|
 | none                         |                                       | None   | False          |
-| marked by `rne.traceable`    | in the kernel, traced                 | given  | False          |
-| called, or `torque=`         | by Plant.torque; its torques are `u`  | None   | True           |
+| marked by `rne.traceable`    | in the kernel, traced if it can be    | given  | False          |
+| called, or `torque=`         | by Plant.torque; `u` has its torques, | None   | True           |
+|                              | and the rates of its states           |        |                |
 | sampled                      | by ZeroOrderHold; its torques are `u` | None   | True           |
 
 The state x is q, qd and the controller's states z. The ledger names the powers that the scene has: those of the drives
@@ -47,16 +48,24 @@ class AppliedTorques:
         A traceable law.
     torque_given : bool
         True if the drives' torques are an argument, `u`; without `torque_given` and `law` there are no drives.
+    states : int
+        Number of states of a law that is called, whose rates follow the torques in `u`.
     """
 
     name = "applied_torques"
 
     def __init__(
-        self, robot: Robot, friction: Friction | None, torque_limit: Array | None, law: Any, torque_given: bool
+        self,
+        robot: Robot,
+        friction: Friction | None,
+        torque_limit: Array | None,
+        law: Any,
+        torque_given: bool,
+        states: int = 0,
     ) -> None:
         self.robot, self.friction, self.torque_limit = robot, friction, torque_limit
         self.law, self.torque_given = law, torque_given
-        self.controller_states = int(getattr(law, "states", 0))
+        self.controller_states = states if law is None else int(getattr(law, "states", 0))
         f = friction
         ledger = {
             "drives": law is not None or torque_given,
@@ -81,22 +90,55 @@ class AppliedTorques:
     @property
     def _widths(self) -> dict[str, int | None]:
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
-        return widths | {"u": self.robot.n} if self.torque_given else widths
+        return widths | {"u": self.robot.n + self.controller_states} if self.torque_given else widths
 
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, Array | None]:
         """Torques of the drives within their limits, and the rates of the law's states."""
-        n = self.robot.n
-        q, qd = x[..., :n], x[..., n : 2 * n]
-        rates = None
+        n, rates = self.robot.n, None
         if self.law is not None:
-            if hasattr(self.law, "states"):
-                u, rates = torques_and_rates(self.law(t, q, qd, x[..., 2 * n : 2 * n + self.controller_states]))
-            else:
-                u = self.law(t, q, qd)
-            u = _shaped_like(u, q)
+            u, rates = self._by_law(t, x)
+        elif u is not None and self.controller_states:
+            u, rates = u[..., :n], u[..., n:]
         if u is not None and self.torque_limit is not None:
             u = clip(u, -self.torque_limit, self.torque_limit)
         return u, rates
+
+    def _by_law(self, t: Any, x: Array) -> tuple[Array, Array | None]:
+        """The law's torques and the rates of its states, for states (..., size).
+
+        It is called with one state, as (t, q, qd): laws are written so. Numbers of many states are handed over at once
+        if the law takes them so.
+        """
+        if x.ndim == 1:
+            return self._by_law_in_one_state(np.asarray(t).item(), x)
+        if x.dtype != object and self._law_takes_batches:
+            return self._by_law_in_one_state(t, x)
+        times = np.broadcast_to(t, (*x.shape[:-1], 1)).reshape(-1)
+        found = [self._by_law_in_one_state(*state) for state in zip(times, x.reshape(-1, x.shape[-1]), strict=True)]
+        u = np.array([torques for torques, _ in found]).reshape(*x.shape[:-1], -1)
+        return u, None if found[0][1] is None else np.array([r for _, r in found]).reshape(*x.shape[:-1], -1)
+
+    def _by_law_in_one_state(self, t: Any, x: Array) -> tuple[Array, Array | None]:
+        n, rates = self.robot.n, None
+        q, qd = x[..., :n].copy(), x[..., n : 2 * n].copy()  # a law may modify its arguments
+        if hasattr(self.law, "states"):
+            u, rates = torques_and_rates(self.law(t, q, qd, x[..., 2 * n : 2 * n + self.controller_states].copy()))
+            rates = np.asarray(rates)
+        else:
+            u = self.law(t, q, qd)
+        return _shaped_like(u, q), rates
+
+    @cached_property
+    def _law_takes_batches(self) -> bool:
+        """True if the law gives for two states at once what it gives for each."""
+        rng = np.random.default_rng(0)
+        t, X = rng.uniform(0, 1, (2, 1)), rng.uniform(-1, 1, (2, self.size))
+        try:
+            together, _ = self._by_law_in_one_state(t, X)
+            single = [self._by_law_in_one_state(float(s[0]), x)[0] for s, x in zip(t, X, strict=True)]
+        except Exception:  # whatever the law raises
+            return False
+        return together.shape == (2, self.robot.n) and np.allclose(together, single, rtol=AGREEMENT, atol=AGREEMENT)
 
     def parts(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array], list[Array]]:
         """Net torques, the rates of the controller's states, and the powers of the ledger."""
@@ -127,11 +169,18 @@ class AppliedTorques:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The traced function, checked against calls of the law."""
-        kernel = Kernel(self, self.robot.model, {})
-        if self.law is not None:
-            _compare_law(self, kernel)
-        return kernel
+        """The traced function."""
+        return Kernel(self, self.robot.model, {})
+
+    def why_not_traced(self) -> str | None:
+        """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced."""
+        try:
+            worst = _difference(self, self.kernel)
+        except Exception as error:  # whatever the law raises when it meets traced numbers
+            return f"{type(error).__name__}: {error}".splitlines()[0]
+        if worst <= AGREEMENT:
+            return None
+        return f"traced, it differs by {worst:.3g} from a call: it has memory, noise or a branch"
 
 
 class Residual(AppliedTorques):
@@ -182,9 +231,10 @@ class RightHandSide(AppliedTorques):
         torque_limit: Array | None,
         law: Any,
         torque_given: bool,
+        states: int = 0,
         with_energies: bool = False,
     ) -> None:
-        super().__init__(robot, friction, torque_limit, law, torque_given)
+        super().__init__(robot, friction, torque_limit, law, torque_given, states)
         self.with_energies = with_energies
 
     @property
@@ -229,23 +279,27 @@ class RightHandSide(AppliedTorques):
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The traced function; its torques are checked against calls of the law."""
-        _ = self.torques.kernel
+        """The traced function."""
         return Kernel(self, self.robot.model, {})
 
     def is_current(self) -> bool:
         """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
         return self.law is None or _difference(self.torques, self.torques.kernel) <= AGREEMENT
 
+    @property
+    def _parts(self) -> tuple[Any, ...]:
+        states = self.controller_states if self.law is None else 0
+        return self.robot, self.friction, self.torque_limit, self.law, self.torque_given, states
+
     @cached_property
     def torques(self) -> AppliedTorques:
         """The torques alone, for reports."""
-        return AppliedTorques(self.robot, self.friction, self.torque_limit, self.law, self.torque_given)
+        return AppliedTorques(*self._parts)
 
     @cached_property
     def residual(self) -> Residual:
         """The equations of motion, for Jacobians."""
-        return Residual(self.robot, self.friction, self.torque_limit, self.law, self.torque_given)
+        return Residual(*self._parts)
 
 
 def torques_and_rates(returned: Any) -> tuple[Any, Any]:
@@ -257,7 +311,7 @@ def torques_and_rates(returned: Any) -> tuple[Any, Any]:
 
 
 def _shaped_like(u: Any, q: Array) -> Array:
-    """A traced law's torques with one row per state; a constant is repeated."""
+    """A law's torques with one row per state; a constant is repeated."""
     try:
         torques = np.asarray(u)
     except ValueError:
@@ -267,18 +321,6 @@ def _shaped_like(u: Any, q: Array) -> Array:
             f"`controller` must return shape (..., {q.shape[-1]}) for states of that shape, got {torques.shape}"
         )
     return torques + 0 * q if torques.shape != q.shape else torques
-
-
-def _compare_law(torques: AppliedTorques, kernel: Kernel) -> None:
-    """Refuse a law with memory, noise or a table, which tracing would freeze: kernel and call must agree."""
-    worst = _difference(torques, kernel)
-    if not np.isfinite(worst):
-        raise ValueError("`controller` returns torques that are not finite")
-    if worst > AGREEMENT:
-        raise ValueError(
-            f"`controller` is marked traceable, but its traced torques differ by {worst:.3g} from those of a call: "
-            "it has memory, noise or a branch; remove the mark, so that it is called"
-        )
 
 
 def _difference(torques: AppliedTorques, kernel: Kernel) -> float:
