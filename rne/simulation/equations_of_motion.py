@@ -10,6 +10,10 @@
 
 The state x is q, qd and the controller's states z. The ledger names the powers that the scene has: those of the drives
 and of viscous and Coulomb friction; an ensemble, whose steps are fixed, integrates them as further states.
+
+While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
+time at which the torque leaves the limit. The error control therefore follows the law as well: the impulses of the
+torques without limits, divided by a constant inertia, are further states of such a scene.
 """
 
 from __future__ import annotations
@@ -50,6 +54,8 @@ class AppliedTorques:
         True if the drives' torques are an argument, `u`; without `torque_given` and `law` there are no drives.
     states : int
         Number of states of a law that is called, whose rates follow the torques in `u`.
+    with_impulses : bool
+        True to append to the state, for each joint, the impulse of the torque without limit per inertia.
     """
 
     name = "applied_torques"
@@ -62,10 +68,12 @@ class AppliedTorques:
         law: Any,
         torque_given: bool,
         states: int = 0,
+        with_impulses: bool = False,
     ) -> None:
         self.robot, self.friction, self.torque_limit = robot, friction, torque_limit
         self.law, self.torque_given = law, torque_given
         self.controller_states = states if law is None else int(getattr(law, "states", 0))
+        self.with_impulses = with_impulses and torque_limit is not None and (law is not None or torque_given)
         f = friction
         ledger = {
             "drives": law is not None or torque_given,
@@ -80,7 +88,13 @@ class AppliedTorques:
     @property
     def size(self) -> int:
         """Length of the state."""
-        return 2 * self.robot.n + self.controller_states
+        return 2 * self.robot.n + self.controller_states + self.with_impulses * self.robot.n
+
+    @cached_property
+    def typical_inertia(self) -> Array:
+        """Diagonal of M in one configuration: it makes impulses rates."""
+        diagonal = np.diagonal(self.robot.mass_matrix(np.zeros(self.robot.n)))
+        return np.where(diagonal > 0, diagonal, 1.0)
 
     @property
     def quantity(self) -> Quantity:
@@ -93,15 +107,18 @@ class AppliedTorques:
         return widths | {"u": self.robot.n + self.controller_states} if self.torque_given else widths
 
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, Array | None]:
-        """Torques of the drives within their limits, and the rates of the law's states."""
+        """Torques of the drives within their limits, and the rates of the states behind (q, qd)."""
         n, rates = self.robot.n, None
         if self.law is not None:
             u, rates = self._by_law(t, x)
         elif u is not None and self.controller_states:
             u, rates = u[..., :n], u[..., n:]
-        if u is not None and self.torque_limit is not None:
-            u = clip(u, -self.torque_limit, self.torque_limit)
-        return u, rates
+        if u is None or self.torque_limit is None:
+            return u, rates
+        if self.with_impulses:
+            impulses = u * (1 / self.typical_inertia)
+            rates = impulses if rates is None else np.concatenate([rates, impulses], axis=-1)
+        return clip(u, -self.torque_limit, self.torque_limit), rates
 
     def _by_law(self, t: Any, x: Array) -> tuple[Array, Array | None]:
         """The law's torques and the rates of its states, for states (..., size).
@@ -232,9 +249,10 @@ class RightHandSide(AppliedTorques):
         law: Any,
         torque_given: bool,
         states: int = 0,
+        with_impulses: bool = False,
         with_energies: bool = False,
     ) -> None:
-        super().__init__(robot, friction, torque_limit, law, torque_given, states)
+        super().__init__(robot, friction, torque_limit, law, torque_given, states, with_impulses)
         self.with_energies = with_energies
 
     @property
@@ -289,7 +307,7 @@ class RightHandSide(AppliedTorques):
     @property
     def _parts(self) -> tuple[Any, ...]:
         states = self.controller_states if self.law is None else 0
-        return self.robot, self.friction, self.torque_limit, self.law, self.torque_given, states
+        return self.robot, self.friction, self.torque_limit, self.law, self.torque_given, states, self.with_impulses
 
     @cached_property
     def torques(self) -> AppliedTorques:

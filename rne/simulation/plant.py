@@ -97,7 +97,7 @@ class Plant:
         n = self.robot.n
         arguments = x[:n].copy(), x[n : 2 * n].copy()  # a law may modify them
         if self.rhs.controller_states:
-            return self._with_states(t, self.law(t, *arguments, x[2 * n :].copy()))
+            return self._with_states(t, self.law(t, *arguments, x[2 * n : 2 * n + self.rhs.controller_states].copy()))
         returned = self.law(t, *arguments)
         plain = type(returned) is np.ndarray and returned.dtype == np.float64 and returned.shape == (n,)
         return returned.copy() if plain and isfinite(sum(returned.tolist())) else self._checked(t, returned)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import weakref
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -179,11 +180,10 @@ class Scene:
     def _right_hand_side(self, *, with_energies: bool) -> RightHandSide:
         parts = self.resolved
         common = parts.robot, parts.friction, parts.torque_limit
-        if self._traced_law is not None:
-            return RightHandSide(*common, self._traced_law, torque_given=False, with_energies=with_energies)
-        states = int(getattr(self.controller, "states", 0)) if self.sample_time is None else 0
-        given = self.controller is not None
-        return RightHandSide(*common, None, torque_given=given, states=states, with_energies=with_energies)
+        follows = parts.torque_limit is not None and self.sample_time is None and not with_energies
+        law, given = self._traced_law, self.controller is not None and self._traced_law is None
+        states = int(getattr(self.controller, "states", 0)) if given and self.sample_time is None else 0
+        return RightHandSide(*common, law, given, states=states, with_impulses=follows, with_energies=with_energies)
 
     @cached_property
     def _traced_law(self) -> Any:
@@ -269,14 +269,16 @@ def scene_of_robot(robot: Robot) -> Scene:
     return scene
 
 
-_announced: weakref.WeakSet[Any] = weakref.WeakSet()
+_announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
 
 
 def _announce(law: Any, reason: str) -> None:
     """Log once for each law that it is called."""
-    if law not in _announced:
-        LOGGER.warning("`controller` is called, not traced: %s", reason)
-        _announced.add(law)
+    if _announced.get(id(law)) is law:
+        return
+    LOGGER.warning("`controller` is called, not traced: %s", reason)
+    with suppress(TypeError):  # an object without weak references
+        _announced[id(law)] = law
 
 
 def _operations(scene: Scene) -> int:

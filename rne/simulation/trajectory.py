@@ -206,7 +206,7 @@ def build_trajectory(plant: Plant, task: Task, run: Run, reason: str) -> tuple[T
     if run.qdd is not None:
         qdd = run.qdd[:T]
     t, x = run.t[:T], run.x[:T]
-    q, qd, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+    q, qd, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + rhs.controller_states]
     entries = {name: energy[:T] for name, energy in run.energies.items()}
     work = entries.pop("drives", np.zeros(T))
     kinetic, potential = rhs.robot.kinetic_energy(q, qd), rhs.robot.potential_energy(q)
