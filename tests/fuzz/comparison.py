@@ -27,9 +27,9 @@ class Outcome(NamedTuple):
     script: str = ""
 
 
-def check(seed):
+def check(seed, *, small=False):
     """Compare the motions of one seed."""
-    case = draw(seed)
+    case = draw(seed, small=small)
     if not ALL_COMBINATIONS and _not_yet(case):
         return Outcome("skipped", _not_yet(case))
     exact, differs = _exact(case)
@@ -80,7 +80,9 @@ def _exact(case):
 def difference(motion, exact):
     """All that differs between rne's motion and the oracle's, in words."""
     if motion.status != exact.status:
-        return [f"status {motion.status} ({motion.message}), expected {exact.status} at {exact.end:.9g} s, joint {exact.joint}"]
+        return [
+            f"status {motion.status} ({motion.message}), expected {exact.status} at {exact.end:.9g} s, joint {exact.joint}"
+        ]
     if abs(motion.t[-1] - exact.end) > STOP_TIMES:
         return [f"ends at {motion.t[-1]:.9g} s, expected {exact.end:.9g} s ({motion.message})"]
     if len(motion.t) != len(exact.t):
@@ -99,4 +101,6 @@ def _apart(name, a, b, t, tolerance):
     if not error.max() > tolerance:
         return []
     first, worst = int(np.argmax(error > tolerance)), int(np.argmax(error))
-    return [f"{name} is {error[worst]:.2e} apart at {t[worst]:.4g} s (tolerance {tolerance:.1e}, exceeded from {t[first]:.4g} s)"]
+    return [
+        f"{name} is {error[worst]:.2e} apart at {t[worst]:.4g} s (tolerance {tolerance:.1e}, exceeded from {t[first]:.4g} s)"
+    ]

@@ -1,6 +1,6 @@
 """The motion of a case, integrated from event to event with Pinocchio's dynamics. Shares no code with rne.simulation.
 
-The modes of dry friction are found by trying all combinations; events by looking at many points of every step.
+Events are found by looking at many points of every step.
 """
 
 from __future__ import annotations
@@ -12,20 +12,14 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq, minimize_scalar
 
-from .laws import law_of
-from .plant import Plant, coordinates
+from .dynamics import Dynamics, IllPosed
+from .plant import coordinates
 
-NODES = 12  # intervals of a step at whose ends events are looked for
+NODES, FEWEST = 12, 4  # intervals of the longest and of short steps at whose ends events are looked for
 LONGEST = 1 / 100  # of the duration: longest step with events
-MAX_CALLS = 150_000  # of the right-hand side: more is a loop that is unstable or chatters
 MAX_EVENTS = 3000
 HUGE = 1e3  # [rad, m, rad/s, m/s]: beyond, the motion has diverged
-HELD = 1e-11  # of the largest load: rounding error of loads and accelerations in the choice of modes
-SLACK = 1e-10  # of static friction, and of the largest load: above HELD, so that a held joint is not overloaded at once
-
-
-class IllPosed(Exception):
-    """The case has no unique motion that can be computed: it diverges, chatters, or its modes are ambiguous."""
+SLACK = 1e-10  # of static friction, and of the largest load: above dynamics.HELD, so that a held joint is not overloaded at once
 
 
 class Motion(NamedTuple):
@@ -46,36 +40,13 @@ def motion(case, tol):
     return _Integration(case, tol).run()
 
 
-class _Integration:
+class _Integration(Dynamics):
     def __init__(self, case, tol):
-        self.case, self.tol = case, tol
-        self.plant = Plant(case)
-        self.n = n = self.plant.n
-        self.law, self.states = law_of(case)
-        limit = np.inf if case.torque_limit is None else np.array(case.torque_limit)
-        self.limit = np.broadcast_to(limit, (n,))
-        self._set_friction(case.friction or {})
-        self._set_stops()
-        self.mode = np.ones(n, dtype=int)
-        self.held = None
-        self.span = (0.0, case.duration)
-        self.calls = 0
+        super().__init__(case)
+        self.tol = tol
+        self.begin = 0.0  # of the span
         self.rows = []
-        self.first_step = None
-
-    def _set_friction(self, friction):
-        def sizes(name, default):
-            value = friction.get(name)
-            return np.broadcast_to(np.array(default if value is None else value, dtype=float), (self.n,))
-
-        self.viscous = sizes("viscous", 0.0)
-        self.viscous_back = sizes("viscous_back", self.viscous)
-        self.coulomb = sizes("coulomb", 0.0)
-        self.coulomb_back = sizes("coulomb_back", self.coulomb)
-        self.static, self.static_back = sizes("static", self.coulomb), sizes("static", self.coulomb_back)
-        self.smoothing = friction.get("smoothing", 0.01)
-        self.dry = self.smoothing == 0
-        self.sticky = self.dry & (np.maximum(self.static, self.static_back) > 0)
+        self._set_stops()
 
     def _set_stops(self):
         """Rows (joint, A, b): A q + b is negative beyond the stop."""
@@ -85,84 +56,6 @@ class _Integration:
             if self.case.stops and G[k].any():
                 ends = ((-1.0, joint.upper), (1.0, joint.lower))
                 self.stops += [(k, sign * G[k], sign * (o[k] - bound)) for sign, bound in ends if np.isfinite(bound)]
-
-    # Right-hand side
-
-    def drives(self, t, x):
-        """Torques within their limits, and dz/dt; held ones if the controller is sampled."""
-        n = self.n
-        z = x[2 * n : 2 * n + self.states]
-        if self.held is not None:
-            return self.held, 0 * z
-        inside = min(max(t, self.span[0]), self.span[1])
-        u, rates = self.law(inside, x[:n], x[n : 2 * n], z)
-        return np.minimum(np.maximum(u, -self.limit), self.limit), rates
-
-    def forces(self, t, x):
-        """M, the torques without dry friction, those of the drives, of viscous and of smoothed friction, and dz/dt."""
-        n = self.n
-        q, qd = x[:n], x[n : 2 * n]
-        u, rates = self.drives(t, x)
-        viscous = np.where(qd < 0, self.viscous_back, self.viscous) * qd
-        smooth = np.zeros(n)
-        if not self.dry and self.smoothing:
-            smooth = np.where(qd < 0, self.coulomb_back, self.coulomb) * np.tanh(qd / self.smoothing)
-        return self.plant.mass_matrix(q), u - self.plant.bias(q, qd) - viscous - smooth, u, viscous, smooth, rates
-
-    def accelerate(self, M, net, mode):
-        """Accelerations under the modes, and the loads of all joints beside M qdd."""
-        slips = mode != 0
-        net = net - np.where(mode > 0, self.coulomb, -self.coulomb_back) * (slips & self.dry & self.sticky)
-        if slips.all():
-            return np.linalg.solve(M, net), np.zeros(self.n)
-        qdd = np.zeros(self.n)
-        if slips.any():
-            qdd[slips] = np.linalg.solve(M[np.ix_(slips, slips)], net[slips])
-        return qdd, net - M @ qdd
-
-    def rates(self, t, x):
-        """dx/dt of (q, qd, z, work, viscous, Coulomb)."""
-        self.calls += 1
-        if self.calls > MAX_CALLS:
-            raise IllPosed("too many calls")
-        n = self.n
-        qd = x[n : 2 * n]
-        M, net, u, viscous, coulomb, z_rates = self.forces(t, x)
-        qdd, _ = self.accelerate(M, net, self.mode)
-        if self.dry:
-            coulomb = np.where(self.mode > 0, self.coulomb, -self.coulomb_back)
-        return np.concatenate([qd, qdd, z_rates, [u @ qd, viscous @ qd, coulomb @ qd]])
-
-    # Modes
-
-    def settle(self, t, x, forced=None):
-        """Modes of the joints at rest: the consistent combination in which most stick; `forced` (joint, mode) slips."""
-        qd = x[self.n : 2 * self.n]
-        self.mode = np.where(self.sticky, np.sign(qd), 1).astype(int)
-        resting = np.flatnonzero(self.sticky & (qd == 0))
-        if not len(resting):
-            return
-        M, net, *_ = self.forces(t, x)
-        choices = [(forced[1],) if forced and forced[0] == k else (0, 1, -1) for k in resting]
-        combinations = sorted(itertools.product(*choices), key=np.count_nonzero)
-        found = []
-        for combination in combinations:
-            if found and np.count_nonzero(combination) > np.count_nonzero(found[0][resting]):
-                break
-            mode = self.mode.copy()
-            mode[resting] = combination
-            if self._is_consistent(M, net, mode, resting):
-                found.append(mode)
-        if len(found) != 1:
-            raise IllPosed(f"{len(found)} combinations of modes")
-        self.mode = found[0]
-
-    def _is_consistent(self, M, net, mode, resting):
-        qdd, load = self.accelerate(M, net, mode)
-        small = HELD * np.abs(net).max()
-        holds = (load <= self.static + small) & (load >= -self.static_back - small)
-        starts = qdd * mode >= -HELD * np.abs(qdd).max()
-        return np.where(mode == 0, holds, starts)[resting].all()
 
     # Events: margins that become negative
 
@@ -189,7 +82,8 @@ class _Integration:
 
     def first_event(self, dense, begin, end):
         """(index, time) of the first event inside a step, or None."""
-        inner = np.linspace(begin, end, NODES + 1)
+        longest = LONGEST * self.case.duration
+        inner = np.linspace(begin, end, int(np.clip(np.ceil(NODES * (end - begin) / longest), FEWEST, NODES)) + 1)
         near = 1e-3 * (inner[1] - inner[0])
         t = np.concatenate([[begin, begin + near], inner[1:-1], [end - near, end]])
         values = self.margins(t, dense(t))
@@ -211,7 +105,10 @@ class _Integration:
             is_dip = j > 0 and row[j - 1] >= row[j] <= row[j + 1] and row[j] > 0
             if is_dip and row[j] < max(row[j - 1] - row[j], row[j + 1] - row[j]):
                 low = minimize_scalar(
-                    lambda s: self._margin(k, s, dense), bounds=(t[j - 1], t[j + 1]), method="bounded", options={"xatol": 1e-13}
+                    lambda s: self._margin(k, s, dense),
+                    bounds=(t[j - 1], t[j + 1]),
+                    method="bounded",
+                    options={"xatol": 1e-13},
                 )
                 if low.fun < 0:
                     return t[j - 1], low.x
@@ -253,10 +150,10 @@ class _Integration:
 
     def integrate(self, t, end, x):
         """To the end of the span, over changes of mode; the joint that reached its stop, or -1."""
-        forced = None
+        self.begin, forced = t, None
         for _ in range(MAX_EVENTS):
             if self.dry:
-                self.settle(t, x, forced)
+                self.settle(t, x, forced, jump=t == self.begin)
             t, x, event = self.segment(t, end, x)
             if event is None:
                 return end, x, -1
@@ -280,11 +177,11 @@ class _Integration:
             at_once = np.flatnonzero(self.margins(np.array([t]), x[:, None])[:, 0] <= 0)
             if len(at_once):
                 return t, x.copy(), int(at_once[0])
+        if self.held is not None and not self.mode.any():
+            return self.rest(end, x)
         longest = LONGEST * self.case.duration if watched else np.inf
-        first = None if self.first_step is None or self.sticky.any() else min(self.first_step, longest, end - t)
-        solver = DOP853(
-            self.rates, t, x, end, rtol=self.tol, atol=1e-2 * self.tol, max_step=longest, first_step=first
-        )
+        first = min(longest, end - t) if self.held is not None and t == self.begin else None
+        solver = DOP853(self.rates, t, x, end, rtol=self.tol, atol=1e-2 * self.tol, max_step=longest, first_step=first)
         while solver.status == "running":
             solver.step()
             if solver.status == "failed" or not np.abs(solver.y[: 2 * self.n]).max() < HUGE:
@@ -298,9 +195,14 @@ class _Integration:
                     self.record(time, dense(time))
                 if event:
                     return event[1], dense(event[1]), event[0]
-        if self.case.sample_time is not None:
-            self.first_step = max(solver.h_abs, end - t)
         return end, solver.y.copy(), None
+
+    def rest(self, end, x):
+        """All joints stick under held torques: nothing changes."""
+        grid = self.case.grid
+        for time in grid[(grid > self.begin) & (grid <= end)]:
+            self.record(time, x)
+        return end, x, None
 
     def record(self, t, x):
         """Keep the state at one time, once."""

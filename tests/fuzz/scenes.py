@@ -10,16 +10,17 @@ from .case import Case, Joint
 from .plant import Plant, coordinates
 
 SHORTEST, LONGEST = 0.5, 3.0  # [s]
+COORDINATES = [0.25, 0.35, 0.25, 0.15]  # how often there are 1, 2, ...
 SAMPLES = 300  # about the largest number of samples of a run
 METHODS = {"auto": 0.6, "DOP853": 0.1, "RK45": 0.14, "LSODA": 0.1, "Radau": 0.03, "BDF": 0.03}
 LAWS = ("constant", "sines", "pd", "saturating", "switch", "traced")
 LIBRARY = ("control.pd", "control.pd_gravity", "control.pid", "control.computed_torque")
 
 
-def draw(seed):
-    """The case of a seed."""
+def draw(seed, *, small=False):
+    """The case of a seed; small: of one or two coordinates and at most a second."""
     rng = np.random.default_rng(seed)
-    case = _robot(rng, seed)
+    case = _robot(rng, seed, [0.5, 0.5, 0.0, 0.0] if small else COORDINATES)
     case = _surroundings(rng, case)
     n = coordinates(case)[0].shape[1]
     still = rng.random() < 0.3
@@ -27,7 +28,7 @@ def draw(seed):
         case,
         q0=_round(rng.uniform(-1.2, 1.2, n)),
         qd0=_round(np.zeros(n) if still else rng.uniform(-1.5, 1.5, n)),
-        duration=_round(rng.uniform(SHORTEST, LONGEST), 2),
+        duration=_round(rng.uniform(SHORTEST, 1.0 if small else LONGEST), 2),
         method=str(rng.choice(list(METHODS), p=list(METHODS.values()))),
     )
     case = _ranges(rng, case)
@@ -59,10 +60,14 @@ def _significant(x):
     return np.array([float(f"{v:.3g}") for v in np.atleast_1d(x)]).tolist()
 
 
-def _robot(rng, seed):
-    n = int(rng.choice([1, 2, 3, 4], p=[0.25, 0.35, 0.25, 0.15]))
+def _robot(rng, seed, numbers):
+    n = int(rng.choice(len(numbers), p=numbers)) + 1
     mimics = int(rng.random() < 0.2)
-    branching, prismatic, crooked = rng.choice([0, 0.5]), rng.choice([0.0, 0.3, 1.0], p=[0.4, 0.5, 0.1]), rng.random() < 0.6
+    branching, prismatic, crooked = (
+        rng.choice([0, 0.5]),
+        rng.choice([0.0, 0.3, 1.0], p=[0.4, 0.5, 0.1]),
+        rng.random() < 0.6,
+    )
     joints = []
     for k in range(n + mimics):
         parent = int(rng.integers(-1, k)) if k and rng.random() < branching else k - 1
@@ -76,14 +81,18 @@ def _robot(rng, seed):
                 xyz=_round(rng.uniform(-0.4, 0.4, 3)),
                 rpy=_round(rng.uniform(-3, 3, 3)) if crooked else [0.0, 0.0, 0.0],
                 axis=_round(rng.normal(size=3) + 0.1) if crooked else straight.tolist(),
-                mimic=(int(rng.integers(n)), _round(rng.choice([-1, 1]) * rng.uniform(0.3, 2)), _round(rng.normal() / 2))
-                if k >= n
-                else None,
+                mimic=_mimic(rng, n) if k >= n else None,
                 **body,
             )
         )
-    gravity = rng.choice([0.0, 9.81, 3.0], p=[0.2, 0.5, 0.3]) * (np.array([0, 0, -1.0]) if rng.random() < 0.5 else _direction(rng))
+    gravity = rng.choice([0.0, 9.81, 3.0], p=[0.2, 0.5, 0.3]) * (
+        np.array([0, 0, -1.0]) if rng.random() < 0.5 else _direction(rng)
+    )
     return Case(seed=seed, joints=joints, gravity=_round(gravity))
+
+
+def _mimic(rng, n):
+    return int(rng.integers(n)), _round(rng.choice([-1, 1]) * rng.uniform(0.3, 2)), _round(rng.normal() / 2)
 
 
 def _direction(rng):
@@ -134,7 +143,9 @@ def _ranges(rng, case):
     joints = [
         joint
         if joint.kind == "continuous" or rng.random() < 0.3
-        else replace(joint, lower=_round(x - width * rng.uniform(0.1, 1)), upper=_round(x + width * rng.uniform(0.1, 1)))
+        else replace(
+            joint, lower=_round(x - width * rng.uniform(0.1, 1)), upper=_round(x + width * rng.uniform(0.1, 1))
+        )
         for joint, x in zip(case.joints, start, strict=True)
     ]
     return replace(case, joints=joints, stops=bool(rng.random() < 0.75))
@@ -202,13 +213,12 @@ def _numbers(rng, kind, case, scale, T):
         return {"before": size, "after": _significant(-np.array(bound)), "time": time}
     if kind == "traced":
         return {"size": size, "omega": waves, "bound": bound} | gains
-    if kind == "computed_torque" or kind == "control.computed_torque":
+    if kind == "control.computed_torque":
         path = {"start": case.q0, "end": _round(target), "time": _round(case.duration * rng.uniform(0.4, 1.2))}
         return {"kp": _round(omega**2), "kd": _round(2 * damping * omega)} | path
     if kind == "control.pid":
-        windup = bound if rng.random() < 0.5 else float("inf")
         more = {"ki": _significant(scale.inertia * omega**3 * 0.2), "gravity": bool(rng.random() < 0.5)}
-        return gains | more | {"windup": windup if isinstance(windup, list) else 1e9}
+        return gains | more | {"windup": bound if rng.random() < 0.5 else 1e9}
     if kind == "filter":
         return gains | {"lag": _round(max(3 * T, rng.uniform(0.02, 0.3)), 4), "states": n}
     return gains | ({"bound": bound} if kind == "saturating" else {})
