@@ -20,7 +20,11 @@ ALL_COMBINATIONS = False  # TEMPORARY: True once sampled control, sticking and i
 
 
 class Outcome(NamedTuple):
-    """What became of a seed: "compared", "chaotic", "refused", "skipped" or "failed"; in words."""
+    """What became of a seed, in words.
+
+    "compared" and equal; "chaotic", where the oracle has no motion to compare with; "refused", where rne warned of what
+    then differs; "skipped"; or "failed", which an error of rne is too where there is a motion.
+    """
 
     kind: str
     words: str
@@ -30,8 +34,8 @@ class Outcome(NamedTuple):
 def check(seed, *, small=False):
     """Compare the motions of one seed."""
     case = draw(seed, small=small)
-    if not ALL_COMBINATIONS and _not_yet(case):
-        return Outcome("skipped", _not_yet(case))
+    if not ALL_COMBINATIONS and not_yet(case):
+        return Outcome("skipped", not_yet(case))
     exact, differs = _exact(case)
     try:
         found, warned = simulated(case)
@@ -55,7 +59,7 @@ def simulated(case):
     return names["motion"], [str(warning.message) for warning in caught]
 
 
-def _not_yet(case):
+def not_yet(case):
     """Why the engine does not take the case yet; "" if it does."""
     sampled, implicit = case.sample_time is not None, case.method in ("Radau", "BDF", "LSODA")
     if sampled and case.sticks:

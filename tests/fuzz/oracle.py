@@ -16,7 +16,7 @@ from .dynamics import Dynamics, IllPosed
 from .plant import coordinates
 
 NODES, FEWEST = 12, 4  # intervals of the longest and of short steps at whose ends events are looked for
-LONGEST = 1 / 100  # of the duration: longest step with events
+LONGEST, SMOOTH = 1 / 100, 1 / 30  # of the duration: longest step with and without events; none is stepped over
 MAX_EVENTS = 3000
 HUGE = 1e3  # [rad, m, rad/s, m/s]: beyond, the motion has diverged
 SLACK = 1e-10  # of static friction, and of the largest load: above dynamics.HELD, so that a held joint is not overloaded at once
@@ -179,7 +179,7 @@ class _Integration(Dynamics):
                 return t, x.copy(), int(at_once[0])
         if self.held is not None and not self.mode.any():
             return self.rest(end, x)
-        longest = LONGEST * self.case.duration if watched else np.inf
+        longest = (LONGEST if watched else SMOOTH) * self.case.duration
         first = min(longest, end - t) if self.held is not None and t == self.begin else None
         solver = DOP853(self.rates, t, x, end, rtol=self.tol, atol=1e-2 * self.tol, max_step=longest, first_step=first)
         while solver.status == "running":
