@@ -81,7 +81,9 @@ class Case:
     @property
     def as_torque(self):
         """True if the law is given to `simulate` as `torque=`, not to the scene as its controller."""
-        return self.sample_time is None and self.law is not None and self.law["kind"] in ("constant", "sines", "switch")
+        if self.law is None or self.sample_time is not None:
+            return False
+        return self.law["kind"] == "constant" or (self.law["kind"] in ("sines", "switch", "pd") and self.seed % 2 == 0)
 
     def script(self):
         """A script of its own that runs the case by rne; the motion is `motion`."""
@@ -90,8 +92,9 @@ class Case:
         lines += [f'robot = rne.Robot(assemble("fuzz{self.seed}", parts, gravity={self.gravity}))']
         base = self._base()
         if self.law is not None:
-            lines += [f"model = rne.Scene(robot{base}).resolved.robot"] if "robot" in LAWS[self.law["kind"]] else []
-            lines += [LAWS[self.law["kind"]].format(**_arrays(self.law))]
+            law = LAWS["array" if self.as_torque and self.law["kind"] == "constant" else self.law["kind"]]
+            lines += [f"model = rne.Scene(robot{base}).resolved.robot"] if "(model" in law else []
+            lines += [law.format(**_arrays(self.law))]
         lines += [f"scene = rne.Scene(robot{base}{self._parts()})"]
         given = ", torque=law" if self.as_torque else ""
         lines += [
@@ -128,6 +131,7 @@ class Case:
 
 LAWS = {
     "constant": "law = lambda t, q, qd: {u}",
+    "array": "law = {u}",
     "sines": "law = lambda t, q, qd: {size} * np.sin({omega} * t + {phase})",
     "pd": "law = lambda t, q, qd: -{kp} * (q - {ref}) - {kd} * qd",
     "saturating": "law = lambda t, q, qd: np.clip(-{kp} * (q - {ref}) - {kd} * qd, -{bound}, {bound})",
@@ -135,11 +139,11 @@ LAWS = {
     "traced": "law = rne.traceable(lambda t, q, qd: rne.elementwise.clip({size} * np.sin({omega} * t) - {kp} * (q - {ref}), "
     "-{bound}, {bound}) - {kd} * qd)",
     "filter": "law = lambda t, q, qd, z: (-{kp} * (q - {ref}) - z, ({kd} * qd - z) / {lag})\nlaw.states = {states}",
-    "control.pd": "law = rne.control.pd(model, {kp}, {kd}, {ref})  # robot",
-    "control.pd_gravity": "law = rne.control.pd_gravity(model, {kp}, {kd}, {ref})  # robot",
-    "control.pid": "law = rne.control.pid(model, {kp}, {ki}, {kd}, {ref}, gravity={gravity}, windup={windup})  # robot",
+    "control.pd": "law = rne.control.pd(model, {kp}, {kd}, {ref})",
+    "control.pd_gravity": "law = rne.control.pd_gravity(model, {kp}, {kd}, {ref})",
+    "control.pid": "law = rne.control.pid(model, {kp}, {ki}, {kd}, {ref}, gravity={gravity}, windup={windup})",
     "control.computed_torque": "law = rne.control.computed_torque(model, {kp}, {kd}, rne.trajectories.quintic({start}, {end}, "
-    "{time}))  # robot",
+    "{time}))",
 }
 
 

@@ -95,6 +95,8 @@ def difference(motion, exact):
     exchanged = np.abs(exact.energies).max(axis=0).sum() + exact.kinetic.max()
     words = _apart("q", motion.q, exact.q, exact.t, POSITIONS * max(1.0, np.abs(exact.q).max()))
     words += _apart("qd", motion.qd, exact.qd, exact.t, RATES * max(1.0, np.abs(exact.qd).max()))
+    if exact.z.size:
+        words += _apart("z", motion.controller_state, exact.z, exact.t, POSITIONS * max(1.0, np.abs(exact.z).max()))
     for k, name in enumerate(("work", "viscous", "coulomb")):
         words += _apart(name, energies[k], exact.energies[:, k], exact.t, ENERGIES * exchanged + 1e-9)
     return words

@@ -30,6 +30,7 @@ class Motion(NamedTuple):
     qd: np.ndarray
     energies: np.ndarray  # work of the drives, dissipated by viscous and by Coulomb friction, shape (T, 3)
     kinetic: np.ndarray
+    z: np.ndarray  # states of a controller that is not sampled, shape (T, states)
     status: int
     end: float
     joint: int  # that reached its stop, or -1
@@ -215,4 +216,5 @@ class _Integration(Dynamics):
         t, X = np.array([row[0] for row in self.rows]), np.array([row[1] for row in self.rows])
         q, qd = X[:, :n], X[:, n : 2 * n]
         kinetic = np.array([0.5 * b @ self.plant.mass_matrix(a) @ b for a, b in zip(q, qd, strict=True)])
-        return Motion(t, q, qd, X[:, -3:], kinetic, status, end, joint)
+        z = X[:, 2 * n : -3] if self.case.sample_time is None else X[:, :0]
+        return Motion(t, q, qd, X[:, -3:], kinetic, z, status, end, joint)

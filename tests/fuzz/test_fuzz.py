@@ -73,6 +73,7 @@ def test_differences_are_seen():
     case = next(case for case in map(draw, range(100)) if case.friction and case.law and case.sample_time is None)
     exact = motion(case, 1e-9)
     good = dict(t=exact.t, q=exact.q, qd=exact.qd, work=exact.energies[:, 0], status=exact.status, message="")
+    good |= {"controller_state": exact.z}
     good["dissipated"] = {"viscous": exact.energies[:, 1], "coulomb": exact.energies[:, 2]}
     assert difference(SimpleNamespace(**good), exact) == []
     for name in ("q", "qd", "work"):
