@@ -38,15 +38,17 @@ class Motion(NamedTuple):
 
 def motion(case, tol):
     """The motion by DOP853 at relative tolerance `tol`."""
-    return _Integration(case, tol).run()
+    return Integration(case, tol).run()
 
 
-class _Integration(Dynamics):
+class Integration(Dynamics):
+    """One run; `changes` counts those of the modes of dry friction."""
+
     def __init__(self, case, tol):
         super().__init__(case)
         self.tol = tol
         self.begin = 0.0  # of the span
-        self.rows = []
+        self.rows, self.changes = [], 0
         self._set_stops()
 
     def _set_stops(self):
@@ -161,6 +163,7 @@ class _Integration(Dynamics):
             if event < len(self.stops):
                 self.record(t, x)
                 return t, x, self.stops[event][0]
+            self.changes += 1
             slipping, stuck = self._slipping(), np.flatnonzero(self.mode == 0)
             event -= len(self.stops)
             forced = None

@@ -11,7 +11,7 @@ from .plant import Plant, coordinates
 
 SHORTEST, LONGEST = 0.5, 3.0  # [s]
 COORDINATES = [0.25, 0.35, 0.25, 0.15]  # how often there are 1, 2, ...
-SAMPLES = 300  # about the largest number of samples of a run
+SAMPLES = 200  # about the largest number of samples of a run
 METHODS = {"auto": 0.6, "DOP853": 0.1, "RK45": 0.14, "LSODA": 0.1, "Radau": 0.03, "BDF": 0.03}
 LAWS = ("constant", "sines", "pd", "saturating", "switch", "traced")
 LIBRARY = ("control.pd", "control.pd_gravity", "control.pid", "control.computed_torque")
@@ -61,38 +61,29 @@ def _significant(x):
 
 
 def _robot(rng, seed, numbers):
+    """A chain or a tree, sometimes with a joint that follows one before it."""
     n = int(rng.choice(len(numbers), p=numbers)) + 1
-    mimics = int(rng.random() < 0.2)
-    branching, prismatic, crooked = (
-        rng.choice([0, 0.5]),
-        rng.choice([0.0, 0.3, 1.0], p=[0.4, 0.5, 0.1]),
-        rng.random() < 0.6,
-    )
+    follower = int(rng.integers(1, n + 1)) if rng.random() < 0.2 else None
+    branching, prismatic = rng.choice([0, 0.5]), rng.choice([0.0, 0.3, 1.0], p=[0.4, 0.5, 0.1])
+    crooked = rng.random() < 0.6
     joints = []
-    for k in range(n + mimics):
+    for k in range(n if follower is None else n + 1):
         parent = int(rng.integers(-1, k)) if k and rng.random() < branching else k - 1
         kind = "prismatic" if rng.random() < prismatic else str(rng.choice(["revolute", "continuous"]))
-        body = _body(rng)
-        straight = np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
+        place = {"xyz": _round(rng.uniform(-0.4, 0.4, 3)), "rpy": [0.0, 0.0, 0.0]}
+        axis = (np.eye(3)[rng.integers(3)] * rng.choice([-1, 1]) + 0.0).tolist()
+        if crooked:
+            place["rpy"], axis = _round(rng.uniform(-3, 3, 3)), _round(rng.normal(size=3) + 0.1)
         joints.append(
-            Joint(
-                kind=kind,
-                parent=parent,
-                xyz=_round(rng.uniform(-0.4, 0.4, 3)),
-                rpy=_round(rng.uniform(-3, 3, 3)) if crooked else [0.0, 0.0, 0.0],
-                axis=_round(rng.normal(size=3) + 0.1) if crooked else straight.tolist(),
-                mimic=_mimic(rng, n) if k >= n else None,
-                **body,
-            )
+            Joint(kind, parent, **place, axis=axis, mimic=_mimic(rng, k) if k == follower else None, **_body(rng))
         )
-    gravity = rng.choice([0.0, 9.81, 3.0], p=[0.2, 0.5, 0.3]) * (
-        np.array([0, 0, -1.0]) if rng.random() < 0.5 else _direction(rng)
-    )
-    return Case(seed=seed, joints=joints, gravity=_round(gravity))
+    down = np.array([0, 0, -1.0]) if rng.random() < 0.5 else _direction(rng)
+    return Case(seed, joints, _round(rng.choice([0.0, 9.81, 3.0], p=[0.2, 0.5, 0.3]) * down))
 
 
-def _mimic(rng, n):
-    return int(rng.integers(n)), _round(rng.choice([-1, 1]) * rng.uniform(0.3, 2)), _round(rng.normal() / 2)
+def _mimic(rng, k):
+    """Driver among the joints before, multiplier and offset."""
+    return int(rng.integers(k)), _round(rng.choice([-1, 1]) * rng.uniform(0.3, 2)), _round(rng.normal() / 2)
 
 
 def _direction(rng):

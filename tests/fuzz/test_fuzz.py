@@ -68,6 +68,14 @@ def test_every_part_is_drawn():
     assert sum(any(joint.mimic for joint in case.joints) for case in cases) > 20
 
 
+def test_what_is_drawn_happens():
+    """Stops end runs, joints stick and slip."""
+    integrations = [oracle.Integration(draw(seed, small=True), comparison.COARSE) for seed in range(20)]
+    motions = [integration.run() for integration in integrations]
+    assert sum(end.status for end in motions) >= 1
+    assert sum(integration.changes > 0 for integration in integrations) >= 2
+
+
 def test_differences_are_seen():
     """A motion that differs a little in one of the things compared."""
     case = next(case for case in map(draw, range(100)) if case.friction and case.law and case.sample_time is None)
