@@ -16,14 +16,13 @@ POSITIONS = 1e-5  # [rad or m], of 1 or the largest position: rtol 1e-9 per step
 RATES = 1e-4  # of 1 or the largest rate: motions that are 1e-5 apart at events of 10 m/s^2
 STOP_TIMES = 1e-6  # [s]
 ENERGIES = 1e-5  # of the energy exchanged
-ALL_COMBINATIONS = False  # TEMPORARY: True once sampled control, sticking and implicit methods work together
 
 
 class Outcome(NamedTuple):
     """What became of a seed, in words.
 
     "compared" and equal; "chaotic", where the oracle has no motion to compare with; "refused", where rne warned of what
-    then differs; "skipped"; or "failed", which an error of rne is too where there is a motion.
+    then differs; or "failed", which an error of rne is too where there is a motion.
     """
 
     kind: str
@@ -34,8 +33,6 @@ class Outcome(NamedTuple):
 def check(seed, *, small=False):
     """Compare the motions of one seed."""
     case = draw(seed, small=small)
-    if not ALL_COMBINATIONS and not_yet(case):
-        return Outcome("skipped", not_yet(case))
     exact, differs = _exact(case)
     try:
         found, warned = simulated(case)
@@ -57,16 +54,6 @@ def simulated(case):
         warnings.simplefilter("always")
         exec(case.script(), names)
     return names["motion"], [str(warning.message) for warning in caught]
-
-
-def not_yet(case):
-    """Why the engine does not take the case yet; "" if it does."""
-    sampled, implicit = case.sample_time is not None, case.method in ("Radau", "BDF", "LSODA")
-    if sampled and case.sticks:
-        return "sampled control with sticking friction"
-    if implicit and case.sticks and case.method != "LSODA":
-        return "implicit method with sticking friction"
-    return "sampled control with an implicit method" if implicit and sampled else ""
 
 
 def _exact(case):

@@ -13,7 +13,7 @@ pytest.importorskip("pinocchio")
 
 from . import comparison, oracle
 from .case import Case, Joint
-from .comparison import check, difference, not_yet, simulated
+from .comparison import check, difference, simulated
 from .oracle import motion
 from .scenes import draw
 
@@ -44,8 +44,6 @@ def test_many_random_scenes():
 @pytest.mark.parametrize("seed", range(6))
 def test_a_script_runs_alone_and_is_the_case(seed):
     case = draw(seed, small=True)
-    if not_yet(case):
-        pytest.skip(not_yet(case))
     names = {}
     exec(case.script(), names)
     assert np.array_equal(names["motion"].q, simulated(case)[0].q)
