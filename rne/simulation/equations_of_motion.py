@@ -33,9 +33,9 @@ from ..kernels.kernel import Kernel
 from ..model.model import Model
 from ..robot import Robot
 from .friction import Friction
+from .law import AGREEMENT, TracedLaw
 
 TRIALS = 3  # random states on which a traced law must agree with a call of it
-AGREEMENT = 1e-9  # relative
 
 
 class AppliedTorques:
@@ -73,6 +73,7 @@ class AppliedTorques:
         self.robot, self.friction, self.torque_limit = robot, friction, torque_limit
         self.law, self.torque_given = law, torque_given
         self.controller_states = states if law is None else int(getattr(law, "states", 0))
+        self._evaluated = TracedLaw(law, robot.n)
         self.with_impulses = with_impulses and torque_limit is not None and (law is not None or torque_given)
         f = friction
         ledger = {
@@ -110,7 +111,7 @@ class AppliedTorques:
         """Torques of the drives within their limits, and the rates of the states behind (q, qd)."""
         n, rates = self.robot.n, None
         if self.law is not None:
-            u, rates = self._by_law(t, x)
+            u, rates = self._evaluated(t, x)
         elif u is not None and self.controller_states:
             u, rates = u[..., :n], u[..., n:]
         if u is None or self.torque_limit is None:
@@ -119,43 +120,6 @@ class AppliedTorques:
             impulses = u * (1 / self.typical_inertia)
             rates = impulses if rates is None else np.concatenate([rates, impulses], axis=-1)
         return clip(u, -self.torque_limit, self.torque_limit), rates
-
-    def _by_law(self, t: Any, x: Array) -> tuple[Array, Array | None]:
-        """The law's torques and the rates of its states, for states (..., size).
-
-        It is called with one state, as (t, q, qd): laws are written so. Numbers of many states are handed over at once
-        if the law takes them so.
-        """
-        if x.ndim == 1:
-            return self._by_law_in_one_state(np.asarray(t).item(), x)
-        if x.dtype != object and self._law_takes_batches:
-            return self._by_law_in_one_state(t, x)
-        times = np.broadcast_to(t, (*x.shape[:-1], 1)).reshape(-1)
-        found = [self._by_law_in_one_state(*state) for state in zip(times, x.reshape(-1, x.shape[-1]), strict=True)]
-        u = np.array([torques for torques, _ in found]).reshape(*x.shape[:-1], -1)
-        return u, None if found[0][1] is None else np.array([r for _, r in found]).reshape(*x.shape[:-1], -1)
-
-    def _by_law_in_one_state(self, t: Any, x: Array) -> tuple[Array, Array | None]:
-        n, rates = self.robot.n, None
-        q, qd = x[..., :n].copy(), x[..., n : 2 * n].copy()  # a law may modify its arguments
-        if hasattr(self.law, "states"):
-            u, rates = torques_and_rates(self.law(t, q, qd, x[..., 2 * n : 2 * n + self.controller_states].copy()))
-            rates = np.asarray(rates)
-        else:
-            u = self.law(t, q, qd)
-        return _shaped_like(u, q), rates
-
-    @cached_property
-    def _law_takes_batches(self) -> bool:
-        """True if the law gives for two states at once what it gives for each."""
-        rng = np.random.default_rng(0)
-        t, X = rng.uniform(0, 1, (2, 1)), rng.uniform(-1, 1, (2, self.size))
-        try:
-            together, _ = self._by_law_in_one_state(t, X)
-            single = [self._by_law_in_one_state(float(s[0]), x)[0] for s, x in zip(t, X, strict=True)]
-        except Exception:  # whatever the law raises
-            return False
-        return together.shape == (2, self.robot.n) and np.allclose(together, single, rtol=AGREEMENT, atol=AGREEMENT)
 
     def parts(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array], list[Array]]:
         """Net torques, the rates of the controller's states, and the powers of the ledger."""
@@ -318,27 +282,6 @@ class RightHandSide(AppliedTorques):
     def residual(self) -> Residual:
         """The equations of motion, for Jacobians."""
         return Residual(*self._parts)
-
-
-def torques_and_rates(returned: Any) -> tuple[Any, Any]:
-    """What a law with states returned, as (torques, dz/dt)."""
-    if not isinstance(returned, tuple) or len(returned) != 2:
-        got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
-        raise ValueError(f"`controller` with states must return (torques, rates of its states), got {got}")
-    return returned
-
-
-def _shaped_like(u: Any, q: Array) -> Array:
-    """A law's torques with one row per state; a constant is repeated."""
-    try:
-        torques = np.asarray(u)
-    except ValueError:
-        torques = np.asarray(None)
-    if torques.shape != q.shape and (torques.shape != q.shape[-1:] or (torques.dtype == object and torques.size == 0)):
-        raise ValueError(
-            f"`controller` must return shape (..., {q.shape[-1]}) for states of that shape, got {torques.shape}"
-        )
-    return torques + 0 * q if torques.shape != q.shape else torques
 
 
 def _difference(torques: AppliedTorques, kernel: Kernel) -> float:

@@ -13,8 +13,9 @@ from ..basics.spatial import Array
 from ..dynamics.verdict import SOUND, Verdict
 from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
-from .equations_of_motion import RightHandSide, torques_and_rates
+from .equations_of_motion import RightHandSide
 from .events import Event
+from .law import torques_and_rates
 
 
 class Plant:

@@ -12,6 +12,7 @@ from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..model.model import Model
+from .limits import Violation, limit_violations
 from .plant import Plant
 from .stops import Stop
 
@@ -117,6 +118,31 @@ class Trajectory:
         if not self.error_estimates:
             raise ValueError("this trajectory was pickled, and has forgotten its scene: repeat the simulation")
         return min(_horizon(bound, *estimate(bound)) for estimate in self.error_estimates)
+
+    def check_limits(self) -> list[Violation]:
+        """Where the motion exceeds the ranges, speeds and efforts of its robot; see `rne.simulation.limits`.
+
+        Returns
+        -------
+        list of Violation
+            One for each limit exceeded at any sample, in the order of the joints; `print(*violations, sep="\\n")`
+            shows them. Joints that mimic others are examined too, except for their torques, which are not known.
+
+        Raises
+        ------
+        ValueError
+            If the trajectory was made without a model.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 2.0)
+        >>> [v.joint for v in swing.check_limits() if v.quantity == "rate"][:2]
+        ['joint_2', 'joint_3']
+        """
+        if self.model is None:
+            raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
+        return limit_violations(self.model, self.t, self.q, self.qd, self.tau)
 
     @property
     def balance(self) -> Array:
