@@ -531,8 +531,9 @@ class TestCornerCases:
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             rne.simulate(scene, [0.1, 0.2], [0, 0], 0.05)
 
-    @pytest.mark.parametrize("dry", [False, True], ids=["smooth", "sticking"])
-    @pytest.mark.parametrize("method", ["auto", "RK45", "LSODA", "Radau"])
+    @pytest.mark.parametrize(
+        ("method", "dry"), [("auto", False), ("Radau", False), ("auto", True), ("LSODA", True), ("BDF", True)]
+    )
     def test_a_called_law_may_have_states(self, two, dry, method):
         """An integral action, called and traced: the same motion, and the integral of the error."""
 
@@ -546,13 +547,13 @@ class TestCornerCases:
             return law(t, q, qd, z)
 
         marked.states = 2
-        how = {"method": method, "rtol": 1e-9, "atol": 1e-12, "t_eval": np.linspace(0, 1, 11)}
+        how = {"method": method, "rtol": 1e-8, "atol": 1e-11, "t_eval": np.linspace(0, 1, 11)}
         called = rne.simulate(rne.Scene(two, controller=law, friction=friction), [0, 0], [0, 0], 1.0, **how)
         scene = rne.Scene(two, controller=rne.traceable(marked), friction=friction)
         assert scene.cost()["law"] == "traced"
         traced = rne.simulate(scene, [0, 0], [0, 0], 1.0, **how)
-        np.testing.assert_allclose(called.q, traced.q, atol=1e-7)
-        np.testing.assert_allclose(called.controller_state, traced.controller_state, atol=1e-7)
+        np.testing.assert_allclose(called.q, traced.q, atol=1e-6)
+        np.testing.assert_allclose(called.controller_state, traced.controller_state, atol=1e-6)
         assert (called.controller_state[1:] < 0).all()
 
     def test_rates_of_states_of_a_wrong_shape_are_refused(self, two):

@@ -14,7 +14,8 @@ from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 
 SAMPLES, REFINED = 4096, 4  # configurations drawn for symmetric eigenvalues, and the best of them that are refined
-SAMPLED_LOOPS = 512  # configurations drawn for the eigenvalues of the sampled loop, which cost more
+SAMPLED_LOOPS = 2048  # configurations drawn for the eigenvalues of the sampled loop, which cost more
+DIFFERENCE = 1e-6  # step of the derivatives in the refinement: eigenvalues have noise of 1e-15
 ROUNDS = 20  # of lowering the sample time and searching again
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
@@ -160,7 +161,11 @@ def largest_over(
     best, where = float(values.max()), drawn[int(values.argmax())]
     for start in drawn[np.argsort(values)[-REFINED:]]:
         refined = minimize(
-            lambda q: -float(value(q)), start, method="L-BFGS-B", bounds=list(zip(lower, upper, strict=True))
+            lambda q: -float(value(q)),
+            start,
+            method="L-BFGS-B",
+            bounds=list(zip(lower, upper, strict=True)),
+            options={"eps": DIFFERENCE},
         )
         if -refined.fun > best:
             best, where = float(-refined.fun), np.asarray(refined.x)
@@ -213,8 +218,11 @@ class SampledLoop:
         drawn = np.concatenate([start[None], random_configurations(low, high, SAMPLED_LOOPS)])
         T, where = self.first_unstable(start, upper * (1 + 1e-9)), start
         for _ in range(ROUNDS):
-            largest, q = largest_over(lambda x: self.radius(x, T * (1 - 1e-6)), low, high, drawn)  # noqa: B023
-            if largest < 1:
+            tried = T * (1 - 1e-6)
+            radii = self.radius(drawn, tried)
+            spread = float(np.ptp(radii)) or 1.0  # lightly damped loops differ in the fifth digit only
+            largest, q = largest_over(lambda x: (self.radius(x, tried) - 1) / spread, low, high, drawn)  # noqa: B023
+            if largest < 0:
                 break
             T, where = self.first_unstable(q, T), q
         return T, where

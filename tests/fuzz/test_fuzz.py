@@ -17,7 +17,7 @@ from .comparison import check, difference, simulated
 from .oracle import motion
 from .scenes import draw
 
-SHORT, LONG = range(25), range(1000, 1300)
+SHORT, LONG = range(8), range(1000, 1300)
 CHAOTIC = 0.15  # of the seeds: more would say that the draws are too wild to be a test
 CLOSED_FORM = 1e-9  # of the oracle at tolerance 1e-11
 
@@ -66,6 +66,7 @@ def test_every_part_is_drawn():
     assert sum(any(joint.mimic for joint in case.joints) for case in cases) > 20
 
 
+@pytest.mark.long
 def test_what_is_drawn_happens():
     """Stops end runs, joints stick and slip."""
     integrations = [oracle.Integration(draw(seed, small=True), comparison.COARSE) for seed in range(20)]
