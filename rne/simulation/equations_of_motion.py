@@ -25,6 +25,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.conditioning import judge_accelerations
+from ..dynamics.lagrange import lagrange_forward_dynamics
 from ..dynamics.quantity import Quantity, check_result
 from ..dynamics.rnea import inverse_dynamics
 from ..dynamics.verdict import SOUND, Verdict
@@ -201,6 +202,8 @@ class RightHandSide(AppliedTorques):
     ----------
     with_energies : bool
         True to append the energies of the ledger to the state.
+    formulation : {"newton-euler", "euler-lagrange"}
+        Which forward dynamics give the accelerations.
     """
 
     name = "right_hand_side"
@@ -215,9 +218,10 @@ class RightHandSide(AppliedTorques):
         states: int = 0,
         with_impulses: bool = False,
         with_energies: bool = False,
+        formulation: str = "newton-euler",
     ) -> None:
         super().__init__(robot, friction, torque_limit, law, torque_given, states, with_impulses)
-        self.with_energies = with_energies
+        self.with_energies, self.formulation = with_energies, formulation
 
     @property
     def size(self) -> int:
@@ -238,7 +242,9 @@ class RightHandSide(AppliedTorques):
         n = self.robot.n
         q, qd = x[..., :n], x[..., n : 2 * n]
         net, further, powers = self.parts(t, x, u)
-        qdd, pivots, diagonal = self.robot.kernels.forward_method().quantity.core(model, q, qd, net)
+        lagrange = self.formulation == "euler-lagrange"
+        forward = lagrange_forward_dynamics if lagrange else self.robot.kernels.forward_method()
+        qdd, pivots, diagonal = forward.quantity.core(model, q, qd, net)
         rates = [qd, qdd, *further, *(powers if self.with_energies else [])]
         return np.concatenate(rates, axis=-1), pivots, diagonal
 

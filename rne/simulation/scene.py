@@ -21,6 +21,7 @@ from .equations_of_motion import AppliedTorques, RightHandSide
 from .friction import Friction, urdf_friction
 
 LOGGER = logging.getLogger("rne")
+FORMULATIONS = ("newton-euler", "euler-lagrange")
 
 
 class Payload(NamedTuple):
@@ -83,6 +84,9 @@ class Scene:
         `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
+    formulation : {"newton-euler", "euler-lagrange"}
+        The equations behind the accelerations. The second is Høifødt 2011, chapter 7: slower, for comparison; not with
+        friction that sticks.
 
     Raises
     ------
@@ -109,6 +113,7 @@ class Scene:
     stops: bool = False
     controller: Any = None
     sample_time: float | None = None
+    formulation: str = "newton-euler"
 
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
@@ -128,7 +133,11 @@ class Scene:
                 getattr(self, name), np.ndarray
             ):  # a later change of the caller's array is not one of the scene
                 object.__setattr__(self, name, getattr(self, name).copy())
+        if self.formulation not in FORMULATIONS:
+            raise ValueError(f"`formulation` must be one of {list(FORMULATIONS)}, got {self.formulation!r}")
         _ = self.resolved  # raises the errors in the parts
+        if self.formulation != "newton-euler" and self.resolved.friction is not None and self.resolved.friction.sticks:
+            raise ValueError(f"`formulation` {self.formulation!r} is not for friction that sticks")
         meant_for = getattr(self.controller, "robot", None)
         if isinstance(meant_for, Robot) and meant_for.n != self.n:
             raise ValueError(f"`controller` is for a robot of {meant_for.n} joints, the scene has {self.n}")
@@ -183,7 +192,7 @@ class Scene:
         follows = parts.torque_limit is not None and self.sample_time is None and not with_energies
         law, given = self._traced_law, self.controller is not None and self._traced_law is None
         states = int(getattr(self.controller, "states", 0)) if given and self.sample_time is None else 0
-        return RightHandSide(*common, law, given, states=states, with_impulses=follows, with_energies=with_energies)
+        return RightHandSide(*common, law, given, states, follows, with_energies, self.formulation)
 
     @cached_property
     def _traced_law(self) -> Any:

@@ -229,6 +229,8 @@ def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
 
 def _check_free(scene: Scene, method: str) -> None:
     named = [name for name in ("controller", "friction") if getattr(scene, name) is not None]
+    if scene.formulation != "newton-euler":
+        raise ValueError(f"`method` {method!r} is for the formulation 'newton-euler', got {scene.formulation!r}")
     if named or scene.stops:
         there = ", ".join(named) or "stops"
         raise ValueError(f"`method` {method!r} is for motions without drives, friction and stops; there is {there}")
