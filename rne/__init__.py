@@ -12,7 +12,8 @@ from .dynamics.energy import kinetic_energy, link_kinetic_energies, momentum, po
 from .dynamics.forward import forward_dynamics
 from .dynamics.jacobians import jacobian, jacobian_rate
 from .dynamics.kinematics import link_poses
-from .dynamics.lagrange import christoffel_symbols, lagrange_forward_dynamics, lagrange_inverse_dynamics
+from .dynamics.lagrange import christoffel_symbols, lagrange_inverse_dynamics
+from .dynamics.lagrange_forward import lagrange_forward_dynamics
 from .dynamics.record import Recursion, bearing_loads, recursion
 from .dynamics.rnea import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 from .errors import (

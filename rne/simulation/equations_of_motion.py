@@ -25,7 +25,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.conditioning import judge_accelerations
-from ..dynamics.lagrange import lagrange_forward_dynamics
+from ..dynamics.lagrange_forward import lagrange_forward_dynamics
 from ..dynamics.quantity import Quantity, check_result
 from ..dynamics.rnea import inverse_dynamics
 from ..dynamics.verdict import SOUND, Verdict
