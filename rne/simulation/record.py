@@ -81,7 +81,7 @@ class Record:
     def _add(self, t: float, x: Array, loop: Any) -> None:
         if self.instants and self.instants[-1].t >= t:
             self.instants.pop()
-        state = loop.system.reported(x)
+        system, held = loop.system, loop.plant.held
         z = None if loop.hold is None else loop.hold.state
-        qdd = loop.system.accelerations_at(t, x)
-        self.instants.append(Instant(t, state, loop.plant.held, loop.work(x), z, qdd))
+        work = 0.0 if held is None else loop.work(x)
+        self.instants.append(Instant(t, system.reported(x), held, work, z, system.accelerations_at(t, x)))

@@ -47,8 +47,10 @@ class Watch:
         """A step was taken."""
         self.recent.append((t, x))
         self.count += 1
-        if self.count % CHECKED or len(self.recent) <= CHECKED:
-            return
+        if self.count % CHECKED == 0 and len(self.recent) > CHECKED:
+            self._look(t, x)
+
+    def _look(self, t: float, x: Array) -> None:
         pace = t - self.recent[0][0]  # time covered since the last look
         if self.plant.held is None and pace * SLOW < self.task.duration and self.count >= self.next_suspicion:
             self.next_suspicion = 2 * self.count
