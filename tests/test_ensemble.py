@@ -1,7 +1,8 @@
 """Many starts at once are the single motions, on any executor, to the order of the method."""
 
 import re
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -105,6 +106,18 @@ def test_wrong_arguments_are_named(chain, changes, text):
     arguments = {"q0": [[0, 0]], "qd0": [[0, 0]], "step": 0.01, **changes}
     with pytest.raises(ValueError, match=rf"^{re.escape(text)}$"):
         rne.ensemble(chain, duration=0.1, **arguments)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_start_that_diverges_is_named_with_its_time(chain, parallel):
+    scene = rne.Scene(chain, controller=rne.traceable(lambda t, q, qd: 1e3 * qd**3))
+    starts = np.zeros((20, 2))
+    rates = starts.copy()
+    rates[13, 0] = 1.0
+    text = r"^start 13 at t = 0\.0\d+ s: the right-hand side overflows"
+    pool = ThreadPoolExecutor(2) if parallel else nullcontext()
+    with pool as executor, pytest.raises(rne.NotFiniteError, match=text):
+        rne.ensemble(scene, starts, rates, 5.0, step=1e-2, executor=executor)
 
 
 def test_called_laws_are_refused(chain):

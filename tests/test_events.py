@@ -6,6 +6,7 @@ zeros of its rate and load.
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 from scipy.optimize import brentq
 
 import rne
@@ -103,6 +104,41 @@ def test_a_scene_copies_what_it_is_given(irb140):
     before = rne.simulate(scene, [0] * 6, [0] * 6, 0.1, torque=np.zeros(6)).q[-1]
     armature[:] = 50.0
     assert np.array_equal(rne.simulate(scene, [0] * 6, [0] * 6, 0.1, torque=np.zeros(6)).q[-1], before)
+
+
+def test_a_joint_that_can_be_held_stays_when_another_turns_back():
+    """Two blocks, one riding on the other, under -3 N each; the lower one is held by 2 N, the upper slides, stops at
+    0.25 s and turns back: the load on the lower one goes from 1 N to -1 N, and never exceeds what holds it."""
+    parts = [Part(link="base")]
+    parts += [Part(link=f"l{k}", joint=f"j{k}", kind="prismatic", parent=k, axis=X, mass=1.0) for k in (0, 1)]
+    robot = rne.Robot(assemble("riders", parts, gravity=(0, 0, 0)))
+    scene = rne.Scene(robot, friction=rne.Friction(coulomb=[0.5, 1.0], static=[2.0, 1.0], smoothing=0))
+    motion = rne.simulate(scene, [0, 0], [0, 1], 1.0, torque=[-3.0, -3.0])
+    np.testing.assert_allclose(motion.q[-1], [0.0, -0.4375], atol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "BDF", "Radau"])
+@pytest.mark.parametrize("marked", [True, False], ids=["traced", "called"])
+@pytest.mark.parametrize("coulomb", [None, 0.1], ids=["free", "dry"])
+def test_a_drive_at_its_limit_is_not_stepped_over(method, marked, coulomb):
+    """20 sin(6 t) N within 2 N: while the force is constant the solver sees nothing of the law."""
+
+    def law(t, q, qd):
+        return 20 * np.sin(6.0 * t) * (1 + 0 * q)
+
+    friction = None if coulomb is None else rne.Friction(coulomb=coulomb, smoothing=0)
+    controller = rne.traceable(law) if marked else law
+    scene = rne.Scene(slider(), torque_limit=[2.0], friction=friction, controller=controller)
+    end = 2.0 if coulomb is None else 0.9  # before it would slip back
+    motion = rne.simulate(scene, [0], [0], end, method=method, rtol=1e-9, atol=1e-12)
+    t = np.linspace(0, end, 400_001)
+    force = np.clip(20 * np.sin(6 * t), -2, 2)
+    if coulomb is not None:
+        starts = np.argmax(force > coulomb)
+        force = np.where(np.arange(len(t)) < starts, 0.0, force - coulomb)
+    rate = np.concatenate([[0], np.cumsum((force[1:] + force[:-1]) / 2 * t[1])])
+    assert (rate >= 0).all()
+    assert motion.q[-1, 0] == pytest.approx(simpson(rate, x=t), abs=2e-6)
 
 
 class Block:

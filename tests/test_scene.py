@@ -1,11 +1,13 @@
 """Scenes: each part is felt, costs what it says, and nothing else is there."""
 
+import math
 import pickle
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import rne
 from rne.model.robots.generators import random_tree, straight_chain
@@ -111,22 +113,65 @@ class TestCost:
         assert rne.Scene(irb140, controller=lambda t, q, qd: -qd).cost()["law"] == "called"
 
 
+COUNTER = []
+GAINS = 5 * np.eye(6) + np.ones((6, 6))
+SPLINE = CubicSpline([0, 1, 2], [0.0, 1.0, 0.0])
+
+
 class TestTracing:
-    def test_law_with_memory_marked_traceable_is_refused(self, irb140):
-        calls = []
+    @pytest.mark.parametrize(
+        ("law", "reason"),
+        [
+            (lambda t, q, qd: -np.sum(COUNTER.append(1) or len(COUNTER)) * qd, "traced, it differs by "),
+            (lambda t, q, qd: -qd if t < 1 else qd, "TypeError: a traced number has no value: a branch"),
+            (lambda t, q, qd: math.sin(t) - qd, "TypeError: a traced number has no value: a branch"),
+            (lambda t, q, qd: np.exp(-t) - qd, "TypeError: loop of ufunc does not support argument 0 of type Scalar"),
+            (lambda t, q, qd: SPLINE(t) - qd, ""),
+        ],
+        ids=["memory", "branch", "math.sin", "np.exp", "spline"],
+    )
+    def test_a_law_that_cannot_be_traced_is_called_and_the_log_says_so(self, irb140, law, reason, caplog):
+        scene = rne.Scene(irb140, controller=rne.traceable(law))
+        assert scene.cost()["law"] == "called"
+        (line,) = [record.getMessage() for record in caplog.records if record.name == "rne"]
+        assert line.startswith(f"`controller` is called, not traced: {reason}")
+        if law(0.0, np.ones(1), np.ones(1)) != law(0.0, np.ones(1), np.ones(1)):
+            return  # it has memory
+        motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.1)
+        assert np.array_equal(motion.q, rne.simulate(irb140, [0] * 6, [0] * 6, 0.1, torque=law).q)
 
-        @rne.traceable
-        def law(t, q, qd):
-            calls.append(1)
-            return -len(calls) * qd
+    @pytest.mark.parametrize(
+        "law",
+        [
+            lambda t, q, qd: -GAINS @ q - 2 * qd,
+            lambda t, q, qd: np.array([-5 * q[0] * t**3, -3 * q[1] + np.sin(t), *(-qd[2:])]),
+            lambda t, q, qd: [np.cos(q[0]), *(t * np.arange(5.0))],
+            lambda t, q, qd: -np.tanh(q) * np.sqrt(4 + t * t) + GAINS[0] / (1 + t**2),
+            lambda t, q, qd: 3.0 * np.ones(6),
+        ],
+        ids=["matrix", "entries", "list", "functions", "constant"],
+    )
+    def test_laws_are_traced_as_people_write_them(self, irb140, law):
+        scene = rne.Scene(irb140, controller=rne.traceable(law))
+        assert scene.cost()["law"] == "traced"
+        traced = rne.simulate(scene, [0.1] * 6, [0] * 6, 0.2, rtol=1e-9)
+        called = rne.simulate(irb140, [0.1] * 6, [0] * 6, 0.2, torque=law, rtol=1e-9)
+        np.testing.assert_allclose(traced.q[-1], called.q[-1], atol=1e-9)
+        np.testing.assert_allclose(traced.tau[-1], law(0.2, traced.q[-1], traced.qd[-1]), rtol=1e-12, atol=1e-12)
 
-        with pytest.raises(ValueError, match=r"^`controller` is marked traceable, but its traced torques differ by "):
-            rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [1] * 6, 0.1)
+    def test_a_reference_may_be_a_spline(self, irb140):
+        path = CubicSpline([0, 1, 2], np.outer([0, 1, 0], np.ones(6)))
+        law = rne.control.computed_torque(irb140, [100] * 6, [20] * 6, lambda t: (path(t), path(t, 1), path(t, 2)))
+        motion = rne.simulate(rne.Scene(irb140, controller=law), path(0.0), path(0.0, 1), 1.0)
+        np.testing.assert_allclose(motion.q, path(motion.t), atol=1e-5)
 
-    def test_branch_on_a_value_is_refused(self, irb140):
-        law = rne.traceable(lambda t, q, qd: -qd if t < 1 else qd)
-        with pytest.raises(TypeError, match="a traced number has no value"):
-            rne.Scene(irb140, controller=law).cost()
+    def test_a_reference_of_a_wrong_shape_is_named(self, irb140):
+        law = rne.control.computed_torque(
+            irb140, [100] * 6, [20] * 6, lambda t: (np.zeros(6), np.zeros(6), np.zeros(6 if t < 0.05 else 2))
+        )
+        text = r"^`reference` must give \(q, qd, qdd\) of shape \(6,\) each, got \[\(6,\), \(6,\), \(2,\)\]$"
+        with pytest.raises(ValueError, match=text):
+            rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [0] * 6, 0.1)
 
     def test_traced_and_called_laws_move_alike(self, irb140):
         law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0.1] * 6)
@@ -452,18 +497,16 @@ class TestCornerCases:
         assert np.abs(late.balance).max() == late.energy_drift
 
     @pytest.mark.parametrize(
-        ("law", "shape"),
+        ("law", "text"),
         [
-            (lambda t, q, qd: 5.0 + 0 * t, r"\(1, 1\)"),
-            (lambda t, q, qd: None, r"\(\)"),
-            (lambda t, q, qd: [1, 2, 3], r"\(3,\)"),
+            (lambda t, q, qd: 5.0 + 0 * t, "shape (2,), got ()"),
+            (lambda t, q, qd: None, "real numbers, got dtype object"),
+            (lambda t, q, qd: [1, 2, 3], "shape (2,), got (3,)"),
         ],
     )
-    def test_traced_law_of_a_wrong_shape_is_refused(self, two, law, shape):
+    def test_traced_law_of_a_wrong_shape_is_refused(self, two, law, text):
         scene = rne.Scene(two, controller=rne.traceable(law))
-        with pytest.raises(
-            ValueError, match=rf"^`controller` must return shape \(..., 2\) for states of that shape, got {shape}$"
-        ):
+        with pytest.raises(ValueError, match=rf"^`controller` must return {re.escape(text)} at t = 0 s$"):
             rne.simulate(scene, [0, 0], [0, 0], 1.0)
 
     @pytest.mark.parametrize("sample_time", [None, 0.01], ids=["traced", "sampled"])
@@ -488,13 +531,38 @@ class TestCornerCases:
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             rne.simulate(scene, [0.1, 0.2], [0, 0], 0.05)
 
-    def test_law_with_states_that_is_neither_traced_nor_sampled_is_refused(self, two):
+    @pytest.mark.parametrize("dry", [False, True], ids=["smooth", "sticking"])
+    @pytest.mark.parametrize("method", ["auto", "RK45", "LSODA", "Radau"])
+    def test_a_called_law_may_have_states(self, two, dry, method):
+        """An integral action, called and traced: the same motion, and the integral of the error."""
+
         def law(t, q, qd, z):
-            return -qd, q - z
+            return np.array([-20.0, -10.0]) * (q - 0.3) - 4 * qd - 5 * z, q - 0.3
 
         law.states = 2
-        text = "`controller` with states must be traceable, or sampled by `sample_time`"
-        with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        friction = rne.Friction(coulomb=0.1, smoothing=0) if dry else None
+
+        def marked(t, q, qd, z):
+            return law(t, q, qd, z)
+
+        marked.states = 2
+        how = {"method": method, "rtol": 1e-9, "atol": 1e-12, "t_eval": np.linspace(0, 1, 11)}
+        called = rne.simulate(rne.Scene(two, controller=law, friction=friction), [0, 0], [0, 0], 1.0, **how)
+        scene = rne.Scene(two, controller=rne.traceable(marked), friction=friction)
+        assert scene.cost()["law"] == "traced"
+        traced = rne.simulate(scene, [0, 0], [0, 0], 1.0, **how)
+        np.testing.assert_allclose(called.q, traced.q, atol=1e-7)
+        np.testing.assert_allclose(called.controller_state, traced.controller_state, atol=1e-7)
+        assert (called.controller_state[1:] < 0).all()
+
+    def test_rates_of_states_of_a_wrong_shape_are_refused(self, two):
+        def law(t, q, qd, z):
+            return -qd, np.zeros(3)
+
+        law.states = 2
+        with pytest.raises(
+            ValueError, match=r"^`controller` must return rates of its states of shape \(2,\), got \(3,\)$"
+        ):
             rne.simulate(rne.Scene(two, controller=law), [0.1, 0.2], [0, 0], 0.05)
 
     def test_a_constant_traced_law_is_repeated(self, two):

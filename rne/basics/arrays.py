@@ -23,10 +23,11 @@ def real_array(name: str, value: ArrayLike, shape: str) -> Array:
 
 def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
     """One finite real number above zero."""
-    array = real_array(name, value, "()")
-    if array.ndim:
-        raise ValueError(f"`{name}` must be one number, got shape {array.shape}")
-    number = float(array)
+    if np.ndim(value):
+        raise ValueError(f"`{name}` must be one number, got shape {np.shape(value)}")
+    if not isinstance(value, Number) and np.asarray(value).dtype.kind not in "fiu":
+        raise ValueError(f"`{name}` must be one number, got {type(value).__name__}")
+    number = float(real_array(name, value, "()"))
     if number < 0 or (number == 0 and not zero_allowed):
         raise ValueError(f"`{name}` must be positive, got {number!r}")
     return number

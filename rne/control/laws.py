@@ -24,9 +24,9 @@ def traceable(law: F) -> F:
     Parameters
     ----------
     law : callable
-        f(t, q, qd) -> torques, for arrays of shape (..., n): without memory, noise, tables or branches on values
-        (use `rne.elementwise.where`). It may call methods of a Robot. A law that is not marked is called, with one
-        state at a time.
+        f(t, q, qd) -> torques, for one state: t a number, arrays of shape (n,). It may call methods of a Robot. What
+        has memory, noise, tables or branches on values (use `rne.elementwise.where`) cannot be traced: it is called
+        all the same, and a line on the logger "rne" says why. A law that is not marked is called.
 
     Returns
     -------
@@ -212,7 +212,7 @@ class ComputedTorque:
 
     def __call__(self, t: float, q: Array, qd: Array) -> Array:
         """Torques, shape of q [N m or N]."""
-        q_ref, qd_ref, qdd_ref = self.reference(t)
+        q_ref, qd_ref, qdd_ref = _reference(self.robot, self.reference(t))
         commanded = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
         return self.robot.inverse_dynamics(q, qd, commanded)
 
@@ -253,15 +253,22 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     if not callable(reference):
         raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
     p, d = _vectors(robot, kp=kp, kd=kd)
+    _reference(robot, reference(0.0))
+    return ComputedTorque(robot, p, d, reference)
+
+
+def _reference(robot: Robot, given: Any) -> tuple[Any, Any, Any]:
+    """What a reference gave, as (q, qd, qdd)."""
     try:
-        shapes = [np.shape(part) for part in reference(0.0)]
+        shapes = [np.shape(part) for part in given]
     except TypeError:
         shapes = []
-    if shapes != [(robot.n,)] * 3:
+    if len(shapes) != 3 or any(shape[-1:] != (robot.n,) for shape in shapes):
         raise ValueError(
             f"`reference` must give (q, qd, qdd) of shape ({robot.n},) each, got {shapes or 'something else'}"
         )
-    return ComputedTorque(robot, p, d, reference)
+    q, qd, qdd = given
+    return q, qd, qdd
 
 
 def _vectors(robot: Robot, **values: ArrayLike) -> list[Array]:

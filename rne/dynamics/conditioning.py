@@ -15,7 +15,7 @@ from ..basics.spatial import Array
 from ..errors import SingularMassMatrixError
 from ..model.model import Model
 from .crba import mass_matrix
-from .rnea import External, bias_torque
+from .rnea import External, bias_torque, gravity_torque
 from .verdict import SOUND, BatchIndex, PrecisionLoss, Verdict
 
 MIN_DIGITS = 3.0  # decimal digits below which a result is warned of
@@ -78,7 +78,7 @@ def judge_accelerations(
         return SOUND
     q, qd, tau = (arguments[name][suspect].astype(np.float64) for name in ("q", "qd", "tau"))
     wrenches = {link: wrench[suspect].astype(np.float64) for link, wrench in (arguments.get("external") or {}).items()}
-    lost = float(np.finfo(qdd.dtype).eps) * amplifications(model, q, qd, tau, wrenches or None)
+    lost = float(np.finfo(qdd.dtype).eps) * amplifications(model, q, qd, tau, wrenches or None, qdd.dtype)
     k = int(np.argmax(lost))
     digits = max(0.0, -float(np.log10(lost[k])))
     if digits >= MIN_DIGITS:
@@ -88,11 +88,19 @@ def judge_accelerations(
     return Verdict(loss=PrecisionLoss(digits, state, "M is nearly singular" if nearly[state] else cause))
 
 
-def amplifications(model: Model, q: Array, qd: Array, tau: Array, external: External | None = None) -> Array:
+def amplifications(
+    model: Model,
+    q: Array,
+    qd: Array,
+    tau: Array,
+    external: External | None = None,
+    dtype: np.dtype[Any] | type = np.float64,
+) -> Array:
     """Factor by which relative errors in M, C qd + g and tau grow in qdd = M^-1 (tau - C qd - g), shape (...).
 
     Skeel 1979, componentwise: max |M^-1| (|M| |qdd| + |tau| + |C qd + g|) / max |qdd|. Infinite where it overflows or
-    M cannot be inverted.
+    M cannot be inverted. Where terms of C qd + g cancel that are much larger than it, their rounding errors in `dtype`
+    count, beside the accelerations that torques and gravity give.
     """
     double = model.astype(np.float64)
     with np.errstate(all="ignore"):
@@ -102,7 +110,31 @@ def amplifications(model: Model, q: Array, qd: Array, tau: Array, external: Exte
         spread = np.abs(M) @ np.abs(qdd)[..., None] + (np.abs(tau) + np.abs(h))[..., None]
         grown = (np.abs(inverse) @ spread)[..., 0].max(axis=-1, initial=0.0)
         found = np.where(grown == 0, 1.0, grown / np.abs(qdd).max(axis=-1, initial=0.0))
+        noise = _accelerated(inverse, _rounding_noise(model, q, qd, external, np.dtype(dtype)))
+        scale = _accelerated(inverse, np.abs(tau) + np.abs(gravity_torque.core(double, q)))
+        scale = np.maximum(scale, np.abs(qdd).max(axis=-1, initial=0.0))
+        found = np.maximum(found, np.where(scale > 0, noise / scale, 0.0))
     return np.where(np.isfinite(found), found, np.inf)
+
+
+def _accelerated(inverse: Array, torque: Array) -> Array:
+    """Largest acceleration that torques of these sizes can give."""
+    largest: Array = (np.abs(inverse) @ torque[..., None])[..., 0].max(axis=-1, initial=0.0)
+    return largest
+
+
+def _rounding_noise(model: Model, q: Array, qd: Array, external: External | None, dtype: np.dtype[Any]) -> Array:
+    """Rounding errors of C qd + g in a dtype, found by a wider one, in units of its eps, shape (..., n)."""
+    wide = np.dtype(np.float64 if dtype == np.float32 else np.longdouble)
+
+    def bias(precision: np.dtype[Any]) -> Array:
+        wrenches = {link: wrench.astype(precision) for link, wrench in (external or {}).items()} or None
+        state = rounded.astype(precision), rates.astype(precision)
+        return np.asarray(bias_torque.core(model.astype(precision), *state, external=wrenches)).astype(wide)
+
+    rounded, rates = q.astype(dtype), qd.astype(dtype)
+    noise = np.abs(bias(dtype) - bias(wide)) / np.finfo(dtype).eps
+    return np.where(np.isfinite(noise), noise, np.inf).astype(np.float64)
 
 
 def _inverse(M: Array) -> Array:

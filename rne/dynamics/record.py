@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.spatial import Array, dot, rotate, rotate_back, zeros
+from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
 from ..basics.text_table import Row, aligned, short, six_digits
 from ..model.ends import tip
 from ..model.model import Model
@@ -57,8 +57,8 @@ class Recursion:
     gravity : ndarray
         Gravity in each frame (5.33) [m/s^2].
     f, tau : ndarray
-        Force (3.24) and torque (3.27) of the joint on the body, at the frame's origin: the component along the axis
-        is the drive's, the rest the bearing's [N, N m].
+        Force (3.24) and torque (3.27) of the joint on the body, at the joint's origin in the file: the component along
+        the axis is the drive's, the rest the bearing's [N, N m].
     u : ndarray, shape (..., n)
         Torques of the drives (5.3) [N m or N].
     joint_types : tuple of str
@@ -176,7 +176,7 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
             result[..., i, :] = v
         return result
 
-    bodies, ends = range(model.nb), link_ends(model)
+    bodies, ends, origin = range(model.nb), link_ends(model), model.joint_origin
     return Recursion(
         joints=model.moving_joints,
         omega=collect(true.omega[i] for i in bodies),
@@ -186,7 +186,7 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
         a_e=None if ends is None else collect(true.a[i] + rotate(true.U[i], r) for i, r in enumerate(ends)),  # (3.38)
         gravity=collect(gravity[i] for i in bodies),
         f=collect(loaded.f[i] for i in bodies),
-        tau=collect(loaded.n[i] for i in bodies),
+        tau=collect(loaded.n[i] - cross(origin[i], loaded.f[i]) for i in bodies),
         u=loaded.tau,
         joint_types=model.joint_types,
         independent_joints=model.independent_joints,

@@ -18,6 +18,7 @@ from ..dynamics.verdict import Verdict
 from ..model.model import Model
 from .complex_step import complex_step
 from .kernel import Kernel, compile, derivative
+from .scalar import is_traced
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
 # joints, articulated bodies beyond the second.
@@ -67,7 +68,7 @@ class KernelCache:
 
     def _mark_first_state(self, key: Any, arrays: Sequence[ArrayLike]) -> bool:
         """True if a quantity is evaluated for one state for the first time, which is recorded."""
-        if key in self._evaluated:
+        if key in self._evaluated or any(is_traced(a) for a in arrays):
             return False
         try:
             one_state = all(np.ndim(a) < 2 for a in arrays)

@@ -223,8 +223,7 @@ class Kernel:
         if out is None and self._is_plain_state(arguments):
             return self._evaluate_one_state(arguments)
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
-            result = self.quantity.core(traced_model(self.quantity, self.model), *arguments, **self.fixed)
-            return (result if self.quantity.judge is None else result[0]), SOUND
+            return self._within_a_trace([np.asarray(a) for a in arguments]), SOUND
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
         arrays = [
@@ -241,6 +240,14 @@ class Kernel:
             return result, verdict
         check_out(out, result.shape, result.dtype, self.names, arrays)[...] = result
         return out, verdict
+
+    def _within_a_trace(self, arguments: Sequence[Array]) -> Array:
+        """The core on traced numbers; it needs a batch axis."""
+        single = all(a.ndim < 2 for a in arguments)
+        arrays = [np.atleast_2d(a) for a in arguments] if single else arguments
+        result = self.quantity.core(traced_model(self.quantity, self.model), *arrays, **self.fixed)
+        result = result if self.quantity.judge is None else result[0]
+        return np.asarray(result[0] if single else result)
 
     def source(self, language: str = "python", element: str | None = None) -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.

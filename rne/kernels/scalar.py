@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import numbers
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
 from .graph import Graph
+
+MAX_POWER = 64
+
+
+def _operator(operation: Callable[[Scalar, int], Scalar]) -> Callable[[Scalar, Any], Scalar]:
+    """The operator of a traced number and another number; an array takes it entry by entry."""
+
+    def method(self: Scalar, other: Any) -> Scalar:
+        if isinstance(other, np.ndarray):
+            return NotImplemented  # type: ignore[no-any-return]
+        return operation(self, self._other(other))
+
+    return method
 
 
 class Scalar:
@@ -19,42 +33,37 @@ class Scalar:
     """
 
     __slots__ = ("graph", "ref")
-    __array_ufunc__ = None  # NumPy's own scalars defer to the methods below
 
     def __init__(self, graph: Graph, ref: int) -> None:
         self.graph = graph
         self.ref = ref
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """NumPy's functions, entry by entry, by the methods below."""
+        if method != "__call__" or options:
+            return NotImplemented
+        return ufunc(*[_as_entry(x) if isinstance(x, Scalar) else x for x in inputs])
 
     def _other(self, other: Any) -> int:
         if isinstance(other, Scalar):
             return other.ref
         if isinstance(other, numbers.Real | np.bool_):
             return self.graph.constant(float(other))
-        raise TypeError(
-            f"a traced number cannot be combined with {type(other).__name__}; index arrays with [..., i, None]"
-        )
+        raise TypeError(f"a traced number cannot be combined with {type(other).__name__}")
 
-    def __add__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.add(self.ref, self._other(other)))
+    def _new(self, ref: int) -> Scalar:
+        return Scalar(self.graph, ref)
 
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.add(self.ref, self._other(other) ^ 1))
-
-    def __rsub__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.add(self.ref ^ 1, self._other(other)))
-
-    def __mul__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.multiply(self.ref, self._other(other)))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.divide(self.ref, self._other(other)))
-
-    def __rtruediv__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.divide(self._other(other), self.ref))
+    __add__ = __radd__ = _operator(lambda x, y: x._new(x.graph.add(x.ref, y)))
+    __sub__ = _operator(lambda x, y: x._new(x.graph.add(x.ref, y ^ 1)))
+    __rsub__ = _operator(lambda x, y: x._new(x.graph.add(x.ref ^ 1, y)))
+    __mul__ = __rmul__ = _operator(lambda x, y: x._new(x.graph.multiply(x.ref, y)))
+    __truediv__ = _operator(lambda x, y: x._new(x.graph.divide(x.ref, y)))
+    __rtruediv__ = _operator(lambda x, y: x._new(x.graph.divide(y, x.ref)))
+    __lt__ = _operator(lambda x, y: x._new(x.graph.binary("less", x.ref, y)))
+    __gt__ = _operator(lambda x, y: x._new(x.graph.binary("less", y, x.ref)))
+    __le__ = _operator(lambda x, y: x._new(x.graph.binary("less_equal", x.ref, y)))
+    __ge__ = _operator(lambda x, y: x._new(x.graph.binary("less_equal", y, x.ref)))
 
     def __neg__(self) -> Scalar:
         return Scalar(self.graph, self.ref ^ 1)
@@ -66,9 +75,21 @@ class Scalar:
         return self._unary("abs")
 
     def __pow__(self, power: Any) -> Scalar:
-        if power == 2:
-            return self * self
-        raise TypeError(f"a traced number can be squared, not raised to the power {power!r}")
+        p = float(power) if isinstance(power, numbers.Real) else float("nan")
+        if p.is_integer() and abs(p) <= MAX_POWER:
+            return self._whole_power(int(p)) if p >= 0 else 1.0 / self._whole_power(int(-p))
+        if p == 0.5:
+            return self.sqrt()
+        raise TypeError(f"a traced number can be raised to whole powers up to {MAX_POWER} and to 0.5, not to {power!r}")
+
+    def _whole_power(self, k: int) -> Scalar:
+        """By repeated squaring."""
+        if k == 0:
+            return Scalar(self.graph, self.graph.constant(1.0))
+        half = self._whole_power(k // 2) if k > 1 else None
+        if half is None:
+            return self
+        return half * half * self if k % 2 else half * half
 
     def _unary(self, kind: str) -> Scalar:
         return Scalar(self.graph, self.graph.unary(kind, self.ref))
@@ -105,27 +126,21 @@ class Scalar:
         """`a` where this number is not 0, `b` elsewhere."""
         return Scalar(self.graph, self.graph.where(self.ref, self._other(a), self._other(b)))
 
-    def __lt__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.binary("less", self.ref, self._other(other)))
-
-    def __gt__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.binary("less", self._other(other), self.ref))
-
-    def __le__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.binary("less_equal", self.ref, self._other(other)))
-
-    def __ge__(self, other: Any) -> Scalar:
-        return Scalar(self.graph, self.graph.binary("less_equal", self._other(other), self.ref))
-
     def _no_value(self, *_: Any, **__: Any) -> Any:
         raise TypeError("a traced number has no value: a branch, float() or array conversion would freeze one outcome")
 
-    __bool__ = __float__ = __int__ = __index__ = __array__ = _no_value
+    __bool__ = __float__ = __int__ = __index__ = _no_value
     __eq__ = __ne__ = _no_value
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         return f"Scalar({'-' if self.ref & 1 else ''}{self.graph.nodes[self.ref >> 1].kind})"
+
+
+def _as_entry(x: Scalar) -> Array:
+    array = np.empty((), dtype=object)
+    array[()] = x
+    return array
 
 
 def inputs(graph: Graph, shape: tuple[int, ...], start: int) -> Array:

@@ -246,6 +246,12 @@ class Model:
         return np.array([kind in REVOLUTE_TYPES for kind in self.joint_types], dtype=bool)
 
     @cached_property
+    def joint_origin(self) -> Array:
+        """Origin of each moving joint in its file, in frame i, shape (nb, 3); 0 unless it was moved at load [m]."""
+        place = {joint: k for k, joint in enumerate(self.link_joints)}
+        return np.array([self.link_translation[place[joint]] for joint in self.moving_joints]).reshape(self.nb, 3)
+
+    @cached_property
     def angular_axis(self) -> Array:
         """Angular part s of each joint's motion per unit rate: its axis, or 0 for a sliding joint, shape (nb, 3)."""
         return self.axis * self.is_revolute.astype(np.int8)[:, None]

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array
 from ..dynamics.verdict import SOUND, Verdict
+from ..errors import NotFiniteError, SingularMassMatrixError
 from ..model.arguments import joint_array
 from ..robot import Robot
 from .equations_of_motion import RightHandSide
@@ -99,8 +100,8 @@ def ensemble(
     ------
     ValueError
         If an argument has the wrong shape, is not finite or out of range, or the scene cannot run in blocks.
-    NotFiniteError
-        If a state overflows.
+    NotFiniteError, SingularMassMatrixError
+        If a state overflows or M becomes singular; names the initial state by its number, and the time.
 
     Examples
     --------
@@ -149,10 +150,13 @@ class Plan:
     steps: int
     spans: int
 
-    def run(self, x: Array, tick: Progress | None = None) -> tuple[Array, Verdict]:
-        """States at the stored times, shape (spans + 1, N, size), and the worst loss of precision."""
+    def run(self, x: Array, first: int, tick: Progress | None = None) -> tuple[Array, Verdict]:
+        """States at the stored times, shape (spans + 1, N, size), and the worst loss of precision.
+
+        `first` is the number of the first initial state among all, for messages.
+        """
         stepper = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}[self.method]
-        work = _Work(self.rhs, x)
+        work = _Work(self.rhs, x, first)
         kept = [x.copy()]
         for k in range(self.steps):
             stepper(work, k * self.h, self.h)
@@ -166,7 +170,8 @@ class Plan:
 class _Work:
     """Arrays of one chunk, reused in every step."""
 
-    def __init__(self, rhs: RightHandSide, x: Array) -> None:
+    def __init__(self, rhs: RightHandSide, x: Array, first: int) -> None:
+        self.first = first  # number of the first of these initial states
         self.rhs, self.kernel, self.n = rhs, rhs.kernel, rhs.robot.n
         self.x = np.array(x)
         self.t = np.zeros((len(x), 1), self.x.dtype)
@@ -175,12 +180,31 @@ class _Work:
 
     def slope(self, t: float, x: Array) -> Array:
         self.t.fill(t)
-        rates, verdict = self.kernel.evaluate(self.t, x, out=self.k)
+        try:
+            rates, verdict = self.kernel.evaluate(self.t, x, out=self.k)
+        except NotFiniteError as error:
+            raise self._located(error, t, x) from None
         if verdict is not SOUND:
             if verdict.error is not None:
-                raise verdict.error
+                (start,) = verdict.error.state
+                raise SingularMassMatrixError(
+                    f"start {self.first + start} at t = {t:.6g} s: {verdict.error.what}",
+                    verdict.error.cause,
+                    verdict.error.joints,
+                )
             self.verdict = self.verdict.worse(verdict)
         return rates
+
+    def _located(self, error: NotFiniteError, t: float, x: Array) -> NotFiniteError:
+        """The error with the first start at fault and the time."""
+        for k in range(len(x)):
+            try:
+                rates, verdict = self.kernel.evaluate(self.t[k], x[k])
+            except NotFiniteError as found:
+                return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {found}", t)
+            if verdict.error is None and not np.isfinite(rates).all():
+                break
+        return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {error}", t)
 
 
 def _rk4(work: _Work, t: float, h: float) -> None:
@@ -223,11 +247,16 @@ def _run_all(
         if progress is not None:
             progress(done, total)
 
+    firsts = np.cumsum([0, *map(len, chunks)]).tolist()
     if executor is None:
-        return [plan.run(chunk, tick if progress else None) for chunk in chunks]
+        return [
+            plan.run(chunk, first, tick if progress else None) for chunk, first in zip(chunks, firsts, strict=False)
+        ]
     from concurrent.futures import wait
 
-    futures: list[Future[tuple[Array, Verdict]]] = [executor.submit(plan.run, chunk) for chunk in chunks]
+    futures: list[Future[tuple[Array, Verdict]]] = [
+        executor.submit(plan.run, chunk, first) for chunk, first in zip(chunks, firsts, strict=False)
+    ]
     for future, chunk in zip(futures, chunks, strict=True):
         wait([future])
         tick(len(chunk) * plan.steps, 0)

@@ -3,12 +3,17 @@
 | control law                  | where it is evaluated                 | `law`  | `torque_given` |
 |------------------------------|---------------------------------------|--------|----------------|
 | none                         |                                       | None   | False          |
-| marked by `rne.traceable`    | in the kernel, traced                 | given  | False          |
-| called, or `torque=`         | by Plant.torque; its torques are `u`  | None   | True           |
+| marked by `rne.traceable`    | in the kernel, traced if it can be    | given  | False          |
+| called, or `torque=`         | by Plant.torque; `u` has its torques, | None   | True           |
+|                              | and the rates of its states           |        |                |
 | sampled                      | by ZeroOrderHold; its torques are `u` | None   | True           |
 
 The state x is q, qd and the controller's states z. The ledger names the powers that the scene has: those of the drives
 and of viscous and Coulomb friction; an ensemble, whose steps are fixed, integrates them as further states.
+
+While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
+time at which the torque leaves the limit. The error control therefore follows the law as well: the impulses of the
+torques without limits, divided by a constant inertia, are further states of such a scene.
 """
 
 from __future__ import annotations
@@ -28,9 +33,9 @@ from ..kernels.kernel import Kernel
 from ..model.model import Model
 from ..robot import Robot
 from .friction import Friction
+from .law import AGREEMENT, TracedLaw
 
 TRIALS = 3  # random states on which a traced law must agree with a call of it
-AGREEMENT = 1e-9  # relative
 
 
 class AppliedTorques:
@@ -47,16 +52,29 @@ class AppliedTorques:
         A traceable law.
     torque_given : bool
         True if the drives' torques are an argument, `u`; without `torque_given` and `law` there are no drives.
+    states : int
+        Number of states of a law that is called, whose rates follow the torques in `u`.
+    with_impulses : bool
+        True to append to the state, for each joint, the impulse of the torque without limit per inertia.
     """
 
     name = "applied_torques"
 
     def __init__(
-        self, robot: Robot, friction: Friction | None, torque_limit: Array | None, law: Any, torque_given: bool
+        self,
+        robot: Robot,
+        friction: Friction | None,
+        torque_limit: Array | None,
+        law: Any,
+        torque_given: bool,
+        states: int = 0,
+        with_impulses: bool = False,
     ) -> None:
         self.robot, self.friction, self.torque_limit = robot, friction, torque_limit
         self.law, self.torque_given = law, torque_given
-        self.controller_states = int(getattr(law, "states", 0))
+        self.controller_states = states if law is None else int(getattr(law, "states", 0))
+        self._evaluated = TracedLaw(law, robot.n)
+        self.with_impulses = with_impulses and torque_limit is not None and (law is not None or torque_given)
         f = friction
         ledger = {
             "drives": law is not None or torque_given,
@@ -71,7 +89,13 @@ class AppliedTorques:
     @property
     def size(self) -> int:
         """Length of the state."""
-        return 2 * self.robot.n + self.controller_states
+        return 2 * self.robot.n + self.controller_states + self.with_impulses * self.robot.n
+
+    @cached_property
+    def typical_inertia(self) -> Array:
+        """Diagonal of M in one configuration: it makes impulses rates."""
+        diagonal = np.diagonal(self.robot.mass_matrix(np.zeros(self.robot.n)))
+        return np.where(diagonal > 0, diagonal, 1.0)
 
     @property
     def quantity(self) -> Quantity:
@@ -81,22 +105,21 @@ class AppliedTorques:
     @property
     def _widths(self) -> dict[str, int | None]:
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
-        return widths | {"u": self.robot.n} if self.torque_given else widths
+        return widths | {"u": self.robot.n + self.controller_states} if self.torque_given else widths
 
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, Array | None]:
-        """Torques of the drives within their limits, and the rates of the law's states."""
-        n = self.robot.n
-        q, qd = x[..., :n], x[..., n : 2 * n]
-        rates = None
+        """Torques of the drives within their limits, and the rates of the states behind (q, qd)."""
+        n, rates = self.robot.n, None
         if self.law is not None:
-            if hasattr(self.law, "states"):
-                u, rates = torques_and_rates(self.law(t, q, qd, x[..., 2 * n : 2 * n + self.controller_states]))
-            else:
-                u = self.law(t, q, qd)
-            u = _shaped_like(u, q)
-        if u is not None and self.torque_limit is not None:
-            u = clip(u, -self.torque_limit, self.torque_limit)
-        return u, rates
+            u, rates = self._evaluated(t, x)
+        elif u is not None and self.controller_states:
+            u, rates = u[..., :n], u[..., n:]
+        if u is None or self.torque_limit is None:
+            return u, rates
+        if self.with_impulses:
+            impulses = u * (1 / self.typical_inertia)
+            rates = impulses if rates is None else np.concatenate([rates, impulses], axis=-1)
+        return clip(u, -self.torque_limit, self.torque_limit), rates
 
     def parts(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array], list[Array]]:
         """Net torques, the rates of the controller's states, and the powers of the ledger."""
@@ -127,11 +150,18 @@ class AppliedTorques:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The traced function, checked against calls of the law."""
-        kernel = Kernel(self, self.robot.model, {})
-        if self.law is not None:
-            _compare_law(self, kernel)
-        return kernel
+        """The traced function."""
+        return Kernel(self, self.robot.model, {})
+
+    def why_not_traced(self) -> str | None:
+        """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced."""
+        try:
+            worst = _difference(self, self.kernel)
+        except Exception as error:  # whatever the law raises when it meets traced numbers
+            return f"{type(error).__name__}: {error}".splitlines()[0]
+        if worst <= AGREEMENT:
+            return None
+        return f"traced, it differs by {worst:.3g} from a call: it has memory, noise or a branch"
 
 
 class Residual(AppliedTorques):
@@ -182,9 +212,11 @@ class RightHandSide(AppliedTorques):
         torque_limit: Array | None,
         law: Any,
         torque_given: bool,
+        states: int = 0,
+        with_impulses: bool = False,
         with_energies: bool = False,
     ) -> None:
-        super().__init__(robot, friction, torque_limit, law, torque_given)
+        super().__init__(robot, friction, torque_limit, law, torque_given, states, with_impulses)
         self.with_energies = with_energies
 
     @property
@@ -229,56 +261,27 @@ class RightHandSide(AppliedTorques):
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The traced function; its torques are checked against calls of the law."""
-        _ = self.torques.kernel
+        """The traced function."""
         return Kernel(self, self.robot.model, {})
 
     def is_current(self) -> bool:
         """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
         return self.law is None or _difference(self.torques, self.torques.kernel) <= AGREEMENT
 
+    @property
+    def _parts(self) -> tuple[Any, ...]:
+        states = self.controller_states if self.law is None else 0
+        return self.robot, self.friction, self.torque_limit, self.law, self.torque_given, states, self.with_impulses
+
     @cached_property
     def torques(self) -> AppliedTorques:
         """The torques alone, for reports."""
-        return AppliedTorques(self.robot, self.friction, self.torque_limit, self.law, self.torque_given)
+        return AppliedTorques(*self._parts)
 
     @cached_property
     def residual(self) -> Residual:
         """The equations of motion, for Jacobians."""
-        return Residual(self.robot, self.friction, self.torque_limit, self.law, self.torque_given)
-
-
-def torques_and_rates(returned: Any) -> tuple[Any, Any]:
-    """What a law with states returned, as (torques, dz/dt)."""
-    if not isinstance(returned, tuple) or len(returned) != 2:
-        got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
-        raise ValueError(f"`controller` with states must return (torques, rates of its states), got {got}")
-    return returned
-
-
-def _shaped_like(u: Any, q: Array) -> Array:
-    """A traced law's torques with one row per state; a constant is repeated."""
-    try:
-        torques = np.asarray(u)
-    except ValueError:
-        torques = np.asarray(None)
-    if torques.shape != q.shape and (torques.shape != q.shape[-1:] or (torques.dtype == object and torques.size == 0)):
-        raise ValueError(
-            f"`controller` must return shape (..., {q.shape[-1]}) for states of that shape, got {torques.shape}"
-        )
-    return torques + 0 * q if torques.shape != q.shape else torques
-
-
-def _compare_law(torques: AppliedTorques, kernel: Kernel) -> None:
-    """Refuse a law with memory, noise or a table, which tracing would freeze: kernel and call must agree."""
-    worst = _difference(torques, kernel)
-    if not np.isfinite(worst):
-        raise ValueError("`controller` returns torques that are not finite")
-    if worst > AGREEMENT:
-        raise ValueError(
-            f"`controller` is marked traceable, but its traced torques differ by {worst:.3g} from those of a call: "
-            "it has memory, noise or a branch; remove the mark, so that it is called"
-        )
+        return Residual(*self._parts)
 
 
 def _difference(torques: AppliedTorques, kernel: Kernel) -> float:

@@ -17,7 +17,6 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import RneError
-from .loop import Loop
 from .plant import Plant
 from .trajectory import Run, Task
 
@@ -26,20 +25,15 @@ LEVELS = 8  # of the extrapolation
 EPS = float(np.finfo(np.float64).eps)
 
 
-def growth_of(plant: Plant, task: Task, run: Run) -> Callable[[float], tuple[Array, Array]]:
-    """The function that a Trajectory stores, so that the estimate is made only on request."""
-
-    def growth(bound: float) -> tuple[Array, Array]:
-        return error_growth(plant, task, run, bound)
-
-    return growth
-
-
-def error_growth(plant: Plant, task: Task, run: Run, bound: float = np.inf) -> tuple[Array, Array]:
+def error_growth(
+    repeat: Callable[[Task], Run], plant: Plant, task: Task, run: Run, bound: float = np.inf
+) -> tuple[Array, Array]:
     """Times of the steps and the estimated error of the worst position there, until it exceeds `bound`.
 
     Parameters
     ----------
+    repeat : callable
+        Runs a task of the same scene.
     plant : Plant
     task : Task
     run : Run
@@ -48,7 +42,7 @@ def error_growth(plant: Plant, task: Task, run: Run, bound: float = np.inf) -> t
         [rad or m]
     """
     if task.t_eval is not None:
-        run = Loop(plant, task._replace(t_eval=None)).run()
+        run = repeat(task._replace(t_eval=None))
     n, size = plant.robot.n, 2 * plant.robot.n + plant.rhs.controller_states
     if n == 0:
         return run.t, np.zeros(len(run.t))

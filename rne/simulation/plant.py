@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..dynamics.verdict import SOUND, Verdict
 from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
 from .equations_of_motion import RightHandSide
 from .events import Event
+from .law import torques_and_rates
 
 
 class Plant:
@@ -90,13 +92,25 @@ class Plant:
         self.verdict = self.verdict.worse(verdict.with_state(lambda state: ()))
 
     def torque(self, t: float, x: Array) -> Array | None:
-        """Torques that the law returns, checked: a NaN or a wrong shape is named with its time."""
+        """Torques that the law returns, and the rates of its states; a NaN or a wrong shape is named with its time."""
         if self.law is None:
             return self.held
         n = self.robot.n
-        returned = self.law(t, x[:n].copy(), x[n : 2 * n].copy())  # a law may modify its arguments
+        arguments = x[:n].copy(), x[n : 2 * n].copy()  # a law may modify them
+        if self.rhs.controller_states:
+            return self._with_states(t, self.law(t, *arguments, x[2 * n : 2 * n + self.rhs.controller_states].copy()))
+        returned = self.law(t, *arguments)
         plain = type(returned) is np.ndarray and returned.dtype == np.float64 and returned.shape == (n,)
         return returned.copy() if plain and isfinite(sum(returned.tolist())) else self._checked(t, returned)
+
+    def _with_states(self, t: float, returned: Any) -> Array:
+        """What a law with states returned: torques, then the rates of its states."""
+        u, rates = torques_and_rates(returned)
+        m = self.rhs.controller_states
+        slopes = real_array("rates of the controller's states", rates, f"({m},)")
+        if slopes.shape != (m,):
+            raise ValueError(f"`controller` must return rates of its states of shape ({m},), got {slopes.shape}")
+        return np.concatenate([self._checked(t, u), slopes])
 
     def _checked(self, t: float, returned: Any) -> Array:
         """What a law returned as an array of torques."""
@@ -139,9 +153,17 @@ class Plant:
         try:
             rates, verdict = self.rhs.evaluate(self.robot.model, np.array([t]), x, u)
         except NotFiniteError as error:
-            raise NotFiniteError(f"{error} at t = {t:.6g} s", t) from None
+            raise self._named(error, t, x) from None
         self.note(verdict)
         return rates
+
+    def _named(self, error: NotFiniteError, t: float, x: Array) -> NotFiniteError:
+        """The error of rates that are not finite: the traced law's torque, if that is not finite itself."""
+        drives = None if self.rhs.law is None else self.rhs.drives(np.array([t]), x, None)[0]
+        if drives is not None and not np.isfinite(np.asarray(drives, dtype=float)).all():
+            i = int(np.argmin(np.isfinite(np.asarray(drives, dtype=float))))
+            return NotFiniteError(f"torque of {self.robot.joint_names[i]!r} is {drives[i]} at t = {t:.6g} s", t)
+        return NotFiniteError(f"{error} at t = {t:.6g} s", t)
 
     def all_rates(self, t: Array, X: Array, u: Array | None = None) -> Array:
         """dx/dt at many times, shapes (T,) and (T, size), for laws that are traced or torques that are given."""
@@ -168,9 +190,9 @@ class Plant:
         return None if drives is None else np.asarray(drives, dtype=np.float64)
 
     def torques_at(self, t: Array, X: Array) -> Array:
-        """Torques of a called law at many times, shape (T, n)."""
+        """Torques of a called law at many times, and the rates of its states, shape (T, n + m)."""
         found = [self.torque(float(time), x) for time, x in zip(t, X, strict=True)]
-        return np.array(found).reshape(len(t), self.robot.n)
+        return np.array(found).reshape(len(t), -1)
 
     def _check_state(self, t: float, x: Array) -> None:
         if not isfinite(sum(x.tolist())) and not np.isfinite(x[: 2 * self.robot.n]).all():
@@ -179,10 +201,10 @@ class Plant:
     def jacobian(self, t: float, x: Array) -> Array:
         """df/dx: dynamics, friction and traced laws exactly, called laws by forward differences.
 
-        Counted as 2 n evaluations, the cost of differences.
+        Counted as one evaluation per component of the state, the cost of differences.
         """
         self._check_state(t, x)
-        self.evaluations += 2 * self.robot.n
+        self.evaluations += len(x)
         t = min(max(t, self.span[0]), self.span[1])
         u = self.torque(t, x)
         by_law = None if self.law is None or u is None else self._law_slopes(t, x, u)
@@ -209,9 +231,9 @@ class Plant:
         return J
 
     def _law_slopes(self, t: float, x: Array, u: Array) -> Array:
-        """Derivatives of a called law's torques by the state, shape (n, size)."""
+        """Derivatives of a called law's torques and of the rates of its states, shape (n + m, size)."""
         slopes = np.zeros((len(u), len(x)))
-        for j in range(2 * self.robot.n):
+        for j in range(len(x)):
             moved = x.copy()
             moved[j] += np.sqrt(np.finfo(float).eps) * max(abs(x[j]), 1.0)
             slopes[:, j] = (np.asarray(self.torque(t, moved)) - u) / (moved[j] - x[j])

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..control.gains import check_gains
-from .equations_of_motion import torques_and_rates
+from .law import torques_and_rates
 from .plant import Plant
 from .scene import Scene
 

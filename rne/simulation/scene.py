@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+import weakref
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,8 +17,10 @@ from ..basics.arrays import UNBOUNDED, convert_numbers, positive_number, vector
 from ..basics.spatial import Array
 from ..kernels.kernel import Kernel
 from ..robot import Robot
-from .equations_of_motion import RightHandSide
+from .equations_of_motion import AppliedTorques, RightHandSide
 from .friction import Friction, urdf_friction
+
+LOGGER = logging.getLogger("rne")
 
 
 class Payload(NamedTuple):
@@ -74,7 +79,8 @@ class Scene:
     stops : bool
         True to end a run, with status 1, when a joint reaches a limit of its range.
     controller : callable, optional
-        f(t, q, qd) -> torques; marked by `rne.traceable` it becomes part of the kernel, otherwise it is called.
+        f(t, q, qd) -> torques, or, with an attribute `states`, f(t, q, qd, z) -> (torques, dz/dt). Marked by
+        `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
 
@@ -113,8 +119,6 @@ class Scene:
             if self.controller is None:
                 raise ValueError("`sample_time` needs a `controller`")
             positive_number("sample_time", self.sample_time)
-        if hasattr(self.controller, "states") and not self.is_traced and self.sample_time is None:
-            raise ValueError("`controller` with states must be traceable, or sampled by `sample_time`")
         if self.torque_rate is not None and self.sample_time is None:
             raise ValueError(
                 "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next"
@@ -175,20 +179,34 @@ class Scene:
 
     def _right_hand_side(self, *, with_energies: bool) -> RightHandSide:
         parts = self.resolved
-        torque_given = self.controller is not None and (self.sample_time is not None or not self.is_traced)
-        law = self.controller if self.is_traced and not torque_given else None
-        return RightHandSide(parts.robot, parts.friction, parts.torque_limit, law, torque_given, with_energies)
+        common = parts.robot, parts.friction, parts.torque_limit
+        follows = parts.torque_limit is not None and self.sample_time is None and not with_energies
+        law, given = self._traced_law, self.controller is not None and self._traced_law is None
+        states = int(getattr(self.controller, "states", 0)) if given and self.sample_time is None else 0
+        return RightHandSide(*common, law, given, states=states, with_impulses=follows, with_energies=with_energies)
+
+    @cached_property
+    def _traced_law(self) -> Any:
+        """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
+        if self.sample_time is not None or not getattr(self.controller, "traceable", False):
+            return None
+        reason = AppliedTorques(self.resolved.robot, None, None, self.controller, torque_given=False).why_not_traced()
+        if reason is None:
+            return self.controller
+        _announce(self.controller, reason)
+        return None
 
     def current_right_hand_side(self) -> RightHandSide:
         """The right-hand side, traced anew if the controller has changed since it was traced."""
         if not self.right_hand_side.is_current():
-            del self.__dict__["right_hand_side"]
+            for name in ("right_hand_side", "right_hand_side_with_energies", "_traced_law"):
+                self.__dict__.pop(name, None)
         return self.right_hand_side
 
     @property
     def is_traced(self) -> bool:
         """True if the controller is part of the kernel, False if it is called or there is none."""
-        return bool(getattr(self.controller, "traceable", False))
+        return self._traced_law is not None
 
     @property
     def kernel(self) -> Kernel:
@@ -249,6 +267,18 @@ def scene_of_robot(robot: Robot) -> Scene:
     """The scene of the robot alone, cached with the robot so that its kernel is compiled once."""
     scene: Scene = robot.cache.setdefault("scene", Scene(robot))
     return scene
+
+
+_announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
+
+
+def _announce(law: Any, reason: str) -> None:
+    """Log once for each law that it is called."""
+    if _announced.get(id(law)) is law:
+        return
+    LOGGER.warning("`controller` is called, not traced: %s", reason)
+    with suppress(TypeError):  # an object without weak references
+        _announced[id(law)] = law
 
 
 def _operations(scene: Scene) -> int:

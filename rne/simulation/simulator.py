@@ -14,18 +14,20 @@ from ..errors import SimulationError
 from ..model.arguments import joint_array
 from ..robot import Robot
 from .equations_of_motion import RightHandSide
-from .error_growth import growth_of
+from .error_growth import error_growth
 from .loop import Loop
 from .plant import Plant
+from .repetition import repeated_error
 from .sampled import ZeroOrderHold
 from .scene import Scene, scene_of_robot
 from .stops import check_within_stops, stops
 from .symplectic import METHOD as GAUSS
-from .trajectory import Task, Trajectory, build_trajectory
+from .trajectory import ErrorEstimate, Run, Task, Trajectory, build_trajectory
 from .watch import STIFF, fastest_decay
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
+SWITCHING = {"less", "less_equal", "where", "sign", "minimum", "maximum", "abs"}  # operations that are not smooth
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA")
 
 
@@ -105,8 +107,8 @@ def simulate(
     times = None if t_eval is None else _check_times(t_eval, end)
     relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
     longest_step = None if step is None else positive_number("step", step)
-    plant = Plant(rhs, scene.controller if rhs.torque_given else None, "controller" if torque is None else "torque")
-    hold = None if scene.sample_time is None else ZeroOrderHold(scene, plant)
+    name = "controller" if torque is None else "torque"
+    plant, hold = _plant(scene, rhs, name)
     chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, scene)
     _check_method(chosen, step, scene)
     ends = stops(robot.model) if scene.stops else []
@@ -114,7 +116,7 @@ def simulate(
     task = Task(
         x0, end, chosen, relative, absolute, times, longest_step, _breaks(scene, breaks), ends, method == "auto"
     )
-    motion = _run(plant, task, hold, reason)
+    motion = _run(plant, task, hold, reason, lambda other: _repeat(scene, rhs, name, other))
     plant.verdict.raise_or_warn(stacklevel=2)
     return motion
 
@@ -144,16 +146,40 @@ def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tup
     )
 
 
-def _run(plant: Plant, task: Task, hold: ZeroOrderHold | None, reason: str) -> Trajectory:
+def _plant(scene: Scene, rhs: RightHandSide, name: str) -> tuple[Plant, ZeroOrderHold | None]:
+    plant = Plant(rhs, scene.controller if rhs.torque_given else None, name)
+    return plant, None if scene.sample_time is None else ZeroOrderHold(scene, plant)
+
+
+def _repeat(scene: Scene, rhs: RightHandSide, name: str, task: Task) -> Run:
+    """Another run of the same scene."""
+    plant, hold = _plant(scene, rhs, name)
+    return Loop(plant, task, hold).run()
+
+
+def _run(
+    plant: Plant, task: Task, hold: ZeroOrderHold | None, reason: str, repeat: Callable[[Task], Run]
+) -> Trajectory:
     run = Loop(plant, task, hold).run()
     motion, failure = build_trajectory(plant, task, run, reason)
+    estimates: list[ErrorEstimate] = []
     if hold is None and run.qdd is None:
-        motion = replace(motion, growth=growth_of(plant, task, run))
+        estimates.append(lambda bound: error_growth(repeat, plant, task, run, bound))
+    if not _is_smooth(plant, hold, run):
+        estimates.append(lambda bound: repeated_error(repeat, plant.robot.n, task, run))
+    motion = replace(motion, error_estimates=tuple(estimates))
     if failure is None:
         return motion
     raise SimulationError(
         f"simulation stopped at t = {failure.time:.6g} s of {task.duration:g} s: {failure.cause}", failure.time, motion
     )
+
+
+def _is_smooth(plant: Plant, hold: ZeroOrderHold | None, run: Run) -> bool:
+    """True if nothing switches: no samples, no sticking, no law that is called, no comparison in a traced one."""
+    if hold is not None or run.qdd is not None or plant.rhs.torque_given:
+        return False
+    return plant.kernel.is_unrolled and not plant.kernel.operations.keys() & SWITCHING
 
 
 def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:

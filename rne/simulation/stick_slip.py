@@ -6,6 +6,7 @@ friction, and sticks or reverses when its rate passes through zero.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -185,28 +186,57 @@ class DryPlant:
     def settle(self, t: float, x: Array, overloaded: list[int]) -> None:
         """Set the modes of the joints from their rates, and of those at rest from their loads.
 
-        Every joint at rest either resists its load or starts in the direction in which it is then accelerated. Exactly
-        one such set of modes exists, since M is positive definite; repeatedly changing the first inconsistent joint
-        finds it (Murty's rule for linear complementarity problems).
+        Every joint at rest either resists its load or starts in the direction in which it is then accelerated. With
+        static friction equal to Coulomb friction exactly one such set of modes exists, since M is positive definite;
+        repeatedly changing the first inconsistent joint finds it (Murty's rule for linear complementarity problems).
+        With more static friction there may be several: as few joints as possible break away, and of those that stuck
+        before as few as possible.
         """
         qd = x[self.n : 2 * self.n]
         self.fastest = max(self.fastest, float(np.abs(qd).max(initial=0.0)))
-        rests = np.abs(qd) <= AT_REST * self.fastest
+        rests = (np.abs(qd) <= AT_REST * self.fastest) & ~self.frictionless
+        stuck = rests & (self.mode == 0)
         self.mode = np.where(rests, 0, np.sign(qd)).astype(int)
         self.mode[self.frictionless] = np.where(qd[self.frictionless] < 0, -1, 1)
-        rests = rests & ~self.frictionless
         for k in overloaded:  # the event that just occurred, whose margin rounding may place on either side of zero
             self.mode[k] = int(np.sign(self.accelerations(t, x)[1][k]))
+        if self.friction.static is not None and self._wrong(t, x, rests).any():
+            held = rests & (self.mode == 0)
+            order = [*np.flatnonzero(held & ~stuck).tolist(), *np.flatnonzero(held & stuck).tolist()]
+            if self._release_fewest(t, x, rests, order):
+                return
         for _ in range(MAX_MODE_CHANGES):
-            qdd, needed, *_ = self.accelerations(t, x)
-            breaks = rests & (self.mode == 0) & (self._margin(needed) < 0)
-            turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
-            wrong = np.nonzero(breaks | turns)[0]
+            wrong = np.flatnonzero(self._wrong(t, x, rests))
             if not len(wrong):
                 return
             k = int(wrong[0])
-            self.mode[k] = 0 if turns[k] else int(np.sign(needed[k]))
+            self.mode[k] = 0 if self.mode[k] else int(np.sign(self.accelerations(t, x)[1][k]))
         raise NotFiniteError(f"no modes of sticking and slipping fit the loads at t = {t:.6g} s", t)
+
+    def _wrong(self, t: float, x: Array, rests: Array) -> Array:
+        """The joints at rest that stick under too great a load, or slip against their acceleration."""
+        qdd, needed, *_ = self.accelerations(t, x)
+        breaks = rests & (self.mode == 0) & (self._margin(needed) < 0)
+        turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
+        wrong: Array = breaks | turns
+        return wrong
+
+    def _release_fewest(self, t: float, x: Array, rests: Array, order: list[int]) -> bool:
+        """Let one joint of `order` slip, then two, ... until all fit, those that come first in it before others."""
+        before = self.mode.copy()
+        trials = (
+            (joints, signs)
+            for count in range(1, len(order) + 1)
+            for joints in itertools.combinations(order, count)
+            for signs in itertools.product((1, -1), repeat=count)
+        )
+        for joints, signs in itertools.islice(trials, MAX_MODE_CHANGES):
+            self.mode = before.copy()
+            self.mode[list(joints)] = signs
+            if not self._wrong(t, x, rests).any():
+                return True
+        self.mode = before
+        return False
 
     def margins(self, t: float, x: Array) -> Array:
         """Static friction of each sticking joint minus its load."""

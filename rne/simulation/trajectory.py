@@ -16,6 +16,8 @@ from .limits import Violation, limit_violations
 from .plant import Plant
 from .stops import Stop
 
+ErrorEstimate = Callable[[float], tuple[Array, Array]]
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -47,9 +49,8 @@ class Trajectory:
         Energy at t = 0, which `t_eval` may leave out [J].
     model : Model or None
         The robot that moved, of a scene with payload and without locked joints; for `check_limits`.
-    growth : callable or None
-        growth(bound) -> times and estimated errors of the positions until they exceed the bound; see
-        `trusted_horizon`.
+    error_estimates : tuple of callable
+        f(bound) -> times and estimated errors of the positions until they exceed the bound; see `trusted_horizon`.
     """
 
     t: Array
@@ -69,11 +70,11 @@ class Trajectory:
     dissipated: Mapping[str, Array] = field(default_factory=dict)
     controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
     energy_start: float = 0.0
-    growth: Callable[[float], tuple[Array, Array]] | None = field(default=None, repr=False)
+    error_estimates: tuple[ErrorEstimate, ...] = field(default=(), repr=False)
     model: Model | None = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "growth": None}  # it may hold laws that do not pickle
+        return {**self.__dict__, "error_estimates": ()}  # they may hold laws that do not pickle
 
     def __copy__(self) -> Trajectory:
         return replace(self)
@@ -82,7 +83,9 @@ class Trajectory:
         """The time up to which the solver's tolerances, or its step, keep every joint within `accuracy` [s].
 
         Each step's error is followed by the variational equation of the motion, in which chaos and unstable
-        equilibria make it grow; beyond this time the trajectory is no longer that of the given initial state.
+        equilibria make it grow; beyond this time the trajectory is no longer that of the given initial state. Where
+        something may switch (a law that is called or compares, sampled control, friction that sticks), the run is
+        repeated with a hundredth of the tolerances as well, and the shorter of the two horizons holds.
 
         Parameters
         ----------
@@ -97,13 +100,13 @@ class Trajectory:
         Raises
         ------
         ValueError
-            If `accuracy` is not positive, or the motion has no variational equation: under sampled control, under dry
-            friction that sticks, or after pickling, which forgets the scene.
+            If `accuracy` is not positive, or after pickling, which forgets the scene.
 
         Notes
         -----
-        See `rne.simulation.error_growth`. A pulse that the solver stepped over, because `breaks` does not name it, is
-        not seen here either.
+        See `rne.simulation.error_growth` and `rne.simulation.repetition`. A pulse that the solver stepped over, because
+        `breaks` does not name it, may not be seen here either. A law with memory must begin anew when it is called
+        with t = 0.
 
         Examples
         --------
@@ -111,21 +114,10 @@ class Trajectory:
         >>> rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.1).trusted_horizon()
         0.1
         """
-        if self.growth is None:
-            raise ValueError(
-                "this motion has no variational equation (sampled control, sticking friction, or a pickled "
-                "trajectory): repeat it with a tenth of the tolerance and compare"
-            )
         bound = positive_number("accuracy", accuracy)
-        t, error = self.growth(bound)
-        beyond = np.flatnonzero(~(error <= bound))
-        if not len(beyond):
-            return float(t[-1])
-        k = int(beyond[0])
-        if not (np.isfinite(error[k]) and error[k - 1] > 0):
-            return float(t[k - 1])
-        part = np.log(bound / error[k - 1]) / np.log(error[k] / error[k - 1])
-        return float(t[k - 1] + part * (t[k] - t[k - 1]))
+        if not self.error_estimates:
+            raise ValueError("this trajectory was pickled, and has forgotten its scene: repeat the simulation")
+        return min(_horizon(bound, *estimate(bound)) for estimate in self.error_estimates)
 
     def check_limits(self) -> list[Violation]:
         """Where the motion exceeds the ranges, speeds and efforts of its robot; see `rne.simulation.limits`.
@@ -157,6 +149,20 @@ class Trajectory:
         """Energy error over time, energy - initial energy - work + dissipated: the solver's error, shape (T,) [J]."""
         taken = sum(self.dissipated.values(), np.zeros(len(self.t)))
         return self.energy - self.energy_start - self.work + taken
+
+
+def _horizon(bound: float, t: Array, error: Array) -> float:
+    """When an error first exceeds a bound; between two times it is an exponential."""
+    beyond = np.flatnonzero(~(error <= bound))
+    if not len(beyond):
+        return float(t[-1])
+    k = int(beyond[0])
+    if k == 0:
+        return float(t[0])
+    if not (np.isfinite(error[k]) and error[k - 1] > 0):
+        return float(t[k - 1])
+    part = np.log(bound / error[k - 1]) / np.log(error[k] / error[k - 1])
+    return float(t[k - 1] + part * (t[k] - t[k - 1]))
 
 
 class Task(NamedTuple):
@@ -206,7 +212,7 @@ def build_trajectory(plant: Plant, task: Task, run: Run, reason: str) -> tuple[T
     if run.qdd is not None:
         qdd = run.qdd[:T]
     t, x = run.t[:T], run.x[:T]
-    q, qd, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+    q, qd, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + rhs.controller_states]
     entries = {name: energy[:T] for name, energy in run.energies.items()}
     work = entries.pop("drives", np.zeros(T))
     kinetic, potential = rhs.robot.kinetic_energy(q, qd), rhs.robot.potential_energy(q)

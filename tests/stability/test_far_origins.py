@@ -98,6 +98,29 @@ def test_the_record_is_that_of_the_same_motion(read):
     assert np.abs(mine.a_o).max() < 1e4
 
 
+def test_torques_of_joints_are_about_the_origins_of_the_file(read):
+    """Moved by r along the axis, the moment about the file's origin is n - r x f; the drive's share stays."""
+    far = read(far_text(MODELS["serial"], 1e3))
+    state = [x[0] for x in case("", far.model)[2:]]
+    poses, record = far.link_poses(state[0]), far.recursion(*state)
+    for i, joint in enumerate(far.model.moving_joints):
+        k = far.model.link_joints.index(joint)
+        by_hand = np.zeros(3)  # Euler's equation of everything behind the joint, about the file's origin, in the world
+        behind = [b for b in range(far.model.nb) if b >= i]
+        world = far.model.link_rotation[k].T @ np.eye(3)
+        assert np.array_equal(world, np.eye(3))
+        R, p = poses[k][:3, :3], poses[k][:3, 3]
+        for b in behind:
+            place = poses[far.model.link_joints.index(far.model.moving_joints[b])]
+            Rb = place[:3, :3]
+            com = place[:3, 3] + Rb @ (far.model.com[b] - far.model.joint_origin[b])
+            I = Rb @ far.model.inertia[b] @ Rb.T
+            omega, alpha = Rb @ record.omega[b], Rb @ record.alpha[b]
+            force = far.model.mass[b] * Rb @ (record.a_c[b] - record.gravity[b])
+            by_hand += np.cross(com - p, force) + I @ alpha + np.cross(omega, I @ omega)
+        np.testing.assert_allclose(R @ record.tau[i], by_hand, rtol=1e-7, atol=1e-6)
+
+
 def test_edits_keep_the_frames(read):
     """A locked joint, a payload and a wrench at links far away from their joints."""
     far = read(far_text(MODELS["serial"], 1e6))
