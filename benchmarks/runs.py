@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 import rne
 from benchmarks.measure import interleaved, ratio
 from benchmarks.peers.pinocchio import Pinocchio
-from rne.simulation.solver import IMPLICIT
 from rne.simulation.plant import Plant
+from rne.simulation.solver import IMPLICIT
 
 WAYS = {
     "rne": "rne in solve_ivp",

@@ -13,7 +13,6 @@ from PIL import Image
 
 import rne
 from rne.model.robots.generators import random_tree, straight_chain
-from rne.plotting import plots
 from rne.plotting.animation import interpolated_positions
 from rne.plotting.robot_picture import cylinder_faces
 
@@ -112,24 +111,6 @@ def test_plot_of_one_sample_shows_points(swing):
 def test_plot_without_joints():
     robot = rne.Robot(random_tree(0, seed=1))
     assert not rne.plotting.plot(rne.simulate(robot, [], [], 1.0)).axes[0].lines
-
-
-def test_each_joint_of_a_free_motion_has_its_panel(irb140, swing):
-    figure = plots.plot_free_motion(swing, irb140.joint_names, "swing")
-    assert [ax.get_title(loc="left") for ax in figure.axes[:6]] == list(irb140.joint_names)
-    for ax, column in zip(figure.axes, swing.q.T, strict=False):
-        np.testing.assert_array_equal(ax.lines[0].get_ydata(), column)
-
-
-@pytest.mark.parametrize("peak", [1.0, 500.0])
-def test_torques_of_the_first_instants_do_not_hide_those_that_follow(irb140, swing, peak):
-    tau = np.full_like(swing.tau, 10.0)
-    tau[0] = peak
-    loop = dataclasses.replace(swing, tau=tau)
-    ax = plots.plot_closed_loop(loop, np.zeros(6), irb140.joint_names, "loop").axes[2]
-    assert 10 < ax.get_ylim()[1] < 12
-    expected = ["at the start up to 500 N m, beyond this panel"] if peak == 500 else []
-    assert [text.get_text() for text in ax.texts] == expected
 
 
 @pytest.mark.parametrize("q", [[0] * 6, BENT])

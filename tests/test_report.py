@@ -1,19 +1,42 @@
 """The page of the thesis's experiments, here with its long runs cut short."""
 
+import colorsys
 import re
 import threading
 from concurrent.futures import Future
 
 import pytest
 
-from rne.thesis import experiments
+from rne.thesis import closed_loop, experiments, formulations
 from rne.thesis import experiments_page as thesis
+from rne.thesis.page import DARK_COLORS, Page
+
+NUMBERS = [
+    "6.2",
+    "6.3",
+    "6.4",
+    "6.5",
+    "6.9",
+    "6.11",
+    "6.12",
+    "6.13",
+    "6.14",
+    "6.15",
+    "6.16",
+    "7.1",
+    "7.2",
+    "7.3",
+    "7.4",
+    "7.5",
+]
 
 
 @pytest.fixture
 def short(monkeypatch):
-    loops = tuple(run._replace(duration=0.2) for run in experiments.CLOSED_LOOPS)
-    monkeypatch.setattr(experiments, "CLOSED_LOOPS", loops)
+    loops = tuple(run._replace(duration=0.2) for run in closed_loop.CLOSED_LOOPS)
+    for module in (experiments, closed_loop, formulations):
+        monkeypatch.setattr(module, "CLOSED_LOOPS", loops)
+    monkeypatch.setattr(closed_loop, "DIVERGING", 0.005)
     monkeypatch.setattr(experiments, "LONG", 2.0)
     monkeypatch.setattr(experiments, "SAMPLED", (0.01, 0.01))
     here = lambda say: {name: function(*given) for name, (function, given) in experiments.JOBS.items()}  # noqa: E731
@@ -49,24 +72,14 @@ def test_page_has_every_experiment(short, tmp_path):
     thesis.run(tmp_path / "page", lines.append, tmp_path / "docs" / "thesis.md")
     html = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
     markdown = (tmp_path / "docs" / "thesis.md").read_text(encoding="utf-8")
-    for run in [
-        "6.3-1",
-        "6.3-2",
-        "6.3-3",
-        "6.3-4",
-        "6.4-1",
-        "6.5-1",
-        "6.5-2",
-        "6.5-3",
-        "7.1-1",
-        "7.1-2",
-        "7.1",
-        "1000 s",
-    ]:
+    for number in NUMBERS:
+        assert len(re.findall(rf"^### Figure {re.escape(number)}: ", markdown, re.MULTILINE)) == 1
+        assert f"figure_{number.replace('.', '_')}.png" in html
+    for run in ("6.3-1", "6.3-4", "6.4-1", "6.5-3", "7.1-1", "7.1-2", "Table 7.1", "6.5.3", "Appendix A", "Appendix C"):
         assert run in html
         assert run in markdown
     pictures = re.findall(r'src="([^"]+)"', html)
-    assert len(pictures) == 11
+    assert len(pictures) == 16 + 12
     for picture in pictures:
         assert (tmp_path / "page" / picture).stat().st_size > 10_000
         assert (tmp_path / "page" / picture.replace(".png", "-dark.png")).exists()
@@ -74,5 +87,53 @@ def test_page_has_every_experiment(short, tmp_path):
         assert (tmp_path / "docs" / "pictures" / picture).exists()
     assert 'media="(prefers-color-scheme: dark)"' in html
     assert "width=device-width" in html
-    for number, heading in re.findall(r'<h2 id="s(\d+)">([^<]+)</h2>', html):
+    headings = re.findall(r'<h[23] id="s(\d+)">([^<]+)</h[23]>', html)
+    assert len(headings) == html.count("<h2") + html.count("<h3") > 16
+    for number, heading in headings:
         assert f'<a href="#s{number}">{heading}</a>' in html
+    assert "Not confirmed. Criterion: every joint within 0.01 rad" in html  # the loops are cut short
+    assert html.count("<table>") == html.count('<div class="scroll"><table>') > 5
+
+
+def test_every_contents_entry_of_the_markdown_has_its_heading(tmp_path):
+    page = Page("Title", lambda _: None, tmp_path)
+    page.text("Before the contents.")
+    page.heading("6.5: PD control (thesis)")
+    page.subheading("Figure 6.12: control inputs of run 6.5-1")
+    page.heading("The same")
+    page.heading("The same")
+    page.write_markdown(tmp_path / "page.md")
+    assert (tmp_path / "page.md").read_text(encoding="utf-8") == (
+        "# Title\n\nBefore the contents.\n\n"
+        "- [6.5: PD control (thesis)](#65-pd-control-thesis)\n"
+        "  - [Figure 6.12: control inputs of run 6.5-1](#figure-612-control-inputs-of-run-65-1)\n"
+        "- [The same](#the-same)\n- [The same](#the-same-1)\n\n"
+        "## 6.5: PD control (thesis)\n\n### Figure 6.12: control inputs of run 6.5-1\n\n## The same\n\n## The same\n"
+    )
+
+
+def test_contents_of_the_html_are_nested(tmp_path):
+    page = Page("Title", lambda _: None, tmp_path)
+    page.heading("One")
+    page.subheading("Part")
+    page.heading("Two")
+    html = page.write().read_text(encoding="utf-8")
+    contents = (
+        '<nav><ul><li><a href="#s1">One</a><ul><li><a href="#s2">Part</a></li></ul></li>'
+        '<li><a href="#s3">Two</a></li></ul></nav>'
+    )
+    assert contents in html
+
+
+def test_page_without_headings_has_no_contents(tmp_path):
+    assert "<nav>" not in Page("Title", lambda _: None, tmp_path).write().read_text(encoding="utf-8")
+
+
+def test_dark_colours_have_the_hues_of_the_light_ones():
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgb
+
+    for light, dark in zip(colormaps["tab10"].colors, DARK_COLORS, strict=True):
+        (hue, saturation, _), (other, _, value) = (colorsys.rgb_to_hsv(*to_rgb(c)) for c in (light, dark))
+        assert abs((hue - other + 0.5) % 1 - 0.5) <= 15 / 360 or saturation == 0
+        assert value >= 0.65

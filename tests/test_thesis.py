@@ -168,11 +168,12 @@ def test_7_1_2_grows_at_the_rate_of_its_linearisation(irb140):
     """When noise tips it depends on the solver; how fast it grows does not."""
     start = np.array([0, PI, PI / 2, 0, 0, 0])
     A, _ = irb140.linearize(start, REST, REST)
-    values, vectors = np.linalg.eig(A)
-    k = int(np.argmax(values.real))
-    assert values[k].real == pytest.approx(12.318, abs=1e-3)
-    mode = vectors[:, k].real / np.abs(vectors[:6, k]).max() * 1e-6
+    squares, modes = np.linalg.eig(A[6:, :6])  # the whole A is defective: of its modes LAPACK's can be wrong
+    k = int(np.argmax(squares.real))
+    rate = np.sqrt(squares[k].real)
+    assert rate == pytest.approx(12.318, abs=1e-3)
+    mode = modes[:, k].real / np.abs(modes[:, k]).max() * 1e-6
     times = np.linspace(0, 0.5, 51)
-    motion = rne.simulate(irb140, start + mode[:6], mode[6:], 0.5, t_eval=times, rtol=1e-12, atol=1e-15)
+    motion = rne.simulate(irb140, start + mode, rate * mode, 0.5, t_eval=times, rtol=1e-12, atol=1e-15)
     apart = np.abs(motion.q - start).max(axis=1)
     assert np.polyfit(times, np.log(apart), 1)[0] == pytest.approx(12.318, abs=0.01)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SMALLEST = 1e-8  # [rad], lower end of a log axis
 MAX_POINTS = 4000  # per curve; a picture shows no more
 LEGEND_ROWS = 12  # that fit beside one panel
 COLORS = 10  # in matplotlib's cycle; further curves differ by their line style
-FIRST_INSTANTS = 0.02  # of a closed loop's duration
 LINE_STYLES = ("-", "--", ":", "-.")
 ENDINGS = {1: ", stopped by an event", -1: ", failed"}
 
@@ -134,59 +132,3 @@ def _energies(upper: Axes, lower: Axes, trajectory: Trajectory) -> None:
     energies = np.stack([trajectory.kinetic, trajectory.potential, trajectory.energy], axis=1)
     curves(upper, t, energies, ("kinetic", "potential", "total"), "energy [J]")
     curves(lower, t, trajectory.balance[:, None], ("drift",), "energy error [J]")
-
-
-def joint_panels(names: Sequence[str], title: str, label: str, wide: int = 0) -> tuple[Figure, list[Axes], list[Axes]]:
-    """A figure with a small panel for each joint, two in a row, and wide panels below them."""
-    rows = -(-len(names) // 2)
-    figure = blank_figure(8, 1.5 * rows + 2.6 * wide)
-    figure.suptitle(title)
-    grid = figure.add_gridspec(rows + wide, 2, height_ratios=[1.5] * rows + [2.6] * wide)
-    small = [figure.add_subplot(grid[k // 2, k % 2]) for k in range(len(names))]
-    large = [figure.add_subplot(grid[rows + k, :]) for k in range(wide)]
-    for ax, name in zip(small, names, strict=True):
-        ax.set_title(name, fontsize="small", loc="left")
-        ax.set_ylabel(label)
-    for ax in small + large:
-        ax.grid(True, alpha=0.3)
-    (small + large)[-1].set_xlabel("time [s]")
-    return figure, small, large
-
-
-def plot_free_motion(trajectory: Trajectory, names: tuple[str, ...], title: str) -> Any:
-    """Joint positions, energies and the energy error of a motion without drives, for revolute joints."""
-    figure, joints, (upper, lower) = joint_panels(names, title, "q [rad]", wide=2)
-    for ax, column in zip(joints, trajectory.q.T, strict=True):
-        ax.plot(trajectory.t, column, linewidth=1.2)
-    _energies(upper, lower, trajectory)
-    return figure
-
-
-def plot_closed_loop(trajectory: Trajectory, reference: Array, names: tuple[str, ...], title: str) -> Any:
-    """Errors of a controlled motion, also on a log scale, and its torques, for revolute joints."""
-    figure, axes = panels(3, title)
-    t, error = trajectory.t, trajectory.q - reference
-    curves(axes[0], t, error, names, "error [rad]")
-    curves(axes[1], t, np.maximum(np.abs(error), SMALLEST), names, "|error| [rad]")
-    axes[1].set_yscale("log")
-    axes[1].axhline(0.01, color="0.5", linestyle="--", linewidth=1)
-    axes[1].set_ylim(SMALLEST, 10)
-    _note(axes[1], "0.01 rad", (t[-1], 0.01), "data")
-    curves(axes[2], t, trajectory.tau, names, "torque [N m]")
-    _leave_out_first_peak(axes[2], trajectory)
-    return figure
-
-
-def _leave_out_first_peak(ax: Axes, trajectory: Trajectory) -> None:
-    """Fit a panel of torques to what follows the first instants, and say how large the torques were in these."""
-    size = np.abs(trajectory.tau)
-    later = size[trajectory.t - trajectory.t[0] > FIRST_INSTANTS * np.ptp(trajectory.t)]
-    if later.size and size.max() > 1.5 * later.max() > 0:
-        ax.set_ylim(-1.1 * later.max(), 1.1 * later.max())
-        _note(ax, f"at the start up to {size.max():.3g} N m, beyond this panel", (1, 0), "axes fraction")
-
-
-def _note(ax: Axes, text: str, at: tuple[float, float], coordinates: str) -> None:
-    ax.annotate(
-        text, at, xycoords=coordinates, xytext=(-3, 3), textcoords="offset points", ha="right", fontsize="small"
-    )

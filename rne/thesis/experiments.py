@@ -12,20 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..control.laws import pd_gravity
-from ..dynamics.lagrange import lagrange_inverse_dynamics
-from ..dynamics.rnea import gravity_torque, inverse_dynamics
+from ..dynamics.rnea import gravity_torque
 from ..errors import SimulationError
-from ..model.robots import irb140_mirrored
-from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
-from ..robot import Robot
-from ..simulation.scene import Scene
+from ..model.robots.abb_irb140 import CLOSED_LOOPS
 from ..simulation.simulator import simulate
 from ..simulation.trajectory import Trajectory
 from ..urdf.loading import load
+from .closed_loop import REST, fine_grid, loop_scene, variations
+from .formulations import RUNS, STARTS, both, costs
 
 PI = np.pi
-REST = np.zeros(6)
 UPRIGHT = np.array([0, PI / 2, -PI / 2, 0, 0, 0])
 HANGING = np.array([0, PI, -PI / 2, 0, 0, 0])
 TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
@@ -72,20 +68,14 @@ def swings() -> list[Trajectory]:
 
 
 def closed_loop(k: int) -> dict[str, Timed]:
-    """6.5-(k+1) by every solver, by "auto", and by "auto" sampled every millisecond."""
+    """6.5-(k+1) by every solver, by "auto", and by "auto" sampled finely at first and then every millisecond."""
     scene = loop_scene(k)
     run = CLOSED_LOOPS[k]
     simulate(scene, run.start, REST, 1e-3)  # traces the kernels before time is measured
     found = {method: timed(scene, run.start, REST, run.duration, method=method) for method in SOLVERS}
     found["auto"] = timed(scene, run.start, REST, run.duration)
-    found["grid"] = timed(scene, run.start, REST, run.duration, t_eval=np.linspace(0, run.duration, 5001))
+    found["grid"] = timed(scene, run.start, REST, run.duration, t_eval=fine_grid(run.duration))
     return found
-
-
-def loop_scene(k: int, **parts: Any) -> Scene:
-    """The arm with the thesis's controller of 6.5-(k+1)."""
-    robot = load("irb140")
-    return Scene(robot, controller=pd_gravity(robot, KP, KD, CLOSED_LOOPS[k].reference), **parts)
 
 
 def sampled(k: int) -> list[Timed]:
@@ -96,21 +86,38 @@ def sampled(k: int) -> list[Timed]:
     ]
 
 
-def equilibria() -> tuple[Trajectory, Trajectory, Trajectory, float]:
-    """7.1-1 with either sign of q3, 7.1-2 from 1e-6 rad along its unstable mode, and that mode's rate [1/s]."""
-    robot, mirrored = load("irb140"), Robot(irb140_mirrored())
-    flip = np.array([1, 1, -1, 1, 1, 1])
-    times = np.linspace(0, 10, 1001)
-    hanging = simulate(robot, HANGING, REST, 10.0, t_eval=times, **TIGHT)
-    other = simulate(mirrored, HANGING * flip, REST, 10.0, t_eval=times, **TIGHT)
-    start = np.array([0, PI, PI / 2, 0, 0, 0])
+class Tipping(NamedTuple):
+    """7.1-2 from 1e-6 rad along its unstable mode."""
+
+    motion: Trajectory
+    distance: Array  # of the joints from the equilibrium, (T,) [rad]
+    rate: float  # of the linearised equations [1/s]
+
+    @property
+    def measured(self) -> float:
+        """Rate at which the distance grows while it is below 1e-3 rad [1/s]."""
+        small = self.distance < 1e-3
+        return float(np.polyfit(self.motion.t[small], np.log(self.distance[small]), 1)[0])
+
+
+def tipping() -> Tipping:
+    """How fast a small deviation from the unstable equilibrium 7.1-2 grows."""
+    robot = load("irb140")
+    start = np.array(STARTS["7.1-2"])
     A, _ = robot.linearize(start, REST, REST)
-    values, vectors = np.linalg.eig(A)
-    k = int(np.argmax(values.real))
-    mode = vectors[:, k].real * 1e-6 / np.abs(vectors[:6, k]).max()
+    squares, modes = np.linalg.eig(A[6:, :6])  # of the whole A, which is defective, LAPACK's modes are wrong
+    k = int(np.argmax(squares.real))
+    rate = float(np.sqrt(squares[k].real))
+    mode = modes[:, k].real * 1e-6 / np.abs(modes[:, k]).max()
     times = np.linspace(0, 1.6, 801)
-    tipped = simulate(robot, start + mode[:6], mode[6:], 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
-    return hanging, other, tipped, float(values[k].real)
+    motion = simulate(robot, start + mode, rate * mode, 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
+    return Tipping(motion, np.abs(motion.q - start).max(axis=1), rate)
+
+
+def still() -> float:
+    """Largest distance of 7.1-1 from its start in 10 s, with tight tolerances [rad]."""
+    motion = simulate(load("irb140"), HANGING, REST, 10.0, t_eval=np.linspace(0, 10, 1001), **TIGHT)
+    return float(np.abs(motion.q - HANGING).max())
 
 
 def long_swing(method: str) -> Timed:
@@ -118,27 +125,6 @@ def long_swing(method: str) -> Timed:
     times = np.arange(0, LONG + 0.25, 0.5)
     step = LONG_STEP if method == "gauss-4" else None
     return timed(load("irb140"), REST, REST, LONG, method=method, step=step, rtol=LONG_RTOL, t_eval=times)
-
-
-def formulations() -> list[tuple[str, int, float]]:
-    """Name, operations and time per evaluation [µs] of each formulation, for Table 7.1."""
-    robot = load("irb140")
-    q = np.linspace(0.1, 0.6, 6)
-    rows: list[tuple[str, int, Callable[[], Any]]] = [
-        ("Euler-Lagrange as written", 0, lambda: lagrange_inverse_dynamics(robot.model, q, q, q)),
-        ("Newton-Euler as written", 0, lambda: inverse_dynamics(robot.model, q, q, q)),
-    ]
-    for name, function in (("Euler-Lagrange expanded", lagrange_inverse_dynamics), ("Newton-Euler", inverse_dynamics)):
-        kernel = robot.kernel(function)
-        rows.append((f"{name}, kernel", sum(kernel.operations.values()), lambda k=kernel: k(q, q, q)))  # type: ignore[misc]
-    seconds: dict[str, list[float]] = {name: [] for name, _, _ in rows}
-    for _ in range(9):
-        for name, _, call in rows:
-            start = time.perf_counter()
-            for _ in range(20):
-                call()
-            seconds[name].append((time.perf_counter() - start) / 20)
-    return [(name, count, float(np.median(seconds[name])) * 1e6) for name, count, _ in rows]
 
 
 def wrong_height(swing: Trajectory) -> Array:
@@ -160,13 +146,16 @@ JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "sampled 0": (sampled, (0,)),
     "sampled 1": (sampled, (1,)),
     "sampled 2": (sampled, (2,)),
-    "holding": (holding, ()),
-    "swings": (swings, ()),
-    "equilibria": (equilibria, ()),
+    **{f"6.5.3, run {k + 1}": (variations, (k,)) for k in range(3)},
     "loop 0": (closed_loop, (0,)),
     "loop 1": (closed_loop, (1,)),
     "loop 2": (closed_loop, (2,)),
-    "formulations": (formulations, ()),
+    "holding": (holding, ()),
+    "swings": (swings, ()),
+    "equilibrium 7.1-1": (still, ()),
+    "equilibrium 7.1-2": (tipping, ()),
+    **{f"chapter 7, run {run}": (both, (run,)) for run in RUNS},
+    "formulations": (costs, ()),
 }
 
 

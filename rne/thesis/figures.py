@@ -1,133 +1,165 @@
-"""Figures of the thesis's experiments."""
+"""Figures that the thesis does not have: what its figures do not show."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
-from ..plotting.plots import blank_figure, curves, joint_panels, panels
+from ..model.robots.abb_irb140 import CLOSED_LOOPS
+from ..plotting.robot_picture import draw
+from ..robot import Robot
 from ..simulation.trajectory import Trajectory
+from .canvas import DASHED, FLOOR, WIDTH, column, heading, joint_grid, legend, lines, log_axis, log_lines
+from .closed_loop import SETTLED, lyapunov
 from .experiments import SAMPLE_TIMES, SOLVERS, Timed, wrong_height
+from .numbered_figures import JOINTS
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-JOINTS = tuple(f"joint_{k}" for k in range(1, 7))
-FLOOR = 1e-16  # smallest value on a log axis
-DASHED = (0, (4, 4))  # over a solid line that it may cover
+SMALLEST = 1e-8  # [rad], lower end of the axis of errors
 
 
-def _log(ax: Axes, t: Array, values: Array, names: Sequence[str], label: str, floor: float = FLOOR) -> None:
-    curves(ax, t, np.where(np.abs(values) > floor, np.abs(values), np.nan), names, label)
-    ax.set_yscale("log")
+def plot_robot(robot: Robot, q: ArrayLike) -> Any:
+    """The robot at q, with its legend below."""
+    from ..plotting.plots import blank_figure
+
+    figure = blank_figure(WIDTH, 5.6)
+    figure.set_layout_engine("none")
+    ax = figure.add_axes((0.0, 0.24, 0.96, 0.76), projection="3d")
+    draw(robot, q, ax=ax)
+    beside: Any = ax.get_legend()
+    handles, labels = beside.legend_handles, [text.get_text() for text in beside.get_texts()]
+    beside.remove()
+    figure.legend(handles, labels, loc="lower center", ncols=2)
+    return figure
 
 
 def plot_holding(runs: Sequence[Trajectory]) -> Any:
     """Distance of the joints from their start under a constant torque, for each run."""
-    figure, axes = panels(4, "Constant holding torque, 6.3-1 to 6.3-4", share=False)
+    title = "Distance from the start, constant torque"
+    figure, axes = column(title, [1.9] * 4, share=False)
     for ax, run, k in zip(axes, runs, range(1, 5), strict=True):
-        apart = run.q - run.q[0]
-        _log(ax, run.t, apart, JOINTS, "|q - start| [rad]")
-        if not apart.any():
+        log_lines(ax, run.t, run.q - run.q[0], JOINTS)
+        if not (run.q - run.q[0]).any():
             ax.set_xlim(0, run.t[-1])
             ax.set_ylim(FLOOR, 1)
             ax.text(0.5, 0.5, "no joint moves by a single bit", transform=ax.transAxes, ha="center", va="center")
-        ax.set_title(f"6.3-{k}", fontsize="medium", loc="left")
-        ax.set_xlabel("time [s]")
+        heading(ax, f"6.3-{k}: |q - start| [rad]")
+    legend(figure, axes[0])
     return figure
 
 
 def plot_swings(one: Trajectory, other: Trajectory) -> Any:
-    """Two free swings that start 1e-6 rad apart, joint by joint, and the distance between them."""
-    figure, joints, (below,) = joint_panels(JOINTS, "Free swings 6.4-1 and 6.4-2", "q [rad]", wide=1)
-    for ax, first, second in zip(joints, one.q.T, other.q.T, strict=True):
-        ax.plot(one.t, first, linewidth=1.2, label="6.4-1")
-        ax.plot(other.t, second, linewidth=1.2, linestyle=DASHED, label="6.4-2, 1e-6 rad off at the start")
-    figure.legend(*joints[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
-    apart = np.abs(one.q - other.q).max(axis=1)
-    _log(below, one.t, apart[:, None], ("largest\ndifference",), "difference [rad]")
+    """The distance between two free swings that start 1e-6 rad apart."""
+    figure, (ax,) = column("Difference of the swings 6.4-1 and 6.4-2", [2.4], legend_rows=0)
+    log_lines(ax, one.t, np.abs(one.q - other.q).max(axis=1)[:, None], [""])
+    heading(ax, "largest difference of any joint [rad]")
     return figure
 
 
 def plot_energies(swing: Trajectory) -> Any:
     """Energy of 6.4-1 at the thesis's tolerance, with the correct height of the wrist and with that of (6.38)."""
-    figure, axes = panels(3, "Energy of the free swing 6.4-1, RK45 at the thesis's tolerance")
+    figure, axes = column("Energy of the free swing 6.4-1, RK45 at the thesis's tolerance", [2.2, 1.7, 1.7])
     parts = np.stack([swing.kinetic, swing.potential, swing.energy], axis=1)
-    curves(axes[0], swing.t, parts, ("kinetic", "potential", "total"), "energy [J]")
-    curves(axes[1], swing.t, (wrong_height(swing) - swing.energy[0])[:, None], ("height\nof (6.38)",), "change [J]")
-    curves(axes[2], swing.t, (swing.energy - swing.energy[0])[:, None], ("correct\nheight",), "change [J]")
+    lines(axes[0], swing.t, parts, ("kinetic", "potential", "total"))
+    heading(axes[0], "energy [J]")
+    lines(axes[1], swing.t, (wrong_height(swing) - swing.energy[0])[:, None], [""], first=3)
+    heading(axes[1], "change of the total, height of (6.38) [J]")
+    lines(axes[2], swing.t, (swing.energy - swing.energy[0])[:, None], [""], first=2)
+    heading(axes[2], "change of the total, correct height [J]")
+    legend(figure, axes[0])
     return figure
 
 
-def lyapunov(motion: Trajectory, k: int) -> tuple[Array, Array]:
-    """V of (6.50) and its derivative of (6.55) along a closed loop [J, W]."""
-    error = motion.q - CLOSED_LOOPS[k].reference
-    V = motion.kinetic + (np.array(KP) * error**2).sum(-1) / 2
-    return V, -(np.array(KD) * motion.qd**2).sum(-1)
+def plot_free_motion(swing: Trajectory, title: str) -> Any:
+    """Joint positions, energies and the energy error of a motion without drives."""
+    figure, small, (upper, lower) = joint_grid(title, JOINTS, "rad", [2.0, 1.6])
+    for k, ax in enumerate(small):
+        lines(ax, swing.t, swing.q[:, [k]], [""])
+    upper.set_xlabel("")
+    lines(
+        upper, swing.t, np.stack([swing.kinetic, swing.potential, swing.energy], 1), ("kinetic", "potential", "total")
+    )
+    heading(upper, "energy [J]")
+    lines(lower, swing.t, swing.balance[:, None], [""], color="0.5")
+    heading(lower, "energy error [J]")
+    legend(figure, upper)
+    return figure
+
+
+def plot_errors(motion: Trajectory, k: int) -> Any:
+    """Errors of a closed loop on a log axis."""
+    figure, (ax,) = column(f"Errors of run 6.5-{k + 1}", [2.8])
+    error = np.abs(motion.q - CLOSED_LOOPS[k].reference)
+    log_lines(ax, motion.t, np.maximum(error, SMALLEST), JOINTS)
+    ax.set_ylim(SMALLEST, 10)
+    ax.axhline(SETTLED, color="0.5", linestyle="--", linewidth=1)
+    heading(ax, "|q - reference| [rad]; dashed: 0.01 rad")
+    legend(figure, ax)
+    return figure
 
 
 def plot_lyapunov(motions: Sequence[Trajectory]) -> Any:
     """V and its rate of decrease in the three closed loops."""
-    figure, axes = panels(2, "Lyapunov function of the closed loops 6.5-1 to 6.5-3")
+    figure, axes = column("Lyapunov function of the closed loops", [2.2, 2.2], legend_rows=1)
     pairs = [lyapunov(motion, k) for k, motion in enumerate(motions)]
     names = [f"6.5-{k + 1}" for k in range(len(motions))]
-    _log(axes[0], motions[0].t, np.stack([V for V, _ in pairs], axis=1), names, "V [J]")
-    _log(axes[1], motions[0].t, np.stack([-rate for _, rate in pairs], axis=1), names, "-dV/dt [W]")
+    log_lines(axes[0], motions[0].t, np.stack([V for V, _ in pairs], axis=1), names)
+    heading(axes[0], "V of (6.50) [J]")
+    log_lines(axes[1], motions[0].t, np.stack([-rate for _, rate in pairs], axis=1), names)
+    heading(axes[1], "-dV/dt of (6.55) [W]")
+    legend(figure, axes[0])
     return figure
 
 
 def plot_stiffness(loops: Sequence[Mapping[str, Timed]]) -> Any:
     """Evaluations of the right-hand side by each solver for the closed loops."""
-    figure = blank_figure(8, 3.6)
-    ax = figure.subplots()
+    figure, (ax,) = column("Evaluations of RK45 and of stiff solvers", [3.2], legend_rows=1)
     for k, loop in enumerate(loops):
         counts = [loop[method].motion.evaluations for method in SOLVERS]
         bars = ax.bar(np.arange(len(SOLVERS)) + 0.27 * (k - 1), counts, 0.25, label=f"6.5-{k + 1}")
-        ax.bar_label(bars, [f"{count}" for count in counts], fontsize=7, rotation=90, padding=2)
+        ax.bar_label(bars, [f"{count}" for count in counts], rotation=90, padding=3)
     ax.set_xticks(range(len(SOLVERS)), SOLVERS)
-    ax.set_yscale("log")
-    ax.set_ylim(300, 3e6)
-    ax.set_ylabel("evaluations for 5 s")
-    ax.set_title("Evaluations of an explicit method (RK45) and of stiff solvers")
-    ax.legend(loc="upper right", frameon=False, fontsize="small")
+    log_axis(ax)
+    ax.set_ylim(300, 6e6)
+    ax.grid(visible=False, axis="x")
+    ax.set_xlabel("")
+    heading(ax, "evaluations for the run")
+    legend(figure, ax)
     return figure
 
 
-def plot_sampled(runs: Sequence[Sequence[Timed]]) -> Any:
+def plot_sampled(runs: Sequence[Sequence[Timed]], limit: float) -> Any:
     """Largest joint rate of the sampled closed loops, just below and just above the stability limit."""
-    figure, axes = panels(2, "Torques held between samples: stable below 1.308e-4 s", share=False)
+    title = f"Sampled control: stable below {limit:.4g} s"
+    figure, axes = column(title, [2.2, 2.2], share=False, legend_rows=1)
     for ax, j in zip(axes, range(2), strict=True):
         for k, pair in enumerate(runs):
             motion, style = pair[j].motion, DASHED if k == 2 else "-"
-            ax.plot(motion.t, np.abs(motion.qd).max(axis=1), label=f"6.5-{k + 1}", linewidth=1.2, linestyle=style)
-        ax.set_yscale("log")
-        ax.set_ylabel("largest rate [rad/s]")
-        ax.set_title(f"sample time {SAMPLE_TIMES[j]:.3g} s", fontsize="medium", loc="left")
-        ax.set_xlabel("time [s]")
-        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False)
+            rate = np.abs(motion.qd).max(axis=1)[:, None]
+            log_lines(ax, motion.t, rate, [f"6.5-{k + 1}"], first=k, linestyle=style)
+        heading(ax, f"sample time {SAMPLE_TIMES[j]:.3g} s: largest rate [rad/s]")
+    legend(figure, axes[0])
     return figure
 
 
-def plot_tipping(motion: Trajectory, rate: float) -> Any:
+def plot_tipping(motion: Trajectory, distance: Array, rate: float) -> Any:
     """7.1-2 from 1e-6 rad along its unstable mode, and the exponential growth of its linearisation."""
-    figure, axes = panels(1, "Unstable equilibrium 7.1-2, started 1e-6 rad off")
-    apart = np.abs(motion.q - [0, np.pi, np.pi / 2, 0, 0, 0]).max(axis=1)
+    figure, (ax,) = column("7.1-2 started 1e-6 rad off its equilibrium", [2.4], legend_rows=1)
     growth = 1e-6 * np.exp(rate * motion.t)
-    names = ("simulated", f"exp({rate:.3f} t)")
-    values = np.stack([apart, np.where(growth < 3, growth, np.nan)], axis=1)
-    _log(axes[0], motion.t, values, names, "distance [rad]")
-    axes[0].lines[1].set_linestyle(DASHED)
-    axes[0].legend(loc="lower right", frameon=False)
+    log_lines(ax, motion.t, distance[:, None], ["simulated"])
+    log_lines(ax, motion.t, np.where(growth < 3, growth, np.nan)[:, None], [f"exp({rate:.3f} t)"], 1, linestyle=DASHED)
+    heading(ax, "distance from the equilibrium [rad]")
+    legend(figure, ax)
     return figure
 
 
 def plot_long(symplectic: Trajectory, explicit: Trajectory) -> Any:
-    """Energy error over 1000 s by a symplectic method and by RK45."""
-    figure, axes = panels(2, "Free swing for 1000 s")
-    for ax, run, name in ((axes[0], symplectic, "gauss-4,\n5 ms"), (axes[1], explicit, "RK45,\nrtol 1e-4")):
-        curves(ax, run.t, (run.energy - run.energy[0])[:, None], (name,), "energy error [J]")
+    """Energy error over a long run by a symplectic method and by RK45."""
+    figure, axes = column(f"Free swing for {symplectic.t[-1]:g} s: energy error", [1.8, 1.8], legend_rows=0)
+    for ax, run, name in ((axes[0], symplectic, "gauss-4, 5 ms"), (axes[1], explicit, "RK45, rtol 1e-4")):
+        lines(ax, run.t, (run.energy - run.energy[0])[:, None], [""], color="0.5")
+        heading(ax, f"{name}: energy error [J]")
     return figure

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,14 @@ from ..model.model import Model
 from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..robot import Robot
 from ..simulation.simulator import simulate
-from ..simulation.trajectory import Trajectory
 from ..urdf.loading import load
+from .chapter6 import figure_of_the_thesis
+from .closed_loop import fine_grid, settling_time
+from .figures import plot_errors, plot_free_motion, plot_robot
+from .numbered_figures import loop_inputs, loop_positions
 from .page import Page
+from .verdicts import settles
 
-SETTLED = 0.01  # [rad], every joint
 UPRIGHT = (0, np.pi / 2, -np.pi / 2, 0, 0, 0)  # [rad], the pose of (6.21)
 
 
@@ -44,35 +47,19 @@ def run(folder: Path, say: Callable[[str], None]) -> bool:
     robot = load("irb140")
     page = Page("ABB IRB 140 by recursive Newton-Euler", say, folder)
     page.text(repr(robot))
-    if has_matplotlib():
-        from ..plotting.robot_picture import draw
-
-        page.figure("robot", lambda: draw(robot, UPRIGHT), "The robot held at (0, π/2, -π/2, 0, 0, 0)")
+    page.text("Joints are called joint_1 to joint_6 as in the model; the thesis writes q_1 to q_6.")
+    page.figure("robot", lambda: plot_robot(robot, UPRIGHT), "The robot held at (0, π/2, -π/2, 0, 0, 0)")
     held = _checks(robot, page)
     _free_swing(robot, page)
     _closed_loop(robot, page)
-    if not has_matplotlib():
-        page.text("matplotlib is not installed: no pictures (pip install 'rne[plot]').")
+    page.end()
     page.text(f"Done in {time.perf_counter() - started:.1f} s.")
     say(f"page: {page.write()}")
     return held
 
 
-def has_matplotlib() -> bool:
-    """True if matplotlib is installed."""
-    return importlib.util.find_spec("matplotlib") is not None
-
-
-def settling_time(trajectory: Trajectory, reference: Array) -> float:
-    """First sample from which on every joint stays within 0.01 rad of its reference [s]; infinity if there is none."""
-    outside = np.nonzero((np.abs(trajectory.q - reference) > SETTLED).any(axis=1))[0]
-    if not len(outside):
-        return float(trajectory.t[0])
-    return float(trajectory.t[outside[-1] + 1]) if outside[-1] + 1 < len(trajectory.t) else float("inf")
-
-
 def carried_masses(model: Model) -> Array:
-    """The mass that each joint carries: its own body and all bodies beyond it, shape (nb,) [kg]."""
+    """The mass behind each joint: the body that it moves and all bodies beyond, shape (nb,) [kg]."""
     carried = model.mass.copy()
     for i in reversed(range(model.nb)):
         if model.parent[i] >= 0:
@@ -85,7 +72,7 @@ def _checks(robot: Robot, page: Page) -> bool:
     model, carried = robot.model, carried_masses(robot.model)
     holding = robot.gravity_torque(UPRIGHT) / 9.81
     page.table(
-        ["joint", "mass carried [kg]", "working range [rad]", "holding torque (6.21) / g [kg m]"],
+        ["joint", "mass behind the joint [kg]", "working range [rad]", "holding torque (6.21) / g [kg m]"],
         [
             [
                 name,
@@ -110,42 +97,28 @@ def _checks(robot: Robot, page: Page) -> bool:
 
 
 def _free_swing(robot: Robot, page: Page) -> None:
-    page.heading("Free swing, 10 s from rest at q = 0 (thesis 6.4-1)")
+    page.heading("Free swing, 10 s from rest at q = 0 (thesis 6.4-1, Figure 6.9)")
     swing = simulate(robot, np.zeros(robot.n), np.zeros(robot.n), 10.0, rtol=1e-9)
     page.text(
         f"{swing.method}, rtol 1e-9: {swing.evaluations} evaluations, energy {swing.energy[0]:.5f} J, "
         f"largest energy error {swing.energy_drift:.1e} J."
     )
     page.text(swing.message)
-    if has_matplotlib():
-        from ..plotting.plots import plot_free_motion
-
-        title = "Free swing of the IRB 140"
-        page.figure(
-            "free_swing",
-            lambda: plot_free_motion(swing, robot.joint_names, title),
-            "Joint positions, energies and energy error of the free swing",
-        )
+    caption = "Joint positions as in Figure 6.9, energies and energy error of the free swing"
+    page.figure("free_swing", lambda: plot_free_motion(swing, "Free swing 6.4-1 (Figure 6.9)"), caption)
 
 
 def _closed_loop(robot: Robot, page: Page) -> None:
-    page.heading("PD control with gravity compensation (thesis 6.5-1)")
+    page.heading("PD control with gravity compensation (thesis 6.5-1, Figures 6.11 and 6.12)")
     scene = CLOSED_LOOPS[0]
     reference = np.array(scene.reference)
     law = pd_gravity(robot, KP, KD, reference)
-    times = np.linspace(0, scene.duration, 1001)
+    times = fine_grid(scene.duration)
     motion = simulate(robot, scene.start, np.zeros(robot.n), scene.duration, torque=law, t_eval=times)
-    page.text(
-        f"{motion.method}: {motion.evaluations} evaluations; every joint within {SETTLED} rad after "
-        f"{settling_time(motion, reference):.3f} s."
-    )
+    settled = settling_time(motion, reference)
+    page.text(f"{motion.method}: {motion.evaluations} evaluations. {settles([settled])}")
     page.text(motion.message)
-    if has_matplotlib():
-        from ..plotting.plots import plot_closed_loop
-
-        title = "Closed loop 6.5-1 of the IRB 140"
-        page.figure(
-            "closed_loop",
-            lambda: plot_closed_loop(motion, reference, robot.joint_names, title),
-            "Errors, also on a log scale, and torques of the closed loop",
-        )
+    for number, draw in (("6.11", loop_positions), ("6.12", loop_inputs)):
+        figure_of_the_thesis(page, number, partial(draw, number, motion, 0))
+    page.subheading("Not in the thesis: small errors")
+    page.figure("loop_1", lambda: plot_errors(motion, 0), "Errors of 6.5-1 on a log axis")

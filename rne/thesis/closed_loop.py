@@ -1,0 +1,152 @@
+"""The closed loops of section 6.5: inputs, settling, the Lyapunov function, and what the proof leaves out (6.5.3)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..control.laws import pd_gravity
+from ..errors import SimulationError
+from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from ..simulation.friction import Friction
+from ..simulation.scene import Scene
+from ..simulation.simulator import simulate
+from ..simulation.trajectory import Trajectory
+from ..urdf.loading import load
+
+REST = np.zeros(6)
+FIRST = 0.02  # [s], in which the wrist's torques fall from their peak
+SETTLED = 0.01  # [rad], every joint
+SAMPLE_TIME = 1e-4  # of the controller whose torques are limited in rate [s]
+RATE_DURATION = 4.0  # simulated with such a controller [s]
+DIVERGING = 0.05  # simulated where the loop diverges, which takes ever smaller steps [s]
+
+
+def loop_scene(k: int, **parts: Any) -> Scene:
+    """The arm with the thesis's controller of 6.5-(k+1)."""
+    robot = load("irb140")
+    return Scene(robot, controller=pd_gravity(robot, KP, KD, CLOSED_LOOPS[k].reference), **parts)
+
+
+def fine_grid(duration: float) -> Array:
+    """Times 5e-5 s apart at first, then 1e-3 s [s]."""
+    first = min(FIRST, duration)
+    later = np.linspace(first, duration, 1 + round((duration - first) / 1e-3))
+    times: Array = np.r_[np.linspace(0, first, 401)[:-1], later]
+    return times
+
+
+def settling_time(trajectory: Trajectory, reference: Array) -> float:
+    """First sample from which on every joint stays within 0.01 rad of its reference [s]; infinity if there is none."""
+    outside = np.nonzero((np.abs(trajectory.q - reference) > SETTLED).any(axis=1))[0]
+    if not len(outside):
+        return float(trajectory.t[0])
+    return float(trajectory.t[outside[-1] + 1]) if outside[-1] + 1 < len(trajectory.t) else float("inf")
+
+
+def inputs(motion: Trajectory, k: int) -> Array:
+    """The inputs u = -Kp q~ - Kd qd of (6.57)-(6.58), without gravity's share, shape (T, 6) [N m]."""
+    u: Array = -np.array(KP) * (motion.q - CLOSED_LOOPS[k].reference) - np.array(KD) * motion.qd
+    return u
+
+
+def lyapunov(motion: Trajectory, k: int) -> tuple[Array, Array]:
+    """V of (6.50) and its derivative of (6.55) along a closed loop [J, W]."""
+    error = motion.q - CLOSED_LOOPS[k].reference
+    V = motion.kinetic + (np.array(KP) * error**2).sum(-1) / 2
+    return V, -(np.array(KD) * motion.qd**2).sum(-1)
+
+
+def lyapunov_deviation(motion: Trajectory, k: int) -> float:
+    """Largest difference of dV/dt by the simulated accelerations from (6.55), relative to the powers in it."""
+    robot = load("irb140")
+    M, C = robot.mass_matrix(motion.q), robot.coriolis_matrix(motion.q, motion.qd)
+    inertial = ((M @ motion.qdd[..., None] + C @ motion.qd[..., None])[..., 0] * motion.qd).sum(-1)
+    spring = (np.array(KP) * (motion.q - CLOSED_LOOPS[k].reference) * motion.qd).sum(-1)
+    _, rate = lyapunov(motion, k)
+    size = np.abs(motion.tau * motion.qd).sum(-1) + np.abs(rate) + 1e-12  # [W]; at rest all of them vanish
+    return float((np.abs(inertial + spring - rate) / size).max())
+
+
+class Variation(NamedTuple):
+    """A closed loop with something that 6.5.3 mentions and the simulations of the thesis leave out."""
+
+    name: str
+    parts: dict[str, Any]
+
+
+IDEAL = Variation("none", {})
+VARIATIONS = (
+    IDEAL,
+    Variation("viscous friction 5 N m s", {"friction": Friction(viscous=5)}),
+    Variation("viscous friction 20 N m s", {"friction": Friction(viscous=20)}),
+    Variation("Coulomb friction 5 N m", {"friction": Friction(coulomb=5)}),
+    Variation("torque limit 100 N m", {"torque_limit": (100,) * 6}),
+    Variation("torque limit 60 N m", {"torque_limit": (60,) * 6}),
+    Variation("rate limit 1e5 N m/s", {"torque_rate": (1e5,) * 6, "sample_time": SAMPLE_TIME}),
+    Variation("rate limit 3e3 N m/s", {"torque_rate": (3e3,) * 6, "sample_time": SAMPLE_TIME}),
+)
+
+
+class Outcome(NamedTuple):
+    """A closed loop with a variation: settling time, error at the end, largest rate, saturation, largest increase of V.
+
+    `saturated` is the longest time that the torque of a joint is at its limit, `joint` the number of that joint from 1.
+    """
+
+    duration: float  # [s]
+    settling: float  # [s]
+    error: float  # [rad]
+    rate: float  # [rad/s]
+    saturated: float  # [s]
+    joint: int
+    increase: float  # [J]
+
+
+def vary(k: int, variation: Variation) -> Outcome:
+    """6.5-(k+1) with a variation."""
+    run, is_sampled = CLOSED_LOOPS[k], "torque_rate" in variation.parts
+    scene = loop_scene(k, **variation.parts)
+    duration = run.duration
+    if is_sampled:
+        diverges = variation.parts["torque_rate"][0] < 1e4
+        duration = min(duration, DIVERGING if diverges else RATE_DURATION)
+    how: dict[str, Any] = {"method": "RK23"} if is_sampled else {"t_eval": fine_grid(duration)}
+    try:
+        motion = simulate(scene, run.start, REST, duration, **how)
+    except SimulationError as error:
+        motion = error.trajectory
+    return outcome(motion, k, scene)
+
+
+def outcome(motion: Trajectory, k: int, scene: Scene) -> Outcome:
+    """The figures of a motion of 6.5-(k+1)."""
+    reference = np.array(CLOSED_LOOPS[k].reference)
+    limit = scene.resolved.torque_limit
+    at_limit = np.zeros(6)
+    if limit is not None:
+        full = np.abs(motion.tau) >= limit * (1 - 1e-9)
+        at_limit = (full[:-1] * np.diff(motion.t)[:, None]).sum(axis=0)
+    V, _ = lyapunov(motion, k)
+    return Outcome(
+        float(motion.t[-1]),
+        settling_time(motion, reference),
+        float(np.abs(motion.q[-1] - reference).max()),
+        float(np.abs(motion.qd).max()),
+        float(at_limit.max()),
+        1 + int(at_limit.argmax()),
+        float((V - np.minimum.accumulate(V)).max()),
+    )
+
+
+def variations(k: int) -> dict[str, Outcome]:
+    """6.5-(k+1) with each of the variations."""
+    return {variation.name: vary(k, variation) for variation in VARIATIONS}
+
+
+def gravity_on_the_way(motion: Trajectory) -> Array:
+    """The largest gravity torque of each joint along a motion, shape (6,) [N m]."""
+    worst: Array = np.abs(load("irb140").gravity_torque(motion.q)).max(axis=0)
+    return worst

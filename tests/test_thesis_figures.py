@@ -1,0 +1,201 @@
+"""The thesis's figures as they are drawn here, their print, and what 6.5.3 mentions."""
+
+import matplotlib.style
+import numpy as np
+import pytest
+
+import rne
+from rne.model.robots.abb_irb140 import CLOSED_LOOPS
+from rne.thesis import canvas, closed_loop, figures, formulations, machine
+from rne.thesis import numbered_figures as numbered
+from rne.thesis.closed_loop import IDEAL, REST, VARIATIONS, fine_grid, inputs, loop_scene, outcome, vary
+
+PHONE = 358  # [px], width of a picture on a screen of 390 px
+READABLE = 11  # [px]
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return [
+        rne.simulate(loop_scene(k), run.start, REST, run.duration, t_eval=fine_grid(run.duration))
+        for k, run in enumerate(CLOSED_LOOPS)
+    ]
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    return {run: formulations.both(run) for run in ("7.1-1", "7.1-2", "6.5-1")}
+
+
+@pytest.fixture(autouse=True)
+def style():
+    with matplotlib.style.context([canvas.STYLE]):
+        yield
+
+
+def texts(figure):
+    """Every text that can be seen, drawn."""
+    figure.draw_without_rendering()
+    found = figure.findobj(matplotlib.text.Text)
+    return [text for text in found if text.get_visible() and text.get_text().strip()]
+
+
+def test_sixteen_figures_are_titled_by_the_thesis_numbers():
+    numbers = [
+        "6.2",
+        "6.3",
+        "6.4",
+        "6.5",
+        "6.9",
+        "6.11",
+        "6.12",
+        "6.13",
+        "6.14",
+        "6.15",
+        "6.16",
+        "7.1",
+        "7.2",
+        "7.3",
+        "7.4",
+        "7.5",
+    ]
+    assert [figure.number for figure in numbered.FIGURES] == numbers
+    assert numbered.BY_NUMBER["6.12"].title == "Figure 6.12: control inputs of run 6.5-1"
+    assert numbered.BY_NUMBER["6.12"].file == "figure_6_12"
+
+
+def test_text_is_readable_on_a_phone(motions, pairs, irb140):
+    swing = rne.simulate(irb140, REST, REST, 1.0)
+    drawn = [
+        figures.plot_robot(irb140, np.zeros(6)),
+        figures.plot_free_motion(swing, "Free swing"),
+        figures.plot_errors(motions[0], 0),
+        figures.plot_lyapunov(motions),
+        figures.plot_energies(swing),
+        numbered.loop_positions("6.11", motions[0], 0),
+        numbered.loop_inputs("6.12", motions[0], 0),
+        numbered.formulations("7.2", pairs["7.1-2"]),
+    ]
+    for figure in drawn:
+        assert figure.get_figwidth() == canvas.WIDTH
+        for text in texts(figure):
+            assert text.get_fontsize() / 72 / canvas.WIDTH * PHONE >= READABLE, text.get_text()
+            assert "^" not in text.get_text()  # exponents are small print
+
+
+def test_inputs_are_those_of_the_thesis_and_with_gravity_those_of_the_drives(motions, irb140):
+    """Run 6.5-3 starts joint_2 at 78.5 N m in the thesis, at -80.3 N m with gravity, and ends at 0 and at -23.6."""
+    motion = motions[2]
+    u = inputs(motion, 2)
+    np.testing.assert_allclose(u + irb140.gravity_torque(motion.q), motion.tau, rtol=0, atol=1e-11)
+    assert (u[0, 1], motion.tau[0, 1]) == (pytest.approx(78.54, abs=0.01), pytest.approx(-80.3, abs=0.1))
+    assert u[-1, 1:3] == pytest.approx(0, abs=0.05)
+    assert motion.tau[-1, 1:3] == pytest.approx(-23.6, abs=0.4)  # of the reference; 7e-4 rad are left
+
+
+def test_inputs_have_panels_without_and_with_gravity(motions):
+    first, thesis, ours = numbered.loop_inputs("6.16", motions[2], 2).axes
+    assert thesis.get_title(loc="left") == "u without gravity's share, (6.58) [N m]"
+    assert ours.get_title(loc="left") == "τ = u + g(q), with gravity's share [N m]"
+    assert first.get_xlabel() == "time [ms]"
+    assert abs(thesis.lines[1].get_ydata()[-1]) < 0.1
+    assert ours.lines[1].get_ydata()[-1] == pytest.approx(-23.6, abs=0.4)
+    assert np.abs([x.get_ydata().max() for x in thesis.lines]).max() < 160
+    assert first.lines[5].get_ydata()[0] == pytest.approx(188.5, abs=0.1)
+
+
+def test_positions_are_drawn_as_they_are(motions):
+    figure = numbered.loop_positions("6.11", motions[0], 0)
+    (ax,) = figure.axes
+    drawn = {x.get_label(): x for x in ax.lines if x.get_label().startswith("joint_")}
+    assert list(drawn) == list(rne.irb140().joint_names)
+    for k, curve in enumerate(drawn.values()):
+        np.testing.assert_array_equal(curve.get_ydata()[[0, -1]], motions[0].q[[0, -1], k])
+    assert figure.get_suptitle() == "Figure 6.11: joint positions of run 6.5-1"
+
+
+@pytest.mark.parametrize(
+    ("sizes", "groups"),
+    [
+        ([1, 2, 3], [[0, 1, 2]]),
+        ([1, 50, 3], [[0, 2], [1]]),
+        ([1, 300, 20], [[0], [1], [2]]),
+        ([0, 0, 1e-9], [[0, 1], [2]]),
+        ([0, 0, 0], [[0, 1, 2]]),
+    ],
+)
+def test_a_joint_that_turns_much_farther_has_its_own_axis(sizes, groups):
+    assert canvas.apart(np.array([sizes, np.zeros(3)])) == groups
+
+
+def test_powers_of_ten_have_no_exponents_in_small_print():
+    assert [canvas.power(10.0**k) for k in (-9, -2, 0, 3, 6)] == ["1e-9", "0.01", "1", "1000", "1e6"]
+
+
+def test_both_formulations_give_one_motion(pairs):
+    """Of an arm whose q3 counts the other way, from its own equations; to the tolerances of the two solvers."""
+    assert np.abs(pairs["7.1-1"].newton.q - pairs["7.1-1"].lagrange.q).max() <= 1e-9
+    assert np.abs(pairs["6.5-1"].newton.q - pairs["6.5-1"].lagrange.q).max() <= 1e-6
+    for motion in pairs["7.1-2"]:  # when it leaves its unstable equilibrium is due to rounding
+        before = motion.t < 3
+        assert np.abs(motion.q[before] - motion.q[0]).max() < 1e-2
+        assert np.abs(motion.q - motion.q[0]).max() > 1
+
+
+def test_ratios_of_table_7_1():
+    assert formulations.closed_by_open() == 280
+    ratios = [formulations.slower(run) for run in formulations.TABLE]
+    assert ratios == pytest.approx([70, 83.9, 73.4, 87.0], abs=0.05)
+
+
+SETTLING = {
+    "none": (2.814, 2.362, 3.002),
+    "viscous friction 5 N m s": (2.847, 2.867, 3.004),
+    "viscous friction 20 N m s": (4.582, 4.589, 4.583),
+    "Coulomb friction 5 N m": (np.inf,) * 3,
+    "torque limit 100 N m": (2.814, 3.049, 3.062),
+    "torque limit 60 N m": (2.819, np.inf, 3.044),
+}
+
+
+@pytest.mark.parametrize("name", SETTLING)
+def test_settling_with_what_6_5_3_mentions(name):
+    variation = next(variation for variation in VARIATIONS if variation.name == name)
+    found = [vary(k, variation).settling for k in range(3)]
+    assert found == pytest.approx(SETTLING[name], abs=5e-3)
+
+
+def test_a_limited_rate_makes_the_wrist_overshoot_or_diverge(monkeypatch):
+    """u^2 / (2 R I) = 188^2 / (2 1e5 1.46e-3) = 122 rad/s; here for the first 0.1 s."""
+    monkeypatch.setattr(closed_loop, "RATE_DURATION", 0.1)
+    mild, strict = (vary(0, variation) for variation in VARIATIONS[-2:])
+    assert mild.rate == pytest.approx(132, abs=1)
+    assert mild.increase > 30
+    assert strict.rate > 1000
+    assert strict.settling == np.inf
+
+
+def test_saturation_is_counted_per_joint(motions, irb140):
+    ideal = outcome(motions[1], 1, loop_scene(1, **IDEAL.parts))
+    weak = vary(1, next(variation for variation in VARIATIONS if variation.name == "torque limit 60 N m"))
+    assert (ideal.saturated, ideal.increase) == (0, 0)
+    assert (weak.saturated, weak.joint) == (pytest.approx(5, abs=0.01), 2)
+    assert weak.increase == pytest.approx(147.7, abs=0.5)
+    assert closed_loop.gravity_on_the_way(motions[1])[1] == pytest.approx(147.8, abs=0.1)
+
+
+def test_flange_speeds_of_the_runs(motions):
+    speeds = [machine.flange_speed(motion)[0] for motion in motions]
+    assert speeds == pytest.approx([1.91, 3.52, 3.66], abs=0.01)
+
+
+def test_densities_and_reach():
+    assert machine.densities() == pytest.approx([1506.5, 1493.5, 1501.0, 1516.1], abs=0.05)
+    assert machine.reach() == pytest.approx(0.810, abs=1e-12)
+
+
+def test_limits_that_a_run_exceeds_are_in_degrees(motions):
+    rows = [machine.violation_row(v) for v in motions[0].check_limits()]
+    assert [row[:2] for row in rows] == [["joint_4", "speed"], ["joint_6", "speed"]]
+    assert rows[0][2:4] == ["428.6 deg/s", "360.0 deg/s"]
+    assert rows[1][3] == "-450.0 deg/s"
