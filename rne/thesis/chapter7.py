@@ -66,8 +66,8 @@ def costs(page: Page, found: dict[str, Any]) -> None:
     )
     pairs = {run: found[f"chapter 7, run {run}"] for run in TABLE}
     page.text(
-        "The same runs here, in the same tolerances as above, with both formulations traced into kernels; the times are "
-        "those of this run of the page, next to which other simulations ran:"
+        "The same runs here, in the same tolerances as above, with both formulations traced into kernels; the times "
+        "are those of this run of the page, beside which other simulations ran:"
     )
     page.table(
         ["run", "simulated", "Newton-Euler", "Euler-Lagrange", "evaluations", "ratio"],
