@@ -85,6 +85,8 @@ class Ledger:
         self.exchanged = 0.0  # integral of the powers' sizes
         self.steps = FIRST_STEPS  # in a panel
         self._spans: list[Span] = []
+        self._held: Array | None = None
+        self._at_rest: Array | None = None
         self._panels: list[Panel] = []
 
     @property
@@ -96,11 +98,17 @@ class Ledger:
         """Integrate over a step; the last one before the torques that are held or the joints at rest change."""
         if span.end > span.begin:
             self._spans.append(span)
-        if self._spans and (is_last or len(self._spans) >= self.steps):
-            spans, self._spans = tuple(self._spans), []
-            self._panels.append(Panel(spans[0].begin, spans[-1].end, spans, held, at_rest))
+        self._held, self._at_rest = held, at_rest
+        if is_last or len(self._spans) >= self.steps:
+            self._close_panel()
             if len(self._panels) >= BLOCK:
                 self.integrate()
+
+    def _close_panel(self) -> None:
+        """Make a panel of the steps that were added since the last."""
+        if self._spans:
+            spans, self._spans = tuple(self._spans), []
+            self._panels.append(Panel(spans[0].begin, spans[-1].end, spans, self._held, self._at_rest))
 
     def integrate(self) -> None:
         """Integrate over the panels that were added."""
@@ -143,6 +151,7 @@ class Ledger:
 
     def at(self, times: Array) -> Array:
         """Energies since the start at times that were integrated over, shape (T, k)."""
+        self._close_panel()
         self.integrate()
         if not self.pieces:
             return np.zeros((len(times), self.count))

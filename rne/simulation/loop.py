@@ -13,7 +13,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
-from .events import first_crossing
+from .events import Event, first_crossing
 from .ledger import Ledger, Span
 from .plant import Plant
 from .record import Record
@@ -23,6 +23,7 @@ from .stick_slip import DryPlant
 from .stops import Stop
 from .symplectic import METHOD as GAUSS
 from .symplectic import GaussSolver, Hamilton
+from .system import Stepper, System
 from .trajectory import Failure, Run, Task
 from .watch import Watch
 
@@ -92,7 +93,7 @@ class Loop:
             self.solver.resume(self.system, self.t, self.x, end)
         else:
             self.solver.start(self.system, self.t, self.x, end, self.system.longest_step(self.task.duration))
-        events = [*self.system.events, *self.task.stops]
+        events: list[Event] = [*self.system.events, *self.task.stops]
         while self.solver.is_running:
             step = self.solver.step()
             crossing = first_crossing(events, step.interpolant, step.begin, step.end) if events else None
@@ -207,14 +208,16 @@ class Loop:
         return "; ".join(part for part in parts if part) or "the end was reached"
 
 
-def _system_and_solver(plant: Plant, task: Task) -> tuple[Any, Any]:
+def _system_and_solver(plant: Plant, task: Task) -> tuple[System, Stepper]:
     """What is integrated, and by what."""
     if task.method == GAUSS:
         hamilton = Hamilton(plant)
         return hamilton, GaussSolver(hamilton, task.duration, task.step)
     friction = plant.rhs.friction
-    system = DryPlant(plant, friction) if friction is not None and friction.sticks else plant
-    return system, AdaptiveSolver(task.method, task.rtol, task.atol)
+    solver = AdaptiveSolver(task.method, task.rtol, task.atol)
+    if friction is not None and friction.sticks:
+        return DryPlant(plant, friction), solver
+    return plant, solver
 
 
 def _diverged(loop: Loop) -> NotFiniteError:

@@ -42,7 +42,7 @@ class Plant:
     """
 
     events: Sequence[Event] = ()
-    at_rest = None  # entries of the state that are held at zero
+    at_rest: Array | None = None  # entries of the state that are held at zero
     has_changed = False  # by the beginning of the segment
     told = ""
 

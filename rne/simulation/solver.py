@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -13,14 +13,6 @@ from .events import Interpolant
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 EXPLICIT = ("RK45", "RK23", "DOP853")
-
-
-class System(Protocol):
-    """What a solver integrates: dx/dt, and its Jacobian where one is known."""
-
-    jacobian: Any
-
-    def __call__(self, t: float, x: Array) -> Array: ...
 
 
 class Step:
@@ -55,7 +47,7 @@ class AdaptiveSolver:
         self._solver: Any = None
 
     def start(
-        self, system: System, t: float, x: Array, end: float, longest: float = np.inf, first: float | None = None
+        self, system: Any, t: float, x: Array, end: float, longest: float = np.inf, first: float | None = None
     ) -> None:
         """Begin anew at time t; steps are at most `longest` long."""
         import scipy.integrate
@@ -65,7 +57,7 @@ class AdaptiveSolver:
             options["jac"] = system.jacobian
         self._solver = getattr(scipy.integrate, self.method)(system, t, x, end, **options)
 
-    def resume(self, system: System, t: float, x: Array, end: float) -> None:
+    def resume(self, system: Any, t: float, x: Array, end: float) -> None:
         """Go on after a jump of the torques: an explicit solver with the length of its last step."""
         if self._solver is None or self.method not in EXPLICIT:
             return self.start(system, t, x, end, first=end - t if self._solver is None else None)

@@ -7,6 +7,7 @@ friction, and sticks or reverses when its rate passes through zero.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ class DryPlant:
             np.maximum(self.static(np.ones(n)), self.static(-np.ones(n))) == 0
         )  # without friction, never sticks
         self.span = (-np.inf, np.inf)
-        self.events: list[Event] = []
+        self.events: Sequence[Event] = ()
         self.fastest = 0.0  # largest rate so far [rad/s or m/s]
         self.largest_load = 0.0  # of any joint, when loads were last evaluated [N m or N]
         self.changes, self.begun, self.at_once = 0, -np.inf, 0

@@ -42,7 +42,7 @@ class Hamilton:
     """dx/dt of x = (q, p) for a robot without drives and friction, in which nothing switches."""
 
     events: Sequence[Event] = ()
-    at_rest = None
+    at_rest: Array | None = None
     has_changed = False
     told = ""
 
@@ -75,6 +75,10 @@ class Hamilton:
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Nothing to prepare."""
+
+    def after(self, event: Event, x: Array) -> Array:
+        """There are no events."""
+        return x
 
     def longest_step(self, duration: float) -> float:
         """The solver's steps are equal."""
@@ -117,6 +121,9 @@ class GaussSolver:
         self.x = x
         self.lost = np.zeros_like(x)  # rounding error of x, added back at the next step (Kahan's compensated sum)
         self.history = [np.tile(system(x[None]), (len(NODES), 1))]
+
+    def resume(self, system: Hamilton, t: float, x: Array, end: float) -> None:
+        """Nothing jumps in a free motion."""
 
     @property
     def is_running(self) -> bool:
