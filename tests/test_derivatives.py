@@ -39,7 +39,12 @@ TREES = {
 }
 
 
-@pytest.fixture(params=TREES, scope="module")
+LARGE = ("bushy", "mixed")  # trees like these are in the long run
+
+
+@pytest.fixture(
+    params=[pytest.param(name, marks=pytest.mark.long) if name in LARGE else name for name in TREES], scope="module"
+)
 def robot(request):
     return rne.Robot(TREES[request.param])
 

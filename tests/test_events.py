@@ -134,7 +134,9 @@ def test_an_arm_that_follows_small_sines_against_dry_friction(irb140):
     assert "changes between sticking and slipping" in ways[0].message
 
 
-@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "BDF", "Radau"])
+@pytest.mark.parametrize(
+    "method", ["DOP853", "LSODA", *[pytest.param(m, marks=pytest.mark.long) for m in ("RK45", "BDF", "Radau")]]
+)
 @pytest.mark.parametrize("marked", [True, False], ids=["traced", "called"])
 @pytest.mark.parametrize("coulomb", [None, 0.1], ids=["free", "dry"])
 def test_a_drive_at_its_limit_is_not_stepped_over(method, marked, coulomb):

@@ -158,7 +158,12 @@ SETTLING = {
 }
 
 
-@pytest.mark.parametrize("name", SETTLING)
+LATER = ("viscous friction 20 N m s", "Coulomb friction 5 N m", "torque limit 100 N m")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name in LATER else name for name in SETTLING]
+)
 def test_settling_with_what_6_5_3_mentions(name):
     variation = next(variation for variation in VARIATIONS if variation.name == name)
     found = [vary(k, variation).settling for k in range(3)]

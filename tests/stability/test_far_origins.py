@@ -45,7 +45,7 @@ def bound(n, distance):
     return 10 * n + distance * LONG_EPS / EPS
 
 
-@pytest.mark.parametrize("distance", [1e2, 1e4, 1e6])
+@pytest.mark.parametrize("distance", [*[pytest.param(d, marks=pytest.mark.long) for d in (1e2, 1e4)], 1e6])
 @pytest.mark.parametrize("name", MODELS)
 def test_dynamics_keep_their_digits(read, name, distance):
     """Against 50 digits of exactly the file's doubles."""
