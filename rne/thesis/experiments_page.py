@@ -46,8 +46,9 @@ def run(folder: Path, say: Callable[[str], None], markdown: Path | None = None) 
     page.text(
         "Høifødt 2011 simulated the ABB IRB 140 with ode45 at a relative tolerance of 1e-6. Each section says what "
         "it claims, what is measured here, and why they differ; its figures stand under their numbers, drawn from "
-        "our runs. A verdict names its criterion. The thesis's misprints are listed in errata.md. Joints are called "
-        "joint_1 to joint_6 as in the model; the thesis writes q_1 to q_6."
+        "our runs. A verdict names its criterion. The thesis's misprints are listed in errata.md; concordance.md says "
+        "where each of its equations and figures is in the code. Joints are called joint_1 to joint_6 as in the "
+        "model; the thesis writes q_1 to q_6."
     )
     page.figure("robot", lambda: plot_robot(load("irb140"), UPRIGHT), "The arm at (0, π/2, -π/2, 0, 0, 0)")
     say("simulating in parallel processes")
