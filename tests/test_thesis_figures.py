@@ -142,6 +142,13 @@ def test_both_formulations_give_one_motion(pairs):
         assert np.abs(motion.q - motion.q[0]).max() > 1
 
 
+@pytest.mark.parametrize("run", ["6.5-2", "6.5-3"])
+def test_closed_loops_of_figures_7_4_and_7_5_are_one_motion(run):
+    pair = formulations.both(run)
+    assert pair.newton.t[-1] == 2.3
+    assert np.abs(pair.newton.q - pair.lagrange.q).max() <= 1e-6
+
+
 def test_ratios_of_table_7_1():
     assert formulations.closed_by_open() == 280
     ratios = [formulations.slower(run) for run in formulations.TABLE]

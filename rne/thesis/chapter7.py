@@ -33,11 +33,12 @@ def equilibria(page: Page, found: dict[str, Any]) -> None:
     page.text(verdicts.alike(difference(pairs["7.1-2"])))
     for number, run in NUMBERS.items():
         figure_of_the_thesis(page, number, partial(numbered.formulations, number, pairs[run]))
-    tipped = found["equilibrium 7.1-2"]
+    tipped, lagrange = found["equilibrium 7.1-2"], found["equilibrium 7.1-2, Euler-Lagrange"]
     page.subheading(f"{BEYOND}: how fast 7.1-2 tips over")
     page.text(
         "When 7.1-2 leaves its equilibrium depends on the errors of the solver. How fast a deviation grows does not: "
-        f"{verdicts.grows(tipped.measured, tipped.rate)}"
+        f"{verdicts.grows(tipped.measured, tipped.rate)} By Euler-Lagrange: "
+        f"{verdicts.grows(lagrange.measured, lagrange.rate)}"
     )
     caption = "Growth of 1e-6 rad at the unstable equilibrium"
     page.figure("tipping", lambda: figures.plot_tipping(tipped.motion, tipped.distance, tipped.rate), caption)

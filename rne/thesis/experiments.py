@@ -15,6 +15,7 @@ from ..basics.spatial import Array
 from ..dynamics.rnea import gravity_torque
 from ..errors import SimulationError
 from ..model.robots.abb_irb140 import CLOSED_LOOPS
+from ..simulation.scene import Scene
 from ..simulation.simulator import simulate
 from ..simulation.trajectory import Trajectory
 from ..urdf.loading import load
@@ -100,8 +101,8 @@ class Tipping(NamedTuple):
         return float(np.polyfit(self.motion.t[small], np.log(self.distance[small]), 1)[0])
 
 
-def tipping() -> Tipping:
-    """How fast a small deviation from the unstable equilibrium 7.1-2 grows."""
+def tipping(formulation: str = "newton-euler") -> Tipping:
+    """How fast a small deviation from the unstable equilibrium 7.1-2 grows, by one formulation."""
     robot = load("irb140")
     start = np.array(STARTS["7.1-2"])
     A, _ = robot.linearize(start, REST, REST)
@@ -110,7 +111,8 @@ def tipping() -> Tipping:
     rate = float(np.sqrt(squares[k].real))
     mode = modes[:, k].real * 1e-6 / np.abs(modes[:, k]).max()
     times = np.linspace(0, 1.6, 801)
-    motion = simulate(robot, start + mode, rate * mode, 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
+    scene = Scene(robot, formulation=formulation)
+    motion = simulate(scene, start + mode, rate * mode, 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
     return Tipping(motion, np.abs(motion.q - start).max(axis=1), rate)
 
 
@@ -154,6 +156,7 @@ JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "swings": (swings, ()),
     "equilibrium 7.1-1": (still, ()),
     "equilibrium 7.1-2": (tipping, ()),
+    "equilibrium 7.1-2, Euler-Lagrange": (tipping, ("euler-lagrange",)),
     **{f"chapter 7, run {run}": (both, (run,)) for run in RUNS},
     "formulations": (costs, ()),
 }
