@@ -110,9 +110,10 @@ def test_christoffel_symbols_give_the_coriolis_torque_and_matrix(arm):
     assert np.abs(torque - rne.coriolis_torque(arm, q, qd)).max() <= LAW * size(arm, q) * rate**2
 
 
+@pytest.mark.parametrize("tree", [pytest.param(name, marks=[pytest.mark.long] * (name == "bushy")) for name in ARMS])
 @pytest.mark.parametrize(("name", "count"), [("lagrange_inverse_dynamics", 3), ("christoffel_symbols", 1)])
-def test_kernel_is_the_function(arm, name, count):
-    function = getattr(rne, name)
+def test_kernel_is_the_function(tree, name, count):
+    function, arm = getattr(rne, name), ARMS[tree]
     arguments = states(arm.n, 300)[:count]
     kernel = rne.compile(function, arm)
     expected = function(arm, *arguments)

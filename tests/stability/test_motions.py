@@ -94,7 +94,7 @@ def test_an_unstable_rest_departs_at_the_rate_of_its_linearisation():
     assert falling.departure[0.0][-1] > 0.1  # rounding alone
 
 
-@pytest.mark.parametrize("width", [0.05, 1e-4])
+@pytest.mark.parametrize("width", [pytest.param(0.05, marks=pytest.mark.long), 1e-4])
 def test_pulses_are_met_if_they_are_named_and_missed_otherwise(irb140, width):
     assert motions.pulse_missed(irb140, width, "DOP853", named=False) > 0.99
     for method in ("DOP853", "LSODA"):
