@@ -11,13 +11,13 @@ import sys
 import time
 from typing import Any
 
-from benchmarks import evaluation, growth, growth_picture, integration, integration_picture, scenes
-from benchmarks.measure import is_quick, machine, write
+from benchmarks import evaluation, evaluation_picture, growth, growth_picture, integration, integration_picture, scenes
+from benchmarks.measure import QUICK_NOTE, is_quick, machine, write
 from benchmarks.pages import DOCS, rewrite
 from benchmarks.peers import left_out, versions
 
 CHARTS: dict[str, tuple[Any, Any]] = {
-    "evaluation": (evaluation, evaluation.picture),
+    "evaluation": (evaluation, evaluation_picture.picture),
     "integration": (integration, integration_picture.picture),
     "growth": (growth, growth_picture.picture),
     "scenes": (scenes, scenes.picture),
@@ -48,6 +48,7 @@ def main() -> None:
         print(f"{name} took {time.perf_counter() - start:.1f} s", file=sys.stderr)
     figures = {name: picture(results[name]) for name, (_, picture) in CHARTS.items()}
     if quick:
+        print(QUICK_NOTE)
         return
     write("charts.json", {"compared": versions(), "left_out": left_out(), "charts": results})
     for name, figure in figures.items():

@@ -1,7 +1,8 @@
 """Chart A: time per state against the error to 50 digits, for inverse dynamics, M and forward dynamics.
 
 The reference is the recursion on mpmath numbers of 50 digits. Every peer that is installed takes part; see
-`benchmarks.peers`.
+`benchmarks.peers`. Batches are compared with batches, and calls of one state with calls of one state; a package without
+a batch call computes a batch in a loop.
 """
 
 from __future__ import annotations
@@ -15,17 +16,17 @@ import mpmath
 import numpy as np
 
 import rne
+from benchmarks import batch_sizes
 from benchmarks.cases import QUANTITIES, load, states, title
 from benchmarks.measure import many, nanoseconds, per_state, ratio
 from benchmarks.pages import table, three
 from benchmarks.peers import PEERS, Case, Point
-from benchmarks.pictures import OTHER, OURS, PINOCCHIO, label_points, lay_out
-from rne.plotting.plots import blank_figure
 
-MARKERS = {"float32": "s", "float64": "o", "longdouble": "^"}
-TIMES = 200  # calls of one state in a repeat
+DTYPES = ("float32", "float64", "longdouble")
+TIMES, SLOW_TIMES = 200, 20  # calls of one state in a repeat, of the kernel and of the recursion
 DISAGREES = 1e-3  # a larger error is not rounding, not even float32's
-KERNEL, PINOCCHIO_BATCH = "kernel, batch", "Pinocchio, batch"
+KERNEL, KERNEL_SINGLE = "kernel, batch", "kernel, one state"
+PINOCCHIO_BATCH, PINOCCHIO_SINGLE = "Pinocchio, batch", "Pinocchio, one state"
 
 
 def exact(function: Any, model: rne.Model, arrays: list[np.ndarray]) -> np.ndarray:
@@ -75,18 +76,26 @@ def compare(robot: rne.Robot, quantity: str, sizes: dict[str, int], refused: dic
     return {point.name: row(point, found[point.name], each) for point in points}
 
 
+def is_batch(name: str) -> bool:
+    """True for a call that takes many states."""
+    return "batch" in name
+
+
 def row(point: Point, error: list[float], each: dict[str, list[float]]) -> dict[str, Any]:
     """The figures of one call."""
-    against = PINOCCHIO_BATCH if "batch" in point.name and PINOCCHIO_BATCH in each else "Pinocchio, one state"
+    batch = is_batch(point.name)
+    against = PINOCCHIO_BATCH if batch and PINOCCHIO_BATCH in each else PINOCCHIO_SINGLE
     return {
         "precision": point.precision,
         "ns_per_state": nanoseconds(each[point.name]),
+        "batch": point.count if batch else 1,
         "states": point.count,
         "worst_error": max(error),
         "median_error": statistics.median(error),
-        "against": against,
+        "against": "batch" if against == PINOCCHIO_BATCH else "loop" if batch else "one state",
         "times_faster": ratio(each, against, point.name),
-        "kernel_faster": ratio(each, point.name, KERNEL),
+        "kernel_faster": ratio(each, point.name, KERNEL if batch else KERNEL_SINGLE),
+        "kernel_batch_faster": ratio(each, point.name, KERNEL),
         "build_s": point.build_s,
     }
 
@@ -104,18 +113,23 @@ def ours(case: Case, few: int) -> list[Point]:
         Point(KERNEL, lambda: kernel(*arrays, out=out), len(out), lambda k: out[:k], build_s=build_s),
         Point("kernel, batch, float32", lambda: kernel(*arrays32, out=out32), len(out), lambda k: out32[:k], "float32"),
         Point(
-            "kernel, one state",
+            KERNEL_SINGLE,
             many(lambda: kernel(*one), TIMES),
             TIMES,
             lambda k: np.array([kernel(*(a[i].copy() for a in arrays)) for i in range(k)]),
         ),
     ]
-    for dtype in MARKERS:
+    for dtype in DTYPES:
         typed = [a[:few].astype(dtype) for a in arrays]
-        name = "recursion" if dtype == "float64" else f"recursion, {dtype}"
+        name = "recursion, batch" if dtype == "float64" else f"recursion, batch, {dtype}"
         call = partial(function, model, *typed)
         found.append(Point(name, call, len(typed[0]), lambda k, call=call: call()[:k], dtype))
-    return found
+
+    def singles(few: int) -> np.ndarray:
+        return np.array([function(model, *(a[i] for a in arrays)) for i in range(few)])
+
+    call = many(partial(function, model, *one), SLOW_TIMES)
+    return [*found, Point("recursion, one state", call, SLOW_TIMES, singles)]
 
 
 def theirs(case: Case, refused: dict[str, str]) -> list[Point]:
@@ -139,94 +153,65 @@ def run(quick: bool) -> dict[str, Any]:
     found = {name: load(name) for name in (("irb140",) if quick else ("irb140", "ur5"))}
     refused: dict[str, dict[str, str]] = {name: {} for name in found}
     rows = {name: {q: compare(robot, q, sizes, refused[name]) for q in QUANTITIES} for name, robot in found.items()}
-    return {"sizes": sizes, "robots": rows, "refused": refused}
-
-
-def color(name: str) -> str:
-    """By project."""
-    return PINOCCHIO if name.startswith("Pinocchio") else OURS if name.startswith(("kernel", "recursion")) else OTHER
-
-
-def picture(results: dict[str, Any]) -> Any:
-    """Log-log, a panel for each robot and quantity."""
-    found = results["robots"]
-    figure = blank_figure(17, 6.25 * len(found))
-    grid = figure.subplots(len(found), 3, sharex=True, sharey=True, squeeze=False)
-    figure.suptitle("Speed and accuracy of an evaluation: lower left is better (log scales)")
-    times = [r["ns_per_state"] for quantities in found.values() for rows in quantities.values() for r in rows.values()]
-    left, right = min(25.0, min(times) / 8), max(1e5, 3 * max(times))
-    panels = [
-        (ax, f"{robot}: {title(quantity)}", rows)
-        for axes, (robot, quantities) in zip(grid, found.items(), strict=True)
-        for ax, (quantity, rows) in zip(axes, quantities.items(), strict=True)
-    ]
-    for ax, name, rows in panels:
-        ax.set(xscale="log", yscale="log", xlim=(left, right), ylim=(3e-21, 1e-5))
-        ax.set_title(name, fontsize="medium")
-        panel(ax, rows, left)
-    for ax in grid[:, 0]:
-        ax.set_ylabel("worst error of the states, relative to largest entry [1]")
-    for ax in grid[-1]:
-        ax.set_xlabel("time per state [ns]")
-    lay_out(figure)
-    for ax, _, rows in panels:
-        label_points(ax, [(r["ns_per_state"], r["worst_error"], n, color(n)) for n, r in rows.items()])
-    return figure
-
-
-def panel(ax: Any, rows: dict[str, Any], left: float) -> None:
-    """A point for each call, and a line at the eps of each precision."""
-    ax.grid(True, alpha=0.25)
-    for dtype, marker in MARKERS.items():
-        eps = float(np.finfo(dtype).eps)
-        ax.axhline(eps, color="0.6", linestyle=":", linewidth=0.9)
-        ax.text(1.1 * left, eps / 1.35, f"eps of {dtype}", fontsize=7, color="0.45", va="top")
-        for name, row in rows.items():
-            if row["precision"] == dtype:
-                ax.plot(row["ns_per_state"], row["worst_error"], marker, color=color(name), markersize=6)
+    return {"sizes": sizes, "robots": rows, "refused": refused, "batch_sizes": batch_sizes.run(quick)}
 
 
 def tables(results: dict[str, Any]) -> dict[str, str]:
-    """The kernel's batch beside each other package, and all calls."""
-    return {"kernel-beside-peers": beside_peers(results), "evaluation": every_call(results)}
+    """The kernel beside each other package, all calls, and the sizes of batches."""
+    return {
+        "kernel-beside-peers": beside_peers(results),
+        "evaluation": every_call(results),
+        "batch-sizes": batch_sizes.by_size(results["batch_sizes"]),
+    }
 
 
 def beside_peers(results: dict[str, Any]) -> str:
-    """How many times faster the kernel's batch is, and the errors of both where both run."""
+    """How many times faster the kernel is, and the errors of both where both run."""
     columns = {
         f"{robot}, {title(quantity)}": rows
         for robot, quantities in results["robots"].items()
         for quantity, rows in quantities.items()
     }
     names = list(dict.fromkeys(name for rows in columns.values() for name in rows))
-    lines = []
-    for name in (KERNEL, *(n for n in names if color(n) != OURS)):
-        there = [rows for rows in columns.values() if name in rows]
-        times = [three(rows[name]["kernel_faster"]) if name in rows else "-" for rows in columns.values()]
-        worst = [max(rows[who]["worst_error"] for rows in there) for who in (name, KERNEL)]
-        built = [rows[name]["build_s"] for rows in there if rows[name]["build_s"] is not None]
-        span = f"{min(built):.2f} to {max(built):.2f}" if built else "-"
-        lines.append([name, *times, *(f"{error:.1e}" for error in worst), span])
-    head = ["times the kernel's batch is faster than", *columns, "worst error", "the kernel's", "time to build [s]"]
+    peers = [name for name in names if not name.startswith(("kernel", "recursion"))]
+    batches, singles = [n for n in peers if is_batch(n)], [n for n in peers if not is_batch(n)]
+    lines = [_beside(columns, name, KERNEL, "kernel_faster", name) for name in (KERNEL, *batches)]
+    for name in singles:  # a batch in a loop, where the package has no batch call
+        without = {title: {} if name.replace("one state", "batch") in rows else rows for title, rows in columns.items()}
+        lines.append(
+            _beside(without, name, KERNEL, "kernel_batch_faster", name.replace("one state", "a batch in a loop"))
+        )
+    lines += [_beside(columns, name, KERNEL_SINGLE, "kernel_faster", name) for name in singles]
+    head = ["times the kernel is faster than", *columns, "worst error", "the kernel's", "time to build [s]"]
     return table(head, lines)
+
+
+def _beside(columns: dict[str, Any], name: str, kernel: str, key: str, label: str) -> list[str]:
+    there = [rows for rows in columns.values() if name in rows]
+    times = [three(rows[name][key]) if name in rows else "-" for rows in columns.values()]
+    worst = [max(rows[who]["worst_error"] for rows in there) for who in (name, kernel)]
+    built = [rows[name]["build_s"] for rows in there if rows[name]["build_s"] is not None]
+    span = f"{min(built):.2f} to {max(built):.2f}" if built else "-"
+    return [label, *times, *(f"{error:.1e}" for error in worst), span]
 
 
 def every_call(results: dict[str, Any]) -> str:
     """All points."""
-    head = ["robot", "quantity", "call", "ns per state", "error, worst", "median", "times Pinocchio's speed", "of its"]
+    head = ["robot", "quantity", "call", "states per call", "ns per state", "error, worst", "median"]
     rows = [
         [
             robot,
             title(quantity),
             name,
+            str(row["batch"]),
             f"{row['ns_per_state']:.0f}",
             f"{row['worst_error']:.1e}",
             f"{row['median_error']:.1e}",
             three(row["times_faster"]),
-            row["against"].removeprefix("Pinocchio, "),
+            row["against"],
         ]
         for robot, quantities in results["robots"].items()
         for quantity, calls in quantities.items()
         for name, row in calls.items()
     ]
-    return table(head, rows)
+    return table([*head, "times Pinocchio's speed", "of its"], rows)

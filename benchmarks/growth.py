@@ -1,4 +1,4 @@
-"""Chart C: growth with the number of joints and with the number of states, beside Pinocchio's.
+"""Chart C: growth with the number of joints, beside Pinocchio's.
 
 Two families of arms. In a straight chain all axes are parallel, and much of the arithmetic is zero; in a crooked chain
 axes, placements and inertias are random, and nothing can be dropped.
@@ -9,11 +9,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import numpy as np
-
 import rne
-from benchmarks.cases import QUANTITIES, load, states, title
-from benchmarks.measure import many, nanoseconds, per_state, ratio, repeats_within
+from benchmarks.batch_sizes import EXACT, error
+from benchmarks.cases import QUANTITIES, states, title
+from benchmarks.measure import nanoseconds, per_state, ratio, repeats_within
 from benchmarks.pages import table, three
 from benchmarks.peers.pinocchio import Pinocchio
 from rne.model.robots.generators import random_tree, straight_chain
@@ -26,21 +25,12 @@ LONGEST = {  # joints beyond which a quantity is left out: too large to be unrol
     ("crooked", "forward_dynamics"): 48,
 }
 SECONDS = 0.8  # for the repeats of one comparison
-EXACT = 50  # states whose error is taken, against long double
-STATES = (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000, 100_000, 1_000_000)
 FAMILIES = ("straight", "crooked")
 
 
 def chain(family: str, n: int) -> rne.Model:
     """An arm of n revolute joints."""
     return straight_chain(n) if family == "straight" else random_tree(n, 1, prismatic=0.0, branching=0.0)
-
-
-def error(function: Any, model: rne.Model, arrays: list[np.ndarray], got: np.ndarray) -> float:
-    """Worst of the first states, relative to the state's largest entry, against the recursion in long double."""
-    few = min(EXACT, len(got))
-    exact = function(model, *(a[:few].astype(np.longdouble) for a in arrays)).reshape(few, -1)
-    return float((np.abs(got[:few].reshape(few, -1) - exact).max(1) / np.abs(exact).max(1)).max())
 
 
 def of_length(family: str, n: int, count: int, repeats: int) -> dict[str, Any]:
@@ -73,40 +63,8 @@ def of_length(family: str, n: int, count: int, repeats: int) -> dict[str, Any]:
     return rows
 
 
-def of_batches(counts: tuple[int, ...], repeats: int, least: int) -> dict[int, Any]:
-    """Inverse dynamics of the IRB 140 in batches of each size, and with one state per call.
-
-    Short calls are repeated for `least` states in a run, single calls for a tenth of it.
-    """
-    robot, quantity = load("irb140"), "inverse_dynamics"
-    kernel = robot.kernel(rne.inverse_dynamics)
-    rows: dict[int, Any] = {}
-    for count in counts:
-        arrays = states(6, count)
-        theirs = Pinocchio(robot.model, arrays)
-        out = kernel(*arrays)
-        one = [a[0].copy() for a in arrays]
-        times, singles = max(1, least // count), least // 10
-        loop, looped = theirs.loop(quantity)
-        done = {
-            "ours": (many(lambda k=kernel, a=arrays, o=out: k(*a, out=o), times), times * count),
-            "theirs": (many(theirs.fastest(quantity)[0], times), times * count),
-            "our single call": (many(lambda k=kernel, a=one: k(*a), singles), singles),
-            "their single call": (many(loop, -(-singles // looped)), -(-singles // looped) * looped),
-        }
-        calls = [call for call, _ in done.values()]
-        each = per_state(done, repeats_within(calls, 2 * SECONDS) if repeats > 1 else 1)
-        rows[count] = {f"{name} ns_per_state": nanoseconds(runs) for name, runs in each.items()} | {
-            "times_faster": ratio(each, "theirs", "ours"),
-            "single_times_faster": ratio(each, "their single call", "our single call"),
-            "error": error(rne.inverse_dynamics, robot.model, arrays, out),
-            "pinocchio_error": error(rne.inverse_dynamics, robot.model, arrays, theirs.results(quantity, EXACT)),
-        }
-    return rows
-
-
 def run(quick: bool) -> dict[str, Any]:
-    """Both growths."""
+    """Both families."""
     count, repeats = (20, 1) if quick else (BATCH, 5)
     lengths = (2, 4) if quick else LENGTHS
     chains = {family: {n: of_length(family, n, count, repeats) for n in lengths} for family in FAMILIES}
@@ -114,13 +72,12 @@ def run(quick: bool) -> dict[str, Any]:
         "batch": count,
         "repeats": "5 to 41, by time" if repeats > 1 else 1,
         "chains": chains,
-        "states": of_batches((1, 100), 1, 100) if quick else of_batches(STATES, 7, 3000),
     }
 
 
 def tables(results: dict[str, Any]) -> dict[str, str]:
-    """By the number of joints, and by the number of states."""
-    return {"joints": by_joints(results["chains"]), "batches": by_states(results["states"])}
+    """By the number of joints."""
+    return {"joints": by_joints(results["chains"])}
 
 
 def by_joints(chains: dict[str, Any]) -> str:
@@ -144,24 +101,6 @@ def by_joints(chains: dict[str, Any]) -> str:
     ]
     head = ["chain", "quantity", "n", "operations", "compile s", "ns per state", "Pinocchio ns", "times its speed"]
     return table([*head, "error", "Pinocchio's error"], rows)
-
-
-def by_states(found: dict[int, Any]) -> str:
-    """A row for each size of the batch."""
-    keys = ("our single call ns_per_state", "their single call ns_per_state")
-    rows = [
-        [
-            str(count),
-            f"{row['ours ns_per_state']:.0f}",
-            f"{row['theirs ns_per_state']:.0f}",
-            *ratio_and_errors(row),
-            *(f"{row[key]:.0f}" for key in keys),
-            three(row["single_times_faster"]),
-        ]
-        for count, row in found.items()
-    ]
-    head = ["N", "batch, ns per state", "Pinocchio ns", "times its speed", "error", "Pinocchio's error"]
-    return table([*head, "single call ns", "Pinocchio ns", "times its speed"], rows)
 
 
 def ratio_and_errors(row: dict[str, Any]) -> list[str]:

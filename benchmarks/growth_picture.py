@@ -1,4 +1,4 @@
-"""Chart C's picture: time per state, operations and compile time against n, and time per state against N."""
+"""Chart C's picture: time per state, operations, compile time and errors against the number of joints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def picture(results: dict[str, Any]) -> Any:
     chains = results["chains"]
     figure = blank_figure(15, 9)
     axes = figure.subplots(2, 3)
-    figure.suptitle("Growth with the number of joints n and of states N (log scales)")
+    figure.suptitle("Growth with the number of joints n (log scales)")
     for ax, quantity in zip(axes[0], QUANTITIES, strict=True):
         times(ax, chains, quantity, results["batch"])
     growth(axes[1, 0], chains, "operations", "operations per state [1]")
@@ -26,11 +26,11 @@ def picture(results: dict[str, Any]) -> Any:
     axes[1, 0].set_title("rne: operations")
     axes[1, 1].set_title("rne: compile time")
     ticks = [n for n in TICKS if n <= max(chains["straight"])]
-    for ax in [*axes[0], *axes[1, :2]]:
+    errors(axes[1, 2], chains)
+    for ax in axes.flat:
         ax.set(xscale="log", yscale="log", xlabel="joints n [1]")
         ax.set_xticks(ticks, [str(n) for n in ticks], minor=False)
         ax.minorticks_off()
-    batches(axes[1, 2], results["states"])
     for ax in axes.flat:
         ax.grid(True, alpha=0.25)
         if ax.get_legend() is None:
@@ -60,14 +60,13 @@ def growth(ax: Any, chains: dict[str, Any], key: str, label: str) -> None:
     ax.set_ylabel(label)
 
 
-def batches(ax: Any, rows: dict[int, Any]) -> None:
-    """Inverse dynamics against the number of states."""
-    for who, key, color, style in (
-        ("rne, batch call", "ours", OURS, ".-"),
-        ("rne, one call per state", "our single call", OURS, ".:"),
-        ("Pinocchio, batch call", "theirs", PINOCCHIO, ".-"),
-        ("Pinocchio, one call per state", "their single call", PINOCCHIO, ".:"),
-    ):
-        ax.plot(list(rows), [row[f"{key} ns_per_state"] for row in rows.values()], style, color=color, label=who)
-    ax.set(xscale="log", yscale="log", xlabel="states N [1]", ylabel="time per state [ns]")
-    ax.set_title("irb140: inverse dynamics")
+def errors(ax: Any, chains: dict[str, Any]) -> None:
+    """Of crooked chains, ours and Pinocchio's."""
+    for quantity, color in COLORS.items():
+        rows = {n: row[quantity] for n, row in chains["crooked"].items() if quantity in row}
+        for who, key, style in (("rne", "error", ".-"), ("Pinocchio", "pinocchio_error", ".:")):
+            ax.plot(
+                list(rows), [row[key] for row in rows.values()], style, color=color, label=f"{who}, {title(quantity)}"
+            )
+    ax.set(title="errors, crooked chains", ylabel="worst error, relative to largest entry [1]", ylim=(1e-16, 1e-10))
+    ax.legend(fontsize="small", frameon=False, loc="upper left")

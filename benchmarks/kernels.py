@@ -15,7 +15,7 @@ import numpy as np
 
 import rne
 from benchmarks.cases import QUANTITIES, load, states, title
-from benchmarks.measure import interleaved, is_quick, many, nanoseconds, per_state, ratio, write
+from benchmarks.measure import QUICK_NOTE, interleaved, is_quick, many, nanoseconds, per_state, ratio, write
 from benchmarks.pages import table
 from benchmarks.peers.pinocchio import Pinocchio
 from rne.model.robots.generators import straight_chain
@@ -182,7 +182,9 @@ def main() -> None:
     print(f"\ncompile times, time per state and memory: {grown}")
     shares = processes(20_000 if quick else 2_000_000, 1 if quick else 5)
     print(f"two processes: {shares[0]:.2f} times faster than one")
-    if not quick:
+    if quick:
+        print(f"\n{QUICK_NOTE}")
+    else:
         content = {"states": count, "repeats": repeats, "robots": results, "growth": grown, "two_processes": shares}
         write("kernels.json", content)
 

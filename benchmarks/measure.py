@@ -16,6 +16,10 @@ from typing import Any
 import numpy as np
 
 RESULTS = Path(__file__).parent / "results"
+QUICK_NOTE = (
+    "--quick: these figures are not for comparison. A kernel's batch call has a fixed cost, which outweighs the small "
+    "batches of a quick run and reverses the ranking."
+)
 Spread = tuple[float, float, float]  # median, smallest, largest
 
 

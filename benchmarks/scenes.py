@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 import rne
+from benchmarks.batch_sizes import EXACT, error
 from benchmarks.cases import load, states
-from benchmarks.growth import EXACT, error
 from benchmarks.measure import nanoseconds, per_state, ratio
 from benchmarks.pages import table, three
 from benchmarks.peers.pinocchio import Pinocchio

@@ -1,6 +1,7 @@
 """Worst differences from Pinocchio over random states: python -m benchmarks.validation [--quick]
 
 For the IRB 140, UR5, Panda and every loadable robot of example-robot-data; Pinocchio reads the same files.
+Then, for the first three, every torque and wrench joint by joint: see `benchmarks.every_torque`.
 Writes benchmarks/results/validation.json.
 """
 
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 import rne
 from benchmarks.cases import data_robots
+from benchmarks.every_torque import Difference, arms, differences
 from benchmarks.measure import is_quick, write
 from benchmarks.pages import table
 from rne.analysis.validation import against_pinocchio
@@ -41,6 +43,22 @@ def every_data_robot(samples: int) -> dict[str, dict[str, float]]:
     return found
 
 
+def joint_by_joint(found: dict[str, list[Difference]]) -> str:
+    """A row for each robot and quantity, a column for each joint; a mimic joint has wrenches but no torque."""
+    most = max(len(one.joints) for rows in found.values() for one in rows)
+    rows = [
+        [name, one.quantity, *(f"{x:.1e}" for x in one.worst), *["-"] * (most - len(one.joints))]
+        for name, robot_rows in found.items()
+        for one in robot_rows
+    ]
+    return table(["robot", "quantity", *(f"joint {k + 1}" for k in range(most))], rows)
+
+
+def by_quantity(found: dict[str, list[Difference]]) -> dict[str, dict[str, list[float]]]:
+    """As JSON keeps it."""
+    return {name: {one.quantity: one.worst.tolist() for one in rows} for name, rows in found.items()}
+
+
 def main() -> None:
     quick = is_quick(__doc__)
     samples, files = 3 if quick else 1000, data_robots()
@@ -55,8 +73,14 @@ def main() -> None:
     print(table(["robot", *columns], rows))
     singular = sorted(name for name, row in others.items() if "singular" in row)
     print(f"\nM is singular, and forward dynamics raises SingularMassMatrixError, on: {', '.join(singular) or 'none'}")
+    found = {name: differences(arm, samples) for name, arm in arms().items() if name == "irb140" or not quick}
+    print("\nJoint by joint, relative to the joint's own terms |M| |qdd| + |C qd| + |g|, or to its wrench:\n")
+    print(joint_by_joint(found))
+    worst = max((one.worst.max(), name, one.quantity) for name, rows in found.items() for one in rows)
+    print("\nworst: {:.1e}, {}, {}".format(*worst))
     if not quick:
-        write("validation.json", {"samples": samples, "worst": results, "robots": others})
+        joints = by_quantity(found)
+        write("validation.json", {"samples": samples, "worst": results, "robots": others, "joint by joint": joints})
 
 
 if __name__ == "__main__":

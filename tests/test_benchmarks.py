@@ -6,7 +6,10 @@ import sys
 
 import pytest
 
+from benchmarks.evaluation import KERNEL, KERNEL_SINGLE, PINOCCHIO_BATCH, PINOCCHIO_SINGLE, row
+from benchmarks.evaluation_picture import label
 from benchmarks.pages import BLOCK, DOCS, filled, table
+from benchmarks.peers import Point
 
 from .helpers import ROOT
 
@@ -23,7 +26,31 @@ def test_quick_run_prints_a_table_and_changes_no_file(name):
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert "| irb140 |" in run.stdout
+    if name in ("benchmarks", "benchmarks.kernels"):
+        assert "not for comparison" in run.stdout
     assert [path.read_bytes() for path in results] == before
+
+
+def test_batches_are_compared_with_batches_and_single_calls_with_single_calls():
+    seconds = {KERNEL: 1.0, KERNEL_SINGLE: 60.0, PINOCCHIO_BATCH: 8.0, PINOCCHIO_SINGLE: 12.0, "recursion, batch": 40.0}
+    each = {name: [time * 1e-9] for name, time in seconds.items()}
+    rows = {name: row(Point(name, print, 1000, print), [0.0], each) for name in seconds}
+    assert {name: (r["against"], r["batch"]) for name, r in rows.items()} == {
+        KERNEL: ("batch", 1000),
+        KERNEL_SINGLE: ("one state", 1),
+        PINOCCHIO_BATCH: ("batch", 1000),
+        PINOCCHIO_SINGLE: ("one state", 1),
+        "recursion, batch": ("batch", 1000),
+    }
+    assert rows["recursion, batch"]["times_faster"][0] == pytest.approx(8 / 40)
+    assert rows[PINOCCHIO_SINGLE]["kernel_faster"][0] == pytest.approx(12 / 60)
+    del each[PINOCCHIO_BATCH]
+    assert row(Point(KERNEL, print, 1000, print), [0.0], each)["against"] == "loop"
+
+
+def test_labels_of_batches_have_their_size():
+    assert label("recursion, batch, float32", 20_000) == "recursion, batch of 20 000, float32"
+    assert label("kernel, one state", 1) == "kernel"
 
 
 def test_figures_in_the_text_of_results_stand_in_the_tables():

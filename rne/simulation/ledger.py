@@ -18,10 +18,10 @@ from .events import Interpolant
 
 Powers = Callable[[Array, Array, Array | None], Array]  # times (N,), states (N, size), held torques -> (N, k)
 
-DEGREE = 6  # of the polynomials
+DEGREE = 8  # of the polynomials
 NODES, _ = legendre.leggauss(DEGREE + 1)
 COEFFICIENTS = np.linalg.inv(legendre.legvander(NODES, DEGREE))  # of Legendre's polynomials, from values at the nodes
-NEGLIGIBLE = 1e-8  # estimated error of a panel, in units of all energy exchanged so far
+NEGLIGIBLE = 1e-7  # estimated error of a panel, in units of all energy exchanged so far
 EASY = 1e-2  # of that: panels may be twice as long
 HALVINGS, SHORTEST = 12, 1e-13  # panels are not halved more often, nor below that part of the time
 BLOCK = 24  # panels evaluated together
@@ -63,7 +63,11 @@ class Panel(NamedTuple):
         return X
 
     def halves(self) -> tuple[Panel, Panel]:
-        """Its two halves."""
+        """Two halves: of the spans, between which the interpolants have corners, or of the only one."""
+        if len(self.spans) > 1:
+            first, second = self.spans[: len(self.spans) // 2], self.spans[len(self.spans) // 2 :]
+            middle = first[-1].end
+            return self._replace(end=middle, spans=first), self._replace(begin=middle, spans=second)
         middle = (self.begin + self.end) / 2
         return self._replace(end=middle), self._replace(begin=middle)
 
