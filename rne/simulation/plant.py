@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import isfinite
 from typing import Any
 
@@ -14,11 +14,11 @@ from ..dynamics.verdict import SOUND, Verdict
 from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
 from .equations_of_motion import RightHandSide
-from .events import Event
 from .law import torques_and_rates
+from .system import Unswitched
 
 
-class Plant:
+class Plant(Unswitched):
     """f(t, x) for a solver, counting its calls; an untraced law is called for the drives' torques.
 
     Nothing in it switches by itself; see `DryPlant` for what does.
@@ -41,11 +41,6 @@ class Plant:
         The loss of precision in the worst state evaluated so far.
     """
 
-    events: Sequence[Event] = ()
-    at_rest: Array | None = None  # entries of the state that are held at zero
-    has_changed = False  # by the beginning of the segment
-    told = ""
-
     def __init__(self, rhs: RightHandSide, law: Callable[..., Any] | None, law_name: str = "controller") -> None:
         self.rhs = rhs
         self.robot = rhs.robot
@@ -57,33 +52,9 @@ class Plant:
         self.kernel = rhs.kernel
         self._state_function = self.kernel.state_function_at_any_rate if self.kernel.is_unrolled else None
 
-    def start(self, x: Array) -> Array:
-        """The solver's state at the start of a run, of (q, qd, z)."""
-        return x
-
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
-        """Prepare for a segment that begins here."""
+        """Evaluate torques within the segment that begins here."""
         self.span = span
-
-    def after(self, event: Event, x: Array) -> Array:
-        """The state with which motion goes on after one of `events`."""
-        return x
-
-    def longest_step(self, duration: float) -> float:
-        """Longest step that the solver may take [s]."""
-        return np.inf
-
-    def reported(self, x: Array) -> Array:
-        """The state to report of a solver's state."""
-        return x
-
-    def accelerations_at(self, t: float, x: Array) -> Array | None:
-        """Accelerations to report, where they do not follow from time, state and torques."""
-        return None
-
-    def states(self, X: Array) -> Array:
-        """All reported states, shape (T, size), as (q, qd, z)."""
-        return X
 
     def note(self, verdict: Verdict) -> None:
         """Raise an error; keep a loss if it is the worst so far."""

@@ -18,6 +18,7 @@ from ..errors import NotFiniteError
 from .events import Event
 from .friction import Friction
 from .plant import Plant
+from .system import Unswitched
 
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
 AT_REST = 1e-12  # of the largest rate so far: rates below it count as zero
@@ -49,7 +50,7 @@ class Overload:
         return float(-self.dry.margins(t, x)[self.joint])
 
 
-class DryPlant:
+class DryPlant(Unswitched):
     """The equations of motion for given modes of the joints: +1 and -1 slip, 0 sticks.
 
     A sticking joint stays at rest. In its place in the state the solver integrates the rate that its load would give
@@ -76,10 +77,6 @@ class DryPlant:
         self.last_key: Any = None
         self.last_accelerations = (np.zeros(n), np.zeros(n), np.zeros(n), np.ones(n))
 
-    def start(self, x: Array) -> Array:
-        """The solver's state at the start of a run."""
-        return x
-
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Settle the modes, just after t; further on if the torques jump here without being declared."""
         same = SAME_INSTANT * max(abs(t), abs(span[1] - t))
@@ -92,6 +89,8 @@ class DryPlant:
         self.settle(t, x, self.overloaded)
         self.overloaded = []
         self.has_changed = not np.array_equal(before, self.mode)
+        self.at_rest = self.n + np.flatnonzero(self.mode == 0)
+        self.told = f"{self.changes} changes between sticking and slipping"
         moving = [i for i in range(self.n) if not self.frictionless[i]]
         self.events = [self._event(i) for i in moving]
 
@@ -111,25 +110,11 @@ class DryPlant:
         """While nothing moves, steps short enough to see loads that come and go."""
         return np.inf if self.mode.any() else duration / STUCK_STEPS
 
-    @property
-    def at_rest(self) -> Array:
-        """Entries of the state that are held at zero: the rates of sticking joints."""
-        return self.n + np.flatnonzero(self.mode == 0)
-
-    @property
-    def told(self) -> str:
-        """For the message of a run."""
-        return f"{self.changes} changes between sticking and slipping"
-
     def reported(self, x: Array) -> Array:
         """The state with the rates of sticking joints at zero."""
         x = np.array(x)
         x[self.n : 2 * self.n] *= self.mode != 0
         return x
-
-    def states(self, X: Array) -> Array:
-        """All reported states, as they are."""
-        return X
 
     def accelerations_at(self, t: float, x: Array) -> Array:
         """Accelerations under the present modes."""

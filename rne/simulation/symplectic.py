@@ -6,7 +6,6 @@ Hamilton's equations. Hairer, Lubich, Wanner 2006, Geometric Numerical Integrati
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -19,8 +18,8 @@ from ..dynamics.quantity import quantity
 from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
 from ..model.model import Model
-from .events import Event
 from .plant import Plant
+from .system import Unswitched
 
 METHOD = "gauss-4"
 NODES = np.array([0.5 - sqrt(3) / 6, 0.5 + sqrt(3) / 6])  # the weights b are 1/2 and 1/2
@@ -38,13 +37,8 @@ def lagrangian(model: Model, q: Array, qd: Array) -> Array:
     return difference
 
 
-class Hamilton:
+class Hamilton(Unswitched):
     """dx/dt of x = (q, p) for a robot without drives and friction, in which nothing switches."""
-
-    events: Sequence[Event] = ()
-    at_rest: Array | None = None
-    has_changed = False
-    told = ""
 
     def __init__(self, plant: Plant) -> None:
         self.robot, self.n, self.plant = plant.robot, plant.robot.n, plant
@@ -72,24 +66,6 @@ class Hamilton:
         """(q, p) of a state (q, qd)."""
         n = self.n
         return np.concatenate([x[:n], self.robot.mass_matrix(x[:n]) @ x[n : 2 * n]])
-
-    def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
-        """Nothing to prepare."""
-
-    def after(self, event: Event, x: Array) -> Array:
-        """There are no events."""
-        return x
-
-    def longest_step(self, duration: float) -> float:
-        """The solver's steps are equal."""
-        return np.inf
-
-    def reported(self, x: Array) -> Array:
-        """(q, p); `states` converts all of them at once."""
-        return x
-
-    def accelerations_at(self, t: float, x: Array) -> None:
-        """Accelerations follow from the state."""
 
     def states(self, X: Array) -> Array:
         """States (T, 2 n) as (q, qd)."""

@@ -28,13 +28,9 @@ class System(Protocol):
     """
 
     events: Sequence[Event]
+    at_rest: Array | None
     has_changed: bool
-
-    @property
-    def at_rest(self) -> Array | None: ...
-
-    @property
-    def told(self) -> str: ...
+    told: str
 
     def start(self, x: Array) -> Array:
         """The solver's state at the start of a run, of (q, qd, z)."""
@@ -56,6 +52,42 @@ class System(Protocol):
 
     def states(self, X: Array) -> Array:
         """All reported states, shape (T, size), as (q, qd, z)."""
+
+
+class Unswitched:
+    """What a System answers in which nothing switches by itself."""
+
+    events: Sequence[Event] = ()
+    at_rest: Array | None = None
+    has_changed = False
+    told = ""
+
+    def start(self, x: Array) -> Array:
+        """The solver's state is (q, qd, z)."""
+        return x
+
+    def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
+        """Nothing to prepare."""
+
+    def after(self, event: Event, x: Array) -> Array:
+        """The motion goes on as it was."""
+        return x
+
+    def longest_step(self, duration: float) -> float:
+        """Any step."""
+        return float("inf")
+
+    def reported(self, x: Array) -> Array:
+        """The state itself."""
+        return x
+
+    def accelerations_at(self, t: float, x: Array) -> Array | None:
+        """They follow from time, state and torques."""
+        return None
+
+    def states(self, X: Array) -> Array:
+        """The states themselves."""
+        return X
 
 
 class Stepper(Protocol):
