@@ -21,7 +21,8 @@ Powers = Callable[[Array, Array, Array | None], Array]  # times (N,), states (N,
 DEGREE = 8  # of the polynomials
 NODES, _ = legendre.leggauss(DEGREE + 1)
 COEFFICIENTS = np.linalg.inv(legendre.legvander(NODES, DEGREE))  # of Legendre's polynomials, from values at the nodes
-NEGLIGIBLE = 1e-7  # estimated error of a panel, in units of all energy exchanged so far
+NEGLIGIBLE = 1e-8  # estimated error of a panel, in units of all energy exchanged so far
+DECAY = 1.5  # the first coefficient left out is this power of the decay of the last ones times them
 EASY = 1e-2  # of that: panels may be twice as long
 HALVINGS, SHORTEST = 12, 1e-13  # panels are not halved more often, nor below that part of the time
 BLOCK = 24  # panels evaluated together
@@ -174,7 +175,7 @@ def _truncation(coefficients: Array) -> Array:
     """
     sizes = np.abs(coefficients).sum(axis=2)
     last, before = sizes[:, -2:].sum(axis=1), sizes[:, -4:-2].sum(axis=1)
-    error: Array = last * np.minimum(1.0, last / np.maximum(before, np.finfo(float).tiny))
+    error: Array = last * np.minimum(1.0, last / np.maximum(before, np.finfo(float).tiny)) ** DECAY
     return error
 
 
