@@ -8,10 +8,10 @@ halved; the number of steps in a panel follows from how often that happens.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from ..basics.spatial import Array
 from .events import Interpolant
@@ -19,14 +19,21 @@ from .events import Interpolant
 Powers = Callable[[Array, Array, Array | None], Array]  # times (N,), states (N, size), held torques -> (N, k)
 
 DEGREE = 8  # of the polynomials
-NODES, _ = legendre.leggauss(DEGREE + 1)
-COEFFICIENTS = np.linalg.inv(legendre.legvander(NODES, DEGREE))  # of Legendre's polynomials, from values at the nodes
 NEGLIGIBLE = 1e-8  # estimated error of a panel, in units of all energy exchanged so far
 DECAY = 1.5  # the first coefficient left out is this power of the decay of the last ones times them
-EASY = 1e-2  # of that: panels may be twice as long
+EASY = 1e-2  # of NEGLIGIBLE: below it panels may be twice as long
 HALVINGS, SHORTEST = 12, 1e-13  # panels are not halved more often, nor below that part of the time
 BLOCK = 24  # panels evaluated together
 FIRST_STEPS, MOST_STEPS = 4, 64  # in a panel
+
+
+@cache
+def gauss() -> tuple[Array, Array]:
+    """Gauss's nodes in [-1, 1], and the matrix from values there to coefficients of Legendre's polynomials."""
+    from numpy.polynomial import legendre
+
+    nodes, _ = legendre.leggauss(DEGREE + 1)
+    return nodes, np.linalg.inv(legendre.legvander(nodes, DEGREE))
 
 
 class Span(NamedTuple):
@@ -48,7 +55,7 @@ class Panel(NamedTuple):
 
     def nodes(self) -> Array:
         """Gauss's nodes on it."""
-        return self.begin + (self.end - self.begin) * (1 + NODES) / 2
+        return self.begin + (self.end - self.begin) * (1 + gauss()[0]) / 2
 
     def states(self) -> Array:
         """The states there, shape (DEGREE + 1, size)."""
@@ -123,7 +130,7 @@ class Ledger:
             if not panels:
                 break
             lengths = np.array([panel.end - panel.begin for panel in panels])
-            coefficients = COEFFICIENTS @ self._at_nodes(panels)
+            coefficients = gauss()[1] @ self._at_nodes(panels)
             errors = lengths * _truncation(coefficients)
             if halving == 0:
                 self.exchanged += float((lengths * np.abs(coefficients[:, 0]).sum(axis=1)).sum())
@@ -151,8 +158,8 @@ class Ledger:
         states = np.concatenate([panel.states() for panel in panels])
         held = None
         if panels[0].held is not None:
-            held = np.repeat([panel.held for panel in panels], len(NODES), axis=0)
-        return self.powers(times, states, held).reshape(len(panels), len(NODES), self.count)
+            held = np.repeat([panel.held for panel in panels], DEGREE + 1, axis=0)
+        return self.powers(times, states, held).reshape(len(panels), DEGREE + 1, self.count)
 
     def at(self, times: Array) -> Array:
         """Energies since the start at times that were integrated over, shape (T, k)."""
@@ -181,5 +188,7 @@ def _truncation(coefficients: Array) -> Array:
 
 def _antiderivatives(s: Array) -> Array:
     """Integrals of Legendre's polynomials from -1 to s, shape (T, DEGREE + 1)."""
+    from numpy.polynomial import legendre
+
     P = legendre.legvander(s, DEGREE + 1)
     return np.stack([s + 1] + [(P[:, j + 1] - P[:, j - 1]) / (2 * j + 1) for j in range(1, DEGREE + 1)], axis=1)
