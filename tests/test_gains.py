@@ -118,12 +118,12 @@ def check_case(seed):
     assert exact_radius(robot, kp, kd, gains.sample_time_q, 1.001 * gains.sample_time_limit) >= 1 - 1e-9
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_random_robots_and_gains(seed):
     check_case(seed)
 
 
 @pytest.mark.long
 def test_many_random_robots_and_gains():
-    for seed in range(2, 60):
+    for seed in range(1, 60):
         check_case(seed)

@@ -27,7 +27,9 @@ RUNS = ["free swing", "driven run"]
 THESIS = [name for k in (1, 2, 3) for name in (f"closed loop 6.5-{k}", f"law of 6.5-{k}")]
 
 
-@pytest.fixture(params=ARMS, scope="module")
+@pytest.fixture(
+    params=[pytest.param(name, marks=pytest.mark.long) if name == "ur5" else name for name in ARMS], scope="module"
+)
 def arm(request):
     return ARMS[request.param]
 

@@ -13,7 +13,7 @@ from ..helpers import EPS, ROOT
 from .families import FAMILIES, case, straight
 from .structured import WRONG, Measured, measure
 
-MANY_JOINTS = 8  # from which 50 digits take long; smaller robots of the same families state the law
+MANY_JOINTS = 6  # from which 50 digits take long; smaller robots of the same families state the law
 SINGULAR = {"growing links, n = 20"}  # the tip is 10^30 times as heavy for its joint as the first rod: no digit is left
 METHODS = ("forward dynamics by M", "forward dynamics by articulated bodies", "forward dynamics, compiled")
 CASES = [
