@@ -165,7 +165,7 @@ SETTLING = {
 }
 
 
-LATER = ("viscous friction 20 N m s", "Coulomb friction 5 N m", "torque limit 100 N m")
+LATER = ("none", "viscous friction 20 N m s", "Coulomb friction 5 N m", "torque limit 100 N m")
 
 
 @pytest.mark.parametrize(
