@@ -11,10 +11,28 @@ import numpy as np
 import rne
 from rne.analysis.pinocchio import Oracle, each
 
-__all__ = ["EPS", "ROOT", "Oracle", "data_robot", "data_robots", "each", "relative", "states"]
+__all__ = ["EPS", "FIGURES", "ROOT", "Oracle", "data_robot", "data_robots", "each", "relative", "states"]
 
 ROOT = Path(__file__).parent.parent
 EPS = float(np.finfo(float).eps)
+FIGURES = [
+    "6.2",
+    "6.3",
+    "6.4",
+    "6.5",
+    "6.9",
+    "6.11",
+    "6.12",
+    "6.13",
+    "6.14",
+    "6.15",
+    "6.16",
+    "7.1",
+    "7.2",
+    "7.3",
+    "7.4",
+    "7.5",
+]  # of the thesis, drawn here
 
 
 def states(n, samples=None, seed=0, *, rate=10.0, acceleration=50.0):

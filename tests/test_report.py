@@ -11,24 +11,7 @@ from rne.thesis import closed_loop, experiments, formulations
 from rne.thesis import experiments_page as thesis
 from rne.thesis.page import DARK_COLORS, Page
 
-NUMBERS = [
-    "6.2",
-    "6.3",
-    "6.4",
-    "6.5",
-    "6.9",
-    "6.11",
-    "6.12",
-    "6.13",
-    "6.14",
-    "6.15",
-    "6.16",
-    "7.1",
-    "7.2",
-    "7.3",
-    "7.4",
-    "7.5",
-]
+from .helpers import FIGURES
 
 
 @pytest.fixture
@@ -72,7 +55,7 @@ def test_page_has_every_experiment(short, tmp_path):
     thesis.run(tmp_path / "page", lines.append, tmp_path / "docs" / "thesis.md")
     html = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
     markdown = (tmp_path / "docs" / "thesis.md").read_text(encoding="utf-8")
-    for number in NUMBERS:
+    for number in FIGURES:
         assert len(re.findall(rf"^### Figure {re.escape(number)}: ", markdown, re.MULTILINE)) == 1
         assert f"figure_{number.replace('.', '_')}.png" in html
     for run in ("6.3-1", "6.3-4", "6.4-1", "6.5-3", "7.1-1", "7.1-2", "Table 7.1", "6.5.3", "Appendix A", "Appendix C"):

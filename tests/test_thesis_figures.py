@@ -10,6 +10,8 @@ from rne.thesis import canvas, closed_loop, figures, formulations, machine
 from rne.thesis import numbered_figures as numbered
 from rne.thesis.closed_loop import IDEAL, REST, VARIATIONS, fine_grid, inputs, loop_scene, outcome, vary
 
+from .helpers import FIGURES
+
 PHONE = 358  # [px], width of a picture on a screen of 390 px
 READABLE = 11  # [px]
 
@@ -41,25 +43,7 @@ def texts(figure):
 
 
 def test_sixteen_figures_are_titled_by_the_thesis_numbers():
-    numbers = [
-        "6.2",
-        "6.3",
-        "6.4",
-        "6.5",
-        "6.9",
-        "6.11",
-        "6.12",
-        "6.13",
-        "6.14",
-        "6.15",
-        "6.16",
-        "7.1",
-        "7.2",
-        "7.3",
-        "7.4",
-        "7.5",
-    ]
-    assert [figure.number for figure in numbered.FIGURES] == numbers
+    assert [figure.number for figure in numbered.FIGURES] == FIGURES
     assert numbered.BY_NUMBER["6.12"].title == "Figure 6.12: control inputs of run 6.5-1"
     assert numbered.BY_NUMBER["6.12"].file == "figure_6_12"
 

@@ -18,6 +18,7 @@ torques without limits, divided by a constant inertia, are further states of suc
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -39,10 +40,11 @@ from .law import AGREEMENT, TracedLaw
 TRIALS = 3  # random states on which a traced law must agree with a call of it
 
 
-class AppliedTorques:
-    """Net joint torques of a scene, the rates of its controller's states, and the powers of its ledger.
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """What the equations of motion of a scene contain.
 
-    Parameters
+    Attributes
     ----------
     robot : Robot
         The scene's robot, with payload and locked joints.
@@ -59,26 +61,31 @@ class AppliedTorques:
         True to append to the state, for each joint, the impulse of the torque without limit per inertia.
     """
 
+    robot: Robot
+    friction: Friction | None
+    torque_limit: Array | None
+    law: Any
+    torque_given: bool
+    states: int = 0
+    with_impulses: bool = False
+
+
+class AppliedTorques:
+    """Net joint torques of a scene, the rates of its controller's states, and the powers of its ledger."""
+
     name = "applied_torques"
 
-    def __init__(
-        self,
-        robot: Robot,
-        friction: Friction | None,
-        torque_limit: Array | None,
-        law: Any,
-        torque_given: bool,
-        states: int = 0,
-        with_impulses: bool = False,
-    ) -> None:
-        self.robot, self.friction, self.torque_limit = robot, friction, torque_limit
-        self.law, self.torque_given = law, torque_given
-        self.controller_states = states if law is None else int(getattr(law, "states", 0))
-        self._evaluated = TracedLaw(law, robot.n)
-        self.with_impulses = with_impulses and torque_limit is not None and (law is not None or torque_given)
-        f = friction
+    def __init__(self, terms: Terms) -> None:
+        self.terms = terms
+        self.robot, self.friction, self.torque_limit = terms.robot, terms.friction, terms.torque_limit
+        self.law, self.torque_given = terms.law, terms.torque_given
+        self._traced_law = None if terms.law is None else TracedLaw(terms.law, terms.robot.n)
+        self.controller_states = terms.states if self._traced_law is None else self._traced_law.states
+        has_drives = terms.law is not None or terms.torque_given
+        self.with_impulses = terms.with_impulses and terms.torque_limit is not None and has_drives
+        f = terms.friction
         ledger = {
-            "drives": law is not None or torque_given,
+            "drives": has_drives,
             "viscous": f is not None and bool(np.any(f.viscous) or np.any(f.viscous_back)),
             "coulomb": f is not None and bool(np.any(f.coulomb) or np.any(f.coulomb_back)),
         }
@@ -111,8 +118,8 @@ class AppliedTorques:
     def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, Array | None]:
         """Torques of the drives within their limits, and the rates of the states behind (q, qd)."""
         n, rates = self.robot.n, None
-        if self.law is not None:
-            u, rates = self._evaluated(t, x)
+        if self._traced_law is not None:
+            u, rates = self._traced_law(t, x)
         elif u is not None and self.controller_states:
             u, rates = u[..., :n], u[..., n:]
         if u is None or self.torque_limit is None:
@@ -196,10 +203,11 @@ class Residual(AppliedTorques):
 
 
 class RightHandSide(AppliedTorques):
-    """dx/dt of a scene; see `AppliedTorques` for its further parameters.
+    """dx/dt of a scene.
 
     Parameters
     ----------
+    terms : Terms
     with_energies : bool
         True to append the energies of the ledger to the state.
     formulation : {"newton-euler", "euler-lagrange"}
@@ -208,19 +216,8 @@ class RightHandSide(AppliedTorques):
 
     name = "right_hand_side"
 
-    def __init__(
-        self,
-        robot: Robot,
-        friction: Friction | None,
-        torque_limit: Array | None,
-        law: Any,
-        torque_given: bool,
-        states: int = 0,
-        with_impulses: bool = False,
-        with_energies: bool = False,
-        formulation: str = "newton-euler",
-    ) -> None:
-        super().__init__(robot, friction, torque_limit, law, torque_given, states, with_impulses)
+    def __init__(self, terms: Terms, with_energies: bool = False, formulation: str = "newton-euler") -> None:
+        super().__init__(terms)
         self.with_energies, self.formulation = with_energies, formulation
 
     @property
@@ -265,29 +262,19 @@ class RightHandSide(AppliedTorques):
             check_result("the right-hand side", rates)
         return np.asarray(rates), verdict
 
-    @cached_property
-    def kernel(self) -> Kernel:
-        """The traced function."""
-        return Kernel(self, self.robot.model, {})
-
     def is_current(self) -> bool:
         """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
         return self.law is None or _difference(self.torques, self.torques.kernel) <= AGREEMENT
 
-    @property
-    def _parts(self) -> tuple[Any, ...]:
-        states = self.controller_states if self.law is None else 0
-        return self.robot, self.friction, self.torque_limit, self.law, self.torque_given, states, self.with_impulses
-
     @cached_property
     def torques(self) -> AppliedTorques:
         """The torques alone, for reports."""
-        return AppliedTorques(*self._parts)
+        return AppliedTorques(self.terms)
 
     @cached_property
     def residual(self) -> Residual:
         """The equations of motion, for Jacobians."""
-        return Residual(*self._parts)
+        return Residual(self.terms)
 
 
 def _difference(torques: AppliedTorques, kernel: Kernel) -> float:

@@ -17,7 +17,7 @@ from ..basics.arrays import UNBOUNDED, convert_numbers, positive_number, vector
 from ..basics.spatial import Array
 from ..kernels.kernel import Kernel
 from ..robot import Robot
-from .equations_of_motion import AppliedTorques, RightHandSide
+from .equations_of_motion import AppliedTorques, RightHandSide, Terms
 from .friction import Friction, urdf_friction
 
 LOGGER = logging.getLogger("rne")
@@ -188,18 +188,19 @@ class Scene:
 
     def _right_hand_side(self, *, with_energies: bool) -> RightHandSide:
         parts = self.resolved
-        common = parts.robot, parts.friction, parts.torque_limit
-        follows = parts.torque_limit is not None and self.sample_time is None and not with_energies
         law, given = self._traced_law, self.controller is not None and self._traced_law is None
         states = int(getattr(self.controller, "states", 0)) if given and self.sample_time is None else 0
-        return RightHandSide(*common, law, given, states, follows, with_energies, self.formulation)
+        is_limited = parts.torque_limit is not None and self.sample_time is None and not with_energies
+        terms = Terms(parts.robot, parts.friction, parts.torque_limit, law, given, states, with_impulses=is_limited)
+        return RightHandSide(terms, with_energies, self.formulation)
 
     @cached_property
     def _traced_law(self) -> Any:
         """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
         if self.sample_time is not None or not getattr(self.controller, "traceable", False):
             return None
-        reason = AppliedTorques(self.resolved.robot, None, None, self.controller, torque_given=False).why_not_traced()
+        terms = Terms(self.resolved.robot, None, None, self.controller, torque_given=False)
+        reason = AppliedTorques(terms).why_not_traced()
         if reason is None:
             return self.controller
         _announce(self.controller, reason)

@@ -59,8 +59,9 @@ def simulate(
     method : str
         "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), or for long motions without drives and friction
         "gauss-4", whose energy error stays bounded. "auto" takes LSODA if the fastest decay of the loop, linearised at
-        the start, times the duration exceeds 1000 (a stiff loop), DOP853 otherwise, and RK45 for a sampled controller.
-        A called law is evaluated some times before the run for this.
+        the start, times the duration exceeds 1000 (a stiff loop), and DOP853 otherwise; with a sampled controller the
+        sample time counts instead of the duration, and RK45 replaces DOP853. For this a called law is evaluated some
+        times before the run.
     rtol, atol : float
         Relative and absolute tolerance of the state, per step, for SciPy's methods.
     t_eval : array_like, shape (T,), optional
@@ -80,8 +81,8 @@ def simulate(
     ValueError
         If an argument has the wrong shape, is not finite or is out of range.
     SimulationError
-        If a state or torque is not finite, M becomes singular, or the solver fails before the end; has the time
-        and the trajectory so far.
+        If a state or torque is not finite, M becomes singular, the solver fails, a law chatters, or a sampled loop
+        diverges before the end; has the time and the trajectory so far.
 
     Notes
     -----

@@ -9,8 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("pinocchio")
-
 from . import comparison, oracle
 from .case import Case, Joint
 from .comparison import check, difference, simulated
