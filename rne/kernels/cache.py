@@ -14,10 +14,13 @@ from ..dynamics.crba import mass_matrix
 from ..dynamics.forward import factorise, forward_dynamics, solve_factored
 from ..dynamics.quantity import Declared
 from ..dynamics.rnea import inverse_dynamics
-from ..dynamics.verdict import Verdict
+from ..dynamics.verdict import SOUND, Verdict
 from ..model.model import Model
+from .compilation import compile, derivative
 from .complex_step import complex_step
-from .kernel import Kernel, compile, derivative
+from .engines import engine_argument
+from .kernel import Kernel
+from .plain_state import PlainState
 from .scalar import is_traced
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
@@ -33,11 +36,13 @@ class KernelCache:
     Parameters
     ----------
     model : Model
+    engine : {"numpy", "numba"}
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model, engine: str = "numpy") -> None:
+        self.model, self.engine = model, engine_argument(engine)
         self._kernels: dict[Any, Kernel] = {}
+        self._plain: dict[Any, PlainState] = {}  # of the kernels without fixed arguments
         self._evaluated: set[Any] = set()  # quantities evaluated for one state
         self._forward: Kernel | None = None
 
@@ -49,8 +54,22 @@ class KernelCache:
         kernel = self._kernels.get(key)
         if kernel is None:
             make = derivative if wrt else compile
-            kernel = self._kernels[key] = make(function, self.model, *wrt, **fixed)
+            kernel = self._kernels[key] = make(function, self.model, *wrt, engine=self.engine, **fixed)
+            if kernel.is_unrolled and not fixed:
+                self._plain[(function, *wrt) if wrt else function] = kernel.plain_state
         return kernel
+
+    def value(self, function: Declared, *arrays: ArrayLike) -> Array:
+        """A quantity without other arguments, of which there is no loss to tell, for one state or a batch."""
+        plain = self._plain.get(function)
+        result = None if plain is None else plain(*arrays)
+        return self.evaluate(function, *arrays)[0] if result is None else result
+
+    def _derivatives(self, function: Declared, wrt: tuple[str, ...], *arrays: ArrayLike) -> Array:
+        """Its derivatives by some arguments."""
+        plain = self._plain.get((function, *wrt))
+        result = None if plain is None else plain(*arrays)
+        return self.evaluate(function, *arrays, wrt=wrt)[0] if result is None else result
 
     def evaluate(
         self, function: Declared, *arrays: ArrayLike, wrt: Sequence[str] = (), **fixed: Any
@@ -80,6 +99,10 @@ class KernelCache:
 
     def accelerations(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:
         """Forward dynamics by the method that suits the model."""
+        if self._forward is not None and self._forward.is_unrolled:
+            result = self._forward.plain_state(q, qd, tau)
+            if result is not None:
+                return result, SOUND
         if self._forward is None and self._mark_first_state("forward dynamics", (q, qd, tau)):
             return self._forward_methods()[-1].evaluate(self.model, q, qd, tau)
         return self.forward_kernel().evaluate(q, qd, tau)
@@ -110,10 +133,13 @@ class KernelCache:
 
     def inverse_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Derivatives of inverse dynamics by q and by qd, and M, its derivative by qdd, each (..., n, n)."""
-        slopes, _ = self.evaluate(inverse_dynamics, q, qd, qdd, wrt=("q", "qd"))
+        slopes = self._derivatives(inverse_dynamics, ("q", "qd"), q, qd, qdd)
         n = self.model.n
         dq, dqd = slopes[..., :n], slopes[..., n:]
-        M, _ = self.evaluate(mass_matrix, np.asarray(q).astype(slopes.dtype, copy=False))
+        M = self.value(mass_matrix, q)
+        if M.shape == dq.shape and M.dtype == dq.dtype:
+            return dq, dqd, M
+        M = self.value(mass_matrix, np.asarray(q).astype(slopes.dtype, copy=False))
         return dq, dqd, np.broadcast_to(M, dq.shape).copy()
 
     def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:
