@@ -117,7 +117,7 @@ def test_a_start_that_diverges_is_named_with_its_time(chain, parallel):
     text = r"^start 13 at t = 0\.0\d+ s: the right-hand side overflows"
     pool = ThreadPoolExecutor(2) if parallel else nullcontext()
     with pool as executor, pytest.raises(rne.NotFiniteError, match=text):
-        rne.ensemble(scene, starts, rates, 5.0, step=1e-2, executor=executor)
+        rne.ensemble(scene, starts, rates, 0.5, step=1e-2, executor=executor)
 
 
 def test_called_laws_are_refused(chain):
