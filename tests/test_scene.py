@@ -143,9 +143,9 @@ class TestTracing:
     @pytest.mark.parametrize(
         "law",
         [
-            lambda t, q, qd: -GAINS @ q - 2 * qd,
+            pytest.param(lambda t, q, qd: -GAINS @ q - 2 * qd, marks=pytest.mark.long),
             lambda t, q, qd: np.array([-5 * q[0] * t**3, -3 * q[1] + np.sin(t), *(-qd[2:])]),
-            lambda t, q, qd: [np.cos(q[0]), *(t * np.arange(5.0))],
+            pytest.param(lambda t, q, qd: [np.cos(q[0]), *(t * np.arange(5.0))], marks=pytest.mark.long),
             lambda t, q, qd: -np.tanh(q) * np.sqrt(4 + t * t) + GAINS[0] / (1 + t**2),
             lambda t, q, qd: 3.0 * np.ones(6),
         ],
