@@ -7,11 +7,12 @@ import importlib.metadata
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import rne
 from rne.analysis.pinocchio import Oracle, each
 
-__all__ = ["EPS", "FIGURES", "ROOT", "Oracle", "data_robot", "data_robots", "each", "relative", "states"]
+__all__ = ["EPS", "FIGURES", "ROOT", "Oracle", "data_robot", "data_robots", "each", "kept", "relative", "states"]
 
 ROOT = Path(__file__).parent.parent
 EPS = float(np.finfo(float).eps)
@@ -33,6 +34,12 @@ FIGURES = [
     "7.4",
     "7.5",
 ]  # of the thesis, drawn here
+
+
+def kept(values, short):
+    """Parameters of a test: those in `short` are in every run, the others in the long run only."""
+    long = {"marks": pytest.mark.long}
+    return [pytest.param(*(v if isinstance(v, tuple) else (v,)), **({} if v in short else long)) for v in values]
 
 
 def states(n, samples=None, seed=0, *, rate=10.0, acceleration=50.0):

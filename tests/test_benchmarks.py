@@ -11,17 +11,14 @@ from benchmarks.evaluation_picture import label
 from benchmarks.pages import BLOCK, DOCS, filled, table
 from benchmarks.peers import Point
 
-from .helpers import ROOT
+from .helpers import ROOT, kept
 
 BENCHMARKS = ["benchmarks", *(f"benchmarks.{name}" for name in ("validation", "kernels", "lagrange", "simulation"))]
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-\d+)?(?![\w]|\.\d)")
 NAMES = ["RK45", "DOP853", "gauss-4", "IRB 140", "UR5", "RK4"]  # their digits are no figures
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.long] * (name in BENCHMARKS[:1] + BENCHMARKS[3:])) for name in BENCHMARKS],
-)
+@pytest.mark.parametrize("name", kept(BENCHMARKS, ["benchmarks.kernels"]))
 def test_quick_run_prints_a_table_and_changes_no_file(name):
     results = sorted([*(ROOT / "benchmarks" / "results").glob("*.json"), *(ROOT / "docs" / "benchmarks").glob("*")])
     before = [path.read_bytes() for path in results]

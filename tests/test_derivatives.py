@@ -14,7 +14,7 @@ from rne.kernels.python_backend import compiled_function
 from rne.kernels.scalar import inputs
 from rne.model.robots.generators import random_tree
 
-from .helpers import EPS, relative, states
+from .helpers import EPS, kept, relative, states
 
 EXACT = 1e-12  # of the largest entry
 BY = {
@@ -39,12 +39,7 @@ TREES = {
 }
 
 
-LARGE = ("bushy", "mixed")  # trees like these are in the long run
-
-
-@pytest.fixture(
-    params=[pytest.param(name, marks=pytest.mark.long) if name in LARGE else name for name in TREES], scope="module"
-)
+@pytest.fixture(params=kept(TREES, ["single", "sliders", "mimics"]), scope="module")
 def robot(request):
     return rne.Robot(TREES[request.param])
 

@@ -12,6 +12,8 @@ from scipy.optimize import brentq
 import rne
 from rne.model.builder import Mimic, Part, assemble
 
+from .helpers import kept
+
 X, _, Z = np.eye(3)
 TIGHT = {"rtol": 1e-9, "atol": 1e-12}
 
@@ -117,7 +119,8 @@ def test_a_joint_that_can_be_held_stays_when_another_turns_back():
     np.testing.assert_allclose(motion.q[-1], [0.0, -0.4375], atol=1e-9)
 
 
-def test_an_arm_that_follows_small_sines_against_dry_friction(irb140):
+@pytest.mark.parametrize("duration", kept([0.2, 0.6], [0.2]))
+def test_an_arm_that_follows_small_sines_against_dry_friction(irb140, duration):
     """Stiff control, 50 mrad at 2 rad/s: every joint stops and breaks away; once 26 mrad wrong. The second way: breaks
     every 10 ms, so that no step can miss an event."""
     omega = np.array([2, 1.7, 2.3, 1.9, 2.1, 2.5])
@@ -129,14 +132,12 @@ def test_an_arm_that_follows_small_sines_against_dry_friction(irb140):
 
     friction = rne.Friction(coulomb=[20, 20, 10, 2, 2, 0.5], smoothing=0)
     scene = rne.Scene(irb140, friction=friction, controller=law)
-    ways = [rne.simulate(scene, [0] * 6, [0] * 6, 0.6, breaks=b) for b in ((), np.arange(1, 60) / 100)]
+    ways = [rne.simulate(scene, [0] * 6, [0] * 6, duration, breaks=b) for b in ((), np.arange(0.01, duration, 0.01))]
     np.testing.assert_allclose(ways[0].q[-1], ways[1].q[-1], atol=1e-6)
     assert "changes between sticking and slipping" in ways[0].message
 
 
-@pytest.mark.parametrize(
-    "method", ["DOP853", "LSODA", *[pytest.param(m, marks=pytest.mark.long) for m in ("RK45", "BDF", "Radau")]]
-)
+@pytest.mark.parametrize("method", kept(["DOP853", "LSODA", "RK45", "BDF", "Radau"], ["LSODA"]))
 @pytest.mark.parametrize("marked", [True, False], ids=["traced", "called"])
 @pytest.mark.parametrize("coulomb", [None, 0.1], ids=["free", "dry"])
 def test_a_drive_at_its_limit_is_not_stepped_over(method, marked, coulomb):
@@ -225,7 +226,7 @@ def check_block(seed):
     assert motion.q[-1, 0] == pytest.approx(block.position(), abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", kept(range(4), range(2)))
 def test_random_stick_slip(seed):
     check_block(seed)
 

@@ -9,6 +9,8 @@ from rne.control.gains import SampledLoop, workspace
 from rne.model.builder import Part, assemble, pose
 from rne.model.robots.generators import random_tree
 
+from .helpers import kept
+
 PLANAR_GAINS = [1000.0, 10.0], [3.0, 3.0]
 
 
@@ -118,12 +120,12 @@ def check_case(seed):
     assert exact_radius(robot, kp, kd, gains.sample_time_q, 1.001 * gains.sample_time_limit) >= 1 - 1e-9
 
 
-@pytest.mark.parametrize("seed", range(1))
+@pytest.mark.parametrize("seed", kept(range(2), [1]))
 def test_random_robots_and_gains(seed):
     check_case(seed)
 
 
 @pytest.mark.long
 def test_many_random_robots_and_gains():
-    for seed in range(1, 60):
+    for seed in range(2, 60):
         check_case(seed)

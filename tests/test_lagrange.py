@@ -15,7 +15,7 @@ from rne.model.robots import irb140_mirrored
 from rne.model.robots.generators import random_tree
 
 from .conftest import TREES
-from .helpers import EPS, relative, states
+from .helpers import EPS, kept, relative, states
 
 LAW = 1e-12  # of the largest entry: thousands of roundings, which sums over n^4 products may need
 ARMS = {"irb140": rne.irb140(), **TREES, "more mimics": random_tree(3, seed=11, mimics=4)}
@@ -110,7 +110,7 @@ def test_christoffel_symbols_give_the_coriolis_torque_and_matrix(arm):
     assert np.abs(torque - rne.coriolis_torque(arm, q, qd)).max() <= LAW * size(arm, q) * rate**2
 
 
-@pytest.mark.parametrize("tree", [pytest.param(name, marks=[pytest.mark.long] * (name == "bushy")) for name in ARMS])
+@pytest.mark.parametrize("tree", kept(ARMS, ["irb140", "single", "sliders", "more mimics"]))
 @pytest.mark.parametrize(("name", "count"), [("lagrange_inverse_dynamics", 3), ("christoffel_symbols", 1)])
 def test_kernel_is_the_function(tree, name, count):
     function, arm = getattr(rne, name), ARMS[tree]

@@ -6,7 +6,7 @@ import pytest
 
 import rne
 
-from .helpers import EPS, Oracle, data_robot, data_robots, each, relative, states
+from .helpers import EPS, Oracle, data_robot, data_robots, each, kept, relative, states
 
 EXACT = 1e-13  # of the largest entry: a few tens of roundings on six joints
 DATA = 1e-12  # robots of up to a hundred joints
@@ -20,6 +20,12 @@ REFUSED = {
     "ur_description/ur3": "there is no <link>",
 }
 LOADABLE = [name for name in data_robots() if name not in REFUSED]
+ONE_OF_EACH_KIND = [  # no joint, a chain, a tree, and branches with sliding joints and a mimic
+    "iris_description/iris_simple",
+    "ur_description/ur5_robot",
+    "solo_description/solo12",
+    "panda_description/panda",
+]
 
 
 @pytest.fixture(params=["irb140", "ur5"], scope="module")
@@ -27,7 +33,7 @@ def arm(request):
     return request.getfixturevalue(request.param), request.getfixturevalue(f"{request.param}_oracle")
 
 
-@pytest.fixture(params=LOADABLE, scope="module")
+@pytest.fixture(params=kept(LOADABLE, ONE_OF_EACH_KIND), scope="module")
 def data_arm(request):
     robot = data_robot(request.param)
     return robot, Oracle(robot.model, data_robots()[request.param].read_text())

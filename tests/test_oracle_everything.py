@@ -18,7 +18,7 @@ from benchmarks.every_torque import (
 )
 from rne.analysis.validation import random_states
 
-from .helpers import relative
+from .helpers import kept, relative
 
 PER_JOINT = 1e-13  # of the joint's own terms: some hundred roundings; measured 1.4e-14 in 1000 states, 1.1e-14 in runs
 SAMPLES = 40
@@ -27,9 +27,7 @@ RUNS = ["free swing", "driven run"]
 THESIS = [name for k in (1, 2, 3) for name in (f"closed loop 6.5-{k}", f"law of 6.5-{k}")]
 
 
-@pytest.fixture(
-    params=[pytest.param(name, marks=pytest.mark.long) if name == "ur5" else name for name in ARMS], scope="module"
-)
+@pytest.fixture(params=kept(ARMS, set(ARMS) - {"ur5"}), scope="module")
 def arm(request):
     return ARMS[request.param]
 
@@ -66,6 +64,7 @@ def test_torques_of_controllers_are_pinocchios(arm, samples):
     agree(of_controllers(arm, samples), ["pd_gravity", "computed_torque"])
 
 
+@pytest.mark.parametrize("arm", kept(ARMS, ["panda"]), indirect=True)  # with sliding joints and a mimic
 def test_torques_of_simulated_runs_are_pinocchios_at_every_sample(arm):
     thesis = THESIS if arm.robot.model.name == "irb140" else []
     agree(of_runs(arm), [RUNS[0], *thesis, RUNS[1]])

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import rne
 
-from .helpers import EPS, ROOT, data_robots
-from .test_oracle import LOADABLE
+from .helpers import EPS, ROOT, data_robots, kept
+from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
 # Products of up to 20 transforms in double, where `rne` multiplies in long double and sets entries within 4 eps of 0 or
 # +-1 to them; relative to the largest distance, at least a metre. Measured: 4.3 eps.
@@ -97,7 +97,7 @@ def unit_axis(joint):
     return axis / np.linalg.norm(axis)
 
 
-@pytest.fixture(params=[*FILES, "odd"], scope="module")
+@pytest.fixture(params=kept([*FILES, "odd"], [*ONE_OF_EACH_KIND, "irb140", "odd"]), scope="module")
 def both(request, tmp_path_factory):
     path = FILES.get(request.param) or tmp_path_factory.mktemp("second") / "odd.urdf"
     if request.param == "odd":

@@ -10,6 +10,8 @@ from rne.control.laws import pd_gravity
 from rne.model.robots.generators import random_tree, straight_chain
 from rne.simulation.plant import Plant
 
+from .helpers import kept
+
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
 
 
@@ -73,7 +75,7 @@ def check_free_swing(robot, duration, method):
     return swings[1]
 
 
-@pytest.mark.parametrize("method", ["auto", *METHODS])
+@pytest.mark.parametrize("method", kept(["auto", *METHODS], ["auto", "LSODA", "BDF"]))
 def test_free_swing_keeps_the_energy_in_proportion_to_the_tolerance(irb140, method):
     swing = check_free_swing(irb140, 1.0, method)
     assert swing.method == ("DOP853" if method == "auto" else method)
@@ -141,7 +143,7 @@ def test_stiff_loop_takes_lsoda_and_says_why(irb140):
     assert re.match(r"LSODA: stiff, the fastest mode at the start decays at 1\.\d+e\+04 1/s, ", motion.message)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", kept(METHODS, ["DOP853", "Radau", "LSODA"]))
 @pytest.mark.parametrize("torque", [None, lambda t, q, qd: -40.0 * qd], ids=["free", "called law"])
 def test_evaluations_are_calls_and_one_per_component_of_the_state_for_each_jacobian(
     double, method, torque, monkeypatch
@@ -216,7 +218,7 @@ class TestFailures:
             r"simulation stopped at t = 0\.\d+ s of 1 s: torque of 'joint0' is nan at t = 0\.\d+ s$", str(error)
         )
 
-    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("method", kept(METHODS, ["DOP853", "LSODA"]))
     def test_motion_that_runs_away_keeps_its_finite_part(self, double, method):
         def law(t, q, qd):
             return 1e3 * qd**3

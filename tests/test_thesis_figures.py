@@ -10,7 +10,7 @@ from rne.thesis import canvas, closed_loop, figures, formulations, machine
 from rne.thesis import numbered_figures as numbered
 from rne.thesis.closed_loop import IDEAL, REST, VARIATIONS, fine_grid, inputs, loop_scene, outcome, vary
 
-from .helpers import FIGURES
+from .helpers import FIGURES, kept
 
 PHONE = 358  # [px], width of a picture on a screen of 390 px
 READABLE = 11  # [px]
@@ -126,7 +126,7 @@ def test_both_formulations_give_one_motion(pairs):
         assert np.abs(motion.q - motion.q[0]).max() > 1
 
 
-@pytest.mark.parametrize("run", ["6.5-2", "6.5-3"])
+@pytest.mark.parametrize("run", kept(["6.5-2", "6.5-3"], ["6.5-3"]))
 def test_closed_loops_of_figures_7_4_and_7_5_are_one_motion(run):
     pair = formulations.both(run)
     assert pair.newton.t[-1] == 2.3
@@ -149,12 +149,7 @@ SETTLING = {
 }
 
 
-LATER = ("none", "viscous friction 20 N m s", "Coulomb friction 5 N m", "torque limit 100 N m")
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long) if name in LATER else name for name in SETTLING]
-)
+@pytest.mark.parametrize("name", kept(SETTLING, ["torque limit 60 N m"]))
 def test_settling_with_what_6_5_3_mentions(name):
     variation = next(variation for variation in VARIATIONS if variation.name == name)
     found = [vary(k, variation).settling for k in range(3)]

@@ -9,13 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ..helpers import kept
 from . import comparison, oracle
 from .case import Case, Joint
 from .comparison import check, difference, simulated
 from .oracle import motion
 from .scenes import draw
 
-SHORT, LONG = range(8), range(1000, 1300)
+SHORT, LONG = range(5), range(1000, 1300)
 CHAOTIC = 0.15  # of the seeds: more would say that the draws are too wild to be a test
 CLOSED_FORM = 1e-9  # of the oracle at tolerance 1e-11
 
@@ -30,8 +31,9 @@ def run(seeds, **options):
     assert kinds.count("compared") > len(kinds) / 2
 
 
-def test_random_scenes():
-    run(SHORT, small=True)
+@pytest.mark.parametrize("seeds", kept([SHORT, range(8)], [SHORT]), ids=len)
+def test_random_scenes(seeds):
+    run(seeds, small=True)
 
 
 @pytest.mark.long
@@ -39,7 +41,7 @@ def test_many_random_scenes():
     run(LONG)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", kept(range(6), range(3)))
 def test_a_script_runs_alone_and_is_the_case(seed):
     case = draw(seed, small=True)
     names = {}

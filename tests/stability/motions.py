@@ -147,10 +147,19 @@ def after_pulse(robot, width, named, impulse, **options):
 
 def equal_steps(robot, steps, dtype, duration=0.5, starts=32, finest=1e-4):
     """{step: largest error of a position at the end} of swings by rk4 in a dtype, against finer steps."""
-    rng = np.random.default_rng(0)
-    q0 = rng.uniform(-1, 1, (starts, robot.n)).astype(np.float32)
-    exact = swings(robot, q0.astype(float), duration, finest)
-    return {step: float(np.abs(swings(robot, q0.astype(dtype), duration, step) - exact).max()) for step in steps}
+    q0 = equal_starts(robot, starts).astype(dtype)
+    exact = finest_swings(robot, duration, starts, finest)
+    return {step: float(np.abs(swings(robot, q0, duration, step) - exact).max()) for step in steps}
+
+
+def equal_starts(robot, starts):
+    """The same in single and in double precision."""
+    return np.random.default_rng(0).uniform(-1, 1, (starts, robot.n)).astype(np.float32)
+
+
+@cache
+def finest_swings(robot, duration, starts, step):
+    return swings(robot, equal_starts(robot, starts).astype(float), duration, step)
 
 
 def swings(robot, q0, duration, step):

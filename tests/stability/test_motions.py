@@ -5,17 +5,23 @@ import pytest
 
 import rne
 
+from ..helpers import kept
 from . import motions, steps
 from .motions import Top
 
 
 @pytest.fixture(scope="module")
-def fastest(irb140):
-    return rne.check_gains(irb140, steps.KP, steps.KD).worst_q
+def gains(irb140):
+    return rne.check_gains(irb140, steps.KP, steps.KD)
+
+
+@pytest.fixture(scope="module")
+def fastest(gains):
+    return gains.worst_q
 
 
 @pytest.mark.parametrize("method", steps.METHODS)
-@pytest.mark.parametrize("scale", [*[pytest.param(x, marks=pytest.mark.long) for x in (0.01, 100.0)], 1.0])
+@pytest.mark.parametrize("scale", kept([0.01, 100.0, 1.0], [1.0]))
 def test_the_largest_stable_step_is_the_predicted_one(irb140, fastest, method, scale):
     """Over four decades of gain: 0.2 % below it a deviation shrinks in 100 steps, 0.2 % above it grows."""
     one = steps.loop(irb140, scale, fastest)
@@ -24,9 +30,8 @@ def test_the_largest_stable_step_is_the_predicted_one(irb140, fastest, method, s
     assert not steps.shrinks(method, one, step * (1 + 2e-3))
 
 
-def test_check_gains_knows_the_sampled_limit(irb140, fastest):
+def test_check_gains_knows_the_sampled_limit(irb140, gains, fastest):
     one = steps.loop(irb140, 1.0, fastest)
-    gains = rne.check_gains(irb140, steps.KP, steps.KD)
     assert gains.sample_time_limit == pytest.approx(steps.predicted("sampled", one), rel=1e-6)
 
 
@@ -94,16 +99,17 @@ def test_an_unstable_rest_departs_at_the_rate_of_its_linearisation():
     assert falling.departure[0.0][-1] > 0.1  # rounding alone
 
 
-@pytest.mark.parametrize("width", [pytest.param(0.05, marks=pytest.mark.long), 1e-4])
+@pytest.mark.parametrize("width", kept([0.05, 1e-4], [1e-4]))
 def test_pulses_are_met_if_they_are_named_and_missed_otherwise(irb140, width):
     assert motions.pulse_missed(irb140, width, "DOP853", named=False) > 0.99
     for method in ("DOP853", "LSODA"):
         assert motions.pulse_missed(irb140, width, method, named=True) < 1e-5
 
 
-def test_single_precision_follows_until_its_rounding_adds_up(irb140):
-    double = motions.equal_steps(irb140, (1e-2, 2e-3), np.float64, finest=1e-3)
-    single = motions.equal_steps(irb140, (1e-2, 2e-3, 5e-4), np.float32, finest=1e-3)
+@pytest.mark.parametrize("starts", kept([8, 32], [8]))
+def test_single_precision_follows_until_its_rounding_adds_up(irb140, starts):
+    double = motions.equal_steps(irb140, (1e-2, 2e-3), np.float64, starts=starts, finest=1e-3)
+    single = motions.equal_steps(irb140, (1e-2, 2e-3, 5e-4), np.float32, starts=starts, finest=1e-3)
     assert double[1e-2] / double[2e-3] == pytest.approx(5**4, rel=0.5)
     assert single[1e-2] == pytest.approx(double[1e-2], rel=0.05)
     assert single[2e-3] > 5 * double[2e-3]
