@@ -1,0 +1,386 @@
+"""Machine code by Numba gives what NumPy's kernels give: numbers, errors, warnings, and what may be given to them."""
+
+import logging
+import pickle
+import subprocess
+import sys
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import mpmath
+import numpy as np
+import pytest
+
+import rne
+from rne.kernels import engines, numba_backend
+from rne.kernels.graph import Graph
+from rne.kernels.program import lower
+from rne.kernels.scalar import inputs, references
+from rne.model.robots.generators import random_tree
+
+from .helpers import EPS, data_robot, kept, relative, states
+
+CALLS = {  # quantities, and the number of joint arrays that they take
+    "inverse_dynamics": 3,
+    "mass_matrix": 1,
+    "forward_dynamics": 3,
+    "kinetic_energy": 2,
+    "link_poses": 1,
+}
+FURTHER = {"bias_torque": 2, "gravity_torque": 1, "coriolis_torque": 2, "coriolis_matrix": 2, "potential_energy": 1}
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """The IRB 140 on both engines."""
+    return rne.Robot(rne.irb140(), "numpy"), rne.Robot(rne.irb140(), "numba")
+
+
+@pytest.fixture(scope="module")
+def kernels(pair):
+    return [robot.kernel(rne.inverse_dynamics) for robot in pair]
+
+
+def difference_allowed(robot, method, arguments, eps=EPS):
+    """A few roundings per joint, times the condition number of M where it is solved with."""
+    kappa = np.linalg.cond(rne.mass_matrix(robot.model, arguments[0])).max() if "forward" in method else 1.0
+    return 8 * robot.n * eps * kappa
+
+
+TREES = {kind: random_tree(n, seed=seed, **more) for kind, n, seed, more in [
+    ("mixed", 5, 4, {}),
+    ("sliders", 4, 3, {"prismatic": 1}),
+    ("bushy", 8, 5, {"branching": 0.8}),
+    ("mimics", 4, 6, {"mimics": 2}),
+]}  # fmt: skip
+
+
+class TestNumbers:
+    @pytest.mark.parametrize("method", kept([*CALLS, *FURTHER], CALLS))
+    def test_of_the_irb140(self, pair, method):
+        self.check(pair, method, (CALLS | FURTHER)[method])
+
+    @pytest.mark.parametrize("method", ["inverse_dynamics", "forward_dynamics"])
+    @pytest.mark.parametrize("kind", kept(TREES, ["mixed"]))
+    def test_of_trees(self, kind, method):
+        self.check([rne.Robot(TREES[kind], engine) for engine in engines.ENGINES], method, CALLS[method])
+
+    @pytest.mark.long
+    @pytest.mark.parametrize("method", CALLS)
+    @pytest.mark.parametrize("name", ["ur_description/ur5_robot", "panda_description/panda"])
+    def test_of_arms(self, name, method):
+        model = data_robot(name).model
+        self.check([rne.Robot(model, engine) for engine in engines.ENGINES], method, CALLS[method])
+
+    def check(self, pair, method, count):
+        s = states(pair[0].n, 37)[:count]
+        expected, got = (getattr(robot, method)(*s) for robot in pair)
+        assert got.dtype == expected.dtype and got.shape == expected.shape
+        allowed = difference_allowed(pair[0], method, s)
+        assert relative(got, expected) <= allowed
+        one = [a[3] for a in s]
+        for robot in pair:
+            getattr(robot, method)(*one)  # the first call of one state runs the recursion
+        expected, got = (getattr(robot, method)(*one) for robot in pair)
+        assert type(got) is type(expected)
+        assert relative(np.ravel(got)[None], np.ravel(expected)[None]) <= allowed
+
+    def test_float32_is_computed_in_float32(self, pair):
+        s = [a.astype(np.float32) for a in states(6, 37)]
+        exact = pair[0].inverse_dynamics(*(a.astype(np.longdouble) for a in s))
+        for robot in pair:
+            tau = robot.inverse_dynamics(*s)
+            assert tau.dtype == np.float32
+            assert relative(tau, exact) <= 8 * 6 * np.finfo(np.float32).eps
+
+    @pytest.mark.parametrize("name", kept(["irb140", "panda_description/panda"], ["irb140"]))
+    def test_derivatives(self, name):
+        model = rne.irb140() if name == "irb140" else data_robot(name).model
+        pair = [rne.Robot(model, engine) for engine in engines.ENGINES]
+        s = states(model.n, 5)
+        for expected, got in zip(*(robot.inverse_dynamics_derivatives(*s) for robot in pair), strict=True):
+            assert relative(got, expected) <= 50 * model.n * EPS
+
+    @pytest.mark.parametrize("dtype", ["float64", "float32"])
+    def test_M_is_symmetric_to_the_last_bit(self, pair, dtype):
+        M = pair[1].mass_matrix(states(6, 11)[0].astype(dtype))
+        assert np.array_equal(M, np.swapaxes(M, -1, -2))
+
+
+class TestSines:
+    """Of the machine code: polynomials in batches, the C library's functions for one state and beyond their reach."""
+
+    NEAR = np.arange(-600, 601) * np.pi / 2  # where sine or cosine vanish, and the reduction must keep its digits
+    ANGLES = np.concatenate(
+        [NEAR, NEAR * (1 + EPS), 10.0 ** np.arange(-300, 13), -(10.0 ** np.arange(0, 12.5, 0.1)), [0.0, 1e5, 99999.5]]
+    )
+
+    @pytest.fixture(scope="class")
+    def program(self):
+        graph = Graph()
+        x = inputs(graph, (1,), 0)
+        return lower(graph, references(graph, np.concatenate([np.sin(x), np.cos(x)])), 1)
+
+    @pytest.fixture(scope="class")
+    def exact(self):
+        with mpmath.workdps(50):
+            return np.array([[mpmath.sin(mpmath.mpf(a)), mpmath.cos(mpmath.mpf(a))] for a in self.ANGLES])
+
+    def units(self, got, exact):
+        """Largest error, in units in the last place."""
+        last = np.spacing(np.abs(exact.astype(float)))
+        return float((np.abs(got - exact) / last).max())
+
+    def test_error_is_below_one_unit_in_the_last_place(self, program, exact):
+        got = np.empty((len(self.ANGLES), 2))
+        numba_backend.BatchProgram(program, [1], 2, None, range(0)).run([self.ANGLES[:, None]], got, None)
+        assert self.units(got, exact) <= 1
+        single = numba_backend.compiled_function(program, [1], (2,))
+        assert self.units(np.array([single(np.array([a])) for a in self.ANGLES]), exact) <= 1
+
+    def test_float32_is_rounded_once(self, program):
+        angles = self.ANGLES[np.abs(self.ANGLES) < 1e30].astype(np.float32)
+        got = np.empty((len(angles), 2), np.float32)
+        numba_backend.BatchProgram(program, [1], 2, None, range(0)).run([angles[:, None]], got, None)
+        exact = np.stack([np.sin(angles.astype(float)), np.cos(angles.astype(float))], axis=1)
+        assert self.units(got, exact.astype(np.float32).astype(float)) <= 2**29  # one unit of float32
+
+    def test_torques_at_great_angles_are_as_good_as_those_of_numpy(self, pair):
+        q, qd, qdd = states(6, 40)
+        q *= 10.0 ** np.linspace(0, 12, 40)[:, None]
+        exact = rne.inverse_dynamics(pair[0].model, *(a.astype(np.longdouble) for a in (q, qd, qdd)))
+        ours, numpys = (relative(robot.inverse_dynamics(q, qd, qdd), exact) for robot in reversed(pair))
+        assert ours <= 2 * numpys
+
+
+class TestOperations:
+    def test_each_is_that_of_numpy(self):
+        """On numbers and on vectors, in both precisions; NaN passes through all but comparisons."""
+        graph = Graph()
+        a, b = inputs(graph, (2,), 0)
+        traced = [a + b, a - b, a * b, a / b, -a, abs(a), abs(a).sqrt(), a.tanh(), a.sign(), a.minimum(b), a.maximum(b)]
+        traced += [(a < b).where(a, b), (a <= b).where(1.0, -a), (a.sign()).where(b, a)]
+        outputs = np.empty(len(traced), dtype=object)
+        outputs[:] = traced
+        program = lower(graph, references(graph, outputs), 2)
+        x, y = np.meshgrid([-2.5, -1.0, 0.0, 0.5, 1.0, 3.0], [-2.5, -1.0, 0.5, 1.0, 7.0])
+        X = np.stack([x.ravel(), y.ravel()], axis=1)
+        for dtype, eps in (("float64", EPS), ("float32", float(np.finfo(np.float32).eps))):
+            got = np.empty((len(X), len(traced)), dtype)
+            numba_backend.BatchProgram(program, [2], len(traced), None, range(0)).run([X], got, None)
+            expected = self.by_numpy(*X.astype(dtype).T)
+            np.testing.assert_allclose(got, expected, rtol=4 * eps, atol=0)
+        single = numba_backend.compiled_function(program, [2], (len(traced),))
+        np.testing.assert_allclose(np.array([single(x) for x in X]), self.by_numpy(*X.T), rtol=4 * EPS, atol=0)
+
+    def by_numpy(self, a, b):
+        parts = [a + b, a - b, a * b, a / b, -a, abs(a), np.sqrt(abs(a)), np.tanh(a), np.sign(a), np.minimum(a, b)]
+        parts += [np.maximum(a, b), np.where(a < b, a, b), np.where(a <= b, 1.0, -a), np.where(a != 0, b, a)]
+        return np.stack(parts, axis=1)
+
+
+class TestArguments:
+    @pytest.mark.parametrize("count", [0, 1, 2, 3, 4, 5, 8, 1023, 1025])
+    def test_any_number_of_states(self, kernels, count):
+        s = states(6, count)
+        expected, got = (kernel(*s) for kernel in kernels)
+        assert got.shape == (count, 6)
+        assert relative(got, expected) <= 8 * 6 * EPS
+
+    def test_any_strides_byte_orders_and_alignments(self, kernels):
+        s = states(6, 30)
+        expected = kernels[1](*s)
+        odd = np.frombuffer(b"x" + s[0].tobytes(), dtype=np.uint8)[1:].view(np.float64).reshape(30, 6)
+        forms = [np.asfortranarray(s[0]), np.repeat(s[0], 2, axis=0)[::2], s[0][::-1][::-1], s[0].astype(">f8"), odd]
+        for q in forms:
+            q.flags.writeable = False
+            assert np.array_equal(kernels[1](q, *s[1:]), expected)
+            one = kernels[1](q[7], s[1][7], s[2][7])
+            assert relative(one[None], expected[7][None]) <= 8 * 6 * EPS
+
+    def test_leading_axes_broadcast_and_dtypes_mix(self, kernels):
+        q, qd, qdd = states(6, 12)
+        mixed = q.reshape(3, 4, 6), qd[:4], qdd[0].astype(np.float32)
+        expected, got = (kernel(*mixed) for kernel in kernels)
+        assert got.shape == (3, 4, 6) and got.dtype == np.float64
+        assert relative(got.reshape(12, 6), expected.reshape(12, 6)) <= 8 * 6 * EPS
+
+    def test_out_is_filled(self, kernels):
+        s = states(6, 9)
+        out = np.empty((9, 6))
+        assert kernels[1](*s, out=out) is out
+        assert np.array_equal(out, kernels[1](*s))
+
+    @pytest.mark.parametrize("workers", [1, 2, 3, 64])
+    def test_threads_share_a_batch(self, kernels, workers):
+        s = states(6, 50)
+        for kernel in kernels:
+            assert relative(kernel(*s, workers=workers), kernel(*s)) <= 8 * 6 * EPS
+
+    @pytest.mark.parametrize("workers", [0, -1, 1.5, True, None])
+    def test_workers_that_are_none_are_refused(self, kernels, workers):
+        for kernel in kernels:
+            with pytest.raises(ValueError, match=rf"^`workers` must be a positive whole number, got {workers!r}$"):
+                kernel(*states(6, 5), workers=workers)
+
+
+def outcome(call):
+    """What a call raises or warns of: types and texts."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            call()
+        except Exception as error:
+            return type(error), str(error)
+    return [(w.category, str(w.message)) for w in caught]
+
+
+def with_entry(arrays, k, index, value):
+    """A copy of some arrays with one entry of array k replaced."""
+    changed = [a.copy() for a in arrays]
+    changed[k][index] = value
+    return changed
+
+
+class TestErrors:
+    """The same on both engines, to the letter."""
+
+    S = states(6, 20)
+    MISTAKES = {
+        "NaN in a batch": with_entry(S, 0, (13, 2), np.nan),
+        "infinity in a batch": with_entry(S, 2, (0, 5), -np.inf),
+        "NaN in one state": with_entry([a[0] for a in S], 1, 4, np.nan),
+        "overflow in a batch": with_entry(S, 1, (7, 0), 1e200),
+        "overflow of one state": with_entry([a[0] for a in S], 1, 0, 1e200),
+        "wrong width": [S[0][:, :5], *S[1:]],
+        "transposed": [S[0].T, *S[1:]],
+        "leading shapes": [S[0][:3], *S[1:]],
+        "text": ["abc", *S[1:]],
+        "ragged": [[[1.0], [1.0, 2.0]], *S[1:]],
+        "too few": [S[0]],
+    }
+
+    @pytest.mark.parametrize("mistake", MISTAKES)
+    def test_mistakes(self, kernels, mistake):
+        expected, got = (outcome(lambda kernel=kernel: kernel(*self.MISTAKES[mistake])) for kernel in kernels)
+        assert isinstance(expected, tuple), "no error"
+        assert got == expected
+
+    def test_singular_and_nearly_singular_states_and_great_rates(self):
+        model = light_tip()
+        pair = [rne.Robot(model, engine) for engine in engines.ENGINES]
+        q, qd, tau = states(model.n, 20, rate=1.0, acceleration=1.0)
+        fast = qd.copy()
+        fast[11] = 1e6
+        for arguments in ((q, qd, tau), (q, fast, tau), (q[3], qd[3], tau[3]), (q[3], fast[11], tau[3])):
+            for robot in pair:
+                outcome(lambda robot=robot, a=arguments: robot.forward_dynamics(*a))
+            expected, got = (outcome(lambda robot=robot, a=arguments: robot.forward_dynamics(*a)) for robot in pair)
+            assert expected, "neither an error nor a warning"
+            assert got == expected
+
+    def test_an_engine_that_there_is_not(self):
+        for call in (lambda: rne.load("irb140", engine="jax"), lambda: rne.Robot(rne.irb140(), "jax")):
+            with pytest.raises(ValueError, match=r"^`engine` must be one of \['numpy', 'numba'\], got 'jax'$"):
+                call()
+
+    def test_without_numba_the_error_says_what_to_install(self, monkeypatch):
+        monkeypatch.setattr(engines.importlib.util, "find_spec", lambda name: None)
+        with pytest.raises(
+            ImportError, match=r"^engine 'numba' needs Numba, which is not installed: pip install 'rne\[numba\]'$"
+        ):
+            rne.load("irb140", engine="numba")
+        assert rne.load("irb140").engine == "numpy"
+
+
+def light_tip():
+    """Two links, the second almost without inertia: M is singular to some thousand roundings."""
+    inertia = [np.eye(3) * 0.1, np.eye(3) * 1e-14]
+    return rne.chain(
+        joints=["z", "z"], offsets=[[0, 0, 0], [1, 0, 0]], masses=[1.0, 1e-13], coms=[[0.5, 0, 0], [0.1, 0, 0]],
+        inertias=inertia,
+    )  # fmt: skip
+
+
+class TestWhatKeepsItsEngine:
+    def test_what_is_derived_from_a_robot(self, pair):
+        robot = pair[1]
+        for other in (robot.with_payload(1.0), robot.locked({"joint_6": 0.0}), robot.mounted([0.1, 0, 0])):
+            assert other.engine == "numba"
+        scene = rne.Scene(robot, gravity=[0, 0, 0], armature=[1.0] * 6, payload=2.0)
+        assert scene.kernel.engine == scene.resolved.robot.engine == "numba"
+        assert pickle.loads(pickle.dumps(robot)).engine == "numba"
+        assert pickle.loads(pickle.dumps(robot.kernel(rne.mass_matrix))).engine == "numba"
+
+    def test_numba_is_imported_when_a_kernel_is_compiled(self):
+        code = (
+            "import sys, rne; r = rne.load('irb140', engine='numba'); assert 'numba' not in sys.modules;"
+            "r.inverse_dynamics(*[[0.0] * 6] * 3); assert 'numba' not in sys.modules;"  # the recursion
+            "r.mass_matrix([[0.0] * 6] * 2); assert 'numba' in sys.modules"
+        )
+        subprocess.run([sys.executable, "-c", code], check=True)
+
+    def test_time_to_compile_is_told(self, monkeypatch, caplog):
+        kernel = rne.compile(rne.gravity_torque, rne.irb140(), engine="numba")
+        assert repr(kernel) == "Kernel gravity_torque of 'irb140': 36 operations, by Numba"
+        monkeypatch.setattr(numba_backend, "SLOW", 0.0)
+        with caplog.at_level(logging.INFO, logger="rne"):
+            kernel([0.0] * 6)
+        (record,) = caplog.records
+        assert record.getMessage().startswith("Numba took ") and record.getMessage().endswith(" s to compile a kernel")
+        assert repr(kernel).startswith("Kernel gravity_torque of 'irb140': 36 operations, by Numba, compiled in 0.")
+
+
+class TestMotions:
+    LAW = dict(gains=([50.0] * 6, [20.0] * 6, [0.2] * 6))
+
+    def scenes(self, pair, **more):
+        for robot in pair:
+            law = rne.control.pd_gravity(robot, *self.LAW["gains"])
+            yield rne.Scene(
+                robot, controller=law, friction=rne.Friction(viscous=2.0, coulomb=1.0, smoothing=0.01), **more
+            )
+
+    @pytest.mark.parametrize("method", kept(["LSODA", "DOP853", "Radau", "auto"], ["LSODA"]))
+    def test_are_those_of_numpy(self, pair, method):
+        runs = [rne.simulate(s, [0.1] * 6, [0] * 6, 0.3, method=method, rtol=1e-9) for s in self.scenes(pair)]
+        expected, got = runs
+        assert np.abs(got.q[-1] - expected.q[-1]).max() <= 1e-8
+        assert got.work[-1] == pytest.approx(expected.work[-1], rel=1e-7)
+        assert abs(got.evaluations / expected.evaluations - 1) <= 0.1
+
+    @pytest.mark.long
+    def test_of_free_swings_sampled_laws_and_called_ones(self, pair):
+        for how in ({}, {"method": "gauss-4"}, {"torque": lambda t, q, qd: -qd}):
+            expected, got = (rne.simulate(r, [0.1] * 6, [0] * 6, 0.5, rtol=1e-9, **how) for r in pair)
+            assert np.abs(got.q[-1] - expected.q[-1]).max() <= 1e-7
+        expected, got = (rne.simulate(s, [0.1] * 6, [0] * 6, 0.2) for s in self.scenes(pair, sample_time=1e-3))
+        assert np.abs(got.q[-1] - expected.q[-1]).max() <= 1e-6
+
+    @pytest.mark.parametrize("dtype", kept(["float64", "float32"], ["float64"]))
+    @pytest.mark.parametrize("method", kept(["rk4", "semi-implicit-euler"], ["rk4"]))
+    def test_ensembles_are_those_of_numpy(self, pair, method, dtype):
+        q = (states(6, 300)[0] * 0.2).astype(dtype)
+        ticks = []
+        how = {"step": 1e-3, "method": method, "keep": 3}
+        expected, got = (rne.ensemble(s, q, 0 * q, 0.05, **how) for s in self.scenes(pair))
+        *_, last = (
+            rne.ensemble(s, q, 0 * q, 0.05, **how, progress=lambda *a: ticks.append(a)) for s in self.scenes(pair)
+        )
+        assert got.q.dtype == expected.q.dtype == dtype
+        scale = float(np.finfo(dtype).eps) * 1e4
+        for name in ("t", "q", "qd", "energies"):
+            np.testing.assert_allclose(getattr(got, name), getattr(expected, name), rtol=scale, atol=scale)
+        assert np.array_equal(last.q, got.q)
+        assert ticks[-1] == (300 * 50, 300 * 50)
+        with ThreadPoolExecutor(2) as pool:
+            *_, shared = (rne.ensemble(s, q, 0 * q, 0.05, **how, executor=pool) for s in self.scenes(pair))
+        np.testing.assert_allclose(shared.q, got.q, rtol=scale, atol=scale)
+
+    def test_a_start_that_fails_is_named_with_its_time(self, pair):
+        q = np.zeros((300, 6))
+        qd = q.copy()
+        qd[217, 0] = 1e160
+        found = [outcome(lambda r=r: rne.ensemble(r, q, qd, 0.01, step=1e-3)) for r in pair]
+        assert found[0][0] is rne.NotFiniteError and "start 217 at t = 0 s" in found[0][1]
+        assert found[1] == found[0]
