@@ -22,7 +22,8 @@ from .numpy_backend import BlockProgram, check_out
 from .python_backend import Guard, Refused, compiled_function
 from .scalar import is_traced
 from .source import Printable, to_source
-from .trace import Trace, argument_widths, quantity_of, trace, traced_model
+from .trace import Trace, argument_widths, quantity_of, trace, within_a_trace
+from .wrenches import named_by_function, wrenches_as_arrays
 
 DTYPES = ("float64", "float32")
 
@@ -36,12 +37,13 @@ def compile(function: Declared, model: Model, **fixed: Any) -> Kernel:
         One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
     model : Model
     **fixed
-        Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`.
+        Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`. Of `external` the names of the
+        links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in that order.
 
     Returns
     -------
     Kernel
-        Called like the function, without the model: `kernel(q, qd, qdd)`.
+        Called like the function, without the model: `kernel(q, qd, qdd)`, or `kernel(q, qd, qdd, wrench)`.
 
     Raises
     ------
@@ -67,9 +69,9 @@ def derivative(function: Declared, model: Model, *wrt: str, **fixed: Any) -> Ker
         One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
     model : Model
     *wrt : str
-        Names of arguments, such as "q", "qd".
+        Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`.
     **fixed
-        Arguments other than joint arrays.
+        Arguments other than joint arrays, as in `compile`.
 
     Returns
     -------
@@ -87,6 +89,7 @@ def derivative(function: Declared, model: Model, *wrt: str, **fixed: Any) -> Ker
     >>> rne.derivative(rne.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
     (6, 6)
     """
+    function, fixed = wrenches_as_arrays(function, model, fixed)
     names = tuple(quantity_of(function).widths)
     for name in wrt:
         if name not in names:
@@ -105,18 +108,16 @@ class Kernel:
     ----------
     model : Model
     names : tuple of str
-        The arrays it takes, in order.
+        The arrays it takes, in order; wrenches are external_1, external_2, ...
     wrt : tuple of str
         The arguments of the derivatives; empty for the function itself.
     """
 
     def __init__(self, function: Declared, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = ()) -> None:
-        self.function, self.quantity = function, quantity_of(function)
+        self.function, self.fixed = wrenches_as_arrays(function, model, fixed)
+        self.quantity = quantity_of(self.function)
         self.model = model_argument(model)
-        self.fixed = dict(fixed)
         self.wrt = tuple(wrt)
-        if "external" in self.fixed:
-            raise TypeError("`external` cannot be compiled in; call the function itself with it")
         widths = argument_widths(self.quantity, model)
         self.names, self.widths = tuple(widths), tuple(widths.values())
         try:
@@ -132,7 +133,9 @@ class Kernel:
     def __repr__(self) -> str:
         count = f"{sum(self.operations.values())} operations" if self._trace else "run as the recursion"
         by = f" by {', '.join(self.wrt)}" if self.wrt else ""
-        return f"Kernel {self.quantity.name}{by} of {self.model.name!r}: {count}"
+        links = ", ".join(repr(link) for link in self.quantity.wrenches.values())
+        under = f" under wrenches on {links}" if links else ""
+        return f"Kernel {self.quantity.name}{by} of {self.model.name!r}{under}: {count}"
 
     @property
     def operations(self) -> dict[str, int]:
@@ -223,9 +226,15 @@ class Kernel:
         if out is None and self._is_plain_state(arguments):
             return self._evaluate_one_state(arguments)
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
-            return self._within_a_trace([np.asarray(a) for a in arguments]), SOUND
+            return within_a_trace(self.quantity, self.model, arguments, self.fixed), SOUND
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
+        try:
+            return self._evaluate_arrays(arguments, out)
+        except ValueError as error:
+            raise named_by_function(self.quantity, self.model, arguments, error) from None
+
+    def _evaluate_arrays(self, arguments: Sequence[Any], out: Array | None) -> tuple[Array, Verdict]:
         arrays = [
             joint_shaped(name, a, self.model, width)
             for name, a, width in zip(self.names, arguments, self.widths, strict=True)
@@ -240,14 +249,6 @@ class Kernel:
             return result, verdict
         check_out(out, result.shape, result.dtype, self.names, arrays)[...] = result
         return out, verdict
-
-    def _within_a_trace(self, arguments: Sequence[Array]) -> Array:
-        """The core on traced numbers; it needs a batch axis."""
-        single = all(a.ndim < 2 for a in arguments)
-        arrays = [np.atleast_2d(a) for a in arguments] if single else arguments
-        result = self.quantity.core(traced_model(self.quantity, self.model), *arrays, **self.fixed)
-        result = result if self.quantity.judge is None else result[0]
-        return np.asarray(result[0] if single else result)
 
     def source(self, language: str = "python", element: str | None = None) -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
@@ -285,7 +286,7 @@ class Kernel:
         if element is not None:
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self.fixed, self.wrt, entry), element
-        lines = heading(self.model, name, self.names, entry)
+        lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced.program, title, self.names, self.widths, traced.shape, lines), language)
 
     def _by_function(self, arguments: Sequence[Any]) -> tuple[Array, Verdict]:
