@@ -67,7 +67,8 @@ class KernelCache:
         """A quantity, or its derivatives by some arguments, for one state or a batch."""
         if external is not None:
             links, arrays = self._with_wrenches(function, arrays, external)
-            fixed = {**fixed, "external": links} if links else fixed
+            if links:
+                fixed["external"] = links
         key = (function, *wrt, *fixed.items())
         kernel = self._kernels.get(key)
         if kernel is None:
@@ -101,7 +102,7 @@ class KernelCache:
             if not isinstance(external, Mapping) or not set(external) <= set(names):
                 function.evaluate(self.model, *arrays, external=external)  # names what is wrong
             links = self._orders[tuple(external)] = tuple(sorted(external, key=names.index))
-        return links, (*arrays, *[external[link] for link in links])
+        return links, arrays + tuple([external[link] for link in links])
 
     def accelerations(
         self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, external: External | None = None
