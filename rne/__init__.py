@@ -25,7 +25,8 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .kernels.kernel import Kernel, compile, derivative
+from .kernels.compilation import compile, derivative
+from .kernels.kernel import Kernel
 from .model.chains import chain
 from .model.denavit_hartenberg import dh_chain
 from .model.model import Cylinder, Model

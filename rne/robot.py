@@ -45,15 +45,15 @@ class Robot:
     (6,)
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, engine: str = "numpy") -> None:
         if not isinstance(model, Model):
             raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
         self._model = model
-        self.kernels = KernelCache(model)
+        self.kernels = KernelCache(model, engine)
         self.cache: dict[str, Any] = {}  # compiled by simulations of the robot, for the next run
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Robot, (self._model,)
+        return Robot, (self._model, self.engine)
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
         """The function traced on this robot, on first use, and kept.
@@ -92,6 +92,11 @@ class Robot:
     def model(self) -> Model:
         """The robot's parameters."""
         return self._model
+
+    @property
+    def engine(self) -> str:
+        """What runs its kernels: "numpy" or "numba"."""
+        return self.kernels.engine
 
     @property
     def n(self) -> int:
@@ -142,11 +147,13 @@ class Robot:
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None
     ) -> Array:
         """Torques tau = M qdd + C qd + g, shape (..., n) [N m or N]; see `rne.inverse_dynamics`."""
-        return self.kernels.evaluate(inverse_dynamics, q, qd, qdd, external=external)[0]
+        if external is None:
+            return self.kernels.value(inverse_dynamics, q, qd, qdd)
+        return self.kernels.value_under(external, inverse_dynamics, q, qd, qdd)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """M(q), shape (..., n, n), full and exactly symmetric [kg m^2, kg m or kg]; see `rne.mass_matrix`."""
-        return self.kernels.evaluate(mass_matrix, q)[0]
+        return self.kernels.value(mass_matrix, q)
 
     def forward_dynamics(
         self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None
@@ -169,7 +176,9 @@ class Robot:
 
     def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None) -> Array:
         """C qd + g, shape (..., n) [N m or N]; see `rne.bias_torque`."""
-        return self.kernels.evaluate(bias_torque, q, qd, external=external)[0]
+        if external is None:
+            return self.kernels.value(bias_torque, q, qd)
+        return self.kernels.value_under(external, bias_torque, q, qd)
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the inverse dynamics.
@@ -241,31 +250,31 @@ class Robot:
 
     def gravity_torque(self, q: ArrayLike) -> Array:
         """g(q), shape (..., n) [N m or N]; see `rne.gravity_torque`."""
-        return self.kernels.evaluate(gravity_torque, q)[0]
+        return self.kernels.value(gravity_torque, q)
 
     def coriolis_torque(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """C(q, qd) qd, shape (..., n) [N m or N]; see `rne.coriolis_torque`."""
-        return self.kernels.evaluate(coriolis_torque, q, qd)[0]
+        return self.kernels.value(coriolis_torque, q, qd)
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """C(q, qd) of the Christoffel symbols, shape (..., n, n); see `rne.coriolis_matrix`."""
-        return self.kernels.evaluate(coriolis_matrix, q, qd)[0]
+        return self.kernels.value(coriolis_matrix, q, qd)
 
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Kinetic energy, shape (...) [J]; see `rne.kinetic_energy`."""
-        return self.kernels.evaluate(kinetic_energy, q, qd)[0]
+        return self.kernels.value(kinetic_energy, q, qd)
 
     def potential_energy(self, q: ArrayLike) -> Array:
         """Potential energy, zero at the root link's origin, shape (...) [J]; see `rne.potential_energy`."""
-        return self.kernels.evaluate(potential_energy, q)[0]
+        return self.kernels.value(potential_energy, q)
 
     def momentum(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """[Angular; linear] momentum about the root link's origin, shape (..., 6); see `rne.momentum`."""
-        return self.kernels.evaluate(momentum, q, qd)[0]
+        return self.kernels.value(momentum, q, qd)
 
     def link_poses(self, q: ArrayLike) -> Array:
         """Pose of every link, shape (..., n_links, 4, 4) [1, m]; see `rne.link_poses`."""
-        return self.kernels.evaluate(link_poses, q)[0]
+        return self.kernels.value(link_poses, q)
 
     def jacobian(self, q: ArrayLike, link: str) -> Array:
         """[omega; v] of a link's origin per joint rate, shape (..., 6, n); see `rne.jacobian`."""
@@ -290,15 +299,15 @@ class Robot:
         link: str | None = None,
     ) -> Robot:
         """The robot with a rigid body fixed to a link, by default a chain's last one; see `rne.with_payload`."""
-        return Robot(modify.with_payload(self._model, mass, com, inertia, link))
+        return Robot(modify.with_payload(self._model, mass, com, inertia, link), self.engine)
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """The smaller robot with some joints fixed, {joint: position}; see `rne.locked`."""
-        return Robot(modify.locked(self._model, positions))
+        return Robot(modify.locked(self._model, positions), self.engine)
 
     def mounted(self, rpy: ArrayLike) -> Robot:
         """The robot with its root link turned in the world; see `rne.mounted`."""
-        return Robot(modify.mounted(self._model, rpy))
+        return Robot(modify.mounted(self._model, rpy), self.engine)
 
     def __repr__(self) -> str:
         model = self._model

@@ -19,6 +19,18 @@ TREES = {
 }
 
 
+def pytest_addoption(parser):
+    parser.addoption("--engine", default="numpy", help="what runs kernels where a test does not say: numpy or numba")
+
+
+def pytest_configure(config):
+    """Make another engine the default of every function that has this argument."""
+    engine = config.getoption("--engine")
+    for function in (rne.load, rne.compile, rne.derivative):
+        function.__kwdefaults__["engine"] = engine
+    rne.Robot.__init__.__defaults__ = (engine,)
+
+
 @pytest.fixture(params=TREES, scope="session")
 def tree(request):
     """A random tree: joints of all types, branches, tools on fixed joints, any direction of gravity."""

@@ -98,7 +98,7 @@ def test_derivative_of_every_elementary_operation_is_that_of_the_textbook(name):
     program = lower(graph, differentiate(graph, [result.ref], [0, 1]), 2)
     function = compiled_function(program, [2], (2,))
     for x, y in np.random.default_rng(0).uniform(-2, 2, (20, 2)):
-        np.testing.assert_allclose(function([x, y]), slopes(x, y), rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(function(np.array([x, y])), slopes(x, y), rtol=1e-13, atol=1e-15)
 
 
 def test_linearize_predicts_the_change_of_the_motion(irb140):

@@ -423,7 +423,7 @@ class TestRandomGraphs:
         if not np.isfinite(expected).all() or np.abs(expected).max() > 1e6:
             return
         scale = 1e-12 * max(1.0, float(np.abs(expected).max()) ** 2)
-        single = compiled_function(program, [n], (len(outputs),))(x.tolist())
+        single = compiled_function(program, [n], (len(outputs),))(x)
         np.testing.assert_allclose(single, expected, atol=scale, rtol=0)
         workspace = numpy_backend.Workspace(registers.allocate(program), 3, np.dtype("float64"))
         workspace.rows[:n, :3] = x[:, None]
@@ -480,7 +480,7 @@ class TestScalars:
         single = compiled_function(program, [2], (6,))
         for a, b in ((1.0, 2.0), (2.0, -1.0), (-3.0, -3.0)):
             expected = [min(a, b), -max(a, b), max(a, -b), np.sign(a), abs(a), abs(a)]
-            assert single([a, b]).tolist() == expected
+            assert single(np.array([a, b])).tolist() == expected
             workspace = numpy_backend.Workspace(registers.allocate(program), 2, np.dtype("float64"))
             workspace.rows[0, :2], workspace.rows[1, :2] = a, b
             for call, arguments in workspace.calls(2):

@@ -14,10 +14,13 @@ from ..dynamics.crba import mass_matrix
 from ..dynamics.forward import factorise, forward_dynamics, solve_factored
 from ..dynamics.quantity import Declared
 from ..dynamics.rnea import External, inverse_dynamics
-from ..dynamics.verdict import Verdict
+from ..dynamics.verdict import SOUND, Verdict
 from ..model.model import Model
+from .compilation import compile, derivative
 from .complex_step import complex_step
-from .kernel import Kernel, compile, derivative
+from .engines import engine_argument
+from .kernel import Kernel
+from .plain_state import PlainState
 from .scalar import is_traced
 from .wrenches import UnderWrenches, wrench_links, wrenches_as_arrays
 
@@ -34,11 +37,13 @@ class KernelCache:
     Parameters
     ----------
     model : Model
+    engine : {"numpy", "numba"}
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model, engine: str = "numpy") -> None:
+        self.model, self.engine = model, engine_argument(engine)
         self._kernels: dict[Any, Kernel] = {}
+        self._plain: dict[Any, PlainState] = {}  # of the kernels; without other arguments by the function alone
         self._evaluated: set[Any] = set()  # quantities evaluated for one state
         self._forward: dict[tuple[str, ...], Kernel] = {}  # by the links with wrenches
         self._orders: dict[tuple[str, ...], tuple[str, ...]] = {}  # of such links, as given: in the model's order
@@ -47,28 +52,42 @@ class KernelCache:
         """The function, or its derivatives by some arguments, traced on first use."""
         if "link" in fixed:
             self.model.link_index(fixed["link"])
-        if "external" in fixed:
+        if fixed.get("external") is not None:
             fixed["external"] = wrench_links(self.model, fixed["external"])
         key = (function, *wrt, *fixed.items())
         kernel = self._kernels.get(key)
         if kernel is None:
             make = derivative if wrt else compile
-            kernel = self._kernels[key] = make(function, self.model, *wrt, **fixed)
+            kernel = self._kernels[key] = make(function, self.model, *wrt, engine=self.engine, **fixed)
+            if kernel.is_unrolled:
+                self._plain[key if wrt or fixed else function] = kernel.plain_state
         return kernel
 
+    def value(self, function: Declared, *arrays: ArrayLike) -> Array:
+        """A quantity without other arguments, of which there is no loss to tell, for one state or a batch."""
+        plain = self._plain.get(function)
+        result = None if plain is None else plain(*arrays)
+        return self.evaluate(function, *arrays)[0] if result is None else result
+
+    def value_under(self, external: External, function: Declared, *arrays: ArrayLike) -> Array:
+        """The same of a quantity under external wrenches."""
+        links, arrays = self._with_wrenches(function, arrays, external)
+        if not links:
+            return self.value(function, *arrays)
+        plain = self._plain.get((function, ("external", links)))
+        result = None if plain is None else plain(*arrays)
+        return self.evaluate(function, *arrays, external=links)[0] if result is None else result
+
+    def _derivatives(self, function: Declared, wrt: tuple[str, ...], *arrays: ArrayLike) -> Array:
+        """Its derivatives by some arguments."""
+        plain = self._plain.get((function, *wrt))
+        result = None if plain is None else plain(*arrays)
+        return self.evaluate(function, *arrays, wrt=wrt)[0] if result is None else result
+
     def evaluate(
-        self,
-        function: Declared,
-        *arrays: ArrayLike,
-        wrt: Sequence[str] = (),
-        external: External | None = None,
-        **fixed: Any,
+        self, function: Declared, *arrays: ArrayLike, wrt: Sequence[str] = (), **fixed: Any
     ) -> tuple[Array, Verdict]:
         """A quantity, or its derivatives by some arguments, for one state or a batch."""
-        if external is not None:
-            links, arrays = self._with_wrenches(function, arrays, external)
-            if links:
-                fixed["external"] = links
         key = (function, *wrt, *fixed.items())
         kernel = self._kernels.get(key)
         if kernel is None:
@@ -113,12 +132,14 @@ class KernelCache:
         if external is not None:
             links, arrays = self._with_wrenches(forward_dynamics, arrays, external)
         kernel = self._forward.get(links)
-        if kernel is None:
-            if self._mark_first_state(("forward dynamics", *links), arrays):
-                method = self._forward_methods()[-1]
-                return (UnderWrenches(method, links) if links else method).evaluate(self.model, *arrays)
-            kernel = self.forward_kernel(links)
-        return kernel.evaluate(*arrays)
+        if kernel is not None and kernel.is_unrolled:
+            result = kernel.plain_state(*arrays)
+            if result is not None:
+                return result, SOUND
+        if kernel is None and self._mark_first_state(("forward dynamics", *links), arrays):
+            method = self._forward_methods()[-1]
+            return (UnderWrenches(method, links) if links else method).evaluate(self.model, *arrays)
+        return self.forward_kernel(links).evaluate(*arrays)
 
     def forward_kernel(self, links: tuple[str, ...] = ()) -> Kernel:
         """The kernel of forward dynamics by the method with fewer operations, under wrenches on some links.
@@ -149,10 +170,13 @@ class KernelCache:
 
     def inverse_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Derivatives of inverse dynamics by q and by qd, and M, its derivative by qdd, each (..., n, n)."""
-        slopes, _ = self.evaluate(inverse_dynamics, q, qd, qdd, wrt=("q", "qd"))
+        slopes = self._derivatives(inverse_dynamics, ("q", "qd"), q, qd, qdd)
         n = self.model.n
         dq, dqd = slopes[..., :n], slopes[..., n:]
-        M, _ = self.evaluate(mass_matrix, np.asarray(q).astype(slopes.dtype, copy=False))
+        M = self.value(mass_matrix, q)
+        if M.shape == dq.shape and M.dtype == dq.dtype:
+            return dq, dqd, M
+        M = self.value(mass_matrix, np.asarray(q).astype(slopes.dtype, copy=False))
         return dq, dqd, np.broadcast_to(M, dq.shape).copy()
 
     def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:

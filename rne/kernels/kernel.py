@@ -16,87 +16,20 @@ from ..model.arguments import joint_array, joint_shaped, model_argument
 from ..model.model import Model
 from .complex_step import complex_step
 from .elements import entry_of_element
+from .engines import Batches, engine_argument, engine_of
 from .graph import TooLarge
 from .heading import heading
-from .numpy_backend import BlockProgram, check_out
-from .python_backend import Guard, Refused, compiled_function
+from .numpy_backend import check_out
+from .plain_state import plain_state_call
+from .python_backend import Guard, Refused
 from .scalar import is_traced
 from .source import Printable, to_source
+from .threads import check_workers, run_in_threads
 from .trace import Trace, argument_widths, quantity_of, trace, within_a_trace
 from .wrenches import named_by_function, wrenches_as_arrays
 
 DTYPES = ("float64", "float32")
-
-
-def compile(function: Declared, model: Model, **fixed: Any) -> Kernel:
-    """Trace a function of (model, q, ...) on one model and return its kernel.
-
-    Parameters
-    ----------
-    function : callable
-        One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
-    model : Model
-    **fixed
-        Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`. Of `external` the names of the
-        links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in that order.
-
-    Returns
-    -------
-    Kernel
-        Called like the function, without the model: `kernel(q, qd, qdd)`, or `kernel(q, qd, qdd, wrench)`.
-
-    Raises
-    ------
-    TypeError
-        If the function is not one that can be traced, or a fixed argument is missing.
-
-    Examples
-    --------
-    >>> import rne
-    >>> kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
-    >>> sum(kernel.operations.values()) <= 320
-    True
-    """
-    return Kernel(function, model, fixed)
-
-
-def derivative(function: Declared, model: Model, *wrt: str, **fixed: Any) -> Kernel:
-    """Trace a function and differentiate it exactly by some of its joint arrays.
-
-    Parameters
-    ----------
-    function : callable
-        One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
-    model : Model
-    *wrt : str
-        Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`.
-    **fixed
-        Arguments other than joint arrays, as in `compile`.
-
-    Returns
-    -------
-    Kernel
-        Returns the derivatives along a further last axis: by the entries of the first argument, then of the second ...
-
-    Raises
-    ------
-    ValueError
-        If a name is not one of the function's joint arrays.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.derivative(rne.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
-    (6, 6)
-    """
-    function, fixed = wrenches_as_arrays(function, model, fixed)
-    names = tuple(quantity_of(function).widths)
-    for name in wrt:
-        if name not in names:
-            raise ValueError(f"`wrt` must name arguments of {list(names)}, got {name!r}")
-    if not wrt:
-        raise ValueError(f"`wrt` must name at least one argument of {list(names)}")
-    return Kernel(function, model, fixed, wrt)
+FLOAT64 = np.dtype("float64")
 
 
 class Kernel:
@@ -111,13 +44,23 @@ class Kernel:
         The arrays it takes, in order; wrenches are external_1, external_2, ...
     wrt : tuple of str
         The arguments of the derivatives; empty for the function itself.
+    engine : {"numpy", "numba"}
+        What runs it.
     """
 
-    def __init__(self, function: Declared, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        function: Declared,
+        model: Model,
+        fixed: Mapping[str, Any],
+        wrt: Sequence[str] = (),
+        engine: str = "numpy",
+    ) -> None:
         self.function, self.fixed = wrenches_as_arrays(function, model, fixed)
         self.quantity = quantity_of(self.function)
         self.model = model_argument(model)
         self.wrt = tuple(wrt)
+        self.engine = engine_argument(engine)
         widths = argument_widths(self.quantity, model)
         self.names, self.widths = tuple(widths), tuple(widths.values())
         try:
@@ -125,17 +68,26 @@ class Kernel:
                 self._trace: Trace | None = trace(self.quantity, model, self.fixed, self.wrt)
         except TooLarge:
             self._trace = None
-        self._shapes = tuple((width,) for width in self.widths)
+        self.plain_state = plain_state_call(self.widths, self._function_of_one_state)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Kernel, (self.function, self.model, self.fixed, self.wrt)
+        return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine)
 
     def __repr__(self) -> str:
         count = f"{sum(self.operations.values())} operations" if self._trace else "run as the recursion"
         by = f" by {', '.join(self.wrt)}" if self.wrt else ""
         links = ", ".join(repr(link) for link in self.quantity.wrenches.values())
         under = f" under wrenches on {links}" if links else ""
-        return f"Kernel {self.quantity.name}{by} of {self.model.name!r}{under}: {count}"
+        by_numba = self.engine == "numba" and self.is_unrolled
+        engine = f", by Numba{self._compiled_in}" if by_numba else ""
+        return f"Kernel {self.quantity.name}{by} of {self.model.name!r}{under}: {count}{engine}"
+
+    @property
+    def _compiled_in(self) -> str:
+        """How long compilations took so far."""
+        forms = ("state_function", "state_function_at_any_rate", "blocks")
+        seconds = sum(getattr(self.__dict__[name], "seconds", 0.0) for name in forms if name in self.__dict__)
+        return f", compiled in {seconds:.2g} s" if seconds else ""
 
     @property
     def operations(self) -> dict[str, int]:
@@ -166,8 +118,11 @@ class Kernel:
 
     @cached_property
     def state_function(self) -> Callable[..., Array]:
-        """The program on one list of floats per argument; raises Refused where the recursion must look closer."""
+        """The program on one float64 vector per argument; raises Refused where the recursion must look closer."""
         return self._state_function(self._rates)
+
+    def _function_of_one_state(self) -> Callable[..., Array]:
+        return self.state_function
 
     @cached_property
     def state_function_at_any_rate(self) -> Callable[..., Array]:
@@ -178,16 +133,20 @@ class Kernel:
         n, eps, guard = self.model.n, float(np.finfo(np.float64).eps), None
         if self.quantity.judge is not None:
             guard = Guard(NEARLY_SINGULAR * n * eps, n, rates, rate_bound(np.dtype(np.float64)))
-        return compiled_function(self.traced.program, self.widths, self.traced.shape, guard)
+        make = engine_of(self.engine).state_function
+        return make(self.traced.program, self.widths, self.traced.shape, guard)
 
     @cached_property
-    def blocks(self) -> BlockProgram:
+    def blocks(self) -> Any:
         """The program on batches."""
         pivots = None if self.quantity.judge is None else self.model.n
         entries = int(np.prod(self.traced.shape, dtype=np.int64))
-        return BlockProgram(self.traced.program, self.widths, entries, pivots, self._rates)
+        batches: Batches = engine_of(self.engine).batches(
+            self.traced.program, self.widths, entries, pivots, self._rates
+        )
+        return batches
 
-    def __call__(self, *arguments: Any, out: Array | None = None) -> Array:
+    def __call__(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> Array:
         """Run the kernel.
 
         Parameters
@@ -196,6 +155,8 @@ class Kernel:
             The arrays that the function takes, in order.
         out : ndarray, optional
             Array for the result of a batch, of its shape and dtype, sharing no memory with the inputs.
+        workers : int
+            Threads that share a batch. With engine "numba" they run in parallel; NumPy's calls are mostly too short.
 
         Returns
         -------
@@ -207,34 +168,28 @@ class Kernel:
         ValueError, RneError
             As the function does.
         """
-        result, verdict = self.evaluate(*arguments, out=out)
+        result, verdict = self.evaluate(*arguments, out=out, workers=workers)
         if verdict is not SOUND:
             verdict.raise_or_warn(stacklevel=2)
         return result
 
-    def _is_plain_state(self, arguments: Sequence[Any]) -> bool:
-        """True for one float64 vector of the right length per argument."""
-        if self._trace is None or len(arguments) != len(self._shapes):
-            return False
-        for a, shape in zip(arguments, self._shapes, strict=True):
-            if type(a) is not np.ndarray or a.shape != shape or a.dtype.char != "d":
-                return False
-        return True
-
-    def evaluate(self, *arguments: Any, out: Array | None = None) -> tuple[Array, Verdict]:
+    def evaluate(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> tuple[Array, Verdict]:
         """The result and its Verdict, not yet announced; see `__call__` for the arguments."""
-        if out is None and self._is_plain_state(arguments):
-            return self._evaluate_one_state(arguments)
+        if out is None and self._trace is not None and len(arguments) == len(self.names):
+            result = self.plain_state(*arguments)
+            if result is not None:
+                return result, SOUND
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
             return within_a_trace(self.quantity, self.model, arguments, self.fixed), SOUND
+        check_workers(workers)
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
         try:
-            return self._evaluate_arrays(arguments, out)
+            return self._evaluate_arrays(arguments, out, workers)
         except ValueError as error:
             raise named_by_function(self.quantity, self.model, arguments, error) from None
 
-    def _evaluate_arrays(self, arguments: Sequence[Any], out: Array | None) -> tuple[Array, Verdict]:
+    def _evaluate_arrays(self, arguments: Sequence[Any], out: Array | None, workers: int) -> tuple[Array, Verdict]:
         arrays = [
             joint_shaped(name, a, self.model, width)
             for name, a, width in zip(self.names, arguments, self.widths, strict=True)
@@ -242,8 +197,8 @@ class Kernel:
         dtype = np.result_type(*arrays)
         if self._trace is not None and dtype.name in DTYPES:
             if out is None and dtype == np.float64 and all(a.ndim == 1 for a in arrays):
-                return self._evaluate_one_state(arrays)
-            return self._batch(arrays, dtype, out)
+                return self._evaluate_one_state([a.astype(FLOAT64, copy=False) for a in arrays])
+            return self._batch(arrays, dtype, out, workers)
         result, verdict = self._by_function(arrays)
         if out is None or verdict.error is not None:
             return result, verdict
@@ -297,11 +252,13 @@ class Kernel:
 
     def _evaluate_one_state(self, arrays: Sequence[Array]) -> tuple[Array, Verdict]:
         try:
-            return self.state_function(*[a.tolist() for a in arrays]), SOUND
+            return self.state_function(*arrays), SOUND
         except Refused:
             return self._by_function(arrays)
 
-    def _batch(self, arrays: Sequence[Array], dtype: np.dtype[Any], out: Array | None) -> tuple[Array, Verdict]:
+    def _batch(
+        self, arrays: Sequence[Array], dtype: np.dtype[Any], out: Array | None, workers: int
+    ) -> tuple[Array, Verdict]:
         leading = common_leading_shape(dict(zip(self.names, arrays, strict=True)))
         shape = leading + self.traced.shape
         out = np.empty(shape, dtype=dtype) if out is None else check_out(out, shape, dtype, self.names, arrays)
@@ -320,4 +277,4 @@ class Kernel:
             return np.asarray(result).reshape(end - begin, -1), verdict.with_state(place)
 
         entries = int(np.prod(self.traced.shape, dtype=np.int64))
-        return out, self.blocks.run(states, out.reshape(count, entries), by_function)
+        return out, run_in_threads(self.blocks, states, out.reshape(count, entries), by_function, workers)

@@ -12,6 +12,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.conditioning import NEARLY_SINGULAR, pivots_below, rate_bound
 from ..dynamics.verdict import SOUND, Verdict
+from .engines import Fallback
 from .program import Operand, Program
 from .registers import Layout, Step, allocate
 from .sine_cosine import METHODS, Call, faster
@@ -34,9 +35,6 @@ UFUNCS: dict[str, Callable[..., Any]] = {
 LINE = 64  # bytes of a cache line
 REGISTER_BYTES = 8 * 2**20  # of all registers: more no longer pay for fewer calls
 MAX_BLOCK, MIN_BLOCK = 8192, 256  # states per block
-
-# The recursion's answer for states begin to end, counted in the whole batch, where the program has none.
-Fallback = Callable[[int, int], tuple[Array, Verdict]]
 
 
 class BlockProgram:

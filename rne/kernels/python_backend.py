@@ -109,7 +109,7 @@ def _expression(
 
 
 def source(program: Program, widths: Sequence[int], shape: tuple[int, ...], guard: Guard | None = None) -> str:
-    """A Python function of one list per argument that returns the result as an array.
+    """A Python function of one float64 vector per argument that returns the result as an array.
 
     Parameters
     ----------
@@ -129,7 +129,9 @@ def source(program: Program, widths: Sequence[int], shape: tuple[int, ...], guar
     groups, start = [], 0
     for k, width in enumerate(widths):
         names = [f"x{start + j}" for j in range(width)]
-        groups.append(f"{', '.join(names)}{',' if width == 1 else ''} = a{k}" if width else f"() = a{k}")
+        groups.append(
+            f"{', '.join(names)}{',' if width == 1 else ''} = a{k}.tolist()" if width else f"() = a{k}.tolist()"
+        )
         start += width
     size = math.prod(shape)
     results = [f"r{k}" for k in range(size)]

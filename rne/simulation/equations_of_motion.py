@@ -159,7 +159,7 @@ class AppliedTorques:
     @cached_property
     def kernel(self) -> Kernel:
         """The traced function."""
-        return Kernel(self, self.robot.model, {})
+        return Kernel(self, self.robot.model, {}, engine=self.robot.engine)
 
     def why_not_traced(self) -> str | None:
         """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced."""
@@ -199,7 +199,8 @@ class Residual(AppliedTorques):
     @cached_property
     def slopes(self) -> Kernel:
         """Its exact derivatives by x and a, and by u where that is given."""
-        return Kernel(self, self.robot.model, {}, ("x", "a", "u") if self.torque_given else ("x", "a"))
+        wrt = ("x", "a", "u") if self.torque_given else ("x", "a")
+        return Kernel(self, self.robot.model, {}, wrt, self.robot.engine)
 
 
 class RightHandSide(AppliedTorques):

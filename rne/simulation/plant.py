@@ -48,6 +48,7 @@ class Plant(Unswitched):
         self.held: Array | None = None
         self.span = (-np.inf, np.inf)
         self.evaluations = 0
+        self._time = np.zeros(1)  # t as an argument of the kernel
         self.verdict = SOUND
         self.kernel = rhs.kernel
         self._state_function = self.kernel.state_function_at_any_rate if self.kernel.is_unrolled else None
@@ -115,9 +116,10 @@ class Plant(Unswitched):
         """dx/dt under given torques."""
         if self._state_function is not None:
             try:
+                self._time[0] = t
                 if u is None:
-                    return self._state_function((t,), x.tolist())
-                return self._state_function((t,), x.tolist(), u.tolist())
+                    return self._state_function(self._time, x)
+                return self._state_function(self._time, x, u)
             except Refused:
                 pass  # examined below, by the recursion
         self._check_state(t, x)

@@ -156,7 +156,7 @@ class Scene:
     def _resolved_robot(self) -> Robot:
         robot = self.robot
         if self.gravity is not None:
-            robot = Robot(replace(robot.model, gravity=vector("gravity", self.gravity, 3)))
+            robot = Robot(replace(robot.model, gravity=vector("gravity", self.gravity, 3)), robot.engine)
         if self.mounting is not None:
             robot = robot.mounted(self.mounting)
         if self.payload is not None:
@@ -168,7 +168,7 @@ class Scene:
             if robot.model.has_mimics:
                 raise ValueError("`armature` of a robot with mimicking joints belongs to its Model, joint by joint")
             armature = vector("armature", self.armature, robot.n, sign="not negative")
-            robot = Robot(replace(robot.model, armature=armature))
+            robot = Robot(replace(robot.model, armature=armature), robot.engine)
         return robot
 
     @property

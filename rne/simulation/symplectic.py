@@ -52,10 +52,10 @@ class Hamilton(Unswitched):
         if self.rates.is_unrolled and self.slopes.is_unrolled:
             try:
                 parts = []
-                for x in X.tolist():
+                for x in X:
                     q = x[:n]
                     qd = self.rates.state_function(q, x[n:])
-                    parts += [qd, self.slopes.state_function(q, qd.tolist())]
+                    parts += [qd, self.slopes.state_function(q, qd)]
                 return np.array(parts).reshape(X.shape)
             except Refused:
                 pass  # named below

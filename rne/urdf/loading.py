@@ -14,7 +14,7 @@ from ..robot import Robot
 from . import read_urdf
 
 
-def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Robot:
+def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY, engine: str = "numpy") -> Robot:
     """Load a robot by name or from a URDF file.
 
     Parameters
@@ -47,7 +47,7 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     if g.shape != (3,):
         raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
     if isinstance(source, str) and source in BUILDERS:
-        return Robot(replace(BUILDERS[source](), gravity=g))
+        return Robot(replace(BUILDERS[source](), gravity=g), engine)
     if not os.path.exists(source):
         raise FileNotFoundError(f"{os.fspath(source)!r} is neither a robot ({', '.join(BUILDERS)}) nor a file")
-    return Robot(read_urdf(source, gravity=g))
+    return Robot(read_urdf(source, gravity=g), engine)

@@ -1,0 +1,88 @@
+"""Functions of a model traced, and differentiated, into kernels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..dynamics.quantity import Declared
+from ..model.model import Model
+from .kernel import Kernel
+from .trace import quantity_of
+from .wrenches import wrenches_as_arrays
+
+
+def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed: Any) -> Kernel:
+    """Trace a function of (model, q, ...) on one model and return its kernel.
+
+    Parameters
+    ----------
+    function : callable
+        One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
+    model : Model
+    engine : {"numpy", "numba"}
+        What runs the kernel; "numba" is machine code, compiled at the first call, and needs `pip install 'rne[numba]'`.
+    **fixed
+        Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`. Of `external` the names of the
+        links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in that order.
+
+    Returns
+    -------
+    Kernel
+        Called like the function, without the model: `kernel(q, qd, qdd)`, or `kernel(q, qd, qdd, wrench)`.
+
+    Raises
+    ------
+    TypeError
+        If the function is not one that can be traced, or a fixed argument is missing.
+    ValueError, ImportError
+        If there is no such engine, or Numba is not installed.
+
+    Examples
+    --------
+    >>> import rne
+    >>> kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+    >>> sum(kernel.operations.values()) <= 320
+    True
+    """
+    return Kernel(function, model, fixed, engine=engine)
+
+
+def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy", **fixed: Any) -> Kernel:
+    """Trace a function and differentiate it exactly by some of its joint arrays.
+
+    Parameters
+    ----------
+    function : callable
+        One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
+    model : Model
+    *wrt : str
+        Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`.
+    engine : {"numpy", "numba"}
+        What runs the kernel; see `compile`.
+    **fixed
+        Arguments other than joint arrays, as in `compile`.
+
+    Returns
+    -------
+    Kernel
+        Returns the derivatives along a further last axis: by the entries of the first argument, then of the second ...
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of the function's joint arrays.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.derivative(rne.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
+    (6, 6)
+    """
+    function, fixed = wrenches_as_arrays(function, model, fixed)
+    names = tuple(quantity_of(function).widths)
+    for name in wrt:
+        if name not in names:
+            raise ValueError(f"`wrt` must name arguments of {list(names)}, got {name!r}")
+    if not wrt:
+        raise ValueError(f"`wrt` must name at least one argument of {list(names)}")
+    return Kernel(function, model, fixed, wrt, engine)

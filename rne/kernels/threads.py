@@ -1,0 +1,37 @@
+"""A batch shared by threads: each takes a stretch of the states."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import reduce
+
+from ..basics.spatial import Array
+from ..dynamics.verdict import SOUND, Verdict
+from .engines import Batches, Fallback
+
+
+def check_workers(workers: int) -> None:
+    """Refuse anything but a positive whole number."""
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise ValueError(f"`workers` must be a positive whole number, got {workers!r}")
+
+
+def run_in_threads(
+    batches: Batches, states: Sequence[Array], results: Array, fallback: Fallback, workers: int
+) -> Verdict:
+    """Fill `results` as `batches.run` does, in `workers` threads."""
+    count = len(results)
+    workers = min(workers, count)
+    if workers <= 1:
+        return batches.run(states, results, fallback)
+    edges = [count * k // workers for k in range(workers + 1)]
+
+    def run(stretch: tuple[int, int]) -> Verdict:
+        first, last = stretch
+        arrays = [a[first:last] for a in states]
+        return batches.run(arrays, results[first:last], lambda i, j: fallback(first + i, first + j))
+
+    with ThreadPoolExecutor(workers) as pool:
+        return reduce(Verdict.worse, pool.map(run, itertools.pairwise(edges)), SOUND)
