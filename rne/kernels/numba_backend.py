@@ -8,6 +8,7 @@ whose result must be examined, runs state by state; a state that must be examine
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -27,6 +28,7 @@ from .program import Program
 from .python_backend import Guard, Refused
 
 LOGGER = logging.getLogger("rne")
+LOCK = threading.Lock()
 SLOW = 1.0  # s of a compilation that is announced
 EXAMINED = 1024  # states that the recursion examines together
 REGISTER_BITS = 512 if binding.get_host_cpu_features().get("avx512f") else 256
@@ -139,6 +141,7 @@ class BatchProgram:
     def __init__(self, program: Program, widths: Sequence[int], entries: int, pivots: int | None, rates: range) -> None:
         self.program, self.widths, self.entries, self.pivots, self.rates = program, widths, entries, pivots, rates
         self._functions: dict[str, Any] = {}
+        self.built_on: dict[Any, Any] = {}  # compiled loops that call it
 
     @property
     def seconds(self) -> float:
@@ -147,8 +150,9 @@ class BatchProgram:
 
     def function(self, dtype: str) -> Any:
         """Compiled: f(*arguments, out, begin, end) -> number of the first state to be examined, or end."""
-        if dtype not in self._functions:
-            self._functions[dtype] = self._function(dtype)
+        with LOCK:  # or each thread would compile it
+            if dtype not in self._functions:
+                self._functions[dtype] = self._function(dtype)
         return self._functions[dtype]
 
     def _function(self, dtype: str) -> Any:

@@ -155,7 +155,9 @@ class Plan:
 
         `first` is the number of the first initial state among all, for messages.
         """
-        stepper = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}[self.method]
+        if self.rhs.kernel.engine == "numba" and self.rhs.kernel.is_unrolled:
+            return self._run_compiled(x, first, tick)
+        stepper = STEPPERS[self.method]
         work = _Work(self.rhs, x, first)
         kept = [x.copy()]
         for k in range(self.steps):
@@ -165,6 +167,28 @@ class Plan:
             if tick is not None:
                 tick(len(x), 0)
         return np.array(kept), work.verdict
+
+    def _run_compiled(self, x: Array, first: int, tick: Progress | None) -> tuple[Array, Verdict]:
+        """The same by compiled loops over blocks of initial states."""
+        from .compiled_steps import BLOCK, compiled_steps
+
+        steps = compiled_steps(self.rhs.kernel, self.method, x.dtype.name)
+        kept, verdict, length = np.empty((self.spans + 1, *x.shape), x.dtype), SOUND, self.steps // self.spans
+        kept[0] = x
+        for begin in range(0, len(x), BLOCK):
+            work = _Work(self.rhs, x[begin : begin + BLOCK], first + begin)
+            for span in range(self.spans):
+                k, last = span * length, (span + 1) * length
+                while k < last:
+                    k = steps(work.x, work.t, work.k, work.sum, work.stage, self.h, k, last)
+                    if k < last:  # a step with a state to be examined
+                        STEPPERS[self.method](work, k * self.h, self.h)
+                        k += 1
+                kept[span + 1, begin : begin + BLOCK] = work.x
+                if tick is not None:
+                    tick(len(work.x) * length, 0)
+            verdict = verdict.worse(work.verdict)
+        return kept, verdict
 
 
 class _Work:
@@ -231,6 +255,9 @@ def _semi_implicit(work: _Work, t: float, h: float) -> None:
     n = work.n
     work.x[:, n:] += h * k[:, n:]
     work.x[:, :n] += h * work.x[:, n : 2 * n]
+
+
+STEPPERS = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}
 
 
 def _run_all(

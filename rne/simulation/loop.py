@@ -94,13 +94,17 @@ class Loop:
         else:
             self.solver.start(self.system, self.t, self.x, end, self.system.longest_step(self.task.duration))
         events: list[Event] = [*self.system.events, *self.task.stops]
-        while self.solver.is_running:
-            step = self.solver.step()
+        solver = self.solver
+        while solver.is_running:
+            step = solver.step()
             crossing = first_crossing(events, step.interpolant, step.begin, step.end) if events else None
             if crossing is not None:
-                self._take(step, crossing.t, crossing.x, is_last=True)
+                self.record.take(step, crossing.t, crossing.x, self)
+                self._integrate(step, crossing.t, is_last=True)
                 return self._happen(events[crossing.event], crossing.t, crossing.x)
-            self._take(step, step.end, step.x, is_last=not self.solver.is_running)
+            self.record.take(step, step.end, step.x, self)
+            if self.ledger is not None:
+                self._integrate(step, step.end, is_last=not solver.is_running)
             self.t, self.x = step.end, step.x
             if self._looks_further() and step.end < end:
                 break
@@ -130,9 +134,8 @@ class Loop:
             return sample if sample < duration * (1 - 1e-12) else duration
         return next((b for b in self.breaks if b > self.t), duration)
 
-    def _take(self, step: Step, end: float, x: Array, *, is_last: bool) -> None:
-        """Report what is asked for within a step, as far as `end`, and integrate its powers."""
-        self.record.take(step, end, x, self)
+    def _integrate(self, step: Step, end: float, *, is_last: bool) -> None:
+        """Integrate the powers of a step as far as `end`."""
         if self.ledger is not None:
             span = Span(step.begin, end, step.interpolant)
             self.ledger.add(span, self.plant.held, self.system.at_rest, is_last=is_last)
@@ -151,9 +154,7 @@ class Loop:
             raise _diverged(self)
         if self.task.method == GAUSS:
             return False
-        before = self.watch.method
-        self.watch.step(self.t, self.x)
-        if self.watch.method == before:
+        if not self.watch.changes_method(self.t, self.x):
             return False
         self.solver = AdaptiveSolver(self.watch.method, self.task.rtol, self.task.atol)
         return True

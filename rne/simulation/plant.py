@@ -108,6 +108,12 @@ class Plant(Unswitched):
         first, last = self.span
         t = first if t < first else last if t > last else t
         if self.law is None:
+            if self.held is None and self._state_function is not None:
+                try:
+                    self._time[0] = t
+                    return self._state_function(self._time, x)
+                except Refused:
+                    pass
             return self.rates(t, x, self.held)
         self._check_state(t, x)
         return self.rates(t, x, self.torque(t, x))
@@ -159,6 +165,12 @@ class Plant(Unswitched):
     def drive_torques(self, t: Array, X: Array) -> Array | None:
         """Torques of the drives at many times, shape (T, n); None without drives."""
         u = None if self.law is None else self.torques_at(t, X)
+        return self.drives_under(t, X, u)
+
+    def drives_under(self, t: Array, X: Array, u: Array | None) -> Array | None:
+        """The same where torques `u` are given or the law is traced."""
+        if self.rhs.law is not None and self.rhs.friction is None:  # then the net torques are the drives'
+            return self.rhs.torques.kernel(t[:, None], X)[:, : self.robot.n]
         drives, _ = self.rhs.drives(t[:, None], X, u)
         return None if drives is None else np.asarray(drives, dtype=np.float64)
 
@@ -194,13 +206,14 @@ class Plant(Unswitched):
         n, size = self.robot.n, x.shape[-1]
         qdd = rates[..., n : 2 * n]
         slopes = self.rhs.residual.slopes(t, x, qdd, *(() if u is None else (u,)))
-        by_x, M, by_u = np.split(slopes, [size, size + n], axis=-1)
+        by_x, M = slopes[..., :size], slopes[..., :n, size : size + n]
         if by_law is not None:
-            by_x = by_x + by_u @ by_law
+            by_x = by_x + slopes[..., size + n :] @ by_law
         J = np.zeros((*x.shape, size))
-        J[..., :n, n : 2 * n] = np.eye(n)
-        J[..., n : 2 * n, :] = np.linalg.solve(M[..., :n, :], -by_x[..., :n, :])
-        J[..., 2 * n :, :] = by_x[..., n:, :]
+        J[..., range(n), range(n, 2 * n)] = 1.0
+        J[..., n : 2 * n, :] = np.linalg.solve(M, -by_x[..., :n, :])
+        if size > 2 * n:
+            J[..., 2 * n :, :] = by_x[..., n:, :]
         return J
 
     def _law_slopes(self, t: float, x: Array, u: Array) -> Array:

@@ -79,9 +79,9 @@ class Record:
         self.instants = [instant for instant in self.instants if instant.t <= end]
 
     def _add(self, t: float, x: Array, loop: Any) -> None:
-        if self.instants and self.instants[-1].t >= t:
-            self.instants.pop()
-        system, held = loop.system, loop.plant.held
+        instants, system, held = self.instants, loop.system, loop.plant.held
+        if instants and instants[-1].t >= t:
+            instants.pop()
         z = None if loop.hold is None else loop.hold.state
         work = 0.0 if held is None else loop.work(x)
-        self.instants.append(Instant(t, system.reported(x), held, work, z, system.accelerations_at(t, x)))
+        instants.append(Instant(t, system.reported(x), held, work, z, system.accelerations_at(t, x)))

@@ -22,7 +22,7 @@ class Step:
 
     def __init__(self, solver: Any, begin: float) -> None:
         self._solver, self._interpolant = solver, None
-        self.begin, self.end, self.x = begin, float(solver.t), np.array(solver.y)
+        self.begin, self.end, self.x = begin, float(solver.t), solver.y.copy()
 
     @property
     def interpolant(self) -> Interpolant:
@@ -73,10 +73,11 @@ class AdaptiveSolver:
 
     def step(self) -> Step:
         """The next step; NotFiniteError if there is none or its end is not finite."""
-        begin = float(self._solver.t)
-        message = self._solver.step()
-        if self._solver.status == "failed":
+        solver = self._solver
+        begin = float(solver.t)
+        message = solver.step()
+        if solver.status == "failed":
             raise NotFiniteError(f"{self.method} gave up: {message}", begin)
-        if not isfinite(sum(self._solver.y.tolist())) and not np.isfinite(self._solver.y).all():
-            raise NotFiniteError(f"state is not finite at t = {self._solver.t:.6g} s", float(self._solver.t))
-        return Step(self._solver, begin)
+        if not isfinite(sum(solver.y.tolist())) and not np.isfinite(solver.y).all():
+            raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
+        return Step(solver, begin)

@@ -251,8 +251,8 @@ def _torques_and_accelerations(plant: Plant, run: Run) -> tuple[Array, Array, Fa
         if u is None and plant.law is not None:
             u = plant.torques_at(run.t, run.x)
         rates = plant.all_rates(run.t, run.x, u)
-        drives, _ = plant.rhs.drives(run.t[:, None], run.x, u)
-        tau = np.zeros((len(run.t), n)) if drives is None else np.asarray(drives, dtype=np.float64)
+        drives = plant.drives_under(run.t, run.x, u)
+        tau = np.zeros((len(run.t), n)) if drives is None else drives
         return tau, rates[:, n : 2 * n], None
     except (NotFiniteError, SingularMassMatrixError, ValueError):  # found by looking at each
         return _one_by_one(plant, run)

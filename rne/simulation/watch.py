@@ -43,12 +43,15 @@ class Watch:
         self.count, self.next_suspicion = 0, CHECKED
         self.changes: deque[float] = deque(maxlen=MAX_CHANGES)
 
-    def step(self, t: float, x: Array) -> None:
-        """A step was taken."""
+    def changes_method(self, t: float, x: Array) -> bool:
+        """A step was taken: True if the run goes on with another method."""
         self.recent.append((t, x))
         self.count += 1
-        if self.count % CHECKED == 0 and len(self.recent) > CHECKED:
-            self._look(t, x)
+        if self.count % CHECKED or len(self.recent) <= CHECKED:
+            return False
+        before = self.method
+        self._look(t, x)
+        return self.method != before
 
     def _look(self, t: float, x: Array) -> None:
         pace = t - self.recent[0][0]  # time covered since the last look

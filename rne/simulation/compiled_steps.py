@@ -1,0 +1,76 @@
+"""Equal steps of an ensemble as one loop compiled by Numba around the compiled right-hand side.
+
+Initial states are taken in blocks that stay in the cache. A step in which some state must be examined is left to the
+steps in NumPy, which examine it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from ..kernels.kernel import Kernel
+
+BLOCK = 128  # initial states
+
+
+def compiled_steps(kernel: Kernel, method: str, dtype: str) -> Any:
+    """f(x, t, k, total, stage, h, first, last) -> number of steps taken, from step `first` on, at most to `last`.
+
+    Compiled once for each kernel, method and dtype; x holds the states, the other arrays are for intermediate results.
+    """
+    rates = kernel.blocks.function(dtype)
+    kept: dict[tuple[str, str], Any] = kernel.blocks.built_on
+    if (method, dtype) not in kept:
+        make = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}[method]
+        kept[method, dtype] = njit(nogil=True)(make(rates, kernel.model.n, np.dtype(dtype).type))
+    return kept[method, dtype]
+
+
+def _rk4(rates: Any, n: int, number: Any) -> Callable[..., int]:
+    """The classical Runge-Kutta method of order 4."""
+    ahead = np.array([0.5, 0.5, 1.0, 0.0])  # of the state at which the next slope is taken, in steps
+    at = np.array([0.0, 0.5, 0.5, 1.0])
+    weight = np.array([1.0, 2.0, 2.0, 1.0])
+
+    def steps(x: Any, t: Any, k: Any, total: Any, stage: Any, h: float, first: int, last: int) -> int:
+        flat, slope, summed, moved = x.ravel(), k.ravel(), total.ravel(), stage.ravel()
+        for step in range(first, last):
+            summed[:] = 0.0
+            moved[:] = flat
+            for s in range(4):
+                t[:] = step * h + at[s] * h
+                if rates(t, stage, k, 0, len(x)) < len(x):
+                    return step
+                w, a = number(weight[s]), number(ahead[s] * h)
+                for i in range(len(flat)):
+                    summed[i] += w * slope[i]
+                    moved[i] = flat[i] + a * slope[i]
+            sixth = number(h / 6)
+            for i in range(len(flat)):
+                flat[i] += sixth * summed[i]
+        return last
+
+    return steps
+
+
+def _semi_implicit(rates: Any, n: int, number: Any) -> Callable[..., int]:
+    """Semi-implicit Euler: rates first, then positions with the new rates."""
+
+    def steps(x: Any, t: Any, k: Any, total: Any, stage: Any, h: float, first: int, last: int) -> int:
+        width = number(h)
+        for step in range(first, last):
+            t[:] = step * h
+            if rates(t, x, k, 0, len(x)) < len(x):
+                return step
+            for i in range(len(x)):
+                for j in range(n, x.shape[1]):
+                    x[i, j] += width * k[i, j]
+                for j in range(n):
+                    x[i, j] += width * x[i, n + j]
+        return last
+
+    return steps
