@@ -13,7 +13,6 @@ from .dynamics.coriolis import coriolis_matrix
 from .dynamics.crba import mass_matrix
 from .dynamics.diagnosis import Diagnosis, diagnose
 from .dynamics.energy import kinetic_energy, momentum, potential_energy
-from .dynamics.forward import forward_dynamics
 from .dynamics.jacobians import jacobian, jacobian_rate
 from .dynamics.kinematics import link_poses
 from .dynamics.quantity import Declared
@@ -66,7 +65,7 @@ class Robot:
         *wrt : str
             Arguments to differentiate by; none for the function itself.
         **fixed
-            Arguments other than joint arrays, such as `link="link_6"`.
+            Arguments other than joint arrays, such as `link="link_6"`, or `external=["link_6"]` for its wrench.
 
         Returns
         -------
@@ -150,8 +149,7 @@ class Robot:
         """Torques tau = M qdd + C qd + g, shape (..., n) [N m or N]; see `rne.inverse_dynamics`."""
         if external is None:
             return self.kernels.value(inverse_dynamics, q, qd, qdd)
-        tau: Array = inverse_dynamics.evaluate(self._model, q, qd, qdd, external=external)[0]
-        return tau
+        return self.kernels.value_under(external, inverse_dynamics, q, qd, qdd)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """M(q), shape (..., n, n), full and exactly symmetric [kg m^2, kg m or kg]; see `rne.mass_matrix`."""
@@ -161,10 +159,7 @@ class Robot:
         self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None
     ) -> Array:
         """Accelerations, shape (..., n) [rad/s^2 or m/s^2]; see `rne.forward_dynamics`."""
-        if external is None:
-            qdd, verdict = self.kernels.accelerations(q, qd, tau)
-        else:
-            qdd, verdict = forward_dynamics.evaluate(self._model, q, qd, tau, external=external)
+        qdd, verdict = self.kernels.accelerations(q, qd, tau, external)
         verdict.raise_or_warn(stacklevel=2)
         return qdd
 
@@ -183,8 +178,7 @@ class Robot:
         """C qd + g, shape (..., n) [N m or N]; see `rne.bias_torque`."""
         if external is None:
             return self.kernels.value(bias_torque, q, qd)
-        tau: Array = bias_torque.evaluate(self._model, q, qd, external=external)[0]
-        return tau
+        return self.kernels.value_under(external, bias_torque, q, qd)
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the inverse dynamics.

@@ -62,8 +62,3 @@ def test_derivatives_share_shape_and_dtype(irb140):
     z = np.zeros(6)
     assert [x.shape for x in irb140.inverse_dynamics_derivatives(z, np.zeros((4, 6)), z)] == [(4, 6, 6)] * 3
     assert {x.dtype for x in irb140.inverse_dynamics_derivatives(z.astype("f4"), z, z)} == {np.dtype("f8")}
-
-
-def test_wrenches_are_not_compiled_in(irb140):
-    with pytest.raises(TypeError, match=r"^`external` cannot be compiled in; call the function itself with it$"):
-        rne.compile(rne.inverse_dynamics, irb140.model, external={"link_6": np.zeros(6)})

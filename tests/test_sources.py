@@ -19,13 +19,15 @@ SAME = 1e-13  # of the largest entry: another order of a few operations
 NAMES = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "kinetic_energy")
 
 
-@pytest.fixture(params=NAMES)
+@pytest.fixture(params=[*NAMES, "inverse_dynamics under wrenches"])
 def kernel(request, irb140):
-    return irb140.kernel(getattr(rne, request.param))
+    name, *wrenches = request.param.split(" ", 1)
+    return irb140.kernel(getattr(rne, name), **({"external": ["tool0", "link_3"]} if wrenches else {}))
 
 
 def values(kernel, seed=0):
-    return states(6, 3, seed=seed)[: len(kernel.names)]
+    wrenches = np.random.default_rng(seed).normal(size=(len(kernel.quantity.wrenches), 3, 6))
+    return *states(6, 3, seed=seed)[: len(kernel.names) - len(wrenches)], *wrenches
 
 
 def same(got, kernel, arguments):
@@ -41,7 +43,7 @@ def namespace(source):
 
 
 def test_printed_python_is_the_kernel(kernel):
-    function = namespace(kernel.source("python"))[kernel.function.__name__]
+    function = namespace(kernel.source("python"))[kernel.quantity.name]
     arguments = values(kernel)
     same([function(*(a[k] for a in arguments)) for k in range(3)], kernel, arguments)
 
@@ -55,7 +57,7 @@ def test_numpy_source_broadcasts_in_its_dtype():
 
 
 def test_printed_numpy_is_the_kernel(kernel):
-    function = namespace(kernel.source("numpy"))[kernel.function.__name__]
+    function = namespace(kernel.source("numpy"))[kernel.quantity.name]
     arguments = values(kernel)
     same(function(*arguments), kernel, arguments)
 
@@ -71,7 +73,7 @@ def test_derivatives_are_printed_too(irb140):
 )
 def test_printed_matlab_is_the_kernel_in_octave(kernel, tmp_path):
     octave = shutil.which("octave-cli") or shutil.which("octave")
-    name, arguments = kernel.function.__name__, values(kernel)
+    name, arguments = kernel.quantity.name, values(kernel)
     (tmp_path / f"{name}.m").write_text(kernel.source("matlab"))
     calls = [f"[{' '.join(repr(float(x)) for x in a[k])}]" for k in range(3) for a in arguments]
     count = len(arguments)
@@ -94,7 +96,7 @@ def test_printed_c_is_the_kernel(kernel, tmp_path):
     (tmp_path / "kernel.c").write_text(kernel.source("c"))
     library = tmp_path / "kernel.so"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", library, tmp_path / "kernel.c", "-lm"], check=True)
-    function = getattr(ctypes.CDLL(str(library)), kernel.function.__name__)
+    function = getattr(ctypes.CDLL(str(library)), kernel.quantity.name)
     arguments = values(kernel)
     pointer = ctypes.POINTER(ctypes.c_double)
     results = []
@@ -163,6 +165,29 @@ def test_heading_names_robot_joints_and_units(irb140):
         "# Units - q rad, qd rad/s, qdd rad/s^2",
         "# Unit of the result - N m",
     ]
+
+
+def test_heading_says_on_which_links_wrenches_act(irb140):
+    _, comments = code_and_comments(irb140.kernel(rne.bias_torque, external=["tool0", "link_3"]).source("c"), "c")
+    assert comments[2:5] == [
+        "/* Units - q rad, qd rad/s */",
+        "/* external_1 - moment N m, then force N, on link tool0 at its origin, in its axes */",
+        "/* external_2 - moment N m, then force N, on link link_3 at its origin, in its axes */",
+    ]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_name_of_a_link_can_leave_its_comment(irb140, language):
+    links = irb140.link_names[1:]
+    plain, _ = code_and_comments(irb140.kernel(rne.bias_torque, external=links).source(language), language)
+    for k in range(0, len(HOSTILE), len(links)):
+        names = (HOSTILE * 2)[k : k + len(links)]
+        renamed = replace(irb140.model, link_names=("base_link", *names))
+        text = rne.compile(rne.bias_torque, renamed, external=names).source(language)
+        code, comments = code_and_comments(text, language)
+        assert code == plain
+        text = " ".join(line.removeprefix("/* ").removesuffix(" */").lstrip("#% ") for line in comments)
+        assert re.fullmatch(r"[A-Za-z0-9_.+ ,<>^/-]*", text), text
 
 
 def test_heading_of_sliding_joints_has_their_units():

@@ -92,6 +92,25 @@ def by_robot(method, make=rne.Robot, **options):
     return way
 
 
+def under_wrenches(calls):
+    """The Robot's method under a wrench without moment and force, after so many calls of it elsewhere."""
+
+    def way(model, s):
+        robot, external = rne.Robot(model), {model.link_names[-1]: np.zeros(6)}
+        for _ in range(calls):
+            with warnings.catch_warnings(), contextlib.suppress(rne.SingularMassMatrixError):
+                warnings.simplefilter("ignore")
+                robot.forward_dynamics(*[np.zeros(robot.n)] * 3, external=external)
+        return lambda: robot.forward_dynamics(*s, external=external)
+
+    return way
+
+
+def by_kernel_under_wrenches(model, s):
+    kernel = rne.compile(rne.forward_dynamics, model, external=[model.link_names[-1]])
+    return lambda: kernel(*s, np.zeros(6))
+
+
 def by_simulation(model, s):
     robot = rne.Robot(model)
     return lambda: rne.simulate(robot, *s[:2], 0.0, torque=s[2])
@@ -102,7 +121,10 @@ BATCH = {
     "articulated_forward_dynamics": by_function(rne.articulated_forward_dynamics),
     "Robot, first call": by_robot("forward_dynamics"),
     "Robot, second call": by_robot("forward_dynamics", called_before),
-    "Robot, wrenches": by_robot("forward_dynamics", external={}),
+    "Robot, no wrenches": by_robot("forward_dynamics", external={}),
+    "Robot, wrenches": under_wrenches(0),
+    "Robot, wrenches, second call": under_wrenches(1),
+    "kernel, wrenches": by_kernel_under_wrenches,
     "kernel": by_kernel(rne.forward_dynamics),
     "kernel of articulated bodies": by_kernel(rne.articulated_forward_dynamics),
     "kernel of derivatives": by_kernel(rne.forward_dynamics, "q"),

@@ -4,7 +4,7 @@ A core is the bare recursion. It takes arrays that are finite, of one dtype and 
 branches on a value. `function.core` is that recursion, to be read, tested or traced on its own.
 
 Arguments named q, qd, qdd and tau are joint arrays, checked and traced; `external` (wrenches by link) and `link` are
-the other arguments that a quantity may have.
+the other arguments that a quantity may have. For a kernel the wrenches become arrays too: `rne.kernels.wrenches`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
@@ -55,6 +55,8 @@ class Quantity:
         redistributed between bodies; see `rne.model.base_parameters`.
     returns_array : bool
         False if the result is a record, which is not traced.
+    wrenches : mapping of str to str
+        The arrays that are external wrenches, of a kernel, each with its link.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Quantity:
     rates: tuple[str, slice] | None = None
     base_parameters: bool = False
     returns_array: bool = True
+    wrenches: Mapping[str, str] = field(default_factory=dict)
 
 
 class Declared(Protocol):
@@ -167,7 +170,7 @@ def check_arguments(model: Model, given: Mapping[str, Any]) -> tuple[Model, dict
     wrenches = {} if external is None else check_external(model, external)
     every = [*arrays.values(), *wrenches.values()]
     dtype = np.result_type(*every)
-    leading = common_leading_shape(arrays | wrenches)
+    leading = common_leading_shape(arrays, wrenches)
 
     def conform(array: Array) -> Array:
         return np.broadcast_to(array.astype(dtype, copy=False), leading + array.shape[-1:])
@@ -194,12 +197,13 @@ def check_external(model: Model, external: Any) -> dict[str, Array]:
     return wrenches
 
 
-def common_leading_shape(arrays: Mapping[str, Array]) -> tuple[int, ...]:
+def common_leading_shape(*groups: Mapping[str, Array]) -> tuple[int, ...]:
     """The leading (batch) shape all arrays broadcast to."""
+    named = [item for group in groups for item in group.items()]  # a link may be called q
     try:
-        return np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
+        return np.broadcast_shapes(*(array.shape[:-1] for _, array in named))
     except ValueError:
-        shapes = ", ".join(f"`{name}` {array.shape}" for name, array in arrays.items())
+        shapes = ", ".join(f"`{name}` {array.shape}" for name, array in named)
         raise ValueError(f"leading shapes must broadcast against each other, got {shapes}") from None
 
 

@@ -1,6 +1,7 @@
 """From a recursion to a kernel: a function traced once on one robot, run as straight-line arithmetic.
 
-cache (which quantities of a Robot are traced) -> kernel (the call and its checks) -> trace (the core run on scalar's
-traced numbers, which build a graph; differentiation) -> program (the graph in order) -> python_backend (one state as
-Python floats), numpy_backend (blocks of states, with registers, schedule, sine_cosine) or source (printed languages).
+cache (which quantities of a Robot are traced) -> kernel (the call and its checks; wrenches: external ones as arrays)
+-> trace (the core run on scalar's traced numbers, which build a graph; differentiation) -> program (the graph in order)
+-> python_backend (one state as Python floats), numpy_backend (blocks of states, with registers, schedule, sine_cosine)
+or source (printed languages).
 """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..dynamics.aba import articulated_forward_dynamics
 from ..dynamics.crba import mass_matrix
 from ..dynamics.forward import factorise, forward_dynamics, solve_factored
 from ..dynamics.quantity import Declared
-from ..dynamics.rnea import inverse_dynamics
+from ..dynamics.rnea import External, inverse_dynamics
 from ..dynamics.verdict import SOUND, Verdict
 from ..model.model import Model
 from .compilation import compile, derivative
@@ -22,6 +22,7 @@ from .engines import engine_argument
 from .kernel import Kernel
 from .plain_state import PlainState
 from .scalar import is_traced
+from .wrenches import UnderWrenches, wrench_links, wrenches_as_arrays
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
 # joints, articulated bodies beyond the second.
@@ -42,21 +43,24 @@ class KernelCache:
     def __init__(self, model: Model, engine: str = "numpy") -> None:
         self.model, self.engine = model, engine_argument(engine)
         self._kernels: dict[Any, Kernel] = {}
-        self._plain: dict[Any, PlainState] = {}  # of the kernels without fixed arguments
+        self._plain: dict[Any, PlainState] = {}  # of the kernels; without other arguments by the function alone
         self._evaluated: set[Any] = set()  # quantities evaluated for one state
-        self._forward: Kernel | None = None
+        self._forward: dict[tuple[str, ...], Kernel] = {}  # by the links with wrenches
+        self._orders: dict[tuple[str, ...], tuple[str, ...]] = {}  # of such links, as given: in the model's order
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
         """The function, or its derivatives by some arguments, traced on first use."""
         if "link" in fixed:
             self.model.link_index(fixed["link"])
+        if fixed.get("external") is not None:
+            fixed["external"] = wrench_links(self.model, fixed["external"])
         key = (function, *wrt, *fixed.items())
         kernel = self._kernels.get(key)
         if kernel is None:
             make = derivative if wrt else compile
             kernel = self._kernels[key] = make(function, self.model, *wrt, engine=self.engine, **fixed)
-            if kernel.is_unrolled and not fixed:
-                self._plain[(function, *wrt) if wrt else function] = kernel.plain_state
+            if kernel.is_unrolled:
+                self._plain[key if wrt or fixed else function] = kernel.plain_state
         return kernel
 
     def value(self, function: Declared, *arrays: ArrayLike) -> Array:
@@ -64,6 +68,15 @@ class KernelCache:
         plain = self._plain.get(function)
         result = None if plain is None else plain(*arrays)
         return self.evaluate(function, *arrays)[0] if result is None else result
+
+    def value_under(self, external: External, function: Declared, *arrays: ArrayLike) -> Array:
+        """The same of a quantity under external wrenches."""
+        links, arrays = self._with_wrenches(function, arrays, external)
+        if not links:
+            return self.value(function, *arrays)
+        plain = self._plain.get((function, ("external", links)))
+        result = None if plain is None else plain(*arrays)
+        return self.evaluate(function, *arrays, external=links)[0] if result is None else result
 
     def _derivatives(self, function: Declared, wrt: tuple[str, ...], *arrays: ArrayLike) -> Array:
         """Its derivatives by some arguments."""
@@ -79,6 +92,7 @@ class KernelCache:
         kernel = self._kernels.get(key)
         if kernel is None:
             if self._mark_first_state(key, arrays):
+                function, fixed = wrenches_as_arrays(function, self.model, fixed)
                 if wrt:
                     return complex_step(function, self.model, arrays, wrt, fixed)
                 return function.evaluate(self.model, *arrays, **fixed)
@@ -97,26 +111,49 @@ class KernelCache:
             self._evaluated.add(key)
         return one_state
 
-    def accelerations(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:
+    def _with_wrenches(
+        self, function: Declared, arrays: tuple[ArrayLike, ...], external: External
+    ) -> tuple[tuple[str, ...], tuple[ArrayLike, ...]]:
+        """The links of external wrenches in the model's order, and the arrays with their wrenches behind them."""
+        links = self._orders.get(tuple(external)) if isinstance(external, Mapping) else None
+        if links is None:
+            names = self.model.link_names
+            if not isinstance(external, Mapping) or not set(external) <= set(names):
+                function.evaluate(self.model, *arrays, external=external)  # names what is wrong
+            links = self._orders[tuple(external)] = tuple(sorted(external, key=names.index))
+        return links, arrays + tuple([external[link] for link in links])
+
+    def accelerations(
+        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, external: External | None = None
+    ) -> tuple[Array, Verdict]:
         """Forward dynamics by the method that suits the model."""
-        if self._forward is not None and self._forward.is_unrolled:
-            result = self._forward.plain_state(q, qd, tau)
+        links: tuple[str, ...] = ()
+        arrays: tuple[ArrayLike, ...] = (q, qd, tau)
+        if external is not None:
+            links, arrays = self._with_wrenches(forward_dynamics, arrays, external)
+        kernel = self._forward.get(links)
+        if kernel is not None and kernel.is_unrolled:
+            result = kernel.plain_state(*arrays)
             if result is not None:
                 return result, SOUND
-        if self._forward is None and self._mark_first_state("forward dynamics", (q, qd, tau)):
-            return self._forward_methods()[-1].evaluate(self.model, q, qd, tau)
-        return self.forward_kernel().evaluate(q, qd, tau)
+        if kernel is None and self._mark_first_state(("forward dynamics", *links), arrays):
+            method = self._forward_methods()[-1]
+            return (UnderWrenches(method, links) if links else method).evaluate(self.model, *arrays)
+        return self.forward_kernel(links).evaluate(*arrays)
 
-    def forward_kernel(self) -> Kernel:
-        """The kernel of forward dynamics by the method with fewer operations.
+    def forward_kernel(self, links: tuple[str, ...] = ()) -> Kernel:
+        """The kernel of forward dynamics by the method with fewer operations, under wrenches on some links.
 
         That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
         about the same digits on few joints, and on long chains articulated bodies lose fewer.
         """
-        if self._forward is None:
-            kernels = [self.kernel(method) for method in self._forward_methods()]
-            self._forward = min(kernels, key=lambda k: sum(k.operations.values()) or float("inf"))
-        return self._forward
+        kernel = self._forward.get(links)
+        if kernel is None:
+            fixed = {"external": links} if links else {}
+            kernels = [self.kernel(method, **fixed) for method in self._forward_methods()]
+            kernel = min(kernels, key=lambda k: sum(k.operations.values()) or float("inf"))
+            self._forward[links] = kernel
+        return kernel
 
     def forward_method(self) -> Declared:
         """The function that forward dynamics of this model use; traced only where operations must be counted."""

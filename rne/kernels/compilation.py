@@ -8,6 +8,7 @@ from ..dynamics.quantity import Declared
 from ..model.model import Model
 from .kernel import Kernel
 from .trace import quantity_of
+from .wrenches import wrenches_as_arrays
 
 
 def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed: Any) -> Kernel:
@@ -21,12 +22,13 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
     engine : {"numpy", "numba"}
         What runs the kernel; "numba" is machine code, compiled at the first call, and needs `pip install 'rne[numba]'`.
     **fixed
-        Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`.
+        Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`. Of `external` the names of the
+        links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in that order.
 
     Returns
     -------
     Kernel
-        Called like the function, without the model: `kernel(q, qd, qdd)`.
+        Called like the function, without the model: `kernel(q, qd, qdd)`, or `kernel(q, qd, qdd, wrench)`.
 
     Raises
     ------
@@ -54,11 +56,11 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
         One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
     model : Model
     *wrt : str
-        Names of arguments, such as "q", "qd".
+        Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`.
     engine : {"numpy", "numba"}
         What runs the kernel; see `compile`.
     **fixed
-        Arguments other than joint arrays.
+        Arguments other than joint arrays, as in `compile`.
 
     Returns
     -------
@@ -76,6 +78,7 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     >>> rne.derivative(rne.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
     (6, 6)
     """
+    function, fixed = wrenches_as_arrays(function, model, fixed)
     names = tuple(quantity_of(function).widths)
     for name in wrt:
         if name not in names:

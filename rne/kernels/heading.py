@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from ..model.model import Model
 
@@ -34,7 +34,13 @@ MASS = ("kg m^2", "kg m", "kg")  # of an entry of M with none, one or two slidin
 SCALAR = {"kinetic_energy": "J", "potential_energy": "J"}
 
 
-def heading(model: Model, quantity: str, arguments: Sequence[str], entry: tuple[int, ...] | None) -> list[str]:
+def heading(
+    model: Model,
+    quantity: str,
+    arguments: Sequence[str],
+    entry: tuple[int, ...] | None,
+    wrenches: Mapping[str, str],
+) -> list[str]:
     """Lines of the comment, without the language's comment signs.
 
     Parameters
@@ -45,6 +51,8 @@ def heading(model: Model, quantity: str, arguments: Sequence[str], entry: tuple[
     arguments : sequence of str
     entry : tuple of int, or None
         The place of the only entry that is printed.
+    wrenches : mapping of str to str
+        The arguments that are wrenches, each with its link.
     """
     sliding = [not model.is_revolute[i] for i in model.independent_joints]
     what = f"{quantity} of robot {harmless(model.name)}"
@@ -58,6 +66,9 @@ def heading(model: Model, quantity: str, arguments: Sequence[str], entry: tuple[
         if joints and units:
             which = "" if len(joints) == len(sliding) else f" of {title} joints {', '.join(str(k + 1) for k in joints)}"
             lines += textwrap.wrap(f"Units{which} - {', '.join(units)}", WIDTH, subsequent_indent="  ")
+    for name, link in wrenches.items():
+        what = f"{name} - moment N m, then force N, on link {harmless(link)} at its origin, in its axes"
+        lines += textwrap.wrap(what, WIDTH, subsequent_indent="  ")
     return [*lines, f"Unit of the result - {_unit(quantity, sliding, entry)}"]
 
 

@@ -25,7 +25,8 @@ from .python_backend import Guard, Refused
 from .scalar import is_traced
 from .source import Printable, to_source
 from .threads import check_workers, run_in_threads
-from .trace import Trace, argument_widths, quantity_of, trace, traced_model
+from .trace import Trace, argument_widths, quantity_of, trace, within_a_trace
+from .wrenches import named_by_function, wrenches_as_arrays
 
 DTYPES = ("float64", "float32")
 FLOAT64 = np.dtype("float64")
@@ -40,7 +41,7 @@ class Kernel:
     ----------
     model : Model
     names : tuple of str
-        The arrays it takes, in order.
+        The arrays it takes, in order; wrenches are external_1, external_2, ...
     wrt : tuple of str
         The arguments of the derivatives; empty for the function itself.
     engine : {"numpy", "numba"}
@@ -55,13 +56,11 @@ class Kernel:
         wrt: Sequence[str] = (),
         engine: str = "numpy",
     ) -> None:
-        self.function, self.quantity = function, quantity_of(function)
+        self.function, self.fixed = wrenches_as_arrays(function, model, fixed)
+        self.quantity = quantity_of(self.function)
         self.model = model_argument(model)
-        self.fixed = dict(fixed)
         self.wrt = tuple(wrt)
         self.engine = engine_argument(engine)
-        if "external" in self.fixed:
-            raise TypeError("`external` cannot be compiled in; call the function itself with it")
         widths = argument_widths(self.quantity, model)
         self.names, self.widths = tuple(widths), tuple(widths.values())
         try:
@@ -77,9 +76,11 @@ class Kernel:
     def __repr__(self) -> str:
         count = f"{sum(self.operations.values())} operations" if self._trace else "run as the recursion"
         by = f" by {', '.join(self.wrt)}" if self.wrt else ""
+        links = ", ".join(repr(link) for link in self.quantity.wrenches.values())
+        under = f" under wrenches on {links}" if links else ""
         by_numba = self.engine == "numba" and self.is_unrolled
         engine = f", by Numba{self._compiled_in}" if by_numba else ""
-        return f"Kernel {self.quantity.name}{by} of {self.model.name!r}: {count}{engine}"
+        return f"Kernel {self.quantity.name}{by} of {self.model.name!r}{under}: {count}{engine}"
 
     @property
     def _compiled_in(self) -> str:
@@ -179,10 +180,16 @@ class Kernel:
             if result is not None:
                 return result, SOUND
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
-            return self._within_a_trace([np.asarray(a) for a in arguments]), SOUND
+            return within_a_trace(self.quantity, self.model, arguments, self.fixed), SOUND
         check_workers(workers)
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
+        try:
+            return self._evaluate_arrays(arguments, out, workers)
+        except ValueError as error:
+            raise named_by_function(self.quantity, self.model, arguments, error) from None
+
+    def _evaluate_arrays(self, arguments: Sequence[Any], out: Array | None, workers: int) -> tuple[Array, Verdict]:
         arrays = [
             joint_shaped(name, a, self.model, width)
             for name, a, width in zip(self.names, arguments, self.widths, strict=True)
@@ -197,14 +204,6 @@ class Kernel:
             return result, verdict
         check_out(out, result.shape, result.dtype, self.names, arrays)[...] = result
         return out, verdict
-
-    def _within_a_trace(self, arguments: Sequence[Array]) -> Array:
-        """The core on traced numbers; it needs a batch axis."""
-        single = all(a.ndim < 2 for a in arguments)
-        arrays = [np.atleast_2d(a) for a in arguments] if single else arguments
-        result = self.quantity.core(traced_model(self.quantity, self.model), *arrays, **self.fixed)
-        result = result if self.quantity.judge is None else result[0]
-        return np.asarray(result[0] if single else result)
 
     def source(self, language: str = "python", element: str | None = None) -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
@@ -242,7 +241,7 @@ class Kernel:
         if element is not None:
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self.fixed, self.wrt, entry), element
-        lines = heading(self.model, name, self.names, entry)
+        lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced.program, title, self.names, self.widths, traced.shape, lines), language)
 
     def _by_function(self, arguments: Sequence[Any]) -> tuple[Array, Verdict]:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..basics.spatial import Array
 from ..dynamics.quantity import Declared, Quantity
 from ..model.base_parameters import with_base_parameters
 from ..model.model import Model
@@ -71,6 +72,15 @@ def trace(
 
 def _parts(quantity: Quantity, core_result: Any) -> tuple[Any, ...]:
     return (core_result,) if quantity.judge is None else core_result
+
+
+def within_a_trace(quantity: Quantity, model: Model, arguments: Sequence[Any], fixed: Mapping[str, Any]) -> Array:
+    """The result on traced numbers, of a quantity that another one calls; the core needs a batch axis."""
+    arrays = [np.asarray(a) for a in arguments]
+    single = all(a.ndim < 2 for a in arrays)
+    batch = [np.atleast_2d(a) for a in arrays] if single else arrays
+    result = _parts(quantity, quantity.core(traced_model(quantity, model), *batch, **fixed))[0]
+    return np.asarray(result[0] if single else result)
 
 
 def traced_model(quantity: Quantity, model: Model) -> Model:
