@@ -11,8 +11,21 @@ import pytest
 
 import rne
 from rne.analysis.pinocchio import Oracle, each
+from rne.model.builder import Part, assemble
 
-__all__ = ["EPS", "FIGURES", "ROOT", "Oracle", "data_robot", "data_robots", "each", "kept", "relative", "states"]
+__all__ = [
+    "EPS",
+    "FIGURES",
+    "ROOT",
+    "Oracle",
+    "data_robot",
+    "data_robots",
+    "each",
+    "gimbal",
+    "kept",
+    "relative",
+    "states",
+]
 
 ROOT = Path(__file__).parent.parent
 EPS = float(np.finfo(float).eps)
@@ -40,6 +53,15 @@ def kept(values, short):
     """Parameters of a test: those in `short` are in every run, the others in the long run only."""
     long = {"marks": pytest.mark.long}
     return [pytest.param(*(v if isinstance(v, tuple) else (v,)), **({} if v in short else long)) for v in values]
+
+
+def gimbal():
+    """Two massless links that carry a body: their axes, the outer and the inner, are one at q2 = 0."""
+    z, y = np.array([0, 0, 1.0]), np.array([0, 1.0, 0])
+    joints = [("a", "outer", z), ("b", "middle", y)]
+    parts = [Part(link=l, joint=j, kind="revolute", parent=k, axis=axis) for k, (l, j, axis) in enumerate(joints)]
+    tip = Part(link="c", joint="inner", kind="revolute", parent=2, axis=z, mass=1.0, inertia=np.diag([1.0, 2.0, 3.0]))
+    return assemble("gimbal", [Part(link="base"), *parts, tip])
 
 
 def states(n, samples=None, seed=0, *, rate=10.0, acceleration=50.0):

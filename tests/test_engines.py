@@ -2,6 +2,7 @@
 
 import logging
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -16,9 +17,9 @@ from rne.kernels import engines, numba_backend
 from rne.kernels.graph import Graph
 from rne.kernels.program import lower
 from rne.kernels.scalar import inputs, references
-from rne.model.robots.generators import random_tree
+from rne.model.robots.generators import random_tree, straight_chain
 
-from .helpers import EPS, data_robot, kept, relative, states
+from .helpers import EPS, data_robot, gimbal, kept, relative, states
 
 CALLS = {  # quantities, and the number of joint arrays that they take
     "inverse_dynamics": 3,
@@ -75,7 +76,7 @@ class TestNumbers:
     def check(self, pair, method, count):
         s = states(pair[0].n, 37)[:count]
         expected, got = (getattr(robot, method)(*s) for robot in pair)
-        assert got.dtype == expected.dtype and got.shape == expected.shape
+        assert (got.dtype, got.shape) == (expected.dtype, expected.shape)
         allowed = difference_allowed(pair[0], method, s)
         assert relative(got, expected) <= allowed
         one = [a[3] for a in s]
@@ -93,9 +94,10 @@ class TestNumbers:
             assert tau.dtype == np.float32
             assert relative(tau, exact) <= 8 * 6 * np.finfo(np.float32).eps
 
-    @pytest.mark.parametrize("name", kept(["irb140", "panda_description/panda"], ["irb140"]))
+    @pytest.mark.parametrize("name", kept(["chain", "irb140", "panda_description/panda"], ["chain"]))
     def test_derivatives(self, name):
-        model = rne.irb140() if name == "irb140" else data_robot(name).model
+        own = {"chain": straight_chain(3), "irb140": rne.irb140()}
+        model = own[name] if name in own else data_robot(name).model
         pair = [rne.Robot(model, engine) for engine in engines.ENGINES]
         s = states(model.n, 5)
         for expected, got in zip(*(robot.inverse_dynamics_derivatives(*s) for robot in pair), strict=True):
@@ -115,13 +117,13 @@ class TestSines:
         [NEAR, NEAR * (1 + EPS), 10.0 ** np.arange(-300, 13), -(10.0 ** np.arange(0, 12.5, 0.1)), [0.0, 1e5, 99999.5]]
     )
 
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def program(self):
         graph = Graph()
         x = inputs(graph, (1,), 0)
         return lower(graph, references(graph, np.concatenate([np.sin(x), np.cos(x)])), 1)
 
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def exact(self):
         with mpmath.workdps(50):
             return np.array([[mpmath.sin(mpmath.mpf(a)), mpmath.cos(mpmath.mpf(a))] for a in self.ANGLES])
@@ -202,7 +204,7 @@ class TestArguments:
         q, qd, qdd = states(6, 12)
         mixed = q.reshape(3, 4, 6), qd[:4], qdd[0].astype(np.float32)
         expected, got = (kernel(*mixed) for kernel in kernels)
-        assert got.shape == (3, 4, 6) and got.dtype == np.float64
+        assert (got.shape, got.dtype) == ((3, 4, 6), np.float64)
         assert relative(got.reshape(12, 6), expected.reshape(12, 6)) <= 8 * 6 * EPS
 
     def test_out_is_filled(self, kernels):
@@ -242,38 +244,42 @@ def with_entry(arrays, k, index, value):
     return changed
 
 
+S = states(6, 20)
+MISTAKES = {
+    "NaN in a batch": with_entry(S, 0, (13, 2), np.nan),
+    "infinity in a batch": with_entry(S, 2, (0, 5), -np.inf),
+    "NaN in one state": with_entry([a[0] for a in S], 1, 4, np.nan),
+    "overflow in a batch": with_entry(S, 1, (7, 0), 1e200),
+    "overflow of one state": with_entry([a[0] for a in S], 1, 0, 1e200),
+    "wrong width": [S[0][:, :5], *S[1:]],
+    "transposed": [S[0].T, *S[1:]],
+    "leading shapes": [S[0][:3], *S[1:]],
+    "text": ["abc", *S[1:]],
+    "ragged": [[[1.0], [1.0, 2.0]], *S[1:]],
+    "too few": [S[0]],
+}
+
+
 class TestErrors:
     """The same on both engines, to the letter."""
 
-    S = states(6, 20)
-    MISTAKES = {
-        "NaN in a batch": with_entry(S, 0, (13, 2), np.nan),
-        "infinity in a batch": with_entry(S, 2, (0, 5), -np.inf),
-        "NaN in one state": with_entry([a[0] for a in S], 1, 4, np.nan),
-        "overflow in a batch": with_entry(S, 1, (7, 0), 1e200),
-        "overflow of one state": with_entry([a[0] for a in S], 1, 0, 1e200),
-        "wrong width": [S[0][:, :5], *S[1:]],
-        "transposed": [S[0].T, *S[1:]],
-        "leading shapes": [S[0][:3], *S[1:]],
-        "text": ["abc", *S[1:]],
-        "ragged": [[[1.0], [1.0, 2.0]], *S[1:]],
-        "too few": [S[0]],
-    }
-
     @pytest.mark.parametrize("mistake", MISTAKES)
     def test_mistakes(self, kernels, mistake):
-        expected, got = (outcome(lambda kernel=kernel: kernel(*self.MISTAKES[mistake])) for kernel in kernels)
+        expected, got = (outcome(lambda kernel=kernel: kernel(*MISTAKES[mistake])) for kernel in kernels)
         assert isinstance(expected, tuple), "no error"
         assert got == expected
 
-    def test_singular_and_nearly_singular_states_and_great_rates(self):
-        model = light_tip()
-        pair = [rne.Robot(model, engine) for engine in engines.ENGINES]
-        q, qd, tau = states(model.n, 20, rate=1.0, acceleration=1.0)
-        fast = qd.copy()
-        fast[11] = 1e6
-        for arguments in ((q, qd, tau), (q, fast, tau), (q[3], qd[3], tau[3]), (q[3], fast[11], tau[3])):
-            for robot in pair:
+    @pytest.mark.parametrize("case", ["nearly singular", "singular", "great rates"])
+    def test_losses_of_digits(self, case):
+        pair = [rne.Robot(gimbal(), engine) for engine in engines.ENGINES]
+        q, qd, tau = (np.ones((20, 3)) for _ in range(3))
+        if case == "great rates":
+            q, (qd,) = states(3, 20)[0], with_entry([qd], 0, (7, 2), 1e10)
+            tau = rne.bias_torque(gimbal(), q, qd) * (1 + 1e-15)
+        else:
+            (q,) = with_entry([q], 0, (7, 1), 0.0 if case == "singular" else 2e-7)
+        for arguments in ((q, qd, tau), (q[7], qd[7], tau[7])):
+            for robot in pair:  # the first call of one state runs the recursion
                 outcome(lambda robot=robot, a=arguments: robot.forward_dynamics(*a))
             expected, got = (outcome(lambda robot=robot, a=arguments: robot.forward_dynamics(*a)) for robot in pair)
             assert expected, "neither an error nor a warning"
@@ -291,15 +297,6 @@ class TestErrors:
         ):
             rne.load("irb140", engine="numba")
         assert rne.load("irb140").engine == "numpy"
-
-
-def light_tip():
-    """Two links, the second almost without inertia: M is singular to some thousand roundings."""
-    inertia = [np.eye(3) * 0.1, np.eye(3) * 1e-14]
-    return rne.chain(
-        joints=["z", "z"], offsets=[[0, 0, 0], [1, 0, 0]], masses=[1.0, 1e-13], coms=[[0.5, 0, 0], [0.1, 0, 0]],
-        inertias=inertia,
-    )  # fmt: skip
 
 
 class TestWhatKeepsItsEngine:
@@ -322,51 +319,54 @@ class TestWhatKeepsItsEngine:
 
     def test_time_to_compile_is_told(self, monkeypatch, caplog):
         kernel = rne.compile(rne.gravity_torque, rne.irb140(), engine="numba")
-        assert repr(kernel) == "Kernel gravity_torque of 'irb140': 36 operations, by Numba"
+        assert repr(kernel).endswith(" operations, by Numba")
         monkeypatch.setattr(numba_backend, "SLOW", 0.0)
         with caplog.at_level(logging.INFO, logger="rne"):
             kernel([0.0] * 6)
         (record,) = caplog.records
-        assert record.getMessage().startswith("Numba took ") and record.getMessage().endswith(" s to compile a kernel")
-        assert repr(kernel).startswith("Kernel gravity_torque of 'irb140': 36 operations, by Numba, compiled in 0.")
+        assert re.match(r"Numba took [0-9.]+ s to compile a kernel$", record.getMessage())
+        assert re.search(r" operations, by Numba, compiled in [0-9.]+ s$", repr(kernel))
+
+
+@pytest.fixture(scope="module")
+def arms():
+    """Three links on both engines."""
+    return [rne.Robot(straight_chain(3), engine) for engine in engines.ENGINES]
 
 
 class TestMotions:
-    LAW = dict(gains=([50.0] * 6, [20.0] * 6, [0.2] * 6))
-
-    def scenes(self, pair, **more):
-        for robot in pair:
-            law = rne.control.pd_gravity(robot, *self.LAW["gains"])
+    def scenes(self, arms, **more):
+        for robot in arms:
+            law = rne.control.pd_gravity(robot, [50.0] * 3, [20.0] * 3, [0.2] * 3)
             yield rne.Scene(
-                robot, controller=law, friction=rne.Friction(viscous=2.0, coulomb=1.0, smoothing=0.01), **more
+                robot, controller=law, friction=rne.Friction(viscous=2.0, coulomb=1.0), armature=[1.0] * 3, **more
             )
 
     @pytest.mark.parametrize("method", kept(["LSODA", "DOP853", "Radau", "auto"], ["LSODA"]))
-    def test_are_those_of_numpy(self, pair, method):
-        runs = [rne.simulate(s, [0.1] * 6, [0] * 6, 0.3, method=method, rtol=1e-9) for s in self.scenes(pair)]
+    def test_are_those_of_numpy(self, arms, method):
+        runs = [rne.simulate(s, [0.1] * 3, [0] * 3, 0.3, method=method, rtol=1e-9) for s in self.scenes(arms)]
         expected, got = runs
         assert np.abs(got.q[-1] - expected.q[-1]).max() <= 1e-8
         assert got.work[-1] == pytest.approx(expected.work[-1], rel=1e-7)
         assert abs(got.evaluations / expected.evaluations - 1) <= 0.1
 
     @pytest.mark.long
-    def test_of_free_swings_sampled_laws_and_called_ones(self, pair):
+    def test_of_free_swings_sampled_laws_and_called_ones(self, arms):
         for how in ({}, {"method": "gauss-4"}, {"torque": lambda t, q, qd: -qd}):
-            expected, got = (rne.simulate(r, [0.1] * 6, [0] * 6, 0.5, rtol=1e-9, **how) for r in pair)
+            expected, got = (rne.simulate(r, [0.1] * 3, [0] * 3, 0.5, rtol=1e-9, **how) for r in arms)
             assert np.abs(got.q[-1] - expected.q[-1]).max() <= 1e-7
-        expected, got = (rne.simulate(s, [0.1] * 6, [0] * 6, 0.2) for s in self.scenes(pair, sample_time=1e-3))
+        expected, got = (rne.simulate(s, [0.1] * 3, [0] * 3, 0.2) for s in self.scenes(arms, sample_time=1e-3))
         assert np.abs(got.q[-1] - expected.q[-1]).max() <= 1e-6
 
     @pytest.mark.parametrize("dtype", kept(["float64", "float32"], ["float64"]))
     @pytest.mark.parametrize("method", kept(["rk4", "semi-implicit-euler"], ["rk4"]))
-    def test_ensembles_are_those_of_numpy(self, pair, method, dtype):
-        q = (states(6, 300)[0] * 0.2).astype(dtype)
+    def test_ensembles_are_those_of_numpy(self, arms, method, dtype):
+        q = (states(3, 300)[0] * 0.2).astype(dtype)
         ticks = []
         how = {"step": 1e-3, "method": method, "keep": 3}
-        expected, got = (rne.ensemble(s, q, 0 * q, 0.05, **how) for s in self.scenes(pair))
-        *_, last = (
-            rne.ensemble(s, q, 0 * q, 0.05, **how, progress=lambda *a: ticks.append(a)) for s in self.scenes(pair)
-        )
+        scenes = list(self.scenes(arms))
+        expected, got = (rne.ensemble(s, q, 0 * q, 0.05, **how) for s in scenes)
+        last = rne.ensemble(scenes[1], q, 0 * q, 0.05, **how, progress=lambda *a: ticks.append(a))
         assert got.q.dtype == expected.q.dtype == dtype
         scale = float(np.finfo(dtype).eps) * 1e4
         for name in ("t", "q", "qd", "energies"):
@@ -374,13 +374,14 @@ class TestMotions:
         assert np.array_equal(last.q, got.q)
         assert ticks[-1] == (300 * 50, 300 * 50)
         with ThreadPoolExecutor(2) as pool:
-            *_, shared = (rne.ensemble(s, q, 0 * q, 0.05, **how, executor=pool) for s in self.scenes(pair))
+            shared = rne.ensemble(scenes[1], q, 0 * q, 0.05, **how, executor=pool)
         np.testing.assert_allclose(shared.q, got.q, rtol=scale, atol=scale)
 
-    def test_a_start_that_fails_is_named_with_its_time(self, pair):
-        q = np.zeros((300, 6))
+    def test_a_start_that_fails_is_named_with_its_time(self, arms):
+        q = np.zeros((300, 3))
         qd = q.copy()
         qd[217, 0] = 1e160
-        found = [outcome(lambda r=r: rne.ensemble(r, q, qd, 0.01, step=1e-3)) for r in pair]
-        assert found[0][0] is rne.NotFiniteError and "start 217 at t = 0 s" in found[0][1]
+        found = [outcome(lambda r=r: rne.ensemble(r, q, qd, 0.01, step=1e-3)) for r in arms]
+        assert found[0][0] is rne.NotFiniteError
+        assert "start 217 at t = 0 s" in found[0][1]
         assert found[1] == found[0]

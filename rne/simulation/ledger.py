@@ -25,6 +25,7 @@ EASY = 1e-2  # of NEGLIGIBLE: below it panels may be twice as long
 HALVINGS, SHORTEST = 12, 1e-13  # panels are not halved more often, nor below that part of the time
 BLOCK = 24  # panels evaluated together
 FIRST_STEPS, MOST_STEPS = 4, 64  # in a panel
+ALIKE = 4.0  # largest ratio of its steps' lengths: a jump hides among short steps, where a long panel has no node
 
 
 @cache
@@ -97,6 +98,7 @@ class Ledger:
         self.exchanged = 0.0  # integral of the powers' sizes
         self.steps = FIRST_STEPS  # in a panel
         self._spans: list[Span] = []
+        self._first_length = 0.0  # of the first of them
         self._held: Array | None = None
         self._at_rest: Array | None = None
         self._panels: list[Panel] = []
@@ -108,7 +110,12 @@ class Ledger:
 
     def add(self, span: Span, held: Array | None, at_rest: Array | None, *, is_last: bool) -> None:
         """Integrate over a step; the last one before the torques that are held or the joints at rest change."""
-        if span.end > span.begin:
+        length = span.end - span.begin
+        if self._spans and not 1 / ALIKE <= length / self._first_length <= ALIKE:
+            self._close_panel()
+        if not self._spans:
+            self._first_length = length
+        if length > 0:
             self._spans.append(span)
         self._held, self._at_rest = held, at_rest
         if is_last or len(self._spans) >= self.steps:
