@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,23 +53,6 @@ class Panel(NamedTuple):
     spans: tuple[Span, ...]
     held: Array | None
     at_rest: Array | None
-
-    def nodes(self) -> Array:
-        """Gauss's nodes on it."""
-        return self.begin + (self.end - self.begin) * (1 + gauss()[0]) / 2
-
-    def states(self) -> Array:
-        """The states there, shape (DEGREE + 1, size)."""
-        t, spans = self.nodes(), self.spans
-        if len(spans) == 1:
-            X = np.array(spans[0].interpolant(t)).T
-        else:
-            cuts = [0, *t.searchsorted([span.end for span in spans[:-1]]).tolist(), len(t)]
-            parts = [span.interpolant(t[a:b]) for span, a, b in zip(spans, cuts, cuts[1:], strict=False) if a < b]
-            X = np.concatenate(parts, axis=1).T
-        if self.at_rest is not None:
-            X[:, self.at_rest] = 0.0
-        return X
 
     def halves(self) -> tuple[Panel, Panel]:
         """Two halves: of the spans, between which the interpolants have corners, or of the only one."""
@@ -161,11 +144,15 @@ class Ledger:
 
     def _at_nodes(self, panels: list[Panel]) -> Array:
         """Powers at the nodes of each panel, shape (P, DEGREE + 1, k)."""
-        times = np.concatenate([panel.nodes() for panel in panels])
-        states = np.concatenate([panel.states() for panel in panels])
+        begins, ends = (np.array([panel[k] for panel in panels])[:, None] for k in (0, 1))
+        times = (begins + (ends - begins) * (1 + gauss()[0]) / 2).ravel()
+        states = states_at(times, [span for panel in panels for span in panel.spans])
         held = None
         if panels[0].held is not None:
             held = np.repeat([panel.held for panel in panels], DEGREE + 1, axis=0)
+        for k, panel in enumerate(panels):
+            if panel.at_rest is not None:
+                states[k * (DEGREE + 1) : (k + 1) * (DEGREE + 1), panel.at_rest] = 0.0
         return self.powers(times, states, held).reshape(len(panels), DEGREE + 1, self.count)
 
     def at(self, times: Array) -> Array:
@@ -180,6 +167,31 @@ class Ledger:
         s = np.clip(2 * (times - begins[k]) / lengths[k] - 1, -1, 1)
         found: Array = whole[k] + lengths[k, None] / 2 * (_antiderivatives(s)[:, :, None] * polynomials[k]).sum(axis=1)
         return found
+
+
+def states_at(times: Array, spans: list[Span]) -> Array:
+    """States on the interpolants of spans, of ascending times within them, shape (T, size)."""
+    which = np.searchsorted([span.end for span in spans[:-1]], times)
+    polynomials = [span.interpolant for span in spans]
+    if all(hasattr(p, "yh") for p in polynomials):
+        return _of_powers(times, which, polynomials)
+    used, firsts = np.unique(which, return_index=True)
+    cuts = [*firsts.tolist(), len(times)]
+    parts = [polynomials[k](times[a:b]) for k, a, b in zip(used.tolist(), cuts, cuts[1:], strict=False)]
+    return np.array(np.concatenate(parts, axis=1).T)
+
+
+def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
+    """The same for LSODA's interpolants, sums of yh_j ((t - t_n) / h)^j, all at once: one by one they take as long as
+    the steps."""
+    most = max(p.yh.shape[1] for p in polynomials)
+    coefficients = np.zeros((len(polynomials), len(polynomials[0].yh), most))
+    for k, p in enumerate(polynomials):
+        coefficients[k, :, : p.yh.shape[1]] = p.yh
+    t, h = (np.array([getattr(p, name) for p in polynomials])[which] for name in ("t", "h"))
+    powers = ((times - t) / h)[:, None] ** np.arange(most)
+    states: Array = np.einsum("tnj,tj->tn", coefficients[which], powers)
+    return states
 
 
 def _truncation(coefficients: Array) -> Array:
