@@ -36,6 +36,8 @@ class Robot:
     Parameters
     ----------
     model : Model
+    engine : {"numpy", "numba"}
+        What runs its kernels; see `rne.compile`. Robots and scenes derived from it keep the engine.
 
     Examples
     --------

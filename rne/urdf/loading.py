@@ -23,6 +23,8 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
         "irb140", for which no file is read, or the path of a URDF file.
     gravity : array_like, shape (3,)
         In the axes of the root link [m/s^2].
+    engine : {"numpy", "numba"}
+        What runs the robot's kernels; see `rne.compile`.
 
     Returns
     -------
@@ -35,7 +37,9 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     FileNotFoundError
         If it is neither a robot's name nor a file.
     ValueError
-        If `gravity` is not three finite numbers.
+        If `gravity` is not three finite numbers, or there is no such engine.
+    ImportError
+        If the engine is "numba" and Numba is not installed.
 
     Examples
     --------
