@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 from benchmarks import evaluation, evaluation_picture, growth, growth_picture, integration, integration_picture, scenes
+from benchmarks.cases import engines_left_out
 from benchmarks.measure import QUICK_NOTE, is_quick, machine, write
 from benchmarks.pages import DOCS, rewrite
 from benchmarks.peers import left_out, versions
@@ -29,7 +30,8 @@ def about(refused: dict[str, dict[str, str]]) -> str:
     found = machine() | versions()
     packages = ", ".join(f"{name} {value}" for name, value in found.items() if name not in ("cpu", "cores"))
     lines = [f"- {found['cpu']}, {found['cores']} cores, one thread per call; {packages}."]
-    lines += [f"- {name} is left out: {reason}." for name, reason in left_out().items()]
+    missing = engines_left_out() | left_out()
+    lines += [f"- {name} is left out: {reason}." for name, reason in missing.items()]
     lines += [
         f"- {name} is left out on {robot}: {reason}."
         for robot, reasons in refused.items()

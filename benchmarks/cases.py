@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import importlib.metadata
+import re
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import rne
+from benchmarks.peers.registry import import_failure
 
 QUANTITIES: dict[str, tuple[Any, int]] = {  # the function and how many of (q, qd, qdd or tau) it takes
     "inverse_dynamics": (rne.inverse_dynamics, 3),
     "mass_matrix": (rne.mass_matrix, 1),
     "forward_dynamics": (rne.forward_dynamics, 3),
 }
+ENGINES = {"numpy": "NumPy", "numba": "Numba"}  # as `rne.load` takes them and as tables show them
+FREE_FINGERS = "panda without its mimic tag"
 RATES = (np.pi, 10.0, 50.0)  # largest angles [rad], rates [rad/s], and accelerations [rad/s^2] or torques [N m]
 
 
@@ -26,10 +31,38 @@ def data_robots() -> dict[str, Path]:
     }
 
 
-def load(name: str) -> rne.Robot:
+def load(name: str, engine: str = "numpy") -> rne.Robot:
     """One of the compared robots."""
+    if name == FREE_FINGERS:
+        return without_mimics(data_robots()["panda_description/panda"], engine)
     short = {"ur5": "ur_description/ur5_robot", "panda": "panda_description/panda"}
-    return rne.load(data_robots()[short[name]] if name in short else name)
+    return rne.load(data_robots()[short[name]] if name in short else name, engine=engine)
+
+
+def without_mimics(path: Path, engine: str) -> rne.Robot:
+    """The robot of a URDF whose mimic tags are removed, so that every joint is a coordinate."""
+    text = re.sub(r"<mimic[^>]*/>", "", path.read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        changed = Path(folder) / path.name
+        changed.write_text(text, encoding="utf-8")
+        return rne.load(changed, engine=engine)
+
+
+def engines() -> tuple[str, ...]:
+    """Those that can run here, NumPy's first."""
+    return tuple(name for name in ENGINES if import_failure(name) is None)
+
+
+def compiled_by_numba(quick: bool) -> tuple[str, ...]:
+    """The quantities that Numba compiles: all; in a quick run one, because each takes seconds; none without Numba."""
+    if "numba" not in engines():
+        return ()
+    return ("mass_matrix",) if quick else tuple(QUANTITIES)
+
+
+def engines_left_out() -> dict[str, str]:
+    """The others, and why."""
+    return {title: reason for name, title in ENGINES.items() if (reason := import_failure(name))}
 
 
 def states(n: int, count: int, seed: int = 0) -> list[np.ndarray]:

@@ -2,14 +2,12 @@
 
 The reference is the recursion on mpmath numbers of 50 digits. Every peer that is installed takes part; see
 `benchmarks.peers`. Batches are compared with batches, and calls of one state with calls of one state; a package without
-a batch call computes a batch in a loop.
+a batch call computes a batch in a loop. The kernel runs by NumPy, and as machine code by Numba where that is installed.
 """
 
 from __future__ import annotations
 
 import statistics
-import time
-from functools import partial
 from typing import Any
 
 import mpmath
@@ -17,15 +15,13 @@ import numpy as np
 
 import rne
 from benchmarks import batch_sizes
-from benchmarks.cases import QUANTITIES, load, states, title
-from benchmarks.measure import many, nanoseconds, per_state, ratio
+from benchmarks.cases import QUANTITIES, compiled_by_numba, engines_left_out, load, states, title
+from benchmarks.evaluation_calls import KERNEL, KERNEL_SINGLE, NUMBA, NUMBA_SINGLE, OWN, by_numba, ours
+from benchmarks.measure import nanoseconds, per_state, ratio
 from benchmarks.pages import table, three
 from benchmarks.peers import PEERS, Case, Point
 
-DTYPES = ("float32", "float64", "longdouble")
-TIMES, SLOW_TIMES = 200, 20  # calls of one state in a repeat, of the kernel and of the recursion
 DISAGREES = 1e-3  # a larger error is not rounding, not even float32's
-KERNEL, KERNEL_SINGLE = "kernel, batch", "kernel, one state"
 PINOCCHIO_BATCH, PINOCCHIO_SINGLE = "Pinocchio, batch", "Pinocchio, one state"
 
 
@@ -54,10 +50,11 @@ def _number(x: Any) -> Any:
     return mpmath.mpf(float(x))
 
 
-def compare(robot: rne.Robot, quantity: str, sizes: dict[str, int], refused: dict[str, str]) -> dict[str, Any]:
+def compare(robot: rne.Robot, quantity: str, sizes: dict[str, Any], refused: dict[str, str]) -> dict[str, Any]:
     """Time per state and error of each call.
 
-    `sizes` are the numbers of states of a batch, of the recursion's batch, and of states compared with 50 digits.
+    `sizes` are the numbers of states of a batch, of the recursion's batch, and of states compared with 50 digits, the
+    repeats, and the quantities that Numba compiles.
     """
     function, arity = QUANTITIES[quantity]
     everything = states(robot.n, sizes["batch"])
@@ -65,7 +62,8 @@ def compare(robot: rne.Robot, quantity: str, sizes: dict[str, int], refused: dic
     reference = exact(function, robot.model, [a[: sizes["exact"]] for a in everything[:arity]])
     found: dict[str, list[float]] = {}
     points = []
-    for point in ours(case, sizes["recursion"]) + theirs(case, refused):
+    own = ours(case, sizes["recursion"]) + (by_numba(case) if quantity in sizes["numba"] else [])
+    for point in own + theirs(case, refused):
         error = errors(np.asarray(point.results(len(reference))), reference)
         if max(error) < DISAGREES:
             found[point.name] = error
@@ -96,40 +94,17 @@ def row(point: Point, error: list[float], each: dict[str, list[float]]) -> dict[
         "times_faster": ratio(each, against, point.name),
         "kernel_faster": ratio(each, point.name, KERNEL if batch else KERNEL_SINGLE),
         "kernel_batch_faster": ratio(each, point.name, KERNEL),
+        **({} if NUMBA not in each else numba_faster(point.name, each)),
         "build_s": point.build_s,
     }
 
 
-def ours(case: Case, few: int) -> list[Point]:
-    """The kernel on a batch and on one state, and the recursion it was traced from."""
-    kernel, arrays, model, function = case.kernel, case.arrays, case.robot.model, case.kernel.function
-    arrays32 = [a.astype(np.float32) for a in arrays]
-    out, out32 = kernel(*arrays), kernel(*arrays32)
-    one = [a[0].copy() for a in arrays]
-    start = time.perf_counter()
-    rne.compile(function, model)(*(a[:2] for a in arrays))
-    build_s = time.perf_counter() - start
-    found = [
-        Point(KERNEL, lambda: kernel(*arrays, out=out), len(out), lambda k: out[:k], build_s=build_s),
-        Point("kernel, batch, float32", lambda: kernel(*arrays32, out=out32), len(out), lambda k: out32[:k], "float32"),
-        Point(
-            KERNEL_SINGLE,
-            many(lambda: kernel(*one), TIMES),
-            TIMES,
-            lambda k: np.array([kernel(*(a[i].copy() for a in arrays)) for i in range(k)]),
-        ),
-    ]
-    for dtype in DTYPES:
-        typed = [a[:few].astype(dtype) for a in arrays]
-        name = "recursion, batch" if dtype == "float64" else f"recursion, batch, {dtype}"
-        call = partial(function, model, *typed)
-        found.append(Point(name, call, len(typed[0]), lambda k, call=call: call()[:k], dtype))
-
-    def singles(few: int) -> np.ndarray:
-        return np.array([function(model, *(a[i] for a in arrays)) for i in range(few)])
-
-    call = many(partial(function, model, *one), SLOW_TIMES)
-    return [*found, Point("recursion, one state", call, SLOW_TIMES, singles)]
+def numba_faster(name: str, each: dict[str, list[float]]) -> dict[str, Any]:
+    """How many times faster Numba's kernel is than another call."""
+    return {
+        "numba_faster": ratio(each, name, NUMBA if is_batch(name) else NUMBA_SINGLE),
+        "numba_batch_faster": ratio(each, name, NUMBA),
+    }
 
 
 def theirs(case: Case, refused: dict[str, str]) -> list[Point]:
@@ -147,42 +122,59 @@ def theirs(case: Case, refused: dict[str, str]) -> list[Point]:
 
 def run(quick: bool) -> dict[str, Any]:
     """All calls, by robot and quantity."""
-    sizes = {"batch": 20_000, "recursion": 1000, "exact": 20, "repeats": 15}
+    sizes: dict[str, Any] = {"batch": 20_000, "recursion": 1000, "exact": 20, "repeats": 15}
     if quick:
         sizes = {"batch": 200, "recursion": 20, "exact": 2, "repeats": 1}
+    sizes["numba"] = compiled_by_numba(quick)
     found = {name: load(name) for name in (("irb140",) if quick else ("irb140", "ur5"))}
     refused: dict[str, dict[str, str]] = {name: {} for name in found}
     rows = {name: {q: compare(robot, q, sizes, refused[name]) for q in QUANTITIES} for name, robot in found.items()}
-    return {"sizes": sizes, "robots": rows, "refused": refused, "batch_sizes": batch_sizes.run(quick)}
+    sizes_of_batches = batch_sizes.run(quick, sizes["numba"])
+    return {"sizes": sizes, "robots": rows, "refused": refused, "batch_sizes": sizes_of_batches}
 
 
 def tables(results: dict[str, Any]) -> dict[str, str]:
-    """The kernel beside each other package, all calls, and the sizes of batches."""
-    return {
-        "kernel-beside-peers": beside_peers(results),
-        "evaluation": every_call(results),
-        "batch-sizes": batch_sizes.by_size(results["batch_sizes"]),
-    }
-
-
-def beside_peers(results: dict[str, Any]) -> str:
-    """How many times faster the kernel is, and the errors of both where both run."""
+    """The kernel by each engine beside other packages, all calls, and the sizes of batches."""
     columns = {
         f"{robot}, {title(quantity)}": rows
         for robot, quantities in results["robots"].items()
         for quantity, rows in quantities.items()
     }
+    return {
+        "kernel-beside-peers": beside_peers(columns, "kernel", (KERNEL, KERNEL_SINGLE)),
+        "numba-beside-peers": numba_beside_peers(columns),
+        "evaluation": every_call(results),
+        "batch-sizes": batch_sizes.by_size(results["batch_sizes"]),
+    }
+
+
+def numba_beside_peers(columns: dict[str, Any]) -> str:
+    """The same for machine code, with NumPy's kernel among the others; or why there is none."""
+    compiled = {title: rows for title, rows in columns.items() if NUMBA in rows}
+    if not compiled:
+        return "\n".join(f"{name} is left out: {reason}." for name, reason in engines_left_out().items())
+    return beside_peers(compiled, "numba", (NUMBA, NUMBA_SINGLE), (KERNEL, KERNEL_SINGLE))
+
+
+def beside_peers(columns: dict[str, Any], who: str, own: tuple[str, str], further: tuple[str, ...] = ()) -> str:
+    """How many times faster the kernel of one engine is, and the errors of both where both run.
+
+    `who` begins the names of its ratios, `own` are its calls of a batch and of one state, and `further` calls of this
+    package stand beside them.
+    """
     names = list(dict.fromkeys(name for rows in columns.values() for name in rows))
-    peers = [name for name in names if not name.startswith(("kernel", "recursion"))]
+    peers = [name for name in names if name in further or not name.startswith(OWN)]
     batches, singles = [n for n in peers if is_batch(n)], [n for n in peers if not is_batch(n)]
-    lines = [_beside(columns, name, KERNEL, "kernel_faster", name) for name in (KERNEL, *batches)]
+    batch, single = own
+    lines = [_beside(columns, name, batch, f"{who}_faster", name) for name in (batch, *batches)]
     for name in singles:  # a batch in a loop, where the package has no batch call
         without = {title: {} if name.replace("one state", "batch") in rows else rows for title, rows in columns.items()}
-        lines.append(
-            _beside(without, name, KERNEL, "kernel_batch_faster", name.replace("one state", "a batch in a loop"))
-        )
-    lines += [_beside(columns, name, KERNEL_SINGLE, "kernel_faster", name) for name in singles]
-    head = ["times the kernel is faster than", *columns, "worst error", "the kernel's", "time to build [s]"]
+        if any(without.values()):
+            label = name.replace("one state", "a batch in a loop")
+            lines.append(_beside(without, name, batch, f"{who}_batch_faster", label))
+    lines += [_beside(columns, name, single, f"{who}_faster", name) for name in singles]
+    kernel = "kernel" if who == "kernel" else "Numba kernel"
+    head = [f"times the {kernel} is faster than", *columns, "worst error", f"the {kernel}'s", "time to build [s]"]
     return table(head, lines)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks import batch_sizes
 from benchmarks.cases import title
 from benchmarks.evaluation import is_batch
-from benchmarks.pictures import OTHER, OURS, PINOCCHIO, label_points, lay_out
+from benchmarks.pictures import NUMBA, OTHER, OURS, PINOCCHIO, label_points, lay_out
 from rne.plotting.plots import blank_figure
 
 MARKERS = {"float32": "s", "float64": "o", "longdouble": "^"}
@@ -17,8 +17,9 @@ BATCHES, SINGLES = (3e-21, 1e-5), (3e-17, 3e-14)  # errors shown
 
 
 def color(name: str) -> str:
-    """By project."""
-    return PINOCCHIO if name.startswith("Pinocchio") else OURS if name.startswith(("kernel", "recursion")) else OTHER
+    """By project, and by engine."""
+    colors = {"Pinocchio": PINOCCHIO, "Numba": NUMBA, "kernel": OURS, "recursion": OURS}
+    return next((color for begin, color in colors.items() if name.startswith(begin)), OTHER)
 
 
 def picture(results: dict[str, Any]) -> Any:
@@ -33,7 +34,7 @@ def picture(results: dict[str, Any]) -> Any:
     for k, (robot, quantities) in enumerate(found.items()):
         for axes, batch, limits in ((grid[2 * k], True, BATCHES), (grid[2 * k + 1], False, SINGLES)):
             times = [r["ns_per_state"] for n, r in every if is_batch(n) == batch]
-            left, right = min(times) / 4, max(times) * 4
+            left, right = min(times) / 8, max(times) * 4
             for ax, (quantity, rows) in zip(axes, quantities.items(), strict=True):
                 shown = {n: r for n, r in rows.items() if is_batch(n) == batch}
                 kind = "batches" if batch else "one state per call"

@@ -1,4 +1,4 @@
-"""Kernels beside Pinocchio: python -m benchmarks.kernels [--quick]
+"""Kernels of both engines beside Pinocchio: python -m benchmarks.kernels [--quick]
 
 Operations, time per state in batches and in single calls, and the error of the very same calls against long double;
 Pinocchio in the same interleaved run, one thread each. Writes benchmarks/results/kernels.json.
@@ -6,187 +6,175 @@ Pinocchio in the same interleaved run, one thread each. Writes benchmarks/result
 
 from __future__ import annotations
 
-import time
-import tracemalloc
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
-import numpy as np
+from benchmarks.cases import (
+    ENGINES,
+    FREE_FINGERS,
+    QUANTITIES,
+    compiled_by_numba,
+    engines,
+    engines_left_out,
+    load,
+    title,
+)
+from benchmarks.kernel_errors import large_angles
+from benchmarks.kernel_growth import growth, processes, start_up
+from benchmarks.kernel_runs import SMALL, Robots, Sizes, compare
+from benchmarks.measure import QUICK_NOTE, is_quick, write
+from benchmarks.pages import table, three
 
-import rne
-from benchmarks.cases import QUANTITIES, load, states, title
-from benchmarks.measure import QUICK_NOTE, interleaved, is_quick, many, nanoseconds, per_state, ratio, write
-from benchmarks.pages import table
-from benchmarks.peers.pinocchio import Pinocchio
-from rne.model.robots.generators import straight_chain
+ROBOTS = ("irb140", "ur5", "panda", FREE_FINGERS)
+DERIVATIVES = "inverse_dynamics_derivatives"
+COUNT, REPEATS = 100_000, 9
+QUICK_COUNT, QUICK_REPEATS = 2000, 1
 
-ROBOTS = ("irb140", "ur5", "panda")
-EXACT = 200  # states whose error is taken, against long double
-TIMES = 200  # single calls in a repeat
-HEAD = [
-    "robot",
-    "quantity",
-    "operations",
-    "error [eps]",
-    "ns per state",
-    "times faster than Pinocchio's batch call",
-    "float32, times faster than float64",
-    "single call [µs]",
-    "times slower than Pinocchio's",
-]
-
-
-def error(function: Any, robot: rne.Robot, kernel: rne.Kernel, arrays: list[np.ndarray]) -> float:
-    """Largest error of the kernel relative to the largest entry, against the recursion in long double."""
-    arrays = [a[:EXACT] for a in arrays]
-    exact = function(robot.model, *(a.astype(np.longdouble) for a in arrays))
-    return float(np.abs(kernel(*arrays) - exact).max() / np.abs(exact).max())
+Results = dict[str, Any]
 
 
-def compare(robot: rne.Robot, count: int, repeats: int) -> dict[str, Any]:
-    """All figures of one robot, whose methods are compiled before they are timed."""
-    robot.compile()
-    everything = states(robot.n, count)
-    theirs = Pinocchio(robot.model, everything)
-    rows: dict[str, Any] = {}
-    for quantity, (function, arity) in QUANTITIES.items():
-        kernel, method, arrays = robot.kernel(function), getattr(robot, quantity), everything[:arity]
-        arrays32 = [a.astype(np.float32) for a in arrays]
-        out, out32 = kernel(*arrays), kernel(*arrays32)
-        one = [a[0].copy() for a in arrays]
-        loop, looped = theirs.loop(quantity)
-        calls = {
-            "batch": (lambda k=kernel, a=arrays, o=out: k(*a, out=o), count),
-            "float32": (lambda k=kernel, a=arrays32, o=out32: k(*a, out=o), count),
-            "pinocchio": theirs.fastest(quantity),
-            "single": (many(lambda m=method, s=one: m(*s), TIMES), TIMES),
-            "pinocchio_single": (loop, looped),
-        }
-        each = per_state(calls, repeats)
-        rows[quantity] = {
-            "operations": sum(kernel.operations.values()),
-            "registers": kernel.blocks.layout.registers,
-            "error_eps": error(function, robot, kernel, arrays) / np.finfo(float).eps,
-            "ns_per_state": nanoseconds(each["batch"]),
-            "pinocchio_ns_per_state": nanoseconds(each["pinocchio"]),
-            "batch_times_faster": ratio(each, "pinocchio", "batch"),
-            "float32_times_faster": ratio(each, "batch", "float32"),
-            "single_us": nanoseconds(each["single"]) / 1e3,
-            "single_times_slower": ratio(each, "single", "pinocchio_single"),
-        }
-    rows["inverse_dynamics_derivatives"] = derivatives(robot, theirs, everything, repeats)
-    return rows
+def run(quick: bool) -> Results:
+    """All figures."""
+    everything, compiled = (*QUANTITIES, DERIVATIVES), compiled_by_numba(quick)
+    taken = {engine: compiled if quick and engine == "numba" else everything for engine in engines()}
+    sizes = Sizes(QUICK_COUNT if quick else COUNT, QUICK_REPEATS if quick else REPEATS, taken)
+    first = {engine: start_up(engine) for engine in taken}
+    found: Results = {"states": sizes.count, "small": SMALL, "repeats": sizes.repeats}
+    found |= {"engines_left_out": engines_left_out(), "robots": {}, "large_angles": {}}
+    for name in ROBOTS[:1] if quick else ROBOTS:
+        robots = {engine: load(name, engine) for engine in taken}
+        found["robots"][name] = compare(robots, sizes)
+        found["large_angles"][name] = angles_of(robots, sizes)
+    sole = ("numpy",) if quick else taken
+    found["growth"] = {engine: {"start_up_s": first[engine]} | growth(engine, quick) for engine in sole}
+    found["two_processes"] = processes(20_000 if quick else 2_000_000, 1 if quick else 5)
+    return found
 
 
-def derivatives(robot: rne.Robot, theirs: Pinocchio, states: list[np.ndarray], repeats: int) -> dict[str, Any]:
-    """Derivatives of inverse dynamics, one state and a batch, beside computeRNEADerivatives in a loop."""
-    batch = [a[:10_000] for a in states]
-    one = [a[0].copy() for a in states]
-    robot.inverse_dynamics_derivatives(*batch)
-    calls = {
-        "single": (many(lambda: robot.inverse_dynamics_derivatives(*one), 100), 100),
-        "batch": (lambda: robot.inverse_dynamics_derivatives(*batch), len(batch[0])),
-        "pinocchio": theirs.loop("inverse_dynamics_derivatives"),
+def angles_of(robots: Robots, sizes: Sizes) -> Results:
+    """The errors of large angles of the quantities in which all engines take part."""
+    taken = {quantity: sizes.of(robots, quantity) for quantity in QUANTITIES}
+    return {quantity: large_angles(r, quantity) for quantity, r in taken.items() if len(r) == len(robots)}
+
+
+def tables(results: Results) -> dict[str, str]:
+    """Every table, by its title."""
+    found = {
+        f"Beside Pinocchio, batches of {results['states']} and {results['small']}": evaluations(results),
+        "Derivatives of inverse dynamics, Pinocchio's in a loop": of_derivatives(results),
+        "Worst error of angles up to a size, relative to each state's largest entry [eps]": of_angles(results),
+        "Compiling, the size of batches (inverse dynamics of the irb140), memory": of_growth(results),
     }
-    each = per_state(calls, repeats)
-    return {
-        "operations": sum(robot.kernel(rne.inverse_dynamics, "q", "qd").operations.values()),
-        "single_times_slower": ratio(each, "single", "pinocchio"),
-        "batch_times_faster": ratio(each, "pinocchio", "batch"),
-    }
+    return {name: text for name, text in found.items() if text}
 
 
-def growth(quick: bool) -> dict[str, Any]:
-    """Compile times, time per state from a thousand states to a million, and the extra memory of the largest batch."""
-    start = time.perf_counter()
-    for function, arity in QUANTITIES.values():
-        kernel = rne.compile(function, rne.irb140())
-        kernel(*[np.zeros(6)] * arity)
-        kernel(*[np.zeros((2, 6))] * arity)
-    three = time.perf_counter() - start
-    length = 10 if quick else 100
-    start = time.perf_counter()
-    long = rne.compile(rne.inverse_dynamics, straight_chain(length))
-    long(*[np.zeros((2, length))] * 3)
-    chain = time.perf_counter() - start
-    kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
-    times = {}
-    for count in (1000, 10_000) if quick else (1000, 10_000, 100_000, 1_000_000):
-        q = np.random.default_rng(0).uniform(-3, 3, (count, 6))
-        out = kernel(q, q, q)
-        times[count] = nanoseconds(per_state({"run": (lambda q=q, o=out: kernel(q, q, q, out=o), count)}, 5)["run"])
-    fresh = rne.compile(rne.inverse_dynamics, rne.irb140())
-    tracemalloc.start()
-    fresh(q, q, q, out=out)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return {
-        "compile_three_ms": three * 1e3,
-        "compile_chain_s": chain,
-        "chain_joints": length,
-        "chain_registers": long.blocks.layout.registers,
-        "ns_per_state": times,
-        "peak_extra_MB": peak / 1e6,
-    }
+def evaluations(results: Results) -> str:
+    """A row for each robot, quantity and engine, and for Pinocchio."""
+    head = ["robot", "quantity", "by", "operations", "error, batch [eps]", "one state [eps]", "batch, ns per state"]
+    head += ["times Pinocchio's speed", f"batch of {results['small']}, ns per state", "times Pinocchio's speed"]
+    head += ["float32, times float64's speed", "two threads, times one's speed", "one state [µs]"]
+    head += ["times Pinocchio's time", "to trace and compile [s]"]
+    lines = []
+    for robot, quantities in results["robots"].items():
+        for quantity in QUANTITIES:
+            row = quantities[quantity]
+            there = [engine for engine in ENGINES if engine in row]
+            lines += [[robot, title(quantity), *our_cells(row, engine)] for engine in there]
+            lines.append([robot, title(quantity), *their_cells(row["pinocchio"])])
+    return table(head, lines)
 
 
-def processes(count: int, repeats: int) -> tuple[float, float, float]:
-    """How many times faster two processes compute a batch than one, without the transfer of the data."""
-    kernel = rne.load("irb140").kernel(rne.inverse_dynamics)
-    with ProcessPoolExecutor(2) as pool:
-        list(pool.map(_work, [(kernel, 1000)] * 2))
-        seconds = interleaved(
-            {
-                "one": lambda: list(pool.map(_work, [(kernel, count)])),
-                "two": lambda: list(pool.map(_work, [(kernel, count // 2)] * 2)),
-            },
-            repeats,
-        )
-    return ratio(seconds, "one", "two")
-
-
-def _work(job: tuple[rne.Kernel, int]) -> float:
-    kernel, count = job
-    q = np.random.default_rng(0).uniform(-3, 3, (5000, kernel.model.n))
-    for _ in range(count // 5000):
-        kernel(q, q, q)
-    return float(q[0, 0])
-
-
-def cells(robot: str, quantity: str, row: dict[str, Any]) -> list[str]:
-    """A line of the table."""
+def our_cells(row: Results, engine: str) -> list[str]:
+    """An engine's."""
+    own = row[engine]
+    build = sum(own[part] for part in ("trace_s", "compile_single_s", "compile_batch_s"))
     return [
-        robot,
-        title(quantity),
+        ENGINES[engine],
         str(row["operations"]),
-        f"{row['error_eps']:.1f}",
-        f"{row['ns_per_state']:.0f}",
-        f"{row['batch_times_faster'][0]:.1f}",
-        f"{row['float32_times_faster'][0]:.2f}",
-        f"{row['single_us']:.1f}",
-        f"{row['single_times_slower'][0]:.1f}",
+        f"{own['error_eps']:.1f}",
+        f"{own['single_error_eps']:.1f}",
+        f"{own['ns_per_state']:.0f}",
+        three(own["batch_times_faster"]),
+        f"{own['small_ns_per_state']:.0f}",
+        three(own["small_times_faster"]),
+        f"{own['float32_times_faster'][0]:.2f}",
+        f"{own['two_threads_times_faster'][0]:.2f}",
+        f"{own['single_us']:.2f}",
+        three(own["single_times_slower"]),
+        f"{build:.2f}",
     ]
+
+
+def their_cells(own: Results) -> list[str]:
+    """Pinocchio's."""
+    threads = f"{own['two_threads_times_faster'][0]:.2f}" if "two_threads_times_faster" in own else "-"
+    times = [f"{own[key]:.0f}" for key in ("ns_per_state", "small_ns_per_state")]
+    return ["Pinocchio", "-", "-", "-", times[0], "-", times[1], "-", "-", threads, f"{own['single_us']:.2f}", "-", "-"]
+
+
+def of_derivatives(results: Results) -> str:
+    """A row for each robot and engine."""
+    head = ["robot", "by", "operations", "one state [µs]", "times Pinocchio's time", "batch, ns per state"]
+    lines = []
+    for robot, quantities in results["robots"].items():
+        row = quantities[DERIVATIVES]
+        for engine in (e for e in ENGINES if e in row):
+            own = row[engine]
+            single = [f"{own['single_us']:.2f}", three(own["single_times_slower"])]
+            batch = [f"{own['ns_per_state']:.0f}", three(own["batch_times_faster"])]
+            lines.append([robot, ENGINES[engine], str(row["operations"]), *single, *batch])
+    return table([*head, "times Pinocchio's speed"], lines)
+
+
+def of_angles(results: Results) -> str:
+    """A row for each robot, quantity and size of the angles; empty without Numba."""
+    if len(engines_in(results)) < 2:
+        return ""
+    head = ["robot", "quantity", "angles up to [rad]", "NumPy, batch", "Numba, batch", "Numba's / NumPy's"]
+    head += ["NumPy, one state", "Numba, one state", "Numba's / NumPy's"]
+    lines = []
+    for robot, quantities in results["large_angles"].items():
+        for quantity, rows in quantities.items():
+            for row in rows:
+                cells = []
+                for way in ("batch", "single"):
+                    plain, machine = row["numpy"][way], row["numba"][way]
+                    cells += [f"{plain:.2g}", f"{machine:.2g}", f"{machine / plain:.2f}"]
+                lines.append([robot, title(quantity), f"{row['angle']:.3g}", *cells])
+    return table(head, lines)
+
+
+def of_growth(results: Results) -> str:
+    """A row for each engine."""
+    grown = results["growth"]
+    sizes = list(next(iter(grown.values()))["ns_per_state"])
+    joints = next(iter(grown.values()))["chain_joints"]
+    head = ["by", "first kernel of a process [s]", "three kernels of the irb140 [s]", f"a chain of {joints} joints [s]"]
+    head += [*(f"ns per state of {size}" for size in sizes), "extra memory [MB]"]
+    lines = []
+    for engine, own in grown.items():
+        seconds = [f"{own[key]:.2f}" for key in ("start_up_s", "compile_three_s", "compile_chain_s")]
+        times = [f"{own['ns_per_state'][size]:.0f}" for size in sizes]
+        lines.append([ENGINES[engine], *seconds, *times, f"{own['peak_extra_MB']:.1f}"])
+    return table(head, lines)
+
+
+def engines_in(results: Results) -> list[str]:
+    """The engines that took part."""
+    return [engine for engine in ENGINES if any(engine in r["mass_matrix"] for r in results["robots"].values())]
 
 
 def main() -> None:
     quick = is_quick(__doc__)
-    count, repeats = (500, 1) if quick else (100_000, 9)
-    results = {name: compare(load(name), count, repeats) for name in (ROBOTS[:1] if quick else ROBOTS)}
-    print(table(HEAD, [cells(name, q, rows[q]) for name, rows in results.items() for q in QUANTITIES]))
-    print("\nDerivatives of inverse dynamics, Pinocchio's in a loop:\n")
-    head = ["robot", "operations", "one state: times slower than Pinocchio", "batch: times faster"]
-    lines = {name: rows["inverse_dynamics_derivatives"] for name, rows in results.items()}
-    ratios = ("single_times_slower", "batch_times_faster")
-    print(table(head, [[n, str(r["operations"]), *(f"{r[k][0]:.1f}" for k in ratios)] for n, r in lines.items()]))
-    grown = growth(quick)
-    print(f"\ncompile times, time per state and memory: {grown}")
-    shares = processes(20_000 if quick else 2_000_000, 1 if quick else 5)
-    print(f"two processes: {shares[0]:.2f} times faster than one")
+    results = run(quick)
+    for name, text in tables(results).items():
+        print(f"{name}:\n\n{text}\n")
+    print(f"Two processes are {three(results['two_processes'])} times faster than one.")
+    for name, reason in results["engines_left_out"].items():
+        print(f"{name} is left out: {reason}.")
     if quick:
         print(f"\n{QUICK_NOTE}")
     else:
-        content = {"states": count, "repeats": repeats, "robots": results, "growth": grown, "two_processes": shares}
-        write("kernels.json", content)
+        write("kernels.json", results)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
+import importlib.util
 import json
 import os
 import platform
@@ -20,6 +21,7 @@ QUICK_NOTE = (
     "--quick: these figures are not for comparison. A kernel's batch call has a fixed cost, which outweighs the small "
     "batches of a quick run and reverses the ranking."
 )
+Call = Callable[[], Any]
 Spread = tuple[float, float, float]  # median, smallest, largest
 
 
@@ -82,7 +84,9 @@ def machine() -> dict[str, Any]:
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
     names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
-    packages = {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "pin", "example-robot-data")}
+    needed = ("numpy", "scipy", "pin", "example-robot-data", "numba")
+    there = {name for name in needed if name != "numba" or importlib.util.find_spec(name)}
+    packages = {name: importlib.metadata.version(name) for name in needed if name in there}
     cpu = names[0] if names else "unknown"
     return {"cpu": cpu, "cores": os.cpu_count(), "python": platform.python_version(), **packages}
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-OURS, PINOCCHIO, OTHER = "#0b62a4", "#c8501e", "#6a6a6a"
+OURS, NUMBA, PINOCCHIO, OTHER = "#0b62a4", "#2a7f3e", "#c8501e", "#6a6a6a"
 NEAREST, FARTHEST = 6, 190  # [points] from a label to its point
 
 

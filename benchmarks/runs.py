@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -99,8 +99,12 @@ def measured(
     error: Callable[[Motion], float],
     repeats: int,
     warm_ups: int = 1,
+    pairs: Sequence[tuple[str, str]] = (),
 ) -> Row:
-    """One method at one setting in each of the given ways: median seconds, errors, and times Pinocchio's time."""
+    """One method at one setting in each of the given ways: median seconds, errors, and times Pinocchio's time.
+
+    For each of the `pairs` of ways also the time of the first over that of the second.
+    """
     found: dict[str, Motion] = {}
 
     def kept(who: str, call: Callable[[], Motion]) -> Callable[[], None]:
@@ -117,4 +121,5 @@ def measured(
         "seconds": {who: statistics.median(runs) for who, runs in seconds.items()},
         "errors": {who: error(motion) for who, motion in found.items()},
         "times_slower": {who: ratio(seconds, who, "pinocchio") for who in others},
+        **({"times_second": {a: ratio(seconds, a, b) for a, b in pairs}} if pairs else {}),
     }

@@ -6,29 +6,95 @@ import sys
 
 import pytest
 
-from benchmarks.evaluation import KERNEL, KERNEL_SINGLE, PINOCCHIO_BATCH, PINOCCHIO_SINGLE, row
+from benchmarks import cases, engines
+from benchmarks.evaluation import (
+    KERNEL,
+    KERNEL_SINGLE,
+    NUMBA,
+    NUMBA_SINGLE,
+    PINOCCHIO_BATCH,
+    PINOCCHIO_SINGLE,
+    numba_beside_peers,
+    row,
+)
 from benchmarks.evaluation_picture import label
 from benchmarks.pages import BLOCK, DOCS, filled, table
 from benchmarks.peers import Point
 
 from .helpers import ROOT, kept
 
-BENCHMARKS = ["benchmarks", *(f"benchmarks.{name}" for name in ("validation", "kernels", "lagrange", "simulation"))]
+FURTHER = ("validation", "kernels", "lagrange", "simulation", "engines")
+BENCHMARKS = ["benchmarks", *(f"benchmarks.{name}" for name in FURTHER)]
+WITHOUT_NUMBA = (
+    "import runpy, sys; sys.modules['numba'] = None; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
+)
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-\d+)?(?![\w]|\.\d)")
 NAMES = ["RK45", "DOP853", "gauss-4", "IRB 140", "UR5", "RK4"]  # their digits are no figures
 
 
 @pytest.mark.parametrize("name", kept(BENCHMARKS, ["benchmarks.kernels"]))
 def test_quick_run_prints_a_table_and_changes_no_file(name):
-    results = sorted([*(ROOT / "benchmarks" / "results").glob("*.json"), *(ROOT / "docs" / "benchmarks").glob("*")])
+    places = (ROOT / "benchmarks" / "results").glob("*.json"), (ROOT / "docs" / "benchmarks").glob("*")
+    results = [engines.README, *sorted(path for place in places for path in place)]
     before = [path.read_bytes() for path in results]
     command = [sys.executable, "-m", name, "--quick"]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert "| irb140 |" in run.stdout
-    if name in ("benchmarks", "benchmarks.kernels"):
+    if name in ("benchmarks", "benchmarks.kernels", "benchmarks.engines"):
         assert "not for comparison" in run.stdout
+    if name in ("benchmarks.kernels", "benchmarks.engines"):
+        assert ("| Numba |" in run.stdout) == ("numba" in cases.engines())
     assert [path.read_bytes() for path in results] == before
+
+
+@pytest.mark.parametrize("name", kept([f"benchmarks.{name}" for name in ("kernels", "simulation")], []))
+def test_without_numba_its_rows_are_left_out(name):
+    command = [sys.executable, "-c", WITHOUT_NUMBA.format(name), "--quick"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "| NumPy |" in run.stdout
+    assert "| Numba |" not in run.stdout
+    assert "Numba is left out: not installed." in run.stdout
+
+
+def test_an_engine_that_is_absent_is_named_with_its_reason(monkeypatch):
+    monkeypatch.setattr(cases, "import_failure", {"numpy": None, "numba": "not installed"}.get)
+    assert cases.engines() == ("numpy",)
+    assert cases.engines_left_out() == {"Numba": "not installed"}
+    assert cases.compiled_by_numba(quick=False) == ()
+    kernel = {"worst_error": 1e-16, "kernel_faster": (1.0, 1.0, 1.0), "build_s": 0.01}
+    assert numba_beside_peers({"irb140, mass matrix": {KERNEL: kernel}}) == "Numba is left out: not installed."
+
+
+def test_the_panda_without_its_mimic_tag_has_one_more_coordinate():
+    assert cases.load(cases.FREE_FINGERS).n == cases.load("panda").n + 1
+
+
+@pytest.mark.parametrize(
+    ("times_faster", "text"),
+    [
+        ([2.04, 9.96, 5.0], "2.0 to 10.0 times faster"),
+        ([1 / 5, 1 / 8], "5.0 to 8.0 times slower"),
+        ([3.0], "3.0 times faster"),
+        ([0.5, 2.0], "2.0 times slower to 2.0 times faster"),
+        ([0.98, 1.5], "1.0 to 1.5 times faster"),
+        ([0.5, 1.02], "1.0 to 2.0 times slower"),
+        ([0.98, 1.02], "equally fast"),
+        ([], "-"),
+    ],
+)
+def test_ratios_say_which_is_faster(times_faster, text):
+    assert engines.words(times_faster) == text
+
+
+def test_tables_of_the_readme_are_those_of_the_last_runs():
+    """After new runs: python -m benchmarks.engines."""
+    kernels, simulation = engines.read("kernels.json"), engines.read("simulation.json")
+    if "motions" not in simulation or "small" not in kernels:
+        pytest.skip("the kept runs of benchmarks.kernels and benchmarks.simulation are older than the engines")
+    readme = engines.README.read_text(encoding="utf-8")
+    assert filled(readme, engines.tables(kernels, simulation)) == readme
 
 
 def test_batches_are_compared_with_batches_and_single_calls_with_single_calls():
@@ -44,6 +110,9 @@ def test_batches_are_compared_with_batches_and_single_calls_with_single_calls():
     }
     assert rows["recursion, batch"]["times_faster"][0] == pytest.approx(8 / 40)
     assert rows[PINOCCHIO_SINGLE]["kernel_faster"][0] == pytest.approx(12 / 60)
+    each |= {NUMBA: [0.5e-9], NUMBA_SINGLE: [3e-9]}
+    for name, faster in {PINOCCHIO_BATCH: 16, PINOCCHIO_SINGLE: 4, KERNEL: 2}.items():
+        assert row(Point(name, print, 1000, print), [0.0], each)["numba_faster"][0] == pytest.approx(faster)
     del each[PINOCCHIO_BATCH]
     assert row(Point(KERNEL, print, 1000, print), [0.0], each)["against"] == "loop"
 

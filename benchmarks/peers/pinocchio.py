@@ -72,6 +72,11 @@ class Pinocchio:
         call = BATCH[quantity]
         return lambda: call(1, self.pool, *self.arrays, self.out), self.count
 
+    def in_threads(self, quantity: str, threads: int) -> tuple[Call, int]:
+        """The batch call on all states, for a quantity that has one, by several threads."""
+        call, pool = BATCH[quantity], pin.ModelPool(self.model, threads)
+        return lambda: call(threads, pool, *self.arrays, self.out), self.count
+
     def results(self, quantity: str, few: int) -> np.ndarray:
         """What `fastest` gives for the first states."""
         if quantity not in BATCH:
