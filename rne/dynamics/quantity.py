@@ -197,11 +197,20 @@ def check_external(model: Model, external: Any) -> dict[str, Array]:
     return wrenches
 
 
+def common_dtype(arrays: Sequence[Array]) -> np.dtype[Any]:
+    """The dtype in which arrays are computed with, in the machine's byte order."""
+    first = arrays[0].dtype
+    return first if first.isnative and all(a.dtype is first for a in arrays) else np.result_type(*arrays)
+
+
 def common_leading_shape(*groups: Mapping[str, Array]) -> tuple[int, ...]:
     """The leading (batch) shape all arrays broadcast to."""
     named = [item for group in groups for item in group.items()]  # a link may be called q
+    leading = [array.shape[:-1] for _, array in named]
+    if leading.count(leading[0]) == len(leading):
+        return leading[0]
     try:
-        return np.broadcast_shapes(*(array.shape[:-1] for _, array in named))
+        return np.broadcast_shapes(*leading)
     except ValueError:
         shapes = ", ".join(f"`{name}` {array.shape}" for name, array in named)
         raise ValueError(f"leading shapes must broadcast against each other, got {shapes}") from None

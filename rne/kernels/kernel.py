@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from math import prod
 from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.conditioning import NEARLY_SINGULAR, rate_bound
-from ..dynamics.quantity import Declared, common_leading_shape
+from ..dynamics.quantity import Declared, common_dtype, common_leading_shape
 from ..dynamics.verdict import SOUND, BatchIndex, Verdict
 from ..model.arguments import joint_array, joint_shaped, model_argument
 from ..model.model import Model
@@ -28,8 +29,7 @@ from .threads import check_workers, run_in_threads
 from .trace import Trace, argument_widths, quantity_of, trace, within_a_trace
 from .wrenches import named_by_function, wrenches_as_arrays
 
-DTYPES = ("float64", "float32")
-FLOAT64 = np.dtype("float64")
+FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
 
 
 class Kernel:
@@ -140,7 +140,7 @@ class Kernel:
     def blocks(self) -> Any:
         """The program on batches."""
         pivots = None if self.quantity.judge is None else self.model.n
-        entries = int(np.prod(self.traced.shape, dtype=np.int64))
+        entries = prod(self.traced.shape)
         batches: Batches = engine_of(self.engine).batches(
             self.traced.program, self.widths, entries, pivots, self._rates
         )
@@ -194,9 +194,9 @@ class Kernel:
             joint_shaped(name, a, self.model, width)
             for name, a, width in zip(self.names, arguments, self.widths, strict=True)
         ]
-        dtype = np.result_type(*arrays)
-        if self._trace is not None and dtype.name in DTYPES:
-            if out is None and dtype == np.float64 and all(a.ndim == 1 for a in arrays):
+        dtype = common_dtype(arrays)
+        if self._trace is not None and dtype in (FLOAT64, FLOAT32):
+            if out is None and dtype == FLOAT64 and all(a.ndim == 1 for a in arrays):
                 return self._evaluate_one_state([a.astype(FLOAT64, copy=False) for a in arrays])
             return self._batch(arrays, dtype, out, workers)
         result, verdict = self._by_function(arrays)
@@ -262,12 +262,12 @@ class Kernel:
         leading = common_leading_shape(dict(zip(self.names, arrays, strict=True)))
         shape = leading + self.traced.shape
         out = np.empty(shape, dtype=dtype) if out is None else check_out(out, shape, dtype, self.names, arrays)
-        count = int(np.prod(leading, dtype=np.int64))
-        states = [np.broadcast_to(a, leading + a.shape[-1:]).reshape(count, a.shape[-1]) for a in arrays]
+        count = prod(leading)
+        states = [self._rows(a, leading, count) for a in arrays]
 
         def by_function(begin: int, end: int) -> tuple[Array, Verdict]:
-            for name, array, width in zip(self.names, states, self.widths, strict=True):
-                joint_array(name, array.reshape(*leading, width), self.model, width)  # names NaN by its index
+            for name, array, width in zip(self.names, arrays, self.widths, strict=True):
+                joint_array(name, array, self.model, width)  # names NaN by its index
             result, verdict = self._by_function([array[begin:end].astype(dtype) for array in states])
 
             def place(state: BatchIndex) -> BatchIndex:
@@ -276,5 +276,12 @@ class Kernel:
 
             return np.asarray(result).reshape(end - begin, -1), verdict.with_state(place)
 
-        entries = int(np.prod(self.traced.shape, dtype=np.int64))
-        return out, run_in_threads(self.blocks, states, out.reshape(count, entries), by_function, workers)
+        rows = out.reshape(count, prod(self.traced.shape))
+        return out, run_in_threads(self.blocks, states, rows, by_function, workers)
+
+    def _rows(self, array: Array, leading: tuple[int, ...], count: int) -> Array:
+        """One row for each state of a batch."""
+        width = array.shape[-1]
+        if array.shape[:-1] != leading:
+            array = np.broadcast_to(array, (*leading, width))
+        return array.reshape(count, width)

@@ -140,7 +140,7 @@ class BatchProgram:
 
     def __init__(self, program: Program, widths: Sequence[int], entries: int, pivots: int | None, rates: range) -> None:
         self.program, self.widths, self.entries, self.pivots, self.rates = program, widths, entries, pivots, rates
-        self._functions: dict[str, Any] = {}
+        self._functions: dict[np.dtype[Any], Any] = {}
         self.built_on: dict[Any, Any] = {}  # compiled loops that call it
 
     @property
@@ -148,11 +148,12 @@ class BatchProgram:
         """Time that compilations took [s]."""
         return float(sum(function.seconds for function in self._functions.values()))
 
-    def function(self, dtype: str) -> Any:
+    def function(self, dtype: np.dtype[Any]) -> Any:
         """Compiled: f(*arguments, out, begin, end) -> number of the first state to be examined, or end."""
-        with LOCK:  # or each thread would compile it
-            if dtype not in self._functions:
-                self._functions[dtype] = self._function(dtype)
+        if dtype not in self._functions:
+            with LOCK:  # or each thread would compile it
+                if dtype not in self._functions:
+                    self._functions[dtype] = self._function(dtype.name)
         return self._functions[dtype]
 
     def _function(self, dtype: str) -> Any:
@@ -173,7 +174,7 @@ class BatchProgram:
 
         States that need a closer look are left to `fallback`. An error among the verdicts ends the run.
         """
-        function = self.function(results.dtype.name)
+        function = self.function(results.dtype)
         arrays = [a.astype(results.dtype, copy=False) for a in states]
         verdict, count = SOUND, len(results)
         begin = function(*arrays, results, 0, count)

@@ -17,16 +17,16 @@ from ..kernels.kernel import Kernel
 BLOCK = 128  # initial states
 
 
-def compiled_steps(kernel: Kernel, method: str, dtype: str) -> Any:
+def compiled_steps(kernel: Kernel, method: str, dtype: np.dtype[Any]) -> Any:
     """f(x, t, k, total, stage, h, first, last) -> number of steps taken, from step `first` on, at most to `last`.
 
     Compiled once for each kernel, method and dtype; x holds the states, the other arrays are for intermediate results.
     """
     rates = kernel.blocks.function(dtype)
-    kept: dict[tuple[str, str], Any] = kernel.blocks.built_on
+    kept: dict[Any, Any] = kernel.blocks.built_on
     if (method, dtype) not in kept:
         make = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}[method]
-        kept[method, dtype] = njit(nogil=True)(make(rates, kernel.model.n, np.dtype(dtype).type))
+        kept[method, dtype] = njit(nogil=True)(make(rates, kernel.model.n, dtype.type))
     return kept[method, dtype]
 
 

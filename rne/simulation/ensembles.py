@@ -172,7 +172,7 @@ class Plan:
         """The same by compiled loops over blocks of initial states."""
         from .compiled_steps import BLOCK, compiled_steps
 
-        steps = compiled_steps(self.rhs.kernel, self.method, x.dtype.name)
+        steps = compiled_steps(self.rhs.kernel, self.method, x.dtype)
         kept, verdict, length = np.empty((self.spans + 1, *x.shape), x.dtype), SOUND, self.steps // self.spans
         kept[0] = x
         for begin in range(0, len(x), BLOCK):
