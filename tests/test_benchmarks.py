@@ -32,7 +32,7 @@ NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-\d+)?(?![\w]|\.\d)")
 NAMES = ["RK45", "DOP853", "gauss-4", "IRB 140", "UR5", "RK4"]  # their digits are no figures
 
 
-@pytest.mark.parametrize("name", kept(BENCHMARKS, ["benchmarks.kernels"]))
+@pytest.mark.parametrize("name", kept(BENCHMARKS, ["benchmarks.lagrange"]))
 def test_quick_run_prints_a_table_and_changes_no_file(name):
     places = (ROOT / "benchmarks" / "results").glob("*.json"), (ROOT / "docs" / "benchmarks").glob("*")
     results = [engines.README, *sorted(path for place in places for path in place)]

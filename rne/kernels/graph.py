@@ -56,6 +56,7 @@ class Graph:
         self.nodes: list[Node] = []
         self.limit = limit
         self._index: dict[tuple[Any, ...], int] = {}
+        self._constants: dict[int, float] = {}  # by node
 
     def node(self, kind: str, *args: Any) -> int:
         """The reference of an operation; equal operations share one."""
@@ -75,16 +76,15 @@ class Graph:
 
     def constant(self, value: float) -> int:
         """A number; kept positive, its sign in the reference."""
-        if not value >= 0:
-            return self.node("constant", -value) ^ 1 if value < 0 else self.node("constant", value)
-        return self.node("constant", value + 0.0)
+        size = -value if value < 0 else value + 0.0
+        ref = self.node("constant", size)
+        self._constants[ref >> 1] = size
+        return ref ^ (value < 0)
 
     def value(self, ref: int) -> float | None:
         """The value of a constant reference, or None if it depends on inputs."""
-        node = self.nodes[ref >> 1]
-        if node.kind != "constant":
-            return None
-        return -node.args[0] if ref & 1 else node.args[0]  # type: ignore[no-any-return]
+        value = self._constants.get(ref >> 1)
+        return -value if ref & 1 and value is not None else value
 
     def negate(self, a: int) -> int:
         """-a; zero has no sign."""
@@ -211,4 +211,8 @@ class Graph:
         if not a & 1:
             return a
         x = self.value(a)
-        return self.node("negative", a & ~1) if x is None else self.node("constant", x)
+        if x is None:
+            return self.node("negative", a & ~1)
+        ref = self.node("constant", x)
+        self._constants[ref >> 1] = x
+        return ref

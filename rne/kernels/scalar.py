@@ -18,6 +18,8 @@ def _operator(operation: Callable[[Scalar, int], Scalar]) -> Callable[[Scalar, A
     """The operator of a traced number and another number; an array takes it entry by entry."""
 
     def method(self: Scalar, other: Any) -> Scalar:
+        if type(other) is Scalar:
+            return operation(self, other.ref)
         if isinstance(other, np.ndarray):
             return NotImplemented  # type: ignore[no-any-return]
         return operation(self, self._other(other))
@@ -47,7 +49,7 @@ class Scalar:
     def _other(self, other: Any) -> int:
         if isinstance(other, Scalar):
             return other.ref
-        if isinstance(other, numbers.Real | np.bool_):
+        if type(other) is float or isinstance(other, numbers.Real | np.bool_):
             return self.graph.constant(float(other))
         raise TypeError(f"a traced number cannot be combined with {type(other).__name__}")
 

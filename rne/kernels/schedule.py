@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import heapq
+from collections import Counter, defaultdict
 
 from .program import Instruction, Operand, Program
 
-MAX_INSTRUCTIONS = 1500  # for which the search is worth its cost, which grows with their square
+MAX_INSTRUCTIONS = 1500  # of longer programs (derivatives, chains of 100 joints) the order found needs more registers
 
 
 def with_few_registers(program: Program) -> Program:
@@ -21,38 +22,48 @@ def with_few_registers(program: Program) -> Program:
     readers, missing = _readers(program)
     unread = Counter(arg for instruction in instructions for arg in set(instruction.args))
     unread.update(set(program.outputs))
-    ready = [k for k, count in enumerate(missing) if not count]
-    age: dict[int, int] = {}
+    freshest = [-1] * len(instructions)  # place of the latest operand in the new order
+    ready: list[tuple[int, int, int]] = []
     order: list[int] = []
+    done = [False] * len(instructions)
 
-    def worth(k: int) -> tuple[int, int, int]:
-        args = set(instructions[k].args)
-        last_reads = sum(arg.kind != "constant" and unread[arg] == 1 for arg in args)
-        freshest = max((age[int(arg.value)] for arg in args if arg.kind == "result"), default=-1)
-        return last_reads, freshest, -k
+    def offer(k: int) -> None:
+        """Enter instruction k, or enter it anew when one more of its operands has no other reader."""
+        last_reads = sum(arg.kind != "constant" and unread[arg] == 1 for arg in set(instructions[k].args))
+        heapq.heappush(ready, (-last_reads, -freshest[k], k))
 
+    for k, count in enumerate(missing):
+        if not count:
+            offer(k)
     while ready:
-        k = max(ready, key=worth)
-        ready.remove(k)
-        age[k] = len(order)
-        order.append(k)
-        unread.subtract(set(instructions[k].args))
-        for reader in readers[k]:
+        _, _, k = heapq.heappop(ready)
+        if done[k]:
+            continue
+        done[k] = True
+        for reader in readers[Operand("result", k)]:
             missing[reader] -= 1
+            freshest[reader] = len(order)
+        order.append(k)
+        for arg in set(instructions[k].args):
+            unread[arg] -= 1
+            if unread[arg] == 1 and arg.kind != "constant":
+                for reader in readers[arg]:
+                    if not done[reader] and not missing[reader]:
+                        offer(reader)
+        for reader in readers[Operand("result", k)]:
             if not missing[reader]:
-                ready.append(reader)
+                offer(reader)
     return reordered(program, order)
 
 
-def _readers(program: Program) -> tuple[list[list[int]], list[int]]:
-    """The readers of each result, and the number of results that each instruction waits for."""
-    readers: list[list[int]] = [[] for _ in program.instructions]
+def _readers(program: Program) -> tuple[dict[Operand, list[int]], list[int]]:
+    """The readers of each operand, and the number of results that each instruction waits for."""
+    readers: defaultdict[Operand, list[int]] = defaultdict(list)
     missing = [0] * len(program.instructions)
     for k, instruction in enumerate(program.instructions):
         for arg in set(instruction.args):
-            if arg.kind == "result":
-                readers[int(arg.value)].append(k)
-                missing[k] += 1
+            readers[arg].append(k)
+            missing[k] += arg.kind == "result"
     return readers, missing
 
 

@@ -106,7 +106,7 @@ def test_pulses_are_met_if_they_are_named_and_missed_otherwise(irb140, width):
         assert motions.pulse_missed(irb140, width, method, named=True) < 1e-5
 
 
-@pytest.mark.parametrize("starts", kept([8, 32], [8]))
+@pytest.mark.parametrize("starts", kept([2, 8, 32], [2]))
 def test_single_precision_follows_until_its_rounding_adds_up(irb140, starts):
     double = motions.equal_steps(irb140, (1e-2, 2e-3), np.float64, starts=starts, finest=1e-3)
     single = motions.equal_steps(irb140, (1e-2, 2e-3, 5e-4), np.float32, starts=starts, finest=1e-3)
