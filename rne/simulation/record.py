@@ -42,6 +42,11 @@ class Record:
         self.asked = 0  # times of `t_eval` that were reported
 
     @property
+    def takes_steps(self) -> bool:
+        """True if the end of every step is reported."""
+        return self.t_eval is None and self.every_step
+
+    @property
     def t(self) -> Array:
         """The times so far."""
         return np.array([instant.t for instant in self.instants])
