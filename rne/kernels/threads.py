@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import reduce
 
 from ..basics.spatial import Array
-from ..dynamics.verdict import SOUND, Verdict
+from ..dynamics.verdict import Verdict
 from .engines import Batches, Fallback
 
 
@@ -33,5 +33,7 @@ def run_in_threads(
         arrays = [a[first:last] for a in states]
         return batches.run(arrays, results[first:last], lambda i, j: fallback(first + i, first + j))
 
-    with ThreadPoolExecutor(workers) as pool:
-        return reduce(Verdict.worse, pool.map(run, itertools.pairwise(edges)), SOUND)
+    own, *others = itertools.pairwise(edges)
+    with ThreadPoolExecutor(workers - 1) as pool:
+        futures = [pool.submit(run, stretch) for stretch in others]
+        return reduce(Verdict.worse, (future.result() for future in futures), run(own))
