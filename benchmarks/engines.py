@@ -1,8 +1,8 @@
-"""The README's tables of engines: python -m benchmarks.engines [--quick]
+"""Tables of the engines: python -m benchmarks.engines [--quick]
 
 From the last runs of `python -m benchmarks.kernels` and `python -m benchmarks.simulation`, whose JSON files are read,
-README.md gets its tables of kernels, engines and single motions anew. `--quick` runs both benchmarks with few states
-and prints the tables.
+README.md gets its table of engines and docs/benchmarks/engines.md those of kernels and single motions anew. `--quick`
+runs both benchmarks with few states and prints the tables.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from typing import Any
 from benchmarks import kernels, simulation
 from benchmarks.cases import ENGINES, QUANTITIES, title
 from benchmarks.measure import QUICK_NOTE, RESULTS, is_quick
-from benchmarks.pages import rewrite, table
+from benchmarks.pages import DOCS, rewrite, table
 
 README = Path(__file__).resolve().parents[1] / "README.md"
+PAGES = {README: ("engines",), DOCS / "benchmarks" / "engines.md": ("kernels", "motions")}  # and their tables
 SHOWN = ("irb140", "panda")  # robots of the table of kernels
 Results = dict[str, Any]
 
@@ -122,7 +123,8 @@ def main() -> None:
         found = tables(kernels.run(True), simulation.run(True))
     else:
         found = tables(read("kernels.json"), read("simulation.json"))
-        rewrite(README, found)
+        for page, names in PAGES.items():
+            rewrite(page, {name: found[name] for name in names})
     print("\n\n".join(found.values()))
     if quick:
         print(f"\n{QUICK_NOTE}")
