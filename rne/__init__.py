@@ -40,6 +40,7 @@ from .simulation.scene import Payload, Scene
 from .simulation.simulator import simulate
 from .simulation.trajectory import Trajectory
 from .urdf import Finding, check, read_urdf, to_urdf
+from .urdf.library import robots
 from .urdf.loading import load
 
 __version__ = "0.1.0"
@@ -104,6 +105,7 @@ __all__ = [
     "potential_energy",
     "read_urdf",
     "recursion",
+    "robots",
     "simulate",
     "to_urdf",
     "traceable",

@@ -146,7 +146,9 @@ def public_functions():
 def test_public_functions_are_documented(name):
     text = inspect.getdoc(getattr(rne, name))
     for section in ("Parameters", "Returns", "Examples"):
-        assert f"{section}\n---" in text or (section == "Parameters" and name == "irb140"), f"{name}: {section}"
+        assert f"{section}\n---" in text or (section == "Parameters" and name in ("irb140", "robots")), (
+            f"{name}: {section}"
+        )
 
 
 def test_names_in_the_source_have_no_accents():

@@ -176,7 +176,11 @@ def test_a_robot_is_not_a_model(irb140):
 
 
 def test_load_refuses_what_is_neither_name_nor_file():
-    refused(lambda: rne.load("irb14"), "'irb14' is neither a robot (irb140) nor a file", FileNotFoundError)
+    refused(
+        lambda: rne.load("irb14"),
+        "'irb14' is neither a file nor one of rne.robots(); did you mean 'irb140'?",
+        FileNotFoundError,
+    )
 
 
 def test_gravity_of_a_wrong_shape_is_refused():

@@ -71,7 +71,7 @@ def test_source_prints_a_quantity(capsys):
 
 def test_source_of_no_robot(capsys):
     assert main(["source", "irb"]) == 2
-    assert capsys.readouterr().err == "error: 'irb' is neither a robot (irb140) nor a file\n"
+    assert capsys.readouterr().err == "error: 'irb' is neither a file nor one of rne.robots(); did you mean 'irb140'?\n"
 
 
 def test_every_quantity_of_joint_arrays_alone_can_be_printed():

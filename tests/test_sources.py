@@ -231,7 +231,7 @@ def test_command_line_prints_source_or_says_why_not(capsys):
     assert main(["source", "irb140", "--quantity", "mass_matrix", "--language", "matlab"]) == 0
     assert capsys.readouterr().out.startswith("function result = mass_matrix(q)\n")
     assert main(["source", "nobody"]) == 2
-    assert capsys.readouterr().err == "error: 'nobody' is neither a robot (irb140) nor a file\n"
+    assert capsys.readouterr().err == "error: 'nobody' is neither a file nor one of rne.robots()\n"
     assert PRINTED == LANGUAGES
     assert all(hasattr(rne, name) for name in quantities())
 

@@ -12,6 +12,7 @@ from ..model.model import STANDARD_GRAVITY
 from ..model.robots import BUILDERS
 from ..robot import Robot
 from . import read_urdf
+from .library import library, unknown
 
 
 def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY, engine: str = "numpy") -> Robot:
@@ -20,7 +21,8 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     Parameters
     ----------
     source : str or path-like
-        "irb140", for which no file is read, or the path of a URDF file.
+        A name of `rne.robots()`, such as "irb140", or the path of a URDF file, which goes before a name. For "irb140"
+        no file is read; the others are files of example-robot-data.
     gravity : array_like, shape (3,)
         In the axes of the root link [m/s^2].
     engine : {"numpy", "numba"}
@@ -35,7 +37,7 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     UrdfError
         For the first error in the file, naming file, element and attribute.
     FileNotFoundError
-        If it is neither a robot's name nor a file.
+        If it is neither a file nor a robot's name; suggests names that are near.
     ValueError
         If `gravity` is not three finite numbers, or there is no such engine.
     ImportError
@@ -52,6 +54,9 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
         raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
     if isinstance(source, str) and source in BUILDERS:
         return Robot(replace(BUILDERS[source](), gravity=g), engine)
+    name = os.fspath(source)
+    if not os.path.isfile(source) and name in library():
+        return Robot(read_urdf(library()[name], gravity=g), engine)
     if not os.path.exists(source):
-        raise FileNotFoundError(f"{os.fspath(source)!r} is neither a robot ({', '.join(BUILDERS)}) nor a file")
+        raise FileNotFoundError(unknown(name))
     return Robot(read_urdf(source, gravity=g), engine)

@@ -1,0 +1,68 @@
+"""Robots by name: built in, or files of example-robot-data."""
+
+import importlib.metadata
+
+import numpy as np
+import pytest
+
+import rne
+from rne.urdf import library as module
+
+from .helpers import data_robot, data_robots, kept
+
+
+@pytest.fixture
+def without_package(monkeypatch):
+    def missing(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "files", missing)
+    module.library.cache_clear()
+    yield
+    module.library.cache_clear()
+
+
+def test_every_file_of_the_package_has_one_name():
+    names = rne.robots()
+    assert names[0] == "irb140"
+    assert len(names) == len(set(names)) == 1 + len(data_robots())
+    assert {"ur5", "panda", "ur3", "ur3_robot", "tiago", "anymal_c_simple_description/anymal"} <= set(names)
+
+
+@pytest.mark.parametrize("name", kept(["ur5", "panda"], ["ur5"]))
+def test_a_name_is_its_file(name):
+    file = {"ur5": "ur_description/ur5_robot", "panda": "panda_description/panda"}[name]
+    robot = rne.load(name, gravity=[0, 0, -1.62], engine="numpy")
+    assert robot.joint_names == data_robot(file).joint_names
+    np.testing.assert_array_equal(robot.model.mass, data_robot(file).model.mass)
+    assert robot.model.gravity.tolist() == [0, 0, -1.62]
+
+
+def test_a_file_goes_before_a_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "panda").mkdir()
+    assert rne.load("panda").model.name == "panda"
+    (tmp_path / "ur5").write_text(rne.to_urdf(rne.irb140()))
+    assert rne.load("ur5").model.name == "irb140"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("ur55", "'ur55' is neither a file nor one of rne.robots(); did you mean 'ur5'?"),
+        ("gantry.urdf", "'gantry.urdf' is neither a file nor one of rne.robots()"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_near_ones(name, text):
+    with pytest.raises(FileNotFoundError) as caught:
+        rne.load(name)
+    assert str(caught.value).startswith(text)
+
+
+def test_without_the_package_the_built_in_robots_are_there(without_package):
+    assert rne.robots() == ("irb140",)
+    assert rne.load("irb140").n == 6
+    with pytest.raises(FileNotFoundError) as caught:
+        rne.load("ur5")
+    told = "'ur5' is neither a file nor one of rne.robots() (more names: pip install 'rne[robots]')"
+    assert str(caught.value) == told
