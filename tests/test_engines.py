@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -115,6 +116,7 @@ class TestSines:
     NEAR = np.arange(-600, 601) * np.pi / 2  # where sine or cosine vanish, and the reduction must keep its digits
     ANGLES = np.concatenate(
         [NEAR, NEAR * (1 + EPS), 10.0 ** np.arange(-300, 13), -(10.0 ** np.arange(0, 12.5, 0.1)), [0.0, 1e5, 99999.5]]
+        + [np.random.default_rng(0).uniform(-top, top, 1000) for top in (3.2, 1e3, 1e5)]
     )
 
     @pytest.fixture
@@ -207,6 +209,13 @@ class TestArguments:
         assert (got.shape, got.dtype) == ((3, 4, 6), np.float64)
         assert relative(got.reshape(12, 6), expected.reshape(12, 6)) <= 8 * 6 * EPS
 
+    def test_bits_do_not_depend_on_the_number_of_states(self, kernels):
+        s = states(6, 50)
+        for kernel in kernels:
+            all_states = kernel(*s)
+            assert np.array_equal(kernel(*(a[1:40] for a in s)), all_states[1:40])
+            assert np.array_equal(kernel(*s, workers=3), all_states)
+
     def test_out_is_filled(self, kernels):
         s = states(6, 9)
         out = np.empty((9, 6))
@@ -262,6 +271,14 @@ MISTAKES = {
 
 class TestErrors:
     """The same on both engines, to the letter."""
+
+    def test_overflow_of_a_heavy_robot_in_float32(self):
+        heavy = rne.irb140()
+        heavy = replace(heavy, mass=heavy.mass * 1e40, inertia=heavy.inertia * 1e40)
+        q = states(6, 9)[0].astype(np.float32)
+        expected, got = (outcome(lambda e=e: rne.Robot(heavy, e).mass_matrix(q)) for e in engines.ENGINES)
+        assert expected[0] is rne.NotFiniteError
+        assert got == expected
 
     @pytest.mark.parametrize("mistake", MISTAKES)
     def test_mistakes(self, kernels, mistake):

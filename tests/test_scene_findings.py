@@ -30,6 +30,35 @@ def test_a_law_that_is_changed_between_runs_is_traced_anew(irb140):
     np.testing.assert_allclose(motion.tau, -50.0 * motion.q, rtol=1e-12, atol=1e-12)
 
 
+def test_a_change_that_shows_in_some_states_only_is_noticed(irb140):
+    """The gain counts where the third joint is above zero, as in one half of all states."""
+
+    class OneSided(Gain):
+        def __call__(self, t, q, qd):
+            above = rne.elementwise.less(0.0, q[2:3])
+            return rne.elementwise.where(above, -self.k * q, -10 * q) - 5 * qd
+
+    law, start = OneSided(1.0), np.full(6, 0.1)
+    scene = rne.Scene(irb140, controller=law)
+    rne.simulate(scene, start, 0 * start, 0.05)
+    law.k = 50.0
+    motion = rne.simulate(scene, start, 0 * start, 0.05)
+    fresh = rne.simulate(rne.Scene(irb140, controller=OneSided(50.0)), start, 0 * start, 0.05)
+    assert np.array_equal(motion.q, fresh.q)
+
+
+def test_a_law_that_is_infinite_before_it_is_clipped_is_linearised(irb140):
+    """At q = 0 the kernel of the slopes refuses 1 / q^2, and the complex step of the recursion answers."""
+
+    @rne.traceable
+    def law(t, q, qd):
+        return rne.elementwise.clip(-1 / (q * q), -5.0, 5.0)
+
+    motion = rne.simulate(rne.Scene(irb140, controller=law), np.zeros(6), np.zeros(6), 0.01)
+    assert motion.status == 0
+    np.testing.assert_array_equal(motion.tau[0], -5.0)
+
+
 def test_the_state_of_a_sampled_controller_is_that_of_its_sample(irb140):
     law = rne.control.pid(irb140, [50] * 6, [10] * 6, [20] * 6, [1.0] * 6)
     motion = rne.simulate(rne.Scene(irb140, controller=law, sample_time=1e-4), [0] * 6, [0] * 6, 5e-4)

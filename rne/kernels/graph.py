@@ -79,7 +79,7 @@ class Graph:
         size = -value if value < 0 else value + 0.0
         ref = self.node("constant", size)
         self._constants[ref >> 1] = size
-        return ref ^ (value < 0)
+        return ref ^ int(value < 0)
 
     def value(self, ref: int) -> float | None:
         """The value of a constant reference, or None if it depends on inputs."""

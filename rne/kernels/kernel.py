@@ -157,6 +157,7 @@ class Kernel:
             Array for the result of a batch, of its shape and dtype, sharing no memory with the inputs.
         workers : int
             Threads that share a batch. With engine "numba" they run in parallel; NumPy's calls are mostly too short.
+            After an error what is in `out` is undefined.
 
         Returns
         -------
@@ -175,7 +176,7 @@ class Kernel:
 
     def evaluate(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> tuple[Array, Verdict]:
         """The result and its Verdict, not yet announced; see `__call__` for the arguments."""
-        if out is None and self._trace is not None and len(arguments) == len(self.names):
+        if out is None and workers == 1 and self._trace is not None and len(arguments) == len(self.names):
             result = self.plain_state(*arguments)
             if result is not None:
                 return result, SOUND

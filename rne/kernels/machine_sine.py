@@ -1,8 +1,8 @@
 """Sine and cosine of a vector of angles without a branch: reduction by pi/2, two polynomials, choice by quadrant.
 
-Reduction as Cody and Waite, with pi/2 in three parts; polynomials on [-pi/4, pi/4] with the coefficients of fdlibm
-(Sun Microsystems 1993, k_sin.c and k_cos.c). Errors stay below 1 unit in the last place up to LARGEST; larger angles
-are left to the C library.
+Reduction as Cody and Waite, with pi/2 in three parts and the rounding of the remainder kept; polynomials on
+[-pi/4, pi/4] with the coefficients of fdlibm (Sun Microsystems 1993, k_sin.c and k_cos.c). Errors stay below 1 unit in
+the last place up to LARGEST; larger angles are left to the C library.
 """
 
 from __future__ import annotations
@@ -46,10 +46,7 @@ def sine_and_cosine(emitter: Any, angle: Any) -> tuple[Any, Any]:
 def _in_float64(emitter: Any, angle: Any) -> tuple[Any, Any]:
     builder, constant = emitter.builder, emitter.constant
     quarter = emitter.intrinsic("rint", builder.fmul(angle, constant(2 / math.pi)))
-    r = angle
-    for part in HALF_PI:
-        r = emitter.intrinsic("fmuladd", quarter, constant(-part), r)
-    sine, cosine = _near_zero(emitter, r)
+    sine, cosine = _near_zero(emitter, *_remainder(emitter, angle, quarter))
     integers = ir.VectorType(ir.IntType(64), emitter.lanes)
 
     def integer(k: int) -> Any:
@@ -68,16 +65,31 @@ def _in_float64(emitter: Any, angle: Any) -> tuple[Any, Any]:
     )
 
 
-def _near_zero(emitter: Any, r: Any) -> tuple[Any, Any]:
-    """Sine and cosine for |r| <= pi/4: r + r^3 S(r^2), and 1 - r^2/2 + r^4 C(r^2) with the rounding of 1 - r^2/2."""
+def _remainder(emitter: Any, angle: Any, quarter: Any) -> tuple[Any, Any]:
+    """angle - quarter pi/2, as a number and what rounding took from it."""
+    builder = emitter.builder
+    first, second, third = (emitter.constant(-part) for part in HALF_PI)
+    r1 = emitter.intrinsic("fmuladd", quarter, first, angle)  # exact
+    r2 = emitter.intrinsic("fmuladd", quarter, second, r1)
+    lost = emitter.intrinsic("fmuladd", quarter, second, builder.fsub(r1, r2))
+    rest = emitter.intrinsic("fmuladd", quarter, third, lost)
+    r = builder.fadd(r2, rest)
+    return r, builder.fsub(rest, builder.fsub(r, r2))
+
+
+def _near_zero(emitter: Any, r: Any, tail: Any) -> tuple[Any, Any]:
+    """Sine and cosine of r + tail, |r| <= pi/4: r + r^3 S(r^2) + tail cos r, and 1 - r^2/2 + r^4 C(r^2) - tail r.
+
+    The rounding of 1 - r^2/2 is kept. What is small is added up first.
+    """
     builder, one = emitter.builder, emitter.constant(1.0)
     z = builder.fmul(r, r)
-    sine = emitter.intrinsic("fmuladd", builder.fmul(r, z), _polynomial(emitter, SINE, z), r)
     half = builder.fmul(z, emitter.constant(0.5))
     near = builder.fsub(one, half)
-    rest = builder.fsub(builder.fsub(one, near), half)
-    tail = emitter.intrinsic("fmuladd", builder.fmul(z, z), _polynomial(emitter, COSINE, z), rest)
-    return sine, builder.fadd(near, tail)
+    small = emitter.intrinsic("fmuladd", builder.fmul(r, z), _polynomial(emitter, SINE, z), builder.fmul(tail, near))
+    rest = builder.fsub(builder.fsub(builder.fsub(one, near), half), builder.fmul(r, tail))
+    rest = emitter.intrinsic("fmuladd", builder.fmul(z, z), _polynomial(emitter, COSINE, z), rest)
+    return builder.fadd(r, small), builder.fadd(near, rest)
 
 
 def _polynomial(emitter: Any, coefficients: tuple[float, ...], x: Any) -> Any:

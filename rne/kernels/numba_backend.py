@@ -7,9 +7,11 @@ whose result must be examined, runs state by state; a state that must be examine
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 import time
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -29,8 +31,9 @@ from .python_backend import Guard, Refused
 
 LOGGER = logging.getLogger("rne")
 LOCK = threading.Lock()
-SLOW = 1.0  # s of a compilation that is announced
-EXAMINED = 1024  # states that the recursion examines together
+SLOW = 1.0  # s of a compilation of which the logger tells afterwards
+LONG = 2000  # operations of a program whose compilation it announces
+FEW, MANY = 16, 1024  # states that the recursion examines together
 REGISTER_BITS = 512 if binding.get_host_cpu_features().get("avx512f") else 256
 TYPES: dict[str, Any] = {"float64": types.float64, "float32": types.float32}
 
@@ -41,7 +44,9 @@ def lanes_of(dtype: str) -> int:
 
 
 class Section:
-    """What one group of states runs: load, compute, check, store.
+    """What one group of states runs: load, compute, store, check.
+
+    Results are stored before it is known whether they are sound; those that are not are computed anew.
 
     Parameters
     ----------
@@ -51,35 +56,40 @@ class Section:
     entries : int
         Number of entries of the result.
     guard : Guard or None
+    dtype : {"float64", "float32"}
+    lanes : int
+        States in a group.
     """
 
-    def __init__(self, program: Program, widths: Sequence[int], entries: int, guard: Guard | None) -> None:
+    def __init__(
+        self,
+        program: Program,
+        widths: Sequence[int],
+        entries: int,
+        guard: Guard | None,
+        dtype: str = "float64",
+        lanes: int = 1,
+    ) -> None:
         self.program, self.widths, self.entries, self.guard = program, tuple(widths), entries, guard
+        self.dtype, self.lanes = dtype, lanes
+        self.key = next(KEYS)
+        SECTIONS[self.key] = self
 
-    def inlined(self, dtype: str, lanes: int) -> Any:
-        """For compiled code: group(arguments, out, row) -> True if the results of these states are sound."""
-
-        def codegen(context: Any, builder: Any, signature: Any, args: Sequence[Any]) -> Any:
-            given, out_type, _ = signature.args
-            emitter = Emitter(builder, dtype, lanes)
-            inputs = []
-            for k, (kind, width) in enumerate(zip(given, self.widths, strict=True)):
-                array = context.make_array(kind)(context, builder, builder.extract_value(args[0], k))
-                rows = Rows(emitter, array, kind.ndim, args[2])
-                inputs += [rows.load(column) for column in range(width)]
-            outputs, angles = emitter.outputs(self.program, inputs)
-            results = outputs[: self.entries]
-            array = context.make_array(out_type)(context, builder, args[1])
-            rows = Rows(emitter, array, out_type.ndim, args[2])
-            for column, result in enumerate(results):
-                rows.store(column, result)
-            return emitter.all(self._conditions(emitter, inputs, outputs, angles))
-
-        @intrinsic
-        def group(typing_context: Any, arguments: Any, out: Any, row: Any) -> Any:
-            return types.boolean(arguments, out, row), codegen
-
-        return group
+    def emit(self, context: Any, builder: Any, signature: Any, args: Sequence[Any]) -> Any:
+        """Append the section to a function that Numba is building; true if the results are sound."""
+        _, given, out_type, _ = signature.args
+        _, arguments, out, row = args
+        emitter = Emitter(builder, self.dtype, self.lanes)
+        inputs = []
+        for k, (kind, width) in enumerate(zip(given, self.widths, strict=True)):
+            array = context.make_array(kind)(context, builder, builder.extract_value(arguments, k))
+            rows = Rows(emitter, array, kind.ndim, row)
+            inputs += [rows.load(column) for column in range(width)]
+        outputs, angles = emitter.outputs(self.program, inputs)
+        rows = Rows(emitter, context.make_array(out_type)(context, builder, out), out_type.ndim, row)
+        for column, result in enumerate(outputs[: self.entries]):
+            rows.store(column, result)
+        return emitter.all(self._conditions(emitter, inputs, outputs, angles))
 
     def _conditions(self, emitter: Emitter, inputs: list[Any], outputs: list[Any], angles: list[Any]) -> list[Any]:
         """When a group needs no closer look: finite inputs and results, moderate angles and rates, sound pivots."""
@@ -99,49 +109,70 @@ class Section:
         return conditions
 
 
+# Numba keeps every intrinsic for ever. There is one, which finds its section by a number that is constant in the text.
+KEYS = itertools.count()
+SECTIONS: weakref.WeakValueDictionary[int, Section] = weakref.WeakValueDictionary()
+
+
+def _codegen(context: Any, builder: Any, signature: Any, args: Sequence[Any]) -> Any:
+    return SECTIONS[signature.args[0].literal_value].emit(context, builder, signature, args)
+
+
+@intrinsic(prefer_literal=True)
+def run_section(typing_context: Any, key: Any, arguments: Any, out: Any, row: Any) -> Any:
+    """In compiled code: the section on the states from `row` on; True if their results are sound."""
+    return types.boolean(key, arguments, out, row), _codegen
+
+
 def compiled_function(
     program: Program, widths: Sequence[int], shape: tuple[int, ...], guard: Guard | None = None
 ) -> Callable[..., Array]:
     """A function of one float64 vector per argument, as `python_backend.compiled_function`."""
-    single = Section(program, widths, int(np.prod(shape, dtype=np.int64)), guard).inlined("float64", 1)
-    out = types.Array(types.float64, max(len(shape), 1), "C")
-    text = "return single(({arguments},), out.ravel(), 0)"
-    compiled = _compiled(text, len(widths), {"single": single}, _vector(1), ["out"], [out])
-    namespace = {"compiled": compiled, "empty": np.empty, "shape": shape or (1,), "Refused": Refused}
+    single = Section(program, widths, int(np.prod(shape, dtype=np.int64)), guard)
+    kinds = [*[_vector(1, types.float64)] * len(widths), types.Array(types.float64, max(len(shape), 1), "C")]
+    _announce(program)
     arguments = ", ".join(f"a{k}" for k in range(len(widths)))
-    lines = [
-        f"def function({arguments}):",
-        "    out = empty(shape)",  # which costs less than an array that compiled code hands over
-        f"    if not compiled({arguments}, out):",
-        "        raise Refused",
-        f"    return {'out' if shape else 'out[0]'}",
-    ]
-    exec("\n".join(lines) + "\n", namespace)
+    compiled = _compiled(STATE.format(arguments=arguments, single=single.key), kinds, {}, releases_lock=False)
+    # An array that Python makes costs less than one that compiled code hands over.
+    text = CALL.format(arguments=arguments, result="out" if shape else "out[0]")
+    namespace = {"compiled": compiled, "empty": np.empty, "shape": shape or (1,), "Refused": Refused}
+    exec(text, namespace)
     function: Any = namespace["function"]
     function.seconds = compiled.seconds
     return function  # type: ignore[no-any-return]
 
 
-class BatchProgram:
-    """A program that runs on arrays of states, as `numpy_backend.BlockProgram`.
+STATE = """def function({arguments}, out):
+    return run_section({single}, ({arguments},), out.ravel(), 0)
+"""
+CALL = """def function({arguments}):
+    out = empty(shape)
+    if not compiled({arguments}, out):
+        raise Refused
+    return {result}
+"""
+# The last group overlaps the one before it, so that bits do not depend on the number of states.
+BATCH = """def function({arguments}, out, begin, end):
+    k = begin
+    while k < end:
+        last = min(k + lanes, end)
+        first = max(last - lanes, begin)
+        if last - first < lanes or not run_section({group}, ({arguments},), out, first):
+            for row in range(first, last):
+                if not run_section({single}, ({arguments},), out, row):
+                    return row
+        k = last
+    return end
+"""
 
-    Parameters
-    ----------
-    program : Program
-    widths : sequence of int
-        Number of inputs of each argument.
-    entries : int
-        Number of entries of the result, the first outputs of the program.
-    pivots : int or None
-        Number of pivots of M behind them, with the diagonal of M after these; None if there are none.
-    rates : range
-        Inputs that are joint rates, whose squares may cost digits.
-    """
+
+class BatchProgram:
+    """A program that runs on arrays of states, with the parameters of `numpy_backend.BlockProgram`."""
 
     def __init__(self, program: Program, widths: Sequence[int], entries: int, pivots: int | None, rates: range) -> None:
         self.program, self.widths, self.entries, self.pivots, self.rates = program, widths, entries, pivots, rates
         self._functions: dict[np.dtype[Any], Any] = {}
-        self.built_on: dict[Any, Any] = {}  # compiled loops that call it
+        self._loops: dict[Any, Any] = {}
 
     @property
     def seconds(self) -> float:
@@ -156,64 +187,64 @@ class BatchProgram:
                     self._functions[dtype] = self._function(dtype.name)
         return self._functions[dtype]
 
+    def loop(self, key: Any, make: Callable[[], Any]) -> Any:
+        """A compiled loop that calls `function`, made once for each key."""
+        if key not in self._loops:
+            self._loops[key] = make()
+        return self._loops[key]
+
     def _function(self, dtype: str) -> Any:
         guard = None
         if self.pivots is not None:
             factor = NEARLY_SINGULAR * self.pivots * float(np.finfo(dtype).eps)
             guard = Guard(factor, self.pivots, self.rates, rate_bound(np.dtype(dtype)))
-        section = Section(self.program, self.widths, self.entries, guard)
+        _announce(self.program)
         lanes = lanes_of(dtype)
-        names = {"group": section.inlined(dtype, lanes), "single": section.inlined(dtype, 1), "lanes": lanes}
+        group, single = (Section(self.program, self.widths, self.entries, guard, dtype, n) for n in (lanes, 1))
+        arguments = ", ".join(f"a{k}" for k in range(len(self.widths)))
+        text = BATCH.format(arguments=arguments, group=group.key, single=single.key)
         number = TYPES[dtype]
-        out = types.Array(number, 2, "C")
-        further, their_types = ["out", "begin", "end"], [out, types.int64, types.int64]
-        return _compiled(BATCH, len(self.widths), names, _vector(2, number), further, their_types)
+        kinds = [*[_vector(2, number)] * len(self.widths), types.Array(number, 2, "C"), types.int64, types.int64]
+        return _compiled(text, kinds, {"lanes": lanes}, releases_lock=True)
 
     def run(self, states: Sequence[Array], results: Array, fallback: Fallback) -> Verdict:
         """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
 
-        States that need a closer look are left to `fallback`. An error among the verdicts ends the run.
+        States that need a closer look are left to `fallback`: few at first, more where they follow one another. An
+        error among the verdicts ends the run.
         """
-        function = self.function(results.dtype)
-        arrays = [a.astype(results.dtype, copy=False) for a in states]
-        verdict, count = SOUND, len(results)
-        begin = function(*arrays, results, 0, count)
-        while begin < count:
-            end = min(begin + EXAMINED, count)
-            block, found = fallback(begin, end)
-            verdict = verdict.worse(found)
-            if verdict.error is not None:
-                break
-            results[begin:end] = block
-            begin = function(*arrays, results, end, count)
+        function, count, verdict, stretch = self.function(results.dtype), len(results), SOUND, FEW
+        with np.errstate(all="ignore"):
+            arrays = [a.astype(results.dtype, copy=False) for a in states]
+            begin = function(*arrays, results, 0, count)
+            while begin < count:
+                end = min(begin + stretch, count)
+                block, found = fallback(begin, end)
+                verdict = verdict.worse(found)
+                if verdict.error is not None:
+                    break
+                results[begin:end] = block
+                begin = function(*arrays, results, end, count)
+                stretch = min(2 * stretch, MANY) if begin == end else FEW
         return verdict
 
 
-BATCH = """k = begin
-while k < end:
-    last = min(k + lanes, end)
-    if k + lanes > end or not group(({arguments},), out, k):
-        for row in range(k, last):
-            if not single(({arguments},), out, row): return row
-    k = last
-return end"""
-
-
-def _vector(ndim: int, number: Any = types.float64) -> Any:
+def _vector(ndim: int, number: Any) -> Any:
     """The type of an argument: any strides, not written to."""
     return types.Array(number, ndim, "A", readonly=True, aligned=False)
 
 
-def _compiled(
-    body: str, count: int, names: Mapping[str, Any], argument: Any, further: Sequence[str], their_types: Sequence[Any]
-) -> Any:
-    """The compiled function of `count` arrays, named in the text by {arguments}, and further arguments."""
-    arguments = ", ".join(f"a{k}" for k in range(count))
-    text = body.format(arguments=arguments).replace("\n", "\n    ")
-    namespace = dict(names)
-    exec(f"def function({', '.join([arguments, *further])}):\n    {text}\n", namespace)
+def _announce(program: Program) -> None:
+    if len(program.instructions) > LONG:
+        LOGGER.info("Numba compiles a kernel of %d operations, which takes some seconds", len(program.instructions))
+
+
+def _compiled(text: str, kinds: Sequence[Any], names: Mapping[str, Any], *, releases_lock: bool) -> Any:
+    """The `function` of a text, compiled for arguments of these types."""
+    namespace = {"run_section": run_section, **names}
+    exec(text, namespace)
     began = time.perf_counter()
-    compiled: Any = njit([(*[argument] * count, *their_types)], nogil=len(further) > 1)(namespace["function"])
+    compiled: Any = njit([tuple(kinds)], nogil=releases_lock)(namespace["function"])
     compiled.seconds = time.perf_counter() - began
     if compiled.seconds > SLOW:
         LOGGER.info("Numba took %.1f s to compile a kernel", compiled.seconds)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import reduce
+
+import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.verdict import Verdict
@@ -14,7 +15,7 @@ from .engines import Batches, Fallback
 
 def check_workers(workers: int) -> None:
     """Refuse anything but a positive whole number."""
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+    if isinstance(workers, bool) or not isinstance(workers, int | np.integer) or workers < 1:
         raise ValueError(f"`workers` must be a positive whole number, got {workers!r}")
 
 
@@ -36,4 +37,8 @@ def run_in_threads(
     own, *others = itertools.pairwise(edges)
     with ThreadPoolExecutor(workers - 1) as pool:
         futures = [pool.submit(run, stretch) for stretch in others]
-        return reduce(Verdict.worse, (future.result() for future in futures), run(own))
+        verdict = run(own)
+        for future in futures:
+            if verdict.error is None:  # of several errors that of the first state is told
+                verdict = verdict.worse(future.result())
+    return verdict

@@ -23,15 +23,14 @@ def compiled_steps(kernel: Kernel, method: str, dtype: np.dtype[Any]) -> Any:
     Compiled once for each kernel, method and dtype; x holds the states, the other arrays are for intermediate results.
     """
     rates = kernel.blocks.function(dtype)
-    kept: dict[Any, Any] = kernel.blocks.built_on
-    if (method, dtype) not in kept:
-        make = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}[method]
-        kept[method, dtype] = njit(nogil=True)(make(rates, kernel.model.n, dtype.type))
-    return kept[method, dtype]
+    if method == "rk4":
+        return kernel.blocks.loop((method, dtype), lambda: njit(nogil=True)(_rk4(rates, dtype.type)))
+    n = kernel.model.n
+    return kernel.blocks.loop((method, dtype), lambda: njit(nogil=True)(_semi_implicit(rates, n, dtype.type)))
 
 
-def _rk4(rates: Any, n: int, number: Any) -> Callable[..., int]:
-    """The classical Runge-Kutta method of order 4."""
+def _rk4(rates: Any, number: Any) -> Callable[..., int]:
+    """The classical Runge-Kutta method of order 4, as `ensembles._rk4`."""
     ahead = np.array([0.5, 0.5, 1.0, 0.0])  # of the state at which the next slope is taken, in steps
     at = np.array([0.0, 0.5, 0.5, 1.0])
     weight = np.array([1.0, 2.0, 2.0, 1.0])
@@ -58,7 +57,7 @@ def _rk4(rates: Any, n: int, number: Any) -> Callable[..., int]:
 
 
 def _semi_implicit(rates: Any, n: int, number: Any) -> Callable[..., int]:
-    """Semi-implicit Euler: rates first, then positions with the new rates."""
+    """Semi-implicit Euler: rates first, then positions with the new rates, as `ensembles._semi_implicit`."""
 
     def steps(x: Any, t: Any, k: Any, total: Any, stage: Any, h: float, first: int, last: int) -> int:
         width = number(h)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
@@ -90,7 +92,8 @@ def ensemble(
     progress : callable, optional
         progress(done, total), called with numbers of steps over all initial states.
     executor : concurrent.futures.Executor, optional
-        Runs chunks of initial states in parallel: a process pool, or a Dask cluster's `client.get_executor()`.
+        Runs chunks of initial states in parallel: a process pool, a Dask cluster's `client.get_executor()`, or with
+        engine "numba" a thread pool. Each process traces and compiles the right-hand side once.
 
     Returns
     -------
@@ -279,15 +282,28 @@ def _run_all(
         return [
             plan.run(chunk, first, tick if progress else None) for chunk, first in zip(chunks, firsts, strict=False)
         ]
-    from concurrent.futures import wait
+    from concurrent.futures import ThreadPoolExecutor, wait
 
+    run = plan.run if isinstance(executor, ThreadPoolExecutor) else partial(run_pickled, pickle.dumps(plan))
     futures: list[Future[tuple[Array, Verdict]]] = [
-        executor.submit(plan.run, chunk, first) for chunk, first in zip(chunks, firsts, strict=False)
+        executor.submit(run, chunk, first) for chunk, first in zip(chunks, firsts, strict=False)
     ]
     for future, chunk in zip(futures, chunks, strict=True):
         wait([future])
         tick(len(chunk) * plan.steps, 0)
     return [future.result() for future in futures]
+
+
+@lru_cache(maxsize=4)
+def _plan(pickled: bytes) -> Plan:
+    """The plan of a process, which traces and compiles its kernel once for all chunks."""
+    plan: Plan = pickle.loads(pickled)
+    return plan
+
+
+def run_pickled(pickled: bytes, x: Array, first: int) -> tuple[Array, Verdict]:
+    """Plan.run in another process."""
+    return _plan(pickled).run(x, first)
 
 
 def _blocks(scene: Scene) -> RightHandSide:

@@ -191,8 +191,12 @@ class Residual(AppliedTorques):
 
     def evaluate(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> tuple[Array, Verdict]:  # type: ignore[override]
         """The same, with numbers."""
+        arrays = [np.asarray(v) for v in (t, x, a, *(() if u is None else (u,)))]
+        leading = np.broadcast_shapes(*(v.shape[:-1] for v in arrays))  # a complex step moves one of them alone
+        dtype = np.result_type(*arrays)
+        arrays = [np.broadcast_to(v.astype(dtype, copy=False), leading + v.shape[-1:]) for v in arrays]
         with np.errstate(all="ignore"):
-            result = self.core(model, np.asarray(t), np.asarray(x), np.asarray(a), u)
+            result = self.core(model, *arrays)
         check_result("the equations of motion", result)
         return result, SOUND
 
@@ -265,7 +269,7 @@ class RightHandSide(AppliedTorques):
 
     def is_current(self) -> bool:
         """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
-        return self.law is None or _difference(self.torques, self.torques.kernel, trials=1) <= AGREEMENT
+        return self.law is None or _difference(self.torques, self.torques.kernel) <= AGREEMENT
 
     @cached_property
     def torques(self) -> AppliedTorques:
@@ -278,10 +282,10 @@ class RightHandSide(AppliedTorques):
         return Residual(self.terms)
 
 
-def _difference(torques: AppliedTorques, kernel: Kernel, trials: int = TRIALS) -> float:
+def _difference(torques: AppliedTorques, kernel: Kernel) -> float:
     """Largest difference between traced and called torques in some states, relative where they exceed 1."""
     rng, worst = np.random.default_rng(0), 0.0
-    for _ in range(trials):
+    for _ in range(TRIALS):
         t, x = rng.uniform(0, 1, 1), rng.uniform(-1, 1, torques.size)
         called, _ = torques.evaluate(torques.robot.model, t, x)
         scale = max(1.0, float(np.abs(called).max(initial=0.0)))

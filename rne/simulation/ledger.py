@@ -103,14 +103,14 @@ class Ledger:
         self._held, self._at_rest = held, at_rest
         if is_last or len(self._spans) >= self.steps:
             self._close_panel()
-            if len(self._panels) >= BLOCK:
-                self.integrate()
 
     def _close_panel(self) -> None:
-        """Make a panel of the steps that were added since the last."""
+        """Make a panel of the steps that were added since the last; enough of them are integrated together."""
         if self._spans:
             spans, self._spans = tuple(self._spans), []
             self._panels.append(Panel(spans[0].begin, spans[-1].end, spans, self._held, self._at_rest))
+            if len(self._panels) >= BLOCK:
+                self.integrate()
 
     def integrate(self) -> None:
         """Integrate over the panels that were added."""
