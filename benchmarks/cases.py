@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import re
 import tempfile
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 import rne
 from benchmarks.peers.registry import import_failure
+from rne.urdf.library import library
 
 QUANTITIES: dict[str, tuple[Any, int]] = {  # the function and how many of (q, qd, qdd or tau) it takes
     "inverse_dynamics": (rne.inverse_dynamics, 3),
@@ -23,20 +23,11 @@ FREE_FINGERS = "panda without its mimic tag"
 RATES = (np.pi, 10.0, 50.0)  # largest angles [rad], rates [rad/s], and accelerations [rad/s^2] or torques [N m]
 
 
-def data_robots() -> dict[str, Path]:
-    """URDF files of example-robot-data, by short name."""
-    files = importlib.metadata.files("example-robot-data") or []
-    return {
-        f"{f.parts[f.parts.index('robots') + 1]}/{f.stem}": Path(str(f.locate())) for f in files if f.suffix == ".urdf"
-    }
-
-
 def load(name: str, engine: str = "numpy") -> rne.Robot:
     """One of the compared robots."""
     if name == FREE_FINGERS:
-        return without_mimics(data_robots()["panda_description/panda"], engine)
-    short = {"ur5": "ur_description/ur5_robot", "panda": "panda_description/panda"}
-    return rne.load(data_robots()[short[name]] if name in short else name, engine=engine)
+        return without_mimics(library()["panda"], engine)
+    return rne.load(name, engine=engine)
 
 
 def without_mimics(path: Path, engine: str) -> rne.Robot:

@@ -20,10 +20,10 @@ import numpy as np
 import pinocchio as pin
 
 import rne
-from benchmarks.cases import data_robots
 from rne.analysis.pinocchio import Oracle, each
 from rne.analysis.validation import random_states
 from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.urdf.library import urdf_files
 
 MASS, COM, INERTIA = 3.0, np.array([0.05, -0.1, 0.2]), np.diag([0.02, 0.03, 0.04])  # the payload, on a tool's frame
 RPY = np.array([0.3, -0.7, 1.1])  # the mounting, on no axis
@@ -256,7 +256,7 @@ def of_run(arm: Arm, name: str, twin: Twin, motion: rne.Trajectory, losses: Any 
 
 def arms() -> dict[str, Arm]:
     """The IRB 140; the UR5; and the Panda, whose two sliding fingers branch off, the second as a mimic of the first."""
-    files = data_robots()
+    files = urdf_files()
     found = {"irb140": Arm(rne.load("irb140"), rne.to_urdf(rne.irb140()), "tool0")}
     for name, path, link in (
         ("ur5", "ur_description/ur5_robot", "tool0"),

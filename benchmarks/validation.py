@@ -8,11 +8,11 @@ Writes benchmarks/results/validation.json.
 from __future__ import annotations
 
 import rne
-from benchmarks.cases import data_robots
 from benchmarks.every_torque import Difference, arms, differences
 from benchmarks.measure import is_quick, write
 from benchmarks.pages import table
 from rne.analysis.validation import against_pinocchio
+from rne.urdf.library import urdf_files
 
 NAMED = ("ur_description/ur5_robot", "panda_description/panda")
 QUANTITIES = ["inverse dynamics", "mass matrix", "gravity", "bias"]
@@ -33,7 +33,7 @@ def compare(robot: rne.Robot, samples: int, xml: str | None = None) -> dict[str,
 def every_data_robot(samples: int) -> dict[str, dict[str, float]]:
     """Every robot of example-robot-data that loads and has a joint."""
     found = {}
-    for name, path in sorted(data_robots().items()):
+    for name, path in sorted(urdf_files().items()):
         try:
             robot = rne.load(path)
         except rne.UrdfError:
@@ -61,7 +61,7 @@ def by_quantity(found: dict[str, list[Difference]]) -> dict[str, dict[str, list[
 
 def main() -> None:
     quick = is_quick(__doc__)
-    samples, files = 3 if quick else 1000, data_robots()
+    samples, files = 3 if quick else 1000, urdf_files()
     results = {"irb140": compare(rne.load("irb140"), samples)}
     results |= {name: compare(rne.load(files[name]), samples, files[name].read_text()) for name in NAMED}
     others = {} if quick else every_data_robot(samples // 50)

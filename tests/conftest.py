@@ -29,6 +29,7 @@ def pytest_configure(config):
     for function in (rne.load, rne.compile, rne.derivative):
         function.__kwdefaults__["engine"] = engine
     rne.Robot.__init__.__defaults__ = (engine,)
+    assert {rne.load("irb140").engine, rne.Robot(rne.irb140()).engine} == {engine}
 
 
 @pytest.fixture(params=TREES, scope="session")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib.metadata
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 import rne
 from rne.analysis.pinocchio import Oracle, each
 from rne.model.builder import Part, assemble
+from rne.urdf.library import urdf_files
 
 __all__ = [
     "EPS",
@@ -81,12 +81,9 @@ def relative(a, b):
     return float((np.abs(a - b).max(axis=axes) / size).max())
 
 
-@functools.cache
 def data_robots():
-    """URDF files of example-robot-data, by short name."""
-    files = importlib.metadata.files("example-robot-data") or []
-    urdfs = sorted((f for f in files if f.suffix == ".urdf"), key=str)
-    return {f"{f.parts[f.parts.index('robots') + 1]}/{f.stem}": Path(f.locate()) for f in urdfs}
+    """URDF files of example-robot-data, by "folder/file"."""
+    return urdf_files()
 
 
 @functools.cache

@@ -8,7 +8,7 @@ import pytest
 import rne
 from rne.urdf import library as module
 
-from .helpers import data_robot, data_robots, kept
+from .helpers import data_robot, kept
 
 
 @pytest.fixture
@@ -17,15 +17,16 @@ def without_package(monkeypatch):
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "files", missing)
-    module.library.cache_clear()
+    module.urdf_files.cache_clear()
     yield
-    module.library.cache_clear()
+    module.urdf_files.cache_clear()
 
 
 def test_every_file_of_the_package_has_one_name():
     names = rne.robots()
     assert names[0] == "irb140"
-    assert len(names) == len(set(names)) == 1 + len(data_robots())
+    installed = importlib.metadata.files("example-robot-data")
+    assert len(names) == len(set(names)) == 1 + sum(file.suffix == ".urdf" for file in installed)
     assert {"ur5", "panda", "ur3", "ur3_robot", "tiago", "anymal_c_simple_description/anymal"} <= set(names)
 
 

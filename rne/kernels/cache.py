@@ -64,13 +64,13 @@ class KernelCache:
         return kernel
 
     def value(self, function: Declared, *arrays: ArrayLike) -> Array:
-        """A quantity without other arguments, of which there is no loss to tell, for one state or a batch."""
+        """A quantity that has no Verdict and no other arguments, for one state or a batch."""
         plain = self._plain.get(function)
         result = None if plain is None else plain(*arrays)
         return self.evaluate(function, *arrays)[0] if result is None else result
 
     def value_under(self, external: External, function: Declared, *arrays: ArrayLike) -> Array:
-        """The same of a quantity under external wrenches."""
+        """A quantity that has no Verdict, under external wrenches by link."""
         links, arrays = self._with_wrenches(function, arrays, external)
         if not links:
             return self.value(function, *arrays)

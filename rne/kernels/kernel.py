@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.conditioning import NEARLY_SINGULAR, rate_bound
 from ..dynamics.quantity import Declared, common_dtype, common_leading_shape
 from ..dynamics.verdict import SOUND, BatchIndex, Verdict
 from ..model.arguments import joint_array, joint_shaped, model_argument
@@ -68,7 +67,7 @@ class Kernel:
                 self._trace: Trace | None = trace(self.quantity, model, self.fixed, self.wrt)
         except TooLarge:
             self._trace = None
-        self.plain_state = plain_state_call(self.widths, self._function_of_one_state)
+        self.plain_state = plain_state_call(self.widths, lambda: self.state_function)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine)
@@ -121,18 +120,13 @@ class Kernel:
         """The program on one float64 vector per argument; raises Refused where the recursion must look closer."""
         return self._state_function(self._rates)
 
-    def _function_of_one_state(self) -> Callable[..., Array]:
-        return self.state_function
-
     @cached_property
     def state_function_at_any_rate(self) -> Callable[..., Array]:
         """The same without the check of joint rates, for simulations, which check them at their samples."""
         return self._state_function(range(0))
 
     def _state_function(self, rates: range) -> Callable[..., Array]:
-        n, eps, guard = self.model.n, float(np.finfo(np.float64).eps), None
-        if self.quantity.judge is not None:
-            guard = Guard(NEARLY_SINGULAR * n * eps, n, rates, rate_bound(np.dtype(np.float64)))
+        guard = None if self.quantity.judge is None else Guard.of(self.model.n, rates, FLOAT64)
         make = engine_of(self.engine).state_function
         return make(self.traced.program, self.widths, self.traced.shape, guard)
 

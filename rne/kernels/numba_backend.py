@@ -21,7 +21,6 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from ..basics.spatial import Array
-from ..dynamics.conditioning import NEARLY_SINGULAR, rate_bound
 from ..dynamics.verdict import SOUND, Verdict
 from .engines import Fallback
 from .machine_code import Emitter, Rows
@@ -30,7 +29,7 @@ from .program import Program
 from .python_backend import Guard, Refused
 
 LOGGER = logging.getLogger("rne")
-LOCK = threading.Lock()
+LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once
 SLOW = 1.0  # s of a compilation of which the logger tells afterwards
 LONG = 2000  # operations of a program whose compilation it announces
 FEW, MANY = 16, 1024  # states that the recursion examines together
@@ -50,12 +49,10 @@ class Section:
 
     Parameters
     ----------
-    program : Program
-    widths : sequence of int
-        Number of inputs of each argument.
-    entries : int
-        Number of entries of the result.
+    program, widths, entries
+        As of `numpy_backend.BlockProgram`.
     guard : Guard or None
+        Which results need no examination by the recursion.
     dtype : {"float64", "float32"}
     lanes : int
         States in a group.
@@ -182,7 +179,7 @@ class BatchProgram:
     def function(self, dtype: np.dtype[Any]) -> Any:
         """Compiled: f(*arguments, out, begin, end) -> number of the first state to be examined, or end."""
         if dtype not in self._functions:
-            with LOCK:  # or each thread would compile it
+            with LOCK:
                 if dtype not in self._functions:
                     self._functions[dtype] = self._function(dtype.name)
         return self._functions[dtype]
@@ -194,10 +191,7 @@ class BatchProgram:
         return self._loops[key]
 
     def _function(self, dtype: str) -> Any:
-        guard = None
-        if self.pivots is not None:
-            factor = NEARLY_SINGULAR * self.pivots * float(np.finfo(dtype).eps)
-            guard = Guard(factor, self.pivots, self.rates, rate_bound(np.dtype(dtype)))
+        guard = None if self.pivots is None else Guard.of(self.pivots, self.rates, np.dtype(dtype))
         _announce(self.program)
         lanes = lanes_of(dtype)
         group, single = (Section(self.program, self.widths, self.entries, guard, dtype, n) for n in (lanes, 1))

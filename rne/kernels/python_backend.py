@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
+from ..dynamics.conditioning import NEARLY_SINGULAR, rate_bound
 from .program import Instruction, Operand, Program
 
 SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
@@ -54,6 +55,11 @@ class Guard(NamedTuple):
     n: int
     rates: range
     rate_bound: float
+
+    @classmethod
+    def of(cls, n: int, rates: range, dtype: np.dtype[Any]) -> Guard:
+        """That of computations in a dtype."""
+        return cls(NEARLY_SINGULAR * n * float(np.finfo(dtype).eps), n, rates, rate_bound(dtype))
 
 
 def sign(x: float) -> float:

@@ -28,7 +28,7 @@ def with_few_registers(program: Program) -> Program:
     done = [False] * len(instructions)
 
     def offer(k: int) -> None:
-        """Enter instruction k, or enter it anew when one more of its operands has no other reader."""
+        """Enter instruction k; anew when one more of its operands has no other reader: `done` skips the older entry."""
         last_reads = sum(arg.kind != "constant" and unread[arg] == 1 for arg in set(instructions[k].args))
         heapq.heappush(ready, (-last_reads, -freshest[k], k))
 

@@ -108,12 +108,6 @@ class Plant(Unswitched):
         first, last = self.span
         t = first if t < first else last if t > last else t
         if self.law is None:
-            if self.held is None and self._state_function is not None:
-                try:
-                    self._time[0] = t
-                    return self._state_function(self._time, x)
-                except Refused:
-                    pass
             return self.rates(t, x, self.held)
         self._check_state(t, x)
         return self.rates(t, x, self.torque(t, x))
@@ -168,8 +162,8 @@ class Plant(Unswitched):
         return self.drives_under(t, X, u)
 
     def drives_under(self, t: Array, X: Array, u: Array | None) -> Array | None:
-        """The same where torques `u` are given or the law is traced."""
-        if self.rhs.law is not None and self.rhs.friction is None:  # then the net torques are the drives'
+        """Torques of the drives, within their limits, of a traced law or of torques `u`; None without drives."""
+        if self.rhs.law is not None and self.rhs.friction is None:  # the kernel's net torques are the drives' then
             return self.rhs.torques.kernel(t[:, None], X)[:, : self.robot.n]
         drives, _ = self.rhs.drives(t[:, None], X, u)
         return None if drives is None else np.asarray(drives, dtype=np.float64)

@@ -14,22 +14,25 @@ PACKAGE = "example-robot-data"
 
 
 @cache
-def library() -> dict[str, Path]:
-    """URDF files of example-robot-data by name; empty without that package.
-
-    A name is that of the file, or "folder/file" if two folders have the same; "ur5_robot" is "ur5", since no file is.
-    """
+def urdf_files() -> dict[str, Path]:
+    """URDF files of example-robot-data by "folder/file" without suffix; empty without that package."""
     try:
         files = importlib.metadata.files(PACKAGE) or []
     except importlib.metadata.PackageNotFoundError:
         return {}
     urdfs = sorted((file for file in files if file.suffix == ".urdf"), key=str)
-    count = Counter(file.stem for file in urdfs)
+    folder = [file.parts[file.parts.index("robots") + 1] for file in urdfs]
+    return {f"{f}/{file.stem}": Path(str(file.locate())) for f, file in zip(folder, urdfs, strict=True)}
+
+
+def library() -> dict[str, Path]:
+    """The same by name: that of the file, "ur5" for "ur5_robot", and "folder/file" where two folders have the same."""
+    count = Counter(path.stem for path in urdf_files().values())
     found = {}
-    for file in urdfs:
-        folder, short = file.parts[file.parts.index("robots") + 1], file.stem.removesuffix("_robot")
-        name = file.stem if count[file.stem] == 1 else f"{folder}/{file.stem}"
-        found[name if short in count else short] = Path(str(file.locate()))
+    for folder_and_file, path in urdf_files().items():
+        short = path.stem.removesuffix("_robot")
+        name = path.stem if count[path.stem] == 1 else folder_and_file
+        found[name if short in count else short] = path
     return found
 
 
