@@ -151,7 +151,7 @@ class Picture:
         return self.ax.plot([], [], [], label=label if label and len(shown) else "_nolegend_", **style)[0]
 
     def _base(self, length: float) -> None:
-        for end, color, name in zip(length * np.eye(3), ("#d22", "#0a0", "#33e"), "xyz", strict=True):
+        for end, color, name in zip(length * np.eye(3), ("#d22", "#0a0", "#66f"), "xyz", strict=True):
             self.ax.plot(*np.stack([np.zeros(3), end]).T, color=color, linewidth=2.5, alpha=0.7, zorder=ABOVE - 1)
             self.ax.text(*(1.15 * end), name, color=color, ha="center", va="center", zorder=ABOVE + 3)
 
