@@ -30,7 +30,7 @@ def compiled_steps(kernel: Kernel, method: str, dtype: np.dtype[Any]) -> Any:
 
 
 def _rk4(rates: Any, number: Any) -> Callable[..., int]:
-    """The classical Runge-Kutta method of order 4, as `ensembles._rk4`."""
+    """The classical Runge-Kutta method of order 4, as `equal_steps._rk4`."""
     ahead = np.array([0.5, 0.5, 1.0, 0.0])  # of the state at which the next slope is taken, in steps
     at = np.array([0.0, 0.5, 0.5, 1.0])
     weight = np.array([1.0, 2.0, 2.0, 1.0])
@@ -57,7 +57,7 @@ def _rk4(rates: Any, number: Any) -> Callable[..., int]:
 
 
 def _semi_implicit(rates: Any, n: int, number: Any) -> Callable[..., int]:
-    """Semi-implicit Euler: rates first, then positions with the new rates, as `ensembles._semi_implicit`."""
+    """Semi-implicit Euler: rates first, then positions with the new rates, as `equal_steps._semi_implicit`."""
 
     def steps(x: Any, t: Any, k: Any, total: Any, stage: Any, h: float, first: int, last: int) -> int:
         width = number(h)

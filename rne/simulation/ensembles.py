@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from dataclasses import dataclass, field
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array
-from ..dynamics.verdict import SOUND, Verdict
-from ..errors import NotFiniteError, SingularMassMatrixError
 from ..model.arguments import joint_array
+from ..model.model import Model
 from ..robot import Robot
+from .equal_steps import STEPPERS, Plan, Progress, run_all
 from .equations_of_motion import RightHandSide
+from .plant import Plant
 from .scene import Scene, scene_of_robot
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor, Future
+    from concurrent.futures import Executor
 
-# Semi-implicit Euler, of order 1, is what most real-time engines step with; on damped stiff loops it is stable up to
-# 2/lambda at one evaluation per step, where RK4 takes four for 2.8/lambda.
-METHODS = ("rk4", "semi-implicit-euler")
-CHUNK = 8192  # initial states stepped together, so that their states stay in the cache
-Progress = Callable[[int, int], Any]
+QUANTITIES = ("q", "qd", "tau")  # of each motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +35,8 @@ class Ensemble:
         Stored times [s].
     q, qd : ndarray, shape (S, N, n)
         Positions and rates of each motion at these times [rad or m; rad/s or m/s].
+    tau : ndarray, shape (S, N, n)
+        Torques of the drives at these times, zero without a controller [N m or N].
     energies : ndarray, shape (S, N, k)
         Energies of the ledger [J].
     ledger : tuple of str, length k
@@ -50,16 +46,58 @@ class Ensemble:
         [s]
     evaluations : int
         Evaluations of the right-hand side, counted per state.
+    model : Model
+        The robot that moved.
     """
 
     t: Array
     q: Array
     qd: Array
+    tau: Array
     energies: Array
     ledger: tuple[str, ...]
     method: str
     step: float
     evaluations: int
+    model: Model = field(repr=False)
+
+    def quantiles(self, probabilities: ArrayLike = (0.05, 0.5, 0.95), of: str = "q") -> Array:
+        """Quantiles over the motions at each stored time.
+
+        Parameters
+        ----------
+        probabilities : float or array_like, shape (P,)
+            From 0 to 1.
+        of : {"q", "qd", "tau"}
+            Positions, rates or torques.
+
+        Returns
+        -------
+        ndarray, shape (P, S, n), or (S, n) for one probability
+            In the units of the quantity; `rne.plotting.fan` draws them.
+
+        Raises
+        ------
+        ValueError
+            If `of` is another name, a probability is not between 0 and 1, or there are no motions.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> starts = np.random.default_rng(0).uniform(-1, 1, (100, 6))
+        >>> swings = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3, keep=5)
+        >>> swings.quantiles([0.05, 0.5, 0.95]).shape
+        (3, 5, 6)
+        """
+        if of not in QUANTITIES:
+            raise ValueError(f"`of` must be one of {list(QUANTITIES)}, got {of!r}")
+        if not self.q.shape[1]:
+            raise ValueError("there are no motions to take quantiles of")
+        levels = real_array("probabilities", probabilities, "(P,)")
+        if ((levels < 0) | (levels > 1)).any():
+            raise ValueError(f"`probabilities` must be between 0 and 1, got {levels.tolist()}")
+        found: Array = np.quantile(getattr(self, of), levels, axis=1)
+        return found
 
 
 def ensemble(
@@ -124,8 +162,8 @@ def ensemble(
     )
     if q.ndim != 2 or q.shape != qd.shape:
         raise ValueError(f"`q0` and `qd0` must have the same shape (N, {n}), got {q.shape} and {qd.shape}")
-    if method not in METHODS:
-        raise ValueError(f"`method` must be one of {list(METHODS)}, got {method!r}")
+    if method not in STEPPERS:
+        raise ValueError(f"`method` must be one of {list(STEPPERS)}, got {method!r}")
     end, near = positive_number("duration", duration), positive_number("step", step)
     if not isinstance(keep, int | np.integer) or keep < 2:
         raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
@@ -133,177 +171,27 @@ def ensemble(
     steps = max(1, ceil(end / near / spans * (1 - 1e-12))) * spans
     plan = Plan(rhs, method, end / steps, steps, spans)
     x0 = np.concatenate([q, qd, np.zeros((len(q), rhs.size - 2 * n), q.dtype)], axis=1)
-    kept = _run_all(plan, x0, progress, executor)
+    kept = run_all(plan, x0, progress, executor)
     t = np.linspace(0.0, end, keep)
     count = {"rk4": 4, "semi-implicit-euler": 1}[method] * steps * len(q)
     for _, verdict in kept:
         verdict.raise_or_warn(stacklevel=2)
     x = np.concatenate([part[0] for part in kept], axis=1) if kept else np.zeros((keep, 0, rhs.size), q.dtype)
     energies = x[..., 2 * n + rhs.controller_states :]
-    return Ensemble(t, x[..., :n], x[..., n : 2 * n], energies, rhs.ledger, method, end / steps, count)
+    tau = _drive_torques(rhs, t, x)
+    return Ensemble(
+        t, x[..., :n], x[..., n : 2 * n], tau, energies, rhs.ledger, method, end / steps, count, rhs.robot.model
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """The steps that are taken with each chunk of initial states."""
-
-    rhs: RightHandSide
-    method: str
-    h: float
-    steps: int
-    spans: int
-
-    def run(self, x: Array, first: int, tick: Progress | None = None) -> tuple[Array, Verdict]:
-        """States at the stored times, shape (spans + 1, N, size), and the worst loss of precision.
-
-        `first` is the number of the first initial state among all, for messages.
-        """
-        if self.rhs.kernel.engine == "numba" and self.rhs.kernel.is_unrolled:
-            return self._run_compiled(x, first, tick)
-        stepper = STEPPERS[self.method]
-        work = _Work(self.rhs, x, first)
-        kept = [x.copy()]
-        for k in range(self.steps):
-            stepper(work, k * self.h, self.h)
-            if (k + 1) % (self.steps // self.spans) == 0:
-                kept.append(work.x.copy())
-            if tick is not None:
-                tick(len(x), 0)
-        return np.array(kept), work.verdict
-
-    def _run_compiled(self, x: Array, first: int, tick: Progress | None) -> tuple[Array, Verdict]:
-        """The same by compiled loops over blocks of initial states."""
-        from .compiled_steps import BLOCK, compiled_steps
-
-        steps = compiled_steps(self.rhs.kernel, self.method, x.dtype)
-        kept, verdict, length = np.empty((self.spans + 1, *x.shape), x.dtype), SOUND, self.steps // self.spans
-        kept[0] = x
-        for begin in range(0, len(x), BLOCK):
-            work = _Work(self.rhs, x[begin : begin + BLOCK], first + begin)
-            for span in range(self.spans):
-                k, last = span * length, (span + 1) * length
-                while k < last:
-                    k = steps(work.x, work.t, work.k, work.sum, work.stage, self.h, k, last)
-                    if k < last:  # a step with a state to be examined
-                        STEPPERS[self.method](work, k * self.h, self.h)
-                        k += 1
-                kept[span + 1, begin : begin + BLOCK] = work.x
-                if tick is not None:
-                    tick(len(work.x) * length, 0)
-            verdict = verdict.worse(work.verdict)
-        return kept, verdict
-
-
-class _Work:
-    """Arrays of one chunk, reused in every step."""
-
-    def __init__(self, rhs: RightHandSide, x: Array, first: int) -> None:
-        self.first = first  # number of the first of these initial states
-        self.rhs, self.kernel, self.n = rhs, rhs.kernel, rhs.robot.n
-        self.x = np.array(x)
-        self.t = np.zeros((len(x), 1), self.x.dtype)
-        self.k, self.sum, self.stage = (np.empty_like(self.x) for _ in range(3))
-        self.verdict = SOUND
-
-    def slope(self, t: float, x: Array) -> Array:
-        self.t.fill(t)
-        try:
-            rates, verdict = self.kernel.evaluate(self.t, x, out=self.k)
-        except NotFiniteError as error:
-            raise self._located(error, t, x) from None
-        if verdict is not SOUND:
-            if verdict.error is not None:
-                (start,) = verdict.error.state
-                raise SingularMassMatrixError(
-                    f"start {self.first + start} at t = {t:.6g} s: {verdict.error.what}",
-                    verdict.error.cause,
-                    verdict.error.joints,
-                )
-            self.verdict = self.verdict.worse(verdict)
-        return rates
-
-    def _located(self, error: NotFiniteError, t: float, x: Array) -> NotFiniteError:
-        """The error with the first start at fault and the time."""
-        for k in range(len(x)):
-            try:
-                rates, verdict = self.kernel.evaluate(self.t[k], x[k])
-            except NotFiniteError as found:
-                return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {found}", t)
-            if verdict.error is None and not np.isfinite(rates).all():
-                break
-        return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {error}", t)
-
-
-def _rk4(work: _Work, t: float, h: float) -> None:
-    """The classical Runge-Kutta method of order 4."""
-    x, total, stage = work.x, work.sum, work.stage
-    np.copyto(stage, x)
-    for time, weight, ahead in ((t, 1, 0.5), (t + h / 2, 2, 0.5), (t + h / 2, 2, 1.0), (t + h, 1, 0.0)):
-        k = work.slope(time, stage)
-        if weight == 1 and ahead == 0.5:
-            np.copyto(total, k)
-        else:
-            np.multiply(k, weight, out=stage)
-            np.add(total, stage, out=total)
-        if ahead:
-            np.multiply(k, ahead * h, out=stage)
-            np.add(stage, x, out=stage)
-    np.multiply(total, h / 6, out=total)
-    np.add(x, total, out=x)
-
-
-def _semi_implicit(work: _Work, t: float, h: float) -> None:
-    """Semi-implicit Euler: rates first, then positions with the new rates."""
-    k = work.slope(t, work.x)
-    n = work.n
-    work.x[:, n:] += h * k[:, n:]
-    work.x[:, :n] += h * work.x[:, n : 2 * n]
-
-
-STEPPERS = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}
-
-
-def _run_all(
-    plan: Plan, x0: Array, progress: Progress | None, executor: Executor | None
-) -> list[tuple[Array, Verdict]]:
-    chunks = [x0[k : k + CHUNK] for k in range(0, len(x0), CHUNK)]
-    if executor is not None and len(x0):
-        chunks = np.array_split(x0, max(len(chunks), min(len(x0), 8)))
-    total, done = len(x0) * plan.steps, 0
-
-    def tick(count: int, _: int) -> None:
-        nonlocal done
-        done += count
-        if progress is not None:
-            progress(done, total)
-
-    firsts = np.cumsum([0, *map(len, chunks)]).tolist()
-    if executor is None:
-        return [
-            plan.run(chunk, first, tick if progress else None) for chunk, first in zip(chunks, firsts, strict=False)
-        ]
-    from concurrent.futures import ThreadPoolExecutor, wait
-
-    run = plan.run if isinstance(executor, ThreadPoolExecutor) else partial(run_pickled, pickle.dumps(plan))
-    futures: list[Future[tuple[Array, Verdict]]] = [
-        executor.submit(run, chunk, first) for chunk, first in zip(chunks, firsts, strict=False)
-    ]
-    for future, chunk in zip(futures, chunks, strict=True):
-        wait([future])
-        tick(len(chunk) * plan.steps, 0)
-    return [future.result() for future in futures]
-
-
-@lru_cache(maxsize=4)
-def _plan(pickled: bytes) -> Plan:
-    """The plan of a process, which traces and compiles its kernel once for all chunks."""
-    plan: Plan = pickle.loads(pickled)
-    return plan
-
-
-def run_pickled(pickled: bytes, x: Array, first: int) -> tuple[Array, Verdict]:
-    """Plan.run in another process."""
-    return _plan(pickled).run(x, first)
+def _drive_torques(rhs: RightHandSide, t: Array, x: Array) -> Array:
+    """Torques of the drives at stored times, shape (S, N, n)."""
+    shape = (*x.shape[:2], rhs.robot.n)
+    times = np.repeat(t, x.shape[1]).astype(x.dtype)
+    size = 2 * rhs.robot.n + rhs.controller_states
+    states = x[..., :size].reshape(len(times), size)
+    drives = Plant(rhs, None).drives_under(times, states, None)
+    return np.zeros(shape, x.dtype) if drives is None else drives.astype(x.dtype).reshape(shape)
 
 
 def _blocks(scene: Scene) -> RightHandSide:

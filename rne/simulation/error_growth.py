@@ -18,7 +18,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import RneError
 from .plant import Plant
-from .trajectory import Run, Task
+from .run import Run, Task
 
 BLOCK = 256  # steps evaluated together
 LEVELS = 8  # of the extrapolation

@@ -17,6 +17,7 @@ from .events import Event, first_crossing
 from .ledger import Ledger, Span
 from .plant import Plant
 from .record import Instant, Record
+from .run import Failure, Run, Task
 from .sampled import MAX_EVALUATIONS, ZeroOrderHold
 from .solver import AdaptiveSolver, Step
 from .stick_slip import DryPlant
@@ -24,7 +25,6 @@ from .stops import Stop
 from .symplectic import METHOD as GAUSS
 from .symplectic import GaussSolver, Hamilton
 from .system import Stepper, System
-from .trajectory import Failure, Run, Task
 from .watch import Watch
 
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
@@ -50,6 +50,7 @@ class Loop:
         self.ledger = Ledger(plant.powers, len(plant.integrated)) if plant.integrated else None
         self.work_before, self.begun = 0.0, self.x  # work of held torques before the segment, and its first state
         self.record = Record(task.t_eval, every_step=hold is None)
+        self.ends = Record(None, every_step=False)  # of segments, just before what may jump there
         self.samples, self.evaluations_before = 0, 0
         self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
 
@@ -63,6 +64,7 @@ class Loop:
                 self.x = self.system.start(self.x)
                 while self.t < self.task.duration and self.stop is None:
                     self._segment()
+                    self._leave()
                 if self.hold is not None and self.t >= self.samples * self.hold.period:
                     self.hold.state = self.hold.next_state  # as of the sample that would follow
                 self.record.finish(self.t, self.x, self, stopped=self.stop is not None)
@@ -112,6 +114,13 @@ class Loop:
                 break
         self.x = self.system.reported(self.x)
         return None
+
+    def _leave(self) -> None:
+        """Note the values just before the end of a segment, whose instant reports those after it."""
+        before, ends = float(np.nextafter(self.t, 0.0)), self.ends
+        is_first = not ends.instants or ends.instants[-1].t < before  # of several segments that end at this time
+        if self.task.t_eval is None and self.t < self.task.duration and is_first:
+            ends.begin(before, self.x, self)
 
     def _free_steps(self, end: float) -> None:
         """The same where nothing is looked for inside steps: a loop as short as the solver's own."""
@@ -189,7 +198,11 @@ class Loop:
         return found
 
     def _result(self, energies: dict[str, Array], failure: Failure | None) -> Run:
-        instants = self.record.instants
+        ends = self._run_of(self.ends, {}, None)
+        return self._run_of(self.record, energies, failure)._replace(ends=ends)
+
+    def _run_of(self, record: Record, energies: dict[str, Array], failure: Failure | None) -> Run:
+        instants = record.instants
         n, size = self.plant.robot.n, len(self.task.x0)
         x = self.system.states(np.array([i.x for i in instants]).reshape(len(instants), size))
 
@@ -197,7 +210,7 @@ class Loop:
             return None if not values or values[0] is None else np.array(values).reshape(len(values), width)
 
         return Run(
-            self.record.t,
+            record.t,
             x,
             0 if self.stop is None else 1,
             self._ending(),

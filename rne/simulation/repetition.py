@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..basics.spatial import Array
-from .trajectory import Run, Task
+from .run import Run, Task
 
 FINER = 100.0  # times smaller tolerances
 FINEST = 2.3e-14  # relative tolerance that SciPy's solvers take

@@ -18,11 +18,12 @@ from .error_growth import error_growth
 from .loop import Loop
 from .plant import Plant
 from .repetition import repeated_error
+from .run import Run, Task, build_trajectory
 from .sampled import ZeroOrderHold
 from .scene import Scene, scene_of_robot
 from .stops import check_within_stops, stops
 from .symplectic import METHOD as GAUSS
-from .trajectory import ErrorEstimate, Run, Task, Trajectory, build_trajectory
+from .trajectory import ErrorEstimate, Trajectory
 from .watch import STIFF, fastest_decay
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
@@ -118,6 +119,7 @@ def simulate(
         x0, end, chosen, relative, absolute, times, longest_step, _breaks(scene, breaks), ends, method == "auto"
     )
     motion = _run(plant, task, hold, reason, lambda other: _repeat(scene, rhs, name, other))
+    motion = replace(motion, scene=repr(scene))
     plant.verdict.raise_or_warn(stacklevel=2)
     return motion
 

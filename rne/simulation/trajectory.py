@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
-from ..errors import NotFiniteError, SingularMassMatrixError
 from ..model.model import Model
+from .interpolation import Interpolant, Samples
 from .limits import Violation, limit_violations
-from .plant import Plant
-from .stops import Stop
+from .motion_files import MotionFiles
 
 ErrorEstimate = Callable[[float], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(MotionFiles):
     """A simulated motion.
 
     Attributes
@@ -49,6 +50,13 @@ class Trajectory:
         Energy at t = 0, which `t_eval` may leave out [J].
     model : Model or None
         The robot that moved, of a scene with payload and without locked joints; for `check_limits`.
+    jumps : ndarray, shape (K,)
+        Times among `t` at which accelerations or torques jump [s]; `qdd` and `tau` hold the values after the jump.
+        Empty if `t_eval` was given.
+    qdd_before, tau_before : ndarray, shape (K, n)
+        Accelerations and torques just before each of these times [rad/s^2 or m/s^2; N m or N].
+    scene : str
+        What was simulated, in words.
     error_estimates : tuple of callable
         f(bound) -> times and estimated errors of the positions until they exceed the bound; see `trusted_horizon`.
     """
@@ -72,12 +80,97 @@ class Trajectory:
     energy_start: float = 0.0
     error_estimates: tuple[ErrorEstimate, ...] = field(default=(), repr=False)
     model: Model | None = field(default=None, repr=False)
+    jumps: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    qdd_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    tau_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    scene: str = field(default="", repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "error_estimates": ()}  # they may hold laws that do not pickle
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return values | {"error_estimates": ()}  # they may hold laws that do not pickle
 
     def __copy__(self) -> Trajectory:
         return replace(self)
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations between the samples, so that the motion can serve as a reference.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times within the motion [s]; an array whose last axis has length one holds one time per state.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m; rad/s or m/s; rad/s^2 or m/s^2]. At a jump the values after it.
+
+        Raises
+        ------
+        ValueError
+            If the motion has no samples, or a time is outside the motion or not finite.
+
+        Notes
+        -----
+        In each step the polynomial of fifth degree through the positions, rates and accelerations of both samples.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> q, qd, qdd = swing([0.1, 0.2, 0.3])
+        >>> q.shape
+        (3, 6)
+        """
+        curve, times = self._interpolant, self._interpolant.times(t)
+        shape = times.shape[:-1] if times.ndim and times.shape[-1] == 1 else times.shape
+        q, qd, qdd = (x.reshape(*shape, -1) for x in curve.state(times.reshape(-1)))
+        return q, qd, qdd
+
+    def torques(self, t: ArrayLike) -> Array:
+        """Torques of the drives between the samples.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times within the motion [s]; an array whose last axis has length one holds one time per state.
+
+        Returns
+        -------
+        ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [N m or N]; at a jump the torques after it.
+
+        Raises
+        ------
+        ValueError
+            If the motion has no samples, or a time is outside the motion or not finite.
+
+        Notes
+        -----
+        Monotone cubic interpolation, which shows no peak that the samples do not have; torques that are held between
+        the samples of a controller stay constant.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140")
+        >>> rne.simulate(robot, [0] * 6, [0] * 6, 0.5, torque=[1, 2, 3, 4, 5, 6]).torques(0.25).tolist()
+        [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+        """
+        times = self._interpolant.times(t)
+        shape = times.shape[:-1] if times.ndim and times.shape[-1] == 1 else times.shape
+        return self._interpolant.torques(times.reshape(-1)).reshape(*shape, -1)
+
+    @cached_property
+    def _interpolant(self) -> Interpolant:
+        if not len(self.t):
+            raise ValueError("this motion has no samples")
+        return Interpolant(Samples(*(getattr(self, name) for name in Samples._fields)))
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times of the jumps, at which a simulation with this motion as its reference ends a step [s]."""
+        return tuple(self.jumps.tolist())
 
     def trusted_horizon(self, accuracy: float = 1e-3) -> float:
         """The time up to which the solver's tolerances, or its step, keep every joint within `accuracy` [s].
@@ -163,110 +256,3 @@ def _horizon(bound: float, t: Array, error: Array) -> float:
         return float(t[k - 1])
     part = np.log(bound / error[k - 1]) / np.log(error[k] / error[k - 1])
     return float(t[k - 1] + part * (t[k] - t[k - 1]))
-
-
-class Task(NamedTuple):
-    """The task of a run."""
-
-    x0: Array
-    duration: float
-    method: str
-    rtol: float
-    atol: float
-    t_eval: Array | None = None
-    step: float | None = None
-    breaks: Sequence[float] = ()
-    stops: Sequence[Stop] = ()
-    is_auto: bool = False  # True if the method may be changed while the run goes on
-
-
-class Failure(NamedTuple):
-    """Why a run ended before its time."""
-
-    time: float
-    cause: str
-
-
-class Run(NamedTuple):
-    """The result of a run."""
-
-    t: Array
-    x: Array
-    status: int
-    ending: str
-    u: Array | None  # torques that were held, where they were
-    qdd: Array | None  # accelerations, where they do not follow from time, state and torques
-    controller_state: Array | None  # states of a sampled controller
-    energies: Mapping[str, Array]  # of the ledger, (T,) each
-    failure: Failure | None
-    method: str
-
-
-def build_trajectory(plant: Plant, task: Task, run: Run, reason: str) -> tuple[Trajectory, Failure | None]:
-    """The motion with its torques and energies, up to the first instant that is not finite."""
-    rhs = plant.rhs
-    n = rhs.robot.n
-    tau, qdd, failure = _torques_and_accelerations(plant, run)
-    failure = run.failure or failure
-    T = len(tau)
-    if run.qdd is not None:
-        qdd = run.qdd[:T]
-    t, x = run.t[:T], run.x[:T]
-    q, qd, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + rhs.controller_states]
-    entries = {name: energy[:T] for name, energy in run.energies.items()}
-    work = entries.pop("drives", np.zeros(T))
-    kinetic, potential = rhs.robot.kinetic_energy(q, qd), rhs.robot.potential_energy(q)
-    energy = kinetic + potential
-    taken = sum(entries.values(), np.zeros(T))
-    start = float(rhs.robot.kinetic_energy(*np.split(task.x0[: 2 * n], 2)) + rhs.robot.potential_energy(task.x0[:n]))
-    drift = float(np.abs(energy - start - work + taken).max()) if T else 0.0
-    motion = Trajectory(
-        t,
-        q,
-        qd,
-        qdd,
-        tau,
-        kinetic,
-        potential,
-        energy,
-        work,
-        drift,
-        plant.evaluations,
-        run.method,
-        -1 if failure else run.status,
-        failure.cause if failure else f"{reason}; {run.ending}",
-        entries,
-        z if run.controller_state is None else run.controller_state[:T],
-        start,
-        model=rhs.robot.model,
-    )
-    return motion, failure
-
-
-def _torques_and_accelerations(plant: Plant, run: Run) -> tuple[Array, Array, Failure | None]:
-    """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
-    n = plant.robot.n
-    try:
-        u = run.u
-        if u is None and plant.law is not None:
-            u = plant.torques_at(run.t, run.x)
-        rates = plant.all_rates(run.t, run.x, u)
-        drives = plant.drives_under(run.t, run.x, u)
-        tau = np.zeros((len(run.t), n)) if drives is None else drives
-        return tau, rates[:, n : 2 * n], None
-    except (NotFiniteError, SingularMassMatrixError, ValueError):  # found by looking at each
-        return _one_by_one(plant, run)
-
-
-def _one_by_one(plant: Plant, run: Run) -> tuple[Array, Array, Failure | None]:
-    n = plant.robot.n
-    tau, qdd = np.zeros((len(run.t), n)), np.zeros((len(run.t), n))
-    for k, (time, x) in enumerate(zip(run.t.tolist(), run.x, strict=True)):
-        try:
-            u = plant.torque(time, x) if run.u is None else run.u[k]
-            drives, _ = plant.rhs.drives(np.array([time]), x, u)
-            tau[k] = 0.0 if drives is None else drives
-            qdd[k] = plant.rates(time, x, u)[n : 2 * n]
-        except (NotFiniteError, SingularMassMatrixError) as error:
-            return tau[:k], qdd[:k], Failure(time, str(error))
-    return tau, qdd, None

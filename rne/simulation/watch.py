@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
 from .plant import Plant
-from .trajectory import Task
+from .run import Task
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.

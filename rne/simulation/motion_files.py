@@ -1,0 +1,212 @@
+"""Files of a motion: an archive that holds all of it, a table for other programs."""
+
+from __future__ import annotations
+
+import csv
+import json
+import zipfile
+from dataclasses import fields
+from os import PathLike
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import ModelError
+from ..model.model import Cylinder, Model
+
+FORGOTTEN = ("error_estimates",)  # functions
+TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
+FORM = "rne motion 1"
+
+
+class MotionFiles:
+    """Writing and reading of a Trajectory."""
+
+    t: Array
+    q: Array
+    model: Model | None
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the motion, its model and its scene's description to a NumPy archive.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Ending in .npz, in an existing folder.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written; `Trajectory.load` reads it.
+
+        Raises
+        ------
+        ValueError
+            If `path` does not end in .npz.
+        FileNotFoundError
+            If its folder does not exist.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> file = swing.save("swing.npz")  # doctest: +SKIP
+        """
+        file = _in_a_folder(path)
+        if file.suffix != ".npz":
+            raise ValueError(f"`path` must end in .npz, got {file.name!r}")
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in FORGOTTEN}  # type: ignore[arg-type]
+        arrays, texts = _parted(values)
+        np.savez_compressed(file, allow_pickle=False, **arrays, **{TEXTS: np.array(json.dumps(texts))})
+        return file
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a motion that `save` has written; every number is the same.
+
+        Parameters
+        ----------
+        path : str or path-like
+
+        Returns
+        -------
+        Trajectory
+            It has forgotten its scene's controller, so that `trusted_horizon` is not to be had.
+
+        Raises
+        ------
+        ValueError
+            If the file is no such archive; names what is missing.
+        FileNotFoundError
+            If there is no such file.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Trajectory.load("swing.npz").message  # doctest: +SKIP
+        """
+        arrays, texts = _contents(Path(path))
+        dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
+        parts = {"dissipated": dissipated, "model": _model(arrays, texts)}  # takes its entries out of both
+        motion: Self = cls(**(arrays | texts | parts))
+        return motion
+
+    def to_csv(self, path: str | PathLike[str]) -> Path:
+        """Write times, positions, rates, accelerations and torques as comma-separated values.
+
+        Parameters
+        ----------
+        path : str or path-like
+            In an existing folder.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written: a heading `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`, then one row per
+            sample in SI units, with all digits. `rne.trajectories.read_csv` reads it.
+
+        Raises
+        ------
+        FileNotFoundError
+            If its folder does not exist.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> file = swing.to_csv("swing.csv")  # doctest: +SKIP
+        """
+        file = _in_a_folder(path)
+        columns = self._columns()
+        with file.open("w", newline="", encoding="utf-8") as opened:
+            writer = csv.writer(opened, lineterminator="\n")
+            writer.writerow(["t", *columns])
+            writer.writerows(np.column_stack([self.t, *columns.values()]).tolist())
+        return file
+
+    def to_dataframe(self) -> Any:
+        """Times, positions, rates, accelerations and torques as a table of pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by the time `t` [s], with columns `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> swing.to_dataframe()["q.joint_2"].max()  # doctest: +SKIP
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError:
+            raise ImportError("`to_dataframe` needs pandas, which is not installed: pip install pandas") from None
+        return pandas.DataFrame(self._columns(), index=pandas.Index(self.t, name="t"))
+
+    def _columns(self) -> dict[str, Array]:
+        names = numbered_joints(self.q.shape[1]) if self.model is None else self.model.joint_names
+        parts = ("q", "qd", "qdd", "tau")
+        return {f"{part}.{name}": getattr(self, part)[:, k] for part in parts for k, name in enumerate(names)}
+
+
+def numbered_joints(n: int) -> tuple[str, ...]:
+    """Names of joints that have none."""
+    return tuple(f"joint_{k + 1}" for k in range(n))
+
+
+def _in_a_folder(path: str | PathLike[str]) -> Path:
+    file = Path(path)
+    if not file.parent.is_dir():
+        raise FileNotFoundError(f"`path` must be in an existing folder, got {str(file)!r}")
+    return file
+
+
+def _parted(values: dict[str, Any]) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Arrays and the rest, which JSON can hold, of a trajectory's fields."""
+    values = dict(values)
+    model, dissipated = values.pop("model"), values.pop("dissipated")
+    values |= {f"dissipated.{name}": energy for name, energy in dissipated.items()}
+    if model is not None:
+        values |= {f"model.{f.name}": getattr(model, f.name) for f in fields(model)}
+        values["model.notes"] = dict(model.notes)
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    texts = {name: value for name, value in values.items() if name not in arrays}
+    return arrays, {"form": FORM, "dissipated": list(dissipated), "has_model": model is not None} | texts
+
+
+def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Arrays and the rest of an archive; a ValueError for any other file."""
+    try:
+        with np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        texts: dict[str, Any] = json.loads(str(arrays.pop(TEXTS)))
+    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
+        raise ValueError(f"{str(file)!r} is not a motion written by Trajectory.save") from None
+    if texts.pop("form", None) != FORM:
+        raise ValueError(f"{str(file)!r} is of another version of this package: expected {FORM!r}")
+    return arrays, texts
+
+
+def _model(arrays: dict[str, Array], texts: dict[str, Any]) -> Model | None:
+    """The model, whose entries are taken from both."""
+    if not texts.pop("has_model"):
+        return None
+    values: dict[str, Any] = {}
+    for part in (arrays, texts):
+        for name in [name for name in part if name.startswith("model.")]:
+            value = part.pop(name)
+            values[name.removeprefix("model.")] = tuple(value) if isinstance(value, list) else value
+    shapes = values["shapes"]
+    values["shapes"] = tuple(Cylinder(link, r, h, tuple(p), tuple(rpy)) for link, r, h, p, rpy in shapes)
+    try:
+        return Model(**values)
+    except (TypeError, ModelError) as error:
+        raise ValueError(f"the model in the file is not complete: {error}") from None

@@ -1,0 +1,253 @@
+"""Motions as they are used afterwards: between the samples, at jumps, in files; quantiles of many motions."""
+
+import csv
+import json
+import pickle
+import re
+
+import numpy as np
+import pytest
+
+import rne
+
+ACROSS = [1.0, 0, -1, 2, 1, -2]
+GAINS = [50] * 5 + [60], [20] * 5 + [22]
+
+
+@pytest.fixture(scope="module")
+def swing(irb140):
+    return rne.simulate(irb140, [0.1] * 6, [0] * 6, 1.0, rtol=1e-9, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def along_ramps(irb140):
+    """Computed torque along a trapezoidal reference, whose acceleration jumps three times after the start."""
+    reference = rne.trajectories.trapezoidal([0] * 6, ACROSS, 1.0, 0.25)
+    law = rne.control.computed_torque(irb140, *GAINS, reference)
+    return reference, rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [0] * 6, 1.2)
+
+
+@pytest.fixture(scope="module")
+def sampled(irb140):
+    law = rne.control.pd_gravity(irb140, *GAINS, ACROSS)
+    return rne.simulate(rne.Scene(irb140, controller=law, sample_time=1e-4), [0] * 6, [0] * 6, 0.01)
+
+
+class TestBetweenSamples:
+    def test_passes_through_the_samples(self, swing):
+        q, qd, qdd = swing(swing.t)
+        np.testing.assert_allclose(q, swing.q, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(qd, swing.qd, rtol=0, atol=1e-12)
+        rounding = 40 * np.finfo(float).eps * abs(swing.q).max() / np.diff(swing.t).min() ** 2
+        np.testing.assert_allclose(qdd, swing.qdd, rtol=0, atol=rounding)
+
+    def test_error_falls_with_the_sixth_power_of_the_step(self, irb140):
+        exact = np.linspace(0, 0.4, 41)
+        truth = rne.simulate(irb140, [0.1] * 6, [0] * 6, 0.4, rtol=1e-12, atol=1e-13, t_eval=exact)
+
+        def error(steps):
+            samples = np.linspace(0, 0.4, steps + 1)
+            coarse = rne.simulate(irb140, [0.1] * 6, [0] * 6, 0.4, rtol=1e-12, atol=1e-13, t_eval=samples)
+            return abs(coarse(exact)[0] - truth.q).max()
+
+        order = np.log2(error(5) / error(10))
+        assert 5.0 < order < 7.5
+
+    def test_rates_and_accelerations_are_derivatives(self, swing):
+        t, h = np.array([0.123, 0.456, 0.789]), 1e-5
+        later, sooner, (_, qd, qdd) = swing(t + h), swing(t - h), swing(t)
+        np.testing.assert_allclose((later[0] - sooner[0]) / (2 * h), qd, atol=1e-6)
+        np.testing.assert_allclose((later[1] - sooner[1]) / (2 * h), qdd, rtol=1e-4, atol=1e-3)
+
+    @pytest.mark.parametrize(
+        ("t", "shape"), [(0.5, (6,)), ([0.1, 0.2], (2, 6)), ([[0.1], [0.2]], (2, 6)), ([0.1], (6,))]
+    )
+    def test_shapes_are_those_of_reference_motions(self, swing, t, shape):
+        reference = rne.trajectories.quintic([0] * 6, ACROSS, 1.0)
+        assert [x.shape for x in swing(t)] == [shape] * 3 == [x.shape for x in reference(t)]
+        assert swing.torques(t).shape == shape
+
+    def test_torques_between_samples_stay_between_them(self, along_ramps):
+        _, motion = along_ramps
+        t = np.linspace(0, 1.2, 3001)
+        tau = motion.torques(t)
+        ends = np.vstack([motion.tau, motion.tau_before])
+        assert (tau <= ends.max(axis=0) + 1e-12).all()
+        assert (tau >= ends.min(axis=0) - 1e-12).all()
+
+    def test_a_motion_is_a_reference(self, irb140, swing):
+        law = rne.control.computed_torque(irb140, *GAINS, swing)
+        follower = rne.simulate(rne.Scene(irb140, controller=law), swing.q[0], swing.qd[0], 0.9, rtol=1e-8)
+        assert abs(follower.q - swing(follower.t)[0]).max() < 1e-6
+
+    def test_single_sample_is_constant(self, irb140):
+        motion = rne.simulate(irb140, ACROSS, [0] * 6, 0.0)
+        assert motion(0.0)[0].tolist() == ACROSS
+        assert motion.torques([0.0, 0.0]).shape == (2, 6)
+
+    @pytest.mark.parametrize("t", [-0.1, 1.1])
+    def test_times_outside_are_refused(self, swing, t):
+        expected = f"`t` must be within the motion, from 0 to 1 s, got {t}"
+        for call in (swing, swing.torques):
+            with pytest.raises(ValueError, match=f"^{re.escape(expected)}$"):
+                call([0.5, t])
+
+    def test_a_time_that_is_not_finite_is_refused(self, swing):
+        with pytest.raises(ValueError, match="`t` must be finite, got nan at index"):
+            swing([0.1, np.nan])
+
+
+class TestJumps:
+    def test_a_smooth_motion_has_none(self, swing):
+        assert len(swing.jumps) == 0
+        assert swing.breaks == ()
+
+    def test_ramps_of_the_reference(self, along_ramps):
+        reference, motion = along_ramps
+        assert motion.jumps.tolist() == [0.25, 0.75, 1.0]
+        before = np.nextafter(motion.jumps, 0)
+        place = np.searchsorted(motion.t, motion.jumps)
+        for k, (early, late) in enumerate(zip(before, np.nextafter(motion.jumps, 2), strict=True)):
+            # the loop holds the reference: what jumps is the reference's acceleration
+            expected = reference(late)[2] - reference(early)[2]
+            np.testing.assert_allclose(motion.qdd[place[k]] - motion.qdd_before[k], expected, atol=1e-9)
+        np.testing.assert_array_equal(motion.torques(motion.jumps), motion.tau[place])
+        np.testing.assert_allclose(motion.torques(before), motion.tau_before, rtol=1e-9, atol=1e-9)
+
+    def test_jump_of_torques_is_that_of_inverse_dynamics(self, irb140, along_ramps):
+        _, motion = along_ramps
+        q, qd = motion(motion.jumps)[:2]
+        np.testing.assert_allclose(irb140.inverse_dynamics(q, qd, motion.qdd_before), motion.tau_before, atol=1e-9)
+
+    def test_held_torques_are_constant_between_samples(self, sampled):
+        np.testing.assert_allclose(sampled.jumps, np.arange(1, 100) * 1e-4, rtol=1e-12)
+        np.testing.assert_array_equal(sampled.tau_before, sampled.tau[:-2])
+        middle = (sampled.t[:-2] + sampled.t[1:-1]) / 2
+        np.testing.assert_array_equal(sampled.torques(middle), sampled.tau[:-2])
+
+    def test_accelerations_before_a_sample_follow_from_the_torques_held(self, irb140, sampled):
+        q, qd = sampled.q[1:-1], sampled.qd[1:-1]
+        held = irb140.forward_dynamics(q, qd, sampled.tau_before)
+        np.testing.assert_allclose(sampled.qdd_before, held, rtol=1e-9, atol=1e-9)
+
+    def test_dry_friction_that_begins_to_hold(self):
+        slider = rne.Robot(
+            rne.chain([np.eye(3)], [[0, 0, 0]], [2.0], [[0, 0, 0]], [np.eye(3)], axes=[[1, 0, 0]], types="prismatic")
+        )
+        scene = rne.Scene(slider, friction=rne.Friction(coulomb=4.0, smoothing=0))
+        motion = rne.simulate(scene, [0.0], [1.0], 1.0)
+        # 4 N brake 2 kg from 1 m/s: at rest after 0.5 s, then the acceleration of -2 m/s^2 ends
+        np.testing.assert_allclose(motion.jumps, [0.5], rtol=1e-6)
+        np.testing.assert_allclose(motion.qdd_before, [[-2.0]], rtol=1e-9)
+        np.testing.assert_allclose(motion([0.25, 0.75])[2], [[-2.0], [0.0]], atol=1e-6)
+
+    def test_times_to_report_have_none(self, irb140):
+        law = rne.control.computed_torque(irb140, *GAINS, rne.trajectories.trapezoidal([0] * 6, ACROSS, 1.0, 0.25))
+        motion = rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [0] * 6, 1.2, t_eval=[0, 0.25, 0.5])
+        assert motion.jumps.shape == (0,)
+
+
+class TestFiles:
+    def test_every_number_is_kept(self, along_ramps, tmp_path):
+        _, motion = along_ramps
+        back = rne.Trajectory.load(motion.save(tmp_path / "motion.npz"))
+        for name in ("t", "q", "qd", "qdd", "tau", "kinetic", "potential", "energy", "work", "jumps", "tau_before"):
+            np.testing.assert_array_equal(getattr(back, name), getattr(motion, name))
+        assert back.model == motion.model
+        for name in ("energy_drift", "evaluations", "method", "status", "message", "energy_start", "scene"):
+            assert getattr(back, name) == getattr(motion, name)
+        assert back.scene.startswith("Scene(")
+
+    def test_friction_losses_and_states_are_kept(self, irb140, tmp_path):
+        law = rne.control.pid(irb140, *GAINS, [1] * 6, ACROSS)
+        scene = rne.Scene(irb140, controller=law, friction=rne.Friction(viscous=1, coulomb=1))
+        motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.1)
+        back = rne.Trajectory.load(motion.save(tmp_path / "motion.npz"))
+        assert set(back.dissipated) == {"viscous", "coulomb"}
+        np.testing.assert_array_equal(back.balance, motion.balance)
+        np.testing.assert_array_equal(back.controller_state, motion.controller_state)
+        assert [v.joint for v in back.check_limits()] == [v.joint for v in motion.check_limits()]
+
+    def test_pickling_keeps_the_curve(self, swing):
+        swing(0.5)
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(swing))(0.5)[0], swing(0.5)[0])
+
+    def test_table(self, swing, irb140, tmp_path):
+        with swing.to_csv(tmp_path / "swing.csv").open(newline="", encoding="utf-8") as file:
+            heading, *rows = csv.reader(file)
+        assert heading == ["t", *(f"{x}.{joint}" for x in ("q", "qd", "qdd", "tau") for joint in irb140.joint_names)]
+        table = np.array(rows, dtype=float)
+        np.testing.assert_array_equal(table, np.column_stack([swing.t, swing.q, swing.qd, swing.qdd, swing.tau]))
+
+    def test_table_of_pandas(self, swing):
+        pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+        table = swing.to_dataframe()
+        assert isinstance(table, pandas.DataFrame)
+        assert table.index.name == "t"
+        np.testing.assert_array_equal(table["tau.joint_2"], swing.tau[:, 1])
+        np.testing.assert_array_equal(table.index, swing.t)
+
+    def test_wrong_paths(self, swing, tmp_path):
+        with pytest.raises(ValueError, match=r"^`path` must end in \.npz, got 'swing.txt'$"):
+            swing.save(tmp_path / "swing.txt")
+        for write, name in ((swing.save, "swing.npz"), (swing.to_csv, "swing.csv")):
+            with pytest.raises(FileNotFoundError, match=r"^`path` must be in an existing folder, got "):
+                write(tmp_path / "nowhere" / name)
+
+    def test_other_files_are_refused(self, tmp_path):
+        picture = tmp_path / "picture.png"
+        picture.write_bytes(b"\x89PNG")
+        empty = tmp_path / "empty.npz"
+        empty.write_bytes(b"")
+        other = tmp_path / "other.npz"
+        np.savez(other, a=np.zeros(3))
+        plain = tmp_path / "plain.npy"
+        np.save(plain, np.zeros(3))
+        for file in (picture, empty, other, plain):
+            expected = f"{str(file)!r} is not a motion written by Trajectory.save"
+            with pytest.raises(ValueError, match=f"^{re.escape(expected)}$"):
+                rne.Trajectory.load(file)
+        with pytest.raises(FileNotFoundError):
+            rne.Trajectory.load(tmp_path / "none.npz")
+
+    def test_another_version_is_refused(self, tmp_path):
+        file = tmp_path / "later.npz"
+        np.savez(file, texts=np.array(json.dumps({"form": "rne motion 2"})))
+        with pytest.raises(ValueError, match="is of another version of this package: expected 'rne motion 1'"):
+            rne.Trajectory.load(file)
+
+
+class TestEnsembles:
+    def test_torques_are_those_of_the_law(self, irb140):
+        law = rne.control.pd_gravity(irb140, *GAINS, ACROSS)
+        starts = np.random.default_rng(1).uniform(-1, 1, (5, 6))
+        motions = rne.ensemble(rne.Scene(irb140, controller=law), starts, 0 * starts, 1e-3, step=1e-5, keep=3)
+        expected = np.array(
+            [[law(0.0, q, qd) for q, qd in zip(*rows, strict=True)] for rows in zip(motions.q, motions.qd, strict=True)]
+        )
+        np.testing.assert_allclose(motions.tau, expected, rtol=1e-12, atol=1e-12)
+        assert motions.model.joint_names == irb140.joint_names
+
+    def test_without_drives_there_are_no_torques(self, irb140):
+        motions = rne.ensemble(irb140, np.zeros((3, 6)), np.zeros((3, 6)), 1e-3, step=1e-3)
+        assert motions.tau.shape == (2, 3, 6)
+        assert not motions.tau.any()
+
+    def test_quantiles_count_motions(self, irb140):
+        starts = np.random.default_rng(2).uniform(-1, 1, (40, 6))
+        motions = rne.ensemble(irb140, starts, 0 * starts, 0.1, step=1e-3, keep=4)
+        levels = [0.1, 0.5, 0.9]
+        bands = motions.quantiles(levels)
+        below = (motions.q[None] <= bands[:, :, None]).mean(axis=2)
+        assert (abs(below - np.reshape(levels, (3, 1, 1))) <= 1 / 40).all()
+        np.testing.assert_array_equal(motions.quantiles(0.5, of="qd"), np.median(motions.qd, axis=1))
+
+    def test_wrong_arguments(self, irb140):
+        motions = rne.ensemble(irb140, np.zeros((2, 6)), np.zeros((2, 6)), 1e-3, step=1e-3)
+        none = rne.ensemble(irb140, np.zeros((0, 6)), np.zeros((0, 6)), 1e-3, step=1e-3)
+        with pytest.raises(ValueError, match=r"^`of` must be one of \['q', 'qd', 'tau'\], got 'speed'$"):
+            motions.quantiles(of="speed")
+        with pytest.raises(ValueError, match=r"^`probabilities` must be between 0 and 1, got \[0.5, 1.5\]$"):
+            motions.quantiles([0.5, 1.5])
+        with pytest.raises(ValueError, match=r"^there are no motions to take quantiles of$"):
+            none.quantiles()
