@@ -27,9 +27,17 @@ def _on_objects(name: str, inputs: int) -> Any:
     return np.frompyfunc(apply, inputs, 1)
 
 
-_OBJECTS = {"tanh": _on_objects("tanh", 1), "sign": _on_objects("sign", 1)}
+def _arctan2(y: Any, x: Any) -> Any:
+    """The angle of one vector, of which either component may be traced."""
+    if hasattr(x, "arctan2") and not hasattr(y, "arctan2"):
+        y = y + 0 * x
+    return y.arctan2(x) if hasattr(y, "arctan2") else np.arctan2(y, x)
+
+
+_OBJECTS = {name: _on_objects(name, 1) for name in ("exp", "tanh", "sign")}
 _OBJECTS |= {name: _on_objects(name, 2) for name in ("minimum", "maximum")}
 _OBJECTS["where"] = _on_objects("where", 3)
+_object_arctan2 = np.frompyfunc(_arctan2, 2, 1)
 _object_less = np.frompyfunc(operator.lt, 2, 1)
 
 
@@ -42,6 +50,18 @@ def _apply(name: str, *x: ArrayLike) -> Array:
 def tanh(x: ArrayLike) -> Array:
     """Hyperbolic tangent."""
     return _apply("tanh", x)
+
+
+def exp(x: ArrayLike) -> Array:
+    """Exponential function."""
+    return _apply("exp", x)
+
+
+def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
+    """Angle of the vector (x, y), from -pi to pi [rad]."""
+    if any(np.asarray(a).dtype == object for a in (y, x)):
+        return np.asarray(_object_arctan2(y, x))
+    return np.asarray(np.arctan2(y, x))
 
 
 def sign(x: ArrayLike) -> Array:

@@ -131,3 +131,14 @@ def test_called_laws_are_refused(chain):
         ValueError, match=r"^the controller of an ensemble must be traceable \(mark it with rne.traceable\)$"
     ):
         rne.ensemble(scene, [[0, 0]], [[0, 0]], 0.1, step=0.01)
+
+
+def test_a_law_that_other_processes_cannot_receive_is_named(chain):
+    scene = rne.Scene(chain, controller=rne.traceable(lambda t, q, qd: -q))
+    with ProcessPoolExecutor(1) as executor, pytest.raises(ValueError, match="cannot be sent") as error:
+        rne.ensemble(scene, np.zeros((4, 2)), np.zeros((4, 2)), 0.01, step=1e-3, executor=executor)
+    told = str(error.value)
+    assert told.startswith("the controller cannot be sent to the processes of `executor`: ")
+    assert told.endswith(
+        "; define it by `def` or `class` at the top level of a module, not inside a function and not by `lambda`"
+    )

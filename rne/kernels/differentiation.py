@@ -78,6 +78,10 @@ def _slope(graph: Graph, index: int, slopes: list[int]) -> int:
     if node.kind in ("minimum", "maximum"):
         first = graph.binary("less", *((a, node.args[1]) if node.kind == "minimum" else (node.args[1], a)))
         return graph.where(first, da, slopes[1])
+    if node.kind == "arctan2":  # of y by x: (x dy - y dx) / (x^2 + y^2)
+        x, dx = node.args[1], slopes[1]
+        turn = graph.add(graph.multiply(x, da), graph.negate(graph.multiply(a, dx)))
+        return graph.divide(turn, graph.add(graph.multiply(x, x), graph.multiply(a, a)))
     if node.kind == "where":
         return graph.where(a, slopes[1], slopes[2])
     return _unary_slope(graph, node.kind, 2 * index, a, da)
@@ -96,4 +100,6 @@ def _unary_slope(graph: Graph, kind: str, value: int, a: int, da: int) -> int:
         return graph.multiply(graph.unary("sign", a), da)
     if kind == "tanh":
         return graph.multiply(graph.add(graph.constant(1.0), graph.negate(graph.multiply(value, value))), da)
+    if kind == "exp":
+        return graph.multiply(value, da)
     return graph.constant(0.0)  # sign and comparisons are piecewise constant

@@ -8,17 +8,20 @@ digits at most: nothing is rewritten that could overflow, cancel or divide by ze
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 ODD = {"sin", "tanh", "sign"}
 EVEN = {"cos", "abs"}
+LARGEST_EXPONENT = math.log(sys.float_info.max)
 UNARY: dict[str, Callable[[float], float]] = {
     "sin": math.sin,
     "cos": math.cos,
     "sqrt": math.sqrt,
     "abs": abs,
     "tanh": math.tanh,
+    "exp": lambda x: math.exp(x) if x < LARGEST_EXPONENT else math.inf,
     "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
 }
 COMPARISONS: dict[str, Callable[[float, float], bool]] = {
@@ -194,6 +197,13 @@ class Graph:
         if a & b & 1:
             return self.binary("maximum" if kind == "minimum" else "minimum", a ^ 1, b ^ 1) ^ 1
         return self.node(kind, *sorted((self.plain(a), self.plain(b))))
+
+    def arctan2(self, y: int, x: int) -> int:
+        """The angle of the vector (x, y)."""
+        a, b = self.value(y), self.value(x)
+        if a is not None and b is not None:
+            return self.constant(math.atan2(a, b))
+        return self.node("arctan2", self.plain(y & ~1), self.plain(x)) ^ (y & 1)
 
     def where(self, condition: int, a: int, b: int) -> int:
         """a where the condition is not 0, b elsewhere."""

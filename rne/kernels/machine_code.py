@@ -91,7 +91,25 @@ class Emitter:
             return builder.select(builder.fcmp_unordered("!=", args[0], self.constant(0.0)), args[1], args[2])
         if kind == "sign":
             return self._sign(args[0])
+        if kind == "arctan2":
+            return self._by_the_c_library("atan2", *args)
         return self.intrinsic(INTRINSICS.get(kind, kind), *args)
+
+    def _by_the_c_library(self, name: str, *args: Any) -> Any:
+        """A function that LLVM has no instruction for, state by state."""
+        full = name if str(self.number) == "double" else f"{name}f"
+        module, builder = self.builder.module, self.builder
+        function = module.globals.get(full)
+        if function is None:
+            function = ir.Function(module, ir.FunctionType(self.number, [self.number] * len(args)), full)
+        if self.lanes == 1:
+            return builder.call(function, args)
+        vector: Any = ir.Constant(self.type, ir.Undefined)
+        for lane in range(self.lanes):
+            place = ir.Constant(INDEX, lane)
+            number = builder.call(function, [builder.extract_element(arg, place) for arg in args])
+            vector = builder.insert_element(vector, number, place)
+        return vector
 
     def _sign(self, x: Any) -> Any:
         """-1, 0 or 1; x itself where it is not a number."""

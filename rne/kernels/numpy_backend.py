@@ -28,6 +28,8 @@ UFUNCS: dict[str, Callable[..., Any]] = {
     "sqrt": np.sqrt,
     "abs": np.absolute,
     "tanh": np.tanh,
+    "exp": np.exp,
+    "arctan2": lambda y, x, out: np.arctan2(y, x, out=out),
     "sign": np.sign,
     "minimum": lambda a, b, out: np.minimum(a, b, out=out),
     "maximum": lambda a, b, out: np.maximum(a, b, out=out),

@@ -21,6 +21,8 @@ FUNCTIONS = {
     "sqrt": "sqrt({})",
     "abs": "abs({})",
     "tanh": "tanh({})",
+    "exp": "exp({})",
+    "arctan2": "atan2({}, {})",
     "sign": "sign({})",
     "minimum": "min({}, {})",
     "maximum": "max({}, {})",
@@ -67,7 +69,8 @@ def sign(x: float) -> float:
     return math.copysign(1.0, x) if x else 0.0
 
 
-FUNCTION_NAMES: dict[str, Any] = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "tanh": math.tanh, "sign": sign}
+IMPORTED = ("atan2", "cos", "exp", "sin", "sqrt", "tanh")  # from math
+FUNCTION_NAMES: dict[str, Any] = {name: getattr(math, name) for name in IMPORTED} | {"sign": sign}
 
 
 def expressions(

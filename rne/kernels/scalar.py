@@ -112,6 +112,14 @@ class Scalar:
         """For np.tanh on object arrays."""
         return self._unary("tanh")
 
+    def exp(self) -> Scalar:
+        """For np.exp on object arrays."""
+        return self._unary("exp")
+
+    def arctan2(self, x: Any) -> Scalar:
+        """The angle of the vector (x, this number); for np.arctan2 on object arrays."""
+        return Scalar(self.graph, self.graph.arctan2(self.ref, self._other(x)))
+
     def sign(self) -> Scalar:
         """-1, 0 or 1."""
         return self._unary("sign")
@@ -129,7 +137,10 @@ class Scalar:
         return Scalar(self.graph, self.graph.where(self.ref, self._other(a), self._other(b)))
 
     def _no_value(self, *_: Any, **__: Any) -> Any:
-        raise TypeError("a traced number has no value: a branch, float() or array conversion would freeze one outcome")
+        raise TypeError(
+            "a traced number has no value: a branch, float() or array conversion would freeze one outcome; "
+            "rne.elementwise has where, less, minimum, maximum, clip and sign for this"
+        )
 
     __bool__ = __float__ = __int__ = __index__ = _no_value
     __eq__ = __ne__ = _no_value

@@ -62,17 +62,23 @@ def _python(p: Printable) -> str:
     flat = ", ".join(outputs[: len(_entries(p.shape))])
     body = [*lines, f"return [{flat}]" if p.shape else f"return {flat}"]
     doc = f'"""Entries of the result, shape {p.shape}, row by row."""'
-    head = [*(f"# {line}" for line in p.heading), "from math import cos, sin, sqrt, tanh", "", ""]
+    head = [*(f"# {line}" for line in p.heading), f"from math import {_imported(body)}", "", ""]
     if any("sign(" in line for line in body):
-        head += ["def sign(x):", "    return float((x > 0) - (x < 0))", "", ""]
+        head += ["def sign(x):", "    return float(x > 0) - float(x < 0)", "", ""]
     head += [f"def {p.name}({', '.join(p.arguments)}):", f"    {doc}"]
     return "\n".join([*head, *(f"    {line}" for line in body)]) + "\n"
 
 
+def _imported(lines: Sequence[str]) -> str:
+    """Names from the module `math`: always the same four, and rarer ones where they are used."""
+    rarer = {name for name in ("atan2", "exp") if any(f"{name}(" in line for line in lines)}
+    return ", ".join(sorted({"cos", "sin", "sqrt", "tanh"} | rarer))
+
+
 def _numpy(p: Printable) -> str:
     functions = FUNCTIONS | {
-        **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "sign", "abs")},
-        **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum")},
+        **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")},
+        **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")},
         "less": "np.less({}, {}).astype(float)",
         "less_equal": "np.less_equal({}, {}).astype(float)",
         "where": "np.where({} != 0, {}, {})",

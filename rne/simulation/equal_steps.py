@@ -163,7 +163,7 @@ def run_all(plan: Plan, x0: Array, progress: Progress | None, executor: Executor
         ]
     from concurrent.futures import ThreadPoolExecutor, wait
 
-    run = plan.run if isinstance(executor, ThreadPoolExecutor) else partial(run_pickled, pickle.dumps(plan))
+    run = plan.run if isinstance(executor, ThreadPoolExecutor) else partial(run_pickled, _pickled(plan))
     futures: list[Future[tuple[Array, Verdict]]] = [
         executor.submit(run, chunk, first) for chunk, first in zip(chunks, firsts, strict=False)
     ]
@@ -171,6 +171,17 @@ def run_all(plan: Plan, x0: Array, progress: Progress | None, executor: Executor
         wait([future])
         tick(len(chunk) * plan.steps, 0)
     return [future.result() for future in futures]
+
+
+def _pickled(plan: Plan) -> bytes:
+    """The plan for other processes; a ValueError where its controller cannot be sent to them."""
+    try:
+        return pickle.dumps(plan)
+    except (AttributeError, TypeError, pickle.PicklingError) as error:
+        raise ValueError(
+            f"the controller cannot be sent to the processes of `executor`: {error}; define it by `def` or `class` at the "
+            "top level of a module, not inside a function and not by `lambda`"
+        ) from None
 
 
 @lru_cache(maxsize=4)

@@ -28,7 +28,16 @@ from .watch import STIFF, fastest_decay
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
-SWITCHING = {"less", "less_equal", "where", "sign", "minimum", "maximum", "abs"}  # operations that are not smooth
+SWITCHING = {
+    "less",
+    "less_equal",
+    "where",
+    "sign",
+    "minimum",
+    "maximum",
+    "abs",
+    "arctan2",
+}  # operations that are not smooth
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA")
 
 
