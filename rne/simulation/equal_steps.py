@@ -179,8 +179,8 @@ def _pickled(plan: Plan) -> bytes:
         return pickle.dumps(plan)
     except (AttributeError, TypeError, pickle.PicklingError) as error:
         raise ValueError(
-            f"the controller cannot be sent to the processes of `executor`: {error}; define it by `def` or `class` at the "
-            "top level of a module, not inside a function and not by `lambda`"
+            f"the controller cannot be sent to the processes of `executor`: {error}; define it by `def` or `class` at "
+            "the top level of a module, not inside a function and not by `lambda`"
         ) from None
 
 
