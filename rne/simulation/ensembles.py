@@ -140,8 +140,8 @@ def ensemble(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range, or the scene cannot run in blocks or be sent to
-        the processes of `executor`.
+        If an argument has the wrong shape, is not finite or out of range, the scene cannot run in blocks, or its
+        controller cannot be sent to the processes of `executor`.
     NotFiniteError, SingularMassMatrixError
         If a state overflows or M becomes singular; names the initial state by its number, and the time.
 
