@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
+from .basics.notebook import InNotebooks
+from .basics.short_text import counted
 from .basics.spatial import Array
+from .basics.text_table import short
 from .dynamics.coriolis import coriolis_matrix
 from .dynamics.crba import mass_matrix
 from .dynamics.diagnosis import Diagnosis, diagnose
@@ -27,7 +30,7 @@ from .model.model import Model
 COMPILED = (inverse_dynamics, mass_matrix, bias_torque, gravity_torque)  # by `compile` without arguments
 
 
-class Robot:
+class Robot(InNotebooks):
     """A robot whose quantities are methods.
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
@@ -314,11 +317,12 @@ class Robot:
     def __repr__(self) -> str:
         model = self._model
         lines = [
-            f"Robot {model.name!r}: {model.n} joint{'s' * (model.n != 1)}, {len(model.link_names)} links, "
+            f"Robot '{short(model.name)}': {counted(model.n, 'joint')}, {counted(len(model.link_names), 'link')}, "
             f"{model.mass.sum():.6g} kg moving, gravity {model.gravity.tolist()} m/s^2"
         ]
         if model.has_mimics:
-            lines.append(f"  {model.nb - model.n} further joints mimic these")
+            further = model.nb - model.n
+            lines.append(f"  {counted(further, 'further joint')} mimic{'s' * (further == 1)} these")
         if model.damping.any() or model.friction.any():
             lines.append("  damping and friction of its <dynamics> are on record, not applied")
         return "\n".join(lines)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .basics.arrays import positive_number, real_array
+from .basics.short_text import summary
 from .basics.spatial import Array
 from .elementwise import clip, less, where
 
@@ -29,6 +30,8 @@ class Quintic:
     start: Array
     end: Array
     duration: float
+
+    __repr__ = summary
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Positions, rates and accelerations at given times.
@@ -113,6 +116,8 @@ class Trapezoidal:
     end: Array
     duration: float
     ramp: float
+
+    __repr__ = summary
 
     @property
     def breaks(self) -> tuple[float, ...]:

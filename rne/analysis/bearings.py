@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..basics.text_table import Row, aligned, short, six_digits
 from ..dynamics.record import bearing_loads
@@ -40,6 +41,8 @@ class BearingPeaks:
     start: float
     end: float
     samples: int
+
+    __repr__ = summary
 
     def __str__(self) -> str:
         samples = f"{self.samples} samples" if self.samples > 1 else "1 sample"

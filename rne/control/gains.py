@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, vector
+from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
@@ -55,6 +56,8 @@ class Gains:
     beats_gravity: bool
     sample_time: float | None
     stable: bool | None
+
+    __repr__ = summary
 
     def __str__(self) -> str:
         verdict = "" if self.stable is None else f" {self.sample_time:g} s is {'' if self.stable else 'NOT '}stable."

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import UNBOUNDED, convert_numbers, vector
+from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..elementwise import clip
 from ..robot import Robot
@@ -54,6 +55,8 @@ class PD:
     reference: Array
     gravity: bool
     traceable = True
+
+    __repr__ = summary
 
     def __call__(self, t: float, q: Array, qd: Array) -> Array:
         """Torques, shape of q [N m or N]."""
@@ -141,6 +144,9 @@ class PID:
     windup: Array
     traceable = True
 
+    def __repr__(self) -> str:
+        return summary(self, windup=self.windup if (self.windup < UNBOUNDED).any() else None)
+
     @property
     def states(self) -> int:
         """Number of states of the controller: the integral of each joint's error."""
@@ -209,6 +215,8 @@ class ComputedTorque:
     kd: Array
     reference: Reference
     traceable = True
+
+    __repr__ = summary
 
     def __call__(self, t: float, q: Array, qd: Array) -> Array:
         """Torques, shape of q [N m or N]."""

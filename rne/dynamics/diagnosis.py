@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from ..basics.arrays import real_array
+from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..model.arguments import joint_array, model_argument
 from ..model.model import Model
@@ -44,6 +45,8 @@ class Diagnosis:
     digits: Array
     worst_state: tuple[int, ...]
     worst_joint: tuple[str, ...]
+
+    __repr__ = summary
 
     def __str__(self) -> str:
         if not self.condition.size:

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..basics.notebook import InNotebooks
+from ..basics.short_text import counted, listed, wrapped
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
 from ..basics.text_table import Row, aligned, short, six_digits
 from ..model.ends import tip
@@ -37,7 +39,7 @@ BRANCHED = "The links of a branched robot have no single end: a_o, the origin's 
 
 
 @dataclass(frozen=True)
-class Recursion:
+class Recursion(InNotebooks):
     """All vectors of the Newton-Euler recursion, for every moving body.
 
     Body i is the one behind `joints[i]`; its vectors are in its own axes. Shapes (..., nb, 3) unless said.
@@ -125,6 +127,13 @@ class Recursion:
             raise IndexError(f"`index` must be {what}, got {index!r}")
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **{name: x[where] for name, x in values.items() if isinstance(x, np.ndarray)})
+
+    def __repr__(self) -> str:
+        states = f"states of leading shape {self.batch}" if self.batch else "1 state"
+        return wrapped(
+            f"Recursion of {counted(len(self.joints), 'joint')}, {states}; print() shows the table\n"
+            f"  joints: {listed(self.joints) or 'none'}"
+        )
 
     def __str__(self) -> str:
         return recursion_table(self)

@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ..basics.notebook import InNotebooks
+from ..basics.short_text import wrapped
 from ..basics.spatial import Array
+from ..basics.text_table import short
 from ..dynamics.quantity import Declared, common_dtype, common_leading_shape
 from ..dynamics.verdict import SOUND, BatchIndex, Verdict
 from ..model.arguments import joint_array, joint_shaped, model_argument
@@ -31,7 +34,7 @@ from .wrenches import named_by_function, wrenches_as_arrays
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
 
 
-class Kernel:
+class Kernel(InNotebooks):
     """A function compiled for one model; see `compile`.
 
     A kernel may be called from many threads, and pickles. Its results may differ from the function's in the last bits.
@@ -75,11 +78,11 @@ class Kernel:
     def __repr__(self) -> str:
         count = f"{sum(self.operations.values())} operations" if self._trace else "run as the recursion"
         by = f" by {', '.join(self.wrt)}" if self.wrt else ""
-        links = ", ".join(repr(link) for link in self.quantity.wrenches.values())
+        links = ", ".join(f"'{short(link)}'" for link in self.quantity.wrenches.values())
         under = f" under wrenches on {links}" if links else ""
         by_numba = self.engine == "numba" and self.is_unrolled
         engine = f", by Numba{self._compiled_in}" if by_numba else ""
-        return f"Kernel {self.quantity.name}{by} of {self.model.name!r}{under}: {count}{engine}"
+        return wrapped(f"Kernel {self.quantity.name}{by} of '{short(self.model.name)}'{under}: {count}{engine}")
 
     @property
     def _compiled_in(self) -> str:

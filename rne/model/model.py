@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from ..basics.spatial import Array, point_mass_inertia
+from .summary import model_summary
 from .validation import check_model
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
@@ -158,6 +159,8 @@ class Model:
                 values[name] = np.array(values[name], dtype=np.float64)
         self._freeze(values)
         check_model({f.name: getattr(self, f.name) for f in fields(self)})
+
+    __repr__ = model_summary
 
     def _freeze(self, values: dict[str, Any]) -> None:
         for name, value in values.items():

@@ -1,5 +1,6 @@
 """Pictures of robots and motions; matplotlib is imported when a function is called."""
 
+from . import notebook as _notebook  # noqa: F401  registers what notebooks show
 from .animation import animate
 from .plots import plot
 from .robot_picture import draw

@@ -14,7 +14,7 @@ from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
-from .plots import check_trajectory
+from .motions import motion_argument
 from .robot_picture import Picture, blank_axes, check_robot
 
 MIN_FPS = 0.01  # [1/s]; GIF stores at most 655 s per frame
@@ -24,15 +24,19 @@ DPI = 90
 
 
 def animate(
-    robot: Robot, trajectory: Trajectory, path: str | os.PathLike[str], fps: float = 20, speed: float = 1.0
+    robot: Robot,
+    motion: Trajectory | Sequence[Any],
+    path: str | os.PathLike[str],
+    fps: float = 20,
+    speed: float = 1.0,
 ) -> Path:
     """Write a motion as an animated GIF.
 
     Parameters
     ----------
     robot : Robot
-    trajectory : Trajectory
-        A motion of this robot.
+    motion : Trajectory or tuple of array_like
+        A motion of this robot, or arrays (t, q) of shapes (T,) and (T, n), such as measured ones.
     path : str or path-like
         The file to write, ending in .gif, in an existing folder.
     fps : float
@@ -49,9 +53,9 @@ def animate(
     Raises
     ------
     TypeError
-        If `robot`, `trajectory` or `path` is of another type.
+        If `robot`, `motion` or `path` is of another type.
     ValueError
-        If `trajectory` has no samples or is not of this robot, an argument is out of range, or there would be more
+        If `motion` has no samples or is not of this robot, an argument is out of range, or there would be more
         than 2000 frames.
     FileNotFoundError
         If the folder of `path` does not exist.
@@ -60,9 +64,8 @@ def animate(
 
     Notes
     -----
-    The frames are evenly spaced in time, with the first and the last sample among them. Between samples the joint
-    positions are interpolated by cubic Hermite polynomials through the positions and rates of the samples, so that
-    the motion is smooth even where the solver took long steps.
+    The frames are evenly spaced in time, with the first and the last sample among them. A simulated motion is evaluated
+    at these times, and is smooth even where the solver took long steps; arrays are interpolated by straight lines.
 
     Examples
     --------
@@ -72,41 +75,15 @@ def animate(
     >>> file = rne.plotting.animate(robot, swing, "swing.gif")  # doctest: +SKIP
     """
     check_robot(robot)
-    check_trajectory(trajectory)
-    if trajectory.q.shape[1] != robot.n:
-        raise ValueError(
-            f"`trajectory` must have {robot.n} joints as robot {robot.model.name!r} has, got {trajectory.q.shape[1]}"
-        )
+    shown = motion_argument("motion", motion)
+    if shown.n != robot.n:
+        raise ValueError(f"`motion` must have {robot.n} joints as robot {robot.model.name!r} has, got {shown.n}")
     file = _gif_path(path)
     delay = _hundredths(positive_number("fps", fps))
-    t = _frame_times(trajectory, delay, positive_number("speed", speed))
+    t = _frame_times(shown.t, delay, positive_number("speed", speed))
     ax = blank_axes("")
-    _write(file, ax, robot, t, interpolated_positions(trajectory, t), delay)
+    _write(file, ax, robot, t, shown.positions(t), delay)
     return file
-
-
-def interpolated_positions(trajectory: Trajectory, t: Array) -> Array:
-    """Joint positions between samples, by cubic Hermite interpolation of positions and rates.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    t : ndarray, shape (frames,)
-        Times within the motion [s].
-
-    Returns
-    -------
-    ndarray, shape (frames, n)
-        [rad or m]
-    """
-    from scipy.interpolate import CubicHermiteSpline
-
-    increasing = np.append(True, np.diff(trajectory.t) > 0)
-    if increasing.sum() < 2:
-        return np.repeat(trajectory.q[:1], len(t), axis=0)
-    samples = (trajectory.t[increasing], trajectory.q[increasing], trajectory.qd[increasing])
-    q: Array = CubicHermiteSpline(*samples)(t)
-    return q
 
 
 def _gif_path(path: str | os.PathLike[str]) -> Path:
@@ -127,9 +104,9 @@ def _hundredths(fps: float) -> int:
     return round(100 / fps)
 
 
-def _frame_times(trajectory: Trajectory, delay: int, speed: float) -> Array:
+def _frame_times(samples: Array, delay: int, speed: float) -> Array:
     """Times of the frames [s], both ends of the motion among them."""
-    first, last = float(trajectory.t[0]), float(trajectory.t[-1])
+    first, last = float(samples[0]), float(samples[-1])
     frames = (last - first) / speed / (delay / 100)
     if frames + 1 > MAX_FRAMES:
         raise ValueError(

@@ -1,134 +1,173 @@
-"""Plots of a Trajectory on matplotlib figures, without pyplot's global state."""
+"""Plots of a motion over time, or of two to compare them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
+from .figures import check_axes, curves, dress, figure_of, joint_colors, legend_beside, stacked_panels
+from .motions import Motion, joint_labels, motion_argument
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_POINTS = 4000  # per curve; a picture shows no more
-LEGEND_ROWS = 12  # that fit beside one panel
-COLORS = 10  # in matplotlib's cycle; further curves differ by their line style
-LINE_STYLES = ("-", "--", ":", "-.")
+QUANTITIES = {  # what it is called and its unit, of rotating and of sliding joints
+    "q": (("position", "rad"), ("position", "m")),
+    "qd": (("rate", "rad/s"), ("rate", "m/s")),
+    "qdd": (("acceleration", "rad/s²"), ("acceleration", "m/s²")),
+    "tau": (("torque", "N m"), ("force", "N")),
+}
+ENERGIES = {"energy": ("kinetic", "potential", "total"), "energy error": ("energy error",)}
+DEFAULT = ("q", "qd", "tau", "energy", "energy error")
 ENDINGS = {1: ", stopped by an event", -1: ", failed"}
+DASHED = (0, (4, 2))
+SEPARATE = 120  # samples whose points can still be told apart
 
 
-def blank_figure(width: float, height: float) -> Figure:
-    """An empty figure of the given size [inch]; without matplotlib an ImportError says how to install it."""
-    try:
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError:
-        raise ImportError("pictures need matplotlib, which is not installed: pip install 'rne[plot]'") from None
-    return Figure(figsize=(width, height), layout="constrained", dpi=120)
+class Panel(NamedTuple):
+    """One quantity with one unit."""
+
+    quantity: str
+    columns: list[int]
+    names: tuple[str, ...]
+    colors: list[Any]
+    label: str
 
 
-def check_trajectory(trajectory: Trajectory) -> None:
-    """Raise TypeError for anything but a Trajectory, ValueError for one without samples."""
-    if not isinstance(trajectory, Trajectory):
-        raise TypeError(f"`trajectory` must be an rne.Trajectory, got {type(trajectory).__name__}")
-    if not len(trajectory.t):
-        raise ValueError("`trajectory` must have at least one sample, got none")
-
-
-def plot(trajectory: Trajectory, names: Sequence[str] | None = None) -> Figure:
+def plot(
+    motion: Trajectory | Sequence[Any],
+    names: Robot | Sequence[str] | None = None,
+    *,
+    other: Trajectory | Sequence[Any] | None = None,
+    quantities: Sequence[str] | None = None,
+    axes: Any = None,
+) -> Figure:
     """Joint positions, rates and torques, energies and the energy error over time.
 
     Parameters
     ----------
-    trajectory : Trajectory
-    names : sequence of str, length n, optional
-        Names of the joints for the legends, as in `robot.joint_names`; numbered from 1 if not given.
+    motion : Trajectory or tuple of array_like
+        A simulated motion, or arrays (t, q), (t, q, qd), (t, q, qd, qdd) or (t, q, qd, qdd, tau) of shapes (T,) and
+        (T, n), such as measured ones; None for an array that is missing.
+    names : Robot or sequence of str, length n, optional
+        The robot, or names of its joints. By default the names that the motion's model has, and for arrays numbers.
+    other : Trajectory or tuple of array_like, optional
+        A second motion of as many joints, drawn dashed on the same panels where it has the quantity.
+    quantities : sequence of str, optional
+        What to draw, from "q", "qd", "qdd", "tau", "energy" and "energy error"; by default all but "qdd" that `motion`
+        has. Of a robot with rotating and sliding joints each of the first four takes two panels, one for each unit.
+    axes : matplotlib axes or sequence of them, optional
+        Where to draw, one for each panel; by default a new figure with the panels below each other.
 
     Returns
     -------
     matplotlib.figure.Figure
-        `figure.savefig("motion.png")` writes it to a file. The labels name the units of revolute and of prismatic
-        joints, since a trajectory does not record the types of its joints.
+        `figure.savefig("motion.png")` writes it to a file.
 
     Raises
     ------
     TypeError
-        If `trajectory` is no Trajectory, or `names` no sequence of str; a Robot has its names as `robot.joint_names`.
+        If an argument is of another type.
     ValueError
-        If `trajectory` has no samples or `names` has another length.
+        If a motion has no samples, shapes do not fit, `motion` lacks one of the `quantities`, or there are too few or
+        too many names or axes.
     ImportError
         If matplotlib is not installed.
 
     Notes
     -----
-    The energy error is energy - energy at the start - work + dissipated, which is zero but for the solver's errors.
+    Simulated motions are drawn as smooth curves, evaluated between the solver's steps, with vertical lines where
+    torques or accelerations jump; arrays as straight lines between samples. The energy error, energy - energy at the
+    start - work + dissipated, is zero but for the solver's errors, and is known at the samples only. Without a model
+    the labels name the units of both kinds of joints.
 
     Examples
     --------
     >>> import rne
     >>> robot = rne.load("irb140")
     >>> swing = rne.simulate(robot, [0] * 6, [0] * 6, 0.1)
-    >>> [ax.get_ylabel() for ax in rne.plotting.plot(swing, robot.joint_names).axes]
-    ['position [rad or m]', 'rate [rad/s or m/s]', 'torque [N m or N]', 'energy [J]', 'energy error [J]']
+    >>> [ax.get_ylabel() for ax in rne.plotting.plot(swing).axes]
+    ['position [rad]', 'rate [rad/s]', 'torque [N m]', 'energy [J]', 'energy error [J]']
+    >>> stiffer = rne.simulate(robot, [0] * 6, [0] * 6, 0.1, torque=rne.control.pd(robot, [9] * 6, [1] * 6, [0] * 6))
+    >>> figure = rne.plotting.plot(swing, other=stiffer, quantities=["q"])
     """
-    check_trajectory(trajectory)
-    labels = _joint_labels(trajectory.q.shape[1], names)
-    title = f"Motion by {trajectory.method}{ENDINGS.get(trajectory.status, '')}"
-    figure, axes = panels(5, title, height=2.1)
-    curves(axes[0], trajectory.t, trajectory.q, labels, "position [rad or m]")
-    curves(axes[1], trajectory.t, trajectory.qd, labels, "rate [rad/s or m/s]")
-    curves(axes[2], trajectory.t, trajectory.tau, labels, "torque [N m or N]")
-    _energies(axes[3], axes[4], trajectory)
-    return figure
+    shown = motion_argument("motion", motion)
+    second = None if other is None else motion_argument("other", other)
+    if second is not None and second.n != shown.n:
+        raise ValueError(f"`other` must have {shown.n} joints as `motion` has, got {second.n}")
+    labels, rotating = joint_labels(shown, names)
+    wanted = panels_of(shown, labels, rotating, quantities)
+    if axes is None:
+        where = stacked_panels(len(wanted), _title(shown, second))
+    else:
+        where = check_axes(axes, [panel.label for panel in wanted])
+    for panel, ax in zip(wanted, where, strict=True):
+        draw_panel(ax, panel, shown, second)
+        legend_beside(ax)
+    return figure_of(where)
 
 
-def _joint_labels(n: int, names: Sequence[str] | None) -> tuple[str, ...]:
-    if names is None:
-        return tuple(f"joint {i}" for i in range(1, n + 1))
-    if not isinstance(names, Iterable) or isinstance(names, str):
-        cure = "; pass robot.joint_names" if isinstance(names, Robot) else ""
-        raise TypeError(f"`names` must be a sequence of str, got {type(names).__name__}{cure}")
-    labels = tuple(names)
-    for label in labels:
-        if not isinstance(label, str):
-            raise TypeError(f"`names` must be a sequence of str, got one with {type(label).__name__}")
-    if len(labels) != n:
-        raise ValueError(f"`names` must have {n} names, one per joint of `trajectory`, got {len(labels)}")
-    return labels
+def panels_of(
+    motion: Motion, labels: Sequence[str], rotating: Array | None, quantities: Sequence[str] | None
+) -> list[Panel]:
+    """The panels that show the quantities, each with one unit where the types of the joints are known."""
+    if quantities is None:
+        quantities = [quantity for quantity in DEFAULT if quantity in motion.quantities]
+    elif isinstance(quantities, str):
+        raise TypeError("`quantities` must be a sequence of str, got str")
+    if not len(quantities):
+        raise ValueError("`quantities` must name at least one quantity, got none")
+    colors, found = joint_colors(motion.n), []
+    for quantity in quantities:
+        if quantity not in motion.quantities:
+            raise ValueError(f"`quantities` must be from {list(motion.quantities)}, got {quantity!r}")
+        if quantity in ENERGIES:
+            names = ENERGIES[quantity]
+            shades = joint_colors(len(names)) if len(names) > 1 else ["0.5"]
+            found.append(Panel(quantity, list(range(len(names))), names, shades, f"{quantity} [J]"))
+            continue
+        for columns, label in _units(quantity, motion.n, rotating):
+            chosen = tuple(labels[k] for k in columns)
+            found.append(Panel(quantity, columns, chosen, [colors[k] for k in columns], label))
+    return found
 
 
-def panels(rows: int, title: str, height: float = 2.6, *, share: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of panels below each other, which share one time axis or have one each."""
-    figure = blank_figure(8, height * rows)
-    axes = np.atleast_1d(figure.subplots(rows, 1, sharex=share))
-    figure.suptitle(title)
-    for ax in axes:
-        ax.grid(True, alpha=0.3)
-    axes[-1].set_xlabel("time [s]")
-    return figure, list(axes)
+def _units(quantity: str, n: int, rotating: Array | None) -> list[tuple[list[int], str]]:
+    """Columns that share a unit, with their label."""
+    kinds = QUANTITIES[quantity]
+    if rotating is None or not n:
+        return [(list(range(n)), f"{kinds[0][0]} [{kinds[0][1]} or {kinds[1][1]}]")]
+    groups = [
+        (np.flatnonzero(rotating == (kind == 0)).tolist(), f"{kinds[kind][0]} [{kinds[kind][1]}]") for kind in (0, 1)
+    ]
+    return [(columns, label) for columns, label in groups if columns]
 
 
-def curves(ax: Axes, t: Array, values: Array, names: Sequence[str], label: str) -> None:
-    """Plot the columns of `values` over time, with a legend beside the panel."""
-    step = max(1, len(t) // MAX_POINTS)
-    marker = "." if len(t) == 1 else ""
-    for k, (column, name) in enumerate(zip(values.T, names, strict=True)):
-        style = LINE_STYLES[k // COLORS % len(LINE_STYLES)]
-        ax.plot(t[::step], column[::step], label=name, linewidth=1.2, linestyle=style, marker=marker)
-    ax.set_ylabel(label)
-    ax.ticklabel_format(axis="y", scilimits=(-3, 4))
-    if names:
-        columns = -(-len(names) // LEGEND_ROWS)
-        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False, ncols=columns)
+def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = None) -> None:
+    """The curves of one panel, those of a second motion dashed."""
+    for drawn, style in ((motion, "-"), (other, DASHED)):
+        if drawn is None or panel.quantity not in drawn.quantities:
+            continue
+        t, values = drawn.curve(panel.quantity)
+        names = panel.names if drawn is motion else ("_nolegend_",) * len(panel.names)
+        at_samples = panel.quantity == "energy error" and len(t) <= SEPARATE
+        marks = {"marker": ".", "linewidth": 0.6} if at_samples else {}
+        curves(ax, t, values[:, panel.columns], names, panel.colors, linestyle=style, **marks)
+    dress(ax, panel.label)
 
 
-def _energies(upper: Axes, lower: Axes, trajectory: Trajectory) -> None:
-    """The energies, and below them the energy error."""
-    t = trajectory.t
-    energies = np.stack([trajectory.kinetic, trajectory.potential, trajectory.energy], axis=1)
-    curves(upper, t, energies, ("kinetic", "potential", "total"), "energy [J]")
-    curves(lower, t, trajectory.balance[:, None], ("drift",), "energy error [J]")
+def _title(motion: Motion, other: Motion | None) -> str:
+    if other is None:
+        return _origin(motion)
+    return f"{_origin(motion)} (solid), {_origin(other)} (dashed)"
+
+
+def _origin(motion: Motion) -> str:
+    run = motion.trajectory
+    return "Given samples" if run is None else f"Motion by {run.method}{ENDINGS.get(run.status, '')}"

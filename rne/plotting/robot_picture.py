@@ -12,7 +12,7 @@ from ..basics.spatial import Array, cross, rotate, rotation_from_rpy
 from ..model.builder import disassemble
 from ..model.model import Cylinder, Model
 from ..robot import Robot
-from .plots import COLORS, blank_figure
+from .figures import COLORS, blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

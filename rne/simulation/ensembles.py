@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
+from ..basics.short_text import counted
 from ..basics.spatial import Array
 from ..model.arguments import joint_array
 from ..model.model import Model
@@ -98,6 +99,15 @@ class Ensemble:
             raise ValueError(f"`probabilities` must be between 0 and 1, got {levels.tolist()}")
         found: Array = np.quantile(getattr(self, of), levels, axis=1)
         return found
+
+    def __repr__(self) -> str:
+        count, n = self.q.shape[1:]
+        return (
+            f"Ensemble: {counted(count, 'motion')} of {counted(n, 'joint')} over {self.t[-1]:.6g} s by {self.method}, "
+            f"step {self.step:.6g} s\n"
+            f"  {len(self.t)} stored times, energies: {', '.join(self.ledger) or 'none'}, "
+            f"{self.evaluations} evaluations"
+        )
 
 
 def ensemble(

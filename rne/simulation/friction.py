@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
+from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..elementwise import less, tanh, where
 from ..model.arguments import joint_array
@@ -51,6 +52,13 @@ class Friction:
     coulomb_back: ArrayLike | None = None
     smoothing: float = SMOOTHING
     static: ArrayLike | None = None
+
+    def __repr__(self) -> str:
+        same = {f"{name}_back": None for name in ("viscous", "coulomb") if self._same_back(name)}
+        return summary(self, **same)
+
+    def _same_back(self, name: str) -> bool:
+        return np.array_equal(np.asarray(getattr(self, name)), np.asarray(getattr(self, f"{name}_back")))
 
     def __post_init__(self) -> None:
         for name in ("viscous", "coulomb", "viscous_back", "coulomb_back", "static"):

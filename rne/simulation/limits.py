@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..basics.text_table import short
 from ..dynamics.kinematics import joint_positions, joint_rates
@@ -50,6 +51,8 @@ class Violation:
     unit: str
     first_time: float
     worst_time: float
+
+    __repr__ = summary
 
     def __str__(self) -> str:
         beyond = "above" if self.value > self.limit else "below"

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import UNBOUNDED, convert_numbers, positive_number, vector
+from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..kernels.kernel import Kernel
 from ..robot import Robot
@@ -115,6 +116,8 @@ class Scene:
     sample_time: float | None = None
     formulation: str = "newton-euler"
 
+    __repr__ = summary
+
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
             raise TypeError(f"`robot` must be an rne.Robot, got {type(self.robot).__name__}")
@@ -129,9 +132,7 @@ class Scene:
                 "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next"
             )
         for name in ("mounting", "gravity", "armature", "torque_limit", "torque_rate"):
-            if isinstance(
-                getattr(self, name), np.ndarray
-            ):  # a later change of the caller's array is not one of the scene
+            if isinstance(getattr(self, name), np.ndarray):  # the caller may change the array later
                 object.__setattr__(self, name, getattr(self, name).copy())
         if self.formulation not in FORMULATIONS:
             raise ValueError(f"`formulation` must be one of {list(FORMULATIONS)}, got {self.formulation!r}")

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from ..basics.short_text import summary
 from ..errors import UrdfError
 
 ECHO = 80  # characters of a file's own text that a message may quote
@@ -35,6 +36,8 @@ class Finding:
     element: str
     message: str
     cure: str
+
+    __repr__ = summary
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.place}: {self.element}: {self.message}; {self.cure}"

@@ -1,0 +1,166 @@
+"""What plots and animations take: a Trajectory, or measured times and joint arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..basics.arrays import real_array
+from ..basics.spatial import Array
+from ..dynamics.energy import kinetic_energy, potential_energy
+from ..model.model import Model
+from ..robot import Robot
+from ..simulation.trajectory import Trajectory
+
+JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
+POINTS = 600  # of a curve between samples, more where the solver's steps are shorter
+EXPECTED = "an rne.Trajectory or arrays (t, q)"
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion to be drawn.
+
+    Attributes
+    ----------
+    t : ndarray, shape (T,)
+        Times of the samples, never falling [s].
+    samples : dict of str to ndarray, shape (T, n)
+        Those of "q", "qd", "qdd" and "tau" that there are.
+    trajectory : Trajectory or None
+        The motion that can be evaluated between its samples; None for arrays, drawn as straight lines between them.
+    """
+
+    t: Array
+    samples: dict[str, Array]
+    trajectory: Trajectory | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.samples["q"].shape[1])
+
+    @property
+    def model(self) -> Model | None:
+        """The robot's parameters, where they are known."""
+        return None if self.trajectory is None else self.trajectory.model
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """What can be drawn, of "q", "qd", "qdd", "tau", "energy" and "energy error"."""
+        return (*self.samples, *(() if self.trajectory is None else ("energy", "energy error")))
+
+    def curve(self, quantity: str) -> tuple[Array, Array]:
+        """Times and values of a curve, shapes (P,) and (P, k); a time stands twice where the values jump."""
+        motion = self.trajectory
+        if motion is None:
+            return self.t, self.samples[quantity]
+        if quantity == "energy error":
+            return motion.t, motion.balance[:, None]
+        if len(motion.t) < 2 or (quantity == "energy" and motion.model is None):
+            energies = np.stack([motion.kinetic, motion.potential, motion.energy], axis=1)
+            return motion.t, energies if quantity == "energy" else self.samples[quantity]
+        t, seen_at = fine_times(motion)
+        if quantity == "tau":
+            return seen_at, motion.torques(t)
+        q, qd, qdd = motion(t)
+        if quantity != "energy":
+            return seen_at, {"q": q, "qd": qd, "qdd": qdd}[quantity]
+        assert motion.model is not None
+        parts = kinetic_energy(motion.model, q, qd), potential_energy(motion.model, q)
+        return seen_at, np.stack([*parts, sum(parts)], axis=1)
+
+    def positions(self, t: Array) -> Array:
+        """Joint positions at times within the motion, shape (frames, n) [rad or m]."""
+        if self.trajectory is not None and len(self.t) > 1:
+            return self.trajectory(t)[0].reshape(len(t), self.n)
+        columns = [np.interp(t, self.t, column) for column in self.samples["q"].T]
+        return np.array(columns).T.reshape(len(t), self.n)
+
+
+def fine_times(motion: Trajectory) -> tuple[Array, Array]:
+    """Times at which to evaluate a motion for a smooth curve, and where to draw what is found there.
+
+    They differ just before a jump: the values before it are drawn at the jump itself, to stand above each other.
+    """
+    first, last = motion.t[0], motion.t[-1]
+    jumps = np.asarray(motion.jumps)
+    jumps = jumps[(jumps > first) & (jumps <= last)]
+    t = np.unique(np.concatenate([np.linspace(first, last, POINTS + 1), motion.t, jumps]))
+    before = np.nextafter(jumps, -np.inf)
+    t, seen_at = np.concatenate([t, before]), np.concatenate([t, jumps])
+    order = np.argsort(t, kind="stable")
+    return t[order], seen_at[order]
+
+
+def motion_argument(name: str, given: Any) -> Motion:
+    """The Motion of a Trajectory or of arrays (t, q), (t, q, qd), (t, q, qd, qdd) or (t, q, qd, qdd, tau).
+
+    Raises
+    ------
+    TypeError
+        If it is something else.
+    ValueError
+        If there are no samples, the shapes do not fit, times fall or a number is not finite; names the argument.
+    """
+    if isinstance(given, Trajectory):
+        samples = {key: getattr(given, key) for key in JOINT_ARRAYS}
+        motion = Motion(np.asarray(given.t), samples, given)
+    elif isinstance(given, tuple | list) and 2 <= len(given) <= 1 + len(JOINT_ARRAYS):
+        motion = _arrays(name, given)
+    else:
+        raise TypeError(f"`{name}` must be {EXPECTED}, got {type(given).__name__}")
+    if not len(motion.t):
+        raise ValueError(f"`{name}` must have at least one sample, got none")
+    return motion
+
+
+def _arrays(name: str, given: Sequence[Any]) -> Motion:
+    t = real_array(f"{name}[0]", given[0], "(T,)").astype(float)
+    if t.ndim != 1:
+        raise ValueError(f"`{name}[0]` must be times of shape (T,), got {t.shape}")
+    for k in np.flatnonzero(np.diff(t) < 0)[:1]:
+        raise ValueError(f"`{name}[0]` must be ascending times, got {t[k + 1]:.6g} s after {t[k]:.6g} s")
+    samples: dict[str, Array] = {}
+    for k, (key, values) in enumerate(zip(JOINT_ARRAYS, given[1:], strict=False), 1):
+        if values is None and key != "q":
+            continue
+        n = "n" if key == "q" else samples["q"].shape[1]
+        array = real_array(f"{name}[{k}]", values, f"({len(t)}, {n})").astype(float)
+        if array.ndim != 2 or len(array) != len(t) or (key != "q" and array.shape[1] != n):
+            raise ValueError(f"`{name}[{k}]`, {key}, must have shape ({len(t)}, {n}), got {array.shape}")
+        samples[key] = array
+    return Motion(t, samples)
+
+
+def joint_labels(motion: Motion, names: Any) -> tuple[tuple[str, ...], Array | None]:
+    """Names of the joints, and for each whether it rotates, None if that is not known.
+
+    Parameters
+    ----------
+    motion : Motion
+    names : None, Robot or sequence of str
+        By default the names of the motion's model, otherwise numbers from 1.
+    """
+    model = motion.model
+    if isinstance(names, Robot):
+        model, names = names.model, names.joint_names
+    if names is None:
+        names = [f"joint {i}" for i in range(1, motion.n + 1)] if model is None else model.joint_names
+    labels = _strings(names)
+    if len(labels) != motion.n:
+        raise ValueError(f"`names` must have {motion.n} names, one per joint of `motion`, got {len(labels)}")
+    return labels, None if model is None else model.is_revolute[list(model.independent_joints)]
+
+
+def _strings(names: Any) -> tuple[str, ...]:
+    if not isinstance(names, Iterable) or isinstance(names, str):
+        raise TypeError(f"`names` must be an rne.Robot or a sequence of str, got {type(names).__name__}")
+    labels = tuple(names)
+    for label in labels:
+        if not isinstance(label, str):
+            raise TypeError(f"`names` must be a sequence of str, got one with {type(label).__name__}")
+    return labels
