@@ -1,5 +1,6 @@
 """Loads on the bearings along a motion, and their peaks."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -82,6 +83,11 @@ def test_table_has_a_line_for_every_joint_with_units(irb140):
     assert [line.split()[0] for line in lines[2:]] == list(irb140.joint_names)
     assert lines[2].split()[1:3] == ["735.75", "0"]
     assert max(map(len, lines)) <= 100
+    ends = [title.end() for title in re.finditer(r"(force|at t|torque) \[[^]]+\]", lines[1])]
+    for line in lines[2:]:
+        numbers = list(re.finditer(r"\S+", line))[1:]
+        assert all(number.end() <= end for number, end in zip(numbers, ends, strict=True))
+        assert all(number.start() > end for number, end in zip(numbers[1:], ends[:-1], strict=True))
 
 
 def empty(trajectory):

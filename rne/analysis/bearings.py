@@ -49,7 +49,7 @@ class BearingPeaks:
         title = f"Peak loads on the bearings, {six_digits(self.start)} ... {six_digits(self.end)} s, {samples}"
         if not self.joints:
             return f"{title}: no moving joints"
-        rows = [Row("joint", ("force [N]", "at t [s]", "torque [N m]", "at t [s]"))]
+        rows = [Row("joint", ("force [N]", "at t [s]", "torque [N m]", "at t [s]"), words=True)]
         columns = (self.force, self.force_time, self.torque, self.torque_time)
         for i, joint in enumerate(self.joints):
             rows.append(Row(short(joint), [six_digits(column[i]) for column in columns]))

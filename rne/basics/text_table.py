@@ -18,6 +18,7 @@ class Row(NamedTuple):
 
     head: str
     cells: Sequence[str] = ()
+    words: bool = False  # cells are titles, which end where their column does
 
 
 def short(name: str) -> str:
@@ -49,16 +50,20 @@ def six_digits(x: Any) -> str:
 
 def aligned(rows: Sequence[Row]) -> list[str]:
     """The rows as lines, every column's decimal points below each other."""
-    split = [[_at_the_point(cell) for cell in row.cells] for row in rows]
-    columns = range(max(len(cells) for cells in split))
+    split = [[] if row.words else [_at_the_point(cell) for cell in row.cells] for row in rows]
+    columns = range(max(len(row.cells) for row in rows))
     before, after = (
         [max((len(cells[k][side]) for cells in split if k < len(cells)), default=0) for k in columns] for side in (0, 1)
     )
+    for row in rows:
+        for k, title in enumerate(row.cells if row.words else ()):
+            before[k] = max(before[k], len(title) - after[k])
     head = max((len(row.head) for row in rows if row.cells), default=0)
     lines = []
     for row, cells in zip(rows, split, strict=True):
-        numbers = (f"{a:>{before[k]}}{b:<{after[k]}}" for k, (a, b) in enumerate(cells))
-        lines.append("  ".join([f"{row.head:<{head}}" if cells else row.head, *numbers]).rstrip())
+        numbers = [f"{a:>{before[k]}}{b:<{after[k]}}" for k, (a, b) in enumerate(cells)]
+        numbers += [f"{title:>{before[k] + after[k]}}" for k, title in enumerate(row.cells if row.words else ())]
+        lines.append("  ".join([f"{row.head:<{head}}" if numbers else row.head, *numbers]).rstrip())
     return lines
 
 

@@ -2,7 +2,8 @@
 
 from . import notebook as _notebook  # noqa: F401  registers what notebooks show
 from .animation import animate
+from .fans import fan
 from .plots import plot
 from .robot_picture import draw
 
-__all__ = ["animate", "draw", "plot"]
+__all__ = ["animate", "draw", "fan", "plot"]

@@ -53,6 +53,11 @@ class Motion:
         """What can be drawn, of "q", "qd", "qdd", "tau", "energy" and "energy error"."""
         return (*self.samples, *(() if self.trajectory is None else ("energy", "energy error")))
 
+    @property
+    def is_driven(self) -> bool:
+        """True if any torque is not zero."""
+        return bool(np.any(self.samples.get("tau", 0)))
+
     def curve(self, quantity: str) -> tuple[Array, Array]:
         """Times and values of a curve, shapes (P,) and (P, k); a time stands twice where the values jump."""
         motion = self.trajectory

@@ -24,10 +24,11 @@ from ..kernels.kernel import Kernel
 from ..model.builder import Part, disassemble
 from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot
+from ..simulation.summary import trajectory_lines
 from ..simulation.trajectory import Trajectory
 from .figures import COLORS, blank_figure
 from .motions import joint_labels, motion_argument
-from .plots import Panel, draw_panel, panels_of
+from .plots import QUANTITIES, Panel, draw_panel, panels_of
 from .robot_picture import draw
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def robot_page(robot: Robot) -> str:
 @html.register
 def trajectory_page(motion: Trajectory) -> str:
     """Small plots of positions, rates, torques and energies, and how the run ended."""
-    pieces = [_text(repr(motion))]
+    pieces = [_text("\n".join(trajectory_lines(motion)))]
     if has_matplotlib() and len(motion.t):
         shown = motion_argument("motion", motion)
         labels, rotating = joint_labels(shown, None)
@@ -146,6 +147,8 @@ def _small_plot(motion: Any, panel: Panel) -> tuple[str, Figure]:
     ax.set_xlabel("time [s]")
     if 1 < len(panel.columns) <= COLORS:
         figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
+    elif len(panel.columns) == 1 and panel.quantity in QUANTITIES:
+        ax.set_title(short(panel.names[0]), fontsize="small")
     elif len(panel.columns) > COLORS:
         ax.set_title(f"{short(panel.names[0])} (blue) to {short(panel.names[-1])} (red)", fontsize="small")
     return panel.label, figure

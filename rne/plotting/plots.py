@@ -23,7 +23,7 @@ QUANTITIES = {  # what it is called and its unit, of rotating and of sliding joi
     "qdd": (("acceleration", "rad/s²"), ("acceleration", "m/s²")),
     "tau": (("torque", "N m"), ("force", "N")),
 }
-ENERGIES = {"energy": ("kinetic", "potential", "total"), "energy error": ("energy error",)}
+ENERGIES = {"energy": ("kinetic", "potential", "total"), "energy error": ("_nolegend_",)}
 DEFAULT = ("q", "qd", "tau", "energy", "energy error")
 ENDINGS = {1: ", stopped by an event", -1: ", failed"}
 DASHED = (0, (4, 2))
@@ -61,7 +61,8 @@ def plot(
         A second motion of as many joints, drawn dashed on the same panels where it has the quantity.
     quantities : sequence of str, optional
         What to draw, from "q", "qd", "qdd", "tau", "energy" and "energy error"; by default all but "qdd" that `motion`
-        has. Of a robot with rotating and sliding joints each of the first four takes two panels, one for each unit.
+        has, torques only if they are not all zero. Of a robot with rotating and sliding joints each of the first four
+        takes two panels, one for each unit.
     axes : matplotlib axes or sequence of them, optional
         Where to draw, one for each panel; by default a new figure with the panels below each other.
 
@@ -93,7 +94,7 @@ def plot(
     >>> robot = rne.load("irb140")
     >>> swing = rne.simulate(robot, [0] * 6, [0] * 6, 0.1)
     >>> [ax.get_ylabel() for ax in rne.plotting.plot(swing).axes]
-    ['position [rad]', 'rate [rad/s]', 'torque [N m]', 'energy [J]', 'energy error [J]']
+    ['position [rad]', 'rate [rad/s]', 'energy [J]', 'energy error [J]']
     >>> stiffer = rne.simulate(robot, [0] * 6, [0] * 6, 0.1, torque=rne.control.pd(robot, [9] * 6, [1] * 6, [0] * 6))
     >>> figure = rne.plotting.plot(swing, other=stiffer, quantities=["q"])
     """
@@ -118,7 +119,7 @@ def panels_of(
 ) -> list[Panel]:
     """The panels that show the quantities, each with one unit where the types of the joints are known."""
     if quantities is None:
-        quantities = [quantity for quantity in DEFAULT if quantity in motion.quantities]
+        quantities = [name for name in DEFAULT if name in motion.quantities and (name != "tau" or motion.is_driven)]
     elif isinstance(quantities, str):
         raise TypeError("`quantities` must be a sequence of str, got str")
     if not len(quantities):
@@ -163,11 +164,11 @@ def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = No
 
 
 def _title(motion: Motion, other: Motion | None) -> str:
-    if other is None:
-        return _origin(motion)
-    return f"{_origin(motion)} (solid), {_origin(other)} (dashed)"
+    if other is not None:
+        return f"Solid: motion, {_origin(motion)}; dashed: other, {_origin(other)}"
+    return "Given samples" if motion.trajectory is None else f"Motion {_origin(motion)}"
 
 
 def _origin(motion: Motion) -> str:
     run = motion.trajectory
-    return "Given samples" if run is None else f"Motion by {run.method}{ENDINGS.get(run.status, '')}"
+    return "as given" if run is None else f"by {run.method}{ENDINGS.get(run.status, '')}"

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number, real_array
 from ..basics.short_text import counted
 from ..basics.spatial import Array
+from ..basics.text_table import short
 from ..model.arguments import joint_array
 from ..model.model import Model
 from ..robot import Robot
@@ -103,10 +104,10 @@ class Ensemble:
     def __repr__(self) -> str:
         count, n = self.q.shape[1:]
         return (
-            f"Ensemble: {counted(count, 'motion')} of {counted(n, 'joint')} over {self.t[-1]:.6g} s by {self.method}, "
-            f"step {self.step:.6g} s\n"
-            f"  {len(self.t)} stored times, energies: {', '.join(self.ledger) or 'none'}, "
-            f"{self.evaluations} evaluations"
+            f"Ensemble of '{short(self.model.name)}': {counted(count, 'motion')} of {counted(n, 'joint')}, "
+            f"0 to {self.t[-1]:.6g} s, {len(self.t)} stored times\n"
+            f"  {self.method}, step {self.step:.6g} s, {counted(self.evaluations, 'evaluation')}, "
+            f"energies: {', '.join(self.ledger) or 'none'}"
         )
 
 

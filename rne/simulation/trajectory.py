@@ -11,17 +11,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
+from ..basics.notebook import InNotebooks
 from ..basics.spatial import Array
 from ..model.model import Model
 from .interpolation import Interpolant, Samples
 from .limits import Violation, limit_violations
 from .motion_files import MotionFiles
+from .summary import trajectory_summary
 
 ErrorEstimate = Callable[[float], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(MotionFiles):
+class Trajectory(MotionFiles, InNotebooks):
     """A simulated motion.
 
     Attributes
@@ -84,6 +86,8 @@ class Trajectory(MotionFiles):
     qdd_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     tau_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     scene: str = field(default="", repr=False)
+
+    __repr__ = trajectory_summary
 
     def __getstate__(self) -> dict[str, Any]:
         values = {f.name: getattr(self, f.name) for f in fields(self)}

@@ -29,6 +29,7 @@ STYLE: dict[str, Any] = {  # matplotlib's parameters for the figures of pages
     "legend.handlelength": 1.4,
     "lines.linewidth": 1.3,
     "axes.grid": True,
+    "figure.constrained_layout.w_pad": 0.08,  # [inch]
     "grid.alpha": 0.3,
 }
 MAX_POINTS = 2400  # per curve; a picture shows no more

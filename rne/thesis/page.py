@@ -23,6 +23,8 @@ th, td { border-bottom: 1px solid #8886; padding: .25rem .6rem; text-align: left
 td { white-space: nowrap; }
 pre { overflow-x: auto; font-size: .875rem; }
 img { display: block; width: 100%; max-width: 35rem; height: auto; border-radius: .25rem; }
+th { vertical-align: bottom; }
+@media (max-width: 40rem) { table { width: max-content; } th { max-width: 10rem; } }
 h3 { margin: 2rem 0 .5rem; }
 nav ul { padding-left: 1.25rem; }
 @media (prefers-color-scheme: dark) { body { background: #121212; color: #ddd; } a { color: #7ab8f5; } }
