@@ -13,7 +13,7 @@ from PIL import Image
 
 import rne
 from rne.model.robots.generators import random_tree, straight_chain
-from rne.plotting.animation import interpolated_positions
+from rne.plotting.motions import motion_argument
 from rne.plotting.robot_picture import cylinder_faces
 
 from .helpers import EPS, ROOT
@@ -61,56 +61,6 @@ def test_import_of_report_loads_no_heavy_package():
 def test_public_functions_are_documented(name):
     for section in ("Parameters", "Returns", "Raises", "Examples"):
         assert re.search(rf"{section}\n +---", getattr(rne.plotting, name).__doc__), section
-
-
-def test_plot_shows_every_curve_with_its_unit(irb140, swing):
-    figure = rne.plotting.plot(swing, irb140.joint_names)
-    assert isinstance(figure, Figure)
-    expected = [
-        ("position [rad or m]", swing.q),
-        ("rate [rad/s or m/s]", swing.qd),
-        ("torque [N m or N]", swing.tau),
-        ("energy [J]", np.stack([swing.kinetic, swing.potential, swing.energy], 1)),
-        ("energy error [J]", (swing.energy - swing.energy[0] - swing.work)[:, None]),
-    ]
-    for ax, (label, values) in zip(figure.axes, expected, strict=True):
-        assert ax.get_ylabel() == label
-        assert len(ax.lines) == values.shape[1]
-        for curve, column in zip(ax.lines, values.T, strict=True):
-            np.testing.assert_array_equal(curve.get_xdata(), swing.t)
-            np.testing.assert_array_equal(curve.get_ydata(), column)
-    assert figure.axes[-1].get_xlabel() == "time [s]"
-    assert legend(figure.axes[0]) == list(irb140.joint_names)
-    assert legend(figure.axes[3]) == ["kinetic", "potential", "total"]
-
-
-def test_legends_of_a_plot_stand_beside_the_panels_and_within_the_page(swing):
-    for width in (1, 5):
-        wide = dataclasses.replace(swing, **{k: np.tile(getattr(swing, k), width) for k in ("q", "qd", "qdd", "tau")})
-        figure = rne.plotting.plot(wide)
-        figure.draw_without_rendering()
-        for ax in figure.axes:
-            box, page = ax.get_legend().get_window_extent(), figure.bbox
-            assert box.x0 >= ax.bbox.x1
-            assert box.x1 <= page.x1
-            assert box.height <= page.height / 5
-    styles = [(x.get_color(), x.get_linestyle()) for x in figure.axes[0].lines]
-    assert len(set(styles)) == 30
-
-
-def test_plot_names_joints_by_number_and_failures_by_word(swing):
-    figure = rne.plotting.plot(dataclasses.replace(swing, status=-1))
-    assert legend(figure.axes[0])[:2] == ["joint 1", "joint 2"]
-    assert figure.get_suptitle() == "Motion by DOP853, failed"
-
-
-def test_plot_of_one_sample_shows_points(swing):
-    assert all(x.get_marker() == "." for ax in rne.plotting.plot(first(swing, 1)).axes for x in ax.lines)
-
-
-def test_plot_without_joints():
-    robot = rne.Robot(random_tree(0, seed=1))
-    assert not rne.plotting.plot(rne.simulate(robot, [], [], 1.0)).axes[0].lines
 
 
 @pytest.mark.parametrize("q", [[0] * 6, BENT])
@@ -225,12 +175,19 @@ def test_animation_of_a_single_sample_is_one_frame(rod, tmp_path):
         assert film.n_frames == 1
 
 
-def test_positions_between_samples_follow_the_motion(rod):
+def test_positions_of_frames_follow_the_motion_between_its_samples(rod):
     t = np.linspace(0, 2, 201)
     coarse = rne.simulate(rod, [1], [0], 2.0, rtol=1e-10)
     fine = rne.simulate(rod, [1], [0], 2.0, rtol=1e-10, t_eval=t)
-    assert np.abs(interpolated_positions(coarse, t) - fine.q).max() < 2e-3
+    assert np.abs(motion_argument("motion", coarse).positions(t) - fine.q).max() < 2e-4
     assert np.abs(np.interp(t, coarse.t, coarse.q[:, 0]) - fine.q[:, 0]).max() > 2e-3  # straight lines would not do
+
+
+def test_arrays_are_animated_along_straight_lines_between_their_samples(rod, tmp_path):
+    given = motion_argument("motion", ([0.0, 1.0], [[0.0], [2.0]]))
+    np.testing.assert_array_equal(given.positions(np.array([0.0, 0.25, 1.0])), [[0.0], [0.5], [2.0]])
+    with Image.open(rne.plotting.animate(rod, ([0.0, 1.0], [[0.0], [2.0]]), tmp_path / "a.gif", fps=10)) as film:
+        assert film.n_frames == 11
 
 
 MISSING = "pictures need matplotlib, which is not installed: pip install 'rne[plot]'"
@@ -240,7 +197,6 @@ def test_without_matplotlib_the_cure_is_named(irb140, swing, tmp_path, monkeypat
     for module in [m for m in sys.modules if m.split(".")[0] == "matplotlib"]:
         monkeypatch.setitem(sys.modules, module, None)
     calls = (
-        lambda: rne.plotting.plot(swing),
         lambda: rne.plotting.draw(irb140, [0] * 6),
         lambda: rne.plotting.animate(irb140, swing, tmp_path / "a.gif"),
     )
@@ -250,37 +206,6 @@ def test_without_matplotlib_the_cure_is_named(irb140, swing, tmp_path, monkeypat
 
 
 WRONG = {
-    "plot dict": (lambda r, s: rne.plotting.plot({}), TypeError, "`trajectory` must be an rne.Trajectory, got dict"),
-    "plot empty": (
-        lambda r, s: rne.plotting.plot(first(s, 0)),
-        ValueError,
-        "`trajectory` must have at least one sample, got none",
-    ),
-    "plot few names": (
-        lambda r, s: rne.plotting.plot(s, ["a", "b"]),
-        ValueError,
-        "`names` must have 6 names, one per joint of `trajectory`, got 2",
-    ),
-    "plot robot": (
-        lambda r, s: rne.plotting.plot(s, r),
-        TypeError,
-        "`names` must be a sequence of str, got Robot; pass robot.joint_names",
-    ),
-    "plot number": (
-        lambda r, s: rne.plotting.plot(s, 6),
-        TypeError,
-        "`names` must be a sequence of str, got int",
-    ),
-    "plot numbers": (
-        lambda r, s: rne.plotting.plot(s, range(6)),
-        TypeError,
-        "`names` must be a sequence of str, got one with int",
-    ),
-    "plot one name": (
-        lambda r, s: rne.plotting.plot(s, "abcdef"),
-        TypeError,
-        "`names` must be a sequence of str, got str",
-    ),
     "draw model": (
         lambda r, s: rne.plotting.draw(r.model, [0] * 6),
         TypeError,
@@ -314,12 +239,12 @@ WRONG = {
     "animation empty": (
         lambda r, s: rne.plotting.animate(r, first(s, 0), "a.gif"),
         ValueError,
-        "`trajectory` must have at least one sample, got none",
+        "`motion` must have at least one sample, got none",
     ),
     "animation other": (
         lambda r, s: rne.plotting.animate(rne.Robot(straight_chain(2)), s, "a.gif"),
         ValueError,
-        "`trajectory` must have 2 joints as robot 'chain2' has, got 6",
+        "`motion` must have 2 joints as robot 'chain2' has, got 6",
     ),
     "animation mp4": (
         lambda r, s: rne.plotting.animate(r, s, "a.mp4"),

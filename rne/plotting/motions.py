@@ -136,7 +136,8 @@ def _arrays(name: str, given: Sequence[Any]) -> Motion:
         n = "n" if key == "q" else samples["q"].shape[1]
         array = real_array(f"{name}[{k}]", values, f"({len(t)}, {n})").astype(float)
         if array.ndim != 2 or len(array) != len(t) or (key != "q" and array.shape[1] != n):
-            raise ValueError(f"`{name}[{k}]`, {key}, must have shape ({len(t)}, {n}), got {array.shape}")
+            cure = ": transpose it" if array.ndim == 2 and array.shape[1] == len(t) else ""
+            raise ValueError(f"`{name}[{k}]`, {key}, must have shape ({len(t)}, {n}), got {array.shape}{cure}")
         samples[key] = array
     return Motion(t, samples)
 
