@@ -18,7 +18,7 @@ from benchmarks.measure import nanoseconds, per_state, ratio
 from benchmarks.pages import table, three
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.pictures import OURS, PINOCCHIO
-from rne.plotting.plots import blank_figure
+from rne.plotting.figures import blank_figure
 
 
 def ladder(robot: rne.Robot) -> dict[str, rne.Scene]:

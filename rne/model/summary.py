@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ..basics.short_text import brief_array, counted, listed, wrapped
 from ..basics.text_table import short
 
-if TYPE_CHECKING:
-    from .model import Model
 
-
-def model_summary(model: Model) -> str:
+def model_summary(model: Any) -> str:
     """Name, joints, links, mass and gravity of a model, in at most three lines or so."""
     kinds = dict.fromkeys(model.joint_types)
     types = ", ".join(f"{model.joint_types.count(kind)} {kind}" for kind in kinds)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ..basics.short_text import counted, wrapped
 from ..basics.text_table import short
 
-if TYPE_CHECKING:
-    from .trajectory import Trajectory
-
 LONGEST = 240  # characters of the solver's message
 
 
-def trajectory_summary(motion: Trajectory) -> str:
+def trajectory_summary(motion: Any) -> str:
     """Robot, duration, solver, message and energies of a motion, in a few lines."""
     return wrapped("\n  ".join(trajectory_lines(motion)))
 
 
-def trajectory_lines(motion: Trajectory) -> list[str]:
+def trajectory_lines(motion: Any) -> list[str]:
     """What was simulated by what, how it ended, and the energies."""
     of = "" if motion.model is None else f" of '{short(motion.model.name)}'"
     t, message = motion.t, motion.message
