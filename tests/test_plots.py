@@ -107,11 +107,14 @@ def test_torques_held_between_samples_are_drawn_as_steps(sampled):
         assert all(np.ptp(level) <= SAME * np.abs(y).max() for level in levels)
 
 
-def test_energies_are_smooth_and_their_error_is_at_the_samples(swing):
+def test_energies_are_smooth_and_their_error_is_at_the_samples(irb140, swing):
     upper, lower = rne.plotting.plot(swing, quantities=["energy", "energy error"]).axes
     assert legend(upper) == ["kinetic", "potential", "total"]
     for curve, values in zip(upper.lines, (swing.kinetic, swing.potential, swing.energy), strict=True):
         np.testing.assert_allclose(at(curve, swing.t, "last"), values, rtol=0, atol=SAME * np.abs(swing.energy).max())
+    t = upper.lines[0].get_xdata()
+    q, qd, _ = swing(t)
+    np.testing.assert_allclose(upper.lines[0].get_ydata(), irb140.kinetic_energy(q, qd), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(lower.lines[0].get_xdata(), swing.t)
     np.testing.assert_array_equal(lower.lines[0].get_ydata(), swing.balance)
     assert lower.get_legend() is None

@@ -65,9 +65,10 @@ class Motion:
             return self.t, self.samples[quantity]
         if quantity == "energy error":
             return motion.t, motion.balance[:, None]
-        if len(motion.t) < 2 or (quantity == "energy" and motion.model is None):
-            energies = np.stack([motion.kinetic, motion.potential, motion.energy], axis=1)
-            return motion.t, energies if quantity == "energy" else self.samples[quantity]
+        if quantity == "energy" and (motion.model is None or not 1 < len(motion.t) <= POINTS):
+            return motion.t, np.stack([motion.kinetic, motion.potential, motion.energy], axis=1)
+        if len(motion.t) < 2:
+            return motion.t, self.samples[quantity]
         t, seen_at = fine_times(motion)
         if quantity == "tau":
             return seen_at, motion.torques(t)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BOX = "overflow-x:auto;max-width:100%;max-height:32em;margin:.4em 0"
-TABLE = "border-collapse:collapse;font-size:.9em"
+TABLE = "border-collapse:collapse;font-size:.9em;table-layout:auto;margin:0"
 CELL = "border:0;border-bottom:1px solid rgba(128,128,128,.4);padding:.15em .6em;text-align:{};white-space:nowrap"
 PICTURE = "max-width:100%;height:auto;border-radius:4px"
 DPI = 200  # about two pixels for each of the page, for sharp text on dense screens
