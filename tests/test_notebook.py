@@ -244,7 +244,7 @@ def test_recursion_page_of_a_batch_shows_its_first_state(irb140):
     batch, single = irb140.recursion(q, q, q), irb140.recursion(q[0], q[0], q[0])
     tables = [next(parsed(record._repr_html_()).iter("table")) for record in (batch, single)]
     assert rows(tables[0]) == rows(tables[1])
-    assert "Of the batch, the first state:" in shown(parsed(batch._repr_html_()))
+    assert "The first of the states of leading shape (3,):" in shown(parsed(batch._repr_html_()))
     none = irb140.recursion(q[:0], q[:0], q[:0])
     assert not list(parsed(none._repr_html_()).iter("table"))
 

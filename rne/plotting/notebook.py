@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.notebook import html
+from ..basics.short_text import counted
 from ..basics.text_table import short, six_digits
 from ..dynamics.record import BRANCHED, LEGEND, VECTORS, Recursion
 from ..kernels.heading import UNITS
 from ..kernels.kernel import Kernel
-from ..model.builder import Part, disassemble
+from ..model.builder import Part, at_links, disassemble
 from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot
 from ..simulation.summary import trajectory_lines
@@ -39,6 +40,7 @@ TABLE = "border-collapse:collapse;font-size:.9em;table-layout:auto;margin:0"
 CELL = "border:0;border-bottom:1px solid rgba(128,128,128,.4);padding:.15em .6em;text-align:{};white-space:nowrap"
 PICTURE = "max-width:100%;height:auto;border-radius:4px"
 DPI = 200  # about two pixels for each of the page, for sharp text on dense screens
+COLORS_OF_A_PICTURE = 256
 SOURCE_LINES = 16  # of a kernel that are shown
 NOT_GIVEN = "not given"
 LINE = 100  # characters of a line of source
@@ -48,7 +50,7 @@ ACROSS, HIGH = 4.4, 2.6  # size of a small plot [inch], as wide as a phone
 @html.register
 def robot_page(robot: Robot) -> str:
     """A picture of the robot at q = 0, its joints and its bodies; without matplotlib the tables alone."""
-    model, parts = robot.model, disassemble(robot.model)
+    model, parts = robot.model, at_links(disassemble(robot.model))
     pieces = [_text(repr(robot))]
     if has_matplotlib():
         pieces.append(_image(_robot_figure(robot), f"{short(model.name)} at q = 0"))
@@ -84,11 +86,11 @@ def trajectory_page(motion: Trajectory) -> str:
 @html.register
 def recursion_page(record: Recursion) -> str:
     """The table of a recursion, or of the first state of its batch."""
-    pieces = [_text(repr(record))]
     if 0 in record.batch or not record.joints:
-        return _page(*pieces)
+        return _page(_text(repr(record)))
+    pieces = [_text(f"Recursion of {counted(len(record.joints), 'joint')}")]
     if record.batch:
-        pieces.append(_text("Of the batch, the first state:"))
+        pieces.append(_text(f"The first of the states of leading shape {record.batch}:"))
         record = record.state((0,) * len(record.batch))
     rows = [row for i in range(len(record.joints)) for row in _record_rows(record, i)]
     notes = LEGEND if record.a_e is not None else (*LEGEND, BRANCHED)
@@ -232,8 +234,12 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: int = 9
 
 def _image(figure: Figure, title: str) -> str:
     """A figure as a picture within the page, readable on light and dark pages by its own background."""
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=DPI)
+    from PIL import Image
+
+    drawn, file = io.BytesIO(), io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=DPI)
+    few = Image.open(drawn).convert("RGB").quantize(COLORS_OF_A_PICTURE, dither=Image.Dither.NONE)
+    few.save(file, format="png")  # a third of the size, which the notebook's file carries
     data = base64.b64encode(file.getvalue()).decode("ascii")
     width = round(100 * figure.get_figwidth())
     return f'<img src="data:image/png;base64,{data}" alt="{escape(title)}" width="{width}" style="{PICTURE}"/>'
