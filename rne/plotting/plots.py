@@ -85,8 +85,9 @@ def plot(
     -----
     Simulated motions are drawn as smooth curves, evaluated between the solver's steps, with vertical lines where
     torques or accelerations jump; a motion simulated with `t_eval` does not know when. Arrays are drawn as straight
-    lines between samples. The energy error, energy - energy at the start - work + dissipated, is zero but for the solver's
-    errors, and is known at the samples only. Without a model the labels name the units of both kinds of joints.
+    lines between samples. The energy error, energy - energy at the start - work + dissipated, is zero but for the
+    solver's errors, and is known at the samples only. Without a model the labels name the units of both kinds of
+    joints.
 
     Examples
     --------
