@@ -137,6 +137,18 @@ def test_each_panel_has_one_unit(mixed):
     assert (force.get_ydata() == 2.0).all()
 
 
+def test_units_are_those_of_the_coordinates_where_joints_mimic_others():
+    model = random_tree(5, seed=6, mimics=3)
+    robot = rne.Robot(model)
+    sliding = [
+        name for name, i in zip(robot.joint_names, model.independent_joints, strict=True) if not model.is_revolute[i]
+    ]
+    panels = rne.plotting.plot(([0, 1], np.zeros((2, robot.n))), robot).axes
+    by_unit = {ax.get_ylabel(): legend(ax) for ax in panels}
+    assert by_unit["position [m]"] == sliding
+    assert sorted(by_unit["position [rad]"] + sliding) == sorted(robot.joint_names)
+
+
 def test_without_types_of_joints_the_label_names_both_units():
     (ax,) = rne.plotting.plot(([0, 1], [[0, 1], [2, 3]])).axes
     assert ax.get_ylabel() == "position [rad or m]"
