@@ -12,7 +12,7 @@ from lxml import etree
 from PIL import Image
 
 import rne
-from rne.basics.short_text import summary
+from rne.basics.short_text import brief, summary
 from rne.model.robots.generators import random_tree, straight_chain
 from rne.plotting.notebook import SOURCE_LINES
 
@@ -131,6 +131,7 @@ def test_summaries_of_other_values():
         usual: int = 3
 
     things = Things(tuple("abcdefgh"), np.zeros((3, 0)), {"a": 1.5}, True)
+    assert brief(type("Long", (), {"__repr__": lambda self: "z" * 1000})()) == "z" * 117 + "..."
     text = "Things(names=['a', 'b', 'c', 'd', 'e', ... 3 more], table=<3 x 0 numbers>, of={'a': 1.5}, flag=True)"
     assert " ".join(summary(things).split()) == text
 
