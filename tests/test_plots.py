@@ -1,6 +1,8 @@
 """Plots of motions and ensembles: curves through the samples, jumps as jumps, one unit on each panel."""
 
 import dataclasses
+import io
+import pickle
 import re
 import sys
 from itertools import pairwise
@@ -8,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 import rne
 from rne.model.robots.generators import random_tree, straight_chain
@@ -239,6 +242,15 @@ def test_plot_of_one_sample_shows_points(swing):
 def test_plot_without_joints():
     robot = rne.Robot(random_tree(0, seed=1))
     assert not rne.plotting.plot(rne.simulate(robot, [], [], 1.0)).axes[0].lines
+
+
+def test_notebooks_show_figures_without_pyplot(irb140, swing, spread):
+    figures = (rne.plotting.plot(swing), rne.plotting.fan(spread), rne.plotting.draw(irb140, [0] * 6))
+    for figure in figures:
+        with Image.open(io.BytesIO(figure._repr_png_())) as picture:
+            assert picture.size == tuple(np.rint(figure.get_size_inches() * figure.dpi))
+            assert len(np.unique(np.asarray(picture.convert("L")))) > 50
+        assert len(pickle.loads(pickle.dumps(figure)).axes) == len(figure.axes)
 
 
 def test_long_curves_keep_their_extremes():

@@ -23,10 +23,12 @@ MANY = ("turbo", 0.02, 0.96)  # colour map of more curves, from the first to the
 def blank_figure(width: float, height: float) -> Figure:
     """An empty figure of the given size [inch]; without matplotlib an ImportError says how to install it."""
     try:
-        from matplotlib.figure import Figure
+        import matplotlib.figure  # noqa: F401
     except ModuleNotFoundError:
         raise ImportError("pictures need matplotlib, which is not installed: pip install 'rne[plot]'") from None
-    return Figure(figsize=(width, height), layout="constrained", dpi=120)
+    from .shown_figure import ShownFigure
+
+    return ShownFigure(figsize=(width, height), layout="constrained", dpi=120)
 
 
 def stacked_panels(rows: int, title: str, height: float = 2.1) -> list[Axes]:
