@@ -241,6 +241,11 @@ WRONG = {
         ValueError,
         "`motion` must have at least one sample, got none",
     ),
+    "animation of rates": (
+        lambda r, s: rne.plotting.animate(r, ([0.0], None, np.zeros((1, 6))), "a.gif"),
+        ValueError,
+        "`motion` must hold positions, got None for them",
+    ),
     "animation other": (
         lambda r, s: rne.plotting.animate(rne.Robot(straight_chain(2)), s, "a.gif"),
         ValueError,

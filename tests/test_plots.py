@@ -175,6 +175,8 @@ def test_arrays_are_drawn_as_they_are(swing):
     (ax,) = rne.plotting.plot((swing.t, swing.q, None, swing.qdd), quantities=["qdd"]).axes
     for curve, column in zip(ax.lines, swing.qdd.T, strict=True):
         np.testing.assert_array_equal(curve.get_data(), (swing.t, column))
+    (ax,) = rne.plotting.plot((swing.t, None, swing.qd)).axes
+    assert ax.get_ylabel() == "rate [rad/s or m/s]"
 
 
 def test_default_panels(swing, sampled):
@@ -347,6 +349,11 @@ WRONG = {
         lambda s, e: rne.plotting.plot((*PAIR, np.zeros((2, 3)))),
         ValueError,
         "`motion[2]`, qd, must have shape (2, 2), got (2, 3)",
+    ),
+    "nothing": (
+        lambda s, e: rne.plotting.plot(([0.0, 1.0], None)),
+        ValueError,
+        "`motion` must hold at least one array beside t, got none",
     ),
     "nan": (
         lambda s, e: rne.plotting.plot(([0, np.nan], PAIR[1])),

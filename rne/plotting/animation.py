@@ -76,6 +76,8 @@ def animate(
     """
     check_robot(robot)
     shown = motion_argument("motion", motion)
+    if "q" not in shown.samples:
+        raise ValueError("`motion` must hold positions, got None for them")
     if shown.n != robot.n:
         raise ValueError(f"`motion` must have {robot.n} joints as robot {robot.model.name!r} has, got {shown.n}")
     file = _gif_path(path)

@@ -41,7 +41,7 @@ class Motion:
     @property
     def n(self) -> int:
         """Number of joints."""
-        return int(self.samples["q"].shape[1])
+        return int(next(iter(self.samples.values())).shape[1])
 
     @property
     def model(self) -> Model | None:
@@ -132,14 +132,16 @@ def _arrays(name: str, given: Sequence[Any]) -> Motion:
         raise ValueError(f"`{name}[0]` must be ascending times, got {t[k + 1]:.6g} s after {t[k]:.6g} s")
     samples: dict[str, Array] = {}
     for k, (key, values) in enumerate(zip(JOINT_ARRAYS, given[1:], strict=False), 1):
-        if values is None and key != "q":
+        if values is None:
             continue
-        n = "n" if key == "q" else samples["q"].shape[1]
+        n = next(iter(samples.values())).shape[1] if samples else "n"
         array = real_array(f"{name}[{k}]", values, f"({len(t)}, {n})").astype(float)
-        if array.ndim != 2 or len(array) != len(t) or (key != "q" and array.shape[1] != n):
+        if array.ndim != 2 or len(array) != len(t) or (samples and array.shape[1] != n):
             cure = ": transpose it" if array.ndim == 2 and array.shape[1] == len(t) else ""
             raise ValueError(f"`{name}[{k}]`, {key}, must have shape ({len(t)}, {n}), got {array.shape}{cure}")
         samples[key] = array
+    if not samples:
+        raise ValueError(f"`{name}` must hold at least one array beside t, got none")
     return Motion(t, samples)
 
 
