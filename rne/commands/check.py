@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     code = 0
     for file in arguments.files:
         try:
-            findings = rne.check(_path(file))
+            findings = rne.check(_path(file), grouped=not arguments.all)
         except (CommandError, OSError) as error:
             code = fail(in_one_line(error))
         else:
