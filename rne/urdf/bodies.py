@@ -11,6 +11,7 @@ from ..basics.spatial import Array, rotation_from_rpy
 from .grammar import NUMBER, describe
 from .tree import ENTRIES, link_of
 
+POINT = 1e-6  # m: smaller bodies are point masses, whose inertia is rounding error
 FLATTEST = 0.1  # axes of the ellipsoid, relative to its longest: rods and plates are often idealised as having no width
 
 
@@ -91,7 +92,7 @@ def _density(mass: float, moments: Array) -> float:
     """
     squares = 5 * (moments.sum() / 2 - moments) / mass if mass > 0 else np.zeros(3)  # of the semi-axes
     longest = float(squares.max())
-    if not longest > 0:
+    if not longest > POINT**2:
         return 0.0
     axes = np.sqrt(np.maximum(squares, FLATTEST**2 * longest))
     return float(mass / (4 / 3 * np.pi * axes.prod()))

@@ -58,9 +58,8 @@ def _check_limit(joint: Any, limit: Any, report: Report) -> None:
         return
     zero = [repr(name) for name in ("effort", "velocity") if plain_numbers(limit, name) == [0.0]]
     if zero:
-        what = (
-            f"attributes {' and '.join(zero)} of <limit> are 0" if zero[1:] else f"attribute {zero[0]} of <limit> is 0"
-        )
+        what = f"attributes {' and '.join(zero)} of <limit> are 0"
+        what = what if zero[1:] else f"attribute {zero[0]} of <limit> is 0"
         report.warning(limit, owner, what, "give what the drive can do; as written it can do nothing")
 
 
