@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .commands import COMMANDS
 from .commands.report import FOLDER, add_out, run_main_page
-from .commands.shared import CommandError, fail, in_one_line, join_numbers
+from .commands.shared import CommandError, Parser, fail, in_one_line, join_numbers
 from .errors import RneError
 
 
@@ -46,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
     import rne
 
     as_module = Path(sys.argv[0]).name == "__main__.py"
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="python -m rne" if as_module else "rne",
         description="Dynamics of robot manipulators. Without a command: a report on the ABB IRB 140, with pictures.",
         epilog="rne COMMAND --help shows the options of a command, and an example.",

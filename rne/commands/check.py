@@ -8,10 +8,13 @@ from typing import Any
 
 from .shared import ROBOT, CommandError, add_parser, fail, in_one_line
 
+FIRST = 4096  # bytes that are looked at
+MARK = 8  # bytes that may precede "<": the mark of an encoding
+
 
 def add(commands: Any) -> None:
     """Register the subcommand."""
-    title = "print errors and warnings about URDF files: syntax, units, impossible masses and inertias"
+    title = "print errors and warnings about URDF files"
     parser = add_parser(commands, "check", title, "rne check arm.urdf")
     parser.add_argument("files", metavar="FILE", nargs="+", help=ROBOT)
     parser.add_argument("--all", action="store_true", help="print findings that are alike one by one")
@@ -37,7 +40,12 @@ def _path(file: str) -> str | os.PathLike[str]:
     from ..model.robots import BUILDERS
     from ..urdf.library import library
 
-    if os.path.exists(file):
+    if os.path.isdir(file):
+        raise CommandError(f"{file}: is a folder; a URDF file is needed")
+    if os.path.isfile(file):
+        with open(file, "rb") as stream:
+            if b"<" not in stream.read(FIRST).lstrip()[:MARK]:
+                raise CommandError(f"{file}: is not an XML file; a URDF file is needed")
         return file
     if file in BUILDERS:
         raise CommandError(f"robot {file!r} is built in and has no file; rne urdf {file} prints it")

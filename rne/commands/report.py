@@ -19,7 +19,7 @@ def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
 
 def add(commands: Any) -> None:
     """Register the subcommand."""
-    title = "write a page with every experiment of the thesis on the IRB 140; takes about two minutes"
+    title = "write a page on the thesis's experiments (two minutes)"
     parser = add_parser(commands, "report", title, "rne report --out thesis-page")
     add_out(parser, argparse.SUPPRESS)  # where it is not given here, that before the subcommand holds
     parser.add_argument("--markdown", metavar="FILE", type=Path, help="also write the page there, such as thesis.md")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 import tempfile
@@ -10,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     import rne
@@ -21,6 +22,14 @@ NUMBER = re.compile(r"[+-]?\.?[0-9][0-9.eE+,-]*")
 
 class CommandError(Exception):
     """A wrong call: the command ends with this message and exit code 2."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with exit code 2."""
+        self.exit(2, f"error: {message}; {self.prog} --help shows what there is\n")
 
 
 def add_parser(commands: Any, name: str, title: str, example: str) -> argparse.ArgumentParser:
@@ -49,7 +58,7 @@ def add_parser(commands: Any, name: str, title: str, example: str) -> argparse.A
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """The arguments that say which robot, under which gravity and with which payload."""
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
-    parser.add_argument("--payload", metavar="KG", type=float, help="point mass at the origin of the last link [kg]")
+    parser.add_argument("--payload", metavar="KG", type=number, help="point mass at the origin of the last link [kg]")
     parser.add_argument("--payload-link", metavar="LINK", help="link that carries the payload, where robots branch")
     parser.add_argument(
         "--gravity", metavar="X Y Z", type=numbers, help="in the axes of the root link [m/s^2] (default: 0 0 -9.81)"
@@ -63,21 +72,37 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
     if arguments.payload is None and arguments.payload_link is not None:
         raise CommandError("--payload-link: needs --payload")
     gravity = {} if arguments.gravity is None else {"gravity": arguments.gravity}
-    robot = rne.load(arguments.robot, **gravity)
+    try:
+        robot = rne.load(arguments.robot, **gravity)
+    except ValueError as error:
+        if isinstance(error, rne.RneError):
+            raise
+        raise CommandError(in_one_line(error).replace("`gravity`", "--gravity")) from None
     if arguments.payload is None:
         return robot
     try:
         return robot.with_payload(arguments.payload, link=arguments.payload_link)
     except ValueError as error:
-        raise CommandError(f"--payload: {error}") from None
+        raise CommandError(f"--payload: {in_one_line(error).replace('`link`', '--payload-link')}") from None
 
 
 def numbers(text: str) -> list[float]:
     """Numbers separated by blanks or commas."""
     try:
-        return [float(part) for part in text.replace(",", " ").split()]
+        values = [float(part) for part in text.replace(",", " ").split()]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"must be numbers separated by blanks or commas, got {text!r}") from None
+        values = []
+    if not values or not all(map(math.isfinite, values)):
+        raise argparse.ArgumentTypeError(f"must be numbers separated by blanks or commas, got {text!r}")
+    return values
+
+
+def number(text: str) -> float:
+    """One finite number."""
+    values = numbers(text)
+    if len(values) != 1:
+        raise argparse.ArgumentTypeError(f"must be one number, got {text!r}")
+    return values[0]
 
 
 def join_numbers(argv: Sequence[str]) -> list[str]:

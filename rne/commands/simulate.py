@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from .shared import (
     check_file,
     fail,
     in_one_line,
+    number,
     numbers,
     robot_of,
     say,
@@ -30,17 +32,17 @@ EXAMPLE = "rne simulate irb140 --q0 0 0.5 0 0 0 0 --duration 2 --out motion.csv"
 
 def add(commands: Any) -> None:
     """Register the subcommand."""
-    title = "simulate a robot from an initial state and write the motion to a file"
+    title = "simulate a motion and write it to a file"
     parser = add_parser(commands, "simulate", title, EXAMPLE)
     add_robot(parser)
     joints = "one number per joint, separated by blanks or commas"
     parser.add_argument("--q0", metavar="Q", type=numbers, help=f"initial positions [rad or m], {joints}; else zero")
     parser.add_argument("--qd0", metavar="QD", type=numbers, help="initial rates [rad/s or m/s]; else at rest")
-    parser.add_argument("--duration", metavar="S", type=float, required=True, help="[s]")
+    parser.add_argument("--duration", metavar="S", type=number, required=True, help="[s]")
     parser.add_argument("--torque", metavar="TAU", type=numbers, help="constant drive torques [N m or N]; else none")
     parser.add_argument("--method", default="auto", help="solver of rne.simulate (default: auto)")
-    parser.add_argument("--rtol", type=float, default=1e-6, help="relative tolerance (default: 1e-6)")
-    parser.add_argument("--every", metavar="S", type=float, help="time between samples [s]; else the solver's steps")
+    parser.add_argument("--rtol", type=number, default=1e-6, help="relative tolerance (default: 1e-6)")
+    parser.add_argument("--every", metavar="S", type=number, help="time between samples [s]; else the solver's steps")
     out = "file to write: .npz for rne.Trajectory.load, .csv for anything else"
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help=out)
     parser.set_defaults(run=run)
@@ -67,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
                 robot, q0, qd0, arguments.duration, torque=None if arguments.torque is None else torque, **options
             )
     except ValueError as error:
-        raise CommandError(in_one_line(error).replace("`", "")) from None
+        raise CommandError(re.sub("`(method|rtol|duration)`", r"--\1", in_one_line(error))) from None
     except rne.SimulationError as error:
         fail(in_one_line(error))
         return 1

@@ -28,7 +28,7 @@ def quantities() -> list[str]:
 
 def add(commands: Any) -> None:
     """Register the subcommand."""
-    title = "print a quantity of a robot as source code in C, MATLAB, Python or NumPy"
+    title = "print a quantity as C, MATLAB, Python or NumPy code"
     parser = add_parser(commands, "source", title, "rne source irb140 --quantity mass_matrix --language c > M.c")
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     choices = quantities()

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 def add(commands: Any) -> None:
     """Register the subcommand."""
-    title = "compute the drive torques of a motion in a CSV file"
+    title = "compute the torques of a motion in a CSV file"
     parser = add_parser(commands, "torques", title, "rne torques irb140 motion.csv --out torques.csv")
     add_robot(parser)
     columns = "CSV with columns t and q.<joint>, if known qd.<joint> and qdd.<joint>, in any order [s, rad or m]"
@@ -76,8 +76,8 @@ def _motion(samples: Samples, robot: rne.Robot, file: Path) -> tuple[Array, Arra
     import rne
 
     if samples.q is None:
-        columns = f"q.{robot.joint_names[0]}" if robot.n else "q"
-        raise CommandError(f"{file}, row 1: there are no positions; columns {columns!r} ... are needed")
+        needed = ", ".join(repr(f"q.{joint}") for joint in robot.joint_names)
+        raise CommandError(f"{file}, row 1: there are no positions; needed are {needed}")
     if samples.qd is not None and samples.qdd is not None:
         return samples.q, samples.qd, samples.qdd, f"q, qd and qdd from {file}"
     given = samples.q if samples.qd is None else samples.qd

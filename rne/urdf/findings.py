@@ -96,7 +96,7 @@ def near_path(file: str) -> str:
         relative = os.path.relpath(file)
     except ValueError:  # on another drive
         return file
-    return file if relative.startswith(os.pardir) else relative
+    return file if relative.split(os.sep)[0] == os.pardir else relative
 
 
 def echo(value: object) -> str:

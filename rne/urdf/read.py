@@ -22,7 +22,6 @@ from .plausibility import check_bodies, check_elements
 from .printing import written
 from .strict import remove_default_namespace, validate
 from .tree import link_of
-from .xacro import check_expanded
 
 
 def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Model:
@@ -120,9 +119,7 @@ def check(path: str | os.PathLike[str], *, out: TextIO | None = None, grouped: b
 
 def _validated(data: bytes | None, report: Report) -> Any | None:
     root = None if data is None else parse(data, report)
-    if root is None or not check_expanded(root, report):
-        return None
-    return root if validate(root, report) else None
+    return root if root is not None and validate(root, report) else None
 
 
 def _check_plausibility(data: bytes, report: Report) -> None:

@@ -10,6 +10,7 @@ from ..model.validation import inertia_error, triangle_excess
 from .findings import Report, echo
 from .grammar import check_grammar, describe, number, numbers, prune
 from .tree import ENTRIES, TYPES, check_tree
+from .xacro import check_expanded
 
 TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
 
@@ -17,9 +18,9 @@ TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
 def validate(root: Any, report: Report) -> bool:
     """Report everything wrong with the robot; afterwards `root` holds only validated elements and attributes.
 
-    False if it is no robot.
+    False if it is no robot, or one that xacro has still to make.
     """
-    if not _is_robot(root, report):
+    if not (_is_robot(root, report) and check_expanded(root, report)):
         return False
     check_grammar(root, report)
     if not root.get("name", "").strip():

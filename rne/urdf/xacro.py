@@ -7,20 +7,22 @@ import shlex
 from pathlib import PurePath
 from typing import Any
 
-from .findings import Report, near_path
+from .findings import Report, cut, echo, near_path
+from .grammar import elements
 
-TAG = "xacro}"  # how the namespace of its elements ends, in all its versions
+NAMESPACE = "xacro}"  # how that of its elements ends, in all its versions
 
 
 def check_expanded(root: Any, report: Report) -> bool:
-    """True if nothing of xacro is left; otherwise an error that says how to expand the file."""
-    for element in root.iter():
-        name = element.tag if isinstance(element.tag, str) else ""
-        inside = any("${" in value for value in element.attrib.values())
-        if TAG in name or inside:
-            what = f"<xacro:{name.rpartition('}')[2]}>" if TAG in name else "${...}"
-            message = f"is a xacro file with {what}, not yet a URDF"
-            report.error(element, "file", message, f"expand it: {_command(report.file)}")
+    """True if nothing of xacro is left in what is read; otherwise an error that says how to expand the file."""
+    for element, _ in elements(root):
+        macros = [child for child in element if NAMESPACE in child.tag]
+        values = [value for value in element.attrib.values() if "${" in value or "$(" in value]
+        if macros or values:
+            what = echo(values[0]) if values else f"<xacro:{cut(macros[0].tag.rpartition('}')[2])}>"
+            where = element if values else macros[0]
+            message = f"is a xacro file, not yet a URDF: there is {what}"
+            report.error(where, "file", message, f"expand it: {_command(report.file)}")
             return False
     return True
 
