@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .commands import COMMANDS
 from .commands.report import FOLDER, add_out, run_main_page
-from .commands.shared import CommandError, Parser, fail, in_one_line, join_numbers
+from .commands.shared import CommandError, Parser, fail, in_one_line, join_numbers, note
 from .errors import RneError
 
 
@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     -------
     int
         Exit code: 0 on success; 1 if a file has errors, a comparison exceeds its bound or a simulation fails; 2 for a
-        wrong call.
+        wrong call; 130 if it was interrupted.
     """
     arguments = parser().parse_args(join_numbers(sys.argv[1:] if argv is None else argv))
     run: Callable[[argparse.Namespace], int] = arguments.run
@@ -37,6 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except KeyboardInterrupt:
+        note("interrupted")
+        return 130  # as shells say it
     except (CommandError, RneError, OSError) as error:
         return fail(in_one_line(error))
 

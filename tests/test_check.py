@@ -2,7 +2,9 @@
 
 import io
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import rne
@@ -162,6 +164,16 @@ def test_a_robot_in_numbers_too_large_to_square_is_no_error_of_the_check(check):
     box = solid('<box size="1e200 1e200 1e999"/>') + solid('<sphere radius="1e200"/>', "collision")
     printed = check(changed(1, link("arm", inertia="1e300", origin='<origin xyz="1e150 0 0"/>', shape=box)))
     assert printed[-1].startswith("r.urdf: ")
+
+
+@pytest.mark.parametrize("k", np.flatnonzero(rne.irb140().mass))
+def test_every_mass_of_the_irb140_in_grams_is_seen(k, check):
+    model = rne.irb140()
+    masses = model.mass.copy()
+    masses[k] *= 1000
+    printed = check(rne.to_urdf(replace(model, mass=masses)))
+    assert printed[-1] == "r.urdf: 1 warning: loads as written"
+    assert "denser than any metal" in printed[0]
 
 
 MASS = [

@@ -65,15 +65,21 @@ def test_a_falling_mass_is_at_its_closed_form(lift, tmp_path, capsys):
     np.testing.assert_array_equal(data["t"], [0, 0.25, 0.5, 0.75, 1])
     np.testing.assert_allclose(data["q.up"], -1 - (2 + 1 / 2) * data["t"] ** 2 / 2, rtol=1e-9)
     said = capsys.readouterr().out.splitlines()
-    assert said[:4] == ["robot lift, joints up", "q0 -1 m", "qd0 0 m/s (not given: zero)", "torque -1 N"]
-    assert said[4].startswith("DOP853: ")
-    assert re.fullmatch(r"energy drift \S+ J", said[5])
-    assert said[6:9] == [
+    assert said[:5] == [
+        "robot lift, joints up, gravity 0 0 -2 m/s^2",
+        "q0 -1 m",
+        "qd0 0 m/s (not given: zero)",
+        "torque -1 N",
+        "rigid bodies alone: no friction, stops or torque limits",
+    ]
+    assert said[5].startswith("DOP853: ")
+    assert re.fullmatch(r"energy drift \S+ J", said[6])
+    assert said[7:10] == [
         "limits exceeded: 2",
         "  up: position -2.25 m below 0 m, worst at 1 s, first at 0 s",
         "  up: rate -2.5 m/s below -2 m/s, worst at 1 s, first at 1 s",
     ]
-    assert said[9:] == [f"{out}: 5 samples from 0 to 1 s"]
+    assert said[10:] == [f"{out}: 5 samples from 0 to 1 s"]
 
 
 def test_simulate_is_the_simulation_of_the_package(tmp_path):
@@ -130,8 +136,9 @@ def test_torques_of_the_files_accelerations_are_those_of_the_drives(motion, tmp_
     direct = robot.inverse_dynamics(simulated.q, simulated.qd, simulated.qdd)
     np.testing.assert_array_equal(columns(data, "tau", robot), direct)
     assert capsys.readouterr().out.splitlines() == [
+        f"robot irb140, joints {' '.join(robot.joint_names)}, gravity 0 0 -9.81 m/s^2",
         f"q, qd and qdd from {tmp_path / 'motion.csv'}",
-        "tau in N m: torques of the rigid bodies, without friction and drive inertia",
+        "tau in N m: rigid bodies alone, without friction and inertia of the drives",
         "limits exceeded: none",
         f"{out}: 101 samples from 0 to 1 s",
     ]
@@ -153,7 +160,7 @@ def test_what_is_missing_comes_from_a_spline_and_is_said(quantities, said, bound
     kept(file, quantities)
     assert main(["torques", IRB140, str(file)]) == 0
     output = capsys.readouterr()
-    assert output.err.splitlines()[0] == said.format(file)
+    assert output.err.splitlines()[1] == said.format(file)
     (tmp_path / "torques.csv").write_text(output.out)
     difference = columns(table(tmp_path / "torques.csv"), "tau", robot) - simulated.tau
     assert 0 < np.abs(difference).max() < bound * np.abs(simulated.tau).max()
@@ -163,15 +170,18 @@ def test_payload_and_gravity_count(lift, tmp_path, capsys):
     file = tmp_path / "rest.csv"
     file.write_text("t,q.up,qd.up,qdd.up\n0,0.5,0,0\n")
     assert main(["torques", lift, str(file), "--payload", "3", "--gravity", "0,0,-2"]) == 0
-    assert capsys.readouterr().out == "t,tau.up\n0.0,10.0\n"
+    said = capsys.readouterr()
+    assert said.out == "t,tau.up\n0.0,10.0\n"
+    first = "robot lift, joints up, gravity 0 0 -2 m/s^2, payload 3 kg at the origin of link car"
+    assert said.err.splitlines()[0] == first
 
 
 def test_limits_that_the_torques_exceed_are_said(lift, tmp_path, capsys):
     file = tmp_path / "rest.csv"
     file.write_text("t,q.up,qd.up,qdd.up\n0,0.5,0,0\n0.1,0.5,0,5.19\n")
     assert main(["torques", lift, str(file)]) == 0
-    assert capsys.readouterr().err.splitlines()[1:] == [
-        "tau in N: torques of the rigid bodies, without friction and drive inertia",
+    assert capsys.readouterr().err.splitlines()[2:] == [
+        "tau in N: rigid bodies alone, without friction and inertia of the drives",
         "limits exceeded: 1",
         "  up: torque 30 N above 25 N, worst at 0.1 s, first at 0.1 s",
     ]
@@ -347,6 +357,15 @@ def test_a_simulation_that_fails_is_told_with_exit_code_1(tmp_path, capsys):
     assert main(["simulate", str(path), "--duration", "1", "--out", str(tmp_path / "m.csv")]) == 1
     assert capsys.readouterr().err.startswith("error: ")
     assert not (tmp_path / "m.csv").exists()
+
+
+def test_an_interrupted_command_leaves_no_traceback(lift, tmp_path, capsys, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rne.simulate", interrupt)
+    assert main(["simulate", lift, "--duration", "1", "--out", str(tmp_path / "m.csv")]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
 
 
 def test_a_robot_of_example_robot_data_goes_by_its_name(tmp_path, capsys):

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from ..model.ends import end_link
+
 if TYPE_CHECKING:
     import rne
 
@@ -84,6 +86,16 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
         return robot.with_payload(arguments.payload, link=arguments.payload_link)
     except ValueError as error:
         raise CommandError(f"--payload: {in_one_line(error).replace('`link`', '--payload-link')}") from None
+
+
+def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
+    """A line that says which robot is computed with."""
+    model = robot.model
+    line = f"robot {model.name}, joints {' '.join(robot.joint_names)}, gravity {written(model.gravity.tolist())} m/s^2"
+    if arguments.payload is None:
+        return line
+    where = arguments.payload_link or end_link(model)
+    return f"{line}, payload {arguments.payload:g} kg at the origin of link {where}"
 
 
 def numbers(text: str) -> list[float]:

@@ -19,6 +19,7 @@ from .shared import (
     robot_of,
     say,
     units_of,
+    used,
     warnings_in_one_line,
     written,
 )
@@ -58,10 +59,11 @@ def run(arguments: argparse.Namespace) -> int:
     qd0 = _per_joint(robot, "qd0", arguments.qd0)
     torque = _per_joint(robot, "torque", arguments.torque)
     times = _times(arguments.duration, arguments.every)
-    say(f"robot {robot.model.name}, joints {' '.join(robot.joint_names)}")
+    say(used(robot, arguments))
     _say_used("q0", q0, arguments.q0, units_of(robot, "rad", "m"))
     _say_used("qd0", qd0, arguments.qd0, units_of(robot, "rad/s", "m/s"))
     _say_used("torque", torque, arguments.torque, units_of(robot, "N m", "N"))
+    say("rigid bodies alone: no friction, stops or torque limits")
     try:
         with warnings_in_one_line():
             options = {"method": arguments.method, "rtol": arguments.rtol, "t_eval": times}

@@ -18,6 +18,7 @@ from .shared import (
     robot_of,
     say,
     units_of,
+    used,
     warnings_in_one_line,
 )
 
@@ -57,8 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise CommandError(in_one_line(error)) from None
     text = _csv(robot, samples.t, tau)
     tell = note if arguments.out is None else say
+    tell(used(robot, arguments))
     tell(source)
-    tell(f"tau in {units_of(robot, 'N m', 'N')}: torques of the rigid bodies, without friction and drive inertia")
+    tell(f"tau in {units_of(robot, 'N m', 'N')}: rigid bodies alone, without friction and inertia of the drives")
     exceeded = limit_violations(robot.model, samples.t, q, qd, tau)
     tell(f"limits exceeded: {len(exceeded) or 'none'}")
     for violation in exceeded:
