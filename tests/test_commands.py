@@ -2,6 +2,8 @@
 
 import csv
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -48,6 +50,12 @@ def test_help_lists_every_command_in_a_line(capsys):
     said = capsys.readouterr().out
     for name in names_of_commands():
         assert len(re.findall(rf"^    {name} +\w.*$", said, re.MULTILINE)) == 1
+
+
+def test_the_parser_loads_numpy_and_the_standard_library_only():
+    code = "import sys, numpy; before = set(sys.modules); import rne.__main__ as m; m.parser(); print(*set(sys.modules) - before)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert {name.split(".")[0] for name in loaded.split()} <= {"rne", "numpy", *sys.stdlib_module_names}
 
 
 @pytest.mark.parametrize("name", names_of_commands())

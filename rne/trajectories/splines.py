@@ -96,9 +96,10 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     Notes
     -----
     The interpolating spline of `scipy.interpolate.make_interp_spline` of fifth degree with not-a-knot ends; with fewer
-    than six samples one polynomial of degree K - 1, so that two samples give a constant rate. It passes through every
-    sample, noise included, which its second derivative amplifies: filter measured positions first. For samples at
-    intervals h of a smooth motion, errors of q, qd and qdd decrease as h^6, h^5 and h^4.
+    than six samples one polynomial of degree K - 1, so that two samples give a constant rate. For samples at intervals
+    h of a smooth motion, errors of q, qd and qdd decrease as h^6, h^5 and h^4; intervals of similar length are best.
+    The spline passes through every sample, noise included, which its second derivative amplifies: filter measured
+    positions first.
 
     Examples
     --------
