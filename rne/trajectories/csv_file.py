@@ -117,7 +117,8 @@ def _rows(name: str, text: str) -> list[tuple[int, list[str]]]:
 def _wanted(name: str, columns: Sequence[str], joint_names: Sequence[str]) -> list[str]:
     """The columns to read: t, and every quantity that is there for all joints."""
     if "t" not in columns:
-        raise ValueError(f"{name}, row 1: there is no column 't'; there are {_listed(columns)}")
+        hint = "; separate columns by commas" if len(columns) == 1 else ""
+        raise ValueError(f"{name}, row 1: there is no column 't'; there are {_listed(columns)}{hint}")
     wanted = ["t"]
     for quantity in QUANTITIES:
         own = [f"{quantity}.{joint}" for joint in joint_names]

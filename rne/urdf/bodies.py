@@ -86,9 +86,10 @@ def _length(joint: Any) -> float:
 
 
 def _density(mass: float, moments: Array) -> float:
-    """Density of the solid ellipsoid with these principal moments.
+    """Density of the solid ellipsoid with these principal moments, thickened to `FLATTEST`.
 
-    No body with the same mass and moments has a smaller largest density; flat ones are thickened to `FLATTEST`.
+    Among bodies of one mass and one largest density, the ellipsoid has the smallest product of second moments. So any
+    body with this mass and these moments is at least as dense somewhere.
     """
     squares = 5 * (moments.sum() / 2 - moments) / mass if mass > 0 else np.zeros(3)  # of the semi-axes
     longest = float(squares.max())

@@ -94,6 +94,16 @@ def check(path: str | os.PathLike[str], *, out: TextIO | None = None, grouped: b
     FileNotFoundError
         If there is no such file.
 
+    Notes
+    -----
+    What probably is not meant: angles of an `<origin>` above 6.3 rad; ranges of revolute joints that end between 12.6
+    and 720 rad; a centre of mass farther from its link's origin than five times the robot's size; a radius of gyration
+    larger than twice that size. The size is the longest way along the joints' origins, with the strokes of sliding
+    joints and the boxes, cylinders and spheres of the links; meshes are not read. Mass and inertia belong to a body
+    denser than any metal if the solid ellipsoid with both has more than 23 000 kg/m^3: every other body with both has
+    a larger density somewhere. Sizes and densities of links of 1 g or less are not examined: they often are
+    there for their frame alone.
+
     Examples
     --------
     >>> import rne
