@@ -29,6 +29,7 @@ FLOORS = [
     ["analysis"],
     ["plotting"],
     ["thesis"],
+    ["commands"],
     ["__init__", "__main__"],
 ]
 FLOOR = {entry: k for k, floor in enumerate(FLOORS) for entry in floor}

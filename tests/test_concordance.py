@@ -12,7 +12,7 @@ import sys
 
 import pytest
 
-from rne.__main__ import _parser, main
+from rne.__main__ import main, parser
 
 from .helpers import ROOT
 from .test_benchmarks import BENCHMARKS
@@ -133,7 +133,7 @@ def test_every_command_runs(command, monkeypatch):
     assert python == "python"
     said = io.StringIO()
     if command in LONG:
-        _parser().parse_args(arguments)
+        parser().parse_args(arguments)
         assert is_defined(LONG[command])
     elif option == "-m" and what == "pytest":
         (test,) = arguments

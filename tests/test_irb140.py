@@ -74,7 +74,7 @@ def test_the_flange_costs_nothing_and_changes_no_torque(irb140, tmp_path):
 
 def test_urdf_has_no_findings(capsys):
     assert rne.check(URDF) == []
-    assert capsys.readouterr().out == f"{URDF}: no findings\n"
+    assert capsys.readouterr().out.endswith("irb140.urdf: no findings\n")
 
 
 def test_load_by_name_reads_no_file(monkeypatch, tmp_path):

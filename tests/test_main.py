@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import rne
-from rne.__main__ import main, quantities
+from rne.__main__ import main
 from rne.analysis.validation import against_energies, validate
+from rne.commands.source import quantities
 from rne.simulation.simulator import simulate
 from rne.thesis import main_page as main_job
 

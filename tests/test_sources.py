@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.__main__ import LANGUAGES, main, quantities
+from rne.__main__ import main
+from rne.commands.source import LANGUAGES, quantities
 from rne.kernels.source import LANGUAGES as PRINTED
 
 from .helpers import states

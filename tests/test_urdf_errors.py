@@ -264,7 +264,7 @@ def test_oddity_is_a_finding_and_the_robot_loads(name, write, capsys):
     path = write("<robot>" + link("base") + "</robot>" if elements is None else robot(*elements))
     findings = rne.check(path)
     assert [f.severity for f in findings] == ["warning"]
-    assert capsys.readouterr().out == f"warning: {path}{message}\n"
+    assert capsys.readouterr().out == f"warning: {path}{message}\n{path}: 1 warning: loads as written\n"
     assert rne.load(path).link_names[0] == "base"
 
 

@@ -235,7 +235,7 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     kp, kd : array_like, shape (n,)
         Gains of the error, which then obeys e'' + Kd e' + Kp e = 0 [1/s^2, 1/s].
     reference : callable
-        f(t) -> (q, qd, qdd); `rne.trajectories` has quintic and trapezoidal ones.
+        f(t) -> (q, qd, qdd); `rne.trajectories` has motions from rest to rest, and splines through samples.
 
     Returns
     -------

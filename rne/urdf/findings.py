@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -28,6 +29,8 @@ class Finding:
         What is wrong.
     cure : str
         How to fix it.
+    detail : str
+        The end of the message, after a colon: numbers by which findings of the same kind differ.
     """
 
     severity: Literal["error", "warning"]
@@ -36,6 +39,7 @@ class Finding:
     element: str
     message: str
     cure: str
+    detail: str = ""
 
     __repr__ = summary
 
@@ -46,6 +50,11 @@ class Finding:
     def place(self) -> str:
         """File and line."""
         return self.file if self.line is None else f"{self.file}:{self.line}"
+
+    @property
+    def kind(self) -> str:
+        """The message without its detail."""
+        return self.message.removesuffix(f": {self.detail}") if self.detail else self.message
 
 
 class Report:
@@ -59,14 +68,19 @@ class Report:
         """Add an error; `where` is the XML element, a line, or None."""
         self.findings.append(Finding("error", self.file, _line(where), element, message, cure))
 
-    def warning(self, where: Any, element: str, message: str, cure: str) -> None:
+    def warning(self, where: Any, element: str, message: str, cure: str, *, detail: str = "") -> None:
         """Add a warning; `where` is the XML element, a line, or None."""
-        self.findings.append(Finding("warning", self.file, _line(where), element, message, cure))
+        whole = f"{message}: {detail}" if detail else message
+        self.findings.append(Finding("warning", self.file, _line(where), element, whole, cure, detail))
 
     @property
     def errors(self) -> list[Finding]:
         """The errors among the findings."""
         return [finding for finding in self.findings if finding.severity == "error"]
+
+    def in_line_order(self) -> list[Finding]:
+        """The findings in the order of their lines, those about the whole file first."""
+        return sorted(self.findings, key=lambda finding: finding.line or 0)
 
     def raise_first_error(self) -> None:
         """Raise UrdfError for the first error, if there is one."""
@@ -77,6 +91,15 @@ class Report:
 
 def _line(where: Any) -> int | None:
     return where if isinstance(where, int) or where is None else where.sourceline
+
+
+def near_path(file: str) -> str:
+    """A path below the current folder relative to it, others as they are."""
+    try:
+        relative = os.path.relpath(file)
+    except ValueError:  # on another drive
+        return file
+    return file if relative.split(os.sep)[0] == os.pardir else relative
 
 
 def echo(value: object) -> str:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from .findings import Report, echo
+from .findings import Report, echo, listed
 
 LARGEST = sys.float_info.max  # written for a limit that does not exist
 # One decimal number in ASCII.
@@ -97,14 +97,11 @@ def check_grammar(root: Any, report: Report) -> None:
                 )
             elif child.tag in rule.once and counts[child.tag] == 2:
                 report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
-        for attribute in element.attrib:
-            if attribute not in rule.attributes:
-                report.warning(
-                    element,
-                    owner,
-                    f"unknown attribute {echo(attribute)} of <{element.tag}> is ignored",
-                    "remove it",
-                )
+        unknown = [attribute for attribute in element.attrib if attribute not in rule.attributes]
+        if unknown:
+            what = f"attributes {listed(unknown)}" if unknown[1:] else f"attribute {echo(unknown[0])}"
+            message = f"unknown {what} of <{element.tag}> {'are' if unknown[1:] else 'is'} ignored"
+            report.warning(element, owner, message, "remove them" if unknown[1:] else "remove it")
 
 
 def prune(root: Any) -> None:

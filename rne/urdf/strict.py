@@ -10,14 +10,18 @@ from ..model.validation import inertia_error, triangle_excess
 from .findings import Report, echo
 from .grammar import check_grammar, describe, number, numbers, prune
 from .tree import ENTRIES, TYPES, check_tree
+from .xacro import check_expanded
 
 TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
 
 
-def validate(root: Any, report: Report) -> None:
-    """Report everything wrong with the robot; afterwards `root` holds only validated elements and attributes."""
-    if not _is_robot(root, report):
-        return
+def validate(root: Any, report: Report) -> bool:
+    """Report everything wrong with the robot; afterwards `root` holds only validated elements and attributes.
+
+    False if it is no robot, or one that xacro has still to make.
+    """
+    if not (_is_robot(root, report) and check_expanded(root, report)):
+        return False
     check_grammar(root, report)
     if not root.get("name", "").strip():
         report.warning(root, "robot", "attribute 'name' is missing", "give the robot a name; other readers require it")
@@ -29,21 +33,31 @@ def validate(root: Any, report: Report) -> None:
         _check_joint(joint, report)
     check_tree(root, report)
     prune(root)
+    return True
 
 
 def _is_robot(root: Any, report: Report) -> bool:
-    from lxml import etree
-
     tag = root.tag
-    if tag.startswith("{") and tag.endswith("}robot"):  # a default namespace has no meaning in URDF
-        namespace = tag[: tag.index("}") + 1]
-        report.warning(root, "robot", f"default namespace {echo(namespace[1:-1])} is ignored", "remove xmlns")
-        for element in root.iter():
-            element.tag = element.tag.removeprefix(namespace)
-        etree.cleanup_namespaces(root)
+    namespace = remove_default_namespace(root)
+    if namespace:
+        report.warning(root, "robot", f"default namespace {echo(namespace)} is ignored", "remove xmlns")
     if root.tag != "robot":
         report.error(root, "file", f"the root element must be <robot>, got {echo(tag)}", "give a URDF file")
     return bool(root.tag == "robot")
+
+
+def remove_default_namespace(root: Any) -> str:
+    """The default namespace of a <robot>, which has no meaning in URDF and is removed; empty if there is none."""
+    from lxml import etree
+
+    tag = root.tag
+    if not (tag.startswith("{") and tag.endswith("}robot")):
+        return ""
+    namespace = str(tag[: tag.index("}") + 1])
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(namespace)
+    etree.cleanup_namespaces(root)
+    return namespace[1:-1]
 
 
 def _check_name(element: Any, report: Report) -> str:

@@ -1,4 +1,4 @@
-"""Reference motions from rest to rest: functions of time that return (q, qd, qdd), with numbers or traced."""
+"""Motions from rest to rest: polynomial and trapezoidal profiles, with numbers or traced."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .basics.arrays import positive_number, real_array
-from .basics.short_text import summary
-from .basics.spatial import Array
-from .elementwise import clip, less, where
-
-__all__ = ["Quintic", "Trapezoidal", "quintic", "trapezoidal"]
+from ..basics.arrays import positive_number, real_array
+from ..basics.short_text import summary
+from ..basics.spatial import Array
+from ..elementwise import clip, less, where
+from .times import broadcast_times
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +51,7 @@ class Quintic:
         ValueError
             If `t` is not real or not finite.
         """
-        s = clip(_times(t) / self.duration, 0.0, 1.0)
+        s = clip(broadcast_times(t) / self.duration, 0.0, 1.0)
         distance = self.end - self.start
         q = self.start + distance * (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s))
         qd = distance * (s * s * (30.0 - 60.0 * s + 30.0 * s * s)) / self.duration
@@ -143,7 +142,7 @@ class Trapezoidal:
         ValueError
             If `t` is not real or not finite.
         """
-        t, T, r = _times(t), self.duration, self.ramp
+        t, T, r = broadcast_times(t), self.duration, self.ramp
         rate = (self.end - self.start) / (T - r)
         up, level, down = clip(t, 0.0, r), clip(t, r, T - r) - r, clip(t, T - r, T) - (T - r)
         q = self.start + rate * (up * up / (2 * r) + level + down - down * down / (2 * r))
@@ -201,15 +200,3 @@ def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     if a.ndim != 1 or a.shape != b.shape:
         raise ValueError(f"`start` and `end` must have the same shape (n,), got {a.shape} and {b.shape}")
     return a, b
-
-
-def _times(t: ArrayLike) -> Array:
-    """Times in a shape that broadcasts against (n,); traced numbers are passed on unchecked."""
-    times = np.asarray(t)
-    if times.dtype != object or not all(hasattr(x, "__truediv__") for x in times.flat):
-        times = real_array("t", times, "(T,)")
-    return times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None]
-
-
-def __dir__() -> list[str]:
-    return __all__

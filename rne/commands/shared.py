@@ -1,0 +1,217 @@
+"""What subcommands share: errors in one line, output that is refused before anything long is computed, robots."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from ..model.ends import end_link
+
+if TYPE_CHECKING:
+    import rne
+
+ROBOT = "path of a URDF file, or a name of rne.robots() such as irb140"
+NUMBER = re.compile(r"[+-]?\.?[0-9][0-9.eE+,-]*")
+
+
+class CommandError(Exception):
+    """A wrong call: the command ends with this message and exit code 2."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with exit code 2."""
+        self.exit(2, f"error: {message}; {self.prog} --help shows what there is\n")
+
+
+def add_parser(commands: Any, name: str, title: str, example: str) -> argparse.ArgumentParser:
+    """The parser of a subcommand: what one gets in one line, and an example at the end of its help.
+
+    Parameters
+    ----------
+    commands : the object returned by `add_subparsers`
+    name : str
+    title : str
+        For the list of `rne --help`.
+    example : str
+        A command line.
+    """
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=title,
+        description=f"{title[0].upper()}{title[1:]}.",
+        epilog=f"example:\n  {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    return parser
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """The arguments that say which robot, under which gravity and with which payload."""
+    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    parser.add_argument("--payload", metavar="KG", type=number, help="point mass at the origin of the last link [kg]")
+    parser.add_argument("--payload-link", metavar="LINK", help="link that carries the payload, where robots branch")
+    parser.add_argument(
+        "--gravity", metavar="X Y Z", type=numbers, help="in the axes of the root link [m/s^2] (default: 0 0 -9.81)"
+    )
+
+
+def robot_of(arguments: argparse.Namespace) -> rne.Robot:
+    """The robot that the arguments of `add_robot` describe."""
+    import rne
+
+    if arguments.payload is None and arguments.payload_link is not None:
+        raise CommandError("--payload-link: needs --payload")
+    gravity = {} if arguments.gravity is None else {"gravity": arguments.gravity}
+    try:
+        robot = rne.load(arguments.robot, **gravity)
+    except ValueError as error:
+        if isinstance(error, rne.RneError):
+            raise
+        raise CommandError(in_one_line(error).replace("`gravity`", "--gravity")) from None
+    if arguments.payload is None:
+        return robot
+    try:
+        return robot.with_payload(arguments.payload, link=arguments.payload_link)
+    except ValueError as error:
+        raise CommandError(f"--payload: {in_one_line(error).replace('`link`', '--payload-link')}") from None
+
+
+def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
+    """A line that says which robot is computed with."""
+    model = robot.model
+    line = f"robot {model.name}, joints {' '.join(robot.joint_names)}, gravity {written(model.gravity.tolist())} m/s^2"
+    if arguments.payload is None:
+        return line
+    where = arguments.payload_link or end_link(model)
+    return f"{line}, payload {arguments.payload:g} kg at the origin of link {where}"
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers separated by blanks or commas."""
+    try:
+        values = [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        values = []
+    if not values or not all(map(math.isfinite, values)):
+        raise argparse.ArgumentTypeError(f"must be numbers separated by blanks or commas, got {text!r}")
+    return values
+
+
+def number(text: str) -> float:
+    """One finite number."""
+    values = numbers(text)
+    if len(values) != 1:
+        raise argparse.ArgumentTypeError(f"must be one number, got {text!r}")
+    return values[0]
+
+
+def join_numbers(argv: Sequence[str]) -> list[str]:
+    """Arguments with the numbers after an option as one argument, which may begin with a minus sign.
+
+    Examples
+    --------
+    >>> join_numbers(["simulate", "irb140", "--q0", "-1", "2e-3,0", "--duration", "2"])
+    ['simulate', 'irb140', '--q0=-1 2e-3,0', '--duration=2']
+    """
+    joined: list[str] = []
+    is_open = False  # the last argument is an option that takes what follows
+    for word in argv:
+        if is_open and NUMBER.fullmatch(word):
+            joined[-1] += (" " if "=" in joined[-1] else "=") + word
+        else:
+            joined.append(word)
+            is_open = word.startswith("--") and len(word) > 2
+    return joined
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Print the warnings raised in this block without the place in the source."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for text in dict.fromkeys(str(warning.message) for warning in caught):
+        note(f"warning: {text}")
+
+
+def check_folder(folder: Path, option: str = "--out") -> None:
+    """Make the folder and try to write into it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return
+    except FileExistsError:
+        reason = "Not a directory"
+    except OSError as error:
+        reason = str(error.strerror)
+    raise CommandError(f"{option}: cannot write into {str(folder)!r}: {reason}")
+
+
+def check_file(file: Path | None, option: str = "--out", suffixes: Sequence[str] = ()) -> None:
+    """Refuse a file that cannot be written; the file itself is not touched."""
+    if file is None:
+        return
+    if file.is_dir():
+        raise CommandError(f"{option}: {str(file)!r} is a folder, not a file")
+    if suffixes and file.suffix.lower() not in suffixes:
+        raise CommandError(f"{option}: must end in {' or '.join(suffixes)}, got {str(file)!r}")
+    if not file.parent.is_dir():
+        raise CommandError(f"{option}: there is no folder {str(file.parent)!r}")
+    try:
+        if file.exists():
+            file.open("ab").close()
+        else:
+            tempfile.TemporaryFile(dir=file.parent).close()
+    except OSError as error:
+        raise CommandError(f"{option}: cannot write {str(file)!r}: {error.strerror}") from None
+
+
+def say(line: str) -> None:
+    """Print a line at once, for who waits."""
+    print(line, flush=True)
+
+
+def note(line: str) -> None:
+    """Print a line beside the output, where it does not mix with what is piped on."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def in_one_line(error: BaseException) -> str:
+    """The message of an error without line breaks; of an error of the system, file and reason."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split())
+
+
+def fail(message: str) -> int:
+    """Print an error; the exit code of a wrong call."""
+    note(f"error: {message}")
+    return 2
+
+
+def written(values: Sequence[float]) -> str:
+    """Numbers in a line, such as `0 0.5 -1`."""
+    return " ".join(f"{value:.6g}" for value in values)
+
+
+def units_of(robot: rne.Robot, rotating: str, sliding: str) -> str:
+    """The unit of a joint array: `N m`, or where joints slide too `N m (N of joints x, y)`."""
+    model = robot.model
+    slides = [n for n, i in zip(robot.joint_names, model.independent_joints, strict=True) if not model.is_revolute[i]]
+    if not slides:
+        return rotating
+    if len(slides) == robot.n:
+        return sliding
+    return f"{rotating} ({sliding} of {'joint' if len(slides) == 1 else 'joints'} {', '.join(slides)})"

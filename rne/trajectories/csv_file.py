@@ -1,0 +1,163 @@
+"""Samples of a motion from a CSV file, columns by joint name."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+
+QUANTITIES = ("q", "qd", "qdd", "tau")
+MAX_NAMES = 4  # columns that a message names
+
+
+class Samples(NamedTuple):
+    """Samples of a motion; what a file does not give is None.
+
+    Attributes
+    ----------
+    t : ndarray, shape (K,)
+        Times, ascending [s].
+    q, qd, qdd, tau : ndarray, shape (K, n), or None
+        Joint positions, rates, accelerations and torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
+    """
+
+    t: Array
+    q: Array | None = None
+    qd: Array | None = None
+    qdd: Array | None = None
+    tau: Array | None = None
+
+
+def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Samples:
+    """Read the samples of a motion from a CSV file.
+
+    Parameters
+    ----------
+    path : path-like
+        A text file in UTF-8. Its first row names the columns: `t` [s] and, for each joint, `q.<joint>`, `qd.<joint>`,
+        `qdd.<joint>` or `tau.<joint>` [rad or m and their rates; N m or N], in any order. Other columns are ignored.
+    joint_names : sequence of str
+        The joints in the order of the arrays, such as `robot.joint_names`.
+
+    Returns
+    -------
+    Samples
+        t, q, qd, qdd, tau; a quantity without any column is None.
+
+    Raises
+    ------
+    ValueError
+        If the file is empty or no text; a column is missing, there for some joints only, or there twice; an entry is
+        not a finite decimal number; or the times do not ascend. Names the file, the row (the heading is row 1) and the
+        column.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import rne
+    >>> file = pathlib.Path(tempfile.mkdtemp()) / "motion.csv"
+    >>> _ = file.write_text("t,q.lift,q.turn\\n0,0.1,1\\n0.5,0.2,1.5\\n")
+    >>> samples = rne.trajectories.read_csv(file, ["turn", "lift"])
+    >>> samples.q.tolist(), samples.qd
+    ([[1.0, 0.1], [1.5, 0.2]], None)
+    """
+    name = os.fspath(path)
+    rows = _rows(name, _text(Path(path)))
+    if not rows:
+        raise ValueError(f"{name}: the file is empty")
+    (_, heading), *body = rows
+    columns = [column.strip() for column in heading]
+    twice = [column for k, column in enumerate(columns) if column and column in columns[:k]]
+    if twice:
+        raise ValueError(f"{name}, row 1: column {twice[0]!r} is there twice")
+    wanted = _wanted(name, columns, joint_names)
+    if not body:
+        raise ValueError(f"{name}: there are no rows below the names of the columns")
+    table = np.array([_numbers(name, row, fields, columns, wanted) for row, fields in body])
+    place = {column: k for k, column in enumerate(wanted)}
+    _check_times(name, [row for row, _ in body], table[:, 0])
+    arrays = {
+        quantity: table[:, [place[f"{quantity}.{joint}"] for joint in joint_names]]
+        for quantity in QUANTITIES
+        if joint_names and f"{quantity}.{joint_names[0]}" in place
+    }
+    return Samples(table[:, 0], **arrays)
+
+
+def _text(path: Path) -> str:
+    data = path.read_bytes()
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise ValueError(f"{path}: is not a text file in UTF-8; a CSV file is needed")
+    return text
+
+
+def _rows(name: str, text: str) -> list[tuple[int, list[str]]]:
+    """Every row that is not blank, with its number."""
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        return [(reader.line_num, row) for row in reader if any(field.strip() for field in row)]
+    except csv.Error as error:
+        raise ValueError(f"{name}, row {reader.line_num}: is not CSV ({error})") from None
+
+
+def _wanted(name: str, columns: Sequence[str], joint_names: Sequence[str]) -> list[str]:
+    """The columns to read: t, and every quantity that is there for all joints."""
+    if "t" not in columns:
+        hint = "; separate columns by commas" if len(columns) == 1 else ""
+        raise ValueError(f"{name}, row 1: there is no column 't'; there are {_listed(columns)}{hint}")
+    wanted = ["t"]
+    for quantity in QUANTITIES:
+        own = [f"{quantity}.{joint}" for joint in joint_names]
+        missing = [column for column in own if column not in columns]
+        if missing and len(missing) < len(own):
+            raise ValueError(
+                f"{name}, row 1: no column {_listed(missing)}; the {quantity} of all joints or of none are needed"
+            )
+        wanted += own if not missing else []
+    return wanted
+
+
+def _numbers(name: str, row: int, fields: Sequence[str], columns: Sequence[str], wanted: Sequence[str]) -> list[float]:
+    if len(fields) != len(columns):
+        raise ValueError(f"{name}, row {row}: must have {len(columns)} entries as row 1 has, got {len(fields)}")
+    entry = dict(zip(columns, fields, strict=True))
+    return [_number(name, row, column, entry[column]) for column in wanted]
+
+
+def _number(name: str, row: int, column: str, text: str) -> float:
+    try:
+        number = float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        shown = repr(text) if len(text) <= 40 else f"{text[:40]!r}..."
+        raise ValueError(f"{name}, row {row}, column {column!r}: must be a finite number, got {shown}")
+    return number
+
+
+def _check_times(name: str, rows: Sequence[int], t: Array) -> None:
+    late = np.flatnonzero(np.diff(t) <= 0)
+    if len(late):
+        k = int(late[0])
+        raise ValueError(
+            f"{name}, row {rows[k + 1]}, column 't': times must ascend, got {t[k + 1]:.10g} after {t[k]:.10g}"
+        )
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(repr(name if len(name) <= 40 else name[:40] + "...") for name in names[:MAX_NAMES])
+    return shown if len(names) <= MAX_NAMES else f"{shown} and {len(names) - MAX_NAMES} more"

@@ -1,0 +1,159 @@
+"""A smooth motion through samples: an interpolating spline with its first and second derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import real_array
+from ..basics.spatial import Array
+from .times import broadcast_times, is_traced
+
+DEGREE = 5  # continuous third derivatives of q, so that accelerations have no corners
+ROUNDING = 1e-12  # of the times: by so much the stages of a solver's last step may lie beyond the end
+MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample before it is refused
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A motion through samples; see `spline`.
+
+    Attributes
+    ----------
+    t : ndarray, shape (K,)
+        Times of the samples [s].
+    q : ndarray, shape (K, n)
+        Joint positions of the samples [rad or m].
+    degree : int
+        Of the polynomials: 5, or K - 1 if there are fewer than six samples.
+    """
+
+    t: Array
+    q: Array
+    degree: int
+    _derivatives: tuple[Callable[[Array], Array], ...] = field(repr=False)
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at given times.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times within the samples [s]. An array whose last axis has length one holds one time per state, as in
+            control laws; any other array is an array of times.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2].
+
+        Raises
+        ------
+        ValueError
+            If `t` is not real, not finite or outside the samples.
+        TypeError
+            If `t` is traced: a law that follows a spline is called.
+        """
+        if is_traced(np.asarray(t)):
+            raise TypeError("a spline through samples is evaluated with numbers and cannot be traced")
+        times = broadcast_times(t)
+        start, end = float(self.t[0]), float(self.t[-1])
+        outside = times[np.abs(times - np.clip(times, start, end)) > ROUNDING * max(abs(start), abs(end))]
+        if outside.size:
+            raise ValueError(f"`t` must be within the samples, {start:g} to {end:g} s, got {outside.flat[0]:g}")
+        inside = np.clip(times, start, end)
+        inside = inside[..., 0] if inside.ndim else inside
+        q, qd, qdd = (derivative(inside) for derivative in self._derivatives)
+        return q, qd, qdd
+
+
+def spline(t: ArrayLike, q: ArrayLike) -> Spline:
+    """A smooth motion through samples of joint positions.
+
+    Parameters
+    ----------
+    t : array_like, shape (K,)
+        Times, ascending; at least two [s].
+    q : array_like, shape (K, n)
+        Joint positions [rad or m].
+
+    Returns
+    -------
+    Spline
+        f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times; a reference for
+        `rne.control.computed_torque`, where it is called, not traced. Outside the samples it raises ValueError: what
+        the motion does there is not known, and rest is not assumed.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not match, there are fewer than two samples, a number is not finite, the times do not ascend,
+        or the times are spaced so unevenly that the spline does not pass through the samples.
+
+    Notes
+    -----
+    The interpolating spline of `scipy.interpolate.make_interp_spline` of fifth degree with not-a-knot ends; with fewer
+    than six samples one polynomial of degree K - 1, so that two samples give a constant rate. For samples at intervals
+    h of a smooth motion, errors of q, qd and qdd decrease as h^6, h^5 and h^4; intervals of similar length are best.
+    The spline passes through every sample, noise included, which its second derivative amplifies: filter measured
+    positions first.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> t = np.linspace(0.0, 2.0, 41)
+    >>> path = rne.trajectories.spline(t, np.stack([np.sin(t), t**2], axis=-1))
+    >>> [x.round(6).tolist() for x in path(1.0)]
+    [[0.841471, 1.0], [0.540302, 2.0], [-0.841471, 2.0]]
+    >>> path.degree
+    5
+    """
+    from scipy.interpolate import make_interp_spline
+
+    times, positions = (real_array(name, x, s).astype(float) for name, x, s in (("t", t, "(K,)"), ("q", q, "(K, n)")))
+    _check_samples(times, positions)
+    degree = min(DEGREE, len(times) - 1)
+    unit = times[-1] - times[0]
+    # From 0 to 1: the collocation matrix is then as well conditioned as the spacing of the times allows.
+    try:
+        curve = make_interp_spline((times - times[0]) / unit, positions, k=degree)
+    except (ValueError, np.linalg.LinAlgError):
+        raise ValueError(_uneven(times)) from None
+    miss = np.abs(curve((times - times[0]) / unit) - positions).max(initial=0.0)
+    if not miss <= MISMATCH * np.abs(positions).max(initial=0.0):
+        raise ValueError(_uneven(times))
+    for array in (times, positions):
+        array.flags.writeable = False
+    return Spline(times, positions, degree, tuple(_Derivative(curve, times[0], unit, k) for k in range(3)))
+
+
+class _Derivative:
+    """A derivative with respect to time of a curve over (t - start) / unit."""
+
+    def __init__(self, curve: Callable[..., Array], start: float, unit: float, order: int) -> None:
+        self.curve, self.start, self.unit, self.order = curve, start, unit, order
+
+    def __call__(self, t: Array) -> Array:
+        return self.curve((t - self.start) / self.unit, nu=self.order) / self.unit**self.order
+
+
+def _check_samples(t: Array, q: Array) -> None:
+    if t.ndim != 1 or len(t) < 2:
+        raise ValueError(f"`t` must have shape (K,) with two times at least, got {t.shape}")
+    if q.ndim != 2 or len(q) != len(t):
+        raise ValueError(f"`q` must have shape ({len(t)}, n), a row for each time, got {q.shape}")
+    late = np.flatnonzero(np.diff(t) <= 0)
+    if len(late):
+        k = int(late[0])
+        raise ValueError(f"`t` must ascend, got {t[k + 1]:.10g} after {t[k]:.10g} at index {k + 1}")
+
+
+def _uneven(t: Array) -> str:
+    steps = np.diff(t)
+    return (
+        f"`t` is spaced too unevenly for a spline through the samples: intervals from {steps.min():.3g} to "
+        f"{steps.max():.3g} s; sample the motion at equal intervals"
+    )

@@ -1,0 +1,320 @@
+"""rne check: what a file probably does not mean, in these words; nothing of it in sound files; alike findings together."""
+
+import io
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rne
+from rne.__main__ import main
+from rne.urdf.library import urdf_files
+
+INERTIA = '<inertia ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{0}"/>'
+
+
+def link(name, mass="1", inertia="0.001", origin="", shape=""):
+    return f'<link name="{name}"><inertial>{origin}<mass value="{mass}"/>{INERTIA.format(inertia)}</inertial>{shape}</link>'
+
+
+def joint(name, parent, child, kind="revolute", rpy="0 0 0", lower="-1", upper="1", effort="5", velocity="2", more=""):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 0.5" rpy="{rpy}"/>'
+        f'<limit lower="{lower}" upper="{upper}" effort="{effort}" velocity="{velocity}"/>{more}</joint>'
+    )
+
+
+def solid(geometry, kind="visual"):
+    return f"<{kind}><geometry>{geometry}</geometry></{kind}>"
+
+
+BASE = '<link name="base"/>'
+SOUND = [BASE, link("arm"), joint("elbow", "base", "arm"), link("hand"), joint("wrist", "arm", "hand")]
+BALL = '<sphere radius="0.05"/>'
+
+
+@pytest.fixture
+def check(tmp_path, monkeypatch, capsys):
+    """What is printed about a robot of one element per line, from line 2, in the file r.urdf of the current folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def check(elements, name="r.urdf", **options):
+        text = "\n".join(['<robot name="r">', *elements, "</robot>"]) if isinstance(elements, list) else elements
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        findings = rne.check(tmp_path / name, **options)
+        printed = capsys.readouterr().out.splitlines()
+        if all(finding.severity == "warning" for finding in findings):
+            rne.load(tmp_path / name)
+        return printed
+
+    return check
+
+
+def test_a_sound_robot_has_no_findings(check):
+    assert check(SOUND) == ["r.urdf: no findings"]
+
+
+def changed(position, element):
+    return [element if k == position else old for k, old in enumerate(SOUND)]
+
+
+FOUND = {
+    "degrees of a joint's origin": (
+        changed(2, joint("elbow", "base", "arm", rpy="0 90 0")),
+        "4: joint 'elbow': attribute 'rpy' of <origin> looks like degrees: '0 90 0'; give radians: degrees times pi/180",
+    ),
+    "degrees of a centre of mass": (
+        changed(1, link("arm", origin='<origin rpy="0 0 -45"/>')),
+        "3: link 'arm': attribute 'rpy' of <origin> looks like degrees: '0 0 -45'; give radians: degrees times pi/180",
+    ),
+    "degrees of a visual": (
+        changed(1, link("arm", shape=f'<visual><origin rpy="180 0 0"/><geometry>{BALL}</geometry></visual>')),
+        "3: link 'arm': attribute 'rpy' of <origin> looks like degrees: '180 0 0'; give radians: degrees times pi/180",
+    ),
+    "degrees of a range": (
+        changed(2, joint("elbow", "base", "arm", lower="-170", upper="170")),
+        "4: joint 'elbow': the range of <limit> looks like degrees: -170 to 170; give radians: degrees times pi/180",
+    ),
+    "no torque": (
+        changed(2, joint("elbow", "base", "arm", effort="0")),
+        "4: joint 'elbow': attribute 'effort' of <limit> is 0; give what the drive can do; as written it can do nothing",
+    ),
+    "no speed": (
+        changed(2, joint("elbow", "base", "arm", velocity="0.0")),
+        "4: joint 'elbow': attribute 'velocity' of <limit> is 0; give what the drive can do; as written it can do nothing",
+    ),
+    "neither torque nor speed": (
+        changed(2, joint("elbow", "base", "arm", effort="0", velocity="0")),
+        "4: joint 'elbow': attributes 'effort' and 'velocity' of <limit> are 0; give what the drive can do; as written it "
+        "can do nothing",
+    ),
+    "centre of mass in millimetres": (
+        changed(1, link("arm", origin='<origin xyz="0 0 300"/>')),
+        "3: link 'arm': the centre of mass is far outside the robot: 300 m from the link's origin, the robot measures 1 m; "
+        "check <origin> of <inertial>: metres",
+    ),
+    "inertia in kg mm^2": (
+        changed(1, link("arm", inertia="1000")),
+        "3: link 'arm': mass and inertia are those of a body larger than the robot: radius of gyration 31.6 m, the robot "
+        "measures 1 m; check ixx ... izz: kg m^2 about the centre of mass",
+    ),
+    # A solid sphere with I = 2/5 m r^2 = 0.001 kg m^2 and 2500 kg has r = 1 mm: 2500 kg / (4/3 pi 1e-9 m^3).
+    "mass in grams": (
+        changed(1, link("arm", mass="2500")),
+        "3: link 'arm': mass and inertia are those of a body denser than any metal: 6e+11 kg/m^3; check the units of "
+        "<mass> and <inertia>: kg and kg m^2",
+    ),
+    # 100 kg / (0.1 m)^3 = 1e5 kg/m^3; a point mass says nothing of its size.
+    "mass of a small box": (
+        changed(1, link("arm", mass="100", inertia="0", shape=solid('<box size="0.1 0.1 0.1"/>'))),
+        "3: link 'arm': the mass makes its shapes denser than any metal: 1e+05 kg/m^3; check the units of <mass> and of "
+        "the shapes: kg and m",
+    ),
+    # 0.5 kg / (pi (0.5 m)^2 2 m) = 0.32 kg/m^3
+    "mass of a large cylinder": (
+        changed(1, link("arm", mass="0.5", inertia="0.001", shape=solid('<cylinder radius="0.5" length="2"/>', "collision"))),
+        "3: link 'arm': the mass makes its shapes lighter than air: 0.32 kg/m^3; check the units of <mass> and of the "
+        "shapes: kg and m",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", FOUND)
+def test_what_is_probably_not_meant_is_a_warning_in_these_words(case, check):
+    elements, message = FOUND[case]
+    assert check(elements) == [f"warning: r.urdf:{message}", "r.urdf: 1 warning: loads as written"]
+
+
+NOT_FOUND = {
+    "full turn": changed(2, joint("elbow", "base", "arm", rpy="6.2832 -6.2832 0")),
+    "two turns": changed(2, joint("elbow", "base", "arm", lower="-12.5664", upper="12.5664")),
+    "winch": changed(2, joint("elbow", "base", "arm", lower="0", upper="1000")),
+    "long slide": changed(2, joint("elbow", "base", "arm", kind="prismatic", lower="0", upper="20")),
+    "mimic without a drive": [
+        *SOUND,
+        link("finger"),
+        joint("f", "hand", "finger", effort="0", velocity="0", more='<mimic joint="wrist"/>'),
+    ],
+    "iron ball": changed(1, link("arm", mass="4", inertia="0.004", shape=solid(BALL))),
+    "point mass": changed(1, link("arm", inertia="0")),
+    "point mass with rounding error": changed(1, link("arm", inertia="1e-20")),
+    "placeholder": changed(1, link("arm", mass="1e-6", inertia="1", shape=solid('<box size="1 1 1"/>'))),
+    "mesh beside a small box": changed(
+        1,
+        link("arm", mass="100", inertia="0", shape=solid('<box size="0.01 0.01 0.01"/>') + solid('<mesh filename="a"/>')),
+    ),
+    "robot that slides far": [
+        BASE,
+        link("arm", origin='<origin xyz="0 0 40"/>'),
+        joint("elbow", "base", "arm", kind="prismatic", lower="0", upper="20"),
+    ],
+    "pole on a small car": [BASE, link("arm", inertia="0.1", origin='<origin xyz="0 0 1.5"/>'), joint("elbow", "base", "arm")],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NOT_FOUND)
+def test_what_may_be_meant_is_no_finding(case, check):
+    assert check(NOT_FOUND[case]) == ["r.urdf: no findings"]
+
+
+def test_a_robot_in_numbers_too_large_to_square_is_no_error_of_the_check(check):
+    """Nor of what is not read otherwise, such as the sides of a box."""
+    box = solid('<box size="1e200 1e200 1e999"/>') + solid('<sphere radius="1e200"/>', "collision")
+    printed = check(changed(1, link("arm", inertia="1e300", origin='<origin xyz="1e150 0 0"/>', shape=box)))
+    assert printed[-1].startswith("r.urdf: ")
+
+
+@pytest.mark.parametrize("k", np.flatnonzero(rne.irb140().mass))
+def test_every_mass_of_the_irb140_in_grams_is_seen(k, check):
+    model = rne.irb140()
+    masses = model.mass.copy()
+    masses[k] *= 1000
+    printed = check(rne.to_urdf(replace(model, mass=masses)))
+    assert printed[-1] == "r.urdf: 1 warning: loads as written"
+    assert "denser than any metal" in printed[0]
+
+
+MASS = [
+    BASE,
+    *(element for k in range(12) for element in (link(f"l{k}"), joint(f"j{k}", f"l{k - 1}" if k else "base", f"l{k}"))),
+]
+
+
+def test_findings_of_one_kind_are_one_line_that_names_the_joints(check):
+    more = '<dynamics D="1" K="7000"/>'
+    elements = [BASE]
+    for k in range(3):
+        elements += [
+            link(f"l{k}"),
+            joint(f"j{k}", f"l{k - 1}" if k else "base", f"l{k}", rpy=f"0 {90 + k} 0", more=more),
+        ]
+    elements[2] = elements[2].replace(' K="7000"', "")
+    assert check(elements) == [
+        "warning: r.urdf:4: joint 'j0': unknown attribute 'D' of <dynamics> is ignored; remove it",
+        "warning: r.urdf:4: joints 'j0' ('0 90 0'), 'j1' ('0 91 0'), 'j2' ('0 92 0'): attribute 'rpy' of <origin> looks "
+        "like degrees; give radians: degrees times pi/180",
+        "warning: r.urdf:6: joints 'j1', 'j2': unknown attributes 'D', 'K' of <dynamics> are ignored; remove them",
+        "r.urdf: 6 warnings: loads as written",
+    ]
+
+
+def test_findings_one_by_one(check):
+    elements = [BASE, link("arm"), joint("elbow", "base", "arm", effort="0", rpy="0 90 0"), "<sensor/>", "<sensor/>"]
+    assert check(elements, grouped=False) == [
+        "warning: r.urdf:4: joint 'elbow': attribute 'rpy' of <origin> looks like degrees: '0 90 0'; give radians: degrees "
+        "times pi/180",
+        "warning: r.urdf:4: joint 'elbow': attribute 'effort' of <limit> is 0; give what the drive can do; as written it "
+        "can do nothing",
+        "warning: r.urdf:5: robot: unknown element 'sensor' in <robot> is ignored; remove it",
+        "warning: r.urdf:6: robot: unknown element 'sensor' in <robot> is ignored; remove it",
+        "r.urdf: 4 warnings: loads as written",
+    ]
+    assert (
+        check(elements)[2]
+        == "warning: r.urdf:5: robot (2 times): unknown element 'sensor' in <robot> is ignored; remove it"
+    )
+
+
+def test_more_than_ten_names_are_counted(check):
+    elements = [element.replace('effort="5"', 'effort="0"') for element in MASS]
+    names = ", ".join(f"'j{k}'" for k in range(10))
+    assert check(elements)[0] == (
+        f"warning: r.urdf:4: joints {names} and 2 more: attribute 'effort' of <limit> is 0; give what the drive can do; "
+        "as written it can do nothing"
+    )
+
+
+def test_findings_are_in_the_order_of_the_lines(check, tmp_path):
+    elements = [
+        "<sensor/>",
+        BASE,
+        joint("elbow", "base", "arm", rpy="0 90 0"),
+        link("arm", mass="-1"),
+        joint("wrist", "arm", "hand", lower="1", upper="-1"),
+        link("hand"),
+    ]
+    printed = check(elements)
+    assert [int(line.split(":")[2]) for line in printed[:-1]] == [2, 4, 5, 6]
+    assert printed[-1] == "r.urdf: 1 error, 3 warnings: does not load"
+    lines = [finding.line for finding in rne.check(tmp_path / "r.urdf", out=io.StringIO())]
+    assert lines == [2, 4, 5, 6]
+
+
+def test_a_path_is_relative_to_the_current_folder_where_it_is_below_it(tmp_path, monkeypatch, capsys):
+    (tmp_path / "robots").mkdir()
+    file = tmp_path / "robots" / "r.urdf"
+    file.write_text('<robot name="r"><link name="base"/></robot>')
+    monkeypatch.chdir(tmp_path)
+    rne.check(file)
+    assert capsys.readouterr().out == "robots/r.urdf: no findings\n"
+    (tmp_path / "other").mkdir()
+    monkeypatch.chdir(tmp_path / "other")
+    rne.check(file)
+    assert capsys.readouterr().out == f"{file}: no findings\n"
+
+
+XACRO = '<robot name="r" xmlns:xacro="http://{}">\n{}\n<link name="base"/></robot>'
+EXPAND = {
+    "arm.urdf.xacro": "xacro arm.urdf.xacro > arm.urdf",
+    "arm.xacro": "xacro arm.xacro > arm.urdf",
+    "arm.urdf": "xacro arm.urdf > arm_expanded.urdf",
+    "my arm.xacro": "xacro 'my arm.xacro' > 'my arm.urdf'",
+}
+
+
+@pytest.mark.parametrize("name", EXPAND)
+def test_of_a_xacro_file_how_to_expand_it_is_said_and_nothing_else(name, check):
+    text = XACRO.format("www.ros.org/wiki/xacro", '<xacro:property name="m" value="1"/><link name="arm" colour="red"/>')
+    assert check(text, name) == [
+        f"error: {name}:2: file: is a xacro file, not yet a URDF: there is <xacro:property>; expand it: {EXPAND[name]}",
+        f"{name}: 1 error: does not load",
+    ]
+
+
+@pytest.mark.parametrize("value", ["${mass}", "$(arg mass)"])
+def test_a_value_that_xacro_fills_in_says_so(value, check):
+    printed = check(changed(1, link("arm", mass=value)))
+    expected = f"there is '{value}'; expand it: xacro r.urdf > r_expanded.urdf"
+    assert printed[0] == f"error: r.urdf:3: file: is a xacro file, not yet a URDF: {expected}"
+
+
+def test_what_xacro_leaves_behind_is_no_xacro_file(check):
+    """Expanded files keep the namespace, and what is not read may hold anything."""
+    text = XACRO.format("ros.org/wiki/xacro", '<gazebo><plugin path="$(env HOME)"/></gazebo>')
+    assert check(text) == ["r.urdf: no findings"]
+
+
+PLACEHOLDERS = {  # every file of example-robot-data in which a body, a range or an angle is doubted; each was looked at
+    # Cubes of 1 cm or less that stand for real parts.
+    "anymal_b_simple_description/anymal-kinova": ["denser"],
+    "baxter_description/baxter": ["denser"],
+    "finger_edu_description/finger_edu": ["denser"],
+    "tiago_pro_description/tiago_pro": ["denser"],
+    # The unit matrix for an inertia.
+    "double_pendulum_description/double_pendulum_simple": ["larger"],
+}
+DOUBTS = re.compile(r"looks like degrees|far outside|larger than the robot|denser|lighter")
+
+
+def test_no_false_alarm_on_any_robot_of_example_robot_data():
+    assert len(urdf_files()) > 60
+    found = {}
+    for name, path in urdf_files().items():
+        messages = {f.kind for f in rne.check(path, out=io.StringIO())}
+        doubts = sorted(match.group().split()[0] for match in map(DOUBTS.search, messages) if match)
+        if doubts:
+            found[name] = doubts
+    assert found == PLACEHOLDERS
+
+
+def test_the_panda_is_two_lines(capsys):
+    assert main(["check", "panda"]) == 0
+    finding, summary = capsys.readouterr().out.splitlines()
+    joints = ", ".join(f"'panda_joint{k}'" for k in range(1, 8))
+    message = "unknown attributes 'D', 'K', 'mu_coulomb', 'mu_viscous' of <dynamics> are ignored; remove them"
+    assert finding.endswith(f"panda.urdf:48: joints {joints}: {message}")
+    assert summary.endswith("panda.urdf: 7 warnings: loads as written")
+    assert main(["check", "--all", "panda"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 8

@@ -1,0 +1,383 @@
+"""rne simulate and rne torques, and what all subcommands share: help, errors in one line, robots by name."""
+
+import csv
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import rne
+from rne.__main__ import main
+from rne.commands import COMMANDS
+from rne.commands.shared import join_numbers
+
+from .helpers import ROOT
+
+IRB140 = str(ROOT / "robots" / "irb140.urdf")
+LIFT = """<robot name="lift"><link name="base"/><link name="car"><inertial><mass value="2"/>
+<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link><joint name="up" type="prismatic">
+<parent link="base"/><child link="car"/><axis xyz="0 0 1"/><limit lower="0" upper="1" effort="25" velocity="2"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def lift(tmp_path):
+    path = tmp_path / "lift.urdf"
+    path.write_text(LIFT)
+    return str(path)
+
+
+def table(path):
+    """The columns of a CSV file by name."""
+    with open(path, newline="", encoding="utf-8") as file:
+        heading, *rows = csv.reader(file)
+    return dict(zip(heading, np.array(rows, dtype=float).T, strict=True))
+
+
+def columns(data, quantity, robot):
+    return np.column_stack([data[f"{quantity}.{joint}"] for joint in robot.joint_names])
+
+
+def names_of_commands():
+    return [command.__name__.rpartition(".")[2] for command in COMMANDS]
+
+
+def test_help_lists_every_command_in_a_line(capsys):
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main(["--help"])
+    said = capsys.readouterr().out
+    for name in names_of_commands():
+        assert len(re.findall(rf"^    {name} +\w.*$", said, re.MULTILINE)) == 1
+
+
+def test_the_parser_loads_numpy_and_the_standard_library_only():
+    code = "import sys, numpy; before = set(sys.modules); import rne.__main__ as m; m.parser(); print(*set(sys.modules) - before)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert {name.split(".")[0] for name in loaded.split()} <= {"rne", "numpy", *sys.stdlib_module_names}
+
+
+@pytest.mark.parametrize("name", names_of_commands())
+def test_help_of_every_command_has_an_example(name, capsys):
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main([name, "--help"])
+    assert re.search(rf"\nexample:\n  rne {name} \S+", capsys.readouterr().out)
+
+
+def test_a_falling_mass_is_at_its_closed_form(lift, tmp_path, capsys):
+    out = tmp_path / "fall.csv"
+    arguments = ["simulate", lift, "--q0", "-1", "--gravity", "0 0 -2", "--duration", "1", "--every", "0.25"]
+    assert main([*arguments, "--torque", "-1e0", "--out", str(out)]) == 0
+    data = table(out)
+    np.testing.assert_array_equal(data["t"], [0, 0.25, 0.5, 0.75, 1])
+    np.testing.assert_allclose(data["q.up"], -1 - (2 + 1 / 2) * data["t"] ** 2 / 2, rtol=1e-9)
+    said = capsys.readouterr().out.splitlines()
+    assert said[:5] == [
+        "robot lift, joints up, gravity 0 0 -2 m/s^2",
+        "q0 -1 m",
+        "qd0 0 m/s (not given: zero)",
+        "torque -1 N",
+        "rigid bodies alone: no friction, stops or torque limits",
+    ]
+    assert said[5].startswith("DOP853: ")
+    assert re.fullmatch(r"energy drift \S+ J", said[6])
+    assert said[7:10] == [
+        "limits exceeded: 2",
+        "  up: position -2.25 m below 0 m, worst at 1 s, first at 0 s",
+        "  up: rate -2.5 m/s below -2 m/s, worst at 1 s, first at 1 s",
+    ]
+    assert said[10:] == [f"{out}: 5 samples from 0 to 1 s"]
+
+
+def test_simulate_is_the_simulation_of_the_package(tmp_path):
+    q0, payload = [0, 0.5, -0.3, 0, 0.2, 0], 5.0
+    out = tmp_path / "motion.npz"
+    words = ["--q0", *map(str, q0), "--payload", str(payload), "--duration", "0.3", "--method", "RK45"]
+    assert main(["simulate", IRB140, *words, "--rtol", "1e-4", "--out", str(out)]) == 0
+    robot = rne.load(IRB140).with_payload(payload)
+    expected = rne.simulate(robot, q0, [0] * 6, 0.3, method="RK45", rtol=1e-4)
+    np.testing.assert_array_equal(rne.Trajectory.load(out).q, expected.q)
+
+
+def test_no_limit_exceeded_is_said(lift, tmp_path, capsys):
+    arguments = ["simulate", lift, "--q0", "0.5", "--duration", "0.1", "--out", str(tmp_path / "m.csv")]
+    assert main(arguments) == 0
+    assert "limits exceeded: none" in capsys.readouterr().out.splitlines()
+
+
+def test_the_end_is_a_sample_also_between_two_intervals(lift, tmp_path):
+    out = tmp_path / "m.csv"
+    assert main(["simulate", lift, "--duration", "0.1", "--every", "0.03", "--out", str(out)]) == 0
+    np.testing.assert_allclose(table(out)["t"], [0, 0.03, 0.06, 0.09, 0.1], rtol=1e-15)
+
+
+@pytest.fixture
+def motion(tmp_path):
+    """A motion with drive torques, sampled every 10 ms, as CSV."""
+    robot = rne.load(IRB140)
+    path = rne.trajectories.quintic([0] * 6, [0.5, -0.4, 0.3, 0.6, 0.2, -0.5], 1.0)
+    law = rne.control.computed_torque(robot, [100] * 6, [20] * 6, path)
+    scene = rne.Scene(robot, controller=law)
+    found = rne.simulate(scene, [0] * 6, [0] * 6, 1.0, t_eval=np.linspace(0, 1, 101), rtol=1e-10, atol=1e-12)
+    found.to_csv(tmp_path / "motion.csv")
+    return robot, found
+
+
+def kept(path, quantities):
+    """The file with the columns of some quantities alone, backwards."""
+    data = table(path)
+    names = [name for name in reversed(data) if name.partition(".")[0] in quantities]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([names, *np.column_stack([data[name] for name in names]).tolist()])
+
+
+def test_torques_of_the_files_accelerations_are_those_of_the_drives(motion, tmp_path, capsys):
+    """Inverse dynamics of forward dynamics: equal up to rounding, times the condition of M."""
+    robot, simulated = motion
+    out = tmp_path / "torques.csv"
+    assert main(["torques", "irb140", str(tmp_path / "motion.csv"), "--out", str(out)]) == 0
+    data = table(out)
+    assert list(data) == ["t", *(f"tau.{joint}" for joint in robot.joint_names)]
+    scale = np.abs(simulated.tau).max()
+    np.testing.assert_allclose(columns(data, "tau", robot), simulated.tau, rtol=0, atol=1e-12 * scale)
+    direct = robot.inverse_dynamics(simulated.q, simulated.qd, simulated.qdd)
+    np.testing.assert_array_equal(columns(data, "tau", robot), direct)
+    assert capsys.readouterr().out.splitlines() == [
+        f"robot irb140, joints {' '.join(robot.joint_names)}, gravity 0 0 -9.81 m/s^2",
+        f"q, qd and qdd from {tmp_path / 'motion.csv'}",
+        "tau in N m: rigid bodies alone, without friction and inertia of the drives",
+        "limits exceeded: none",
+        f"{out}: 101 samples from 0 to 1 s",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("quantities", "said", "bound"),
+    [
+        (("t", "q"), "q from {}; qd and qdd: derivatives of a spline of degree 5 through q", 1e-4),
+        (("t", "q", "qd"), "q and qd from {}; qdd: derivative of a spline of degree 5 through qd", 1e-6),
+        (("t", "q", "qdd"), "q and qdd from {}; qd: derivative of a spline of degree 5 through q", 1e-6),
+    ],
+    ids=["positions", "rates", "accelerations"],
+)
+def test_what_is_missing_comes_from_a_spline_and_is_said(quantities, said, bound, motion, tmp_path, capsys):
+    """Equal within the error of the spline: of the order h^4 in qdd from q, less from qd."""
+    robot, simulated = motion
+    file = tmp_path / "motion.csv"
+    kept(file, quantities)
+    assert main(["torques", IRB140, str(file)]) == 0
+    output = capsys.readouterr()
+    assert output.err.splitlines()[1] == said.format(file)
+    (tmp_path / "torques.csv").write_text(output.out)
+    difference = columns(table(tmp_path / "torques.csv"), "tau", robot) - simulated.tau
+    assert 0 < np.abs(difference).max() < bound * np.abs(simulated.tau).max()
+
+
+def test_payload_and_gravity_count(lift, tmp_path, capsys):
+    file = tmp_path / "rest.csv"
+    file.write_text("t,q.up,qd.up,qdd.up\n0,0.5,0,0\n")
+    assert main(["torques", lift, str(file), "--payload", "3", "--gravity", "0,0,-2"]) == 0
+    said = capsys.readouterr()
+    assert said.out == "t,tau.up\n0.0,10.0\n"
+    first = "robot lift, joints up, gravity 0 0 -2 m/s^2, payload 3 kg at the origin of link car"
+    assert said.err.splitlines()[0] == first
+
+
+def test_limits_that_the_torques_exceed_are_said(lift, tmp_path, capsys):
+    file = tmp_path / "rest.csv"
+    file.write_text("t,q.up,qd.up,qdd.up\n0,0.5,0,0\n0.1,0.5,0,5.19\n")
+    assert main(["torques", lift, str(file)]) == 0
+    assert capsys.readouterr().err.splitlines()[2:] == [
+        "tau in N: rigid bodies alone, without friction and inertia of the drives",
+        "limits exceeded: 1",
+        "  up: torque 30 N above 25 N, worst at 0.1 s, first at 0.1 s",
+    ]
+
+
+def test_numbers_after_an_option_may_be_negative_and_separated_by_commas():
+    words = ["torques", "a.urdf", "m.csv", "--gravity", "-1e-3,2", "-3.5", "--payload", ".5", "--out", "x.csv"]
+    assert join_numbers(words) == [*words[:3], "--gravity=-1e-3,2 -3.5", "--payload=.5", "--out", "x.csv"]
+    assert join_numbers(["check", "1.urdf", "--all"]) == ["check", "1.urdf", "--all"]
+
+
+WRONG = {
+    "q0 of another robot": (
+        ["simulate", "{lift}", "--q0", "1", "2", "--duration", "1", "--out", "{dir}/m.csv"],
+        "--q0: must be 1 numbers, for up; got 2",
+    ),
+    "q0 in words": (
+        ["simulate", "{lift}", "--q0", "up", "--duration", "1", "--out", "{dir}/m.csv"],
+        "argument --q0: must be numbers separated by blanks or commas, got 'up'; rne simulate --help shows what there is",
+    ),
+    "duration that is none": (
+        ["simulate", "{lift}", "--duration", "nan", "--out", "{dir}/m.csv"],
+        "argument --duration: must be numbers separated by blanks or commas, got 'nan'; rne simulate --help shows what there is",
+    ),
+    "two durations": (
+        ["simulate", "{lift}", "--duration", "1", "2", "--out", "{dir}/m.csv"],
+        "argument --duration: must be one number, got '1 2'; rne simulate --help shows what there is",
+    ),
+    "negative duration": (
+        ["simulate", "{lift}", "--duration", "-1", "--out", "{dir}/m.csv"],
+        "--duration must be positive, got -1.0",
+    ),
+    "no duration": (
+        ["simulate", "{lift}", "--out", "{dir}/m.csv"],
+        "the following arguments are required: --duration; rne simulate --help shows what there is",
+    ),
+    "samples farther apart than the end": (
+        ["simulate", "{lift}", "--duration", "1", "--every", "2", "--out", "{dir}/m.csv"],
+        "--every: must be positive and at most the duration of 1 s, got 2",
+    ),
+    "solver that there is not": (
+        ["simulate", "{lift}", "--duration", "1", "--method", "Euler", "--out", "{dir}/m.csv"],
+        "--method must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Radau', 'BDF', 'LSODA', 'gauss-4'], got 'Euler'",
+    ),
+    "gravity in two axes": (
+        ["simulate", "{lift}", "--duration", "1", "--gravity", "0 -9.81", "--out", "{dir}/m.csv"],
+        "--gravity must have shape (3,), got (2,)",
+    ),
+    "another kind of file": (
+        ["simulate", "{lift}", "--duration", "1", "--out", "{dir}/m.txt"],
+        "--out: must end in .npz or .csv, got '{dir}/m.txt'",
+    ),
+    "no folder": (
+        ["simulate", "{lift}", "--duration", "1", "--out", "{dir}/none/m.csv"],
+        "--out: there is no folder '{dir}/none'",
+    ),
+    "out is a folder": (["torques", "{lift}", "{motion}", "--out", "{dir}"], "--out: '{dir}' is a folder, not a file"),
+    "link without payload": (
+        ["torques", "{lift}", "{motion}", "--payload-link", "car"],
+        "--payload-link: needs --payload",
+    ),
+    "negative payload": (
+        ["torques", "{lift}", "{motion}", "--payload", "-1"],
+        "--payload: payload on link 'car': the mass must be 0 or positive, got -1.0",
+    ),
+    "no robot": (
+        ["torques", "irb14", "{motion}"],
+        "'irb14' is neither a file nor one of rne.robots(); did you mean 'irb140'?",
+    ),
+    "another robot's motion": (
+        ["torques", "irb140", "{motion}"],
+        "{motion}, row 1: there are no positions; needed are 'q.joint_1', 'q.joint_2', 'q.joint_3', 'q.joint_4', "
+        "'q.joint_5', 'q.joint_6'",
+    ),
+    "no motion": (["torques", "{lift}", "{dir}/none.csv"], "{dir}/none.csv: No such file or directory"),
+    "folder for a motion": (["torques", "{lift}", "{dir}"], "{dir}: Is a directory"),
+    "picture for a motion": (
+        ["torques", "{lift}", "{picture}"],
+        "{picture}: is not a text file in UTF-8; a CSV file is needed",
+    ),
+    "archive for a motion": (
+        ["torques", "{lift}", "{archive}"],
+        "{archive}: is not a text file in UTF-8; a CSV file is needed",
+    ),
+    "empty motion": (["torques", "{lift}", "{empty}"], "{empty}: the file is empty"),
+    "one position alone": (
+        ["torques", "{lift}", "{single}"],
+        "{single}: rates and accelerations are missing, and no spline gives them: "
+        "`t` must have shape (K,) with two times at least, got (1,)",
+    ),
+    "folder for a robot": (
+        ["torques", "{dir}", "{motion}"],
+        "{dir}: file: is not a regular file; give the path of a URDF file",
+    ),
+    "check of a folder": (["check", "{dir}"], "{dir}: is a folder; a URDF file is needed"),
+    "check of a picture": (["check", "{picture}"], "{picture}: is not an XML file; a URDF file is needed"),
+    "check of an archive": (["check", "{archive}"], "{archive}: is not an XML file; a URDF file is needed"),
+    "check of an empty file": (["check", "{empty}"], "{empty}: is not an XML file; a URDF file is needed"),
+    "check of a built-in robot": (
+        ["check", "irb140"],
+        "robot 'irb140' is built in and has no file; rne urdf irb140 prints it",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_call_is_answered_in_one_line(case, lift, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["rne"])
+    places = {"lift": lift, "dir": str(tmp_path)}
+    for name, content in {
+        "motion": b"t,q.up\n0,0.1\n1,0.2\n",
+        "single": b"t,q.up\n0,0.1\n",
+        "picture": b"\x89PNG\r\n\x1a\n\x00\x00\xff",
+        "empty": b"",
+    }.items():
+        (tmp_path / name).write_bytes(content)
+        places[name] = str(tmp_path / name)
+    np.savez(tmp_path / "archive.npz", a=np.zeros(3))
+    places["archive"] = str(tmp_path / "archive.npz")
+    words, message = WRONG[case]
+    try:
+        code = main([word.format(**places) for word in words])
+    except SystemExit as ending:
+        code = ending.code
+    said = capsys.readouterr()
+    assert said.err == f"error: {message.format(**places)}\n"
+    assert code == 2
+    assert said.out.count("error") == 0
+
+
+def test_a_command_that_there_is_not_is_answered_in_one_line(capsys):
+    """The rest of the line differs between versions of Python."""
+    with pytest.raises(SystemExit, match=r"^2$"):
+        main(["chek"])
+    assert re.fullmatch(r"error: argument COMMAND: invalid choice: 'chek' .*\n", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("command", ["source", "simulate"])
+@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n\x00\x00\xff", b"PK\x03\x04\x14\x00"])
+def test_a_robot_that_is_no_urdf_is_answered_in_one_line(command, content, tmp_path, capsys):
+    """The reason is the XML parser's own, which differs between its versions."""
+    (tmp_path / "robot").write_bytes(content)
+    options = [] if command == "source" else ["--duration", "1", "--out", str(tmp_path / "m.csv")]
+    assert main([command, str(tmp_path / "robot"), *options]) == 2
+    said = capsys.readouterr()
+    pattern = re.escape(f"error: {tmp_path / 'robot'}") + r"(:\d+)?: file: is not well-formed XML \(.+\); fix .*\n"
+    assert re.fullmatch(pattern, said.err)
+    assert said.out == ""
+
+
+def test_a_place_without_permission_is_refused_before_anything_is_computed(lift, tmp_path, capsys, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)  # the owner root may write anywhere
+    monkeypatch.setattr("rne.simulate", lambda *_, **__: pytest.fail("a motion was simulated"))
+    out = tmp_path / "m.csv"
+    assert main(["simulate", lift, "--duration", "1", "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"error: --out: cannot write {str(out)!r}: Permission denied\n"
+
+
+def test_a_refused_call_leaves_the_old_file(lift, tmp_path):
+    out = tmp_path / "m.csv"
+    out.write_text("kept")
+    assert main(["simulate", lift, "--duration", "-1", "--out", str(out)]) == 2
+    assert out.read_text() == "kept"
+
+
+def test_a_simulation_that_fails_is_told_with_exit_code_1(tmp_path, capsys):
+    """A massless link leaves no forward dynamics."""
+    path = tmp_path / "massless.urdf"
+    path.write_text(re.sub(r"<inertial>.*</inertial>", "", LIFT, flags=re.DOTALL))
+    assert main(["simulate", str(path), "--duration", "1", "--out", str(tmp_path / "m.csv")]) == 1
+    assert capsys.readouterr().err.startswith("error: ")
+    assert not (tmp_path / "m.csv").exists()
+
+
+def test_an_interrupted_command_leaves_no_traceback(lift, tmp_path, capsys, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rne.simulate", interrupt)
+    assert main(["simulate", lift, "--duration", "1", "--out", str(tmp_path / "m.csv")]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_a_robot_of_example_robot_data_goes_by_its_name(tmp_path, capsys):
+    assert main(["check", "ur5"]) == 0
+    assert capsys.readouterr().out.endswith("ur5_robot.urdf: no findings\n")
+    assert main(["simulate", "ur5", "--duration", "0.01", "--out", str(tmp_path / "m.csv")]) == 0
+    assert main(["torques", "ur5", str(tmp_path / "m.csv")]) == 0
