@@ -381,3 +381,31 @@ def test_a_robot_of_example_robot_data_goes_by_its_name(tmp_path, capsys):
     assert capsys.readouterr().out.endswith("ur5_robot.urdf: no findings\n")
     assert main(["simulate", "ur5", "--duration", "0.01", "--out", str(tmp_path / "m.csv")]) == 0
     assert main(["torques", "ur5", str(tmp_path / "m.csv")]) == 0
+
+
+class TestReportOnARobot:
+    def test_page_on_a_file(self, lift, tmp_path, capsys):
+        assert main(["report", lift, "--out", str(tmp_path / "page")]) == 0
+        said = capsys.readouterr().out
+        page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+        # 2 kg lifted by 2 * 9.81 N of 25 N
+        assert re.search(r"^ +up +19\.62 +19\.62 +78%$", said, re.MULTILINE)
+        assert "<td>0 ... 1 m</td><td>2 m/s</td><td>25 N</td>" in page
+        assert "lift.urdf: 1 warning: loads as written" in page or "lift.urdf: no findings" in page
+        assert "<td>NO</td>" not in page
+        assert {file.name for file in (tmp_path / "page").iterdir()} >= {"index.html", "robot.png", "swing.png"}
+
+    def test_a_robot_without_a_file_has_no_findings(self, tmp_path, capsys):
+        assert main(["report", "irb140", "--out", str(tmp_path)]) == 0
+        assert "Findings" not in capsys.readouterr().out
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            (["nobody"], "'nobody' is neither a file nor one of rne.robots()"),
+            (["irb140", "--markdown", "x.md"], "--markdown: is for the thesis's experiments, without ROBOT"),
+        ],
+    )
+    def test_wrong_calls(self, arguments, message, tmp_path, capsys):
+        assert main(["report", *arguments, "--out", str(tmp_path)]) == 2
+        assert capsys.readouterr().err == f"error: {message}\n"

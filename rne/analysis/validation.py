@@ -94,7 +94,7 @@ def against_pinocchio(robot: Robot, samples: int, xml: str | None = None) -> Ite
     yield Row("mass matrix", relative(M, each(oracle.mass_matrix, q)), ROUNDING, "M")
     yield Row("gravity", relative(gravity, each(oracle.gravity_torque, q)), ROUNDING, "g")
     yield Row("bias", relative(bias, each(oracle.bias_torque, q, qd)), ROUNDING, "C qd + g")
-    bound = float(np.linalg.cond(M).max() * np.finfo(float).eps)
+    bound = max(ROUNDING, float(np.linalg.cond(M).max() * np.finfo(float).eps))
     ours = robot.forward_dynamics(q, qd, tau)
     if not robot.model.has_mimics:
         theirs = each(oracle.forward_dynamics, q, qd, tau)
@@ -135,5 +135,5 @@ def against_energies(robot: Robot, samples: int) -> Iterator[Row]:
     yield Row("bias", relative(robot.bias_torque(q, qd), bias), 1e-12, "C qd + g, from Euler-Lagrange")
     T = np.einsum("ni,nij,nj->n", qd, M, qd) / 2
     yield Row("mass matrix", relative(T[:, None], robot.kinetic_energy(q, qd)[:, None]), 1e-12, "qd.M qd / 2 = T")
-    bound = float(np.linalg.cond(M).max() * np.finfo(float).eps)
+    bound = max(ROUNDING, float(np.linalg.cond(M).max() * np.finfo(float).eps))
     yield Row("forward after inverse", relative(robot.forward_dynamics(q, qd, tau), qdd), bound, "qdd")

@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     code = 0
     for file in arguments.files:
         try:
-            findings = rne.check(_path(file), grouped=not arguments.all)
+            findings = rne.check(file_of(file), grouped=not arguments.all)
         except (CommandError, OSError) as error:
             code = fail(in_one_line(error))
         else:
@@ -36,7 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
     return code
 
 
-def _path(file: str) -> str | os.PathLike[str]:
+def file_of(file: str) -> str | os.PathLike[str]:
+    """The URDF file of a path or of a robot by name."""
     from ..model.robots import BUILDERS
     from ..urdf.library import library
 
