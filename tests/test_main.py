@@ -183,6 +183,7 @@ def short(monkeypatch):
     )
 
 
+@pytest.mark.long
 def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
     assert main(["--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
