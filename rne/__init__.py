@@ -33,6 +33,7 @@ from .model.model import Cylinder, Model
 from .model.modify import locked, mounted, with_payload
 from .model.robots import irb140
 from .model.solids import cylinder_inertia
+from .plotting.viewer import view
 from .robot import Robot
 from .simulation.ensembles import Ensemble, ensemble
 from .simulation.friction import Friction
@@ -110,6 +111,7 @@ __all__ = [
     "to_urdf",
     "traceable",
     "trajectories",
+    "view",
     "with_payload",
 ]
 

@@ -14,7 +14,7 @@ from PIL import Image
 import rne
 from rne.model.robots.generators import random_tree, straight_chain
 from rne.plotting.motions import motion_argument
-from rne.plotting.robot_picture import cylinder_faces
+from rne.plotting.surfaces import cylinder_faces
 
 from .helpers import EPS, ROOT
 

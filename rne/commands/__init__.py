@@ -3,6 +3,6 @@
 A new subcommand is a module with `add`, and its place in `COMMANDS`, which is the order of `rne --help`.
 """
 
-from . import check, report, simulate, source, torques, urdf
+from . import check, report, simulate, source, torques, urdf, view
 
-COMMANDS = (check, simulate, torques, source, urdf, report)
+COMMANDS = (check, view, simulate, torques, source, urdf, report)

@@ -83,6 +83,7 @@ def assemble(
     gravity: Any = STANDARD_GRAVITY,
     shapes: Sequence[Cylinder] = (),
     notes: Mapping[str, str] | None = None,
+    source: str | None = None,
 ) -> Model:
     """The Model of a tree of parts, the root first and every parent before its children."""
     moving = [k for k, part in enumerate(parts) if part.kind != "fixed"]
@@ -137,6 +138,7 @@ def assemble(
         gravity=gravity,
         shapes=tuple(shapes),
         notes=notes or {},
+        source=source,
     )
 
 

@@ -19,7 +19,7 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
 
 UNSET: Any = None  # replaced in __post_init__ by a default of the right shape
-NOT_COMPARED = ("notes", "link_parent")
+NOT_COMPARED = ("notes", "link_parent", "source")
 
 
 class Cylinder(NamedTuple):
@@ -96,6 +96,8 @@ class Model:
         For drawing; not used by dynamics.
     notes : mapping of str to str
         Where the numbers of a link or joint come from. Not compared.
+    source : str or None
+        Absolute path of the URDF file it was read from, from which pictures read the visual shapes. Not compared.
 
     Raises
     ------
@@ -136,6 +138,7 @@ class Model:
     gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
     shapes: tuple[Cylinder, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
+    source: str | None = None
 
     def __post_init__(self) -> None:
         nb = len(self.moving_joints)

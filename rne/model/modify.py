@@ -135,7 +135,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
             fixed[k] = replace(part, kind="fixed", mimic=None, placement=_moved(part, position))
     edited = [fixed.get(k, part) for k, part in enumerate(parts)]
     smaller = assemble(model.name, edited, gravity=model.gravity, shapes=model.shapes, notes=model.notes)
-    return replace(smaller, link_parent=model.link_parent)
+    return replace(smaller, link_parent=model.link_parent, source=model.source)
 
 
 def _moved(part: Part, position: float) -> Pose:

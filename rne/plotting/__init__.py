@@ -1,9 +1,10 @@
-"""Pictures of robots and motions; matplotlib is imported when a function is called."""
+"""Pictures of robots and motions; matplotlib and viser are imported when a function is called."""
 
 from . import notebook as _notebook  # noqa: F401  registers what notebooks show
 from .animation import animate
 from .fans import fan
 from .plots import plot
 from .robot_picture import draw
+from .viewer import view
 
-__all__ = ["animate", "draw", "fan", "plot"]
+__all__ = ["animate", "draw", "fan", "plot", "view"]

@@ -1,4 +1,4 @@
-"""A robot drawn on 3-D axes: cylinders, lines between link origins, joints and their axes."""
+"""A robot drawn on 3-D axes: its shapes, lines between link origins, joints and their axes."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
-from ..basics.spatial import Array, cross, rotate, rotation_from_rpy
+from ..basics.spatial import Array, cross, rotate
 from ..model.builder import disassemble
-from ..model.model import Cylinder, Model
+from ..model.model import Model
 from ..robot import Robot
 from .figures import COLORS, blank_figure
+from .shapes import link_shapes
+from .surfaces import surface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4
 LIGHT = np.array([0.3, -0.7, 0.65])  # direction towards the light
 ARROW, BASE = 0.16, 0.22  # lengths of a joint axis and of the base frame's axes, relative to the robot's extent
 ALPHA = 0.6  # opacity of the surfaces
@@ -50,11 +51,17 @@ def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
     ImportError
         If matplotlib is not installed.
 
+    Warns
+    -----
+    UserWarning
+        For visual shapes of the URDF that cannot be shown, such as a mesh that is not found.
+
     Notes
     -----
-    The axes are those of the root link [m], all to the same scale. Drawn are the cylinders of `model.shapes`, lines
-    between the origins of successive links, and the centre of mass of each body that has no cylinder. Lines are drawn
-    over the cylinders, so that joints inside them can be seen.
+    The axes are those of the root link [m], all to the same scale. Drawn are the visual shapes of the robot's URDF,
+    meshes as the convex hull of each link's, or the cylinders of `model.shapes` where there is no URDF or yourdfpy is
+    not installed (`pip install 'rne[view]'`); lines between the origins of successive links; and the centre of mass of
+    each body that has no shape. Lines are drawn over the shapes, so that joints inside them can be seen.
 
     Examples
     --------
@@ -106,10 +113,14 @@ class Picture:
         before = np.stack([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1) if ax.has_data() else None
         self.ax, self.origins = ax, p
         self.parent = [part.parent for part in disassemble(model)]
-        links = [model.link_index(shape.link) for shape in model.shapes]
-        faces = np.array([cylinder_faces(shape) for shape in model.shapes]).reshape(len(links), 2 * SIDES, 4, 3)
-        self.faces = rotate(R[:, links, None, None], faces) + p[:, links, None, None]
-        self.colors = np.array([_color(k) for k in range(len(links))]).reshape(-1, 3)
+        shapes = link_shapes(model)
+        links = [k for k, link in enumerate(model.link_names) if any(shape.link == link for shape in shapes)]
+        surfaces = [surface([shape for shape in shapes if shape.link == model.link_names[k]]) for k in links]
+        owner = np.repeat(np.array(links, dtype=int), [len(faces) for faces in surfaces])
+        faces = np.concatenate([np.zeros((0, 4, 3)), *surfaces])
+        self.faces = rotate(R[:, owner, None], faces) + p[:, owner, None]
+        colors = np.array([_color(k) for k in range(len(links))]).reshape(-1, 3)
+        self.colors = np.repeat(colors, [len(faces) for faces in surfaces], axis=0)
         carriers = [model.link_joints.index(joint) for joint in model.moving_joints]
         shaped = {model.link_body[k] for k in links}
         self.bare = [i for i in range(model.nb) if i not in shaped and model.mass[i] > 0]
@@ -123,7 +134,7 @@ class Picture:
         self._base(BASE * extent)
         room = [points.reshape(-1, 3), self.arrows.reshape(-1, 3), BASE * extent * np.eye(3)]
         _make_room(ax, np.concatenate(room), before)
-        _legend(ax, [shape.link for shape in model.shapes], self.colors)
+        _legend(ax, [model.link_names[k] for k in links], colors)
 
     def _make_artists(self) -> None:
         from matplotlib import rcParams
@@ -171,7 +182,7 @@ class Picture:
             normals = cross(faces[..., 1, :] - faces[..., 0, :], faces[..., 2, :] - faces[..., 0, :])
             size = np.linalg.norm(normals, axis=-1) * np.linalg.norm(LIGHT)
             lit = normals @ LIGHT / np.where(size > 0, size, 1.0)  # flat cylinders have faces of no area
-            shades = (0.8 + 0.2 * lit)[..., None] * self.colors[:, None]
+            shades = (0.8 + 0.2 * lit)[..., None] * self.colors
             self.surface.set_verts(faces.reshape(-1, 4, 3))
             self.surface.set_facecolor(shades.reshape(-1, 3))
 
@@ -180,30 +191,6 @@ def _color(k: int) -> tuple[float, ...]:
     from matplotlib.colors import to_rgb
 
     return to_rgb(f"C{k % COLORS}")
-
-
-def cylinder_faces(shape: Cylinder) -> Array:
-    """The faces of a cylinder as a prism, in its link's frame.
-
-    Parameters
-    ----------
-    shape : Cylinder
-
-    Returns
-    -------
-    ndarray, shape (64, 4, 3)
-        Four corners of each face, anticlockwise seen from outside [m].
-    """
-    angle = np.linspace(0, 2 * np.pi, SIDES + 1)
-    ring = np.stack([shape.radius * np.cos(angle), shape.radius * np.sin(angle), np.zeros(SIDES + 1)], axis=-1)
-    up = np.array([0, 0, shape.length / 2])
-    sides = np.stack([ring[:-1] - up, ring[1:] - up, ring[1:] + up, ring[:-1] + up], axis=1)
-    centre = np.zeros((SIDES // 2, 3))
-    fan = np.stack([centre, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1)
-    faces = np.concatenate([sides, fan + up, fan[:, ::-1] - up])
-    turned: Array = rotate(rotation_from_rpy(np.array(shape.rpy)), faces)
-    turned += np.array(shape.position)
-    return turned
 
 
 def _arrows(origins: Array, axes: Array, length: float) -> Array:

@@ -62,7 +62,7 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     root = _validated(read_bytes(path, report), report)
     report.raise_first_error()
     try:
-        return _model(root, gravity)
+        return _model(root, gravity, os.path.abspath(path))
     except UrdfError:
         raise
     except ModelError as error:
@@ -141,7 +141,7 @@ def _check_plausibility(data: bytes, report: Report) -> None:
         check_bodies(whole, report)
 
 
-def _model(root: Any, gravity: ArrayLike) -> Model:
+def _model(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
     """The Model of a validated <robot>."""
     links = {link.get("name"): link for link in root.findall("link")}
     root_link, joints = _in_tree_order(links, root.findall("joint"))
@@ -170,7 +170,7 @@ def _model(root: Any, gravity: ArrayLike) -> Model:
     unrounded = [Unrounded(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
     parts = slide_far_origins(parts, unrounded)
     shapes = [shape for part in parts for shape in _cylinders(links[part.link])]
-    return assemble(root.get("name"), parts, gravity=gravity, shapes=shapes)
+    return assemble(root.get("name"), parts, gravity=gravity, shapes=shapes, source=source)
 
 
 def _in_tree_order(links: dict[str, Any], joints: list[Any]) -> tuple[str, list[Any]]:
