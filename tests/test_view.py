@@ -337,8 +337,8 @@ class TestRecording:
         seen = points - position
         depth = -seen @ camera.side
         assert depth.min() > 0
-        assert (np.abs(seen @ right) / depth).max() <= 0.95 * aspect * np.tan(FOV / 2)
-        assert (np.abs(seen @ np.cross(camera.side, right)) / depth).max() <= 0.95 * np.tan(FOV / 2)
+        assert (np.abs(seen @ right) / depth).max() <= 0.9 * aspect * np.tan(FOV / 2)
+        assert (np.abs(seen @ np.cross(camera.side, right)) / depth).max() <= 0.9 * np.tan(FOV / 2)
 
     def test_long_motions_have_fewer_frames(self, irb140):
         for duration, frames in ((1.0, 31), (10.0, 301), (1e4, 10_000 // 8 + 1)):
@@ -370,13 +370,13 @@ class TestPage:
 
     def test_the_legend_says_what_is_shown(self, irb140, both, tmp_path):
         assert re.search(
-            r'<div id="rne"><b>irb140</b><br><i style="[^"]*"></i>plain<br><i [^>]*></i>6 kg<br>grid: 0.2 m</div>',
+            r'<div id="rne"><b>irb140</b><br><i style="[^"]*"></i>plain<br><i [^>]*></i>6 kg<br>grid: 0.2 m<br><small>',
             both.html,
         )
         assert "<title>irb140</title>" in both.html
         page = rne.view(crane(tmp_path), q=[[0, 0], [1, -0.5]], t=[2, 3], speed=0.5)
         assert "<title>crane &lt;1&gt;</title>" in page.html
-        assert "<b>crane &lt;1&gt;</b><br>grid: 0.2 m<br>t = 2 + 0.5 &times; time on the slider</div>" in page.html
+        assert "<b>crane &lt;1&gt;</b><br>grid: 0.2 m<br>t = 2 + 0.5 &times; time on the slider<br><small>" in page.html
 
     def test_the_server_is_local_silent_and_stopped(self, irb140, monkeypatch, capfd):
         import viser

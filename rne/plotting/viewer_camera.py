@@ -51,6 +51,6 @@ def aim(points: Array) -> Camera:
     seen = points @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
     x, y, z = np.abs(seen - middle).T[0], np.abs(seen - middle).T[1], (seen - middle).T[2]
-    tangent = 0.9 * np.tan(FOV / 2)  # leaves a margin
+    tangent = 0.84 * np.tan(FOV / 2)  # leaves a margin
     distance = float((np.maximum(x, y) / tangent + z).max()) or 1.0
     return Camera(middle @ axes, side, distance, float(x.max() / tangent), float(z.max()))

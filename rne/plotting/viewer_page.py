@@ -102,7 +102,7 @@ def legend(motion: Motion, labels: Sequence[str], cell: float, times: Array, spe
         start = f"{times[0]:g} + " if times[0] else ""
         factor = f"{speed:g} &times; " if speed != 1 else ""
         lines.append(f"t = {start}{factor}time on the slider")
-    return "<br>".join(lines)
+    return "<br>".join([*lines, "<small>frames and masses: button of the scene tree</small>"])
 
 
 def finished(text: str, name: str, key: str, camera: Camera) -> str:
