@@ -1,0 +1,120 @@
+r"""
+Ensemble on processes and Dask
+==============================
+
+When the power of a UR5 fails, its brakes need 0.3 s to close, and the arm falls freely until then. How far does the
+flange drop? The posture and the rates at that moment are not known exactly, so 2000 of them are drawn and simulated,
+in this process, on two processes, and on a Dask cluster. All three give the same bits.
+
+Needs: ``pip install 'rne[plot,robots,cluster]'``
+"""
+
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import rne
+
+# %%
+# The scene and the starts
+# ------------------------
+# Without a controller the drives give no torque. Friction alone slows the fall; its coefficients are assumed. The
+# starts are normally distributed about a working posture. With a seed the same ones are drawn every time.
+
+robot = rne.load("ur5").with_payload(3.0, link="tool0")
+friction = rne.Friction(viscous=[15, 15, 10, 2, 2, 2])  # [N m s/rad]
+scene = rne.Scene(robot, friction=friction)
+
+rng = np.random.default_rng(1)
+posture = np.deg2rad([0, -45, 70, -25, -90, 0])
+q0 = posture + np.deg2rad(5) * rng.normal(size=(2000, 6))
+qd0 = 0.3 * rng.normal(size=(2000, 6))  # [rad/s]
+
+
+def fall(executor=None):
+    return rne.ensemble(scene, q0, qd0, 0.3, step=5e-3, keep=31, executor=executor)
+
+
+# %%
+# One process
+# -----------
+# ``ensemble`` moves all initial states by equal Runge-Kutta steps of one batch. The step is not controlled: half the
+# step and the largest difference show whether it is short enough. ``keep`` is the number of times that are stored.
+#
+# Everything from here on stands under ``if __name__ == "__main__":``. Processes of a pool import this file, and must
+# not start pools of their own; the lines above are all that they need.
+
+if __name__ == "__main__":
+    falls = fall()
+    finer = rne.ensemble(scene, q0, qd0, 0.3, step=2.5e-3)
+    error = abs(finer.q[-1] - falls.q[-1]).max()
+    print(f"{falls.q.shape[1]} motions of {falls.q.shape[2]} joints, {falls.evaluations} evaluations")
+    print(f"half the step changes the positions by at most {error:.1e} rad")
+    assert error < 1e-4
+
+# %%
+# Two processes
+# -------------
+# Any executor of ``concurrent.futures`` can run the parts of an ensemble. Each process traces the equations of motion
+# once. What one state gives does not depend on the states beside it, so that the results are equal to the last bit,
+# however the work is divided. Two processes pay off for longer runs than this one.
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        on_processes = fall(pool)
+    print("two processes, same bits:", np.array_equal(on_processes.q, falls.q))
+    assert np.array_equal(on_processes.q, falls.q)
+    assert np.array_equal(on_processes.qd, falls.qd)
+
+# %%
+# Dask
+# ----
+# A Dask client has such an executor too. Here the cluster is two threads of this process, without any network; with the
+# address of a scheduler, ``Client("tcp://...")``, the same lines run on a real cluster, whose machines need the same
+# versions of rne and NumPy.
+
+if __name__ == "__main__":
+    from distributed import Client, LocalCluster
+
+    within = LocalCluster(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None)
+    with within as cluster, Client(cluster) as client:
+        on_dask = fall(client.get_executor())
+    print("Dask, same bits:", np.array_equal(on_dask.q, falls.q))
+    assert np.array_equal(on_dask.q, falls.q)
+
+# %%
+# The answer
+# ----------
+# ``rne.plotting.fan`` draws the bands between quantiles of the joints' positions.
+
+if __name__ == "__main__":
+    fan = rne.plotting.fan(falls, ["shoulder_lift_joint", "elbow_joint", "wrist_1_joint"])
+
+# %%
+# The flange's height follows from the positions of all motions and times in one call.
+
+if __name__ == "__main__":
+    height = robot.link_poses(falls.q)[:, :, robot.link_names.index("tool0"), 2, 3]
+    drop = 1e3 * (height[0] - height)  # times, motions [mm]
+    levels = np.quantile(drop, [0.05, 0.25, 0.5, 0.75, 0.95], axis=1)
+    figure = Figure(figsize=(7, 3.6), layout="constrained")
+    ax = figure.subplots()
+    ax.fill_between(falls.t, levels[0], levels[4], color="C0", alpha=0.2, label="90 % of the motions")
+    ax.fill_between(falls.t, levels[1], levels[3], color="C0", alpha=0.4, label="50 %")
+    ax.plot(falls.t, levels[2], color="C0", label="median")
+    ax.plot(falls.t, 500 * -robot.model.gravity[2] * falls.t**2, "k:", label="a body in free fall")
+    ax.set(xlabel="time since the power failed [s]", ylabel="drop of the flange [mm]")
+    ax.legend(frameon=False)
+    for level, value in zip((5, 50, 95), levels[[0, 2, 4], -1], strict=True):
+        print(f"{level:2} % of the motions drop less than {value:5.0f} mm")
+
+# %%
+# The estimate of a quantile from 2000 motions is itself uncertain. Drawing the motions anew from the 2000 (the
+# bootstrap) says by how much.
+
+if __name__ == "__main__":
+    again = rng.integers(0, 2000, (500, 2000))
+    spread = np.quantile(drop[-1][again], 0.95, axis=1).std()
+    print(f"standard error of the 95 % quantile: {spread:.1f} mm")
