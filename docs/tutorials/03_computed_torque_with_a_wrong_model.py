@@ -91,8 +91,9 @@ figure
 
 # %%
 # PD control lags while the arm accelerates, because nothing supplies the torques of the motion, and arrives exactly,
-# because the gravity is right. Computed torque with most of the mass known lags less, but ends beside the target: weight
-# that the model does not know is held up by the error alone. With none of it known, PD control is better all along.
+# because the gravity is right. Computed torque with most of the mass known lags less, but ends beside the target:
+# weight that the model does not know is held up by the error alone. With none of it known, PD control is better all
+# along.
 #
 # Error against mass
 # ------------------
@@ -106,13 +107,15 @@ for mass in known[1:]:
     model, q = with_part(mass), motions[mass].q[-1]
     predicted = -np.linalg.solve(model.mass_matrix(q), plant.gravity_torque(q) - model.gravity_torque(q)) / kp
     found = q - end
-    print(f"missing {5 - mass:3.1f} kg: joint 2 is off by {found[1] * 1e3:7.3f} mrad, formula {predicted[1] * 1e3:7.3f}")
+    print(
+        f"missing {5 - mass:3.1f} kg: joint 2 is off by {found[1] * 1e3:7.3f} mrad, formula {predicted[1] * 1e3:7.3f}"
+    )
     assert np.allclose(found, predicted, rtol=1e-4, atol=1e-5)
 
 # %%
-# The missing gravity is proportional to the missing mass. The error grows faster than that, since
-# :math:`\hat M`, which turns the gains into torques, shrinks with the mass that the model knows. Higher gains reduce the
-# error in inverse proportion; an integral part (``rne.control.pid``) or a better mass removes it.
+# The missing gravity is proportional to the missing mass. The error grows faster than that, since :math:`\hat M`, which
+# turns the gains into torques, shrinks with the mass that the model knows. Higher gains reduce the error in inverse
+# proportion; an integral part (``rne.control.pid``) or a better mass removes it.
 
 missing = 5 - np.array(known)
 largest = [flange_error(motion).max() for motion in motions.values()]

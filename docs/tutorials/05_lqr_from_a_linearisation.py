@@ -107,7 +107,8 @@ for size in (0.1, 0.01):
 # %%
 # How large a push?
 # -----------------
-# ``ensemble`` simulates all initial states at once. A push counts as recovered from if everything is at rest at the end.
+# ``ensemble`` simulates all initial states at once. A push counts as recovered from if everything is at rest at the
+# end.
 
 sizes = np.linspace(0.1, 6, 60)
 starts = np.zeros((60, 3))

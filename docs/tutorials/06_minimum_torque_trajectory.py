@@ -46,11 +46,11 @@ def motion(c):
 # %%
 # The cost and its gradient
 # -------------------------
-# The cost is the mean over time of the squared torques, each relative to its drive's limit, and penalties: for positions
-# and rates beyond 95 % of the joints' ranges, and for wrist and hand lower than 0.1 m. By the chain rule, its gradient needs the
-# derivatives of the torques by positions, rates and accelerations at every time. ``inverse_dynamics_derivatives`` gives
-# all three, exactly, for all times at once; the last one is the mass matrix. The derivative of a link's height is the
-# last row of its Jacobian, which is [angular; linear] in the axes of the base.
+# The cost is the mean over time of the squared torques, each relative to its drive's limit, and penalties: for
+# positions and rates beyond 95 % of the joints' ranges, and for wrist and hand lower than 0.1 m. By the chain rule, its
+# gradient needs the derivatives of the torques by positions, rates and accelerations at every time.
+# ``inverse_dynamics_derivatives`` gives all three, exactly, for all times at once; the last one is the mass matrix. The
+# derivative of a link's height is the last row of its Jacobian, which is [angular; linear] in the axes of the base.
 
 middle, half = (arm.model.upper + arm.model.lower) / 2, (arm.model.upper - arm.model.lower) / 2
 low = {name: arm.link_names.index(name) for name in ("panda_link6", "panda_link8", "panda_hand_tcp")}
@@ -101,7 +101,9 @@ assert abs(exact - difference) < 1e-7 * abs(exact)
 found = minimize(cost, np.zeros(arm.n * shapes), jac=True, method="L-BFGS-B", options={"maxiter": 150})
 before, after = cost(np.zeros(arm.n * shapes))[0], found.fun
 print(f"{found.nit} steps, {found.nfev} evaluations of the cost and its gradient")
-print(f"mean square of torque / limit: {before:.4f} for the quintic, {after:.4f} optimised, {1 - after / before:.0%} less")
+print(
+    f"mean square of torque / limit: {before:.4f} for the quintic, {after:.4f} optimised, {1 - after / before:.0%} less"
+)
 assert after < 0.8 * before
 
 q, qd, qdd = motion(found.x)
@@ -136,7 +138,9 @@ for k in (0, 8, 15, 22, 30):
     view.plot(*side_view(q)[k].T, "o-", color=f"{0.8 - 0.8 * k / 30:.2f}", markersize=4, label=f"{t[k]:.2f} s")
 view.plot(*side_view(q)[:, -1].T, color="C1", label="hand")
 view.axhline(0.1, color="C3", linestyle=":", linewidth=1)
-view.set(title="optimised, first half", xlabel="distance ahead [m]", ylabel="height [m]", aspect="equal", ylim=(-0.03, 0.85))
+view.set(
+    title="optimised, first half", xlabel="distance ahead [m]", ylabel="height [m]", aspect="equal", ylim=(-0.03, 0.85)
+)
 view.legend(frameon=False, ncols=3, loc="upper center", fontsize="small")
 squares = {name: ((tau / limit) ** 2).mean(axis=0) for name, tau in torques.items()}
 assert (squares["optimised"] < squares["quintic"]).all()

@@ -45,8 +45,8 @@ def seconds(call, repeats=3):
 kernels = {robot.engine: robot.kernel(rne.inverse_dynamics) for robot in (plain, compiled)}
 compiling = {}
 for name, states in {"one state": (q[0], qd[0], qdd[0]), "a batch": (q[:100], qd[:100], qdd[:100])}.items():
-    compiling[name] = seconds(lambda: kernels["numba"](*states), 1)  # noqa: B023
-    again = seconds(lambda: kernels["numba"](*states))  # noqa: B023
+    compiling[name] = seconds(lambda: kernels["numba"](*states), 1)
+    again = seconds(lambda: kernels["numba"](*states))
     print(f"{name}: first call {compiling[name]:.2f} s, later ones {again * 1e6:.0f} us")
 
 # %%
@@ -77,11 +77,8 @@ def first_states(N):
     return (q[0], qd[0], qdd[0]) if N == 1 else (q[:N], qd[:N], qdd[:N])
 
 
-per_state = {
-    name: [seconds(lambda: kernel(*first_states(N))) / N for N in sizes]  # noqa: B023
-    for name, kernel in kernels.items()
-}
-with_workers = [seconds(lambda: kernels["numba"](*first_states(N), workers=2)) / N for N in sizes[3:]]  # noqa: B023
+per_state = {name: [seconds(lambda: kernel(*first_states(N))) / N for N in sizes] for name, kernel in kernels.items()}
+with_workers = [seconds(lambda: kernels["numba"](*first_states(N), workers=2)) / N for N in sizes[3:]]
 
 figure = Figure(figsize=(7, 4), layout="constrained")
 ax = figure.subplots()
@@ -113,9 +110,9 @@ starts = q[:500, :3] / 4
 runs = {}
 for robot in (plain, compiled):
     arm = robot.locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
-    first = seconds(lambda: rne.ensemble(arm, starts, 0 * starts, 0.1, step=2e-3), 1)  # noqa: B023
+    first = seconds(lambda: rne.ensemble(arm, starts, 0 * starts, 0.1, step=2e-3), 1)
     runs[robot.engine] = rne.ensemble(arm, starts, 0 * starts, 0.1, step=2e-3)
-    again = seconds(lambda: rne.ensemble(arm, starts, 0 * starts, 0.1, step=2e-3), 1)  # noqa: B023
+    again = seconds(lambda: rne.ensemble(arm, starts, 0 * starts, 0.1, step=2e-3), 1)
     print(f"{robot.engine}: 500 swings of three joints, {first:.2f} s at first, {again:.2f} s then")
 difference = abs(runs["numba"].q - runs["numpy"].q).max()
 print(f"largest difference of the positions: {difference:.0e} rad")

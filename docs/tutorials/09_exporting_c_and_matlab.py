@@ -81,9 +81,9 @@ print(mass_matrix.source("matlab", element="m23"))
 
 # %%
 # The same entries as Python source need nothing but ``math``. Here they are drawn over the angle of the elbow. m22 and
-# m33 are the inertias that shoulder and elbow feel on their own, m23 is the torque at the shoulder per unit acceleration
-# of the elbow. With the arm stretched out the elbow's motion shakes the shoulder most; with the forearm folded back
-# hardly at all.
+# m33 are the inertias that shoulder and elbow feel on their own, m23 is the torque at the shoulder per unit
+# acceleration of the elbow. With the arm stretched out the elbow's motion shakes the shoulder most; with the forearm
+# folded back hardly at all.
 
 entries = {}
 for element in ("m22", "m23", "m33"):

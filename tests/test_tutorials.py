@@ -1,0 +1,58 @@
+"""Each tutorial runs from start to end; what its text claims is asserted in it."""
+
+import re
+import runpy
+import tempfile
+import tomllib
+
+import pytest
+from matplotlib import figure, pyplot
+
+from .helpers import ROOT, kept
+
+FOLDER = ROOT / "docs" / "tutorials"
+TUTORIALS = sorted(path.stem for path in FOLDER.glob("[0-9]*.py"))
+SHORT = {
+    "01_torques_along_a_path",
+    "02_payload_study",
+    "05_lqr_from_a_linearisation",
+    "06_minimum_torque_trajectory",
+    "09_exporting_c_and_matlab",
+    "10_from_a_dh_table_to_a_simulation",
+}
+USES = {  # what in a script shows that it needs an extra
+    "plot": r"matplotlib|rne\.plotting",
+    "robots": r'load\("(ur5|panda)"\)',
+    "cluster": "distributed",
+    "numba": 'engine="numba"',
+    "view": r"rne\.view",
+}
+
+
+@pytest.mark.parametrize("name", kept(TUTORIALS, SHORT))
+def test_tutorial_runs(name, tmp_path, monkeypatch):
+    """Without warnings, which are errors here, and without files left in the working or the temporary folder."""
+    work, temporary = tmp_path / "work", tmp_path / "temporary"
+    work.mkdir()
+    temporary.mkdir()
+    monkeypatch.chdir(work)
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    before = pyplot.get_fignums()
+    variables = runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
+    assert pyplot.get_fignums() == before
+    assert [*work.iterdir(), *temporary.iterdir()] == []
+    figures = [value for value in variables.values() if isinstance(value, figure.Figure)]
+    assert figures
+    for picture in figures:
+        picture.draw_without_rendering()
+        assert any(axes.get_xlabel() for axes in picture.axes)
+        assert any(axes.get_ylabel() for axes in picture.axes)
+
+
+@pytest.mark.parametrize("name", TUTORIALS)
+def test_tutorial_names_the_extras_that_it_needs(name):
+    text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
+    (named,) = re.findall(r"^Needs: ``pip install 'rne\[([a-z,]+)\]'``", text, re.MULTILINE)
+    assert set(named.split(",")) == {extra for extra, sign in USES.items() if re.search(sign, text)}
+    known = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert set(named.split(",")) <= set(known)
