@@ -62,7 +62,7 @@ print(marked.cost()["law"])
 logging.getLogger("rne").removeHandler(handler)
 
 # %%
-# ``rne.elementwise`` has the functions that can be recorded: clip, minimum, maximum, where, less, sign, tanh.
+# ``rne.elementwise`` has functions that can be recorded: clip, minimum, maximum, where, less, sign, tanh, exp, arctan2.
 
 
 @rne.traceable
