@@ -82,8 +82,9 @@ def test_a_dask_cluster_gives_the_same(chain, starts):
     from distributed import Client, LocalCluster
 
     here = rne.ensemble(chain, *starts, 0.1, step=0.01)
+    pages = dict.fromkeys(["dashboard_address", "worker_dashboard_address"], "127.0.0.1:0")  # not on the network
     with (
-        LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **pages) as cluster,
         Client(cluster) as client,
     ):
         there = rne.ensemble(chain, *starts, 0.1, step=0.01, executor=client.get_executor())

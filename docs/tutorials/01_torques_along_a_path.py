@@ -2,8 +2,9 @@ r"""
 Torques along a path
 ====================
 
-A UR5 with a gripper of 3 kg moves from one pose to another in a given time. Which torque does each drive deliver,
-which joint comes nearest to its limit, and how fast could the same path be run?
+A UR5 with a gripper of 3 kg moves from one pose to another in a given time. Which
+torque does each drive deliver, which joint comes nearest to its limit, and how fast
+could the same path be run?
 
 Needs: ``pip install 'rne[plot,robots]'``
 """
@@ -14,31 +15,43 @@ from matplotlib.figure import Figure
 import rne
 
 robot = rne.load("ur5").with_payload(3.0, com=[0, 0, 0.08], link="tool0")
-torque_limit, speed_limit = robot.model.effort_limit, robot.model.velocity_limit  # as in the URDF [N m], [rad/s]
-for name, torque, speed in zip(robot.joint_names, torque_limit, speed_limit, strict=True):
+torque_limit, speed_limit = (
+    robot.model.effort_limit,
+    robot.model.velocity_limit,
+)  # as in the URDF [N m], [rad/s]
+for name, torque, speed in zip(
+    robot.joint_names, torque_limit, speed_limit, strict=True
+):
     print(f"{name:20} at most {torque:.0f} N m, {speed:.2f} rad/s")
 
 # %%
 # The reference motion
 # --------------------
-# A reference is a function of time that returns the positions, rates and accelerations of all joints. The quintic
-# polynomial starts and ends at rest with zero acceleration. The trapezoidal profile accelerates at a constant rate,
-# cruises and brakes, so its accelerations jump. Angles are in radians, in the order of ``robot.joint_names``.
+# A reference is a function of time that returns the positions, rates and accelerations
+# of all joints. The quintic polynomial starts and ends at rest with zero acceleration.
+# The trapezoidal profile accelerates at a constant rate, cruises and brakes, so its
+# accelerations jump. Angles are in radians, in the order of ``robot.joint_names``.
 
 start = np.deg2rad([-20, -15, 40, -25, -90, 0])
 end = np.deg2rad([20, -55, 75, -20, -60, 30])
 duration = 0.6  # [s]
 references = {
     "quintic": rne.trajectories.quintic(start, end, duration),
-    "trapezoidal": rne.trajectories.trapezoidal(start, end, duration, ramp=duration / 3),
+    "trapezoidal": rne.trajectories.trapezoidal(
+        start, end, duration, ramp=duration / 3
+    ),
 }
 t = np.linspace(0, duration, 601)
-torques = {name: robot.inverse_dynamics(*reference(t)) for name, reference in references.items()}
+torques = {
+    name: robot.inverse_dynamics(*reference(t))
+    for name, reference in references.items()
+}
 
 # %%
-# ``inverse_dynamics`` takes all 601 states in one call. In the picture the torques are divided by the limits: a curve
-# that leaves the grey band asks for more than its drive has. Before and after the motion the torques are those of
-# gravity; what is added in between accelerates and brakes the arm and its load. The jumps of the trapezoidal
+# ``inverse_dynamics`` takes all 601 states in one call. In the picture the torques are
+# divided by the limits: a curve that leaves the grey band asks for more than its drive
+# has. Before and after the motion the torques are those of gravity; what is added in
+# between accelerates and brakes the arm and its load. The jumps of the trapezoidal
 # acceleration are jumps of the torques.
 
 figure = Figure(figsize=(9, 4), layout="constrained")
@@ -54,24 +67,29 @@ figure
 # %%
 # The bottleneck
 # --------------
-# The joint with the largest ratio of peak torque to limit decides whether the drives can follow the reference.
+# The joint with the largest ratio of peak torque to limit decides whether the drives
+# can follow the reference.
 
 for name, tau in torques.items():
     used = abs(tau).max(axis=0) / torque_limit
     print(f"{name}: bottleneck {robot.joint_names[used.argmax()]}")
-    for joint, peak, ratio in zip(robot.joint_names, abs(tau).max(axis=0), used, strict=True):
+    for joint, peak, ratio in zip(
+        robot.joint_names, abs(tau).max(axis=0), used, strict=True
+    ):
         print(f"    {joint:20} peak {peak:6.2f} N m, {ratio:4.0%} of the limit")
 
 # %%
 # How fast could it be?
 # ---------------------
-# Running the same path in the time :math:`T` instead of :math:`T_0` multiplies all rates by :math:`T_0/T` and all
-# accelerations by :math:`(T_0/T)^2`. Gravity does not change; the rest of the equations of motion is quadratic in the
-# rates or linear in the accelerations. The torques are therefore
+# Running the same path in the time :math:`T` instead of :math:`T_0` multiplies all
+# rates by :math:`T_0/T` and all accelerations by :math:`(T_0/T)^2`. Gravity does not
+# change; the rest of the equations of motion is quadratic in the rates or linear in the
+# accelerations. The torques are therefore
 #
 # .. math:: \tau_T = g + (T_0 / T)^2 \, (\tau_{T_0} - g)
 #
-# and those of every duration follow from one evaluation of inverse dynamics and one of gravity.
+# and those of every duration follow from one evaluation of inverse dynamics and one of
+# gravity.
 
 T = np.linspace(0.25, 1.0, 301)
 figure = Figure(figsize=(6.5, 3.8), layout="constrained")
@@ -80,27 +98,37 @@ shortest = {}
 for name, reference in references.items():
     q, qd, qdd = reference(t)
     g = robot.gravity_torque(q)
-    scaled = g + (duration / T[:, None, None]) ** 2 * (torques[name] - g)  # durations, samples, joints
+    scaled = g + (duration / T[:, None, None]) ** 2 * (
+        torques[name] - g
+    )  # durations, samples, joints
     torque_use = (abs(scaled) / torque_limit).max(axis=(1, 2))
     speed_use = duration / T * (abs(qd) / speed_limit).max()
     (line,) = ax.plot(T, torque_use, label=f"{name}: torque")
     ax.plot(T, speed_use, "--", color=line.get_color(), label=f"{name}: speed")
-    shortest[name] = [np.interp(-1, -use, T) for use in (torque_use, speed_use)]  # where the use falls to 1
-    print(f"{name}: shortest time {shortest[name][0]:.3f} s by torque, {shortest[name][1]:.3f} s by speed")
+    shortest[name] = [
+        np.interp(-1, -use, T) for use in (torque_use, speed_use)
+    ]  # where the use falls to 1
+    by_torque, by_speed = shortest[name]
+    print(f"{name}: at least {by_torque:.3f} s by torque, {by_speed:.3f} s by speed")
 ax.axhline(1, color="black", linewidth=0.8)
-ax.set(xlabel="duration of the motion [s]", ylabel="largest use of a limit", ylim=(0, 3))
+ax.set(
+    xlabel="duration of the motion [s]", ylabel="largest use of a limit", ylim=(0, 3)
+)
 ax.legend(frameon=False)
 figure
 
 # %%
-# The motion can be run in the longer of its two times. The quintic has the higher peak speed and the higher peak
-# acceleration of the two for the same duration, which is the price of its smoothness.
+# The motion can be run in the longer of its two times. The quintic has the higher peak
+# speed and the higher peak acceleration of the two for the same duration, which is the
+# price of its smoothness.
 #
-# As a check, inverse dynamics of the quintic in the shortest time that its torques allow: the largest torque meets
-# its limit, up to the resolution of the curve above.
+# As a check, inverse dynamics of the quintic in the shortest time that its torques
+# allow: the largest torque meets its limit, up to the resolution of the curve above.
 
 by_torque, _ = shortest["quintic"]
 fastest = rne.trajectories.quintic(start, end, by_torque)
-use = (abs(robot.inverse_dynamics(*fastest(t * by_torque / duration))) / torque_limit).max()
+use = (
+    abs(robot.inverse_dynamics(*fastest(t * by_torque / duration))) / torque_limit
+).max()
 print(f"quintic in {by_torque:.3f} s: largest torque / limit = {use:.4f}")
 assert abs(use - 1) < 1e-3

@@ -2,9 +2,9 @@ r"""
 Payload study
 =============
 
-How heavy a tool may a UR5 carry, and how far from its flange may the tool's centre of mass lie, before one of the
-drives has to deliver more than its largest torque? The answer is a load diagram, like those in the data sheets of
-robots.
+How heavy a tool may a UR5 carry, and how far from its flange may the tool's centre of
+mass lie, before one of the drives has to deliver more than its largest torque? The
+answer is a load diagram, like those in the data sheets of robots.
 
 Needs: ``pip install 'rne[plot,robots]'``
 """
@@ -20,17 +20,20 @@ limit = robot.model.effort_limit  # [N m]
 # %%
 # A payload on a link
 # -------------------
-# ``with_payload`` returns a new robot with a further rigid body fixed to one of its links; the first robot stays as it
-# is. The centre of mass is given in the axes of that link. Several links of this URDF could be called its end, and the
-# axes of some of them point in different directions:
+# ``with_payload`` returns a new robot with a further rigid body fixed to one of its
+# links; the first robot stays as it is. The centre of mass is given in the axes of that
+# link. Several links of this URDF could be called its end, and the axes of some of them
+# point in different directions:
 
 for link in ("wrist_3_link", "ee_link", "tool0"):
     pose = robot.link_poses(np.zeros(6))[robot.link_names.index(link)]
-    print(f"{link:13} origin [m] {pose[:3, 3].round(3)}, z axis {pose[:3, 2].round(3) + 0.0}")
+    origin, z_axis = pose[:3, 3], pose[:3, 2]
+    print(f"{link:13} origin [m] {origin.round(3)}, z axis {z_axis.round(3) + 0.0}")
 
 # %%
-# The flange is ``tool0``, with its z axis pointing away from the arm; the same numbers in the axes of one of the others
-# would put the load beside it. Where the link is left out, robots with one end take that, and others are refused:
+# The flange is ``tool0``, with its z axis pointing away from the arm; the same numbers
+# in the axes of one of the others would put the load beside it. Where the link is left
+# out, robots with one end take that, and others are refused:
 
 try:
     rne.load("panda").with_payload(3.0)
@@ -40,9 +43,10 @@ except ValueError as error:
 # %%
 # The states of the study
 # -----------------------
-# What a joint has to carry depends on the posture and the motion. Here it is 4000 random states: all postures, with
-# rates up to a third of the speed limits and accelerations up to 3 rad/s\ :sup:`2`. Quantities are computed for the
-# whole batch in one call, (4000, 6) in and (4000, 6) out.
+# What a joint has to carry depends on the posture and the motion. Here it is 4000
+# random states: all postures, with rates up to a third of the speed limits and
+# accelerations up to 3 rad/s\ :sup:`2`. Quantities are computed for the whole batch in
+# one call, (4000, 6) in and (4000, 6) out.
 
 rng = np.random.default_rng(0)
 q = rng.uniform(-np.pi, np.pi, (4000, 6))
@@ -67,28 +71,40 @@ for k, mass in enumerate((0, 3, 6)):
         medianprops={"color": "black"},
     )
 ax.axhline(1, color="black", linewidth=0.8)
-ax.set_xticks(range(6), [name.removesuffix("_joint").replace("_", "\n", 1) for name in robot.joint_names])
+ax.set_xticks(
+    range(6),
+    [name.removesuffix("_joint").replace("_", "\n", 1) for name in robot.joint_names],
+)
 ax.set(ylabel="torque / limit of the joint", xlabel="joint")
 ax.legend(frameon=False)
 figure
 
 # %%
-# The boxes hold the middle half of the states, the whiskers all of them. The shoulder carries the arm even without a
-# load; the wrist's smaller drives have almost nothing to do without one, and their share grows faster with the mass.
+# The boxes hold the middle half of the states, the whiskers all of them. The shoulder
+# carries the arm even without a load; the wrist's smaller drives have almost nothing to
+# do without one, and their share grows faster with the mass.
 #
 # The load diagram
 # ----------------
-# Inverse dynamics is linear in the mass of a payload whose centre of mass stays where it is:
-# :math:`\tau(m) = \tau(0) + m\,y`, with :math:`y = \tau(1\,\mathrm{kg}) - \tau(0)`. The largest mass that a joint can
-# carry in one state therefore follows from a division, and the study needs one batch per position of the load instead
-# of one per position and mass.
+# Inverse dynamics is linear in the mass of a payload whose centre of mass stays where
+# it is: :math:`\tau(m) = \tau(0) + m\,y`, with :math:`y = \tau(1\,\mathrm{kg}) -
+# \tau(0)`. The largest mass that a joint can carry in one state therefore follows from
+# a division, and the study needs one batch per position of the load instead of one per
+# position and mass.
 
 offsets = np.linspace(0, 0.4, 21)  # of the load from the flange, along its axis [m]
 carried = []
 for offset in offsets:
-    y = robot.with_payload(1.0, com=[0, 0, offset], link="tool0").inverse_dynamics(q, qd, qdd) - empty
+    y = (
+        robot.with_payload(1.0, com=[0, 0, offset], link="tool0").inverse_dynamics(
+            q, qd, qdd
+        )
+        - empty
+    )
     room = np.where(y > 0, limit - empty, limit + empty)
-    carried.append((room / np.maximum(abs(y), 1e-12)).min(axis=0))  # of all states, the least that a joint allows
+    carried.append(
+        (room / np.maximum(abs(y), 1e-12)).min(axis=0)
+    )  # of all states, the least that a joint allows
 carried = np.array(carried)  # offsets, joints [kg]
 
 figure = Figure(figsize=(8, 4), layout="constrained")
@@ -96,26 +112,33 @@ ax = figure.subplots()
 ax.plot(offsets, carried, label=robot.joint_names)
 ax.fill_between(offsets, carried.min(axis=1), color="0.9")
 ax.text(0.01, 0.5, "every drive within its limit in every state")
-ax.set(xlabel="offset of the centre of mass from the flange [m]", ylabel="mass of the payload [kg]")
+ax.set(
+    xlabel="offset of the centre of mass from the flange [m]",
+    ylabel="mass of the payload [kg]",
+)
 ax.set(xlim=(0, 0.4), ylim=(0, 20))
 ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, title="allowed by")
 figure
 
 # %%
-# Below the lowest curve all drives stay within their limits in all states of the study. Close to the flange one joint
-# limits the load, far from it another: the torque of a wrist joint grows with the offset from its own axis, that of
-# the shoulder hardly changes.
+# Below the lowest curve all drives stay within their limits in all states of the study.
+# Close to the flange one joint limits the load, far from it another: the torque of a
+# wrist joint grows with the offset from its own axis, that of the shoulder hardly
+# changes.
 
 for k in (0, 5, 10, 20):
-    joint = carried[k].argmin()
-    print(f"offset {offsets[k]:.2f} m: at most {carried[k, joint]:5.2f} kg, limited by {robot.joint_names[joint]}")
+    joint = robot.joint_names[carried[k].argmin()]
+    print(f"{offsets[k]:.2f} m: at most {carried[k].min():.2f} kg, limited by {joint}")
 assert len(set(carried.argmin(axis=1))) > 1
 
 # %%
-# The linearity is checked by the full computation with the largest mass at one offset: the worst joint of the worst
-# state is at its limit.
+# The linearity is checked by the full computation with the largest mass at one offset:
+# the worst joint of the worst state is at its limit.
 
 mass, offset = carried[10].min(), offsets[10]
-tau = robot.with_payload(mass, com=[0, 0, offset], link="tool0").inverse_dynamics(q, qd, qdd)
-print(f"{mass:.3f} kg at {offset:.2f} m: largest torque / limit = {(abs(tau) / limit).max():.12f}")
-assert np.isclose((abs(tau) / limit).max(), 1, rtol=1e-10)
+tau = robot.with_payload(mass, com=[0, 0, offset], link="tool0").inverse_dynamics(
+    q, qd, qdd
+)
+use = (abs(tau) / limit).max()
+print(f"{mass:.3f} kg at {offset:.2f} m: largest torque / limit = {use:.12f}")
+assert np.isclose(use, 1, rtol=1e-10)

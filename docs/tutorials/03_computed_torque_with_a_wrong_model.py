@@ -2,9 +2,10 @@ r"""
 Computed torque with a wrong model
 ==================================
 
-A UR5 moves a part of 5 kg along a path under computed torque control. The controller's model does not know the right
-mass. How large is the tracking error, how does it depend on the error of the model, and is computed torque with a
-wrong model still better than PD control with gravity compensation?
+A UR5 moves a part of 5 kg along a path under computed torque control. The controller's
+model does not know the right mass. How large is the tracking error, how does it depend
+on the error of the model, and is computed torque with a wrong model still better than
+PD control with gravity compensation?
 
 Needs: ``pip install 'rne[plot,robots]'``
 """
@@ -26,44 +27,59 @@ plant = with_part(5.0)  # the robot that moves
 # %%
 # Controller and plant
 # --------------------
-# Computed torque control calculates the torques of the commanded acceleration with a model of its own,
+# Computed torque control calculates the torques of the commanded acceleration with a
+# model of its own,
 #
 # .. math:: u = \hat M(q)\,(\ddot q_r - K_d\,\dot e - K_p\,e) + \hat C(q, \dot q)\,\dot q + \hat g(q),
 #           \qquad e = q - q_r.
 #
-# With the right model the error obeys :math:`\ddot e + K_d \dot e + K_p e = 0`: two poles at -10 1/s for the gains
-# below, and no error at all if the motion begins on the reference. The robot of the controller and the robot of the
-# scene are two objects, which need not be equal.
+# With the right model the error obeys :math:`\ddot e + K_d \dot e + K_p e = 0`: two
+# poles at -10 1/s for the gains below, and no error at all if the motion begins on the
+# reference. The robot of the controller and the robot of the scene are two objects,
+# which need not be equal.
 
 kp, kd = np.full(6, 100.0), np.full(6, 20.0)  # [1/s^2], [1/s]
-start, end = np.deg2rad([-40, -30, 60, -30, -90, 0]), np.deg2rad([40, -70, 100, -30, -60, 60])
+start, end = (
+    np.deg2rad([-40, -30, 60, -30, -90, 0]),
+    np.deg2rad([40, -70, 100, -30, -60, 60]),
+)
 path = rne.trajectories.quintic(start, end, 1.0)  # then the arm holds its position
 t = np.linspace(0, 5, 1001)
 
 
 def run(law):
-    return rne.simulate(rne.Scene(plant, controller=law), start, np.zeros(6), t[-1], t_eval=t)
+    return rne.simulate(
+        rne.Scene(plant, controller=law), start, np.zeros(6), t[-1], t_eval=t
+    )
 
 
 def flange_error(motion):
     """Distance of the flange from where it should be [mm]."""
     flange = arm.link_names.index("tool0")
-    there, wanted = (arm.link_poses(q)[:, flange, :3, 3] for q in (motion.q, path(t)[0]))
+    there, wanted = (
+        arm.link_poses(q)[:, flange, :3, 3] for q in (motion.q, path(t)[0])
+    )
     return 1e3 * np.linalg.norm(there - wanted, axis=1)
 
 
 known = [5.0, 4.0, 2.5, 0.0]  # mass of the part in the controller's model [kg]
-motions = {mass: run(rne.control.computed_torque(with_part(mass), kp, kd, path)) for mass in known}
+motions = {
+    mass: run(rne.control.computed_torque(with_part(mass), kp, kd, path))
+    for mass in known
+}
 for mass, motion in motions.items():
     error = flange_error(motion)
-    print(f"model with {mass:3.1f} kg: largest error {error.max():6.3f} mm, at rest {error[-1]:6.3f} mm")
+    print(
+        f"model with {mass} kg: largest error {error.max():6.2f} mm, {error[-1]:6.2f} at rest"
+    )
 
 # %%
 # PD control with gravity compensation
 # ------------------------------------
-# ``rne.control.pd_gravity`` holds one position. For a moving reference the law is a few lines of Python, marked as
-# traceable so that it becomes part of the compiled equations of motion. To compare like with like it gets the right
-# mass, and gains in N m/rad that equal those of computed torque in the middle of the path.
+# ``rne.control.pd_gravity`` holds one position. For a moving reference the law is a few
+# lines of Python, marked as traceable so that it becomes part of the compiled equations
+# of motion. To compare like with like it gets the right mass, and gains in N m/rad that
+# equal those of computed torque in the middle of the path.
 
 inertia = np.diag(plant.mass_matrix(path(0.5)[0]))
 
@@ -71,12 +87,16 @@ inertia = np.diag(plant.mass_matrix(path(0.5)[0]))
 @rne.traceable
 def pd_gravity(t, q, qd):
     q_ref, qd_ref, _ = path(t)
-    return plant.gravity_torque(q) - inertia * kp * (q - q_ref) - inertia * kd * (qd - qd_ref)
+    return (
+        plant.gravity_torque(q)
+        - inertia * kp * (q - q_ref)
+        - inertia * kd * (qd - qd_ref)
+    )
 
 
 pd_motion = run(pd_gravity)
 error = flange_error(pd_motion)
-print(f"PD and gravity, right mass: largest error {error.max():6.3f} mm, at rest {error[-1]:6.3f} mm")
+print(f"PD and gravity: largest error {error.max():.2f} mm, {error[-1]:.2f} at rest")
 
 figure = Figure(figsize=(8, 4), layout="constrained")
 ax = figure.subplots()
@@ -90,14 +110,16 @@ ax.legend(frameon=False)
 figure
 
 # %%
-# PD control lags while the arm accelerates, because nothing supplies the torques of the motion, and arrives exactly,
-# because the gravity is right. Computed torque with most of the mass known lags less, but ends beside the target:
-# weight that the model does not know is held up by the error alone. With none of it known, PD control is better all
-# along.
+# PD control lags while the arm accelerates, because nothing supplies the torques of the
+# motion, and arrives exactly, because the gravity is right. Computed torque with most
+# of the mass known lags less, but ends beside the target: weight that the model does
+# not know is held up by the error alone. With none of it known, PD control is better
+# all along.
 #
 # Error against mass
 # ------------------
-# At rest the law gives :math:`u = \hat g - \hat M K_p e`, and the robot stands where this equals its own gravity:
+# At rest the law gives :math:`u = \hat g - \hat M K_p e`, and the robot stands where
+# this equals its own gravity:
 #
 # .. math:: e = -K_p^{-1} \hat M^{-1} (g - \hat g).
 #
@@ -105,17 +127,22 @@ figure
 
 for mass in known[1:]:
     model, q = with_part(mass), motions[mass].q[-1]
-    predicted = -np.linalg.solve(model.mass_matrix(q), plant.gravity_torque(q) - model.gravity_torque(q)) / kp
-    found = q - end
-    print(
-        f"missing {5 - mass:3.1f} kg: joint 2 is off by {found[1] * 1e3:7.3f} mrad, formula {predicted[1] * 1e3:7.3f}"
+    predicted = (
+        -np.linalg.solve(
+            model.mass_matrix(q), plant.gravity_torque(q) - model.gravity_torque(q)
+        )
+        / kp
     )
+    found = q - end
+    errors = f"{found[1] * 1e3:.3f} mrad, {predicted[1] * 1e3:.3f} by the formula"
+    print(f"missing {5 - mass} kg: joint 2 is off by {errors}")
     assert np.allclose(found, predicted, rtol=1e-4, atol=1e-5)
 
 # %%
-# The missing gravity is proportional to the missing mass. The error grows faster than that, since :math:`\hat M`, which
-# turns the gains into torques, shrinks with the mass that the model knows. Higher gains reduce the error in inverse
-# proportion; an integral part (``rne.control.pid``) or a better mass removes it.
+# The missing gravity is proportional to the missing mass. The error grows faster than
+# that, since :math:`\hat M`, which turns the gains into torques, shrinks with the mass
+# that the model knows. Higher gains reduce the error in inverse proportion; an integral
+# part (``rne.control.pid``) or a better mass removes it.
 
 missing = 5 - np.array(known)
 largest = [flange_error(motion).max() for motion in motions.values()]
@@ -124,7 +151,15 @@ figure = Figure(figsize=(5.5, 3.6), layout="constrained")
 ax = figure.subplots()
 ax.plot(missing, largest, "o-", label="largest on the path")
 ax.plot(missing, resting, "s-", label="at rest")
-ax.axhline(error.max(), color="black", linestyle="--", linewidth=0.8, label="largest, PD and gravity")
-ax.set(xlabel="mass that the model does not know [kg]", ylabel="error of the flange [mm]")
+ax.axhline(
+    error.max(),
+    color="black",
+    linestyle="--",
+    linewidth=0.8,
+    label="largest, PD and gravity",
+)
+ax.set(
+    xlabel="mass that the model does not know [kg]", ylabel="error of the flange [mm]"
+)
 ax.legend(frameon=False)
 figure

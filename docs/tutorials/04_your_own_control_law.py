@@ -2,9 +2,10 @@ r"""
 Your own control law
 ====================
 
-A control law is a Python function of time and state that returns torques. This tutorial writes one for a UR5 in four
-forms: as a plain function, traced into the equations of motion, with states of its own, and sampled as on a real
-controller. It shows which form is called, which is compiled, and what each costs in arithmetic operations.
+A control law is a Python function of time and state that returns torques. This tutorial
+writes one for a UR5 in four forms: as a plain function, traced into the equations of
+motion, with states of its own, and sampled as on a real controller. It shows which form
+is called, which is compiled, and what each costs in arithmetic operations.
 
 Needs: ``pip install 'rne[plot,robots]'``
 """
@@ -21,16 +22,19 @@ arm = rne.load("ur5")
 target = np.deg2rad([30, -60, 80, -20, -90, 0])
 inertia = np.diag(arm.mass_matrix(target))
 kp, kd = 100 * inertia, 20 * inertia  # [N m/rad], [N m s/rad]: poles near -10 1/s
-bound = arm.model.effort_limit / 5  # of the torque that the position error may cause [N m]
+bound = (
+    arm.model.effort_limit / 5
+)  # of the torque that the position error may cause [N m]
 start, rest = np.zeros(6), np.zeros(6)
 t = np.linspace(0, 2, 401)
 
 # %%
 # A plain function
 # ----------------
-# ``law(t, q, qd)`` gets a number and two arrays of shape (6,) and returns the torques. It may do whatever Python can.
-# The solver calls it in every evaluation of the equations of motion, and some more times to choose its method and to
-# report the torques:
+# ``law(t, q, qd)`` gets a number and two arrays of shape (6,) and returns the torques.
+# It may do whatever Python can. The solver calls it in every evaluation of the
+# equations of motion, and some more times to choose its method and to report the
+# torques:
 
 calls = 0
 
@@ -42,18 +46,19 @@ def plain(t, q, qd):
 
 
 motion = rne.simulate(rne.Scene(arm, controller=plain), start, rest, t[-1], t_eval=t)
-print(f"{motion.method}: {motion.evaluations} evaluations of the equations of motion, {calls} calls of the law")
+print(f"{motion.method}: {motion.evaluations} evaluations, {calls} calls of the law")
 
 # %%
 # A traced function
 # -----------------
-# A law that is a formula can be made part of the program that computes the accelerations. Marked with
-# ``rne.traceable`` it is called once with symbols instead of numbers, and the operations are recorded. Such a law
-# shares terms with the robot: the gravity torques need the same sines and cosines as the dynamics. Only traced laws run
+# A law that is a formula can be made part of the program that computes the
+# accelerations. Marked with ``rne.traceable`` it is called once with symbols instead of
+# numbers, and the operations are recorded. Such a law shares terms with the robot: the
+# gravity torques need the same sines and cosines as the dynamics. Only traced laws run
 # in ``rne.ensemble`` and in the compiled engine.
 #
-# A symbol has no value, so that an ``if`` on a position or ``np.clip`` cannot be recorded. The law is then called as
-# before, and a line on the logger "rne" says so:
+# A symbol has no value, so that an ``if`` on a position or ``np.clip`` cannot be
+# recorded. The law is then called as before, and a line on the logger "rne" says so:
 
 handler = logging.StreamHandler(sys.stdout)
 logging.getLogger("rne").addHandler(handler)
@@ -62,12 +67,17 @@ print(marked.cost()["law"])
 logging.getLogger("rne").removeHandler(handler)
 
 # %%
-# ``rne.elementwise`` has functions that can be recorded: clip, minimum, maximum, where, less, sign, tanh, exp, arctan2.
+# ``rne.elementwise`` has functions that can be recorded: clip, minimum, maximum, where,
+# less, sign, tanh, exp, arctan2.
 
 
 @rne.traceable
 def traced(t, q, qd):
-    return arm.gravity_torque(q) - rne.elementwise.clip(kp * (q - target), -bound, bound) - kd * qd
+    return (
+        arm.gravity_torque(q)
+        - rne.elementwise.clip(kp * (q - target), -bound, bound)
+        - kd * qd
+    )
 
 
 scene = rne.Scene(arm, controller=traced)
@@ -76,17 +86,22 @@ print("largest difference from the plain function [rad]:", abs(same.q - motion.q
 assert abs(same.q - motion.q).max() < 1e-8
 
 gravity = sum(arm.kernel(rne.gravity_torque).operations.values())
-print(f"robot and law together: {scene.cost()['total']} operations, of which {scene.cost()['controller']} for the law")
-print(f"apart: {gravity} for the gravity torques, and {7 * 6} for 7 operations per joint")
-assert scene.cost()["controller"] < gravity + 7 * 6
+cost = scene.cost()
+print(f"together: {cost['total']} operations, {cost['controller']} of them for the law")
+print(
+    f"apart: {gravity} for the gravity torques, and {7 * 6} for 7 operations per joint"
+)
+assert cost["controller"] < gravity + 7 * 6
 
 # %%
 # A law with states
 # -----------------
-# An integral of the error, a filter or an observer is a differential equation of its own. Such a law has an attribute
-# ``states``, the number of its states z; it is called as ``law(t, q, qd, z)`` and returns the torques and dz/dt. The
-# solver integrates z with the motion, from zero. Here the arm, at rest in its target position, gets a load of 2 kg that
-# the law does not know. The integral of the error learns its weight, up to half of each drive's torque.
+# An integral of the error, a filter or an observer is a differential equation of its
+# own. Such a law has an attribute ``states``, the number of its states z; it is called
+# as ``law(t, q, qd, z)`` and returns the torques and dz/dt. The solver integrates z
+# with the motion, from zero. Here the arm, at rest in its target position, gets a load
+# of 2 kg that the law does not know. The integral of the error learns its weight, up to
+# half of each drive's torque.
 
 
 class WithIntegral:
@@ -100,11 +115,18 @@ class WithIntegral:
 
 loaded = arm.with_payload(2.0, link="tool0")
 t_load = np.linspace(0, 4, 401)
-laws = {"gravity of the empty arm": traced, "with an integral": rne.traceable(WithIntegral())}
+laws = {
+    "gravity of the empty arm": traced,
+    "with an integral": rne.traceable(WithIntegral()),
+}
 scenes = {name: rne.Scene(loaded, controller=law) for name, law in laws.items()}
-held = {name: rne.simulate(scenes[name], target, rest, t_load[-1], t_eval=t_load) for name in laws}
+held = {
+    name: rne.simulate(scenes[name], target, rest, t_load[-1], t_eval=t_load)
+    for name in laws
+}
 for name, run in held.items():
-    print(f"{name}: {scenes[name].cost()['total']} operations, joint 2 ends {run.q[-1, 1] - target[1]:+.5f} rad off")
+    off, operations = run.q[-1, 1] - target[1], scenes[name].cost()["total"]
+    print(f"{name}: {operations} operations, joint 2 ends {off:+.5f} rad off")
 
 learned = -300 * inertia * held["with an integral"].controller_state[-1]
 weight = loaded.gravity_torque(target) - arm.gravity_torque(target)
@@ -115,10 +137,11 @@ assert np.allclose(learned, weight, atol=0.05)
 # %%
 # A sampled law
 # -------------
-# A real controller runs every few milliseconds on measured positions, and its torques are held in between. With
-# ``sample_time`` the law is called once per sample, never traced; it may therefore keep values from one sample to the
-# next. (A law that is not sampled must not: a solver tries steps and repeats them.) This one has no tachometer: it
-# takes rates from the differences of encoder counts.
+# A real controller runs every few milliseconds on measured positions, and its torques
+# are held in between. With ``sample_time`` the law is called once per sample, never
+# traced; it may therefore keep values from one sample to the next. (A law that is not
+# sampled must not: a solver tries steps and repeats them.) This one has no tachometer:
+# it takes rates from the differences of encoder counts.
 
 
 class OnEncoders:
@@ -133,10 +156,12 @@ class OnEncoders:
 
 
 limit = rne.check_gains(arm, kp, kd).sample_time_limit
-print(f"with exact rates these gains are stable for samples up to {limit * 1e3:.1f} ms apart")
+print(f"with exact rates these gains are stable up to {limit * 1e3:.1f} ms")
 law = OnEncoders(sample_time=0.004, resolution=2e-4)
 calls = 0
-sampled = rne.simulate(rne.Scene(arm, controller=law, sample_time=0.004), start, rest, t[-1], t_eval=t)
+sampled = rne.simulate(
+    rne.Scene(arm, controller=law, sample_time=0.004), start, rest, t[-1], t_eval=t
+)
 print(f"{sampled.evaluations} evaluations, {calls} calls of the law, one per sample")
 
 figure = Figure(figsize=(9, 4), layout="constrained")
@@ -144,17 +169,27 @@ left, right = figure.subplots(1, 2)
 for name, run in held.items():
     left.plot(t_load, np.rad2deg(run.q[:, 1] - target[1]), label=name)
 left.axhline(0, color="black", linewidth=0.8)
-left.set(title="shoulder lift, unknown load of 2 kg", xlabel="time [s]", ylabel="error [deg]")
-right.plot(t, sampled.tau[:, 2], label="sampled, on encoders", linewidth=0.8, color="C3")
+left.set(
+    title="shoulder lift, unknown load of 2 kg", xlabel="time [s]", ylabel="error [deg]"
+)
+right.plot(
+    t, sampled.tau[:, 2], label="sampled, on encoders", linewidth=0.8, color="C3"
+)
 right.plot(t, motion.tau[:, 2], label="continuous", color="black")
-right.set(title="elbow, empty arm", xlabel="time [s]", ylabel="torque [N m]", xlim=(0.1, 2), ylim=(-16, -10))
+right.set(
+    title="elbow, empty arm",
+    xlabel="time [s]",
+    ylabel="torque [N m]",
+    xlim=(0.1, 2),
+    ylim=(-16, -10),
+)
 for ax in (left, right):
     ax.legend(frameon=False)
 figure
 
 # %%
-# On the left the load pulls the arm off its target, and the integral brings it back. On the right, one count of an
-# encoder between two samples changes the measured rate by resolution / sample time, and the torque by that times the
-# gain:
+# On the left the load pulls the arm off its target, and the integral brings it back. On
+# the right, one count of an encoder between two samples changes the measured rate by
+# resolution / sample time, and the torque by that times the gain:
 
 print(f"{kd[2] * law.resolution / law.sample_time:.2f} N m per count at the elbow")

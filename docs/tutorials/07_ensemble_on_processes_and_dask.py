@@ -2,9 +2,10 @@ r"""
 Ensemble on processes and Dask
 ==============================
 
-When the power of a UR5 fails, its brakes need 0.3 s to close, and the arm falls freely until then. How far does the
-flange drop? The posture and the rates at that moment are not known exactly, so 2000 of them are drawn and simulated,
-in this process, on two processes, and on a Dask cluster. All three give the same bits.
+When the power of a UR5 fails, its brakes need 0.3 s to close, and the arm falls freely
+until then. How far does the flange drop? The posture and the rates at that moment are
+not known exactly, so 2000 of them are drawn and simulated, in this process, on two
+processes, and on a Dask cluster. All three give the same bits.
 
 Needs: ``pip install 'rne[plot,robots,cluster]'``
 """
@@ -20,8 +21,9 @@ import rne
 # %%
 # The scene and the starts
 # ------------------------
-# Without a controller the drives give no torque. Friction alone slows the fall; its coefficients are assumed. The
-# starts are normally distributed about a working posture. With a seed the same ones are drawn every time.
+# Without a controller the drives give no torque. Friction alone slows the fall; its
+# coefficients are assumed. The starts are normally distributed about a working posture.
+# With a seed the same ones are drawn every time.
 
 robot = rne.load("ur5").with_payload(3.0, link="tool0")
 friction = rne.Friction(viscous=[15, 15, 10, 2, 2, 2])  # [N m s/rad]
@@ -40,26 +42,31 @@ def fall(executor=None):
 # %%
 # One process
 # -----------
-# ``ensemble`` moves all initial states by equal Runge-Kutta steps of one batch. The step is not controlled: half the
-# step and the largest difference show whether it is short enough. ``keep`` is the number of times that are stored.
+# ``ensemble`` moves all initial states by equal Runge-Kutta steps of one batch. The
+# step is not controlled: half the step and the largest difference show whether it is
+# short enough. ``keep`` is the number of times that are stored.
 #
-# Everything from here on stands under ``if __name__ == "__main__":``. Processes of a pool import this file, and must
-# not start pools of their own; the lines above are all that they need.
+# Everything from here on stands under ``if __name__ == "__main__":``. Processes of a
+# pool import this file, and must not start pools of their own; the lines above are all
+# that they need.
 
 if __name__ == "__main__":
     falls = fall()
     finer = rne.ensemble(scene, q0, qd0, 0.3, step=2.5e-3)
     error = abs(finer.q[-1] - falls.q[-1]).max()
-    print(f"{falls.q.shape[1]} motions of {falls.q.shape[2]} joints, {falls.evaluations} evaluations")
+    print(
+        f"{len(q0)} motions, {falls.evaluations} evaluations of the equations of motion"
+    )
     print(f"half the step changes the positions by at most {error:.1e} rad")
     assert error < 1e-4
 
 # %%
 # Two processes
 # -------------
-# Any executor of ``concurrent.futures`` can run the parts of an ensemble. Each process traces the equations of motion
-# once. What one state gives does not depend on the states beside it, so that the results are equal to the last bit,
-# however the work is divided. Two processes pay off for longer runs than this one.
+# Any executor of ``concurrent.futures`` can run the parts of an ensemble. Each process
+# traces the equations of motion once. What one state gives does not depend on the
+# states beside it, so that the results are equal to the last bit, however the work is
+# divided. Two processes pay off for longer runs than this one.
 
 if __name__ == "__main__":
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
@@ -71,15 +78,19 @@ if __name__ == "__main__":
 # %%
 # Dask
 # ----
-# A Dask client has such an executor too. Here the cluster is two threads of this process, without any network; with the
-# address of a scheduler, ``Client("tcp://...")``, the same lines run on a real cluster, whose machines need the same
-# versions of rne and NumPy.
+# A Dask client has such an executor too. Here the cluster is two threads of this
+# process, and its status pages are for this machine only; with the address of a
+# scheduler, ``Client("tcp://...")``, the same lines run on a real cluster, whose
+# machines need the same versions of rne and NumPy.
 
 if __name__ == "__main__":
     from distributed import Client, LocalCluster
 
-    within = LocalCluster(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None)
-    with within as cluster, Client(cluster) as client:
+    pages = dict.fromkeys(
+        ["dashboard_address", "worker_dashboard_address"], "127.0.0.1:0"
+    )
+    cluster = LocalCluster(n_workers=1, threads_per_worker=2, processes=False, **pages)
+    with cluster, Client(cluster) as client:
         on_dask = fall(client.get_executor())
     print("Dask, same bits:", np.array_equal(on_dask.q, falls.q))
     assert np.array_equal(on_dask.q, falls.q)
@@ -90,7 +101,9 @@ if __name__ == "__main__":
 # ``rne.plotting.fan`` draws the bands between quantiles of the joints' positions.
 
 if __name__ == "__main__":
-    fan = rne.plotting.fan(falls, ["shoulder_lift_joint", "elbow_joint", "wrist_1_joint"])
+    fan = rne.plotting.fan(
+        falls, ["shoulder_lift_joint", "elbow_joint", "wrist_1_joint"]
+    )
 
 # %%
 # The flange's height follows from the positions of all motions and times in one call.
@@ -101,18 +114,30 @@ if __name__ == "__main__":
     levels = np.quantile(drop, [0.05, 0.25, 0.5, 0.75, 0.95], axis=1)
     figure = Figure(figsize=(7, 3.6), layout="constrained")
     ax = figure.subplots()
-    ax.fill_between(falls.t, levels[0], levels[4], color="C0", alpha=0.2, label="90 % of the motions")
+    ax.fill_between(
+        falls.t,
+        levels[0],
+        levels[4],
+        color="C0",
+        alpha=0.2,
+        label="90 % of the motions",
+    )
     ax.fill_between(falls.t, levels[1], levels[3], color="C0", alpha=0.4, label="50 %")
     ax.plot(falls.t, levels[2], color="C0", label="median")
-    ax.plot(falls.t, 500 * -robot.model.gravity[2] * falls.t**2, "k:", label="a body in free fall")
+    ax.plot(
+        falls.t,
+        500 * -robot.model.gravity[2] * falls.t**2,
+        "k:",
+        label="a body in free fall",
+    )
     ax.set(xlabel="time since the power failed [s]", ylabel="drop of the flange [mm]")
     ax.legend(frameon=False)
     for level, value in zip((5, 50, 95), levels[[0, 2, 4], -1], strict=True):
         print(f"{level:2} % of the motions drop less than {value:5.0f} mm")
 
 # %%
-# The estimate of a quantile from 2000 motions is itself uncertain. Drawing the motions anew from the 2000 (the
-# bootstrap) says by how much.
+# The estimate of a quantile from 2000 motions is itself uncertain. Drawing the motions
+# anew from the 2000 (the bootstrap) says by how much.
 
 if __name__ == "__main__":
     again = rng.integers(0, 2000, (500, 2000))

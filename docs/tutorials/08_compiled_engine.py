@@ -2,9 +2,10 @@ r"""
 The compiled engine
 ===================
 
-The dynamics of a robot run as NumPy calls, or, with ``engine="numba"``, as machine code compiled when it is first
-needed. Which of the two is faster depends on how many states are computed. This tutorial measures it, on the machine
-that runs it, and shows that the numbers are the same up to rounding.
+The dynamics of a robot run as NumPy calls, or, with ``engine="numba"``, as machine code
+compiled when it is first needed. Which of the two is faster depends on how many states
+are computed. This tutorial measures it, on the machine that runs it, and shows that the
+numbers are the same up to rounding.
 
 Needs: ``pip install 'rne[plot,numba]'``
 """
@@ -23,10 +24,11 @@ print("engines:", plain.engine, "and", compiled.engine)
 # %%
 # What is compiled when
 # ---------------------
-# Nothing so far: each quantity is compiled at its first call, once for single states and once for batches, for this
-# robot only. (A robot's very first call for one state runs the recursion as it is written, and the second one the
-# kernel; here the kernel is called itself.) The code lives as long as the process. What the first call takes longer
-# than the later ones is the time of compiling.
+# Nothing so far: each quantity is compiled at its first call, once for single states
+# and once for batches, for this robot only. (A robot's very first call for one state
+# runs the recursion as it is written, and the second one the kernel; here the kernel is
+# called itself.) The code lives as long as the process. What the first call takes
+# longer than the later ones is the time of compiling.
 
 rng = np.random.default_rng(0)
 q, qd, qdd = rng.uniform(-1, 1, (3, 100_000, 6)) * [[[np.pi]], [[2.0]], [[10.0]]]
@@ -42,50 +44,79 @@ def seconds(call, repeats=3):
     return min(times)
 
 
-kernels = {robot.engine: robot.kernel(rne.inverse_dynamics) for robot in (plain, compiled)}
+kernels = {
+    robot.engine: robot.kernel(rne.inverse_dynamics) for robot in (plain, compiled)
+}
 compiling = {}
-for name, states in {"one state": (q[0], qd[0], qdd[0]), "a batch": (q[:100], qd[:100], qdd[:100])}.items():
+for name, states in {
+    "one state": (q[0], qd[0], qdd[0]),
+    "a batch": (q[:100], qd[:100], qdd[:100]),
+}.items():
     compiling[name] = seconds(lambda: kernels["numba"](*states), 1)
     again = seconds(lambda: kernels["numba"](*states))
-    print(f"{name}: first call {compiling[name]:.2f} s, later ones {again * 1e6:.0f} us")
+    print(
+        f"{name}: first call {compiling[name]:.2f} s, later ones {again * 1e6:.0f} us"
+    )
 
 # %%
 # The same numbers
 # ----------------
-# Both engines run the same list of operations. They may differ in the last digits, because sines and products with a
-# sum are rounded differently by different instructions. The measure is the spacing of floating-point numbers at each
-# state's largest torque; states whose torques nearly cancel show larger numbers.
+# Both engines run the same list of operations. They may differ in the last digits,
+# because sines and products with a sum are rounded differently by different
+# instructions. The measure is the spacing of floating-point numbers at each state's
+# largest torque; states whose torques nearly cancel show larger numbers.
 
-by_numpy, by_numba = plain.inverse_dynamics(q, qd, qdd), compiled.inverse_dynamics(q, qd, qdd)
+by_numpy, by_numba = (
+    plain.inverse_dynamics(q, qd, qdd),
+    compiled.inverse_dynamics(q, qd, qdd),
+)
 units = abs(by_numba - by_numpy).max(axis=1) / np.spacing(abs(by_numpy).max(axis=1))
-print(f"{len(q)} states: median difference {np.median(units):.0f}, largest {units.max():.0f} units in the last place")
+print(
+    f"units in the last place: median {np.median(units):.0f}, largest {units.max():.0f}"
+)
 assert np.median(units) <= 2
 assert units.max() <= 1000
 
 # %%
 # How many states make it worth while?
 # ------------------------------------
-# NumPy calls cost a microsecond or so each, however few states they work on; a batch spreads that cost. Machine code
-# has no such cost. With ``workers`` threads share a batch: the machine code runs in parallel, NumPy's calls mostly do
-# not.
+# NumPy calls cost a microsecond or so each, however few states they work on; a batch
+# spreads that cost. Machine code has no such cost. With ``workers`` threads share a
+# batch: the machine code runs in parallel, NumPy's calls mostly do not.
 
 sizes = 10 ** np.arange(6)
 
 
 def first_states(N):
-    """The first N states; a single one has shape (6,), which is faster than a batch of one."""
+    """The first N states; a single one as shape (6,), faster than a batch of one."""
     return (q[0], qd[0], qdd[0]) if N == 1 else (q[:N], qd[:N], qdd[:N])
 
 
-per_state = {name: [seconds(lambda: kernel(*first_states(N))) / N for N in sizes] for name, kernel in kernels.items()}
-with_workers = [seconds(lambda: kernels["numba"](*first_states(N), workers=2)) / N for N in sizes[3:]]
+per_state = {
+    name: [seconds(lambda: kernel(*first_states(N))) / N for N in sizes]
+    for name, kernel in kernels.items()
+}
+with_workers = [
+    seconds(lambda: kernels["numba"](*first_states(N), workers=2)) / N
+    for N in sizes[3:]
+]
 
 figure = Figure(figsize=(7, 4), layout="constrained")
 ax = figure.subplots()
 for name, times in per_state.items():
     ax.loglog(sizes, 1e6 * np.array(times), "o-", label=name)
-ax.loglog(sizes[3:], 1e6 * np.array(with_workers), "s--", color="C2", label="numba, two workers")
-ax.set(xlabel="states in a call", ylabel="time per state [µs]", title="inverse dynamics of the IRB 140")
+ax.loglog(
+    sizes[3:],
+    1e6 * np.array(with_workers),
+    "s--",
+    color="C2",
+    label="numba, two workers",
+)
+ax.set(
+    xlabel="states in a call",
+    ylabel="time per state [µs]",
+    title="inverse dynamics of the IRB 140",
+)
 ax.grid(alpha=0.3)
 ax.legend(frameon=False)
 figure
@@ -96,15 +127,16 @@ figure
 
 gain = per_state["numpy"][-1] - per_state["numba"][-1]
 if gain > 0:
-    print(f"batches of {sizes[-1]}: compiling is won back after {compiling['a batch'] / gain:.0e} states")
+    print(f"compiling is won back after {compiling['a batch'] / gain:.0e} states")
 
 # %%
 # Simulations and ensembles
 # -------------------------
-# The engine belongs to the robot. Robots and scenes that are derived from it keep it, and their whole equations of
-# motion are compiled. An ensemble gains most, since its Runge-Kutta loop is compiled as well. But every new model is
-# compiled anew: a study that changes the payload a hundred times, and evaluates each robot a few thousand times, is
-# done sooner with NumPy. So is everything that takes less than a second.
+# The engine belongs to the robot. Robots and scenes that are derived from it keep it,
+# and their whole equations of motion are compiled. An ensemble gains most, since its
+# Runge-Kutta loop is compiled as well. But every new model is compiled anew: a study
+# that changes the payload a hundred times, and evaluates each robot a few thousand
+# times, is done sooner with NumPy. So is everything that takes less than a second.
 
 starts = q[:500, :3] / 4
 runs = {}
@@ -113,7 +145,7 @@ for robot in (plain, compiled):
     first = seconds(lambda: rne.ensemble(arm, starts, 0 * starts, 0.1, step=2e-3), 1)
     runs[robot.engine] = rne.ensemble(arm, starts, 0 * starts, 0.1, step=2e-3)
     again = seconds(lambda: rne.ensemble(arm, starts, 0 * starts, 0.1, step=2e-3), 1)
-    print(f"{robot.engine}: 500 swings of three joints, {first:.2f} s at first, {again:.2f} s then")
+    print(f"{robot.engine}: 500 swings, {first:.2f} s at first, {again:.2f} s then")
 difference = abs(runs["numba"].q - runs["numpy"].q).max()
 print(f"largest difference of the positions: {difference:.0e} rad")
 assert difference < 1e-11

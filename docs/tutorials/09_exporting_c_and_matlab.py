@@ -2,9 +2,10 @@ r"""
 Exporting C and MATLAB
 ======================
 
-A controller that runs every millisecond needs the inverse dynamics of a UR5 as C code without any library, and a
-colleague needs one entry of the mass matrix in MATLAB. Both are printed from the traced program; the C code is then
-compiled and compared with Python, bit by bit.
+A controller that runs every millisecond needs the inverse dynamics of a UR5 as C code
+without any library, and a colleague needs one entry of the mass matrix in MATLAB. Both
+are printed from the traced program; the C code is then compiled and compared with
+Python, bit by bit.
 
 Needs: ``pip install 'rne[plot,robots]'``, and a C compiler called ``cc``
 """
@@ -25,8 +26,9 @@ robot = rne.load("ur5")
 # %%
 # A kernel and its source
 # -----------------------
-# ``rne.compile`` traces a function for one robot: what is left is a list of additions, products, sines and cosines,
-# without zeros, without constants times constants, with shared terms computed once.
+# ``rne.compile`` traces a function for one robot: what is left is a list of additions,
+# products, sines and cosines, without zeros, without constants times constants, with
+# shared terms computed once.
 
 kernel = rne.compile(rne.inverse_dynamics, robot.model)
 print(kernel)
@@ -35,13 +37,15 @@ lines = source.splitlines()
 print(*lines[:20], "...", *lines[-8:], sep="\n")
 
 # %%
-# The comment at the head names the robot, the order of its joints and the units. The function takes pointers to six
-# numbers each, allocates nothing, branches nowhere and always takes the same time. It does not check its arguments.
+# The comment at the head names the robot, the order of its joints and the units. The
+# function takes pointers to six numbers each, allocates nothing, branches nowhere and
+# always takes the same time. It does not check its arguments.
 #
 # Compiled and compared
 # ---------------------
-# ``-ffp-contract=off`` keeps the compiler from merging a product and a sum into one instruction with one rounding
-# instead of two. Without it the last digits may differ on some processors; the result is not worse, only different.
+# ``-ffp-contract=off`` keeps the compiler from merging a product and a sum into one
+# instruction with one rounding instead of two. Without it the last digits may differ on
+# some processors; the result is not worse, only different.
 
 rng = np.random.default_rng(0)
 states = rng.uniform(-1, 1, (1000, 3, 6)) * [[np.pi], [2.0], [10.0]]
@@ -55,7 +59,10 @@ def by_c(folder):
     flags = ["-O2", "-fPIC", "-shared", "-ffp-contract=off"]
     subprocess.run(["cc", *flags, str(code), "-o", str(library), "-lm"], check=True)
     function = ctypes.CDLL(str(library)).inverse_dynamics
-    function.argtypes, function.restype = [np.ctypeslib.ndpointer(float, flags="C")] * 4, None
+    function.argtypes, function.restype = (
+        [np.ctypeslib.ndpointer(float, flags="C")] * 4,
+        None,
+    )
     tau = np.empty((len(states), 6))
     for state, row in zip(states, tau, strict=True):
         function(*state, row)
@@ -73,25 +80,32 @@ else:
 # %%
 # One entry for MATLAB
 # --------------------
-# ``element`` picks one entry, with only the operations that it needs; joints are counted from 1. The source runs in
-# MATLAB and in Octave. (Factors near 5e-12 come from this URDF, which writes right angles with twelve digits.)
+# ``element`` picks one entry, with only the operations that it needs; joints are
+# counted from 1. The source runs in MATLAB and in Octave. (Factors near 5e-12 come from
+# this URDF, which writes right angles with twelve digits.)
 
 mass_matrix = rne.compile(rne.mass_matrix, robot.model)
 print(mass_matrix.source("matlab", element="m23"))
 
 # %%
-# The same entries as Python source need nothing but ``math``. Here they are drawn over the angle of the elbow. m22 and
-# m33 are the inertias that shoulder and elbow feel on their own, m23 is the torque at the shoulder per unit
-# acceleration of the elbow. With the arm stretched out the elbow's motion shakes the shoulder most; with the forearm
+# The same entries as Python source need nothing but ``math``. Here they are drawn over
+# the angle of the elbow. m22 and m33 are the inertias that shoulder and elbow feel on
+# their own, m23 is the torque at the shoulder per unit acceleration of the elbow. With
+# the arm stretched out the elbow's motion shakes the shoulder most; with the forearm
 # folded back hardly at all.
 
 entries = {}
 for element in ("m22", "m23", "m33"):
-    exec(mass_matrix.source("python", element=element), entries)  # defines a function of that name
+    exec(
+        mass_matrix.source("python", element=element), entries
+    )  # defines a function of that name
 elbow = np.linspace(-np.pi, np.pi, 181)
 postures = np.zeros((181, 6))
 postures[:, 2] = elbow
-curves = {name: np.array([entries[name](q) for q in postures]) for name in ("m22", "m23", "m33")}
+curves = {
+    name: np.array([entries[name](q) for q in postures])
+    for name in ("m22", "m23", "m33")
+}
 M = robot.mass_matrix(postures)
 assert np.allclose(curves["m23"], M[:, 1, 2], rtol=0, atol=1e-14 * abs(M).max())
 
@@ -100,6 +114,10 @@ ax = figure.subplots()
 for name, values in curves.items():
     ax.plot(np.rad2deg(elbow), values, label=name)
 ax.axhline(0, color="black", linewidth=0.8)
-ax.set(xlabel="angle of the elbow [deg]", ylabel="entry of the mass matrix [kg m²]", xticks=range(-180, 181, 60))
+ax.set(
+    xlabel="angle of the elbow [deg]",
+    ylabel="entry of the mass matrix [kg m²]",
+    xticks=range(-180, 181, 60),
+)
 ax.legend(frameon=False)
 figure

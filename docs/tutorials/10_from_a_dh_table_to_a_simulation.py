@@ -2,8 +2,9 @@ r"""
 From a DH table to a simulation
 ===============================
 
-A SCARA robot is known by its Denavit-Hartenberg table, the masses of its links and their dimensions. From these it
-becomes a model, a URDF file for other programs, and the simulation of a pick-and-place motion under control.
+A SCARA robot is known by its Denavit-Hartenberg table, the masses of its links and
+their dimensions. From these it becomes a model, a URDF file for other programs, and the
+simulation of a pick-and-place motion under control.
 
 Needs: ``pip install 'rne[plot]'``
 """
@@ -19,7 +20,8 @@ import rne
 # %%
 # The table
 # ---------
-# Two arms turn about vertical axes, a quill slides down, and a gripper turns about the quill's axis:
+# Two arms turn about vertical axes, a quill slides down, and a gripper turns about the
+# quill's axis:
 #
 # =====  =====  ===========  =====  =======
 # joint  a [m]  alpha [rad]  d [m]  theta
@@ -30,8 +32,9 @@ import rne
 # 4      0      0            0.05   q4
 # =====  =====  ===========  =====  =======
 #
-# The joint variables stay out of the arrays: what stands in their places is the value at q = 0. The turn by pi in the
-# second row lets the z axes of the quill point down, so that it moves down with growing q3.
+# The joint variables stay out of the arrays: what stands in their places is the value
+# at q = 0. The turn by pi in the second row lets the z axes of the quill point down, so
+# that it moves down with growing q3.
 
 masses = np.array([8.0, 5.0, 1.5, 0.8])  # [kg]
 model = rne.dh_chain(
@@ -57,12 +60,12 @@ model = rne.dh_chain(
 print(rne.Robot(model))
 
 # %%
-# Each link's centre of mass and inertia are given in its DH frame, which in the standard convention lies at the far end
-# of the link; hence the negative x of the arms' centres, half a length back. ``convention="modified"`` takes Craig's
-# table instead.
+# Each link's centre of mass and inertia are given in its DH frame, which in the
+# standard convention lies at the far end of the link; hence the negative x of the arms'
+# centres, half a length back. ``convention="modified"`` takes Craig's table instead.
 #
-# Shapes are for pictures only. They are placed in the frames of the links, which have the axes of the DH frames, and
-# their origins on the axes of the links' own joints.
+# Shapes are for pictures only. They are placed in the frames of the links, which have
+# the axes of the DH frames, and their origins on the axes of the links' own joints.
 
 lying, upright = (0.0, np.pi / 2, 0.0), (0.0, 0.0, 0.0)
 shapes = (
@@ -79,17 +82,23 @@ picture = rne.plotting.draw(robot, pick)
 # %%
 # Two checks by hand
 # ------------------
-# The place of the gripper follows from the table with a pencil. And gravity acts along the vertical axes of the
-# rotating joints, so that only the quill feels it: it has to be held up by the weight of quill and gripper, against
-# its downward direction.
+# The place of the gripper follows from the table with a pencil. And gravity acts along
+# the vertical axes of the rotating joints, so that only the quill feels it: it has to
+# be held up by the weight of quill and gripper, against its downward direction.
 
 q1, q2, q3, _ = pick
-by_hand = [0.35 * np.cos(q1) + 0.25 * np.cos(q1 + q2), 0.35 * np.sin(q1) + 0.25 * np.sin(q1 + q2), 0.40 - q3 - 0.05]
+by_hand = [
+    0.35 * np.cos(q1) + 0.25 * np.cos(q1 + q2),
+    0.35 * np.sin(q1) + 0.25 * np.sin(q1 + q2),
+    0.40 - q3 - 0.05,
+]
 gripper = robot.link_poses(pick)[-1, :3, 3]
 print("gripper [m]:", gripper.round(4), "by hand:", np.round(by_hand, 4))
 print("torques at rest [N m, N m, N, N m]:", robot.gravity_torque(pick).round(3) + 0.0)
 assert np.allclose(gripper, by_hand, rtol=0, atol=1e-15)
-assert np.allclose(robot.gravity_torque(pick), [0, 0, -(1.5 + 0.8) * 9.81, 0], rtol=0, atol=1e-12)
+assert np.allclose(
+    robot.gravity_torque(pick), [0, 0, -(1.5 + 0.8) * 9.81, 0], rtol=0, atol=1e-12
+)
 
 # %%
 # A URDF file
@@ -108,11 +117,16 @@ assert difference < 1e-14 * abs(robot.mass_matrix(q)).max()
 # %%
 # Pick and place
 # --------------
-# The quill lifts, the arms turn, the quill lowers: three quintic motions one after the other. A reference is any
-# function of time that returns positions, rates and accelerations.
+# The quill lifts, the arms turn, the quill lowers: three quintic motions one after the
+# other. A reference is any function of time that returns positions, rates and
+# accelerations.
 
 lift = np.array([0, 0, 0.13, 0])
-ways = [(pick, pick - lift, 0.35), (pick - lift, place - lift, 0.6), (place - lift, place, 0.35)]
+ways = [
+    (pick, pick - lift, 0.35),
+    (pick - lift, place - lift, 0.6),
+    (place - lift, place, 0.35),
+]
 legs = [rne.trajectories.quintic(*way) for way in ways]
 begins = np.cumsum([0.0, *(leg.duration for leg in legs[:-1])])
 
@@ -128,7 +142,10 @@ law = rne.control.computed_torque(robot, [400] * 4, [40] * 4, reference)
 off = pick + [0.02, -0.02, 0.0, 0.0]  # the arms start 0.02 rad beside the reference
 scene = rne.Scene(robot, controller=law)
 motion = rne.simulate(scene, off, np.zeros(4), 1.6)
-print(f"the law is {scene.cost()['law']}, {scene.cost()['total']} operations per evaluation with the robot's")
+cost = scene.cost()
+print(
+    f"the law is {cost['law']}; with the robot {cost['total']} operations per evaluation"
+)
 print(motion.message)
 print(f"largest error at the end: {abs(motion.q[-1] - place).max():.1e} rad or m")
 assert abs(motion.q[-1] - place).max() < 1e-4
@@ -140,5 +157,5 @@ print(*(motion.check_limits() or ["no limit is exceeded"]), sep="\n")
 figure = rne.plotting.plot(motion, quantities=["q", "tau"])
 
 # %%
-# The first torques are those that remove the initial error. The quill's force is its weight, more while it
-# accelerates upwards and less while it brakes.
+# The first torques are those that remove the initial error. The quill's force is its
+# weight, more while it accelerates upwards and less while it brakes.

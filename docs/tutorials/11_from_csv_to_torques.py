@@ -2,9 +2,10 @@ r"""
 From CSV to torques
 ===================
 
-The positions of an arm were recorded while it moved. Which torques did the motion take? Inverse dynamics needs
-accelerations, the second derivative of the recording, and differentiating amplifies its noise. This tutorial reads a
-CSV file, shows what noise and quantisation do to the torques, and smooths them away, with the truth beside it.
+The positions of an arm were recorded while it moved. Which torques did the motion take?
+Inverse dynamics needs accelerations, the second derivative of the recording, and
+differentiating amplifies its noise. This tutorial reads a CSV file, shows what noise
+and quantisation do to the torques, and smooths them away, with the truth beside it.
 
 Needs: ``pip install 'rne[plot]'``
 """
@@ -24,75 +25,103 @@ robot = rne.load("irb140")
 # %%
 # A recording
 # -----------
-# In place of a real recording, an IRB 140 moves with a trapezoidal profile of its rates, and its positions are read
-# every 4 ms with noise and with the steps of an encoder. So the true torques are known, which they are not in a
-# laboratory. A file of this form has a column ``t`` and one ``q.<joint>`` per joint, in any order.
+# In place of a real recording, an IRB 140 moves with a trapezoidal profile of its
+# rates, and its positions are read every 4 ms with noise and with the steps of an
+# encoder. So the true torques are known, which they are not in a laboratory. A file of
+# this form has a column ``t`` and one ``q.<joint>`` per joint, in any order.
 
 dt, noise, count = 0.004, 1e-4, 2 * np.pi / 2**16  # [s], [rad], [rad]
 t = np.arange(0, 1.6 + dt / 2, dt)
-path = rne.trajectories.trapezoidal([0, 0, 0, 0, 0.3, 0], [1.0, 0.8, -0.6, 1.0, -0.5, 1.5], 0.8, ramp=0.25)
-truth = path(t - 0.4)  # the recording begins 0.4 s before the motion, and ends 0.4 s after it
+path = rne.trajectories.trapezoidal(
+    [0, 0, 0, 0, 0.3, 0], [1.0, 0.8, -0.6, 1.0, -0.5, 1.5], 0.8, ramp=0.25
+)
+truth = path(
+    t - 0.4
+)  # the recording begins 0.4 s before the motion, and ends 0.4 s after it
 rng = np.random.default_rng(0)
-measured = np.round((truth[0] + noise * rng.normal(size=(len(t), 6))) / count) * count + 0.0
+measured = (
+    np.round((truth[0] + noise * rng.normal(size=(len(t), 6))) / count) * count + 0.0
+)
 
 folder = tempfile.TemporaryDirectory()
 file = Path(folder.name) / "recording.csv"
 header = ",".join(["t", *(f"q.{name}" for name in robot.joint_names)])
-np.savetxt(file, np.column_stack([t, measured]), delimiter=",", header=header, comments="", fmt="%.9g")
+np.savetxt(
+    file,
+    np.column_stack([t, measured]),
+    delimiter=",",
+    header=header,
+    comments="",
+    fmt="%.9g",
+)
 print(*file.read_text().splitlines()[:3], sep="\n")
 
 # %%
 # Reading
 # -------
-# ``read_csv`` sorts the columns by the joints' names and refuses gaps, times that do not ascend, and numbers that are
-# none. What the file does not give, such as rates here, is None.
+# ``read_csv`` sorts the columns by the joints' names and refuses gaps, times that do
+# not ascend, and numbers that are none. What the file does not give, such as rates
+# here, is None.
 
 samples = rne.trajectories.read_csv(file, robot.joint_names)
 folder.cleanup()
-print(samples.q.shape, samples.qd, f"noise {noise:.0e} rad, one count of the encoder {count:.0e} rad")
+print(
+    samples.q.shape,
+    samples.qd,
+    f"noise {noise:.0e} rad, one count of the encoder {count:.0e} rad",
+)
 
 # %%
 # Straight through the samples
 # ----------------------------
-# ``rne.trajectories.spline`` passes exactly through all samples, noise included: a good choice for positions that were
-# computed, a bad one for these.
+# ``rne.trajectories.spline`` passes exactly through all samples, noise included: a good
+# choice for positions that were computed, a bad one for these.
 
 true = robot.inverse_dynamics(*truth)
 exact = rne.trajectories.spline(samples.t, samples.q)(t)
 interpolated = robot.inverse_dynamics(*exact)
 
 # %%
-# How large is the noise of an acceleration? For the central difference :math:`(q_{k+1} - 2 q_k + q_{k-1})/\Delta t^2`
-# of independent errors of standard deviation :math:`\sigma`, it is :math:`\sqrt{1 + 4 + 1}\,\sigma/\Delta t^2`.
-# Rounding to a count adds errors of standard deviation count/:math:`\sqrt{12}`.
+# How large is the noise of an acceleration? For the central difference :math:`(q_{k+1}
+# - 2 q_k + q_{k-1})/\Delta t^2` of independent errors of standard deviation
+# :math:`\sigma`, it is :math:`\sqrt{1 + 4 + 1}\,\sigma/\Delta t^2`. Rounding to a count
+# adds errors of standard deviation count/:math:`\sqrt{12}`.
 
 sigma = np.hypot(noise, count / np.sqrt(12))
 differences = np.diff(samples.q, 2, axis=0) / dt**2
-found = (differences - truth[2][1:-1]).std()
-print(f"noise of an acceleration: {found:.2f} rad/s^2 found, {np.sqrt(6) * sigma / dt**2:.2f} rad/s^2 by the formula")
-assert abs(found / (np.sqrt(6) * sigma / dt**2) - 1) < 0.05
+found, formula = (differences - truth[2][1:-1]).std(), np.sqrt(6) * sigma / dt**2
+print(f"noise of an acceleration: {found:.2f} rad/s^2, {formula:.2f} by the formula")
+assert abs(found / formula - 1) < 0.05
 print(f"largest true acceleration: {abs(truth[2]).max():.2f} rad/s^2")
 
 # %%
-# Twice the sampling rate makes it four times worse: the noise does not shrink with the time step, the divisor does.
+# Twice the sampling rate makes it four times worse: the noise does not shrink with the
+# time step, the divisor does.
 #
 # Smoothing
 # ---------
-# Most of an arm's motion lies below some ten hertz, the noise at all frequencies. Two tools of SciPy take advantage of
-# that. ``filtfilt`` runs a low-pass filter forwards and backwards, which cancels its delay; the derivatives then follow
-# from a spline through the filtered samples. ``make_smoothing_spline`` fits a spline that balances closeness to the
-# samples against curvature, and chooses the balance by cross-validation.
+# Most of an arm's motion lies below some ten hertz, the noise at all frequencies. Two
+# tools of SciPy take advantage of that. ``filtfilt`` runs a low-pass filter forwards
+# and backwards, which cancels its delay; the derivatives then follow from a spline
+# through the filtered samples. ``make_smoothing_spline`` fits a spline that balances
+# closeness to the samples against curvature, and chooses the balance by
+# cross-validation.
 
 
 def low_passed(frequency):
     """Torques from samples without what is above a frequency [Hz]."""
     b, a = butter(4, frequency, fs=1 / dt)
-    return robot.inverse_dynamics(*rne.trajectories.spline(samples.t, filtfilt(b, a, samples.q, axis=0))(t))
+    return robot.inverse_dynamics(
+        *rne.trajectories.spline(samples.t, filtfilt(b, a, samples.q, axis=0))(t)
+    )
 
 
 smooth = [make_smoothing_spline(samples.t, q) for q in samples.q.T]
 smoothed = [np.array([f.derivative(order)(t) for f in smooth]).T for order in range(3)]
-torques = {"filtfilt, 8 Hz": low_passed(8.0), "smoothing spline": robot.inverse_dynamics(*smoothed)}
+torques = {
+    "filtfilt, 8 Hz": low_passed(8.0),
+    "smoothing spline": robot.inverse_dynamics(*smoothed),
+}
 inner = (t > 0.1) & (t < 1.5)  # at the ends there are samples on one side only
 
 
@@ -106,7 +135,13 @@ for name, tau in {"spline through the samples": interpolated, **torques}.items()
 
 figure = Figure(figsize=(8, 6), layout="constrained")
 upper, lower = figure.subplots(2, 1, sharex=True)
-upper.plot(t[inner], interpolated[inner, 1], color="0.6", linewidth=0.8, label="spline through the samples")
+upper.plot(
+    t[inner],
+    interpolated[inner, 1],
+    color="0.6",
+    linewidth=0.8,
+    label="spline through the samples",
+)
 for name, tau in torques.items():
     lower.plot(t, tau[:, 1], label=name)
 for ax in (upper, lower):
@@ -117,25 +152,29 @@ lower.set(xlabel="time [s]")
 figure
 
 # %%
-# The two panels have different scales. Both tools come close to the truth, but neither can follow its jumps, which
-# contain all frequencies. Before and after the motion, at rest, the torque is that of gravity.
+# The two panels have different scales. Both tools come close to the truth, but neither
+# can follow its jumps, which contain all frequencies. Before and after the motion, at
+# rest, the torque is that of gravity.
 #
 # Where to cut off
 # ----------------
-# A low cut-off frequency removes the noise and part of the motion, a high one keeps both. In between there is a best
-# one, which depends on the motion. Without the truth, look for the frequency above which the recording of the robot at
-# rest has as much as that of the robot in motion.
+# A low cut-off frequency removes the noise and part of the motion, a high one keeps
+# both. In between there is a best one, which depends on the motion. Without the truth,
+# look for the frequency above which the recording of the robot at rest has as much as
+# that of the robot in motion.
 
 frequencies = np.geomspace(2, 60, 25)
 errors = [rms(low_passed(frequency)) for frequency in frequencies]
 best = int(np.argmin(errors))
-print(f"smallest error {errors[best]:.2f} N m, with a cut-off at {frequencies[best]:.0f} Hz")
+print(f"smallest error {errors[best]:.2f} N m, cut off at {frequencies[best]:.0f} Hz")
 assert 0 < best < len(frequencies) - 1
 assert errors[best] < rms(interpolated) / 20
 
 figure = Figure(figsize=(6, 3.4), layout="constrained")
 ax = figure.subplots()
 ax.plot(frequencies, errors, "o-")
-ax.set(xlabel="cut-off frequency [Hz]", ylabel="rms error of joint 2 [N m]", ylim=(0, None))
+ax.set(
+    xlabel="cut-off frequency [Hz]", ylabel="rms error of joint 2 [N m]", ylim=(0, None)
+)
 ax.grid(alpha=0.3)
 figure
