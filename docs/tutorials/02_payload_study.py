@@ -121,10 +121,10 @@ ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, title="allo
 figure
 
 # %%
-# Below the lowest curve all drives stay within their limits in all states of the study.
-# Close to the flange one joint limits the load, far from it another: the torque of a
-# wrist joint grows with the offset from its own axis, that of the shoulder hardly
-# changes.
+# Below the lowest curve all drives stay within their limits in all states of the study;
+# curves above 20 kg are left out. Close to the flange one joint limits the load, far
+# from it another: the torque of a wrist joint grows with the offset from its own axis,
+# that of the shoulder hardly changes.
 
 for k in (0, 5, 10, 20):
     joint = robot.joint_names[carried[k].argmin()]

@@ -60,8 +60,9 @@ Q = np.diag(
 R = np.array([[0.1]])  # weight of the squared force
 P = solve_continuous_are(A, B, Q, R)
 K = np.linalg.solve(R, B.T @ P)  # the force is -K x
-print("open-loop poles [1/s]:  ", np.linalg.eigvals(A).round(2) + 0.0)
-print("closed-loop poles [1/s]:", np.linalg.eigvals(A - B @ K).round(2))
+for name, matrix in (("open", A), ("closed", A - B @ K)):
+    poles = np.sort_complex(np.linalg.eigvals(matrix)) + 0
+    print(f"{name:6} loop: poles [1/s]", *(f"{pole:.2f}" for pole in poles))
 assert np.linalg.eigvals(A).real.max() > 0 > np.linalg.eigvals(A - B @ K).real.max()
 
 

@@ -154,7 +154,7 @@ assert (abs(qd) <= arm.model.velocity_limit).all()
 # %%
 # What was gained
 # ---------------
-# The quintic keeps the arm stretched out while joint 1 turns. The optimised motion
+# The quintic turns joint 1 with the arm stretched out. The optimised motion
 # draws the hand in on its way, as low as is allowed (the dotted line), and stretches
 # the arm again at the end: the weights act on shorter levers, and less inertia has to
 # be turned. The bars show the mean squares of the joints, which add up to the cost

@@ -2,10 +2,10 @@ r"""
 Ensemble on processes and Dask
 ==============================
 
-When the power of a UR5 fails, its brakes need 0.3 s to close, and the arm falls freely
-until then. How far does the flange drop? The posture and the rates at that moment are
-not known exactly, so 2000 of them are drawn and simulated, in this process, on two
-processes, and on a Dask cluster. All three give the same bits.
+Suppose that the brakes of a UR5 need 0.3 s to close when the power fails, and that the
+arm falls freely until then. How far does the flange drop? The posture and the rates at
+that moment are not known exactly, so 2000 of them are drawn and simulated, in this
+process, on two processes, and on a Dask cluster. All three give the same bits.
 
 Needs: ``pip install 'rne[plot,robots,cluster]'``
 """

@@ -38,8 +38,8 @@ print(*lines[:20], "...", *lines[-8:], sep="\n")
 
 # %%
 # The comment at the head names the robot, the order of its joints and the units. The
-# function takes pointers to six numbers each, allocates nothing, branches nowhere and
-# always takes the same time. It does not check its arguments.
+# function takes pointers to six numbers each, allocates nothing and has no branches. It
+# does not check its arguments.
 #
 # Compiled and compared
 # ---------------------
