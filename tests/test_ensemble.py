@@ -126,6 +126,20 @@ def test_a_start_that_diverges_is_named_with_its_time(chain, parallel):
         rne.ensemble(scene, starts, rates, 0.5, step=1e-2, executor=executor)
 
 
+def test_steps_too_long_for_friction_are_doubted(irb140):
+    """Friction of 5 N m s/rad stops the light last joint in much less than a step; a thousandth of it does not."""
+    start = np.full((1, 6), 0.1)
+    text = (
+        "start 0 at t = 0.015 s: the right-hand side overflows float64 for these arguments; the result is not finite; "
+        "steps of 0.002 s may be too long for the fastest decay: try shorter ones"
+    )
+    scene = rne.Scene(irb140, friction=rne.Friction(viscous=5.0))
+    with pytest.raises(rne.NotFiniteError, match=f"^{re.escape(text)}$"):
+        rne.ensemble(scene, start, 0 * start, 0.1, step=2e-3)
+    weak = rne.Scene(irb140, friction=rne.Friction(viscous=5e-3))
+    assert abs(rne.ensemble(weak, start, 0 * start, 0.1, step=2e-3).q).max() < 1
+
+
 def test_called_laws_are_refused(chain):
     scene = rne.Scene(chain, controller=lambda t, q, qd: -qd)
     with pytest.raises(

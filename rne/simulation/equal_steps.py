@@ -40,7 +40,7 @@ class Plan:
         if self.rhs.kernel.engine == "numba" and self.rhs.kernel.is_unrolled:
             return self._run_compiled(x, first, tick)
         stepper = STEPPERS[self.method]
-        work = _Work(self.rhs, x, first)
+        work = _Work(self.rhs, x, first, self.h)
         kept = [x.copy()]
         for k in range(self.steps):
             stepper(work, k * self.h, self.h)
@@ -58,7 +58,7 @@ class Plan:
         kept, verdict, length = np.empty((self.spans + 1, *x.shape), x.dtype), SOUND, self.steps // self.spans
         kept[0] = x
         for begin in range(0, len(x), BLOCK):
-            work = _Work(self.rhs, x[begin : begin + BLOCK], first + begin)
+            work = _Work(self.rhs, x[begin : begin + BLOCK], first + begin, self.h)
             for span in range(self.spans):
                 k, last = span * length, (span + 1) * length
                 while k < last:
@@ -76,8 +76,9 @@ class Plan:
 class _Work:
     """Arrays of one chunk, reused in every step."""
 
-    def __init__(self, rhs: RightHandSide, x: Array, first: int) -> None:
+    def __init__(self, rhs: RightHandSide, x: Array, first: int, h: float) -> None:
         self.first = first  # number of the first of these initial states
+        self.h = h  # step [s], for messages
         self.rhs, self.kernel, self.n = rhs, rhs.kernel, rhs.robot.n
         self.x = np.array(x)
         self.t = np.zeros((len(x), 1), self.x.dtype)
@@ -102,15 +103,16 @@ class _Work:
         return rates
 
     def _located(self, error: NotFiniteError, t: float, x: Array) -> NotFiniteError:
-        """The error with the first start at fault and the time."""
+        """The error with the first start at fault, the time, and what may help."""
+        cure = f"; steps of {self.h:g} s may be too long for the fastest decay: try shorter ones"
         for k in range(len(x)):
             try:
                 rates, verdict = self.kernel.evaluate(self.t[k], x[k])
             except NotFiniteError as found:
-                return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {found}", t)
+                return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {found}{cure}", t)
             if verdict.error is None and not np.isfinite(rates).all():
                 break
-        return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {error}", t)
+        return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {error}{cure}", t)
 
 
 def _rk4(work: _Work, t: float, h: float) -> None:
