@@ -35,8 +35,9 @@ expected, actual = (
 
 # %%
 # Both are drawn in one set of panels: the second motion is dashed. Joint 2 carries the
-# box, with more torque than expected, and ends below its target, where its error gives
-# the missing torque. Joint 5 is light, and is pushed aside while the arm accelerates.
+# box with more torque than expected, and the arm comes to rest where the error of the
+# joint gives the missing torque. Joint 5 is light, and is pushed aside while the arm
+# accelerates.
 
 figure = rne.plotting.plot(expected, other=actual, quantities=["q", "tau"])
 
