@@ -15,13 +15,9 @@ from matplotlib.figure import Figure
 import rne
 
 robot = rne.load("ur5").with_payload(3.0, com=[0, 0, 0.08], link="tool0")
-torque_limit, speed_limit = (
-    robot.model.effort_limit,
-    robot.model.velocity_limit,
-)  # as in the URDF [N m], [rad/s]
-for name, torque, speed in zip(
-    robot.joint_names, torque_limit, speed_limit, strict=True
-):
+torque_limit = robot.model.effort_limit  # as in the URDF [N m]
+speed_limit = robot.model.velocity_limit  # [rad/s]
+for name, torque, speed in zip(robot.joint_names, torque_limit, speed_limit):
     print(f"{name:20} at most {torque:.0f} N m, {speed:.2f} rad/s")
 
 # %%
@@ -56,7 +52,7 @@ torques = {
 
 figure = Figure(figsize=(9, 4), layout="constrained")
 axes = figure.subplots(1, 2, sharey=True)
-for ax, (name, tau) in zip(axes, torques.items(), strict=True):
+for ax, (name, tau) in zip(axes, torques.items()):
     ax.axhspan(-1, 1, color="0.93")
     ax.plot(t, tau / torque_limit, label=robot.joint_names)
     ax.set(title=f"{name} reference", xlabel="time [s]")
@@ -73,9 +69,7 @@ figure
 for name, tau in torques.items():
     used = abs(tau).max(axis=0) / torque_limit
     print(f"{name}: bottleneck {robot.joint_names[used.argmax()]}")
-    for joint, peak, ratio in zip(
-        robot.joint_names, abs(tau).max(axis=0), used, strict=True
-    ):
+    for joint, peak, ratio in zip(robot.joint_names, abs(tau).max(axis=0), used):
         print(f"    {joint:20} peak {peak:6.2f} N m, {ratio:4.0%} of the limit")
 
 # %%
@@ -98,9 +92,8 @@ shortest = {}
 for name, reference in references.items():
     q, qd, qdd = reference(t)
     g = robot.gravity_torque(q)
-    scaled = g + (duration / T[:, None, None]) ** 2 * (
-        torques[name] - g
-    )  # durations, samples, joints
+    factor = (duration / T[:, None, None]) ** 2
+    scaled = g + factor * (torques[name] - g)  # durations, samples, joints
     torque_use = (abs(scaled) / torque_limit).max(axis=(1, 2))
     speed_use = duration / T * (abs(qd) / speed_limit).max()
     (line,) = ax.plot(T, torque_use, label=f"{name}: torque")
@@ -111,9 +104,8 @@ for name, reference in references.items():
     by_torque, by_speed = shortest[name]
     print(f"{name}: at least {by_torque:.3f} s by torque, {by_speed:.3f} s by speed")
 ax.axhline(1, color="black", linewidth=0.8)
-ax.set(
-    xlabel="duration of the motion [s]", ylabel="largest use of a limit", ylim=(0, 3)
-)
+ax.set(xlabel="duration of the motion [s]", ylabel="largest use of a limit")
+ax.set_ylim(0, 3)
 ax.legend(frameon=False)
 figure
 
@@ -127,8 +119,7 @@ figure
 
 by_torque, _ = shortest["quintic"]
 fastest = rne.trajectories.quintic(start, end, by_torque)
-use = (
-    abs(robot.inverse_dynamics(*fastest(t * by_torque / duration))) / torque_limit
-).max()
+tau = robot.inverse_dynamics(*fastest(t * by_torque / duration))
+use = (abs(tau) / torque_limit).max()
 print(f"quintic in {by_torque:.3f} s: largest torque / limit = {use:.4f}")
 assert abs(use - 1) < 1e-3

@@ -95,16 +95,10 @@ figure
 offsets = np.linspace(0, 0.4, 21)  # of the load from the flange, along its axis [m]
 carried = []
 for offset in offsets:
-    y = (
-        robot.with_payload(1.0, com=[0, 0, offset], link="tool0").inverse_dynamics(
-            q, qd, qdd
-        )
-        - empty
-    )
+    loaded = robot.with_payload(1.0, com=[0, 0, offset], link="tool0")
+    y = loaded.inverse_dynamics(q, qd, qdd) - empty
     room = np.where(y > 0, limit - empty, limit + empty)
-    carried.append(
-        (room / np.maximum(abs(y), 1e-12)).min(axis=0)
-    )  # of all states, the least that a joint allows
+    carried.append((room / np.maximum(abs(y), 1e-12)).min(axis=0))  # in all states
 carried = np.array(carried)  # offsets, joints [kg]
 
 figure = Figure(figsize=(8, 4), layout="constrained")
@@ -112,10 +106,8 @@ ax = figure.subplots()
 ax.plot(offsets, carried, label=robot.joint_names)
 ax.fill_between(offsets, carried.min(axis=1), color="0.9")
 ax.text(0.01, 0.5, "every drive within its limit in every state")
-ax.set(
-    xlabel="offset of the centre of mass from the flange [m]",
-    ylabel="mass of the payload [kg]",
-)
+ax.set_xlabel("offset of the centre of mass from the flange [m]")
+ax.set_ylabel("mass of the payload [kg]")
 ax.set(xlim=(0, 0.4), ylim=(0, 20))
 ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, title="allowed by")
 figure
@@ -136,9 +128,8 @@ assert len(set(carried.argmin(axis=1))) > 1
 # the worst joint of the worst state is at its limit.
 
 mass, offset = carried[10].min(), offsets[10]
-tau = robot.with_payload(mass, com=[0, 0, offset], link="tool0").inverse_dynamics(
-    q, qd, qdd
-)
+loaded = robot.with_payload(mass, com=[0, 0, offset], link="tool0")
+tau = loaded.inverse_dynamics(q, qd, qdd)
 use = (abs(tau) / limit).max()
 print(f"{mass:.3f} kg at {offset:.2f} m: largest torque / limit = {use:.12f}")
 assert np.isclose(use, 1, rtol=1e-10)

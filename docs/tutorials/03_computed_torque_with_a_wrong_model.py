@@ -39,18 +39,15 @@ plant = with_part(5.0)  # the robot that moves
 # which need not be equal.
 
 kp, kd = np.full(6, 100.0), np.full(6, 20.0)  # [1/s^2], [1/s]
-start, end = (
-    np.deg2rad([-40, -30, 60, -30, -90, 0]),
-    np.deg2rad([40, -70, 100, -30, -60, 60]),
-)
+start = np.deg2rad([-40, -30, 60, -30, -90, 0])
+end = np.deg2rad([40, -70, 100, -30, -60, 60])
 path = rne.trajectories.quintic(start, end, 1.0)  # then the arm holds its position
 t = np.linspace(0, 5, 1001)
 
 
 def run(law):
-    return rne.simulate(
-        rne.Scene(plant, controller=law), start, np.zeros(6), t[-1], t_eval=t
-    )
+    scene = rne.Scene(plant, controller=law)
+    return rne.simulate(scene, start, np.zeros(6), t[-1], t_eval=t)
 
 
 def flange_error(motion):
@@ -69,9 +66,8 @@ motions = {
 }
 for mass, motion in motions.items():
     error = flange_error(motion)
-    print(
-        f"model with {mass} kg: largest error {error.max():6.2f} mm, {error[-1]:6.2f} at rest"
-    )
+    at_rest = f"{error[-1]:6.2f} at rest"
+    print(f"model with {mass} kg: largest error {error.max():6.2f} mm, {at_rest}")
 
 # %%
 # PD control with gravity compensation
@@ -127,12 +123,8 @@ figure
 
 for mass in known[1:]:
     model, q = with_part(mass), motions[mass].q[-1]
-    predicted = (
-        -np.linalg.solve(
-            model.mass_matrix(q), plant.gravity_torque(q) - model.gravity_torque(q)
-        )
-        / kp
-    )
+    missing = plant.gravity_torque(q) - model.gravity_torque(q)
+    predicted = -np.linalg.solve(model.mass_matrix(q), missing) / kp
     found = q - end
     errors = f"{found[1] * 1e3:.3f} mrad, {predicted[1] * 1e3:.3f} by the formula"
     print(f"missing {5 - mass} kg: joint 2 is off by {errors}")
@@ -144,13 +136,13 @@ for mass in known[1:]:
 # that the model knows. Higher gains reduce the error in inverse proportion; an integral
 # part (``rne.control.pid``) or a better mass removes it.
 
-missing = 5 - np.array(known)
+unknown = 5 - np.array(known)
 largest = [flange_error(motion).max() for motion in motions.values()]
 resting = [flange_error(motion)[-1] for motion in motions.values()]
 figure = Figure(figsize=(5.5, 3.6), layout="constrained")
 ax = figure.subplots()
-ax.plot(missing, largest, "o-", label="largest on the path")
-ax.plot(missing, resting, "s-", label="at rest")
+ax.plot(unknown, largest, "o-", label="largest on the path")
+ax.plot(unknown, resting, "s-", label="at rest")
 ax.axhline(
     error.max(),
     color="black",

@@ -22,9 +22,7 @@ arm = rne.load("ur5")
 target = np.deg2rad([30, -60, 80, -20, -90, 0])
 inertia = np.diag(arm.mass_matrix(target))
 kp, kd = 100 * inertia, 20 * inertia  # [N m/rad], [N m s/rad]: poles near -10 1/s
-bound = (
-    arm.model.effort_limit / 5
-)  # of the torque that the position error may cause [N m]
+bound = arm.model.effort_limit / 5  # of torques due to errors of position [N m]
 start, rest = np.zeros(6), np.zeros(6)
 t = np.linspace(0, 2, 401)
 
@@ -88,9 +86,7 @@ assert abs(same.q - motion.q).max() < 1e-8
 gravity = sum(arm.kernel(rne.gravity_torque).operations.values())
 cost = scene.cost()
 print(f"together: {cost['total']} operations, {cost['controller']} of them for the law")
-print(
-    f"apart: {gravity} for the gravity torques, and {7 * 6} for 7 operations per joint"
-)
+print(f"apart: {gravity} for the gravity torques, and 7 per joint, {7 * 6}")
 assert cost["controller"] < gravity + 7 * 6
 
 # %%
@@ -159,9 +155,8 @@ limit = rne.check_gains(arm, kp, kd).sample_time_limit
 print(f"with exact rates these gains are stable up to {limit * 1e3:.1f} ms")
 law = OnEncoders(sample_time=0.004, resolution=2e-4)
 calls = 0
-sampled = rne.simulate(
-    rne.Scene(arm, controller=law, sample_time=0.004), start, rest, t[-1], t_eval=t
-)
+scene = rne.Scene(arm, controller=law, sample_time=0.004)
+sampled = rne.simulate(scene, start, rest, t[-1], t_eval=t)
 print(f"{sampled.evaluations} evaluations, {calls} calls of the law, one per sample")
 
 figure = Figure(figsize=(9, 4), layout="constrained")
@@ -169,12 +164,8 @@ left, right = figure.subplots(1, 2)
 for name, run in held.items():
     left.plot(t_load, np.rad2deg(run.q[:, 1] - target[1]), label=name)
 left.axhline(0, color="black", linewidth=0.8)
-left.set(
-    title="shoulder lift, unknown load of 2 kg", xlabel="time [s]", ylabel="error [deg]"
-)
-right.plot(
-    t, sampled.tau[:, 2], label="sampled, on encoders", linewidth=0.8, color="C3"
-)
+left.set(title="shoulder lift, unknown load", xlabel="time [s]", ylabel="error [deg]")
+right.plot(t, sampled.tau[:, 2], "C3", label="sampled, on encoders", linewidth=0.8)
 right.plot(t, motion.tau[:, 2], label="continuous", color="black")
 right.set(
     title="elbow, empty arm",

@@ -17,9 +17,7 @@ from scipy.optimize import minimize
 import rne
 
 still = ("panda_joint3", "panda_joint5", "panda_joint7", "panda_finger_joint1")
-arm = rne.load("panda").locked(
-    dict.fromkeys(still, 0.0)
-)  # joints 1, 2, 4 and 6 move: the arm stays in one plane
+arm = rne.load("panda").locked(dict.fromkeys(still, 0.0))  # its links stay in a plane
 limit, fastest = arm.model.effort_limit, arm.model.velocity_limit  # [N m], [rad/s]
 print(arm.joint_names)
 
@@ -42,15 +40,13 @@ shape = [
     (s * (1 - s)) ** 3 * 64 * Legendre.basis(k, [0, duration]).convert(kind=Polynomial)
     for k in range(shapes)
 ]
-b, bd, bdd = (
-    np.array([f.deriv(order)(t) for f in shape]).T for order in range(3)
-)  # times, shapes
+b, bd, bdd = (np.array([f.deriv(k)(t) for f in shape]).T for k in range(3))
 
 
 def motion(c):
     return tuple(
         given + part @ c.reshape(shapes, arm.n)
-        for given, part in zip(quintic(t), (b, bd, bdd), strict=True)
+        for given, part in zip(quintic(t), (b, bd, bdd))
     )
 
 
@@ -65,10 +61,8 @@ def motion(c):
 # last one is the mass matrix. The derivative of a link's height is the last row of its
 # Jacobian, which is [angular; linear] in the axes of the base.
 
-middle, half = (
-    (arm.model.upper + arm.model.lower) / 2,
-    (arm.model.upper - arm.model.lower) / 2,
-)
+middle = (arm.model.upper + arm.model.lower) / 2
+half = (arm.model.upper - arm.model.lower) / 2
 low = {
     name: arm.link_names.index(name)
     for name in ("panda_link6", "panda_link8", "panda_hand_tcp")
@@ -88,23 +82,17 @@ def cost(c):
     ranges, by_place = penalty(abs(place) - 0.95)
     speeds, by_pace = penalty(abs(pace) - 0.95)
     by_q, by_qd = by_place * np.sign(place) / half, by_pace * np.sign(pace) / fastest
-    total, heights = (
-        ((tau / limit) ** 2).sum() + ranges + speeds,
-        arm.link_poses(q)[:, :, 2, 3],
-    )
+    total = ((tau / limit) ** 2).sum() + ranges + speeds
+    heights = arm.link_poses(q)[:, :, 2, 3]
     for name, k in low.items():
         lowness, by_depth = penalty(0.1 - heights[:, k])
-        total, by_q = (
-            total + lowness,
-            by_q - by_depth[:, None] * arm.jacobian(q, name)[:, 5],
-        )
+        total = total + lowness
+        by_q = by_q - by_depth[:, None] * arm.jacobian(q, name)[:, 5]
     by_tau = 2 * tau / limit**2
     slopes = arm.inverse_dynamics_derivatives(q, qd, qdd)
     gradient = sum(
         part.T @ (np.einsum("ti,tij->tj", by_tau, slope) + further)
-        for part, slope, further in zip(
-            (b, bd, bdd), slopes, (by_q, by_qd, 0), strict=True
-        )
+        for part, slope, further in zip((b, bd, bdd), slopes, (by_q, by_qd, 0))
     )
     return total / len(t), gradient.ravel() / len(t)
 
@@ -136,9 +124,8 @@ found = minimize(
 )
 before, after = cost(np.zeros(arm.n * shapes))[0], found.fun
 print(f"{found.nit} steps, {found.nfev} evaluations of the cost and its gradient")
-print(
-    f"cost: {before:.4f} quintic, {after:.4f} optimised, {1 - after / before:.0%} less"
-)
+less = 1 - after / before
+print(f"cost: {before:.4f} quintic, {after:.4f} optimised, {less:.0%} less")
 assert after < 0.8 * before
 
 q, qd, qdd = motion(found.x)

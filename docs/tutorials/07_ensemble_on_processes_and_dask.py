@@ -132,7 +132,7 @@ if __name__ == "__main__":
     )
     ax.set(xlabel="time since the power failed [s]", ylabel="drop of the flange [mm]")
     ax.legend(frameon=False)
-    for level, value in zip((5, 50, 95), levels[[0, 2, 4], -1], strict=True):
+    for level, value in zip((5, 50, 95), levels[[0, 2, 4], -1]):
         print(f"{level:2} % of the motions drop less than {value:5.0f} mm")
 
 # %%

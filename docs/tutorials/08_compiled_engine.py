@@ -47,16 +47,15 @@ def seconds(call, repeats=3):
 kernels = {
     robot.engine: robot.kernel(rne.inverse_dynamics) for robot in (plain, compiled)
 }
-compiling = {}
-for name, states in {
+calls = {
     "one state": (q[0], qd[0], qdd[0]),
     "a batch": (q[:100], qd[:100], qdd[:100]),
-}.items():
-    compiling[name] = seconds(lambda: kernels["numba"](*states), 1)
+}
+compiling = {}
+for name, states in calls.items():
+    compiling[name] = first = seconds(lambda: kernels["numba"](*states), 1)
     again = seconds(lambda: kernels["numba"](*states))
-    print(
-        f"{name}: first call {compiling[name]:.2f} s, later ones {again * 1e6:.0f} us"
-    )
+    print(f"{name}: first call {first:.2f} s, later ones {again * 1e6:.0f} us")
 
 # %%
 # The same numbers
@@ -66,16 +65,12 @@ for name, states in {
 # instructions. The measure is the spacing of floating-point numbers at each state's
 # largest torque; states whose torques nearly cancel show larger numbers.
 
-by_numpy, by_numba = (
-    plain.inverse_dynamics(q, qd, qdd),
-    compiled.inverse_dynamics(q, qd, qdd),
-)
+by_numpy, by_numba = (robot.inverse_dynamics(q, qd, qdd) for robot in (plain, compiled))
 units = abs(by_numba - by_numpy).max(axis=1) / np.spacing(abs(by_numpy).max(axis=1))
-print(
-    f"units in the last place: median {np.median(units):.0f}, largest {units.max():.0f}"
-)
-assert np.median(units) <= 2
-assert units.max() <= 1000
+median, largest = np.median(units), units.max()
+print(f"units in the last place: median {median:.0f}, largest {largest:.0f}")
+assert median <= 2
+assert largest <= 1000
 
 # %%
 # How many states make it worth while?
@@ -105,18 +100,9 @@ figure = Figure(figsize=(7, 4), layout="constrained")
 ax = figure.subplots()
 for name, times in per_state.items():
     ax.loglog(sizes, 1e6 * np.array(times), "o-", label=name)
-ax.loglog(
-    sizes[3:],
-    1e6 * np.array(with_workers),
-    "s--",
-    color="C2",
-    label="numba, two workers",
-)
-ax.set(
-    xlabel="states in a call",
-    ylabel="time per state [µs]",
-    title="inverse dynamics of the IRB 140",
-)
+ax.loglog(sizes[3:], 1e6 * np.array(with_workers), "s--", label="numba, two workers")
+ax.set(xlabel="states in a call", ylabel="time per state [µs]")
+ax.set_title("inverse dynamics of the IRB 140")
 ax.grid(alpha=0.3)
 ax.legend(frameon=False)
 figure

@@ -64,7 +64,7 @@ def by_c(folder):
         None,
     )
     tau = np.empty((len(states), 6))
-    for state, row in zip(states, tau, strict=True):
+    for state, row in zip(states, tau):
         function(*state, row)
     return tau
 

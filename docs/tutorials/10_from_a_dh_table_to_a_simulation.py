@@ -133,8 +133,8 @@ begins = np.cumsum([0.0, *(leg.duration for leg in legs[:-1])])
 
 def reference(t):
     """The motions added up: before its start and after its end each of them rests."""
-    parts = [leg(t - begin) for leg, begin in zip(legs, begins, strict=True)]
-    q, qd, qdd = (sum(part) for part in zip(*parts, strict=True))
+    parts = [leg(t - begin) for leg, begin in zip(legs, begins)]
+    q, qd, qdd = (sum(part) for part in zip(*parts))
     return q - legs[1].start - legs[2].start, qd, qdd
 
 

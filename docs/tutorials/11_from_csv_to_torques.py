@@ -111,9 +111,8 @@ print(f"largest true acceleration: {abs(truth[2]).max():.2f} rad/s^2")
 def low_passed(frequency):
     """Torques from samples without what is above a frequency [Hz]."""
     b, a = butter(4, frequency, fs=1 / dt)
-    return robot.inverse_dynamics(
-        *rne.trajectories.spline(samples.t, filtfilt(b, a, samples.q, axis=0))(t)
-    )
+    passed = filtfilt(b, a, samples.q, axis=0)
+    return robot.inverse_dynamics(*rne.trajectories.spline(samples.t, passed)(t))
 
 
 smooth = [make_smoothing_spline(samples.t, q) for q in samples.q.T]
@@ -135,13 +134,8 @@ for name, tau in {"spline through the samples": interpolated, **torques}.items()
 
 figure = Figure(figsize=(8, 6), layout="constrained")
 upper, lower = figure.subplots(2, 1, sharex=True)
-upper.plot(
-    t[inner],
-    interpolated[inner, 1],
-    color="0.6",
-    linewidth=0.8,
-    label="spline through the samples",
-)
+label = "spline through the samples"
+upper.plot(t[inner], interpolated[inner, 1], color="0.6", linewidth=0.8, label=label)
 for name, tau in torques.items():
     lower.plot(t, tau[:, 1], label=name)
 for ax in (upper, lower):
@@ -173,8 +167,7 @@ assert errors[best] < rms(interpolated) / 20
 figure = Figure(figsize=(6, 3.4), layout="constrained")
 ax = figure.subplots()
 ax.plot(frequencies, errors, "o-")
-ax.set(
-    xlabel="cut-off frequency [Hz]", ylabel="rms error of joint 2 [N m]", ylim=(0, None)
-)
+ax.set(xlabel="cut-off frequency [Hz]", ylabel="rms error of joint 2 [N m]")
+ax.set_ylim(0, None)
 ax.grid(alpha=0.3)
 figure
