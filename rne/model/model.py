@@ -238,7 +238,7 @@ class Model:
         return Moments(*(moment[i] for moment in self.moments))
 
     def with_moments(self, moments: Moments) -> Model:
-        """The same robot with other moments of mass; used only for dynamics, see `rne.model.base_parameters`."""
+        """The same robot with other moments of mass; used only for dynamics, see ``rne/model/base_parameters.py``."""
         clone = unchecked_model({f.name: getattr(self, f.name) for f in fields(self)})
         clone.__dict__["moments"] = moments
         return clone

@@ -1,0 +1,69 @@
+"""The documentation site: python -m sphinx -W docs build/docs"""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_extensions"))
+
+import rne  # noqa: E402
+
+project = "rne"
+author = "the authors of rne"
+copyright = "the authors of rne, BSD 2-Clause"
+version = release = rne.__version__
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "myst_parser",
+    "sphinx_gallery.gen_gallery",
+    "mathml",
+]
+exclude_patterns = ["_extensions", "tutorials", "Thumbs.db"]  # the gallery copies tutorials to generated/tutorials
+templates_path = ["_templates"]
+nitpicky = True
+nitpick_ignore_regex = [
+    # Words of a docstring's types, and names that Sphinx has no page for; those of rne itself are all checked.
+    (r"py:.*", r"(?!rne).*"),
+]
+
+# Formulas are MathML, which browsers show without scripts or network.
+html_math_renderer = "mathml"
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 4
+
+autosummary_generate = True
+autosummary_ignore_module_all = False
+autodoc_typehints = "none"  # the docstrings' types are read by people
+autodoc_member_order = "bysource"
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+default_role = "py:obj"
+
+html_theme = "furo"
+html_title = f"rne {release}"
+html_static_path = ["_static"]
+html_css_files = ["rne.css"]
+html_show_sphinx = False
+html_show_copyright = False
+html_copy_source = False
+pygments_dark_style = "monokai"
+
+sphinx_gallery_conf = {
+    "examples_dirs": ["tutorials"],
+    "gallery_dirs": ["generated/tutorials"],
+    "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("figures.scrape",),
+    "reset_modules": (),
+    "capture_repr": ("_repr_html_", "__repr__"),
+    "abort_on_example_error": True,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "remove_config_comments": True,
+    "write_computation_times": False,
+    "plot_gallery": True,
+}
