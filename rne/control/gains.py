@@ -45,6 +45,13 @@ class Gains:
         The given sample time [s].
     stable : bool or None
         True if the sample time is below the limit; None if none was given.
+
+    Examples
+    --------
+    >>> import rne
+    >>> gains = rne.check_gains(rne.load("irb140"), [50] * 6, [20] * 6)
+    >>> gains.beats_gravity, gains.stable is None
+    (False, True)
     """
 
     largest_mode: float

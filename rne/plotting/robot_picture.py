@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import real_array
 from ..basics.spatial import Array, cross, rotate, rotation_from_rpy
 from ..model.builder import disassemble
-from ..model.model import Cylinder, Model
+from ..model.model import Model
+from ..model.solids import Cylinder
 from ..robot import Robot
 from .figures import COLORS, blank_figure
 

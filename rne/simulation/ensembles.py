@@ -44,12 +44,21 @@ class Ensemble:
     ledger : tuple of str, length k
         "drives", "viscous", "coulomb": those that the scene has.
     method : str
+        The method that ran.
     step : float
-        [s]
+        Length of the steps [s].
     evaluations : int
         Evaluations of the right-hand side, counted per state.
     model : Model
         The robot that moved.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> starts = np.random.default_rng(0).uniform(-1, 1, (10, 6))
+    >>> motions = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3, keep=3)
+    >>> motions.t.tolist(), motions.q.shape
+    ([0.0, 0.05, 0.1], (3, 10, 6))
     """
 
     t: Array

@@ -62,6 +62,13 @@ class Trajectory(MotionFiles, InNotebooks):
         What was simulated, in words.
     error_estimates : tuple of callable
         f(bound) -> times and estimated errors of the positions until they exceed the bound; see `trusted_horizon`.
+
+    Examples
+    --------
+    >>> import rne
+    >>> motion = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.2)
+    >>> motion.t[-1].item(), motion.q.shape == (len(motion.t), 6), motion.energy_drift < 1e-6
+    (0.2, True, True)
     """
 
     t: Array

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from ..basics.spatial import Array, rotation_from_rpy, snap, transpose
 from ..errors import ModelError, UrdfError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble
-from ..model.model import STANDARD_GRAVITY, Cylinder, Model
+from ..model.model import STANDARD_GRAVITY, Model
+from ..model.solids import Cylinder
 from .document import parse, read_bytes
 from .far_origins import Unrounded, slide_far_origins
 from .findings import Finding, Report

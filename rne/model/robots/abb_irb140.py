@@ -14,8 +14,8 @@ import numpy as np
 
 from ...basics.spatial import Array, rotation_about, snap, transpose
 from ..builder import Part, assemble, pose
-from ..model import Cylinder, Model
-from ..solids import cylinder_inertia
+from ..model import Model
+from ..solids import Cylinder, cylinder_inertia
 from .data_sheet import DataSheet, Datum
 
 Vector = tuple[float, float, float]
