@@ -6,6 +6,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
 
+import public  # noqa: E402
+
 import rne  # noqa: E402
 
 project = "rne"
@@ -67,3 +69,15 @@ sphinx_gallery_conf = {
     "write_computation_times": False,
     "plot_gallery": True,
 }
+
+
+def skip_member(app, what, name, thing, skip, options):
+    """Leave out what is internal, and the fields of records, which the docstring lists."""
+    owner = getattr(thing, "__qualname__", "") or getattr(getattr(thing, "func", None), "__qualname__", "")
+    owner = owner or getattr(getattr(thing, "fget", None), "__qualname__", "")
+    is_field = what == "class" and not public.is_member(thing)
+    return True if skip or is_field or owner in public.INTERNAL else None
+
+
+def setup(app):
+    app.connect("autodoc-skip-member", skip_member)

@@ -77,6 +77,7 @@ def bearing_peaks(robot: Robot | Scene, trajectory: Trajectory) -> BearingPeaks:
     Returns
     -------
     BearingPeaks
+        Loads and times, joint by joint.
 
     Raises
     ------

@@ -82,6 +82,7 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     Parameters
     ----------
     robot : Robot
+        The robot.
     kp, kd : array_like, shape (n,)
         Gains of each joint, positive [N m/rad, N m s/rad].
     sample_time : float, optional
@@ -90,6 +91,7 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     Returns
     -------
     Gains
+        Fastest modes, the limit of the sample time, and where they are reached.
 
     Raises
     ------
@@ -188,6 +190,7 @@ class SampledLoop:
     Parameters
     ----------
     robot : Robot
+        The robot.
     kp, kd : ndarray, shape (n,)
     """
 

@@ -57,6 +57,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : ndarray, shape (..., n)
         Joint positions [rad or m].
 

@@ -82,6 +82,7 @@ def diagnose(
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : array_like, shape (..., n)
         Joint positions [rad or m].
     qd, tau : array_like, shape (..., n), optional
@@ -92,6 +93,7 @@ def diagnose(
     Returns
     -------
     Diagnosis
+        Condition of M scaled to unit diagonal, digits left, and the joints whose motion limits them.
 
     Raises
     ------

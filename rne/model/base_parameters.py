@@ -22,6 +22,7 @@ def with_base_parameters(model: Model) -> Model:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
 
     Returns
     -------

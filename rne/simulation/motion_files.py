@@ -70,6 +70,7 @@ class MotionFiles:
         Parameters
         ----------
         path : str or path-like
+            The file.
 
         Returns
         -------

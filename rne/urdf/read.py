@@ -31,12 +31,14 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     Parameters
     ----------
     path : path-like
+        The file.
     gravity : array_like, shape (3,)
         In the axes of the root link [m/s^2].
 
     Returns
     -------
     Model
+        For `rne.Robot` and the functions of a model.
 
     Raises
     ------
@@ -80,6 +82,7 @@ def check(path: str | os.PathLike[str], *, out: TextIO | None = None, grouped: b
     Parameters
     ----------
     path : path-like
+        The file.
     out : text stream, optional
         Where to print; standard output by default.
     grouped : bool
