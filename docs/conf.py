@@ -61,6 +61,7 @@ sphinx_gallery_conf = {
     "image_scrapers": ("figures.scrape",),
     "reset_modules": (),
     "capture_repr": ("_repr_html_", "__repr__"),
+    "ignore_repr_types": r"matplotlib",
     "abort_on_example_error": True,
     "show_memory": False,
     "show_signature": False,

@@ -70,12 +70,46 @@ def tanh(x: ArrayLike) -> Array:
 
 
 def exp(x: ArrayLike) -> Array:
-    """Exponential function."""
+    """Exponential function, elementwise.
+
+    Parameters
+    ----------
+    x : array_like
+        Numbers or traced numbers.
+
+    Returns
+    -------
+    ndarray, shape of x
+        Positive numbers.
+
+    Examples
+    --------
+    >>> from rne.elementwise import exp
+    >>> exp([0.0, 1.0]).round(6).tolist()
+    [1.0, 2.718282]
+    """
     return _apply("exp", x)
 
 
 def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
-    """Angle of the vector (x, y), from -pi to pi [rad]."""
+    """Angle of the vector (x, y), entry by entry.
+
+    Parameters
+    ----------
+    y, x : array_like
+        Numbers or traced numbers, broadcast against each other.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape, from -pi to pi [rad].
+
+    Examples
+    --------
+    >>> from rne.elementwise import arctan2
+    >>> arctan2([0.0, 1.0], [1.0, 0.0]).round(6).tolist()
+    [0.0, 1.570796]
+    """
     if any(np.asarray(a).dtype == object for a in (y, x)):
         return np.asarray(_object_arctan2(y, x))
     return np.asarray(np.arctan2(y, x))

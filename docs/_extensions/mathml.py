@@ -1,21 +1,21 @@
-"""Formulas as MathML, written by docutils: no script, no font and no network is needed to read them."""
+"""Formulas as MathML: no script, no font and no network is needed to read them."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from docutils import nodes
-from docutils.utils.math import latex2mathml
+from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
 
 def inline(writer: Any, node: nodes.math) -> None:
-    writer.body.append(latex2mathml.tex2mathml(node.astext(), as_block=False))
+    writer.body.append(convert(node.astext()))
     raise nodes.SkipNode
 
 
 def block(writer: Any, node: nodes.math_block) -> None:
-    writer.body.append(f'<div class="math">{latex2mathml.tex2mathml(node.astext(), as_block=True)}</div>\n')
+    writer.body.append(f'<div class="math">{convert(node.astext(), display="block")}</div>\n')
     raise nodes.SkipNode
 
 
