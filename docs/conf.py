@@ -62,7 +62,6 @@ sphinx_gallery_conf = {
     "reset_modules": (),
     "capture_repr": ("_repr_html_", "__repr__"),
     "ignore_repr_types": r"matplotlib",
-    "abort_on_example_error": True,
     "show_memory": False,
     "show_signature": False,
     "min_reported_time": 1e9,
