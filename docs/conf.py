@@ -71,6 +71,14 @@ sphinx_gallery_conf = {
 }
 
 
+def remove_stale_pages(app):  # noqa: ARG001
+    """Forget pages that an earlier build generated from names and tutorials that are gone."""
+    kept = {f"rne.{name}" for name in public.names()} | {path.stem for path in (HERE / "tutorials").glob("*.py")}
+    for page in (HERE / "generated").rglob("*.rst"):
+        if page.stem not in kept | {"index"}:
+            page.unlink()
+
+
 def skip_member(app, what, name, thing, skip, options):
     """Leave out what is internal, and the fields of records, which the docstring lists."""
     owner = getattr(thing, "__qualname__", "") or getattr(getattr(thing, "func", None), "__qualname__", "")
@@ -80,4 +88,5 @@ def skip_member(app, what, name, thing, skip, options):
 
 
 def setup(app):
+    app.connect("builder-inited", remove_stale_pages, priority=100)
     app.connect("autodoc-skip-member", skip_member)
