@@ -71,7 +71,7 @@ sphinx_gallery_conf = {
 }
 
 
-def remove_stale_pages(app):  # noqa: ARG001
+def remove_stale_pages(app):
     """Forget pages that an earlier build generated from names and tutorials that are gone."""
     kept = {f"rne.{name}" for name in public.names()} | {path.stem for path in (HERE / "tutorials").glob("*.py")}
     for page in (HERE / "generated").rglob("*.rst"):
