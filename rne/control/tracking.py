@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +13,33 @@ from ..basics.spatial import Array
 from ..robot import Robot
 from .laws import checked_vectors
 
-Reference = Callable[[float], tuple[Array, Array, Array]]
+
+class Reference(Protocol):
+    """A reference motion: any function of time that gives positions, rates and accelerations.
+
+    Those of `rne.trajectories` are references, and so is a `Trajectory`.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> def sway(t):
+    ...     return np.sin([t] * 6), np.cos([t] * 6), -np.sin([t] * 6)
+    >>> law = rne.control.computed_torque(rne.load("irb140"), [100] * 6, [20] * 6, sway)
+    """
+
+    def __call__(self, t: float, /) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at a time.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+
+        Returns
+        -------
+        q, qd, qdd : array_like, shape (n,)
+            Of all joints [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+        """
 
 
 @dataclass(frozen=True, eq=False)
