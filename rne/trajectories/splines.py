@@ -91,9 +91,9 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     Returns
     -------
     Spline
-        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time, (T, n) for an array of T times; a reference for
-        `rne.control.computed_torque`, where it is called, not traced. Outside the samples it raises ValueError: what
-        the motion does there is not known, and rest is not assumed.
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time, (T, n) for an array of T times; a reference
+        for `rne.control.computed_torque`, where it is called, not traced. Outside the samples it raises ValueError:
+        what the motion does there is not known, and rest is not assumed.
 
     Raises
     ------
