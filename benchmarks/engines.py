@@ -1,8 +1,8 @@
 """Tables of the engines: python -m benchmarks.engines [--quick]
 
 From the last runs of `python -m benchmarks.kernels` and `python -m benchmarks.simulation`, whose JSON files are read,
-README.md gets its table of engines and docs/benchmarks/engines.md those of kernels and single motions anew. `--quick`
-runs both benchmarks with few states and prints the tables.
+the tables of engines, kernels and single motions are written anew where a page has a place for one. `--quick` runs both
+benchmarks with few states and prints the tables.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any
 from benchmarks import kernels, simulation
 from benchmarks.cases import ENGINES, QUANTITIES, title
 from benchmarks.measure import QUICK_NOTE, RESULTS, is_quick
-from benchmarks.pages import DOCS, rewrite, table
+from benchmarks.pages import DOCS, places, rewrite, table
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-PAGES = {README: ("engines",), DOCS / "benchmarks" / "engines.md": ("kernels", "motions")}  # and their tables
+PAGES = (README, DOCS / "explanation" / "kernels.md", DOCS / "benchmarks" / "engines.md")
 SHOWN = ("irb140", "panda")  # robots of the table of kernels
 Results = dict[str, Any]
 
 
 def tables(found: Results, motions: Results) -> dict[str, str]:
-    """Those of the README, by the name of their place in it."""
+    """By the name of their place in a page."""
     return {"engines": beside_each_other(found, motions), "kernels": of_kernels(found), "motions": of_motions(motions)}
 
 
@@ -123,8 +123,8 @@ def main() -> None:
         found = tables(kernels.run(True), simulation.run(True))
     else:
         found = tables(read("kernels.json"), read("simulation.json"))
-        for page, names in PAGES.items():
-            rewrite(page, {name: found[name] for name in names})
+        for page in PAGES:
+            rewrite(page, {name: found[name] for name in places(page)})
     print("\n\n".join(found.values()))
     if quick:
         print(f"\n{QUICK_NOTE}")

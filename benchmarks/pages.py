@@ -25,6 +25,11 @@ def filled(page: str, tables: Mapping[str, str]) -> str:
     return BLOCK.sub(lambda found: f"{found[1]}\n{tables[found[2]]}\n\n{found[3]}", page)
 
 
+def places(path: Path) -> list[str]:
+    """Names of the tables that a page has a place for."""
+    return [name for _, name, _ in BLOCK.findall(path.read_text(encoding="utf-8"))]
+
+
 def rewrite(path: Path, tables: Mapping[str, str]) -> None:
     """Replace the tables of a page, and keep its text."""
     path.write_text(filled(path.read_text(encoding="utf-8"), tables), encoding="utf-8")

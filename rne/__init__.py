@@ -29,15 +29,16 @@ from .kernels.compilation import compile, derivative
 from .kernels.kernel import Kernel
 from .model.chains import chain
 from .model.denavit_hartenberg import dh_chain
-from .model.model import Cylinder, Model
+from .model.model import Model
 from .model.modify import locked, mounted, with_payload
 from .model.robots import irb140
-from .model.solids import cylinder_inertia
+from .model.solids import Cylinder, cylinder_inertia
 from .plotting.viewer import view
 from .robot import Robot
 from .simulation.ensembles import Ensemble, ensemble
 from .simulation.friction import Friction
-from .simulation.scene import Payload, Scene
+from .simulation.parts import Payload
+from .simulation.scene import Scene
 from .simulation.simulator import simulate
 from .simulation.trajectory import Trajectory
 from .urdf import Finding, check, read_urdf, to_urdf

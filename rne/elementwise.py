@@ -48,49 +48,208 @@ def _apply(name: str, *x: ArrayLike) -> Array:
 
 
 def tanh(x: ArrayLike) -> Array:
-    """Hyperbolic tangent."""
+    """Hyperbolic tangent, elementwise.
+
+    Parameters
+    ----------
+    x : array_like
+        Numbers or traced numbers.
+
+    Returns
+    -------
+    ndarray, shape of x
+        Between -1 and 1; a smooth replacement of `sign`, tanh(x / width).
+
+    Examples
+    --------
+    >>> from rne.elementwise import tanh
+    >>> tanh([-100.0, 0.0, 100.0]).tolist()
+    [-1.0, 0.0, 1.0]
+    """
     return _apply("tanh", x)
 
 
 def exp(x: ArrayLike) -> Array:
-    """Exponential function."""
+    """Exponential function, elementwise.
+
+    Parameters
+    ----------
+    x : array_like
+        Numbers or traced numbers.
+
+    Returns
+    -------
+    ndarray, shape of x
+        Positive numbers.
+
+    Examples
+    --------
+    >>> from rne.elementwise import exp
+    >>> exp([0.0, 1.0]).round(6).tolist()
+    [1.0, 2.718282]
+    """
     return _apply("exp", x)
 
 
 def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
-    """Angle of the vector (x, y), from -pi to pi [rad]."""
+    """Angle of the vector (x, y), entry by entry.
+
+    Parameters
+    ----------
+    y, x : array_like
+        Numbers or traced numbers, broadcast against each other.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape, from -pi to pi [rad].
+
+    Examples
+    --------
+    >>> from rne.elementwise import arctan2
+    >>> arctan2([0.0, 1.0], [1.0, 0.0]).round(6).tolist()
+    [0.0, 1.570796]
+    """
     if any(np.asarray(a).dtype == object for a in (y, x)):
         return np.asarray(_object_arctan2(y, x))
     return np.asarray(np.arctan2(y, x))
 
 
 def sign(x: ArrayLike) -> Array:
-    """-1, 0 or 1."""
+    """Sign of each entry.
+
+    Parameters
+    ----------
+    x : array_like
+        Numbers or traced numbers.
+
+    Returns
+    -------
+    ndarray, shape of x
+        -1, 0 or 1.
+
+    Examples
+    --------
+    >>> from rne.elementwise import sign
+    >>> sign([-3.0, 0.0, 2.0]).tolist()
+    [-1.0, 0.0, 1.0]
+    """
     return _apply("sign", x)
 
 
 def minimum(a: ArrayLike, b: ArrayLike) -> Array:
-    """Elementwise minimum of two arrays."""
+    """The smaller of two arrays, entry by entry.
+
+    Parameters
+    ----------
+    a, b : array_like
+        Numbers or traced numbers, broadcast against each other.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape.
+
+    Examples
+    --------
+    >>> from rne.elementwise import minimum
+    >>> minimum([1.0, 5.0], 3.0).tolist()
+    [1.0, 3.0]
+    """
     return _apply("minimum", a, b)
 
 
 def maximum(a: ArrayLike, b: ArrayLike) -> Array:
-    """Elementwise maximum of two arrays."""
+    """The larger of two arrays, entry by entry.
+
+    Parameters
+    ----------
+    a, b : array_like
+        Numbers or traced numbers, broadcast against each other.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape.
+
+    Examples
+    --------
+    >>> from rne.elementwise import maximum
+    >>> maximum([1.0, 5.0], 3.0).tolist()
+    [3.0, 5.0]
+    """
     return _apply("maximum", a, b)
 
 
 def less(a: ArrayLike, b: ArrayLike) -> Array:
-    """Elementwise a < b, for the condition of `where`."""
+    """True where a < b, for the condition of `where`.
+
+    Parameters
+    ----------
+    a, b : array_like
+        Numbers or traced numbers, broadcast against each other.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape: booleans, or traced conditions.
+
+    Examples
+    --------
+    >>> from rne.elementwise import less
+    >>> less([1.0, 5.0], 3.0).tolist()
+    [True, False]
+    """
     if any(np.asarray(x).dtype == object for x in (a, b)):
         return np.asarray(_object_less(a, b))
     return np.less(a, b)
 
 
 def where(condition: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
-    """`a` where the condition holds, `b` elsewhere; both are computed."""
+    """Choose between two arrays, entry by entry; both are computed, and the branch remains in a kernel.
+
+    Parameters
+    ----------
+    condition : array_like
+        What `less` returns, or booleans.
+    a : array_like
+        Values where the condition holds.
+    b : array_like
+        Values elsewhere.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape.
+
+    Examples
+    --------
+    >>> from rne.elementwise import less, where
+    >>> where(less([1.0, 5.0], 3.0), 0.0, [7.0, 8.0]).tolist()
+    [0.0, 8.0]
+    """
     return _apply("where", condition, a, b)
 
 
 def clip(x: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
-    """`x` limited to the range from `lower` to `upper`."""
+    """Limit an array to a range, entry by entry.
+
+    Parameters
+    ----------
+    x : array_like
+        Numbers or traced numbers.
+    lower, upper : array_like
+        The range, broadcast against `x`.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape.
+
+    Examples
+    --------
+    >>> from rne.elementwise import clip
+    >>> clip([-50.0, 5.0, 50.0], -20.0, 20.0).tolist()
+    [-20.0, 5.0, 20.0]
+    """
     return minimum(maximum(x, lower), upper)

@@ -8,11 +8,31 @@ from numpy.linalg import LinAlgError
 
 
 class RneError(Exception):
-    """Base class of every exception that only this package raises."""
+    """Base class of every exception that only this package raises.
+
+    Examples
+    --------
+    >>> import rne
+    >>> try:
+    ...     rne.load("robots/nothing.urdf")
+    ... except (rne.RneError, OSError) as error:
+    ...     print(type(error).__name__)
+    FileNotFoundError
+    """
 
 
 class ModelError(RneError, ValueError):
-    """A robot model that contradicts itself or that an algorithm does not cover."""
+    """A robot model that contradicts itself or that an algorithm does not cover.
+
+    Examples
+    --------
+    >>> import dataclasses, rne
+    >>> try:
+    ...     dataclasses.replace(rne.irb140(), mass=[-1.0] * 6)
+    ... except rne.ModelError as error:
+    ...     print(error)
+    body of joint 'joint_1': the mass must be 0 or positive, got -1.0
+    """
 
 
 class UrdfError(ModelError):
@@ -20,8 +40,20 @@ class UrdfError(ModelError):
 
     Attributes
     ----------
-    finding : rne.urdf.Finding or None
+    finding : Finding or None
         The finding behind the error, with its line and how to fix it.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, rne
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder) / "arm.urdf"
+    ...     _ = file.write_text('<robot name="arm"><link name="a"/><link name="b"/></robot>')
+    ...     try:
+    ...         rne.load(file)
+    ...     except rne.UrdfError as error:
+    ...         print(error.finding.element)
+    robot
     """
 
     def __init__(self, message: str, finding: Any = None) -> None:
@@ -36,6 +68,15 @@ class NotFiniteError(RneError, ValueError):
     ----------
     time : float or None
         The time in a simulation [s].
+
+    Examples
+    --------
+    >>> import rne
+    >>> try:
+    ...     rne.inverse_dynamics(rne.irb140(), [0] * 6, [1e200] * 6, [0] * 6)
+    ... except rne.NotFiniteError as error:
+    ...     print(error)
+    inverse_dynamics overflows float64 for these arguments; the result is not finite
     """
 
     def __init__(self, message: str, time: float | None = None) -> None:
@@ -52,6 +93,19 @@ class SingularMassMatrixError(RneError, LinAlgError):
         The joints of that combination.
     state : tuple of int
         Which state of a batch; empty for a single one.
+
+    Examples
+    --------
+    Two joints on one axis, and no inertia between them:
+
+    >>> import numpy as np, rne
+    >>> masses, centres, inertias = [0, 1], np.zeros((2, 3)), [np.zeros((3, 3)), np.eye(3)]
+    >>> robot = rne.Robot(rne.chain([np.eye(3)] * 2, np.zeros((2, 3)), masses, centres, inertias))
+    >>> try:
+    ...     robot.forward_dynamics([0, 0], [0, 0], [1, 1])
+    ... except rne.SingularMassMatrixError as error:
+    ...     print(error.joints)
+    ('joint_1', 'joint_2')
     """
 
     def __init__(self, what: str, cause: str = "", joints: tuple[str, ...] = (), state: tuple[int, ...] = ()) -> None:
@@ -62,12 +116,37 @@ class SingularMassMatrixError(RneError, LinAlgError):
         return f"{self.what}{f' at state {self.state}' if self.state else ''}{self.cause}"
 
     def at(self, state: tuple[int, ...]) -> SingularMassMatrixError:
-        """The same error for another state of a batch."""
+        """The same error for another state of a batch.
+
+        Parameters
+        ----------
+        state : tuple of int
+            Its place in the leading shape.
+
+        Returns
+        -------
+        SingularMassMatrixError
+            A new error.
+
+        Examples
+        --------
+        >>> import rne
+        >>> str(rne.SingularMassMatrixError("M is singular").at((3,)))
+        'M is singular at state (3,)'
+        """
         return SingularMassMatrixError(self.what, self.cause, self.joints, state)
 
 
 class PrecisionWarning(UserWarning):
-    """A result in which rounding has left few digits or none."""
+    """A result in which rounding has left few digits or none; `rne.diagnose` says why.
+
+    Examples
+    --------
+    To get an error instead of a warning:
+
+    >>> import warnings, rne
+    >>> warnings.simplefilter("error", rne.PrecisionWarning)
+    """
 
 
 class SimulationError(RneError, RuntimeError):
@@ -77,8 +156,19 @@ class SimulationError(RneError, RuntimeError):
     ----------
     time : float
         The time of the failure [s].
-    trajectory : rne.Trajectory
+    trajectory : Trajectory
         The motion up to the last successful step.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> def law(t, q, qd):
+    ...     return np.full(6, np.nan if t > 0.05 else 0.0)
+    >>> try:
+    ...     rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.1, torque=law)
+    ... except rne.SimulationError as error:
+    ...     print(error.time > 0.04, error.trajectory.q.shape[1])
+    True 6
     """
 
     def __init__(self, message: str, time: float, trajectory: Any) -> None:

@@ -18,7 +18,7 @@ from benchmarks.evaluation import (
     row,
 )
 from benchmarks.evaluation_picture import label
-from benchmarks.pages import BLOCK, DOCS, filled, table
+from benchmarks.pages import BLOCK, DOCS, filled, places, table
 from benchmarks.peers import Point
 
 from .helpers import ROOT, kept
@@ -88,15 +88,16 @@ def test_ratios_say_which_is_faster(times_faster, text):
     assert engines.words(times_faster) == text
 
 
-def test_tables_of_the_readme_are_those_of_the_last_runs():
+def test_tables_of_engines_are_those_of_the_last_runs():
     """After new runs: python -m benchmarks.engines."""
     kernels, simulation = engines.read("kernels.json"), engines.read("simulation.json")
     if "motions" not in simulation or "small" not in kernels:
         pytest.skip("the kept runs of benchmarks.kernels and benchmarks.simulation are older than the engines")
     found = engines.tables(kernels, simulation)
-    for page, names in engines.PAGES.items():
+    assert {name for page in engines.PAGES for name in places(page)} == set(found)
+    for page in engines.PAGES:
         text = page.read_text(encoding="utf-8")
-        assert filled(text, {name: found[name] for name in names}) == text
+        assert filled(text, {name: found[name] for name in places(page)}) == text
 
 
 def test_batches_are_compared_with_batches_and_single_calls_with_single_calls():

@@ -31,6 +31,14 @@ class BearingPeaks:
         Times of the first and last sample [s].
     samples : int
         Number of samples; peaks between them are not found.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> print(rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1)))  # doctest: +ELLIPSIS
+    Peak loads on the bearings, 0 ... 0.1 s, ... samples
+    ...
     """
 
     joints: tuple[str, ...]
@@ -69,6 +77,7 @@ def bearing_peaks(robot: Robot | Scene, trajectory: Trajectory) -> BearingPeaks:
     Returns
     -------
     BearingPeaks
+        Loads and times, joint by joint.
 
     Raises
     ------

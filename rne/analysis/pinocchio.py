@@ -21,6 +21,7 @@ class Oracle:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     xml : str
         The URDF text, which Pinocchio reads by itself.
     """

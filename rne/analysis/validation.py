@@ -52,6 +52,7 @@ def validate(robot: Robot, samples: int = 1000) -> tuple[str, list[Row]]:
     Parameters
     ----------
     robot : Robot
+        The robot.
     samples : int
         Number of random states.
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from numbers import Number
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,3 +90,10 @@ def is_finite(array: Array) -> Array:
     if array.dtype == object:
         return np.asarray((array - array) == 0, dtype=bool)
     return np.isfinite(array)
+
+
+def convert_array(array: Array, number: Callable[[float], Any]) -> Array:
+    """An object array of the numbers that `number` makes of the array's."""
+    converted = np.empty(array.size, dtype=object)
+    converted[:] = [number(float(x)) for x in array.flat]
+    return converted.reshape(array.shape)

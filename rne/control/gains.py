@@ -45,6 +45,13 @@ class Gains:
         The given sample time [s].
     stable : bool or None
         True if the sample time is below the limit; None if none was given.
+
+    Examples
+    --------
+    >>> import rne
+    >>> gains = rne.check_gains(rne.load("irb140"), [50] * 6, [20] * 6)
+    >>> gains.beats_gravity, gains.stable is None
+    (False, True)
     """
 
     largest_mode: float
@@ -75,6 +82,7 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     Parameters
     ----------
     robot : Robot
+        The robot.
     kp, kd : array_like, shape (n,)
         Gains of each joint, positive [N m/rad, N m s/rad].
     sample_time : float, optional
@@ -83,6 +91,7 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     Returns
     -------
     Gains
+        Fastest modes, the limit of the sample time, and where they are reached.
 
     Raises
     ------
@@ -181,6 +190,7 @@ class SampledLoop:
     Parameters
     ----------
     robot : Robot
+        The robot.
     kp, kd : ndarray, shape (n,)
     """
 

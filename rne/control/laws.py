@@ -15,7 +15,6 @@ from ..basics.spatial import Array
 from ..elementwise import clip
 from ..robot import Robot
 
-Reference = Callable[[float], tuple[Array, Array, Array]]
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -25,9 +24,9 @@ def traceable(law: F) -> F:
     Parameters
     ----------
     law : callable
-        f(t, q, qd) -> torques, for one state: t a number, arrays of shape (n,). It may call methods of a Robot. What
-        has memory, noise, tables or branches on values (use `rne.elementwise.where`) cannot be traced: it is called
-        all the same, and a line on the logger "rne" says why. A law that is not marked is called.
+        A function f(t, q, qd) -> torques, for one state: t a number, arrays of shape (n,). It may call methods of a
+        Robot. What has memory, noise, tables or branches on values (use `rne.elementwise.where`) cannot be traced: it
+        is called all the same, and a line on the logger "rne" says why. A law that is not marked is called.
 
     Returns
     -------
@@ -47,7 +46,26 @@ def traceable(law: F) -> F:
 
 @dataclass(frozen=True, eq=False)
 class PD:
-    """Proportional and derivative feedback, with or without gravity compensation; see `pd`, `pd_gravity`."""
+    """Proportional and derivative feedback, with or without gravity compensation, made by `pd` and `pd_gravity`.
+
+    Attributes
+    ----------
+    robot : Robot
+        The controller's model.
+    kp, kd : ndarray, shape (n,)
+        Gains of each joint [N m/rad, N m s/rad].
+    reference : ndarray, shape (n,)
+        Positions to hold [rad or m].
+    gravity : bool
+        True if gravity is compensated by the model.
+
+    Examples
+    --------
+    >>> import rne
+    >>> law = rne.control.pd(rne.load("irb140"), [50] * 6, [20] * 6, [1] * 6)
+    >>> law(0.0, [0] * 6, [0] * 6).tolist()
+    [50.0, 50.0, 50.0, 50.0, 50.0, 50.0]
+    """
 
     robot: Robot
     kp: Array
@@ -59,7 +77,20 @@ class PD:
     __repr__ = summary
 
     def __call__(self, t: float, q: Array, qd: Array) -> Array:
-        """Torques, shape of q [N m or N]."""
+        """Torques in one state, or in many.
+
+        Parameters
+        ----------
+        t : float
+            Time, which this law does not use [s].
+        q, qd : array_like, shape (..., n)
+            Joint positions and rates [rad or m; rad/s or m/s].
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torques of the drives [N m or N].
+        """
         feedback = -self.kp * (q - self.reference) - self.kd * qd
         torques: Array = self.robot.gravity_torque(q) + feedback if self.gravity else feedback
         return torques
@@ -71,15 +102,16 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
     Parameters
     ----------
     robot : Robot
+        The robot, for the number of its joints.
     kp, kd : array_like, shape (n,)
         Gains of each joint [N m/rad, N m s/rad].
     reference : array_like, shape (n,)
-        [rad or m]
+        Positions to hold [rad or m].
 
     Returns
     -------
     PD
-        f(t, q, qd) -> torques, shape (..., n). Gravity causes a steady-state error; see `rne.check_gains`.
+        The law f(t, q, qd) -> torques, shape (..., n). Gravity causes a steady-state error; see `rne.check_gains`.
 
     Raises
     ------
@@ -92,7 +124,7 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
     >>> rne.control.pd(rne.load("irb140"), [50] * 6, [20] * 6, [1] * 6)(0.0, [0] * 6, [0] * 6)[0].item()
     50.0
     """
-    p, d, q_ref = _vectors(robot, kp=kp, kd=kd, reference=reference)
+    p, d, q_ref = checked_vectors(robot, kp=kp, kd=kd, reference=reference)
     return PD(robot, p, d, q_ref, gravity=False)
 
 
@@ -106,12 +138,12 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike)
     kp, kd : array_like, shape (n,)
         Gains of each joint [N m/rad, N m s/rad].
     reference : array_like, shape (n,)
-        [rad or m]
+        Positions to hold [rad or m].
 
     Returns
     -------
     PD
-        f(t, q, qd) -> torques, shape (..., n).
+        The law f(t, q, qd) -> torques, shape (..., n).
 
     Raises
     ------
@@ -124,16 +156,41 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike)
 
     Examples
     --------
-    >>> import rne
-    >>> law = rne.control.pd_gravity(rne.load("irb140"), [50] * 6, [20] * 6, [0] * 6)
+    >>> import numpy as np, rne
+    >>> robot = rne.load("irb140")
+    >>> law = rne.control.pd_gravity(robot, [50] * 6, [20] * 6, [0] * 6)
+    >>> np.allclose(law(0.0, [0] * 6, [0] * 6), robot.gravity_torque([0] * 6))
+    True
     """
-    p, d, q_ref = _vectors(robot, kp=kp, kd=kd, reference=reference)
+    p, d, q_ref = checked_vectors(robot, kp=kp, kd=kd, reference=reference)
     return PD(robot, p, d, q_ref, gravity=True)
 
 
 @dataclass(frozen=True, eq=False)
 class PID:
-    """PD with the integral of the error as a state of the controller; see `pid`."""
+    """PD with the integral of the error as a state of the controller, made by `pid`.
+
+    Attributes
+    ----------
+    robot : Robot
+        The controller's model.
+    kp, ki, kd : ndarray, shape (n,)
+        Gains of each joint [N m/rad, N m/(rad s), N m s/rad].
+    reference : ndarray, shape (n,)
+        Positions to hold [rad or m].
+    gravity : bool
+        True if gravity is compensated by the model.
+    windup : ndarray, shape (n,)
+        Largest torque of the integral part [N m or N].
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> law = rne.control.pid(rne.load("irb140"), [50] * 6, [10] * 6, [20] * 6, [0] * 6)
+    >>> torques, rates = law(0.0, np.full(6, 0.1), np.zeros(6), np.zeros(6))
+    >>> torques[0].item(), rates[0].item()
+    (-5.0, 0.1)
+    """
 
     robot: Robot
     kp: Array
@@ -153,7 +210,22 @@ class PID:
         return self.robot.n
 
     def __call__(self, t: float, q: Array, qd: Array, z: Array) -> tuple[Array, Array]:
-        """Torques, and the rates of the integrals z [N m or N; rad or m]."""
+        """Torques in one state, and the rates of the integrals.
+
+        Parameters
+        ----------
+        t : float
+            Time, which this law does not use [s].
+        q, qd, z : array_like, shape (n,)
+            Joint positions and rates, and the integrals of the errors [rad or m; rad/s or m/s; rad s or m s].
+
+        Returns
+        -------
+        torques : ndarray, shape (n,)
+            Of the drives [N m or N].
+        rates : ndarray, shape (n,)
+            The errors, dz/dt [rad or m].
+        """
         error = q - self.reference
         held = self.ki * z if (self.windup == UNBOUNDED).all() else clip(self.ki * z, -self.windup, self.windup)
         feedback = -self.kp * error - held - self.kd * qd
@@ -175,10 +247,11 @@ def pid(
     Parameters
     ----------
     robot : Robot
+        The controller's model.
     kp, ki, kd : array_like, shape (n,)
         Gains of each joint [N m/rad, N m/(rad s), N m s/rad].
     reference : array_like, shape (n,)
-        [rad or m]
+        Positions to hold [rad or m].
     gravity : bool
         True to compensate gravity by the model as well.
     windup : array_like, shape (n,) or a number
@@ -200,86 +273,14 @@ def pid(
     >>> rne.control.pid(rne.load("irb140"), [50] * 6, [10] * 6, [20] * 6, [0] * 6).states
     6
     """
-    p, i, d, q_ref = _vectors(robot, kp=kp, ki=ki, kd=kd, reference=reference)
+    p, i, d, q_ref = checked_vectors(robot, kp=kp, ki=ki, kd=kd, reference=reference)
     bound = convert_numbers("windup", windup, f"({robot.n},)")
     bounded = np.minimum(bound if bound.ndim else np.full(robot.n, bound), UNBOUNDED)
     return PID(robot, p, i, d, q_ref, gravity, vector("windup", bounded, robot.n, sign="positive"))
 
 
-@dataclass(frozen=True, eq=False)
-class ComputedTorque:
-    """Inverse dynamics of the commanded acceleration; see `computed_torque`."""
-
-    robot: Robot
-    kp: Array
-    kd: Array
-    reference: Reference
-    traceable = True
-
-    __repr__ = summary
-
-    def __call__(self, t: float, q: Array, qd: Array) -> Array:
-        """Torques, shape of q [N m or N]."""
-        q_ref, qd_ref, qdd_ref = _reference(self.robot, self.reference(t))
-        commanded = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
-        return self.robot.inverse_dynamics(q, qd, commanded)
-
-
-def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Reference) -> ComputedTorque:
-    """Tracking by inverse dynamics: u = M (qdd_ref - Kd (qd - qd_ref) - Kp (q - q_ref)) + C qd + g.
-
-    Parameters
-    ----------
-    robot : Robot
-        The controller's model.
-    kp, kd : array_like, shape (n,)
-        Gains of the error, which then obeys e'' + Kd e' + Kp e = 0 [1/s^2, 1/s].
-    reference : callable
-        f(t) -> (q, qd, qdd); `rne.trajectories` has motions from rest to rest, and splines through samples.
-
-    Returns
-    -------
-    ComputedTorque
-        f(t, q, qd) -> torques, shape (..., n).
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite.
-
-    Notes
-    -----
-    Siciliano et al. 2009, (8.57)-(8.60); what Høifødt 2011 recommends for tracking.
-
-    Examples
-    --------
-    >>> import rne
-    >>> arm = rne.load("irb140")
-    >>> path = rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-    >>> law = rne.control.computed_torque(arm, [100] * 6, [20] * 6, path)
-    """
-    if not callable(reference):
-        raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
-    p, d = _vectors(robot, kp=kp, kd=kd)
-    _reference(robot, reference(0.0))
-    return ComputedTorque(robot, p, d, reference)
-
-
-def _reference(robot: Robot, given: Any) -> tuple[Any, Any, Any]:
-    """What a reference gave, as (q, qd, qdd)."""
-    try:
-        shapes = [np.shape(part) for part in given]
-    except TypeError:
-        shapes = []
-    if len(shapes) != 3 or any(shape[-1:] != (robot.n,) for shape in shapes):
-        raise ValueError(
-            f"`reference` must give (q, qd, qdd) of shape ({robot.n},) each, got {shapes or 'something else'}"
-        )
-    q, qd, qdd = given
-    return q, qd, qdd
-
-
-def _vectors(robot: Robot, **values: ArrayLike) -> list[Array]:
+def checked_vectors(robot: Robot, **values: ArrayLike) -> list[Array]:
+    """Arrays with one number per joint, or an error that names the argument."""
     if not isinstance(robot, Robot):
         raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
     return [vector(name, value, robot.n) for name, value in values.items()]

@@ -113,7 +113,7 @@ def articulated_forward_dynamics(
     Returns
     -------
     ndarray, shape (..., n)
-        [rad/s^2 or m/s^2]
+        Accelerations [rad/s^2 or m/s^2].
 
     Raises
     ------

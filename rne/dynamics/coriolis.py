@@ -16,13 +16,14 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd : ndarray, shape (..., n)
         Joint positions and rates [rad or m; rad/s or m/s].
 
     Returns
     -------
     ndarray, shape (..., n, n)
-        [N m s/rad, N s or N s/m]
+        Torque i per rate j [N m s/rad, N s or N s/m].
 
     Raises
     ------

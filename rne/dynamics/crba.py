@@ -14,7 +14,8 @@ from ..basics.spatial import (
     transpose,
     zeros,
 )
-from ..model.model import Model, Moments
+from ..model.model import Model
+from ..model.solids import Moments
 from .kinematics import BASE, joint_transforms
 from .quantity import quantity
 
@@ -56,6 +57,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : ndarray, shape (..., n)
         Joint positions [rad or m].
 

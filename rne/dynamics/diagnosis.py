@@ -38,6 +38,12 @@ class Diagnosis:
         The state with the fewest digits; empty for a single one.
     worst_joint : tuple of str
         In that state, the joints of the combined motion that moves the least inertia.
+
+    Examples
+    --------
+    >>> import rne
+    >>> print(rne.diagnose(rne.irb140(), [0] * 6))  # doctest: +ELLIPSIS
+    condition 3.0e+00, smallest pivot 8.0e-01 of its diagonal entry, about 15 digits in forward dynamics; ...
     """
 
     condition: Array
@@ -76,6 +82,7 @@ def diagnose(
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : array_like, shape (..., n)
         Joint positions [rad or m].
     qd, tau : array_like, shape (..., n), optional
@@ -86,6 +93,7 @@ def diagnose(
     Returns
     -------
     Diagnosis
+        Condition of M scaled to unit diagonal, digits left, and the joints whose motion limits them.
 
     Raises
     ------

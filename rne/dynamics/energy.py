@@ -15,6 +15,7 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd : ndarray, shape (..., n)
         Joint positions and rates [rad or m; rad/s or m/s].
 
@@ -53,13 +54,14 @@ def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd : ndarray, shape (..., n)
         Joint positions and rates [rad or m; rad/s or m/s].
 
     Returns
     -------
     ndarray, shape (...)
-        [J]
+        The energy [J].
 
     Raises
     ------
@@ -88,6 +90,7 @@ def potential_energy(model: Model, q: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : ndarray, shape (..., n)
         Joint positions [rad or m].
 
@@ -125,6 +128,7 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd : ndarray, shape (..., n)
         Joint positions and rates [rad or m; rad/s or m/s].
 

@@ -70,6 +70,7 @@ def forward_dynamics(
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd, tau : ndarray, shape (..., n)
         Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
     external : mapping of str to ndarray, shape (..., 6), optional
@@ -78,7 +79,7 @@ def forward_dynamics(
     Returns
     -------
     ndarray, shape (..., n)
-        [rad/s^2 or m/s^2]
+        Accelerations [rad/s^2 or m/s^2].
 
     Raises
     ------

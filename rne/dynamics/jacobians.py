@@ -60,6 +60,7 @@ def jacobian(model: Model, q: Array, link: str) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : ndarray, shape (..., n)
         Joint positions [rad or m].
     link : str
@@ -102,6 +103,7 @@ def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd : ndarray, shape (..., n)
         Joint positions and rates [rad or m; rad/s or m/s].
     link : str
@@ -110,7 +112,7 @@ def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
     Returns
     -------
     ndarray, shape (..., 6, n)
-        dJ/dt in the axes of the root link [1/s, m/s]: the link's acceleration is J qdd + (dJ/dt) qd.
+        The matrix dJ/dt in the axes of the root link [1/s, m/s]: the link's acceleration is J qdd + (dJ/dt) qd.
 
     Raises
     ------

@@ -55,6 +55,7 @@ def link_poses(model: Model, q: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : ndarray, shape (..., n)
         Joint positions [rad or m].
 

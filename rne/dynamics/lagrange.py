@@ -109,13 +109,14 @@ def christoffel_symbols(model: Model, q: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : ndarray, shape (..., n)
         Joint positions [rad or m].
 
     Returns
     -------
     ndarray, shape (..., n, n, n)
-        c[..., i, j, k] = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2, symmetric in i and j; k is the joint on
+        Entry [..., i, j, k] is (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2, symmetric in i and j; k is the joint on
         which the torque acts [kg m^2, kg m or kg].
 
     Raises
@@ -150,13 +151,14 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd, qdd : ndarray, shape (..., n)
         Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
     Returns
     -------
     ndarray, shape (..., n)
-        [N m or N]
+        Torques [N m or N].
 
     Raises
     ------

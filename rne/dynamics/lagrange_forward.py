@@ -20,13 +20,14 @@ def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> 
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd, tau : ndarray, shape (..., n)
         Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
 
     Returns
     -------
     ndarray, shape (..., n)
-        [rad/s^2 or m/s^2]
+        Accelerations [rad/s^2 or m/s^2].
 
     Raises
     ------

@@ -52,7 +52,7 @@ class Quantity:
         The argument, and its entries, that are joint rates whose squares may cost digits.
     base_parameters : bool
         True if the result depends on the inertial parameters only through the base parameters, so that masses may be
-        redistributed between bodies; see `rne.model.base_parameters`.
+        redistributed between bodies; see ``rne/model/base_parameters.py``.
     returns_array : bool
         False if the result is a record, which is not traced.
     wrenches : mapping of str to str

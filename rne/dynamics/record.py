@@ -108,6 +108,7 @@ class Recursion(InNotebooks):
         Returns
         -------
         Recursion
+            Of that state alone.
 
         Raises
         ------
@@ -115,6 +116,13 @@ class Recursion(InNotebooks):
             If the index is something else, such as a slice.
         IndexError
             If there is no such state, or the index is one of several states.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> batch = rne.load("irb140").recursion(*np.zeros((3, 4, 6)))
+        >>> batch.batch, batch.state(3).u.shape
+        ((4,), (6,))
         """
         place = index if isinstance(index, tuple) else (index,)
         try:
@@ -146,6 +154,7 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd, qdd : ndarray, shape (..., n)
         Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
     external : mapping of str to ndarray, shape (..., 6), optional
@@ -154,6 +163,7 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
     Returns
     -------
     Recursion
+        Angular velocities and accelerations, accelerations, forces and moments of every link, in its own axes.
 
     Raises
     ------
@@ -217,13 +227,16 @@ def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
     Parameters
     ----------
     record : Recursion
+        What `recursion` returned.
     model : Model
         The robot of the record.
 
     Returns
     -------
-    force, torque : ndarray, shape (..., nb)
-        [N, N m]; without the drive's component along the joint's axis.
+    force : ndarray, shape (..., nb)
+        Without the drive's component along the axis of a sliding joint [N].
+    torque : ndarray, shape (..., nb)
+        Without the drive's component along the axis of a rotating joint [N m].
 
     Examples
     --------

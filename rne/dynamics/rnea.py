@@ -108,6 +108,7 @@ def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd, qdd : ndarray, shape (..., n)
         Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
     external : mapping of str to ndarray, shape (..., 6), optional
@@ -116,7 +117,7 @@ def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external:
     Returns
     -------
     ndarray, shape (..., n)
-        [N m or N]
+        Torques [N m or N].
 
     Raises
     ------
@@ -143,6 +144,7 @@ def bias_torque(model: Model, q: Array, qd: Array, *, external: External | None 
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd : ndarray, shape (..., n)
         Joint positions and rates [rad or m; rad/s or m/s].
     external : mapping of str to ndarray, shape (..., 6), optional
@@ -151,7 +153,7 @@ def bias_torque(model: Model, q: Array, qd: Array, *, external: External | None 
     Returns
     -------
     ndarray, shape (..., n)
-        [N m or N]
+        Torques [N m or N].
 
     Raises
     ------
@@ -178,13 +180,14 @@ def gravity_torque(model: Model, q: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q : ndarray, shape (..., n)
         Joint positions [rad or m].
 
     Returns
     -------
     ndarray, shape (..., n)
-        [N m or N]; the gradient of the potential energy.
+        Torques [N m or N]; the gradient of the potential energy.
 
     Raises
     ------
@@ -212,13 +215,14 @@ def coriolis_torque(model: Model, q: Array, qd: Array) -> Array:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     q, qd : ndarray, shape (..., n)
         Joint positions and rates [rad or m; rad/s or m/s].
 
     Returns
     -------
     ndarray, shape (..., n)
-        [N m or N]
+        Torques [N m or N].
 
     Raises
     ------

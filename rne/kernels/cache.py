@@ -37,6 +37,7 @@ class KernelCache:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     engine : {"numpy", "numba"}
     """
 

@@ -19,6 +19,7 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
     function : callable
         One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
     model : Model
+        The robot's parameters.
     engine : {"numpy", "numba"}
         What runs the kernel. "numba" is machine code, compiled at the first call of one state and at the first batch:
         0.2 to 1 s each for an arm; of thousands of operations each takes some 0.3 ms for one state and 1 to 3 ms for
@@ -57,6 +58,7 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     function : callable
         One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
     model : Model
+        The robot's parameters.
     *wrt : str
         Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`.
     engine : {"numpy", "numba"}

@@ -46,6 +46,7 @@ def heading(
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     quantity : str
         What is printed, with "by" and the arguments of a derivative.
     arguments : sequence of str

@@ -48,6 +48,13 @@ class Kernel(InNotebooks):
         The arguments of the derivatives; empty for the function itself.
     engine : {"numpy", "numba"}
         What runs it.
+
+    Examples
+    --------
+    >>> import rne
+    >>> kernel = rne.compile(rne.mass_matrix, rne.irb140())
+    >>> kernel.names, kernel([[0.1] * 6] * 1000).shape
+    (('q',), (1000, 6, 6))
     """
 
     def __init__(
@@ -165,6 +172,14 @@ class Kernel(InNotebooks):
         ------
         ValueError, RneError
             As the function does.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> kernel = rne.compile(rne.gravity_torque, rne.irb140())
+        >>> result = np.empty((1000, 6))
+        >>> kernel(np.zeros((1000, 6)), out=result) is result
+        True
         """
         result, verdict = self.evaluate(*arguments, out=out, workers=workers)
         if verdict is not SOUND:

@@ -60,6 +60,7 @@ def wrenches_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any
     ----------
     function : Declared
     model : Model
+        The robot's parameters.
     fixed : mapping of str to object
         May have `external`, a sequence of link names.
 

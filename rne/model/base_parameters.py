@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..basics.spatial import IDENTITY, Array, outer, point_mass_inertia, transpose
-from .model import Model, Moments
+from .model import Model
+from .solids import Moments
 
 
 def with_base_parameters(model: Model) -> Model:
@@ -21,6 +22,7 @@ def with_base_parameters(model: Model) -> Model:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
 
     Returns
     -------

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array, combine_bodies, rotate, snap, transpose
-from .model import STANDARD_GRAVITY, Cylinder, Model
+from .model import STANDARD_GRAVITY, Model
+from .solids import Cylinder
 
 Extended = np.longdouble  # no wider than double on some platforms
 

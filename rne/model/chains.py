@@ -44,15 +44,15 @@ def chain(
     rotations : array_like, shape (n, 3, 3)
         R_i^{i-1} at q = 0: takes coordinates of frame i to those of frame i-1.
     positions : array_like, shape (n, 3)
-        r_{i-1,i}: from the origin of frame i-1 to that of frame i at q = 0, in frame i [m].
+        The vector r_{i-1,i} from the origin of frame i-1 to that of frame i at q = 0, in frame i [m].
     masses : array_like, shape (n,), optional
         [kg]; links without masses, centres and inertias are massless.
     centres : array_like, shape (n, 3), optional
-        r_{i-1,ci}: from the origin of frame i-1 to the centre of mass of link i at q = 0, in frame i [m].
+        The vector r_{i-1,ci} from the origin of frame i-1 to the centre of mass of link i at q = 0, in frame i [m].
     inertias : array_like, shape (n, 3, 3), optional
         About the centre of mass, in the axes of frame i [kg m^2].
     axes : array_like, shape (n, 3), optional
-        b_i: direction of joint i's axis in frame i, of any length. By default z of frame i-1, seen from frame i (3.30).
+        Direction b_i of joint i's axis in frame i, of any length. By default z of frame i-1, seen from frame i (3.30).
     types : str or sequence of n str
         "revolute", "continuous" or "prismatic"; a prismatic link slides along its axis by q.
     lower, upper, velocity, effort : array_like, shape (n,), optional
@@ -60,6 +60,7 @@ def chain(
     gravity : array_like, shape (3,)
         In frame 0 [m/s^2].
     name : str
+        Of the robot.
     joint_names, link_names : sequence of n str, optional
         "joint_1", ... and "link_1", ... by default.
     base, tip : str

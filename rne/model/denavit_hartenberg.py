@@ -63,6 +63,7 @@ def dh_chain(
     gravity : array_like, shape (3,)
         In frame 0 [m/s^2].
     name : str
+        Of the robot.
     joint_names, link_names : sequence of n str, optional
         "joint_1", ... and "link_1", ... by default.
     base, tip : str

@@ -14,6 +14,7 @@ def end_link(model: Model) -> str:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
 
     Returns
     -------

@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
+from ..basics.arrays import convert_array
 from ..basics.spatial import Array, point_mass_inertia
+from .solids import Cylinder, Moments
 from .summary import model_summary
 from .validation import check_model
 
@@ -20,27 +22,6 @@ REVOLUTE_TYPES = ("revolute", "continuous")
 
 UNSET: Any = None  # replaced in __post_init__ by a default of the right shape
 NOT_COMPARED = ("notes", "link_parent", "source")
-
-
-class Cylinder(NamedTuple):
-    """A cylinder along the z axis of its own pose, for drawing only."""
-
-    link: str
-    radius: float
-    length: float
-    position: tuple[float, float, float]
-    rpy: tuple[float, float, float]
-
-
-class Moments(NamedTuple):
-    """Mass, first moment (mass times centre) and inertia of each body about its frame's origin.
-
-    Shapes (nb,), (nb, 3), (nb, 3, 3) [kg, kg m, kg m^2].
-    """
-
-    mass: Array
-    first_moment: Array
-    inertia: Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,6 +84,15 @@ class Model:
     ------
     ModelError
         If the arrays are inconsistent or not physical; the message names the joint or body.
+
+    Examples
+    --------
+    >>> import dataclasses, rne
+    >>> model = rne.irb140()
+    >>> model.n, model.joint_names[1], model.mass[1].item()
+    (6, 'joint_2', 22.0)
+    >>> dataclasses.replace(model, mass=2 * model.mass).mass[1].item()
+    44.0
     """
 
     name: str
@@ -241,7 +231,7 @@ class Model:
         return Moments(*(moment[i] for moment in self.moments))
 
     def with_moments(self, moments: Moments) -> Model:
-        """The same robot with other moments of mass; used only for dynamics, see `rne.model.base_parameters`."""
+        """The same robot with other moments of mass; used only for dynamics, see ``rne/model/base_parameters.py``."""
         clone = unchecked_model({f.name: getattr(self, f.name) for f in fields(self)})
         clone.__dict__["moments"] = moments
         return clone
@@ -268,7 +258,29 @@ class Model:
         return self.axis * (~self.is_revolute).astype(np.int8)[:, None]
 
     def link_index(self, link: str) -> int:
-        """Position of a link in `link_names`; a ValueError names the links there are."""
+        """Position of a link in `link_names`.
+
+        Parameters
+        ----------
+        link : str
+            One of `link_names`.
+
+        Returns
+        -------
+        int
+            Its index, also into `link_poses`.
+
+        Raises
+        ------
+        ValueError
+            If there is no such link; names those there are.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.irb140().link_index("link_2")
+        2
+        """
         if link not in self.link_names:
             raise ValueError(f"`link` must be one of {list(self.link_names)}, got {link!r}")
         return self.link_names.index(link)
@@ -285,6 +297,11 @@ class Model:
             Real floating point, or object.
         number : callable, optional
             For object arrays: makes one number from a float, for example `mpmath.mpf`.
+
+        Returns
+        -------
+        Model
+            With the same numbers in that dtype; they are not checked again.
 
         Examples
         --------
@@ -304,13 +321,6 @@ def _equal(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b)
     return bool(a == b)
-
-
-def convert_array(array: Array, number: Callable[[float], Any]) -> Array:
-    """An object array of the numbers that `number` makes of the array's."""
-    converted = np.empty(array.size, dtype=object)
-    converted[:] = [number(float(x)) for x in array.flat]
-    return converted.reshape(array.shape)
 
 
 def unchecked_model(values: dict[str, Any]) -> Model:

@@ -30,8 +30,9 @@ def with_payload(
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     mass : float
-        [kg]
+        Mass of the body [kg].
     com : array_like, shape (3,), optional
         The payload's centre of mass in the link's frame; the link's origin if not given [m].
     inertia : array_like, shape (3, 3), or None
@@ -43,6 +44,7 @@ def with_payload(
     Returns
     -------
     Model
+        A further model; the given one stays as it is.
 
     Raises
     ------
@@ -93,6 +95,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     positions : mapping of str to float
         Position of each joint to lock, by name; joints that mimic it are locked with it [rad or m].
 

@@ -1,13 +1,52 @@
-"""Moments of inertia of solid bodies."""
+"""Solid bodies: shapes for drawing, and moments of inertia."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
+
+
+class Cylinder(NamedTuple):
+    """A cylinder fixed to a link, for drawing only; its axis is the z axis of its own pose.
+
+    Attributes
+    ----------
+    link : str
+        The link that it is fixed to.
+    radius, length : float
+        Its size [m].
+    position : tuple of float, length 3
+        Its middle, in the link's frame [m].
+    rpy : tuple of float, length 3
+        Roll, pitch and yaw of its pose in the link's frame [rad].
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.irb140().shapes[0].link
+    'link_1'
+    """
+
+    link: str
+    radius: float
+    length: float
+    position: tuple[float, float, float]
+    rpy: tuple[float, float, float]
+
+
+class Moments(NamedTuple):
+    """Mass, first moment (mass times centre) and inertia of each body about its frame's origin.
+
+    Shapes (nb,), (nb, 3), (nb, 3, 3) [kg, kg m, kg m^2].
+    """
+
+    mass: Array
+    first_moment: Array
+    inertia: Array
 
 
 def cylinder_inertia(mass: float, radius: float, length: float, axis: Literal["x", "y", "z"]) -> Array:
@@ -16,16 +55,16 @@ def cylinder_inertia(mass: float, radius: float, length: float, axis: Literal["x
     Parameters
     ----------
     mass : float
-        [kg]
+        Mass [kg].
     radius, length : float
-        [m]
+        Size [m].
     axis : {"x", "y", "z"}
         The axis of the link's frame that the cylinder is parallel to.
 
     Returns
     -------
     ndarray, shape (3, 3)
-        m r^2 / 2 about the cylinder's axis, m (3 r^2 + h^2) / 12 about the two others [kg m^2].
+        The moments m r^2 / 2 about the cylinder's axis, m (3 r^2 + h^2) / 12 about the two others [kg m^2].
 
     Raises
     ------

@@ -35,6 +35,7 @@ def animate(
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Trajectory or tuple of array_like
         A motion of this robot, or arrays (t, q) of shapes (T,) and (T, n), such as measured ones.
     path : str or path-like

@@ -47,6 +47,7 @@ def fan(
     Returns
     -------
     matplotlib.figure.Figure
+        One panel for each joint; `figure.savefig("fan.png")` writes it to a file.
 
     Raises
     ------

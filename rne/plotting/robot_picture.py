@@ -32,6 +32,7 @@ def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
     Parameters
     ----------
     robot : Robot
+        The robot.
     q : array_like, shape (n,)
         Joint positions [rad or m].
     ax : matplotlib 3-D axes, optional
@@ -104,6 +105,7 @@ class Picture:
     ----------
     ax : matplotlib 3-D axes
     model : Model
+        The robot's parameters.
     poses : ndarray, shape (frames, n_links, 4, 4)
         Pose of every link in every frame [1, m].
     """

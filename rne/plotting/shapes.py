@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array, rotation_from_rpy
-from ..model.model import Cylinder, Model
+from ..model.model import Model
+from ..model.solids import Cylinder
 
 INSTALL = "pip install 'rne[view]'"
 NAMED = 4  # shapes named in a warning; the others are counted

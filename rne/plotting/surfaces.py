@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..basics.spatial import Array, rotate, rotation_from_rpy
-from ..model.model import Cylinder
+from ..model.solids import Cylinder
 from .shapes import Shape
 
 SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4

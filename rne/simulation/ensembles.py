@@ -44,12 +44,21 @@ class Ensemble:
     ledger : tuple of str, length k
         "drives", "viscous", "coulomb": those that the scene has.
     method : str
+        The method that ran.
     step : float
-        [s]
+        Length of the steps [s].
     evaluations : int
         Evaluations of the right-hand side, counted per state.
     model : Model
         The robot that moved.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> starts = np.random.default_rng(0).uniform(-1, 1, (10, 6))
+    >>> motions = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3, keep=3)
+    >>> motions.t.tolist(), motions.q.shape
+    ([0.0, 0.05, 0.1], (3, 10, 6))
     """
 
     t: Array
@@ -133,13 +142,13 @@ def ensemble(
         Initial positions and rates [rad or m; rad/s or m/s]. If both are float32, so is the computation; see
         docs/stability.md.
     duration, step : float
-        [s]; steps are equal and at most `step` long.
+        Time to simulate, and the longest step; steps are equal [s].
     method : {"rk4", "semi-implicit-euler"}
         Of order 4 and 1. The step is not controlled: halve it and compare.
     keep : int
         Number of equally spaced times to store, the first and the last included.
     progress : callable, optional
-        progress(done, total), called with numbers of steps over all initial states.
+        A function progress(done, total), called with numbers of steps over all initial states.
     executor : concurrent.futures.Executor, optional
         Runs chunks of initial states in parallel: a process pool, a Dask cluster's `client.get_executor()`, or with
         engine "numba" a thread pool. Each process traces and compiles the right-hand side once.
@@ -147,6 +156,7 @@ def ensemble(
     Returns
     -------
     Ensemble
+        The motions at `keep` times.
 
     Raises
     ------

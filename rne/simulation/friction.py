@@ -89,7 +89,25 @@ class Friction:
         return self.smoothing == 0 and any(np.any(np.asarray(size)) for size in sizes if size is not None)
 
     def check(self, model: Model) -> None:
-        """Refuse arrays that do not have one entry per joint."""
+        """Refuse arrays that do not have one entry per joint.
+
+        Parameters
+        ----------
+        model : Model
+            The robot that the friction is meant for.
+
+        Raises
+        ------
+        ValueError
+            If a coefficient is neither a number nor of shape (n,).
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Friction(viscous=[1.0, 2.0]).check(rne.irb140())
+        Traceback (most recent call last):
+        ValueError: `viscous` of the friction must be a number or of shape (6,), got (2,)
+        """
         for name in ("viscous", "coulomb", "viscous_back", "coulomb_back", "static"):
             array = np.asarray(getattr(self, name)) if getattr(self, name) is not None else np.zeros(())
             if array.shape not in ((), (model.n,)):
@@ -97,13 +115,47 @@ class Friction:
                 raise ValueError(f"`{name}` of the friction must be a number or of shape {shape}, got {array.shape}")
 
     def viscous_torque(self, qd: Array) -> Array:
-        """Viscous friction, shape of qd [N m or N]."""
+        """Viscous friction at given rates.
+
+        Parameters
+        ----------
+        qd : ndarray, shape (..., n)
+            Joint rates [rad/s or m/s].
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torque that the drive must supply, with the sign of the rate [N m or N].
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> rne.Friction(viscous=2.0, viscous_back=3.0).viscous_torque(np.array([0.5, -0.5])).tolist()
+        [1.0, -1.5]
+        """
         if np.array_equal(np.asarray(self.viscous), np.asarray(self.viscous_back)):
             return np.asarray(self.viscous) * qd
         return where(less(qd, 0), np.asarray(self.viscous_back) * qd, np.asarray(self.viscous) * qd)
 
     def coulomb_torque(self, qd: Array) -> Array:
-        """Coulomb friction, smoothed around zero rate; dry friction as when slipping. Shape of qd [N m or N]."""
+        """Coulomb friction at given rates, smoothed around zero; dry friction as when slipping, zero at rest.
+
+        Parameters
+        ----------
+        qd : ndarray, shape (..., n)
+            Joint rates [rad/s or m/s].
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torque that the drive must supply, with the sign of the rate [N m or N].
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> rne.Friction(coulomb=2.0, smoothing=0).coulomb_torque(np.array([0.5, -0.5, 0.0])).tolist()
+        [2.0, -2.0, 0.0]
+        """
         forward, back = np.asarray(self.coulomb, dtype=float), np.asarray(self.coulomb_back, dtype=float)
         if not (forward.any() or back.any()):
             return 0 * qd
@@ -113,7 +165,31 @@ class Friction:
         return size * tanh(qd * (1 / self.smoothing))
 
     def torque(self, model: Model, qd: ArrayLike) -> Array:
-        """Friction torque of a robot's joints, viscous and Coulomb, shape of qd [N m or N]."""
+        """Friction torque of a robot's joints, viscous and Coulomb.
+
+        Parameters
+        ----------
+        model : Model
+            The robot, for the number of its joints.
+        qd : array_like, shape (..., n)
+            Joint rates [rad/s or m/s].
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torque that the drives must supply, with the sign of the rates [N m or N].
+
+        Raises
+        ------
+        ValueError
+            If `qd` or a coefficient has the wrong shape, or `qd` is not finite.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Friction(viscous=2.0).torque(rne.irb140(), [0.5] * 6).tolist()
+        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+        """
         self.check(model)
         rates = joint_array("qd", qd, model)
         return self.viscous_torque(rates) + self.coulomb_torque(rates)

@@ -72,6 +72,7 @@ def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) ->
     Parameters
     ----------
     model : Model
+        The robot's parameters.
     t : ndarray, shape (T,)
         Times of the samples; what happens between them is not seen [s].
     q, qd, tau : ndarray, shape (T, n)

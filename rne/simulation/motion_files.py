@@ -14,7 +14,8 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import ModelError
-from ..model.model import Cylinder, Model
+from ..model.model import Model
+from ..model.solids import Cylinder
 
 FORGOTTEN = ("error_estimates",)  # functions
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
@@ -69,6 +70,7 @@ class MotionFiles:
         Parameters
         ----------
         path : str or path-like
+            The file.
 
         Returns
         -------

@@ -8,51 +8,22 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, convert_numbers, positive_number, vector
+from ..basics.arrays import convert_numbers, positive_number, vector
 from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..kernels.kernel import Kernel
 from ..robot import Robot
 from .equations_of_motion import AppliedTorques, RightHandSide, Terms
-from .friction import Friction, urdf_friction
+from .friction import Friction
+from .parts import Payload, ResolvedScene, bounds_of, resolved_friction, resolved_limit
 
 LOGGER = logging.getLogger("rne")
 FORMULATIONS = ("newton-euler", "euler-lagrange")
-
-
-class Payload(NamedTuple):
-    """A rigid body fixed to a link, by default the last one; see `rne.with_payload`."""
-
-    mass: float
-    com: ArrayLike = (0.0, 0.0, 0.0)
-    inertia: ArrayLike | None = None
-    link: str | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class ResolvedScene:
-    """The parts of a scene in numbers, as the simulation needs them.
-
-    Attributes
-    ----------
-    robot : Robot
-        Mounted, with payload, joints locked, the drives' inertia added.
-    friction : Friction or None
-    torque_limit : ndarray, shape (n,), or None
-        Largest torque of each drive; None if none is limited [N m or N].
-    torque_rate : ndarray, shape (n,), or None
-        Largest change of a held torque per second [N m/s or N/s].
-    """
-
-    robot: Robot
-    friction: Friction | None
-    torque_limit: Array | None
-    torque_rate: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +33,7 @@ class Scene:
     Parameters
     ----------
     robot : Robot
+        The robot without the parts below.
     mounting : array_like, shape (3,), optional
         Roll, pitch and yaw of the root link in the world; see `rne.mounted` [rad].
     gravity : array_like, shape (3,), optional
@@ -81,8 +53,8 @@ class Scene:
     stops : bool
         True to end a run, with status 1, when a joint reaches a limit of its range.
     controller : callable, optional
-        f(t, q, qd) -> torques, or, with an attribute `states`, f(t, q, qd, z) -> (torques, dz/dt). Marked by
-        `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
+        A control law: f(t, q, qd) -> torques, or, with an attribute `states`, f(t, q, qd, z) -> (torques, dz/dt).
+        Marked by `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
     formulation : {"newton-euler", "euler-lagrange"}
@@ -149,9 +121,9 @@ class Scene:
         robot = self._resolved_robot()
         return ResolvedScene(
             robot,
-            _resolved_friction(self.friction, robot),
-            _resolved_limit(self.torque_limit, robot),
-            None if self.torque_rate is None else _bounds("torque_rate", self.torque_rate, robot.n),
+            resolved_friction(self.friction, robot),
+            resolved_limit(self.torque_limit, robot),
+            None if self.torque_rate is None else bounds_of("torque_rate", self.torque_rate, robot.n),
         )
 
     def _resolved_robot(self) -> Robot:
@@ -225,15 +197,62 @@ class Scene:
         return self.right_hand_side.kernel
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Torques of the drives, friction included, shape (..., n) [N m or N]."""
+        """Torques of the drives for given accelerations, friction included.
+
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torques of the drives [N m or N].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or the torque overflows.
+
+        Examples
+        --------
+        >>> import rne
+        >>> scene = rne.Scene(rne.load("irb140"), gravity=[0, 0, 0], friction=rne.Friction(viscous=2.0))
+        >>> scene.inverse_dynamics([0] * 6, [0, 0, 0, 0, 0, 1], [0] * 6).round(9)[5].item()
+        2.0
+        """
         robot, friction = self.resolved.robot, self.resolved.friction
         tau = robot.inverse_dynamics(q, qd, qdd)
         return tau if friction is None else tau + friction.torque(robot.model, qd)
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
-        """Accelerations under the drives' torques, friction included, shape (..., n) [rad/s^2 or m/s^2].
+        """Accelerations under the drives' torques, friction included.
 
-        Dry friction has the size of slipping; at rest, where it may hold, it is left out.
+        Parameters
+        ----------
+        q, qd, tau : array_like, shape (..., n)
+            Joint positions, rates and the drives' torques [rad or m; rad/s or m/s; N m or N].
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Accelerations [rad/s^2 or m/s^2]. Dry friction has the size of slipping; at rest, where it may hold, it is
+            left out.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or the acceleration overflows.
+        SingularMassMatrixError
+            If M is singular to working precision.
+
+        Examples
+        --------
+        >>> import rne
+        >>> scene = rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=2.0))
+        >>> tau = scene.inverse_dynamics([0] * 6, [1] * 6, [3] * 6)
+        >>> scene.forward_dynamics([0] * 6, [1] * 6, tau).round(9).tolist()
+        [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
         """
         robot, friction = self.resolved.robot, self.resolved.friction
         net = convert_numbers("tau", tau, f"(..., {robot.n})")
@@ -294,34 +313,3 @@ def _announce(law: Any, reason: str) -> None:
 
 def _operations(scene: Scene) -> int:
     return sum(scene.kernel.operations.values())
-
-
-def _resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:
-    if friction is None:
-        return None
-    if isinstance(friction, str):
-        if friction != "urdf":
-            raise ValueError(f"`friction` must be an rne.Friction or 'urdf', got {friction!r}")
-        return urdf_friction(robot.model)
-    if not isinstance(friction, Friction):
-        raise TypeError(f"`friction` must be an rne.Friction or 'urdf', got {type(friction).__name__}")
-    friction.check(robot.model)
-    return friction
-
-
-def _resolved_limit(limit: ArrayLike | str | None, robot: Robot) -> Array | None:
-    if limit is None:
-        return None
-    if isinstance(limit, str):
-        if limit != "urdf":
-            raise ValueError(f"`torque_limit` must be an array or 'urdf', got {limit!r}")
-        bounds = np.asarray(robot.model.effort_limit[list(robot.model.independent_joints)], dtype=float)
-    else:
-        bounds = _bounds("torque_limit", limit, robot.n)
-    return None if (bounds >= UNBOUNDED).all() else np.minimum(bounds, UNBOUNDED)
-
-
-def _bounds(name: str, value: ArrayLike, n: int) -> Array:
-    """Largest absolute values, one per joint; an infinite one is no bound."""
-    array = convert_numbers(name, value, f"({n},)")
-    return vector(name, np.where(np.isposinf(array), UNBOUNDED, array), n, sign="not negative")

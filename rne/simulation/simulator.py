@@ -60,10 +60,11 @@ def simulate(
     Parameters
     ----------
     scene_or_robot : Scene or Robot
+        What moves.
     q0, qd0 : array_like, shape (n,)
         Initial joint positions and rates [rad or m; rad/s or m/s].
     duration : float
-        [s]
+        Time to simulate [s].
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
         Drive torques, for a robot or a scene without a controller; zero if not given [N m or N].
     method : str
@@ -85,6 +86,7 @@ def simulate(
     Returns
     -------
     Trajectory
+        The motion at the solver's steps, or at `t_eval`.
 
     Raises
     ------

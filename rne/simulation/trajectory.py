@@ -35,7 +35,8 @@ class Trajectory(MotionFiles, InNotebooks):
     kinetic, potential, energy, work : ndarray, shape (T,)
         Energies, their sum, and the work the drives have done since the start [J].
     energy_drift : float
-        Largest |energy - energy at the start - work + dissipated| [J]: energy created or lost by the solver's errors.
+        Largest magnitude of energy - energy at the start - work + dissipated [J]: energy created or lost by the
+        solver's errors.
     evaluations : int
         Calls of the right-hand side, those for Jacobians included.
     method : str
@@ -61,6 +62,13 @@ class Trajectory(MotionFiles, InNotebooks):
         What was simulated, in words.
     error_estimates : tuple of callable
         f(bound) -> times and estimated errors of the positions until they exceed the bound; see `trusted_horizon`.
+
+    Examples
+    --------
+    >>> import rne
+    >>> motion = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.2)
+    >>> motion.t[-1].item(), motion.q.shape == (len(motion.t), 6), motion.energy_drift < 1e-6
+    (0.2, True, True)
     """
 
     t: Array
@@ -201,7 +209,7 @@ class Trajectory(MotionFiles, InNotebooks):
 
         Notes
         -----
-        See `rne.simulation.error_growth` and `rne.simulation.repetition`. A pulse that the solver stepped over, because
+        See ``rne/simulation/error_growth.py`` and ``repetition.py``. A pulse that the solver stepped over, because
         `breaks` does not name it, may not be seen here either. A law with memory must begin anew when it is called
         with t = 0.
 
@@ -217,7 +225,7 @@ class Trajectory(MotionFiles, InNotebooks):
         return min(_horizon(bound, *estimate(bound)) for estimate in self.error_estimates)
 
     def check_limits(self) -> list[Violation]:
-        """Where the motion exceeds the ranges, speeds and efforts of its robot; see `rne.simulation.limits`.
+        """Where the motion exceeds the ranges, speeds and efforts of its robot.
 
         Returns
         -------

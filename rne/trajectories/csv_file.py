@@ -27,6 +27,13 @@ class Samples(NamedTuple):
         Times, ascending [s].
     q, qd, qdd, tau : ndarray, shape (K, n), or None
         Joint positions, rates, accelerations and torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> samples = rne.trajectories.Samples(np.array([0.0, 1.0]), q=np.zeros((2, 6)))
+    >>> samples.q.shape, samples.tau is None
+    ((2, 6), True)
     """
 
     t: Array
@@ -50,7 +57,7 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
     Returns
     -------
     Samples
-        t, q, qd, qdd, tau; a quantity without any column is None.
+        The arrays t, q, qd, qdd, tau; a quantity without any column is None.
 
     Raises
     ------

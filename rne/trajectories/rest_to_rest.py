@@ -16,14 +16,20 @@ from .times import broadcast_times
 
 @dataclass(frozen=True, eq=False)
 class Quintic:
-    """A motion along a polynomial of fifth degree; see `quintic`.
+    """A motion along a polynomial of fifth degree, made by `quintic`.
 
     Attributes
     ----------
     start, end : ndarray, shape (n,)
         Joint positions [rad or m].
     duration : float
-        [s]
+        Time from start to end [s].
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.trajectories.quintic([0.0], [2.0], 4.0)(4.0)[0].tolist()
+    [2.0]
     """
 
     start: Array
@@ -67,12 +73,12 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     start, end : array_like, shape (n,)
         Joint positions [rad or m].
     duration : float
-        [s]
+        Time from start to end [s].
 
     Returns
     -------
     Quintic
-        f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times.
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times.
 
     Raises
     ------
@@ -99,16 +105,22 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
 
 @dataclass(frozen=True, eq=False)
 class Trapezoidal:
-    """Constant acceleration, constant rate, constant deceleration; see `trapezoidal`.
+    """Constant acceleration, constant rate, constant deceleration, made by `trapezoidal`.
 
     Attributes
     ----------
     start, end : ndarray, shape (n,)
         Joint positions [rad or m].
     duration : float
-        [s]
+        Time from start to end [s].
     ramp : float
         Time of acceleration, and of deceleration [s].
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.trajectories.trapezoidal([0.0], [3.0], 4.0, ramp=1.0)(2.0)[1].tolist()
+    [1.0]
     """
 
     start: Array
@@ -160,15 +172,15 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     start, end : array_like, shape (n,)
         Joint positions [rad or m].
     duration : float
-        [s]
+        Time from start to end [s].
     ramp : float
         Time of acceleration, and of deceleration; at most half the duration [s].
 
     Returns
     -------
     Trapezoidal
-        f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times. Its acceleration
-        jumps at the times `breaks`; simulations end a step at each of them.
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times. Its
+        acceleration jumps at the times `breaks`; simulations end a step at each of them.
 
     Raises
     ------

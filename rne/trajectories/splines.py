@@ -19,7 +19,7 @@ MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample b
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """A motion through samples; see `spline`.
+    """A motion through samples, made by `spline`.
 
     Attributes
     ----------
@@ -29,6 +29,14 @@ class Spline:
         Joint positions of the samples [rad or m].
     degree : int
         Of the polynomials: 5, or K - 1 if there are fewer than six samples.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> t = np.linspace(0, 1, 11)
+    >>> path = rne.trajectories.spline(t, np.stack([t**2, t**3], axis=1))
+    >>> path(0.55)[1].round(6).tolist()
+    [1.1, 0.9075]
     """
 
     t: Array
@@ -83,9 +91,9 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     Returns
     -------
     Spline
-        f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times; a reference for
-        `rne.control.computed_torque`, where it is called, not traced. Outside the samples it raises ValueError: what
-        the motion does there is not known, and rest is not assumed.
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time, (T, n) for an array of T times; a reference
+        for `rne.control.computed_torque`, where it is called, not traced. Outside the samples it raises ValueError:
+        what the motion does there is not known, and rest is not assumed.
 
     Raises
     ------

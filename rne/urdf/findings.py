@@ -22,7 +22,9 @@ class Finding:
     severity : {"error", "warning"}
         A file with errors does not load; warnings change nothing.
     file : str
+        The file, as it was named.
     line : int or None
+        The line of the element; None if it has none.
     element : str
         The link, joint or part of it at fault.
     message : str
@@ -31,6 +33,13 @@ class Finding:
         How to fix it.
     detail : str
         The end of the message, after a colon: numbers by which findings of the same kind differ.
+
+    Examples
+    --------
+    >>> import rne
+    >>> finding = rne.Finding("error", "arm.urdf", 3, "link 'a'", "<mass> is missing", "give it")
+    >>> print(finding)
+    error: arm.urdf:3: link 'a': <mass> is missing; give it
     """
 
     severity: Literal["error", "warning"]

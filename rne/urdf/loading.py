@@ -31,6 +31,7 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     Returns
     -------
     Robot
+        Its joints in the order of `joint_names`.
 
     Raises
     ------

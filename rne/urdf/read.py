@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from ..basics.spatial import Array, rotation_from_rpy, snap, transpose
 from ..errors import ModelError, UrdfError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble
-from ..model.model import STANDARD_GRAVITY, Cylinder, Model
+from ..model.model import STANDARD_GRAVITY, Model
+from ..model.solids import Cylinder
 from .document import parse, read_bytes
 from .far_origins import Unrounded, slide_far_origins
 from .findings import Finding, Report
@@ -30,12 +31,14 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     Parameters
     ----------
     path : path-like
+        The file.
     gravity : array_like, shape (3,)
         In the axes of the root link [m/s^2].
 
     Returns
     -------
     Model
+        For `rne.Robot` and the functions of a model.
 
     Raises
     ------
@@ -79,6 +82,7 @@ def check(path: str | os.PathLike[str], *, out: TextIO | None = None, grouped: b
     Parameters
     ----------
     path : path-like
+        The file.
     out : text stream, optional
         Where to print; standard output by default.
     grouped : bool

@@ -19,6 +19,7 @@ def to_urdf(model: Model) -> str:
     Parameters
     ----------
     model : Model
+        The robot's parameters.
 
     Returns
     -------

@@ -9,9 +9,10 @@ import mpmath
 import numpy as np
 
 import rne
+from rne.basics.arrays import convert_array
 from rne.basics.spatial import combine_bodies, rotate
 from rne.model.builder import assemble, disassemble
-from rne.model.model import ARRAY_FIELDS, convert_array, unchecked_model
+from rne.model.model import ARRAY_FIELDS, unchecked_model
 
 
 def far_text(model, distance, seed=0):

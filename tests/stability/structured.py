@@ -17,7 +17,8 @@ import mpmath
 import numpy as np
 
 import rne
-from rne.model.model import ARRAY_FIELDS, convert_array, unchecked_model
+from rne.basics.arrays import convert_array
+from rne.model.model import ARRAY_FIELDS, unchecked_model
 
 DIGITS = 50
 CHANGE = mpmath.mpf(10) ** -25  # relative, of every number

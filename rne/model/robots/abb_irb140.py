@@ -14,8 +14,8 @@ import numpy as np
 
 from ...basics.spatial import Array, rotation_about, snap, transpose
 from ..builder import Part, assemble, pose
-from ..model import Cylinder, Model
-from ..solids import cylinder_inertia
+from ..model import Model
+from ..solids import Cylinder, cylinder_inertia
 from .data_sheet import DataSheet, Datum
 
 Vector = tuple[float, float, float]
@@ -147,7 +147,7 @@ def irb140() -> Model:
     Høifødt 2011, chapter 4 with table 4.1, (4.24)-(4.31); ABB's data sheet for ranges and speeds. The cylinders of
     table 4.1 have densities of 1493 to 1516 kg/m^3; the thesis states 1500. The reach of axis 5 from axis 1 is
     0.070 + 0.360 + 0.380 = 0.810 m, as in the data sheet, whose numbers are in
-    `rne.model.robots.abb_irb140.DATA_SHEET`.
+    ``DATA_SHEET`` of ``rne/model/robots/abb_irb140.py``.
 
     Examples
     --------

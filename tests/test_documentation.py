@@ -1,0 +1,98 @@
+"""The documentation: its examples run and print what they say, every public name has a page, docstrings are complete."""
+
+import importlib.util
+import inspect
+import re
+import subprocess
+import sys
+
+import pytest
+from numpydoc.validate import validate
+
+import rne
+
+from .helpers import ROOT
+
+DOCS = ROOT / "docs"
+GENERATED = ("generated", "tutorials")
+PAGES = sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in GENERATED)
+CODE = re.compile(r"^```python\n(.*?)^```\n(?:\n*^```text\n(.*?)^```$)?", re.DOTALL | re.MULTILINE)
+
+
+def blocks(page):
+    """(code, printed output or None) of a page, in order."""
+    return CODE.findall(page.read_text(encoding="utf-8"))
+
+
+WITH_CODE = [page for page in PAGES if blocks(page)]
+
+
+END_OF_BLOCK = "\n<end of block>\n"
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(DOCS)))
+def test_examples_of_a_page_run_and_print_what_it_says(page, tmp_path):
+    """One process per page, with warnings as errors: the blocks follow each other as a reader runs them."""
+    if any("import pinocchio" in code for code, _ in blocks(page)):
+        pytest.importorskip("pinocchio", reason="Pinocchio is not installed, which an example compares with")
+    program = "".join(f"{code}\nprint({END_OF_BLOCK!r}, end='')\n" for code, _ in blocks(page))
+    (tmp_path / "page.py").write_text(program, encoding="utf-8")
+    command = [sys.executable, "-W", "error", "page.py"]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert run.stderr == ""
+    assert run.stdout.split(END_OF_BLOCK)[:-1] == [said for _, said in blocks(page)]
+
+
+def load_public():
+    """The list of public names that the reference is built from."""
+    spec = importlib.util.spec_from_file_location("public", DOCS / "_extensions" / "public.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+PUBLIC = load_public()
+NOT_ASKED = {
+    "ES01": "the summary and the sections say it",
+    "SA01": "links stand where they are needed",
+    "SS05": "takes plural nouns, such as Torques, for verbs",
+}
+
+
+def test_every_public_name_is_in_the_reference_once():
+    page = (DOCS / "reference.md").read_text(encoding="utf-8")
+    listed = [line.strip() for line in page.splitlines() if re.fullmatch(r"   [\w.]+", line)]
+    assert sorted(listed) == sorted(PUBLIC.names())
+
+
+def complaints(name):
+    """What numpydoc finds in a docstring, less what is not asked for, by code."""
+    found = validate(f"rne.{name}")
+    errors = {code: message for code, message in found["errors"] if code not in NOT_ASKED}
+    if PUBLIC.is_property(name):
+        errors.pop("EX01", None)  # its class has an example
+    thing = PUBLIC.resolve(name)
+    if inspect.isclass(thing) and "PR01" in errors:
+        documented = documented_names(thing)
+        made_here = issubclass(thing, Exception) or name in ("Kernel", "control.Reference")
+        if made_here or (
+            documented and {name for name in inspect.signature(thing).parameters if name[0] != "_"} <= documented
+        ):
+            del errors["PR01"]  # fields are attributes; errors and kernels are made by the package, a protocol by none
+    return errors
+
+
+def documented_names(owner):
+    """Names under Parameters and Attributes of a class's docstring."""
+    text = inspect.getdoc(owner)
+    return {name for names in re.findall(r"^([\w, ]+?)(?: : .+)?$", text, re.MULTILINE) for name in names.split(", ")}
+
+
+@pytest.mark.parametrize("name", [*PUBLIC.names(), *PUBLIC.members()])
+def test_docstring_of_a_public_name_is_complete(name):
+    assert complaints(name) == {}
+
+
+def test_a_poor_docstring_is_found(monkeypatch):
+    monkeypatch.setattr(rne.Robot.mass_matrix, "__doc__", "M(q)")
+    assert {"PR01", "RT01", "EX01"} <= complaints("Robot.mass_matrix").keys()
