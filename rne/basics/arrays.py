@@ -97,3 +97,10 @@ def convert_array(array: Array, number: Callable[[float], Any]) -> Array:
     converted = np.empty(array.size, dtype=object)
     converted[:] = [number(float(x)) for x in array.flat]
     return converted.reshape(array.shape)
+
+
+def same(a: Any, b: Any) -> bool:
+    """True for equal values; for arrays of the same dtype, shape and entries."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    return bool(a == b)

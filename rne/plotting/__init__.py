@@ -5,6 +5,5 @@ from .animation import animate
 from .fans import fan
 from .plots import plot
 from .robot_picture import draw
-from .viewer import view
 
-__all__ = ["animate", "draw", "fan", "plot", "view"]
+__all__ = ["animate", "draw", "fan", "plot"]
