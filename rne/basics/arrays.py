@@ -97,3 +97,10 @@ def convert_array(array: Array, number: Callable[[float], Any]) -> Array:
     converted = np.empty(array.size, dtype=object)
     converted[:] = [number(float(x)) for x in array.flat]
     return converted.reshape(array.shape)
+
+
+def is_equal(a: Any, b: Any) -> bool:
+    """True if two values are equal, arrays in every entry and in their dtype."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    return bool(a == b)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from ..basics.arrays import convert_array
+from ..basics.arrays import convert_array, is_equal
 from ..basics.spatial import Array, point_mass_inertia
 from .solids import Cylinder, Moments
 from .summary import model_summary
@@ -173,7 +173,7 @@ class Model:
         if not isinstance(other, Model):
             return NotImplemented
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name not in NOT_COMPARED)
-        return all(_equal(a, b) for a, b in pairs)
+        return all(is_equal(a, b) for a, b in pairs)
 
     def __hash__(self) -> int:
         return hash((self.name, self.moving_joints, self.link_names, self.mass.tobytes()))
@@ -315,12 +315,6 @@ class Model:
             if array is not None:
                 values[name] = array.astype(dtype) if number is None else convert_array(array, number)
         return unchecked_model(values)
-
-
-def _equal(a: Any, b: Any) -> bool:
-    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
-        return a.dtype == b.dtype and np.array_equal(a, b)
-    return bool(a == b)
 
 
 def unchecked_model(values: dict[str, Any]) -> Model:
