@@ -45,7 +45,7 @@ def names() -> list[str]:
 def members_of(module: Any) -> list[str]:
     """The public names of a module; where it has no list of them, the functions that it defines."""
     if hasattr(module, "__all__"):
-        return [name for name in module.__all__ if name != "traceable"]  # which is `rne.traceable`
+        return [name for name in module.__all__ if name not in rne.__all__]  # such as "traceable" and "view"
     found = inspect.getmembers(module, inspect.isfunction)
     return [name for name, thing in found if thing.__module__ == module.__name__ and not name.startswith("_")]
 

@@ -99,8 +99,8 @@ def convert_array(array: Array, number: Callable[[float], Any]) -> Array:
     return converted.reshape(array.shape)
 
 
-def same(a: Any, b: Any) -> bool:
-    """True for equal values; for arrays of the same dtype, shape and entries."""
+def is_equal(a: Any, b: Any) -> bool:
+    """True if two values are equal, arrays in every entry and in their dtype."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b)
     return bool(a == b)

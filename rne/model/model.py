@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from ..basics.arrays import convert_array, same
+from ..basics.arrays import convert_array, is_equal
 from ..basics.spatial import Array, point_mass_inertia
 from .solids import Cylinder, Moments
 from .summary import model_summary
@@ -78,7 +78,7 @@ class Model:
     notes : mapping of str to str
         Where the numbers of a link or joint come from. Not compared.
     source : str or None
-        Path of the URDF file it was read from, where pictures find the visual shapes. Not compared.
+        Absolute path of the URDF file it was read from, from which pictures read the visual shapes. Not compared.
 
     Raises
     ------
@@ -173,7 +173,7 @@ class Model:
         if not isinstance(other, Model):
             return NotImplemented
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name not in NOT_COMPARED)
-        return all(same(a, b) for a, b in pairs)
+        return all(is_equal(a, b) for a, b in pairs)
 
     def __hash__(self) -> int:
         return hash((self.name, self.moving_joints, self.link_names, self.mass.tobytes()))
