@@ -68,6 +68,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "write_computation_times": False,
     "plot_gallery": True,
+    "first_notebook_cell": "%matplotlib inline",  # figures made without pyplot show too
 }
 
 
