@@ -18,6 +18,7 @@ from benchmarks.measure import nanoseconds, per_state, ratio
 from benchmarks.pages import table, three
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.pictures import OURS, PINOCCHIO
+from rne.model.ends import end_link
 from rne.plotting.figures import blank_figure
 
 
@@ -27,7 +28,7 @@ def ladder(robot: rne.Robot) -> dict[str, rne.Scene]:
     wrist = {name: 0.3 for name in robot.joint_names[3:]}
     rest = {name: 0.3 for k, name in enumerate(robot.joint_names) if k != 1}
     law = rne.control.pd_gravity(robot, [200.0] * n, [30.0] * n, [0.5] * n)
-    payload = rne.Payload(3.0, [0.05, 0.02, 0.1], np.diag([0.02, 0.03, 0.01]))
+    payload = rne.Payload(3.0, [0.05, 0.02, 0.1], np.diag([0.02, 0.03, 0.01]), end_link(robot.model))
     friction = rne.Friction(viscous=np.full(n, 5.0), coulomb=np.full(n, 2.0))
     full = rne.Scene(robot, payload=payload, friction=friction, armature=np.full(n, 0.5), controller=law)
     scenes = {"all: payload, armature, friction, PD with gravity term": full}

@@ -143,3 +143,19 @@ def test_a_robot_without_moving_joints_carries_it_at_its_last_frame():
 
 def test_branched_robots_have_no_tip():
     assert tip(TREES["bushy"]) is None
+
+
+def test_axes_count_where_something_is_seen_in_them(ur5):
+    """Links tool0 and ee_link of the UR5 have one origin and different axes."""
+    expected = (
+        "`link` must be given for robot 'ur5': its last body ends in links with different axes, in which `com` and "
+        "`inertia` are given; its leaf links are ['ee_link', 'tool0']"
+    )
+    for more in ({"com": [0, 0, 0.1]}, {"inertia": np.eye(3)}):
+        with pytest.raises(ValueError, match=f"^{re.escape(expected)}$"):
+            ur5.with_payload(3.0, **more)
+    assert (
+        ur5.with_payload(3.0).model
+        == ur5.with_payload(3.0, link="tool0").model
+        == ur5.with_payload(3.0, link="ee_link").model
+    )

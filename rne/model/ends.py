@@ -8,24 +8,27 @@ from ..basics.spatial import Array
 from .model import Model
 
 
-def end_link(model: Model) -> str:
+def end_link(model: Model, *, axes_count: bool = False) -> str:
     """The link at the end of an unbranched chain, a fixed frame behind the last joint included.
 
     Parameters
     ----------
     model : Model
         The robot's parameters.
+    axes_count : bool
+        True if the axes of the link matter, not only its origin.
 
     Returns
     -------
     str
         Of the links that no other is attached to, the one that moves with the last joint. If several do, they must have
-        the same origin; then it is the last of them in `link_names`.
+        the same origin, and the same axes if these count; then it is the last of them in `link_names`.
 
     Raises
     ------
     ValueError
-        If there is no such link: moving joints branch, one mimics another, or the last body ends at several points.
+        If there is no such link: moving joints branch, one mimics another, or the last body ends at several points
+        or in several axes that count.
 
     Examples
     --------
@@ -42,6 +45,8 @@ def end_link(model: Model) -> str:
         reason = f"its joint {mimics[0]!r} mimics another"
     elif not _at_one_point(model, ends):
         reason = "its last body ends at several points"
+    elif axes_count and not _of_one_orientation(model, ends):
+        reason = "its last body ends in links with different axes, in which `com` and `inertia` are given"
     else:
         return model.link_names[ends[-1]]
     candidates = [model.link_names[k] for k in _leaves(model) if model.link_body[k] >= 0 or not model.nb]
@@ -76,6 +81,10 @@ def _leaves(model: Model) -> list[int]:
 def _ends(model: Model) -> list[int]:
     """The leaves that belong to the last body."""
     return [k for k in _leaves(model) if model.link_body[k] == model.nb - 1]
+
+
+def _of_one_orientation(model: Model, links: list[int]) -> bool:
+    return bool(np.all(model.link_rotation[links] == model.link_rotation[links[-1]]))
 
 
 def _at_one_point(model: Model, links: list[int]) -> bool:

@@ -50,7 +50,8 @@ def with_payload(
     ------
     ValueError
         If the link does not exist, is not given for a robot whose moving joints branch or mimic others or whose last
-        body ends at several points, or the payload is not a possible rigid body.
+        body ends at several points (or, with a `com` or `inertia`, in links with different axes), or the payload is not
+        a possible rigid body.
 
     Examples
     --------
@@ -59,14 +60,15 @@ def with_payload(
     >>> loaded.mass[5].item(), round(loaded.com[5, 2].item(), 4)  # (1 kg at 0.029 m + 6 kg at 0.065 m) / 7 kg
     (7.0, 0.0599)
     """
-    link = end_link(model) if link is None else link
-    index = model.link_index(link)
     m = real_array("mass", mass, "()")
     c = real_array("com", com, "(3,)")
     I = real_array("inertia", np.zeros((3, 3)) if inertia is None else inertia, "(3, 3)")
     for name, array, shape in (("mass", m, ()), ("com", c, (3,)), ("inertia", I, (3, 3))):
         if array.shape != shape:
             raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
+    if link is None:
+        link = end_link(model, axes_count=bool(c.any() or I.any()))
+    index = model.link_index(link)
     I = symmetric_up_to_rounding(I)
     error = inertia_error(float(m), c, I)
     if error is None and triangle_excess(I) > TRIANGLE:
