@@ -298,6 +298,7 @@ PLACEHOLDERS = {  # every file of example-robot-data in which a body, a range or
 DOUBTS = re.compile(r"looks like degrees|far outside|larger than the robot|denser|lighter")
 
 
+@pytest.mark.long
 def test_no_false_alarm_on_any_robot_of_example_robot_data():
     assert len(urdf_files()) > 60
     found = {}

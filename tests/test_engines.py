@@ -58,7 +58,7 @@ TREES = {kind: random_tree(n, seed=seed, **more) for kind, n, seed, more in [
 
 
 class TestNumbers:
-    @pytest.mark.parametrize("method", kept([*CALLS, *FURTHER], ["inverse_dynamics", "mass_matrix", "kinetic_energy"]))
+    @pytest.mark.parametrize("method", kept([*CALLS, *FURTHER], ["inverse_dynamics"]))
     def test_of_the_irb140(self, pair, method):
         self.check(pair, method, (CALLS | FURTHER)[method])
 
@@ -286,7 +286,7 @@ class TestErrors:
         assert isinstance(expected, tuple), "no error"
         assert got == expected
 
-    @pytest.mark.parametrize("case", ["nearly singular", "singular", "great rates"])
+    @pytest.mark.parametrize("case", kept(["nearly singular", "singular", "great rates"], ["singular"]))
     def test_losses_of_digits(self, case):
         pair = [rne.Robot(gimbal(), engine) for engine in engines.ENGINES]
         q, qd, tau = (np.ones((20, 3)) for _ in range(3))
@@ -375,8 +375,9 @@ class TestMotions:
         expected, got = (rne.simulate(s, [0.1] * 3, [0] * 3, 0.2) for s in self.scenes(arms, sample_time=1e-3))
         assert np.abs(got.q[-1] - expected.q[-1]).max() <= 1e-6
 
-    @pytest.mark.parametrize("dtype", kept(["float64", "float32"], ["float64"]))
-    @pytest.mark.parametrize("method", kept(["rk4", "semi-implicit-euler"], ["rk4"]))
+    @pytest.mark.long  # two kernels and two loops to compile
+    @pytest.mark.parametrize("dtype", ["float64", "float32"])
+    @pytest.mark.parametrize("method", ["rk4", "semi-implicit-euler"])
     def test_ensembles_are_those_of_numpy(self, arms, method, dtype):
         q = (states(3, 300)[0] * 0.2).astype(dtype)
         ticks = []

@@ -16,11 +16,13 @@ from rne.basics.short_text import brief, summary
 from rne.model.robots.generators import random_tree, straight_chain
 from rne.plotting.notebook import SOURCE_LINES
 
+from .helpers import kept
+
 ROBOTS = {"irb140": lambda: rne.load("irb140"), "chain of 30": lambda: rne.Robot(straight_chain(30))}
 HOSTILE = "<b>&\"'</td><script>"
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(scope="module", params=kept(ROBOTS, list(ROBOTS)[:1]))
 def robot(request):
     return ROBOTS[request.param]()
 
@@ -270,6 +272,7 @@ def test_kernel_page_has_its_inputs_operations_and_source(irb140):
     assert lines[-1] == f"    ... {len(source) - SOURCE_LINES} more lines: kernel.source()"
 
 
+@pytest.mark.long
 def test_kernel_page_of_a_kernel_that_is_too_large():
     kernel = rne.compile(rne.forward_dynamics, straight_chain(90))
     assert not kernel.is_unrolled

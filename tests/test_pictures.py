@@ -156,6 +156,7 @@ def test_animation_has_its_frames_and_moves(irb140, swing, tmp_path):
     assert all((a != b).any() for a, b in itertools.pairwise(below_title))
 
 
+@pytest.mark.long
 def test_colours_of_resting_parts_do_not_flicker(irb140, swing, tmp_path):
     """Beside the axes stands the legend, in colours of small area that a palette per frame would not keep."""
     rne.plotting.animate(irb140, swing, tmp_path / "swing.gif", fps=10)

@@ -17,6 +17,8 @@ from rne.model.robots.generators import random_tree, straight_chain
 from rne.plotting.figures import MAX_POINTS, thinned
 from rne.plotting.plots import DASHED
 
+from .helpers import kept
+
 SAME = 1e-12  # relative to the largest value of a curve: polynomials through samples round
 UNITS = {"q": ("rad", "m"), "qd": ("rad/s", "m/s"), "qdd": ("rad/s²", "m/s²"), "tau": ("N m", "N")}
 WORDS = {"q": ("position",) * 2, "qd": ("rate",) * 2, "qdd": ("acceleration",) * 2, "tau": ("torque", "force")}
@@ -218,7 +220,7 @@ def test_plots_on_given_axes(swing):
     assert part.get_ylabel() == "rate [rad/s]"
 
 
-@pytest.mark.parametrize("n", [1, 6, 30])
+@pytest.mark.parametrize("n", kept([1, 6, 30], [6]))
 def test_legends_stand_beside_the_panels_and_within_the_page(n):
     motion = rne.simulate(rne.Robot(straight_chain(n)), np.full(n, 0.1), np.zeros(n), 0.02, torque=np.ones(n))
     figure = rne.plotting.plot(motion)
@@ -246,6 +248,7 @@ def test_plot_without_joints():
     assert not rne.plotting.plot(rne.simulate(robot, [], [], 1.0)).axes[0].lines
 
 
+@pytest.mark.long
 def test_notebooks_show_figures_without_pyplot(irb140, swing, spread):
     figures = (rne.plotting.plot(swing), rne.plotting.fan(spread), rne.plotting.draw(irb140, [0] * 6))
     for figure in figures:

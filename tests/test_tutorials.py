@@ -14,9 +14,7 @@ FOLDER = ROOT / "docs" / "tutorials"
 TUTORIALS = sorted(path.stem for path in FOLDER.glob("[0-9]*.py"))
 SHORT = {
     "01_torques_along_a_path",
-    "02_payload_study",
     "05_lqr_from_a_linearisation",
-    "06_minimum_torque_trajectory",
     "09_exporting_c_and_matlab",
     "10_from_a_dh_table_to_a_simulation",
 }

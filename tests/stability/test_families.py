@@ -64,6 +64,7 @@ def test_a_light_tip_loses_nothing():
             assert measured.error <= 1e-11, quantity
 
 
+@pytest.mark.long
 def test_quick_table_changes_no_file():
     before = (ROOT / "docs" / "stability.md").read_bytes()
     command = [sys.executable, "-m", "benchmarks.stability", "--quick"]
