@@ -319,3 +319,16 @@ def test_the_panda_is_two_lines(capsys):
     assert summary.endswith("panda.urdf: 7 warnings: loads as written")
     assert main(["check", "--all", "panda"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 8
+
+
+def test_a_misspelt_element_is_answered_with_the_near_one(tmp_path, capsys):
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        '<robot name="arm">\n<link name="base"/>\n<link name="rod"><inertial><mass value="1"/><inertia ixx="1" ixy="0" '
+        'ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>\n<joint name="turn" type="continuous"><parent link="base"/>'
+        '<child link="rod"/>\n<axes xyz="0 0 1"/></joint></robot>'
+    )
+    rne.check(path)
+    finding, _ = capsys.readouterr().out.splitlines()
+    told = "arm.urdf:5: joint 'turn': unknown element 'axes' in <joint> is ignored; remove it, or write <axis> if that is meant"
+    assert finding.endswith(told)

@@ -178,3 +178,25 @@ def test_limits_of_the_model_are_those_of_the_data_sheet(irb140):
     np.testing.assert_allclose(np.degrees(irb140.model.upper - irb140.model.lower), DATA_SHEET.ranges.value, rtol=1e-15)
     np.testing.assert_allclose(np.degrees(irb140.model.velocity_limit), DATA_SHEET.speeds.value, rtol=1e-15)
     assert 1000 * sum((0.070, 0.360, 0.380)) == pytest.approx(DATA_SHEET.reach.value)
+
+
+def test_peaks_between_samples_are_seen():
+    """A stone on rails, thrown up at 3 m/s: highest at v^2 / 2 g after v / g, between the solver's long steps."""
+    lift = rne.Robot(
+        rne.chain([np.eye(3)], [[0, 0, 0]], [1.0], [[0, 0, 0]], [0 * np.eye(3)], types="prismatic", upper=[0.45])
+    )
+    motion = rne.simulate(lift, [0.0], [3.0], 0.5, t_eval=[0, 0.1, 0.2, 0.4, 0.5])
+    assert motion.q.max() < 0.45
+    (violation,) = motion.check_limits()
+    assert violation.quantity == "position"
+    assert violation.value == pytest.approx(9 / (2 * 9.81), rel=1e-3)
+    assert violation.worst_time == pytest.approx(3 / 9.81, abs=0.2 / 16)
+    above = 3 / 9.81 - np.sqrt(2 * (9 / (2 * 9.81) - 0.45) / 9.81)
+    assert above <= violation.first_time <= above + 0.2 / 16
+
+
+def test_limits_per_coordinate_leave_joints_that_mimic_out():
+    panda = rne.load("panda")
+    assert panda.effort_limit.tolist() == [87, 87, 87, 87, 12, 12, 12, 100]
+    assert panda.velocity_limit.shape == panda.lower.shape == panda.upper.shape == (panda.n,)
+    assert (panda.lower < panda.upper).all()

@@ -316,12 +316,12 @@ WRONG = {
     "dict": (
         lambda s, e: rne.plotting.plot({}),
         TypeError,
-        "`motion` must be an rne.Trajectory or arrays (t, q), got dict",
+        "`motion` must be an rne.Trajectory or a tuple of arrays (t, q), got dict",
     ),
     "one array": (
         lambda s, e: rne.plotting.plot([s.t]),
         TypeError,
-        "`motion` must be an rne.Trajectory or arrays (t, q), got list",
+        "`motion` must be an rne.Trajectory or a tuple of arrays (t, q), got list",
     ),
     "empty": (
         lambda s, e: rne.plotting.plot(first(s, 0)),

@@ -42,7 +42,7 @@ def rounded(cell):
 def test_figures_are_those_of_the_last_measurement():
     plain, compiled = figures_of("NumPy"), figures_of("Numba")
     low, high = re.findall(r"[\d.]+", plain["batch of 100 000"])
-    assert f"Batches of states run {low} to {high} times faster than Pinocchio's" in README
+    assert f"Batches of 100 000 states run {low} to {high} times faster than\n  Pinocchio's" in README
     low, high = rounded(plain["one state"])
     assert plain["one state"].endswith("slower")
     assert f"a single state takes {low} to {high} times longer" in README

@@ -51,6 +51,7 @@ def test_a_file_goes_before_a_name(tmp_path, monkeypatch):
     ("name", "text"),
     [
         ("ur55", "'ur55' is neither a file nor one of rne.robots(); did you mean 'ur5'?"),
+        ("UR5", "'UR5' is neither a file nor one of rne.robots(); did you mean 'ur5'?"),
         ("gantry.urdf", "'gantry.urdf' is neither a file nor one of rne.robots()"),
     ],
 )
@@ -65,5 +66,7 @@ def test_without_the_package_the_built_in_robots_are_there(without_package):
     assert rne.load("irb140").n == 6
     with pytest.raises(FileNotFoundError) as caught:
         rne.load("ur5")
-    told = "'ur5' is neither a file nor one of rne.robots() (more names: pip install 'rne[robots]')"
+    told = (
+        "'ur5' is neither a file nor a built-in robot; some 60 more, such as 'ur5', come with pip install 'rne[robots]'"
+    )
     assert str(caught.value) == told

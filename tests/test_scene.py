@@ -292,6 +292,7 @@ class TestLimits:
         ({"armature": [1]}, ValueError, "`armature` must have shape (6,), got (1,)"),
         ({"armature": [-1] * 6}, ValueError, "`armature` must not be negative, got -1.0"),
         ({"torque_limit": "file"}, ValueError, "`torque_limit` must be an array or 'urdf', got 'file'"),
+        ({"torque_limit": True}, ValueError, "`torque_limit` must be an array or 'urdf', got True"),
         ({"controller": 3}, TypeError, "`controller` must be a function of (t, q, qd), got int"),
         ({"sample_time": 1.0}, ValueError, "`sample_time` needs a `controller`"),
         (

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 import rne
 
 robot = rne.load("ur5").with_payload(3.0, com=[0, 0, 0.08], link="tool0")
-torque_limit = robot.model.effort_limit  # as in the URDF [N m]
-speed_limit = robot.model.velocity_limit  # [rad/s]
+torque_limit = robot.effort_limit  # as in the URDF [N m]
+speed_limit = robot.velocity_limit  # [rad/s]
 for name, torque, speed in zip(robot.joint_names, torque_limit, speed_limit):
     print(f"{name:20} at most {torque:.0f} N m, {speed:.2f} rad/s")
 

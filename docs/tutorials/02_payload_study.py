@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import rne
 
 robot = rne.load("ur5")
-limit = robot.model.effort_limit  # [N m]
+limit = robot.effort_limit  # [N m]
 
 # %%
 # A payload on a link
@@ -50,7 +50,7 @@ except ValueError as error:
 
 rng = np.random.default_rng(0)
 q = rng.uniform(-np.pi, np.pi, (4000, 6))
-qd = rng.uniform(-1, 1, (4000, 6)) * robot.model.velocity_limit / 3
+qd = rng.uniform(-1, 1, (4000, 6)) * robot.velocity_limit / 3
 qdd = rng.uniform(-3, 3, (4000, 6))
 empty = robot.inverse_dynamics(q, qd, qdd)
 

@@ -22,7 +22,7 @@ arm = rne.load("ur5")
 target = np.deg2rad([30, -60, 80, -20, -90, 0])
 inertia = np.diag(arm.mass_matrix(target))
 kp, kd = 100 * inertia, 20 * inertia  # [N m/rad], [N m s/rad]: poles near -10 1/s
-bound = arm.model.effort_limit / 5  # of torques due to errors of position [N m]
+bound = arm.effort_limit / 5  # of torques due to errors of position [N m]
 start, rest = np.zeros(6), np.zeros(6)
 t = np.linspace(0, 2, 401)
 

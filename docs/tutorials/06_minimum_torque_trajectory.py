@@ -18,7 +18,7 @@ import rne
 
 still = ("panda_joint3", "panda_joint5", "panda_joint7", "panda_finger_joint1")
 arm = rne.load("panda").locked(dict.fromkeys(still, 0.0))  # its links stay in a plane
-limit, fastest = arm.model.effort_limit, arm.model.velocity_limit  # [N m], [rad/s]
+limit, fastest = arm.effort_limit, arm.velocity_limit  # [N m], [rad/s]
 print(arm.joint_names)
 
 # %%
@@ -61,8 +61,8 @@ def motion(c):
 # last one is the mass matrix. The derivative of a link's height is the last row of its
 # Jacobian, which is [angular; linear] in the axes of the base.
 
-middle = (arm.model.upper + arm.model.lower) / 2
-half = (arm.model.upper - arm.model.lower) / 2
+middle = (arm.upper + arm.lower) / 2
+half = (arm.upper - arm.lower) / 2
 low = {
     name: arm.link_names.index(name)
     for name in ("panda_link6", "panda_link8", "panda_hand_tcp")
@@ -134,9 +134,9 @@ torques = {
     "optimised": arm.inverse_dynamics(q, qd, qdd),
 }
 print("within the ranges:", bool((abs(q - middle) <= half).all()))
-print(f"largest use of a speed limit: {(abs(qd) / arm.model.velocity_limit).max():.2f}")
+print(f"largest use of a speed limit: {(abs(qd) / arm.velocity_limit).max():.2f}")
 assert (abs(q - middle) <= half).all()
-assert (abs(qd) <= arm.model.velocity_limit).all()
+assert (abs(qd) <= arm.velocity_limit).all()
 
 # %%
 # What was gained

@@ -102,21 +102,19 @@ def _gravity(robot: Robot, home: Array, page: Page) -> None:
     page.heading("Torques against gravity")
     largest = np.abs(robot.gravity_torque(_positions(robot))).max(axis=0)
     holding = robot.gravity_torque(home)
-    effort = robot.model.effort_limit[list(robot.model.independent_joints)]
     page.text(f"At {_place(home)}, and the largest over {SAMPLES} random positions within the joints' ranges:")
     page.table(
-        ["joint", "there [N m or N]", "largest [N m or N]", "largest / effort"],
+        ["joint", "at that position [N m or N]", "largest [N m or N]", "largest / effort"],
         [
             [name, _torque(hold, largest), _torque(most, largest), _share(most, bound)]
-            for name, hold, most, bound in zip(robot.joint_names, holding, largest, effort, strict=True)
+            for name, hold, most, bound in zip(robot.joint_names, holding, largest, robot.effort_limit, strict=True)
         ],
     )
 
 
 def _home(robot: Robot) -> Array:
     """The position nearest to q = 0 within the joints' ranges."""
-    joints = list(robot.model.independent_joints)
-    home: Array = np.clip(0.0, robot.model.lower[joints], robot.model.upper[joints])
+    home: Array = np.clip(0.0, robot.lower, robot.upper)
     return home
 
 
@@ -126,15 +124,14 @@ def _place(home: Array) -> str:
 
 def _positions(robot: Robot) -> Array:
     """Random positions within the ranges of the joints, or within +-pi where there are none."""
-    joints = list(robot.model.independent_joints)
     q, _, _ = random_states(robot.n, SAMPLES)
-    low, high = (np.clip(x[joints], -np.pi, np.pi) for x in (robot.model.lower, robot.model.upper))
+    low, high = (np.clip(x, -np.pi, np.pi) for x in (robot.lower, robot.upper))
     within: Array = low + (q / (2 * np.pi) + 0.5) * (high - low)
     return within
 
 
 def _swing(robot: Robot, home: Array, page: Page) -> None:
-    page.heading(f"Free swing of {DURATION:g} s from rest there, without friction and limits")
+    page.heading(f"Free swing of {DURATION:g} s from rest at that position, without friction and limits")
     try:
         motion = simulate(robot, home, np.zeros(robot.n), DURATION)
     except (SimulationError, SingularMassMatrixError) as error:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
 from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose
+from .arguments import model_argument
 from .builder import Part, Pose, assemble, disassemble, pose
 from .ends import end_link
 from .model import Model
@@ -60,6 +61,7 @@ def with_payload(
     >>> loaded.mass[5].item(), round(loaded.com[5, 2].item(), 4)  # (1 kg at 0.029 m + 6 kg at 0.065 m) / 7 kg
     (7.0, 0.0599)
     """
+    model_argument(model)
     m = real_array("mass", mass, "()")
     c = real_array("com", com, "(3,)")
     I = real_array("inertia", np.zeros((3, 3)) if inertia is None else inertia, "(3, 3)")
@@ -119,6 +121,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     >>> rne.locked(rne.irb140(), {"joint_4": 0.0}).joint_names
     ('joint_1', 'joint_2', 'joint_3', 'joint_5', 'joint_6')
     """
+    model_argument(model)
     if not isinstance(positions, Mapping):
         raise TypeError(f"`positions` must map joint names to positions, got {type(positions).__name__}")
     values = {}
@@ -177,6 +180,7 @@ def mounted(model: Model, rpy: ArrayLike) -> Model:
     >>> rne.mounted(rne.irb140(), [math.pi, 0, 0]).gravity.tolist()  # under the ceiling
     [0.0, 0.0, 9.81]
     """
+    model_argument(model)
     angles = real_array("rpy", rpy, "(3,)")
     if angles.shape != (3,):
         raise ValueError(f"`rpy` must have shape (3,), got {angles.shape}")

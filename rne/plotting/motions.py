@@ -17,7 +17,7 @@ from ..simulation.trajectory import Trajectory
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
 POINTS = 600  # of a curve between samples, more where the solver's steps are shorter
-EXPECTED = "an rne.Trajectory or arrays (t, q)"
+EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 
 
 @dataclass(frozen=True, eq=False)

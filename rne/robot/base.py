@@ -51,6 +51,30 @@ class RobotBase:
         """The links in the order of `link_poses`, the root first."""
         return self._model.link_names
 
+    @property
+    def lower(self) -> Array:
+        """Lower ends of the joints' ranges, -inf where unknown, shape (n,) [rad or m]."""
+        return self._of_coordinates(self._model.lower)
+
+    @property
+    def upper(self) -> Array:
+        """Upper ends of the joints' ranges, inf where unknown, shape (n,) [rad or m]."""
+        return self._of_coordinates(self._model.upper)
+
+    @property
+    def velocity_limit(self) -> Array:
+        """Largest rates of the joints, inf where unknown, shape (n,) [rad/s or m/s]."""
+        return self._of_coordinates(self._model.velocity_limit)
+
+    @property
+    def effort_limit(self) -> Array:
+        """Largest torques of the drives, inf where unknown, shape (n,) [N m or N]."""
+        return self._of_coordinates(self._model.effort_limit)
+
+    def _of_coordinates(self, limits: Array) -> Array:
+        """Those of the joints in `joint_names`; a model also has those of joints that mimic others."""
+        return limits[list(self._model.independent_joints)]
+
     def joint_order(self, library: str) -> Array:
         """Indices that bring joint arrays into another library's order.
 

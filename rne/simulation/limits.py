@@ -41,7 +41,7 @@ class Violation:
     unit : str
         Radians for rotating joints.
     first_time, worst_time : float
-        The first sample beyond the limit, and the one with `value` [s].
+        The first instant beyond the limit, to a sixteenth of the solver's step, and that of `value` [s].
     """
 
     joint: str
@@ -74,7 +74,7 @@ def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) ->
     model : Model
         The robot's parameters.
     t : ndarray, shape (T,)
-        Times of the samples; what happens between them is not seen [s].
+        Times of the samples; what happens between them is not seen here [s].
     q, qd, tau : ndarray, shape (T, n)
         Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
 

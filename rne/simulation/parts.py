@@ -82,10 +82,10 @@ def resolved_limit(limit: ArrayLike | str | None, robot: Robot) -> Array | None:
     """Largest torque of each drive, that of the file if it says so; None if none is limited."""
     if limit is None:
         return None
-    if isinstance(limit, str):
+    if isinstance(limit, str | bool):
         if limit != "urdf":
             raise ValueError(f"`torque_limit` must be an array or 'urdf', got {limit!r}")
-        bounds = np.asarray(robot.model.effort_limit[list(robot.model.independent_joints)], dtype=float)
+        bounds = np.asarray(robot.effort_limit, dtype=float)
     else:
         bounds = bounds_of("torque_limit", limit, robot.n)
     return None if (bounds >= UNBOUNDED).all() else np.minimum(bounds, UNBOUNDED)

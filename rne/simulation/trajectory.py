@@ -14,7 +14,7 @@ from ..basics.arrays import positive_number
 from ..basics.notebook import InNotebooks
 from ..basics.spatial import Array
 from ..model.model import Model
-from .interpolation import Interpolant, Samples
+from .interpolation import Interpolant, Samples, between
 from .limits import Violation, limit_violations
 from .motion_files import MotionFiles
 from .summary import trajectory_summary
@@ -230,7 +230,7 @@ class Trajectory(MotionFiles, InNotebooks):
         Returns
         -------
         list of Violation
-            One for each limit exceeded at any sample, in the order of the joints; `print(*violations, sep="\\n")`
+            One for each limit exceeded, in the order of the joints; `print(*violations, sep="\\n")`
             shows them. Joints that mimic others are examined too, except for their torques, which are not known.
 
         Raises
@@ -247,7 +247,9 @@ class Trajectory(MotionFiles, InNotebooks):
         """
         if self.model is None:
             raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
-        return limit_violations(self.model, self.t, self.q, self.qd, self.tau)
+        t = between(self.t)
+        q, qd, _ = self(t)
+        return limit_violations(self.model, t, q, qd, self.torques(t))
 
     @property
     def balance(self) -> Array:

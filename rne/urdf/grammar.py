@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from .findings import Report, echo, listed
@@ -93,7 +94,7 @@ def check_grammar(root: Any, report: Report) -> None:
                     child,
                     owner,
                     f"unknown element {echo(child.tag)} in <{element.tag}> is ignored",
-                    "remove it",
+                    _cure(str(child.tag), rule.once | rule.many),
                 )
             elif child.tag in rule.once and counts[child.tag] == 2:
                 report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
@@ -102,6 +103,11 @@ def check_grammar(root: Any, report: Report) -> None:
             what = f"attributes {listed(unknown)}" if unknown[1:] else f"attribute {echo(unknown[0])}"
             message = f"unknown {what} of <{element.tag}> {'are' if unknown[1:] else 'is'} ignored"
             report.warning(element, owner, message, "remove them" if unknown[1:] else "remove it")
+
+
+def _cure(tag: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(tag, known, n=1)
+    return f"remove it, or write <{near[0]}> if that is meant" if near else "remove it"
 
 
 def prune(root: Any) -> None:

@@ -55,7 +55,9 @@ def robots() -> tuple[str, ...]:
 
 def unknown(name: str) -> str:
     """The error about a name that is neither a file nor a robot."""
-    near = difflib.get_close_matches(name, robots(), n=3)
+    near = [x for x in robots() if x.lower() == name.lower()] or difflib.get_close_matches(name, robots(), n=3)
     hint = f"; did you mean {' or '.join(repr(x) for x in near)}?" if near else ""
-    more = "" if library() else " (more names: pip install 'rne[robots]')"
-    return f"{name!r} is neither a file nor one of rne.robots(){hint}{more}"
+    if not library():
+        built_in = f"{name!r} is neither a file nor a built-in robot"
+        return f"{built_in}; some 60 more, such as 'ur5', come with pip install 'rne[robots]'{hint.replace(';', ' -')}"
+    return f"{name!r} is neither a file nor one of rne.robots(){hint}"
