@@ -83,7 +83,7 @@ def test_end_of_the_last_body_moves_as_its_frame_does():
     ],
 )
 def test_where_a_payload_belongs_is_not_guessed(model, reason, leaves):
-    text = f"`link` must be given for robot 'arm': {reason}; its leaf links are {leaves}"
+    text = f"`link` must be given for robot 'arm': {reason}; its leaf links are {leaves}, others are in `link_names`"
     robot = rne.Robot(model)
     calls = (lambda: rne.with_payload(model, 1.0), lambda: robot.with_payload(1.0), lambda: rne.Scene(robot, payload=1))
     for call in calls:
@@ -96,7 +96,7 @@ def test_where_a_payload_belongs_is_not_guessed(model, reason, leaves):
 def test_the_pandas_payload_is_refused_without_a_link():
     text = (
         "`link` must be given for robot 'panda': its moving joints branch; "
-        "its leaf links are ['panda_hand_tcp', 'panda_leftfinger', 'panda_rightfinger']"
+        "its leaf links are ['panda_hand_tcp', 'panda_leftfinger', 'panda_rightfinger'], others are in `link_names`"
     )
     panda = data_robot("panda_description/panda")
     with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
@@ -149,7 +149,7 @@ def test_axes_count_where_something_is_seen_in_them(ur5):
     """Links tool0 and ee_link of the UR5 have one origin and different axes."""
     expected = (
         "`link` must be given for robot 'ur5': its last body ends in links with different axes, in which `com` and "
-        "`inertia` are given; its leaf links are ['ee_link', 'tool0']"
+        "`inertia` are given; its leaf links are ['ee_link', 'tool0'], others are in `link_names`"
     )
     for more in ({"com": [0, 0, 0.1]}, {"inertia": np.eye(3)}):
         with pytest.raises(ValueError, match=f"^{re.escape(expected)}$"):

@@ -50,7 +50,10 @@ def end_link(model: Model, *, axes_count: bool = False) -> str:
     else:
         return model.link_names[ends[-1]]
     candidates = [model.link_names[k] for k in _leaves(model) if model.link_body[k] >= 0 or not model.nb]
-    raise ValueError(f"`link` must be given for robot {model.name!r}: {reason}; its leaf links are {candidates}")
+    raise ValueError(
+        f"`link` must be given for robot {model.name!r}: {reason}; its leaf links are {candidates}, others are in "
+        "`link_names`"
+    )
 
 
 def tip(model: Model) -> Array | None:
