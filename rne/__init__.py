@@ -15,6 +15,12 @@ from .dynamics.kinematics import link_poses
 from .dynamics.lagrange import christoffel_symbols, lagrange_inverse_dynamics
 from .dynamics.lagrange_forward import lagrange_forward_dynamics
 from .dynamics.record import Recursion, bearing_loads, recursion
+from .dynamics.regressor import (
+    control_regressor,
+    kinetic_energy_regressor,
+    potential_energy_regressor,
+    regressor,
+)
 from .dynamics.rnea import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 from .errors import (
     ModelError,
@@ -31,6 +37,7 @@ from .model.chains import chain
 from .model.denavit_hartenberg import dh_chain
 from .model.model import Model
 from .model.modify import locked, mounted, with_payload
+from .model.parameters import with_parameters
 from .model.robots import irb140
 from .model.solids import Cylinder, cylinder_inertia
 from .plotting.viewer import view
@@ -79,6 +86,7 @@ __all__ = [
     "christoffel_symbols",
     "compile",
     "control",
+    "control_regressor",
     "coriolis_matrix",
     "coriolis_torque",
     "cylinder_inertia",
@@ -94,6 +102,7 @@ __all__ = [
     "jacobian",
     "jacobian_rate",
     "kinetic_energy",
+    "kinetic_energy_regressor",
     "lagrange_forward_dynamics",
     "lagrange_inverse_dynamics",
     "link_kinetic_energies",
@@ -105,14 +114,17 @@ __all__ = [
     "mounted",
     "plotting",
     "potential_energy",
+    "potential_energy_regressor",
     "read_urdf",
     "recursion",
+    "regressor",
     "robots",
     "simulate",
     "to_urdf",
     "traceable",
     "trajectories",
     "view",
+    "with_parameters",
     "with_payload",
 ]
 

@@ -27,6 +27,7 @@ FUNCTIONS = {
     "coriolis_torque": (rne.coriolis_torque, 2),
     "coriolis_matrix": (rne.coriolis_matrix, 2),
     "mass_matrix": (rne.mass_matrix, 1),
+    "regressor": (rne.regressor, 3),
     "kinetic_energy": (rne.kinetic_energy, 2),
     "potential_energy": (rne.potential_energy, 1),
     "momentum": (rne.momentum, 2),

@@ -31,7 +31,7 @@ T_co = TypeVar("T_co", covariant=True)
 # (model, arguments, result, pivots, diagonal of M) -> Verdict
 Judge = Callable[[Model, Mapping[str, Any], Array, Array, Array], Verdict]
 
-JOINT_ARGUMENTS = ("q", "qd", "qdd", "tau")
+JOINT_ARGUMENTS = ("q", "qd", "qdd", "qdr", "qddr", "tau")
 OPTIONS = ("external", "link")
 
 

@@ -20,6 +20,8 @@ UNITS = {
     "q": ("rad", "m"),
     "qd": ("rad/s", "m/s"),
     "qdd": ("rad/s^2", "m/s^2"),
+    "qdr": ("rad/s", "m/s"),
+    "qddr": ("rad/s^2", "m/s^2"),
     "tau": ("N m", "N"),
 }
 PER_JOINT = {

@@ -11,12 +11,14 @@ from ..basics.notebook import InNotebooks
 from ..basics.short_text import counted
 from ..basics.text_table import short
 from ..model import modify
+from ..model.parameters import with_parameters
 from .derivatives import Derivatives
 from .dynamics import Dynamics
+from .inertial import Inertial
 from .kinematics import Kinematics
 
 
-class Robot(Dynamics, Derivatives, Kinematics, InNotebooks):
+class Robot(Dynamics, Derivatives, Kinematics, Inertial, InNotebooks):
     """A robot whose quantities are methods.
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
@@ -94,6 +96,35 @@ class Robot(Dynamics, Derivatives, Kinematics, InNotebooks):
         -21.83
         """
         return Robot(modify.with_payload(self._model, mass, com, inertia, link), self.engine)
+
+    def with_parameters(self, parameters: ArrayLike) -> Robot:
+        """The robot with other masses, centres of mass and inertias.
+
+        Parameters
+        ----------
+        parameters : array_like, shape (10 nb,)
+            In the order of `parameters`.
+
+        Returns
+        -------
+        Robot
+            With these bodies; joints, links, limits and the base are the same.
+
+        Raises
+        ------
+        ValueError
+            If the shape is wrong or a number is not finite, or a body without mass has a first moment.
+        ModelError
+            If a body is not possible: a negative mass, or an inertia that no distribution of mass has.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140")
+        >>> robot.with_parameters(2 * robot.parameters).model.mass[1].item()
+        44.0
+        """
+        return Robot(with_parameters(self._model, parameters), self.engine)
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.

@@ -1,0 +1,283 @@
+"""The regressor: joint torques and energies as linear functions of the bodies' inertial parameters.
+
+The ten parameters of a body are its mass, first moment and inertia about the origin of its joint's frame in the URDF,
+in Pinocchio's order: m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz. Spatial vectors are pairs (angular, linear), or
+(moment, force), about that origin and in the body's axes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array, cross, cross_matrix, dot, rotate, rotate_back, transpose, zeros
+from ..model.model import Model
+from ..model.parameters import PARAMETERS, PRODUCTS
+from .kinematics import BASE, body_poses, joint_rates, joint_transforms, velocities
+from .quantity import quantity
+
+# BASIS[k] is the symmetric matrix that belongs to entry k
+BASIS = np.array([[[int({r, c} == {i, j}) for c in range(3)] for r in range(3)] for i, j in PRODUCTS], np.int8)
+
+
+class Motion(NamedTuple):
+    """A spatial velocity or acceleration."""
+
+    angular: Array
+    linear: Array
+
+
+class Wrenches(NamedTuple):
+    """Moments and forces per unit of each parameter, shape (..., 3, 10) each."""
+
+    moment: Array
+    force: Array
+
+
+def momentum_matrix(w: Motion) -> Wrenches:
+    """Spatial momentum of a body that moves with w, per unit of its parameters: I w = H(w) pi."""
+    like = w.angular * w.linear
+    moment, force = (zeros((*like.shape, PARAMETERS), like=like) for _ in range(2))
+    force[..., 0] = w.linear  # m v
+    moment[..., 1:4] = -cross_matrix(w.linear)  # h x v
+    force[..., 1:4] = cross_matrix(w.angular)  # omega x h
+    for k, E in enumerate(BASIS):
+        moment[..., 4 + k] = rotate(E, w.angular)  # I omega
+    return Wrenches(moment, force)
+
+
+def cross_motion(v: Motion, w: Motion) -> Motion:
+    """v x w, Featherstone 2008, (2.31)."""
+    return Motion(cross(v.angular, w.angular), cross(v.angular, w.linear) + cross(v.linear, w.angular))
+
+
+def cross_force(v: Motion, f: Wrenches) -> Wrenches:
+    """v x* f, Featherstone 2008, (2.32)."""
+    turn = cross_matrix(v.angular)
+    return Wrenches(turn @ f.moment + cross_matrix(v.linear) @ f.force, turn @ f.force)
+
+
+def coriolis_force(v: Motion, u: Motion) -> Wrenches:
+    """B(v, I) u of a body per unit of its parameters, with dI/dt - 2 B skew: C = sum of J^T (I dJ/dt + B J).
+
+    B u = (v x* I u + u x* I v - I (v x u)) / 2; Echeandia and Wensing 2021, (21). For u = v it is v x* I v.
+    """
+    a, b, c = (
+        cross_force(v, momentum_matrix(u)),
+        cross_force(u, momentum_matrix(v)),
+        momentum_matrix(cross_motion(v, u)),
+    )
+    return Wrenches((a.moment + b.moment - c.moment) / 2, (a.force + b.force - c.force) / 2)
+
+
+def joint_motions(
+    model: Model, R: list[Array], p: list[Array], qd: Array, qdr: Array, qddr: Array
+) -> dict[int, tuple[Motion, Motion, Motion]]:
+    """Acceleration of the reference, velocity, and velocity of the reference of each body.
+
+    The reference moves its joints at rates qdr through the positions of the motion; its acceleration is the derivative
+    of its velocity along the motion, less gravity.
+    """
+    rate, rate_r, rate_rd = (joint_rates(model, x)[..., None] for x in (qd, qdr, qddr))
+    zero = zeros((*qd.shape[:-1], 3), like=qd)
+    rest = Motion(zero, zero)
+    found = {BASE: (Motion(zero, zero - model.gravity), rest, rest)}
+    for i, parent in enumerate(model.parent):
+        a, v, u = (seen_from_body(w, R[i], p[i]) for w in found[parent])
+        v, u = (along_axis(model, i, x[..., i, :], w) for x, w in ((rate, v), (rate_r, u)))
+        turning = cross_motion(v, along_axis(model, i, rate_r[..., i, :], rest))
+        a = along_axis(model, i, rate_rd[..., i, :], Motion(a.angular + turning.angular, a.linear + turning.linear))
+        found[i] = a, v, u
+    return found
+
+
+def seen_from_body(w: Motion, R: Array, p: Array) -> Motion:
+    """A motion of the parent body at the origin of the body's frame, in its axes."""
+    return Motion(rotate_back(R, w.angular), rotate_back(R, w.linear + cross(w.angular, p)))
+
+
+def along_axis(model: Model, i: int, x: Array, w: Motion) -> Motion:
+    """w + S_i x: a motion and one of joint i."""
+    return Motion(w.angular + model.angular_axis[i] * x, w.linear + model.linear_axis[i] * x)
+
+
+def body_wrenches(a: Motion, v: Motion, u: Motion, o: Array) -> Wrenches:
+    """Wrenches I a + B(v) u that a body takes, its parameters about the point o, at the frame's origin."""
+    a, v, u = (Motion(w.angular, w.linear + cross(w.angular, o)) for w in (a, v, u))
+    inertial, centrifugal = momentum_matrix(a), coriolis_force(v, u)
+    force = inertial.force + centrifugal.force
+    return Wrenches(inertial.moment + centrifugal.moment + cross_matrix(o) @ force, force)
+
+
+def _control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Array) -> Array:
+    R, p = joint_transforms(model, q)
+    s, t = model.angular_axis, model.linear_axis
+    Y = zeros((*q.shape[:-1], model.nb, PARAMETERS * model.nb), like=q)
+    motions = joint_motions(model, R, p, qd, qdr, qddr)
+    for i in range(model.nb):
+        moment, force = body_wrenches(*motions[i], model.joint_origin[i])
+        own = slice(PARAMETERS * i, PARAMETERS * (i + 1))
+        j = i
+        while j != BASE:  # joint i and those that carry it
+            Y[..., j, own] = (s[j][:, None] * moment + t[j][:, None] * force).sum(-2)
+            force = R[j] @ force
+            moment = R[j] @ moment + cross_matrix(p[j]) @ force
+            j = model.parent[j]
+    return transpose(model.coordinate_map) @ Y if model.has_mimics else Y
+
+
+@quantity()
+def regressor(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
+    """The matrix Y of tau = Y pi: joint torques per unit of each inertial parameter of each body.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    q, qd, qdd : ndarray, shape (..., n)
+        Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+
+    Returns
+    -------
+    ndarray, shape (..., n, 10 nb)
+        Ten columns per body, in the order of `model.moving_joints`: m [kg], m cx, m cy, m cz [kg m], Ixx, Ixy, Iyy,
+        Ixz, Iyz, Izz [kg m^2], about the origin of the body's joint frame in the URDF and in its axes. The torque of
+        `armature` is not among them.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or an entry overflows.
+
+    Notes
+    -----
+    Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2. The order of the parameters is Pinocchio's.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot = rne.load("irb140")
+    >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 6))
+    >>> Y = rne.regressor(robot.model, q, qd, qdd)
+    >>> Y.shape, np.allclose(Y @ robot.parameters, robot.inverse_dynamics(q, qd, qdd))
+    ((6, 60), True)
+    """
+    return _control_regressor(model, q, qd, qd, qdd)
+
+
+@quantity()
+def control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Array) -> Array:
+    """The matrix Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew: what adaptive control needs.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    q, qd : ndarray, shape (..., n)
+        Joint positions and rates [rad or m; rad/s or m/s].
+    qdr, qddr : ndarray, shape (..., n)
+        Rates and accelerations of the reference [rad/s or m/s; rad/s^2 or m/s^2].
+
+    Returns
+    -------
+    ndarray, shape (..., n, 10 nb)
+        Columns as of `rne.regressor`. C is the matrix of the Christoffel symbols, `rne.coriolis_matrix`.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or an entry overflows.
+
+    Notes
+    -----
+    Slotine and Li 1987; body by body as in Echeandia and Wensing 2021.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot = rne.load("irb140")
+    >>> q, qd, qdr, qddr = np.random.default_rng(0).normal(size=(4, 6))
+    >>> torques = rne.control_regressor(robot.model, q, qd, qdr, qddr) @ robot.parameters
+    >>> M, C, g = robot.mass_matrix(q), robot.coriolis_matrix(q, qd), robot.gravity_torque(q)
+    >>> np.allclose(torques, M @ qddr + C @ qdr + g)
+    True
+    """
+    return _control_regressor(model, q, qd, qdr, qddr)
+
+
+@quantity()
+def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
+    """The row y of T = y pi: kinetic energy per unit of each inertial parameter, that of `armature` apart.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    q, qd : ndarray, shape (..., n)
+        Joint positions and rates [rad or m; rad/s or m/s].
+
+    Returns
+    -------
+    ndarray, shape (..., 10 nb)
+        Columns as of `rne.regressor`.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or an entry overflows.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot = rne.load("irb140")
+    >>> q, qd = np.random.default_rng(0).normal(size=(2, 6))
+    >>> y = rne.kinetic_energy_regressor(robot.model, q, qd)
+    >>> np.allclose(y @ robot.parameters, robot.kinetic_energy(q, qd))
+    True
+    """
+    omega, v = velocities(model, *joint_transforms(model, q), qd)
+    y = zeros((*q.shape[:-1], PARAMETERS * model.nb), like=q)
+    for i in range(model.nb):
+        v_o = v[i] + cross(omega[i], model.joint_origin[i])
+        momentum = momentum_matrix(Motion(omega[i], v_o))
+        power = omega[i][..., None] * momentum.moment + v_o[..., None] * momentum.force
+        y[..., PARAMETERS * i : PARAMETERS * (i + 1)] = power.sum(-2) / 2
+    return y
+
+
+@quantity()
+def potential_energy_regressor(model: Model, q: Array) -> Array:
+    """The row y of U = y pi: potential energy per unit of each inertial parameter.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    q : ndarray, shape (..., n)
+        Joint positions [rad or m].
+
+    Returns
+    -------
+    ndarray, shape (..., 10 nb)
+        Columns as of `rne.regressor`; those of inertias are zero. The energy is zero at the root link's origin.
+
+    Raises
+    ------
+    ValueError
+        If `q` has the wrong shape or is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot = rne.load("irb140")
+    >>> q = np.random.default_rng(0).normal(size=6)
+    >>> np.allclose(rne.potential_energy_regressor(robot.model, q) @ robot.parameters, robot.potential_energy(q))
+    True
+    """
+    R0, p0 = body_poses(model, q)
+    y = zeros((*q.shape[:-1], PARAMETERS * model.nb), like=q)
+    for i in range(model.nb):
+        y[..., PARAMETERS * i] = -dot(p0[i] + rotate(R0[i], model.joint_origin[i]), model.gravity)
+        y[..., PARAMETERS * i + 1 : PARAMETERS * i + 4] = -rotate_back(R0[i], model.gravity)
+    return y
