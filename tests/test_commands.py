@@ -174,6 +174,16 @@ def test_what_is_missing_comes_from_a_spline_and_is_said(quantities, said, bound
     assert 0 < np.abs(difference).max() < bound * np.abs(simulated.tau).max()
 
 
+def test_uneven_times_are_worth_a_warning(lift, tmp_path, capsys):
+    file = tmp_path / "uneven.csv"
+    file.write_text("t,q.up\n" + "".join(f"{t},{t}\n" for t in (0, 1e-6, 0.1, 0.2, 0.3, 0.4)))
+    assert main(["torques", lift, str(file)]) == 0
+    assert capsys.readouterr().err.splitlines()[2] == (
+        "warning: the times are 1e-06 to 0.1 s apart; where they are close, derivatives amplify the rounding of the samples: "
+        "give samples at even times, or rates and accelerations"
+    )
+
+
 def test_payload_and_gravity_count(lift, tmp_path, capsys):
     file = tmp_path / "rest.csv"
     file.write_text("t,q.up,qd.up,qdd.up\n0,0.5,0,0\n")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ from .shared import (
     used,
     warnings_in_one_line,
 )
+
+UNEVEN = 100  # times the shortest step, from which the longest is worth a word
 
 if TYPE_CHECKING:
     import rne
@@ -60,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     tell = note if arguments.out is None else say
     tell(used(robot, arguments))
     tell(source)
+    if samples.qd is None or samples.qdd is None:
+        tell_of_uneven_steps(samples.t)
     tell(f"tau in {units_of(robot, 'N m', 'N')}: rigid bodies alone, without friction and inertia of the drives")
     exceeded = limit_violations(robot.model, samples.t, q, qd, tau)
     tell(f"limits exceeded: {len(exceeded) or 'none'}")
@@ -95,6 +100,17 @@ def _motion(samples: Samples, robot: rne.Robot, file: Path) -> tuple[Array, Arra
     if samples.qdd is not None:
         return samples.q, first, samples.qdd, f"q and qdd from {file}; qd: derivative of a {kind} through q"
     return samples.q, first, second, f"q from {file}; qd and qdd: derivatives of a {kind} through q"
+
+
+def tell_of_uneven_steps(t: Array) -> None:
+    """Warn where a derivative amplifies the rounding of samples that are close together."""
+    steps = [later - sooner for sooner, later in pairwise(t.tolist())]
+    shortest, longest = min(steps, default=1.0), max(steps, default=1.0)
+    if longest > UNEVEN * shortest:
+        note(
+            f"warning: the times are {shortest:.2g} to {longest:.2g} s apart; where they are close, derivatives amplify the "
+            "rounding of the samples: give samples at even times, or rates and accelerations"
+        )
 
 
 def _csv(robot: rne.Robot, t: Array, tau: Array) -> str:
