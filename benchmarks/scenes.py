@@ -95,7 +95,7 @@ def picture(results: dict[str, Any]) -> Any:
     found = results["robots"]
     figure = blank_figure(14, 3.9 * len(found) + 0.5)
     grid = figure.subplots(len(found), 2, sharey=True, sharex="col", squeeze=False)
-    figure.suptitle("What a scene costs: dx/dt of a state, parts removed row by row")
+    figure.suptitle("What a scene costs: dx/dt per state, parts removed row by row")
     for (left, right), (robot, rows) in zip(grid, found.items(), strict=True):
         left.set_yticks(np.arange(len(rows)), list(rows))
         bars = left.barh(np.arange(len(rows)), [r["operations"] for r in rows.values()], color=OURS, height=0.6)

@@ -108,8 +108,8 @@ def tell_of_uneven_steps(t: Array) -> None:
     shortest, longest = min(steps, default=1.0), max(steps, default=1.0)
     if longest > UNEVEN * shortest:
         note(
-            f"warning: the times are {shortest:.2g} to {longest:.2g} s apart; where they are close, derivatives amplify "
-            "the rounding of the samples: give samples at even times, or rates and accelerations"
+            f"warning: the times are {shortest:.2g} to {longest:.2g} s apart; where they are close, derivatives "
+            "amplify the rounding of the samples: give samples at even times, or rates and accelerations"
         )
 
 
