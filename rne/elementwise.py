@@ -102,7 +102,8 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
     Returns
     -------
     ndarray
-        Of the broadcast shape, from -pi to pi [rad].
+        Of the broadcast shape, from -pi to pi [rad]. On the cut itself, where y is 0 and x negative, a kernel may give
+        either of both.
 
     Examples
     --------

@@ -166,7 +166,7 @@ def test_where_something_switches_the_horizon_claims_no_more_than_is_true(kind):
 
 def test_a_pickled_trajectory_has_forgotten_its_scene(irb140):
     free = rne.simulate(irb140, Q0, 0 * Q0, 0.01)
-    text = r"^this trajectory was pickled, and has forgotten its scene: repeat the simulation$"
+    text = r"^this trajectory was pickled or loaded from a file, and has forgotten its scene: repeat the simulation$"
     with pytest.raises(ValueError, match=text):
         pickle.loads(pickle.dumps(free)).trusted_horizon()
     with pytest.raises(ValueError, match=r"^`accuracy` must be positive, got 0\.0$"):

@@ -251,3 +251,30 @@ class TestEnsembles:
             motions.quantiles([0.5, 1.5])
         with pytest.raises(ValueError, match=r"^there are no motions to take quantiles of$"):
             none.quantiles()
+
+
+def test_damaged_archives_are_refused_or_whole(swing, tmp_path):
+    """A byte of the file changed anywhere: an error that names the file, or the same numbers."""
+    file = swing.save(tmp_path / "swing.npz")
+    whole = file.read_bytes()
+    rng = np.random.default_rng(0)
+    for place in rng.integers(0, len(whole), 60):
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        try:
+            back = rne.Trajectory.load(file)
+        except (ValueError, rne.ModelError) as error:
+            assert str(error)
+        else:
+            np.testing.assert_array_equal(back.q, swing.q)
+
+
+def test_no_times_give_no_rows(swing):
+    assert [x.shape for x in swing(np.zeros(0))] == [(0, 6)] * 3
+    assert swing.torques(np.zeros(0)).shape == (0, 6)
+
+
+def test_times_asked_for_are_marked(irb140, tmp_path):
+    motion = rne.simulate(irb140, [0] * 6, [0] * 6, 0.2, t_eval=[0, 0.1, 0.2])
+    assert not motion.at_steps
+    assert not rne.Trajectory.load(motion.save(tmp_path / "m.npz")).at_steps
+    assert rne.simulate(irb140, [0] * 6, [0] * 6, 0.2).at_steps

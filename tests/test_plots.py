@@ -462,3 +462,12 @@ def test_wrong_calls_are_refused_by_name(swing, spread, case):
     call, error, text = WRONG[case]
     with pytest.raises(error, match=f"^{re.escape(text)}$"):
         call(swing, spread)
+
+
+def test_names_are_shown_as_they_are(swing):
+    """Neither formulas nor names that begin with a line, which matplotlib would hide."""
+    names = ["_a", r"$\frac{$", "c$", "d", "e", "f"]
+    figure = rne.plotting.plot(swing, names=names)
+    figure.savefig(io.BytesIO())
+    (legend,) = {tuple(text.get_text() for text in ax.get_legend().get_texts()) for ax in figure.axes[:1]}
+    assert [name.replace("\u200b", "").replace(r"\$", "$") for name in legend] == names

@@ -16,6 +16,7 @@ from ..urdf import to_urdf
 from .pinocchio import Oracle, each
 
 ROUNDING = 1e-13  # relative to the largest entry: some hundred rounding errors
+CANCELLED = 0.01
 STEP = 1e-30  # of the complex-step derivative
 
 
@@ -40,9 +41,14 @@ def random_states(n: int, samples: int, seed: int = 0) -> tuple[Array, Array, Ar
 
 
 def relative(a: Array, b: Array) -> float:
-    """Largest difference over the states, relative to the largest entry of each state."""
+    """Largest difference over the states, relative to the largest entry of each state.
+
+    Where all entries of a state cancel, rounding is relative to what they are the difference of: a hundredth of the
+    largest entry of any state is the least.
+    """
     axes = tuple(range(1, a.ndim))
-    size = np.abs(b).max(axis=axes)
+    size = np.abs(b).max(axis=axes, initial=0)
+    size = np.maximum(size, CANCELLED * size.max(initial=0))
     return float((np.abs(a - b).max(axis=axes) / np.where(size > 0, size, 1)).max())
 
 

@@ -123,9 +123,10 @@ def _place(home: Array) -> str:
 
 
 def _positions(robot: Robot) -> Array:
-    """Random positions within the ranges of the joints, or within +-pi where there are none."""
+    """Random positions within the ranges of the joints; where one has no end, it is 2 pi long."""
     q, _, _ = random_states(robot.n, SAMPLES)
-    low, high = (np.clip(x, -np.pi, np.pi) for x in (robot.lower, robot.upper))
+    low = np.where(np.isfinite(robot.lower), robot.lower, np.minimum(-np.pi, robot.upper - 2 * np.pi))
+    high = np.where(np.isfinite(robot.upper), robot.upper, np.maximum(np.pi, low + 2 * np.pi))
     within: Array = low + (q / (2 * np.pi) + 0.5) * (high - low)
     return within
 
@@ -147,7 +148,9 @@ def _torque(x: float, largest: Array) -> str:
 
 
 def _share(most: float, effort: float) -> str:
-    return f"{most / effort:.0%}" if 0 < effort < UNBOUNDED else "effort unknown"
+    if effort == 0:
+        return "the drive has none"
+    return f"{most / effort:.0%}" if effort < UNBOUNDED else "effort unknown"
 
 
 def _limit(x: float) -> str:

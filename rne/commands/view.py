@@ -73,6 +73,9 @@ def _motion(file: Path, robot: rne.Robot) -> rne.Trajectory | tuple[Array, Array
         motion = rne.Trajectory.load(file)
         if motion.q.shape[1] != robot.n:
             raise ValueError(f"{file}: robot {robot.model.name!r} has {robot.n} joints, the motion {motion.q.shape[1]}")
+        names = () if motion.model is None else motion.model.joint_names
+        if names and names != robot.joint_names:
+            raise ValueError(f"{file}: the motion is of joints {list(names)}, the robot has {list(robot.joint_names)}")
         return replace(motion, model=robot.model)
     if file.suffix.lower() != ".csv":
         raise ValueError(f"{file}: a motion must be a file ending in .npz or .csv")

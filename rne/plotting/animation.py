@@ -14,6 +14,7 @@ from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
+from .figures import literal
 from .motions import motion_argument
 from .robot_picture import Picture, blank_axes, check_robot
 
@@ -129,7 +130,7 @@ def _write(path: Path, ax: Any, robot: Robot, t: Array, q: Array, delay: int) ->
 
     def render(frame: int) -> Any:
         picture.place(frame)
-        ax.set_title(f"{robot.model.name}, t = {t[frame]:.{decimals}f} s")
+        ax.set_title(f"{literal(robot.model.name)}, t = {t[frame]:.{decimals}f} s")
         canvas.draw()
         return Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
 

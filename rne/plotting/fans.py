@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
 from ..simulation.ensembles import Ensemble
-from .figures import blank_figure, check_axes, dress, figure_of
+from .figures import blank_figure, check_axes, dress, figure_of, literal
 from .plots import QUANTITIES
 
 if TYPE_CHECKING:
@@ -88,10 +88,10 @@ def fan(
         sliding = not ensemble.model.is_revolute[ensemble.model.independent_joints[k]]
         name, unit = QUANTITIES[of][sliding]
         dress(ax, f"{name} [{unit}]")
-        ax.set_title(names[k], fontsize="medium")
+        ax.set_title(literal(names[k]), fontsize="medium")
     figure = figure_of(where)
     if axes is None:
-        _finish(figure, where, f"{ensemble.q.shape[1]} motions of {ensemble.model.name}")
+        _finish(figure, where, literal(f"{ensemble.q.shape[1]} motions of {ensemble.model.name}"))
     return figure
 
 

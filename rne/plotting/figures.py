@@ -35,7 +35,7 @@ def stacked_panels(rows: int, title: str, height: float = 2.1) -> list[Axes]:
     """The panels of a new figure below each other, which share one time axis."""
     figure = blank_figure(8, height * rows)
     axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
-    figure.suptitle(title)
+    figure.suptitle(literal(title))
     axes[-1].set_xlabel("time [s]")
     return axes
 
@@ -74,7 +74,16 @@ def curves(ax: Axes, t: Array, values: Array, names: Sequence[str], colors: Sequ
     look = {"linewidth": 1.2, "marker": "." if len(t) == 1 else ""} | style
     for column, name, color in zip(values.T, names, colors, strict=True):
         shown = thinned(column)
-        ax.plot(t[shown], column[shown], label=name, color=color, **look)
+        ax.plot(t[shown], column[shown], label=literal(name), color=color, **look)
+
+
+HIDDEN = "_nolegend_"  # of curves that legends leave out
+
+
+def literal(name: str) -> str:
+    """A name as matplotlib shows it: "$" begins no formula, and a leading "_" does not hide it from legends."""
+    text = name.replace("$", r"\$")
+    return f"\u200b{text}" if text.startswith("_") and text != HIDDEN else text
 
 
 def dress(ax: Axes, label: str) -> None:

@@ -27,7 +27,7 @@ from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot
 from ..simulation.summary import trajectory_lines
 from ..simulation.trajectory import Trajectory
-from .figures import COLORS, blank_figure
+from .figures import COLORS, blank_figure, literal
 from .motions import joint_labels, motion_argument
 from .plots import QUANTITIES, Panel, draw_panel, panels_of
 from .robot_picture import draw
@@ -150,9 +150,9 @@ def _small_plot(motion: Any, panel: Panel) -> tuple[str, Figure]:
     if 1 < len(panel.columns) <= COLORS:
         figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
     elif len(panel.columns) == 1 and panel.quantity in QUANTITIES:
-        ax.set_title(short(panel.names[0]), fontsize="small")
+        ax.set_title(literal(short(panel.names[0])), fontsize="small")
     elif len(panel.columns) > COLORS:
-        ax.set_title(f"{short(panel.names[0])} (blue) to {short(panel.names[-1])} (red)", fontsize="small")
+        ax.set_title(literal(f"{short(panel.names[0])} (blue) to {short(panel.names[-1])} (red)"), fontsize="small")
     return panel.label, figure
 
 

@@ -12,7 +12,7 @@ from ..basics.spatial import Array, cross, rotate
 from ..model.builder import disassemble
 from ..model.model import Model
 from ..robot import Robot
-from .figures import COLORS, blank_figure
+from .figures import COLORS, blank_figure, literal
 from .shapes import link_shapes
 from .surfaces import surface
 
@@ -94,7 +94,7 @@ def blank_axes(title: str) -> Any:
     figure = blank_figure(7.4, 5.4)
     figure.set_layout_engine("none")
     ax = figure.add_axes((0.0, 0.05, 0.72, 0.88), projection="3d")
-    ax.set_title(title)
+    ax.set_title(literal(title))
     return ax
 
 
@@ -247,7 +247,7 @@ def _legend(ax: Any, links: list[str], colors: Array) -> None:
     if len(links) <= COLORS:
         for link, color in zip(links, colors, strict=True):
             name = link if len(link) <= MAX_NAME else link[: MAX_NAME - 3] + "..."
-            entries[name] = Patch(color=color, alpha=ALPHA)
+            entries[literal(name)] = Patch(color=color, alpha=ALPHA)
     if entries:
         ax.legend(
             entries.values(),

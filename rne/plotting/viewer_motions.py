@@ -61,7 +61,8 @@ def _of_trajectory(trajectory: Trajectory, name: str, robot: Robot | None) -> Po
     if trajectory.q.shape[1] != robot.n:
         expected = f"{robot.n} joints as robot {robot.model.name!r} has"
         raise ValueError(f"`{name}` must have {expected}, got {trajectory.q.shape[1]}")
-    return Positions(robot, float(trajectory.t[0]), float(trajectory.t[-1]), lambda times: trajectory(times)[0])
+    first, last, n = float(trajectory.t[0]), float(trajectory.t[-1]), robot.n
+    return Positions(robot, first, last, lambda times: trajectory(times)[0].reshape(len(times), n))
 
 
 def _of_arrays(robot: Robot, q: ArrayLike, t: ArrayLike | None, q_name: str = "q", t_name: str = "t") -> Positions:

@@ -105,9 +105,15 @@ def legend(motion: Motion, labels: Sequence[str], cell: float, times: Array, spe
     return "<br>".join([*lines, "<small>frames and masses: button of the scene tree</small>"])
 
 
+TITLE, ROOT = "<title>Viser</title>", '<div id="root"></div>'  # in viser's page
+
+
 def finished(text: str, name: str, key: str, camera: Camera) -> str:
     """viser's page with a title, a legend, and a camera for narrow windows."""
     numbers = {k: x.tolist() if isinstance(x, np.ndarray) else x for k, x in camera._asdict().items()}
     head = f"<title>{html.escape(name)}</title>{CAMERA % json.dumps(numbers)}<style>{STYLE}</style>"
-    text = text.replace("<title>Viser</title>", head, 1)
-    return text.replace('<div id="root"></div>', f'<div id="root"></div><div id="rne">{key}</div>', 1)
+    for mark in (TITLE, ROOT):
+        if mark not in text:
+            raise RuntimeError(f"this version of viser writes other pages: {mark!r} is missing; pip install 'viser<2'")
+    text = text.replace(TITLE, head, 1)
+    return text.replace(ROOT, f'{ROOT}<div id="rne">{key}</div>', 1)

@@ -144,7 +144,7 @@ def ensemble(
     duration, step : float
         Time to simulate, and the longest step; steps are equal [s].
     method : {"rk4", "semi-implicit-euler"}
-        Of order 4 and 1. The step is not controlled: halve it and compare.
+        Of order 4 and 1, where torques do not jump. The step is not controlled: halve it and compare.
     keep : int
         Number of equally spaced times to store, the first and the last included.
     progress : callable, optional

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import zipfile
+import zlib
 from dataclasses import fields
 from os import PathLike
 from pathlib import Path
@@ -17,6 +19,11 @@ from ..errors import ModelError
 from ..model.model import Model
 from ..model.solids import Cylinder
 
+# What NumPy, zlib and JSON raise for other files and damaged ones.
+DAMAGED = (
+    *(ValueError, KeyError, EOFError, AttributeError, TypeError, NotImplementedError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 FORGOTTEN = ("error_estimates",)  # functions
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
@@ -40,7 +47,7 @@ class MotionFiles:
         Returns
         -------
         pathlib.Path
-            The file written; `Trajectory.load` reads it.
+            The file written; `Trajectory.load` reads it. It names the path of the robot's URDF file, as `model.source`.
 
         Raises
         ------
@@ -60,7 +67,8 @@ class MotionFiles:
             raise ValueError(f"`path` must end in .npz, got {file.name!r}")
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in FORGOTTEN}  # type: ignore[arg-type]
         arrays, texts = _parted(values)
-        np.savez_compressed(file, allow_pickle=False, **arrays, **{TEXTS: np.array(json.dumps(texts))})
+        entries: dict[str, Any] = {**arrays, TEXTS: np.array(json.dumps(texts, default=float))}
+        np.savez_compressed(file, **entries)
         return file
 
     @classmethod
@@ -80,7 +88,7 @@ class MotionFiles:
         Raises
         ------
         ValueError
-            If the file is no such archive; names what is missing.
+            If the file is no such archive, or a damaged one.
         FileNotFoundError
             If there is no such file.
 
@@ -90,9 +98,12 @@ class MotionFiles:
         >>> rne.Trajectory.load("swing.npz").message  # doctest: +SKIP
         """
         arrays, texts = _contents(Path(path))
-        dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
-        parts = {"dissipated": dissipated, "model": _model(arrays, texts)}  # takes its entries out of both
-        motion: Self = cls(**(arrays | texts | parts))
+        try:
+            dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
+            parts = {"dissipated": dissipated, "model": _model(arrays, texts)}  # takes its entries out of both
+            motion: Self = cls(**(arrays | texts | parts))
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{str(path)!r} is not a complete motion: {error}") from None
         return motion
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
@@ -186,11 +197,12 @@ def _parted(values: dict[str, Any]) -> tuple[dict[str, Array], dict[str, Any]]:
 
 def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """Arrays and the rest of an archive; a ValueError for any other file."""
+    data = file.read_bytes()  # NumPy leaves a damaged file open
     try:
-        with np.load(file, allow_pickle=False) as archive:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         texts: dict[str, Any] = json.loads(str(arrays.pop(TEXTS)))
-    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
+    except DAMAGED:
         raise ValueError(f"{str(file)!r} is not a motion written by Trajectory.save") from None
     if texts.pop("form", None) != FORM:
         raise ValueError(f"{str(file)!r} is of another version of this package: expected {FORM!r}")

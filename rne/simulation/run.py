@@ -95,6 +95,7 @@ def build_trajectory(plant: Plant, task: Task, run: Run, reason: str) -> tuple[T
         jumps=jumps,
         qdd_before=qdd_before,
         tau_before=tau_before,
+        at_steps=task.t_eval is None,
     )
     return motion, failure
 

@@ -60,6 +60,9 @@ class Trajectory(MotionFiles, InNotebooks):
         Accelerations and torques just before each of these times [rad/s^2 or m/s^2; N m or N].
     scene : str
         What was simulated, in words.
+    at_steps : bool
+        True if the samples are the solver's steps, or a controller's. Between times that `t_eval` asked for the motion
+        is known only as far as their distance allows.
     error_estimates : tuple of callable
         f(bound) -> times and estimated errors of the positions until they exceed the bound; see `trusted_horizon`.
 
@@ -94,6 +97,7 @@ class Trajectory(MotionFiles, InNotebooks):
     qdd_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     tau_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     scene: str = field(default="", repr=False)
+    at_steps: bool = field(default=True, repr=False)
 
     __repr__ = trajectory_summary
 
@@ -125,6 +129,8 @@ class Trajectory(MotionFiles, InNotebooks):
         Notes
         -----
         In each step the polynomial of fifth degree through the positions, rates and accelerations of both samples.
+        Between the solver's own steps its error is some times the tolerance; between distant times of `t_eval` it may
+        be any.
 
         Examples
         --------
@@ -134,9 +140,9 @@ class Trajectory(MotionFiles, InNotebooks):
         >>> q.shape
         (3, 6)
         """
-        curve, times = self._interpolant, self._interpolant.times(t)
+        curve, times, n = self._interpolant, self._interpolant.times(t), self.q.shape[1]
         shape = times.shape[:-1] if times.ndim and times.shape[-1] == 1 else times.shape
-        q, qd, qdd = (x.reshape(*shape, -1) for x in curve.state(times.reshape(-1)))
+        q, qd, qdd = (x.reshape(*shape, n) for x in curve.state(times.reshape(-1)))
         return q, qd, qdd
 
     def torques(self, t: ArrayLike) -> Array:
@@ -160,7 +166,7 @@ class Trajectory(MotionFiles, InNotebooks):
         Notes
         -----
         Monotone cubic interpolation, which shows no peak that the samples do not have; torques that are held between
-        the samples of a controller stay constant.
+        the samples of a controller stay constant where the motion has these samples, without `t_eval`.
 
         Examples
         --------
@@ -171,7 +177,7 @@ class Trajectory(MotionFiles, InNotebooks):
         """
         times = self._interpolant.times(t)
         shape = times.shape[:-1] if times.ndim and times.shape[-1] == 1 else times.shape
-        return self._interpolant.torques(times.reshape(-1)).reshape(*shape, -1)
+        return self._interpolant.torques(times.reshape(-1)).reshape(*shape, self.q.shape[1])
 
     @cached_property
     def _interpolant(self) -> Interpolant:
@@ -221,7 +227,9 @@ class Trajectory(MotionFiles, InNotebooks):
         """
         bound = positive_number("accuracy", accuracy)
         if not self.error_estimates:
-            raise ValueError("this trajectory was pickled, and has forgotten its scene: repeat the simulation")
+            raise ValueError(
+                "this trajectory was pickled or loaded from a file, and has forgotten its scene: repeat the simulation"
+            )
         return min(_horizon(bound, *estimate(bound)) for estimate in self.error_estimates)
 
     def check_limits(self) -> list[Violation]:
@@ -230,8 +238,9 @@ class Trajectory(MotionFiles, InNotebooks):
         Returns
         -------
         list of Violation
-            One for each limit exceeded, in the order of the joints; `print(*violations, sep="\\n")`
-            shows them. Joints that mimic others are examined too, except for their torques, which are not known.
+            One for each limit exceeded, at the solver's steps and between them, or at the times of `t_eval`, in the
+            order of the joints; `print(*violations, sep="\\n")` shows them. Joints that mimic others are examined too,
+            except for their torques, which are not known.
 
         Raises
         ------
@@ -247,6 +256,8 @@ class Trajectory(MotionFiles, InNotebooks):
         """
         if self.model is None:
             raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
+        if not self.at_steps:
+            return limit_violations(self.model, self.t, self.q, self.qd, self.tau)
         t = between(self.t)
         q, qd, _ = self(t)
         return limit_violations(self.model, t, q, qd, self.torques(t))

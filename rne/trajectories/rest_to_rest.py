@@ -180,7 +180,8 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     -------
     Trapezoidal
         A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times. Its
-        acceleration jumps at the times `breaks`; simulations end a step at each of them.
+        acceleration jumps at the times `breaks`; `rne.simulate` ends a step at each of them,
+        `rne.ensemble` with its equal steps does not, and is of order 1 there.
 
     Raises
     ------
