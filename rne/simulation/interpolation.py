@@ -28,7 +28,7 @@ def between(t: Array) -> Array:
     return np.append(inside.reshape(-1), t[-1])
 
 
-class Samples(NamedTuple):
+class Knots(NamedTuple):
     """What a Trajectory holds under the same names."""
 
     t: Array
@@ -46,11 +46,11 @@ class Interpolant:
 
     Parameters
     ----------
-    motion : Samples
+    motion : Knots
         At least one.
     """
 
-    def __init__(self, motion: Samples) -> None:
+    def __init__(self, motion: Knots) -> None:
         keep = np.append(True, np.diff(motion.t) > 0)
         self.motion, self.t = motion, motion.t[keep]
         self.q, self.qd, self.qdd, self.tau = (x[keep] for x in (motion.q, motion.qd, motion.qdd, motion.tau))

@@ -14,7 +14,7 @@ from ..basics.arrays import positive_number
 from ..basics.notebook import InNotebooks
 from ..basics.spatial import Array
 from ..model.model import Model
-from .interpolation import Interpolant, Samples, between
+from .interpolation import Interpolant, Knots, between
 from .limits import Violation, limit_violations
 from .motion_files import MotionFiles
 from .summary import trajectory_summary
@@ -183,7 +183,7 @@ class Trajectory(MotionFiles, InNotebooks):
     def _interpolant(self) -> Interpolant:
         if not len(self.t):
             raise ValueError("this motion has no samples")
-        return Interpolant(Samples(*(getattr(self, name) for name in Samples._fields)))
+        return Interpolant(Knots(*(getattr(self, name) for name in Knots._fields)))
 
     @property
     def breaks(self) -> tuple[float, ...]:
