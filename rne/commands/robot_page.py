@@ -88,14 +88,7 @@ def _comparison(robot: Robot, page: Page) -> bool:
     page.heading("Comparison with an independent source")
     source, rows = validate(robot, SAMPLES, by_terms=True)
     page.text(f"Largest difference over {SAMPLES} random states, rates up to 10 rad/s or m/s, against {source}:")
-    page.table(
-        ["quantity", "symbol", "largest difference, relative to the largest term", "bound", "within bound"],
-        [
-            [r.quantity, r.symbol, f"{r.worst:.1e}", f"{r.bound:.1e}", "yes" if r.worst <= r.bound else "NO"]
-            for r in rows
-        ],
-    )
-    return all(r.worst <= r.bound for r in rows)
+    return page.comparison(rows, "term")
 
 
 def _gravity(robot: Robot, home: Array, page: Page) -> None:

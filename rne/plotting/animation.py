@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import positive_number
+from ..basics.paths import output_file
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
@@ -82,22 +83,11 @@ def animate(
         raise ValueError("`motion` must hold positions, got None for them")
     if shown.n != robot.n:
         raise ValueError(f"`motion` must have {robot.n} joints as robot {robot.model.name!r} has, got {shown.n}")
-    file = _gif_path(path)
+    file = output_file(path, ".gif")
     delay = _hundredths(positive_number("fps", fps))
     t = _frame_times(shown.t, delay, positive_number("speed", speed))
     ax = blank_axes("")
     _write(file, ax, robot, t, shown.positions(t), delay)
-    return file
-
-
-def _gif_path(path: str | os.PathLike[str]) -> Path:
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
-    file = Path(path)
-    if file.suffix.lower() != ".gif":
-        raise ValueError(f"`path` must end in .gif, got {file.name!r}")
-    if not file.parent.is_dir():
-        raise FileNotFoundError(f"`path` must be in an existing folder, got {str(file)!r}")
     return file
 
 

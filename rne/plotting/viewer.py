@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
+from ..basics.paths import output_file
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
 from .shapes import INSTALL
 from .viewer_camera import FOV, add_floor, aim
 from .viewer_motions import frame_times, motion, other_motion, placed, some_frames
-from .viewer_page import Page, finished, html_path, legend
+from .viewer_page import PAGE, Page, finished, legend
 from .viewer_scene import build, corners
 
 HOLD = 0.5  # [s] that the last frame stands before the page starts again
@@ -95,7 +96,7 @@ def view(
     >>> page = rne.view(swing, "swing.html", other=rne.simulate(robot.with_payload(6.0), [0] * 6, [0] * 6, 2.0),
     ...                 labels=["unloaded", "6 kg"])  # doctest: +SKIP
     """
-    file = None if path is None else html_path(path)
+    file = None if path is None else output_file(path, *PAGE)
     names = _labels(labels)
     rate = positive_number("speed", speed)
     first = motion(robot, q, t)

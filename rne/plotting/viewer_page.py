@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..basics.paths import output_file
 from ..basics.spatial import Array
 from .viewer_camera import Camera
 from .viewer_scene import GHOST, TONES, Motion
@@ -48,7 +49,7 @@ class Page:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page to a file, and return its path."""
-        self.path = html_path(path)
+        self.path = output_file(path, *PAGE)
         self.path.write_text(self.html, encoding="utf-8")
         return self.path
 
@@ -77,18 +78,6 @@ class Page:
         return f"Page({where}, {len(self.html.encode()) / 1e6:.2f} MB)"
 
 
-def html_path(path: str | os.PathLike[str]) -> Path:
-    """The path of a page to write."""
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
-    file = Path(path)
-    if file.suffix.lower() not in (".html", ".htm"):
-        raise ValueError(f"`path` must end in .html, got {file.name!r}")
-    if not file.parent.is_dir():
-        raise FileNotFoundError(f"`path` must be in an existing folder, got {str(file)!r}")
-    return file
-
-
 def legend(motion: Motion, labels: Sequence[str], cell: float, times: Array, speed: float) -> str:
     """What is not in the scene itself: names, colours, the grid, and how the slider's time is that of the motion."""
     lines = [f"<b>{html.escape(motion.model.name)}</b>"]
@@ -105,6 +94,7 @@ def legend(motion: Motion, labels: Sequence[str], cell: float, times: Array, spe
     return "<br>".join([*lines, "<small>frames and masses: button of the scene tree</small>"])
 
 
+PAGE = (".html", ".htm")
 TITLE, ROOT = "<title>Viser</title>", '<div id="root"></div>'  # in viser's page
 
 

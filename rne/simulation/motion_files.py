@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ..basics.paths import output_file
 from ..basics.spatial import Array
 from ..errors import ModelError
 from ..model.model import Model
@@ -62,9 +63,7 @@ class MotionFiles:
         >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
         >>> file = swing.save("swing.npz")  # doctest: +SKIP
         """
-        file = _in_a_folder(path)
-        if file.suffix != ".npz":
-            raise ValueError(f"`path` must end in .npz, got {file.name!r}")
+        file = output_file(path, ".npz")
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in FORGOTTEN}  # type: ignore[arg-type]
         arrays, texts = _parted(values)
         entries: dict[str, Any] = {**arrays, TEXTS: np.array(json.dumps(texts, default=float))}
@@ -131,7 +130,7 @@ class MotionFiles:
         >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
         >>> file = swing.to_csv("swing.csv")  # doctest: +SKIP
         """
-        file = _in_a_folder(path)
+        file = output_file(path)
         columns = self._columns()
         with file.open("w", newline="", encoding="utf-8") as opened:
             writer = csv.writer(opened, lineterminator="\n")
@@ -173,13 +172,6 @@ class MotionFiles:
 def numbered_joints(n: int) -> tuple[str, ...]:
     """Names of joints that have none."""
     return tuple(f"joint_{k + 1}" for k in range(n))
-
-
-def _in_a_folder(path: str | PathLike[str]) -> Path:
-    file = Path(path)
-    if not file.parent.is_dir():
-        raise FileNotFoundError(f"`path` must be in an existing folder, got {str(file)!r}")
-    return file
 
 
 def _parted(values: dict[str, Any]) -> tuple[dict[str, Array], dict[str, Any]]:

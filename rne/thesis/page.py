@@ -13,6 +13,8 @@ from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..analysis.validation import Row
+
 STYLE = """
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 46rem; margin: 1rem auto; padding: 0 1rem;
@@ -119,6 +121,23 @@ class Page:
         bars.insert(1, "|---" * len(header) + "|")
         html = f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
         self._add(f'<div class="scroll">{html}</div>', "\n".join(bars))
+
+    def comparison(self, rows: Sequence[Row], relative_to: str) -> bool:
+        """Add a table of compared quantities; True if all differences are within their bounds."""
+        self.table(
+            [
+                "quantity",
+                "symbol",
+                f"largest difference, relative to the largest {relative_to}",
+                "bound",
+                "within bound",
+            ],
+            [
+                [r.quantity, r.symbol, f"{r.worst:.1e}", f"{r.bound:.1e}", "yes" if r.worst <= r.bound else "NO"]
+                for r in rows
+            ],
+        )
+        return all(r.worst <= r.bound for r in rows)
 
     def figure(self, name: str, draw: Callable[[], Any], caption: str) -> None:
         """Add a picture, drawn once for light pages and once for dark ones; without matplotlib none."""
