@@ -157,7 +157,7 @@ def test_units_are_those_of_the_coordinates_where_joints_mimic_others():
 def test_without_types_of_joints_the_label_names_both_units():
     (ax,) = rne.plotting.plot(([0, 1], [[0, 1], [2, 3]])).axes
     assert ax.get_ylabel() == "position [rad or m]"
-    assert legend(ax) == ["joint 1", "joint 2"]
+    assert legend(ax) == ["joint_1", "joint_2"]
 
 
 def test_names_come_from_the_model_or_the_robot_or_the_caller(irb140, swing, mixed):

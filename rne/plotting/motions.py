@@ -13,6 +13,7 @@ from ..basics.spatial import Array
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
 from ..robot import Robot
+from ..simulation.motion_files import numbered_joints
 from ..simulation.trajectory import Trajectory
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
@@ -158,7 +159,7 @@ def joint_labels(motion: Motion, names: Any) -> tuple[tuple[str, ...], Array | N
     if isinstance(names, Robot):
         model, names = names.model, names.joint_names
     if names is None:
-        names = [f"joint {i}" for i in range(1, motion.n + 1)] if model is None else model.joint_names
+        names = numbered_joints(motion.n) if model is None else model.joint_names
     labels = _strings(names)
     if len(labels) != motion.n:
         raise ValueError(f"`names` must have {motion.n} names, one per joint of `motion`, got {len(labels)}")
