@@ -1,0 +1,85 @@
+"""Which parameters the torques of the drives are linear in."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.model.standard_parameters import StandardParameters
+
+from .conftest import TREES
+
+SAME = 1e-13  # of the largest torque: another order of operations
+
+
+def torques(robot, standard, q, qd, qdd, values):
+    Y = np.concatenate([robot.regressor(q, qd, qdd), standard.drive_columns(qd, qdd)], axis=-1)
+    return Y @ values
+
+
+@pytest.mark.parametrize("name", ["irb140", "mimics"])
+def test_torques_of_a_scene_are_linear_in_them(name):
+    """The scene adds friction and rotors itself."""
+    robot = rne.Robot(TREES[name]) if name in TREES else rne.load(name)
+    rng = np.random.default_rng(0)
+    model = rne.Model(
+        **{f: getattr(robot.model, f) for f in robot.model.__dataclass_fields__}
+        | {"armature": rng.uniform(0.1, 1, robot.model.nb)}
+    )
+    robot = rne.Robot(model)
+    q, qd, qdd = rng.uniform(-2, 2, (3, 20, robot.n))
+    viscous, coulomb = rng.uniform(1, 5, (2, robot.n))
+    standard = StandardParameters(model, rotor=True, friction="viscous+coulomb", smoothing=0.01)
+    values = standard.values.copy()
+    values[standard.groups["Fv"]], values[standard.groups["Fc"]] = viscous, coulomb
+    scene = rne.Scene(robot, friction=rne.Friction(viscous=viscous, coulomb=coulomb, smoothing=0.01))
+    expected = scene.inverse_dynamics(q, qd, qdd)
+    got = torques(robot, standard, q, qd, qdd, values)
+    assert np.abs(got - expected).max() <= SAME * np.abs(expected).max()
+
+
+def test_shaft_of_a_coupled_motor():
+    """A rotor that turns with the sum of two joints: by the transposed coupling it acts on both."""
+    robot = rne.load("irb140")
+    shaft = np.array([[0, 0, 0, 0, 1.0, 1.0]])
+    standard = StandardParameters(robot.model, rotor=True, friction="coulomb", offset=True, shafts=shaft)
+    qd, qdd = np.random.default_rng(0).normal(size=(2, 6))
+    columns = standard.drive_columns(qd, qdd)
+    assert standard.names[-2:] == ("Ia_s1", "Fc_s1")
+    expected = np.zeros((6, 2))
+    expected[4:, 0], expected[4:, 1] = qdd[4] + qdd[5], np.sign(qd[4] + qd[5])
+    np.testing.assert_array_equal(columns[:, -2:], expected)
+    np.testing.assert_array_equal(columns[:, 12:18], np.eye(6))
+    assert columns.shape[-1] + 60 == standard.count == len(standard.names)
+
+
+def test_without_drives_there_are_the_bodies_alone():
+    standard = StandardParameters(rne.irb140())
+    assert standard.names[:10] == (
+        "m_1",
+        "mcx_1",
+        "mcy_1",
+        "mcz_1",
+        "Ixx_1",
+        "Ixy_1",
+        "Iyy_1",
+        "Ixz_1",
+        "Iyz_1",
+        "Izz_1",
+    )
+    assert standard.drive_columns(np.ones((3, 6)), np.ones((3, 6))).shape == (3, 6, 0)
+    np.testing.assert_array_equal(standard.values, rne.load("irb140").parameters)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"friction": "dry"}, "`friction` must be one of [None, 'viscous', 'coulomb', 'viscous+coulomb'], got 'dry'"),
+        ({"shafts": [1.0] * 6}, "`shafts` must have shape (s, 6), got (6,)"),
+        ({"smoothing": -1.0}, "`smoothing` must be positive, got -1.0"),
+    ],
+)
+def test_errors(given, text):
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        StandardParameters(rne.irb140(), **given)
