@@ -1,6 +1,6 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
-from . import control, elementwise, plotting, trajectories
+from . import control, elementwise, identification, plotting, trajectories
 from .analysis.bearings import BearingPeaks, bearing_peaks
 from .control.gains import Gains, check_gains
 from .control.laws import traceable
@@ -97,6 +97,7 @@ __all__ = [
     "ensemble",
     "forward_dynamics",
     "gravity_torque",
+    "identification",
     "inverse_dynamics",
     "irb140",
     "jacobian",
