@@ -31,6 +31,7 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
+from .identification import Excitation, excitation
 from .kernels.compilation import compile, derivative
 from .kernels.kernel import Kernel
 from .model.chains import chain
@@ -59,6 +60,7 @@ __all__ = [
     "Cylinder",
     "Diagnosis",
     "Ensemble",
+    "Excitation",
     "Finding",
     "Friction",
     "Gains",
@@ -95,6 +97,7 @@ __all__ = [
     "diagnose",
     "elementwise",
     "ensemble",
+    "excitation",
     "forward_dynamics",
     "gravity_torque",
     "identification",

@@ -7,6 +7,7 @@ import io
 import json
 import zipfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import fields
 from os import PathLike
 from pathlib import Path
@@ -130,13 +131,7 @@ class MotionFiles:
         >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
         >>> file = swing.to_csv("swing.csv")  # doctest: +SKIP
         """
-        file = output_file(path)
-        columns = self._columns()
-        with file.open("w", newline="", encoding="utf-8") as opened:
-            writer = csv.writer(opened, lineterminator="\n")
-            writer.writerow(["t", *columns])
-            writer.writerows(np.column_stack([self.t, *columns.values()]).tolist())
-        return file
+        return write_columns(path, self.t, self._columns())
 
     def to_dataframe(self) -> Any:
         """Times, positions, rates, accelerations and torques as a table of pandas.
@@ -167,6 +162,16 @@ class MotionFiles:
         names = numbered_joints(self.q.shape[1]) if self.model is None else self.model.joint_names
         parts = ("q", "qd", "qdd", "tau")
         return {f"{part}.{name}": getattr(self, part)[:, k] for part in parts for k, name in enumerate(names)}
+
+
+def write_columns(path: str | PathLike[str], t: Array, columns: Mapping[str, Array]) -> Path:
+    """Write times and named columns, one row per sample, as comma-separated values."""
+    file = output_file(path)
+    with file.open("w", newline="", encoding="utf-8") as opened:
+        writer = csv.writer(opened, lineterminator="\n")
+        writer.writerow(["t", *columns])
+        writer.writerows(np.column_stack([t, *columns.values()]).tolist())
+    return file
 
 
 def numbered_joints(n: int) -> tuple[str, ...]:

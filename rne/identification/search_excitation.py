@@ -1,0 +1,232 @@
+"""The public search for a motion that excites the parameters of a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import positive_number, vector
+from ..basics.spatial import Array
+from ..model.standard_parameters import StandardParameters
+from ..robot import Robot
+from .criteria import Condition, Determinant, Observation, full_regressor
+from .exciting_motion import Excitation
+from .fourier import FourierBasis
+from .motion_limits import motion_limits
+from .random_motions import random_series
+from .search import Found, Progress, Search
+from .series_limits import SeriesLimits
+
+CRITERIA = ("condition", "d-optimal")
+ORDERS = (16.0, 64.0)  # of the Schatten norms in place of the spectral norm, one stage each
+SAMPLES = 20  # per period of the highest harmonic
+SMOOTHING = 0.05  # of the smallest rate limit: where Coulomb friction changes its sign
+RANDOM_STATES = 5  # times the number of parameters, for the rank
+RANK = 1e-8  # relative to the largest pivot: a linearly dependent column
+EXCITED = 1e8  # condition number, columns of unit norm, of a motion that leaves parameters unexcited
+
+
+def excitation(
+    robot: Robot,
+    duration: float,
+    harmonics: int = 5,
+    criterion: str = "condition",
+    *,
+    limits: Mapping[str, ArrayLike] | None = None,
+    rotor: bool = False,
+    friction: str | None = None,
+    offset: bool = False,
+    shafts: ArrayLike | None = None,
+    smoothing: float | None = None,
+    noise: ArrayLike | None = None,
+    scaled: bool = False,
+    rest: bool = True,
+    samples: int | None = None,
+    random_motions: int = 100,
+    starts: int = 3,
+    iterations: int = 150,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Excitation:
+    """A periodic motion from which the base parameters of a robot can be identified well.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as far as it is known: its geometry, and for limits of torques its parameters.
+    duration : float
+        The period [s].
+    harmonics : int
+        Number H of harmonics of each joint's Fourier series.
+    criterion : {"condition", "d-optimal"}
+        What is minimised: the condition number of W, whose rows are the torques of the samples and whose columns are
+        the base parameters; or -log det(W^T W), the volume of the parameters' confidence ellipsoid.
+    limits : mapping of str to array_like, shape (n,), optional
+        Replaces limits of the robot: "lower", "upper", "velocity_limit" and "effort_limit"; "acceleration_limit" is
+        infinite unless given. Efforts may be infinite [rad or m; rad/s or m/s; N m or N; rad/s^2 or m/s^2].
+    rotor, offset : bool
+        True if inertias of the drives' rotors, or constant torques, are parameters to be identified too.
+    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
+        Friction that is to be identified too.
+    shafts : array_like, shape (s, n), optional
+        Rows of further shafts with rotor and friction, each turning at that row times qd.
+    smoothing : float, optional
+        Coulomb friction is taken as tanh(qd / smoothing), so that it has a derivative; by default 5 % of the smallest
+        rate limit. With 0 it is sign(qd), whose derivative is zero except at rest [rad/s or m/s].
+    noise : array_like, shape (n,), optional
+        Standard deviations of the torques, or their relative sizes, by which the rows of W are divided; by default the
+        same for all joints [N m or N].
+    scaled : bool
+        True for the condition number of W with each column divided by its norm, which does not depend on the units of
+        the parameters, but does not ask for large motions either.
+    rest : bool
+        True for a motion that starts and ends with rates and accelerations zero.
+    samples : int, optional
+        Times of one period at which W is taken; by default 20 per harmonic.
+    random_motions : int
+        Number of random motions within the limits that the result is compared with.
+    starts : int
+        How many of these, the best, are starts of the optimiser.
+    iterations : int
+        The most of each run of the optimiser.
+    seed : int
+        Of the random motions; the same seed gives the same motion.
+    progress : callable, optional
+        A function progress(start, iteration, criterion), called after each iteration.
+
+    Returns
+    -------
+    Excitation
+        The motion, a reference f(t) -> (q, qd, qdd), with the criterion reached and the limits used.
+
+    Raises
+    ------
+    TypeError
+        If `robot` or `limits` is of another type.
+    ValueError
+        If an argument is out of range, a joint has no range or no rate limit, the harmonics or samples cannot excite
+        all base parameters, or no motion within the limits is found.
+
+    Notes
+    -----
+    Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor. The
+    condition number has no derivative where singular values meet, as they do at the optimum; it is approximated by
+    Schatten norms of orders 16 and 64. Positions, rates and accelerations keep their limits at all times, by the
+    inequality of Bernstein and Szego: a grid of 16 times per period of the highest harmonic misses at most 1.9 % of a
+    maximum. Torques are those of `robot`, with its damping and friction; they are limited at 64 times per period of the
+    highest harmonic, with the parabola through three of them in between.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+    >>> motion = rne.excitation(robot, 4.0, 3, limits={"acceleration_limit": [10.0] * 3}, friction="viscous")
+    >>> motion.converged, 2 * motion.condition < min(motion.random)
+    (True, True)
+    """
+    within = _within(robot, duration, harmonics, limits, rest)
+    slow = SMOOTHING * float(within.limits.velocity_limit.min(initial=np.inf)) if smoothing is None else smoothing
+    standard = StandardParameters(robot.model, rotor, friction, offset, shafts, slow)
+    sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
+    rng = np.random.default_rng(seed)
+    observation = Observation(robot, standard, independent_columns(robot, standard), sizes)
+    exact, stages = _criteria(criterion, scaled)
+    count = SAMPLES * harmonics if samples is None else _whole("samples", samples)
+    search = Search(within, observation, count, exact, stages, _whole("iterations", iterations), progress)
+    x = random_series(within, _whole("random_motions", random_motions), rng)
+    values = _excited(search, x)
+    best = x[np.argsort(values)[: _whole("starts", starts)]]
+    return _result(search, search.run(best), criterion, x)
+
+
+def independent_columns(robot: Robot, standard: StandardParameters) -> Array:
+    """Columns of the regressor that the others depend on: pivots of its QR decomposition at random states."""
+    from scipy.linalg import qr
+
+    states = np.random.default_rng(0).uniform(-2, 2, (3, RANDOM_STATES * standard.count, robot.n))
+    Y = full_regressor(robot, standard, (states[0], states[1], states[2])).reshape(-1, standard.count)
+    R, pivots = qr(Y, mode="r", pivoting=True)
+    pivot = np.abs(np.diag(R))
+    found: Array = np.sort(pivots[: len(pivot)][pivot > RANK * pivot.max(initial=0)])
+    return found
+
+
+def _within(
+    robot: Robot, duration: float, harmonics: int, limits: Mapping[str, ArrayLike] | None, rest: bool
+) -> SeriesLimits:
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    if not robot.n:
+        raise ValueError("`robot` must have at least one joint, got none")
+    least = 2 if rest else 1
+    if _whole("harmonics", harmonics) < least:
+        raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
+    basis = FourierBasis(positive_number("duration", duration), harmonics)
+    return SeriesLimits(robot, motion_limits(robot, limits), basis, rest)
+
+
+def _whole(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"`{name}` must be a whole number above zero, got {value!r}")
+    return int(value)
+
+
+def _criteria(criterion: str, scaled: bool) -> tuple[Condition | Determinant, tuple[Condition | Determinant, ...]]:
+    if criterion not in CRITERIA:
+        raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
+    if criterion == "condition":
+        return Condition(scaled=scaled), tuple(Condition(p, scaled) for p in ORDERS)
+    if scaled:
+        raise ValueError(
+            "`scaled` must be False for criterion 'd-optimal', which does not depend on the columns' units"
+        )
+    return Determinant(), (Determinant(),)
+
+
+def _excited(search: Search, x: Array) -> list[float]:
+    """The criterion of random motions, or an error if they leave parameters unexcited."""
+    parameters, n = len(search.observation.columns), search.within.robot.n
+    if search.samples * n < parameters:
+        raise ValueError(
+            f"`samples` must be at least {-(-parameters // n)} for {parameters} base parameters of {n} joints, "
+            f"got {search.samples}"
+        )
+    matrices = [search.matrix(series) for series in x]
+    usual = Condition(scaled=True)
+    with np.errstate(all="ignore"):
+        if not min(usual.value(W) for W in matrices) < np.log(EXCITED):
+            rank = max(int(np.linalg.matrix_rank(W / np.linalg.norm(W, axis=0), 1 / EXCITED)) for W in matrices)
+            raise ValueError(
+                f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
+                f"most {rank} of {parameters} base parameters; give more harmonics or wider limits"
+            )
+    return [search.exact.value(W) for W in matrices]
+
+
+def _result(search: Search, found: Found, criterion: str, x: Array) -> Excitation:
+    within, H = search.within, search.within.basis.harmonics
+    coefficients = within.coefficients(found.x)
+    condition = Condition(scaled=isinstance(search.exact, Condition) and search.exact.scaled)
+
+    def measured(series: Array) -> tuple[float, float]:
+        W = search.matrix(series)
+        return float(np.exp(condition.value(W))), -Determinant().value(W) * W.shape[1]
+
+    best, random = measured(found.x), np.array([measured(series) for series in x])
+    return Excitation(
+        robot=within.robot,
+        duration=within.basis.duration,
+        q0=coefficients[:, 0],
+        a=coefficients[:, 1 : H + 1],
+        b=coefficients[:, H + 1 :],
+        criterion=criterion,
+        condition=best[0],
+        log_det=best[1],
+        random=random[:, CRITERIA.index(criterion)],
+        limit_use=within.use(found.x),
+        converged=found.converged,
+        message=found.message,
+    )

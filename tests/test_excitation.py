@@ -1,0 +1,362 @@
+"""Exciting motions: their limits hold at all times, gradients are exact, they excite better than random motions."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.identification.criteria import Condition, Determinant, Observation, full_regressor
+from rne.identification.fourier import FourierBasis
+from rne.identification.motion_limits import motion_limits
+from rne.identification.search import Search
+from rne.identification.search_excitation import independent_columns
+from rne.identification.series_limits import SeriesLimits
+from rne.model.robots.generators import random_tree
+from rne.model.standard_parameters import StandardParameters
+
+DURATION, HARMONICS = 4.0, 3
+LIMITS = {"acceleration_limit": [10.0] * 3, "effort_limit": [60.0, 150.0, 40.0]}
+ROUNDING = 1e-12  # of rates and accelerations of a few units
+DIFFERENCES = 1e-7  # central differences of step 1e-5, of the largest entry
+TORQUES_BETWEEN = 1e-3  # of the limit: what the parabola between samples leaves out
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """The first three joints of the IRB 140."""
+    return rne.load("irb140").locked({"joint_4": 0.3, "joint_5": 0.5, "joint_6": 0.0})
+
+
+@pytest.fixture(scope="module")
+def motion(arm):
+    return rne.excitation(arm, DURATION, HARMONICS, limits=LIMITS)
+
+
+@pytest.fixture(scope="module")
+def gantry():
+    """Two sliding joints and one that rotates, with limits."""
+    return limited(random_tree(3, seed=3, prismatic=0.7, branching=0))
+
+
+def limited(model, **changes):
+    """The robot with ranges of 2, rates of 1.5 and any effort."""
+    import dataclasses
+
+    ones = np.ones(model.nb)
+    limits = {"lower": -ones, "upper": ones, "velocity_limit": 1.5 * ones, "effort_limit": np.inf * ones}
+    return rne.Robot(dataclasses.replace(model, **(limits | changes)))
+
+
+def search_of(robot, criterion, harmonics=HARMONICS, rest=True, **options):
+    """The search that `excitation` makes, and a random series in it."""
+    standard = StandardParameters(robot.model, **({"smoothing": 0.1} | options))
+    within = SeriesLimits(robot, motion_limits(robot, {}), FourierBasis(DURATION, harmonics), rest)
+    observation = Observation(robot, standard, independent_columns(robot, standard), np.linspace(1, 2, robot.n))
+    x = 0.2 * np.random.default_rng(1).normal(size=within.size)
+    return Search(within, observation, 40, criterion, (criterion,), 5, None), x
+
+
+def slope(function, x, h=1e-5):
+    """Central differences of a function by each entry of x, of fourth order."""
+    e = h * np.eye(len(x))
+    one = [(np.asarray(function(x + d)) - np.asarray(function(x - d))) / (2 * h) for d in e]
+    two = [(np.asarray(function(x + 2 * d)) - np.asarray(function(x - 2 * d))) / (4 * h) for d in e]
+    return np.stack([(4 * a - b) / 3 for a, b in zip(one, two, strict=True)], axis=-1)
+
+
+def close(got, expected, bound):
+    assert np.abs(got - expected).max() <= bound * np.abs(expected).max()
+
+
+def fine(motion, count=4000):
+    """States at many times, none of them on the grid of the search."""
+    return motion((np.arange(count) + 0.37) * (motion.duration / count))
+
+
+def observed(robot, motion, count, **options):
+    """W of a motion, all base parameters, and the torques of the model that it should explain."""
+    standard = StandardParameters(robot.model, **options)
+    states = motion(np.arange(count) * (motion.duration / count))
+    W = full_regressor(robot, standard, states)[..., independent_columns(robot, standard)]
+    return W.reshape(-1, W.shape[-1]), robot.inverse_dynamics(*states).ravel()
+
+
+def test_positions_rates_and_accelerations_keep_their_limits_at_all_times(arm, motion):
+    q, qd, qdd = fine(motion)
+    assert (arm.lower <= q.min(0)).all()
+    assert (q.max(0) <= arm.upper).all()
+    assert (np.abs(qd).max(0) <= arm.velocity_limit).all()
+    assert (np.abs(qdd).max(0) <= LIMITS["acceleration_limit"]).all()
+
+
+def test_torques_keep_their_limits_and_one_is_active(arm, motion):
+    tau = np.abs(arm.inverse_dynamics(*fine(motion))).max(0)
+    assert (tau <= np.array(LIMITS["effort_limit"]) * (1 + TORQUES_BETWEEN)).all()
+    assert any(limit.startswith("torque of ") for limit in motion.active)
+    assert (tau <= motion.limit_use["torque"] * LIMITS["effort_limit"] * (1 + TORQUES_BETWEEN)).all()
+
+
+def test_shares_of_limits_are_bounds_that_are_nearly_reached(arm, motion):
+    q, qd, qdd = fine(motion)
+    found = {
+        "position": np.abs(q - (arm.lower + arm.upper) / 2).max(0) / ((arm.upper - arm.lower) / 2),
+        "rate": np.abs(qd).max(0) / arm.velocity_limit,
+        "acceleration": np.abs(qdd).max(0) / LIMITS["acceleration_limit"],
+    }
+    for kind, share in found.items():
+        assert (share <= motion.limit_use[kind]).all()
+        np.testing.assert_allclose(share, motion.limit_use[kind], rtol=2e-3)  # 1 - cos(pi / 64) is 1.2e-3
+
+
+def test_starts_and_ends_at_rest_and_repeats(motion):
+    for t in (0.0, DURATION, 5 * DURATION):
+        q, qd, qdd = motion(t)
+        np.testing.assert_allclose([qd, qdd], 0, atol=ROUNDING * 100)
+        np.testing.assert_allclose(q, motion(0.0)[0], atol=ROUNDING)
+    for x, y in zip(motion(1.234), motion(1.234 + 3 * DURATION), strict=True):
+        np.testing.assert_allclose(x, y, atol=ROUNDING * 100)
+
+
+def test_rates_and_accelerations_are_derivatives(motion):
+    t, h = np.linspace(0.1, 3.9, 20), 1e-5
+    (q0, v0, _), (_, v, a), (q1, v1, _) = motion(t - h), motion(t), motion(t + h)
+    np.testing.assert_allclose((q1 - q0) / (2 * h), v, atol=1e-8)
+    np.testing.assert_allclose((v1 - v0) / (2 * h), a, atol=1e-7)
+
+
+def test_is_a_reference_that_can_be_traced(arm, motion):
+    law = rne.control.computed_torque(arm, [100] * 3, [20] * 3, motion)
+    scene = rne.Scene(arm, controller=law)
+    times = np.linspace(0, 1, 6)
+    run = rne.simulate(scene, motion(0.0)[0], [0] * 3, 1.0, t_eval=times, rtol=1e-9)
+    assert scene.cost()["law"] == "traced"
+    np.testing.assert_allclose(run.q, motion(times)[0], atol=1e-7)
+    for column, row in zip(motion(times[:, None]), motion(times), strict=True):
+        np.testing.assert_array_equal(column, row)
+
+
+def test_condition_is_that_of_the_stacked_regressor(arm, motion):
+    W, _ = observed(arm, motion, 20 * HARMONICS)
+    np.testing.assert_allclose(motion.condition, np.linalg.cond(W), rtol=1e-9)
+    np.testing.assert_allclose(motion.log_det, np.linalg.slogdet(W.T @ W)[1], rtol=1e-9)
+    other, _ = observed(arm, motion, 1000)
+    np.testing.assert_allclose(motion.condition, np.linalg.cond(other), rtol=0.02)  # of all times, not of the grid
+
+
+def test_excites_better_than_the_best_random_motion(motion):
+    assert len(motion.random) == 100
+    assert motion.condition < 0.6 * motion.random.min()
+    assert motion.converged
+
+
+def test_determinant_is_larger_than_of_random_motions_and_of_the_other_criterion(arm, motion):
+    other = rne.excitation(arm, DURATION, HARMONICS, "d-optimal", limits=LIMITS, starts=1)
+    assert other.log_det > other.random.max() + 5
+    assert other.log_det > motion.log_det + 1
+    assert other.condition > motion.condition
+
+
+def test_round_trip_without_noise(arm, motion):
+    """Torques of the excitation determine the base parameters to the condition number times rounding."""
+    W, tau = observed(arm, motion, 200)
+    base, *_ = np.linalg.lstsq(W, tau, rcond=None)
+    other = rne.excitation(arm, DURATION, HARMONICS, limits=LIMITS, seed=1, starts=1, iterations=3)
+    V, expected = observed(arm, other, 200)
+    assert np.abs(V @ base - expected).max() <= 100 * motion.condition * np.finfo(float).eps * np.abs(expected).max()
+
+
+def test_the_same_seed_gives_the_same_motion(arm):
+    def found(seed):
+        return rne.excitation(arm, DURATION, 2, limits=LIMITS, seed=seed, iterations=3, starts=1, random_motions=10)
+
+    first, again, other = found(0), found(0), found(1)
+    np.testing.assert_array_equal([first.a, first.b], [again.a, again.b])
+    assert np.abs(first.a - other.a).max() > 0.01
+
+
+def test_early_stop_is_reported_and_keeps_the_limits(arm):
+    seen = []
+    motion = rne.excitation(
+        arm, DURATION, HARMONICS, limits=LIMITS, iterations=2, starts=2, progress=lambda *s: seen.append(s)
+    )
+    assert not motion.converged
+    assert motion.message == "Iteration limit reached"
+    assert "stopped early: Iteration limit reached" in repr(motion).replace("\n  ", " ")
+    assert all(use.max() <= 1 for use in motion.limit_use.values())
+    assert [s[:2] for s in seen][:4] == [(0, 1), (0, 2), (1, 1), (1, 2)]
+    assert motion.condition <= motion.random.min()
+
+
+@pytest.mark.parametrize("criterion", [Condition(16.0), Condition(64.0, scaled=True), Condition(), Determinant()])
+def test_gradients_are_exact(arm, criterion):
+    search, x = search_of(arm, criterion)
+    close(search.gradient(criterion, x), slope(lambda y: criterion.value(search.matrix(y)), x), DIFFERENCES)
+
+
+def test_gradients_with_friction_rotors_offsets_and_shafts(gantry):
+    options = {"rotor": True, "friction": "viscous+coulomb", "offset": True, "shafts": [[1.0, -1.0, 0.5]]}
+    search, x = search_of(gantry, Determinant(), rest=False, **options)
+    close(search.gradient(search.exact, x), slope(search.value, x), DIFFERENCES)
+
+
+def test_gradients_of_torque_limits(irb140):
+    arm = rne.Robot(rne.load("irb140").model)
+    limits = motion_limits(arm, {"effort_limit": [10.0, 20.0, np.inf, 5.0, 5.0, 5.0]})
+    within = SeriesLimits(arm, limits, FourierBasis(DURATION, 2), True)
+    x, grid = 0.3 * np.random.default_rng(0).normal(size=within.size), within.basis.grid(9)
+    close(within.torque_slack_slopes(x, grid), slope(lambda y: within.torque_slack(y, grid), x), DIFFERENCES)
+
+
+def test_schatten_norms_bound_the_condition_number(arm):
+    search, x = search_of(arm, Condition())
+    W = search.matrix(x)
+    for p in (16.0, 64.0):
+        excess = Condition(p).value(W) - np.log(np.linalg.cond(W))
+        assert 0 <= excess <= 2 * np.log(W.shape[1]) / p
+
+
+def test_sliding_joints(gantry):
+    motion = rne.excitation(gantry, DURATION, 2, friction="viscous", starts=1)
+    q, qd, _ = fine(motion)
+    assert (np.abs(q).max(0) <= 1).all()
+    assert (np.abs(qd).max(0) <= 1.5).all()
+    assert motion.condition < motion.random.min()
+
+
+def test_joints_that_mimic_keep_their_own_limits():
+    model = random_tree(4, seed=6, mimics=2)
+    assert model.n < model.nb
+    robot = limited(model)
+    motion = rne.excitation(robot, DURATION, 3, starts=1, iterations=10)
+    q, qd, _ = fine(motion)
+    positions = q @ model.coordinate_map.T + model.offset
+    assert (np.abs(positions).max(0) <= 1).all()
+    assert (np.abs(qd @ model.coordinate_map.T).max(0) <= 1.5).all()
+
+
+def test_a_pose_that_cannot_be_held_is_no_start(arm):
+    """In mid-range, joint 2 takes 61 N m; the excitation moves where less is needed."""
+    middle = np.abs(arm.gravity_torque((arm.lower + arm.upper) / 2))
+    efforts = np.array([60.0, 0.8 * middle[1], 40.0])
+    motion = rne.excitation(
+        arm, 2 * DURATION, HARMONICS, limits=LIMITS | {"effort_limit": efforts}, starts=1, iterations=5
+    )
+    assert (np.abs(arm.inverse_dynamics(*fine(motion))).max(0) <= efforts * (1 + TORQUES_BETWEEN)).all()
+
+
+def test_samples_and_files(arm, motion, tmp_path):
+    samples = motion.sample(50.0, periods=2)
+    np.testing.assert_allclose(samples.t, np.arange(401) / 50, rtol=1e-14)
+    np.testing.assert_array_equal(samples.qdd, motion(samples.t)[2])
+    again = rne.trajectories.read_csv(motion.to_csv(tmp_path / "motion.csv", 50.0, 2), arm.joint_names)
+    for part in ("t", "q", "qd", "qdd"):
+        np.testing.assert_array_equal(getattr(again, part), getattr(samples, part))
+    figure = rne.plotting.plot(samples, arm, quantities=["q", "qd", "qdd"])
+    assert len(figure.axes) == 3
+
+
+@pytest.mark.long
+def test_irb140_with_all_joints():
+    """Six joints, five harmonics: the condition number of random motions is some 50, of the best of 100 some 25."""
+    motion = rne.excitation(rne.load("irb140"), 10.0, 5, limits={"acceleration_limit": [10.0] * 6})
+    assert motion.condition < 9 < 20 < motion.random.min()
+    assert motion.converged
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "error", "text"),
+    [
+        ((0.0, 3), {}, ValueError, "`duration` must be positive, got 0.0"),
+        ((4.0, 0), {}, ValueError, "`harmonics` must be a whole number above zero, got 0"),
+        ((4.0, 1), {}, ValueError, "`harmonics` must be at least 2 for a motion that starts at rest, got 1"),
+        ((4.0, 3, "best"), {}, ValueError, "`criterion` must be one of ['condition', 'd-optimal'], got 'best'"),
+        (
+            (4.0, 3, "d-optimal"),
+            {"scaled": True},
+            ValueError,
+            "`scaled` must be False for criterion 'd-optimal', which does not depend on the columns' units",
+        ),
+        ((4.0, 3), {"limits": [1]}, TypeError, "`limits` must be a mapping of names to arrays, got list"),
+        (
+            (4.0, 3),
+            {"limits": {"torque": [1]}},
+            ValueError,
+            "`limits` must name some of ['lower', 'upper', 'velocity_limit', 'acceleration_limit', 'effort_limit'], "
+            "got 'torque'",
+        ),
+        ((4.0, 3), {"limits": {"upper": [1.0]}}, ValueError, "`limits['upper']` must have shape (3,), got (1,)"),
+        (
+            (4.0, 3),
+            {"limits": {"upper": [1.0, np.nan, 1.0]}},
+            ValueError,
+            "`limits['upper']` must not be NaN, got nan at index (1,)",
+        ),
+        (
+            (4.0, 3),
+            {"limits": {"upper": [1.0, np.inf, 1.0]}},
+            ValueError,
+            "joint 'joint_2' has no finite range; give `limits` with 'lower' and 'upper'",
+        ),
+        (
+            (4.0, 3),
+            {"limits": {"velocity_limit": [1.0, 1.0, np.inf]}},
+            ValueError,
+            "joint 'joint_3' has no finite rate limit; give `limits` with 'velocity_limit'",
+        ),
+        (
+            (4.0, 3),
+            {"limits": {"lower": [4.0, 0.0, 0.0]}},
+            ValueError,
+            "`limits`: the range of joint 'joint_1' is empty, from 4 to 3.14159",
+        ),
+        (
+            (4.0, 3),
+            {"limits": {"effort_limit": [1.0, 0.0, 1.0]}},
+            ValueError,
+            "`limits`: effort_limit of joint 'joint_2' must be positive, got 0",
+        ),
+        (
+            (4.0, 3),
+            {"samples": 4},
+            ValueError,
+            "`samples` must be at least 5 for 15 base parameters of 3 joints, got 4",
+        ),
+        (
+            (4.0, 3),
+            {"limits": {"effort_limit": [1.0, 1e-6, 1.0]}},
+            ValueError,
+            "`limits`: no pose is held with 90% of the efforts; the best of 2000 takes 3.2e+05 times effort_limit of "
+            "joint 'joint_2'",
+        ),
+        (
+            (4.0, 2),
+            {"limits": {"lower": [-1e-7] * 3, "upper": [1e-7] * 3}, "offset": True},
+            ValueError,
+            "100 random motions of 2 harmonics within the limits excite at most 16 of 18 base parameters; give more "
+            "harmonics or wider limits",
+        ),
+        ((4.0, 3), {"noise": [1.0, 0.0, 1.0]}, ValueError, "`noise` must be positive, got 0.0"),
+        ((4.0, 3), {"starts": 0}, ValueError, "`starts` must be a whole number above zero, got 0"),
+    ],
+)
+def test_wrong_arguments(arm, arguments, options, error, text):
+    with pytest.raises(error, match=f"^{re.escape(text)}$"):
+        rne.excitation(arm, *arguments, **options)
+
+
+def test_something_that_is_no_robot(arm):
+    with pytest.raises(TypeError, match=r"^`robot` must be an rne\.Robot, got Model$"):
+        rne.excitation(arm.model, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((0.0,), "`rate` must be positive, got 0.0"),
+        ((50.0, 0), "`periods` must be a whole number above zero, got 0"),
+    ],
+)
+def test_wrong_samples(motion, arguments, text):
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        motion.sample(*arguments)
