@@ -60,8 +60,8 @@ class Excitation:
     >>> import rne
     >>> motion = rne.excitation(rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0}), 4.0, 3)
     >>> q, qd, qdd = motion(0.0)
-    >>> abs(qd).max() < 1e-12, motion.condition < motion.random.min()
-    (True, True)
+    >>> q.shape, bool(motion.condition < motion.random.min())
+    ((3,), True)
     """
 
     robot: Robot
@@ -129,8 +129,7 @@ class Excitation:
         Returns
         -------
         Samples
-            t, q, qd, qdd, from t = 0 to the last sample at or before the end; tau is None. `rne.plotting.plot`
-            takes it.
+            Times from 0 to the last at or before the end, q, qd and qdd; tau is None. `rne.plotting.plot` takes it.
 
         Raises
         ------

@@ -67,10 +67,12 @@ def excitation(
     limits : mapping of str to array_like, shape (n,), optional
         Replaces limits of the robot: "lower", "upper", "velocity_limit" and "effort_limit"; "acceleration_limit" is
         infinite unless given. Efforts may be infinite [rad or m; rad/s or m/s; N m or N; rad/s^2 or m/s^2].
-    rotor, offset : bool
-        True if inertias of the drives' rotors, or constant torques, are parameters to be identified too.
+    rotor : bool
+        True if inertias of the drives' rotors are parameters to be identified too.
     friction : {None, "viscous", "coulomb", "viscous+coulomb"}
         Friction that is to be identified too.
+    offset : bool
+        True if constant torques of the drives are to be identified too.
     shafts : array_like, shape (s, n), optional
         Rows of further shafts with rotor and friction, each turning at that row times qd.
     smoothing : float, optional
@@ -124,7 +126,7 @@ def excitation(
     >>> import rne
     >>> robot = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
     >>> motion = rne.excitation(robot, 4.0, 3, limits={"acceleration_limit": [10.0] * 3}, friction="viscous")
-    >>> motion.converged, 2 * motion.condition < min(motion.random)
+    >>> motion.converged, bool(motion.condition < motion.random.min())
     (True, True)
     """
     within = _within(robot, duration, harmonics, limits, rest)
