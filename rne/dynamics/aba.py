@@ -74,7 +74,7 @@ def rigid_body(model: Model, i: int, omega: Array, v: Array) -> tuple[Inertia, F
     omega_v = cross(omega, v)
     n = cross(omega, rotate(I, omega)) + cross(h, omega_v)
     f = m * omega_v + cross(omega, cross(omega, h))
-    return Inertia(I, cross_matrix(h), m * IDENTITY), Force(n, f)
+    return Inertia(I, cross_matrix(h), m[..., None] * IDENTITY), Force(n, f)
 
 
 def across_joint(IA: Inertia, pA: Force, joint: JointTerms) -> tuple[Inertia, Force]:

@@ -57,7 +57,7 @@ def judge_singularity(
     if not singular.any():
         return SOUND
     state = tuple(int(k) for k in np.argwhere(singular)[0])
-    return Verdict(error=singular_error(model, mass_matrix.core(model, arguments["q"][state]).real, state))
+    return Verdict(error=singular_error(model, mass_matrix.core(model.of_states(state), arguments["q"][state]).real, state))
 
 
 def judge_accelerations(
@@ -78,7 +78,7 @@ def judge_accelerations(
         return SOUND
     q, qd, tau = (arguments[name][suspect].astype(np.float64) for name in ("q", "qd", "tau"))
     wrenches = {link: wrench[suspect].astype(np.float64) for link, wrench in (arguments.get("external") or {}).items()}
-    lost = float(np.finfo(qdd.dtype).eps) * amplifications(model, q, qd, tau, wrenches or None, qdd.dtype)
+    lost = float(np.finfo(qdd.dtype).eps) * amplifications(model.of_states(suspect), q, qd, tau, wrenches or None, qdd.dtype)
     k = int(np.argmax(lost))
     digits = max(0.0, -float(np.log10(lost[k])))
     if digits >= MIN_DIGITS:

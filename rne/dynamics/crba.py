@@ -24,7 +24,7 @@ def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> dict[int
     """Mass, first moment and inertia of each body with its whole subtree (I^C_i of Featherstone), in frame i."""
     zero = zeros((3,), like=model.mass)
     composites = {i: model.body_moments(i) for i in range(model.nb)} | {
-        BASE: Moments(zero[0], zero, cross_matrix(zero))
+        BASE: Moments(zero[:1], zero, cross_matrix(zero))
     }
     for i in reversed(range(model.nb)):
         parent = model.parent[i]

@@ -5,6 +5,7 @@ branches on a value. `function.core` is that recursion, to be read, tested or tr
 
 Arguments named q, qd, qdd and tau are joint arrays, checked and traced; `external` (wrenches by link) and `link` are
 the other arguments that a quantity may have. For a kernel the wrenches become arrays too: `rne.kernels.wrenches`.
+`evaluate` also takes `parameters`, the inertial parameters in place of the model's.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError
 from ..model.arguments import joint_array, model_argument
 from ..model.model import Model
+from ..model.parameters import PARAMETERS, at_parameters
 from .verdict import SOUND, Verdict
 
 P = ParamSpec("P")
@@ -50,6 +52,9 @@ class Quantity:
         Turns the pivots into a Verdict on the result.
     rates : (str, slice), optional
         The argument, and its entries, that are joint rates whose squares may cost digits.
+    moments : bool
+        True if the result depends on the inertial parameters, and through `model.moments` alone, so that they may be
+        inputs: `rne.kernels.parameter_inputs`.
     base_parameters : bool
         True if the result depends on the inertial parameters only through the base parameters, so that masses may be
         redistributed between bodies; see ``rne/model/base_parameters.py``.
@@ -64,9 +69,15 @@ class Quantity:
     widths: Mapping[str, int | None]
     judge: Judge | None = None
     rates: tuple[str, slice] | None = None
+    moments: bool = False
     base_parameters: bool = False
     returns_array: bool = True
     wrenches: Mapping[str, str] = field(default_factory=dict)
+
+    def require_moments(self) -> None:
+        """Refuse inertial parameters as an input, with a TypeError, if they cannot be one."""
+        if not self.moments:
+            raise TypeError(f"rne.{self.name} takes no inertial parameters as an input")
 
 
 class Declared(Protocol):
@@ -93,14 +104,19 @@ class QuantityFunction(Protocol[P, T_co]):
 
 
 def quantity(
-    *, base_parameters: bool = False, returns_array: bool = True
+    *, moments: bool = False, base_parameters: bool = False, returns_array: bool = True
 ) -> Callable[[Callable[Concatenate[Model, P], R]], QuantityFunction[P, R]]:
-    """Declare a core as a public function whose result is checked for overflow only."""
+    """Declare a core as a public function whose result is checked for overflow only.
+
+    A result that depends on base parameters only depends on the moments only.
+    """
+    moments = moments or base_parameters
 
     def decorate(core: Callable[Concatenate[Model, P], R]) -> QuantityFunction[P, R]:
-        return cast(
-            "QuantityFunction[P, R]", _declare(core, None, base_parameters=base_parameters, returns_array=returns_array)
+        declared = _declare(
+            core, None, moments=moments, base_parameters=base_parameters, returns_array=returns_array
         )
+        return cast("QuantityFunction[P, R]", declared)
 
     return decorate
 
@@ -114,12 +130,13 @@ def judged_quantity(
     """
 
     def decorate(core: Callable[Concatenate[Model, P], tuple[Array, Array, Array]]) -> QuantityFunction[P, Array]:
-        return cast("QuantityFunction[P, Array]", _declare(core, judge, base_parameters=True, returns_array=True))
+        declared = _declare(core, judge, moments=True, base_parameters=True, returns_array=True)
+        return cast("QuantityFunction[P, Array]", declared)
 
     return decorate
 
 
-def _declare(core: Callable[..., Any], judge: Judge | None, *, base_parameters: bool, returns_array: bool) -> Any:
+def _declare(core: Callable[..., Any], judge: Judge | None, **further: bool) -> Any:
     """The public function of a core, with its Quantity."""
     signature = inspect.signature(core)
     name = core.__name__
@@ -127,11 +144,16 @@ def _declare(core: Callable[..., Any], judge: Judge | None, *, base_parameters: 
     if unknown:
         raise TypeError(f"{name}: arguments must be named {[*JOINT_ARGUMENTS, *OPTIONS]}, got {sorted(unknown)}")
 
-    def evaluate(model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]:
+    def evaluate(model: Model, *args: Any, parameters: Any = None, **kwargs: Any) -> tuple[Any, Verdict]:
         model_argument(model)
         arguments = signature.bind(model, *args, **kwargs).arguments
         given = {key: value for key, value in arguments.items() if key != "model"}
-        checked_model, given = check_arguments(model, given)
+        if parameters is None:
+            checked_model, given = check_arguments(model, given)
+        else:
+            public.quantity.require_moments()
+            checked_model, given = check_arguments(model, given | {"parameters": parameters})
+            checked_model = at_parameters(checked_model, given.pop("parameters"))
         with np.errstate(all="ignore"):  # what goes wrong is named below
             result = core(checked_model, **given)
             verdict = SOUND
@@ -157,8 +179,7 @@ def _declare(core: Callable[..., Any], judge: Judge | None, *, base_parameters: 
         widths={key: None for key in signature.parameters if key in JOINT_ARGUMENTS},
         judge=judge,
         rates=("qd", slice(None)) if judge is not None and "qd" in signature.parameters else None,
-        base_parameters=base_parameters,
-        returns_array=returns_array,
+        **further,
     )
     return public
 
@@ -166,6 +187,8 @@ def _declare(core: Callable[..., Any], judge: Judge | None, *, base_parameters: 
 def check_arguments(model: Model, given: Mapping[str, Any]) -> tuple[Model, dict[str, Any]]:
     """Finite arrays of one dtype and one leading shape, and the model in that dtype."""
     arrays = {name: joint_array(name, given[name], model) for name in JOINT_ARGUMENTS if name in given}
+    if "parameters" in given:
+        arrays["parameters"] = joint_array("parameters", given["parameters"], model, PARAMETERS * model.nb)
     external = given.get("external")
     wrenches = {} if external is None else check_external(model, external)
     every = [*arrays.values(), *wrenches.values()]

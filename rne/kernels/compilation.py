@@ -7,8 +7,8 @@ from typing import Any
 from ..dynamics.quantity import Declared
 from ..model.model import Model
 from .kernel import Kernel
+from .parameter_inputs import inputs_as_arrays
 from .trace import quantity_of
-from .wrenches import wrenches_as_arrays
 
 
 def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed: Any) -> Kernel:
@@ -82,7 +82,7 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     >>> rne.derivative(rne.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
     (6, 6)
     """
-    function, fixed = wrenches_as_arrays(function, model, fixed)
+    function, fixed = inputs_as_arrays(function, model, fixed)
     names = tuple(quantity_of(function).widths)
     for name in wrt:
         if name not in names:

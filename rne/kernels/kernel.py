@@ -23,13 +23,14 @@ from .engines import Batches, engine_argument, engine_of
 from .graph import TooLarge
 from .heading import heading
 from .numpy_backend import check_out
+from .parameter_inputs import inputs_as_arrays
 from .plain_state import plain_state_call
 from .python_backend import Guard, Refused
 from .scalar import is_traced
 from .source import Printable, to_source
 from .threads import check_workers, run_in_threads
 from .trace import Trace, argument_widths, quantity_of, trace, within_a_trace
-from .wrenches import named_by_function, wrenches_as_arrays
+from .wrenches import named_by_function
 
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
 
@@ -65,7 +66,7 @@ class Kernel(InNotebooks):
         wrt: Sequence[str] = (),
         engine: str = "numpy",
     ) -> None:
-        self.function, self.fixed = wrenches_as_arrays(function, model, fixed)
+        self.function, self.fixed = inputs_as_arrays(function, model, fixed)
         self.quantity = quantity_of(self.function)
         self.model = model_argument(model)
         self.wrt = tuple(wrt)

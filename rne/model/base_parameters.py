@@ -13,6 +13,7 @@ import numpy as np
 
 from ..basics.spatial import IDENTITY, Array, outer, point_mass_inertia, transpose
 from .model import Model
+from .other_moments import with_moments
 from .solids import Moments
 
 
@@ -54,7 +55,7 @@ def with_base_parameters(model: Model) -> Model:
             mass[k] = mass[k] + moved.mass
             first_moment[k] = first_moment[k] + moved.first_moment
             inertia[k] = inertia[k] + moved.inertia
-    return model.with_moments(Moments(mass, first_moment, inertia))
+    return with_moments(model, Moments(mass, first_moment, inertia))
 
 
 def perpendicular(b: Array) -> Array:

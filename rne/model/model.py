@@ -227,14 +227,13 @@ class Model:
         return Moments(m, m[..., None] * c, self.inertia + point_mass_inertia(m[..., None, None], c))
 
     def body_moments(self, i: int) -> Moments:
-        """Mass, first moment and inertia of body i about its frame's origin."""
-        return Moments(*(moment[i] for moment in self.moments))
+        """Mass (..., 1), first moment (..., 3) and inertia (..., 3, 3) of body i about its frame's origin."""
+        m, h, I = self.moments
+        return Moments(m[..., i, None], h[..., i, :], I[..., i, :, :])
 
-    def with_moments(self, moments: Moments) -> Model:
-        """The same robot with other moments of mass; used only for dynamics, see ``rne/model/base_parameters.py``."""
-        clone = unchecked_model({f.name: getattr(self, f.name) for f in fields(self)})
-        clone.__dict__["moments"] = moments
-        return clone
+    def of_states(self, states: Any) -> Model:
+        """The robot of some states of a batch: itself, but for a ModelWithMoments."""
+        return self
 
     @cached_property
     def is_revolute(self) -> Array:

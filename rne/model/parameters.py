@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
-from ..basics.spatial import Array, point_mass_inertia
+from ..basics.spatial import IDENTITY, Array, dot, outer, point_mass_inertia
 from .arguments import model_argument
+from .other_moments import with_moments
+from .solids import Moments
 
 if TYPE_CHECKING:
     from .model import Model
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 PARAMETERS = 10  # of a body
 PRODUCTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # entries of the inertia, in their order
 ROWS, COLUMNS = (np.array(indices) for indices in zip(*PRODUCTS, strict=True))
+ENTRIES = np.zeros((3, 3), np.intp)  # of a symmetric matrix: the place of each among the PRODUCTS
+ENTRIES[ROWS, COLUMNS] = ENTRIES[COLUMNS, ROWS] = range(len(PRODUCTS))
 
 
 def parameters_of(model: Model) -> Array:
@@ -26,6 +30,25 @@ def parameters_of(model: Model) -> Array:
     inertia = model.inertia + point_mass_inertia(model.mass[:, None, None], centre)
     moments = model.mass[:, None] * centre
     return np.concatenate([model.mass[:, None], moments, inertia[:, ROWS, COLUMNS]], axis=1).reshape(-1)
+
+
+def at_parameters(model: Model, parameters: Array) -> Model:
+    """The robot for dynamics alone, at parameters that are not checked and may differ from state to state.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    parameters : ndarray, shape (..., 10 nb)
+        As of `with_parameters`, of any dtype, traced numbers too.
+    """
+    rows = parameters.reshape(*parameters.shape[:-1], model.nb, PARAMETERS)
+    m, h, o = rows[..., 0], rows[..., 1:4], model.joint_origin
+    inertia = rows[..., 4:].take(ENTRIES, -1)
+    # from the joint's origin in the URDF to that of the body's frame
+    shift = 2 * dot(h, o)[..., None, None] * IDENTITY - outer(h, o) - outer(o, h)
+    inertia = inertia + shift + point_mass_inertia(m[..., None, None], o)
+    return with_moments(model, Moments(m, h + m[..., None] * o, inertia))
 
 
 def with_parameters(model: Model, parameters: ArrayLike) -> Model:

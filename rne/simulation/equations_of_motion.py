@@ -108,7 +108,7 @@ class AppliedTorques:
     @property
     def quantity(self) -> Quantity:
         """What is traced: arrays t, x and, where torques are given, u."""
-        return Quantity(name=self.name, core=self.core, widths=self._widths, base_parameters=True)
+        return Quantity(name=self.name, core=self.core, widths=self._widths, moments=True, base_parameters=True)
 
     @property
     def _widths(self) -> dict[str, int | None]:
@@ -236,7 +236,13 @@ class RightHandSide(AppliedTorques):
         n = self.robot.n
         rates = ("x", slice(n, 2 * n))
         return Quantity(
-            name=self.name, core=self.core, widths=self._widths, judge=self._judge, rates=rates, base_parameters=True
+            name=self.name,
+            core=self.core,
+            widths=self._widths,
+            judge=self._judge,
+            rates=rates,
+            moments=True,
+            base_parameters=True,
         )
 
     def core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
