@@ -245,7 +245,7 @@ class TestRobot:
         link = robot.link_names[-1]
         s, (wrench,) = states(n, 2, rate=1.0, acceleration=1.0), wrenches_on([link], 2)
         got = robot.forward_dynamics(*s, external={link: wrench})
-        chosen = robot.kernels.forward_kernel((link,))
+        chosen = robot.kernels.forward_kernel(external=(link,))
         assert np.array_equal(got, chosen(*s, wrench))
         assert chosen.function.function is robot.kernels.forward_method()
 

@@ -20,13 +20,17 @@ from .compilation import compile, derivative
 from .complex_step import complex_step
 from .engines import engine_argument
 from .kernel import Kernel
+from .parameter_inputs import inputs_as_arrays
 from .plain_state import PlainState
 from .scalar import is_traced
-from .wrenches import UnderWrenches, wrench_links, wrenches_as_arrays
+from .wrenches import wrench_links
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
 # joints, articulated bodies beyond the second.
 FEW_JOINTS, MANY_JOINTS = 9, 20
+
+# Which arrays a kernel takes behind the joint arrays: ("external", links), ("parameters", True)
+Inputs = tuple[tuple[str, Any], ...]
 
 
 class KernelCache:
@@ -46,7 +50,7 @@ class KernelCache:
         self._kernels: dict[Any, Kernel] = {}
         self._plain: dict[Any, PlainState] = {}  # of the kernels; without other arguments by the function alone
         self._evaluated: set[Any] = set()  # quantities evaluated for one state
-        self._forward: dict[tuple[str, ...], Kernel] = {}  # by the links with wrenches
+        self._forward: dict[Inputs, Kernel] = {}
         self._orders: dict[tuple[str, ...], tuple[str, ...]] = {}  # of such links, as given: in the model's order
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
@@ -70,14 +74,20 @@ class KernelCache:
         result = None if plain is None else plain(*arrays)
         return self.evaluate(function, *arrays)[0] if result is None else result
 
-    def value_under(self, external: External, function: Declared, *arrays: ArrayLike) -> Array:
-        """A quantity that has no Verdict, under external wrenches by link."""
-        links, arrays = self._with_wrenches(function, arrays, external)
-        if not links:
+    def value_with(
+        self,
+        function: Declared,
+        *arrays: ArrayLike,
+        external: External | None = None,
+        parameters: ArrayLike | None = None,
+    ) -> Array:
+        """A quantity that has no Verdict, under external wrenches by link, or at other inertial parameters."""
+        inputs, arrays = self._with_inputs(function, arrays, external, parameters)
+        if not inputs:
             return self.value(function, *arrays)
-        plain = self._plain.get((function, ("external", links)))
+        plain = self._plain.get((function, *inputs))
         result = None if plain is None else plain(*arrays)
-        return self.evaluate(function, *arrays, external=links)[0] if result is None else result
+        return self.evaluate(function, *arrays, **dict(inputs))[0] if result is None else result
 
     def _derivatives(self, function: Declared, wrt: tuple[str, ...], *arrays: ArrayLike) -> Array:
         """Its derivatives by some arguments."""
@@ -93,7 +103,7 @@ class KernelCache:
         kernel = self._kernels.get(key)
         if kernel is None:
             if self._mark_first_state(key, arrays):
-                function, fixed = wrenches_as_arrays(function, self.model, fixed)
+                function, fixed = inputs_as_arrays(function, self.model, fixed)
                 if wrt:
                     return complex_step(function, self.model, arrays, wrt, fixed)
                 return function.evaluate(self.model, *arrays, **fixed)
@@ -112,6 +122,22 @@ class KernelCache:
             self._evaluated.add(key)
         return one_state
 
+    def _with_inputs(
+        self,
+        function: Declared,
+        arrays: tuple[ArrayLike, ...],
+        external: External | None,
+        parameters: ArrayLike | None,
+    ) -> tuple[Inputs, tuple[ArrayLike, ...]]:
+        """The inputs behind the joint arrays, and all arrays."""
+        inputs: Inputs = ()
+        if external is not None:
+            links, arrays = self._with_wrenches(function, arrays, external)
+            inputs = (("external", links),) if links else ()
+        if parameters is not None:
+            inputs, arrays = (*inputs, ("parameters", True)), (*arrays, parameters)
+        return inputs, arrays
+
     def _with_wrenches(
         self, function: Declared, arrays: tuple[ArrayLike, ...], external: External
     ) -> tuple[tuple[str, ...], tuple[ArrayLike, ...]]:
@@ -125,35 +151,40 @@ class KernelCache:
         return links, arrays + tuple([external[link] for link in links])
 
     def accelerations(
-        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, external: External | None = None
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        external: External | None = None,
+        parameters: ArrayLike | None = None,
     ) -> tuple[Array, Verdict]:
         """Forward dynamics by the method that suits the model."""
-        links: tuple[str, ...] = ()
+        inputs: Inputs = ()
         arrays: tuple[ArrayLike, ...] = (q, qd, tau)
-        if external is not None:
-            links, arrays = self._with_wrenches(forward_dynamics, arrays, external)
-        kernel = self._forward.get(links)
+        if external is not None or parameters is not None:
+            inputs, arrays = self._with_inputs(forward_dynamics, arrays, external, parameters)
+        kernel = self._forward.get(inputs)
         if kernel is not None and kernel.is_unrolled:
             result = kernel.plain_state(*arrays)
             if result is not None:
                 return result, SOUND
-        if kernel is None and self._mark_first_state(("forward dynamics", *links), arrays):
-            method = self._forward_methods()[-1]
-            return (UnderWrenches(method, links) if links else method).evaluate(self.model, *arrays)
-        return self.forward_kernel(links).evaluate(*arrays)
+        if kernel is None and self._mark_first_state(("forward dynamics", *inputs), arrays):
+            method, _ = inputs_as_arrays(self._forward_methods()[-1], self.model, dict(inputs))
+            return method.evaluate(self.model, *arrays)
+        return self.forward_kernel(**dict(inputs)).evaluate(*arrays)
 
-    def forward_kernel(self, links: tuple[str, ...] = ()) -> Kernel:
-        """The kernel of forward dynamics by the method with fewer operations, under wrenches on some links.
+    def forward_kernel(self, **fixed: Any) -> Kernel:
+        """The kernel of forward dynamics by the method with fewer operations; `external`, `parameters` as in `compile`.
 
         That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
         about the same digits on few joints, and on long chains articulated bodies lose fewer.
         """
-        kernel = self._forward.get(links)
+        inputs = tuple(fixed.items())
+        kernel = self._forward.get(inputs)
         if kernel is None:
-            fixed = {"external": links} if links else {}
             kernels = [self.kernel(method, **fixed) for method in self._forward_methods()]
             kernel = min(kernels, key=lambda k: sum(k.operations.values()) or float("inf"))
-            self._forward[links] = kernel
+            self._forward[inputs] = kernel
         return kernel
 
     def forward_method(self) -> Declared:

@@ -44,7 +44,7 @@ class Kernel(InNotebooks):
     ----------
     model : Model
     names : tuple of str
-        The arrays it takes, in order; wrenches are external_1, external_2, ...
+        The arrays it takes, in order; wrenches are external_1, external_2, ..., inertial parameters `parameters`.
     wrt : tuple of str
         The arguments of the derivatives; empty for the function itself.
     engine : {"numpy", "numba"}
@@ -88,9 +88,10 @@ class Kernel(InNotebooks):
         by = f" by {', '.join(self.wrt)}" if self.wrt else ""
         links = ", ".join(f"'{short(link)}'" for link in self.quantity.wrenches.values())
         under = f" under wrenches on {links}" if links else ""
+        at = " at parameters given" if "parameters" in self.names else ""
         by_numba = self.engine == "numba" and self.is_unrolled
         engine = f", by Numba{self._compiled_in}" if by_numba else ""
-        return wrapped(f"Kernel {self.quantity.name}{by} of '{short(self.model.name)}'{under}: {count}{engine}")
+        return wrapped(f"Kernel {self.quantity.name}{by} of '{short(self.model.name)}'{under}{at}: {count}{engine}")
 
     @property
     def _compiled_in(self) -> str:

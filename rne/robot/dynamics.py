@@ -5,11 +5,10 @@ from __future__ import annotations
 from numpy.typing import ArrayLike, DTypeLike
 
 from ..basics.spatial import Array
-from ..dynamics.coriolis import coriolis_matrix
 from ..dynamics.crba import mass_matrix
 from ..dynamics.diagnosis import Diagnosis, diagnose
 from ..dynamics.record import Recursion, recursion
-from ..dynamics.rnea import External, bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
+from ..dynamics.rnea import External, inverse_dynamics
 from .base import RobotBase
 
 
@@ -17,7 +16,13 @@ class Dynamics(RobotBase):
     """Relations between motion and torques: M qdd + C qd + g = tau."""
 
     def inverse_dynamics(
-        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        external: External | None = None,
+        parameters: ArrayLike | None = None,
     ) -> Array:
         """Joint torques for given accelerations: tau = M qdd + C qd + g.
 
@@ -28,6 +33,9 @@ class Dynamics(RobotBase):
         external : mapping of str to array_like, shape (..., 6), optional
             Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N]. The torques
             are less by what the wrenches supply.
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own, in the order of `Robot.parameters`. They broadcast against
+            the states: many variants of the robot are one batch. Any finite numbers will do, possible bodies or not.
 
         Returns
         -------
@@ -41,20 +49,29 @@ class Dynamics(RobotBase):
 
         Examples
         --------
-        >>> import rne
+        >>> import numpy as np, rne
         >>> robot = rne.load("irb140")
         >>> robot.inverse_dynamics([0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
         -22.499
         >>> pull = {"link_6": [0, 0, 0, 0, 0, -10.0]}  # 10 N along -z of link 6
         >>> robot.inverse_dynamics([0] * 6, [0] * 6, [0] * 6, external=pull).shape
         (6,)
+        >>> scales = np.random.default_rng(0).uniform(0.9, 1.1, (5000, 1))  # all masses up to 10 % off
+        >>> robot.inverse_dynamics([0] * 6, [0] * 6, [0] * 6, parameters=scales * robot.parameters).shape
+        (5000, 6)
         """
-        if external is None:
+        if external is None and parameters is None:
             return self.kernels.value(inverse_dynamics, q, qd, qdd)
-        return self.kernels.value_under(external, inverse_dynamics, q, qd, qdd)
+        return self.kernels.value_with(inverse_dynamics, q, qd, qdd, external=external, parameters=parameters)
 
     def forward_dynamics(
-        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, external: External | None = None
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        external: External | None = None,
+        parameters: ArrayLike | None = None,
     ) -> Array:
         """Joint accelerations that the torques tau give: qdd = M^-1 (tau - C qd - g).
 
@@ -64,6 +81,9 @@ class Dynamics(RobotBase):
             Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
         external : mapping of str to array_like, shape (..., 6), optional
             Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`. Of bodies that are not possible,
+            those are refused that make M singular or not positive definite.
 
         Returns
         -------
@@ -90,17 +110,19 @@ class Dynamics(RobotBase):
         >>> robot.forward_dynamics([0.1] * 6, [0] * 6, tau).round(9).tolist()
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
-        qdd, verdict = self.kernels.accelerations(q, qd, tau, external)
+        qdd, verdict = self.kernels.accelerations(q, qd, tau, external, parameters)
         verdict.raise_or_warn(stacklevel=2)
         return qdd
 
-    def mass_matrix(self, q: ArrayLike) -> Array:
+    def mass_matrix(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Joint-space inertia matrix M(q): column j is the torques for a unit acceleration of joint j.
 
         Parameters
         ----------
         q : array_like, shape (..., n)
             Joint positions [rad or m].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
@@ -118,117 +140,9 @@ class Dynamics(RobotBase):
         >>> rne.load("irb140").mass_matrix([0] * 6)[5, 5].round(6).item()
         0.001458
         """
-        return self.kernels.value(mass_matrix, q)
-
-    def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None) -> Array:
-        """Joint torques at zero acceleration: C qd + g, less the torques that external wrenches supply.
-
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
-        external : mapping of str to array_like, shape (..., 6), optional
-            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
-
-        Returns
-        -------
-        ndarray, shape (..., n)
-            Torques [N m or N].
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, there is no such link, or the torque overflows.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.load("irb140").bias_torque([0] * 6, [1, 0, 0, 0, 0, 0]).shape
-        (6,)
-        """
-        if external is None:
-            return self.kernels.value(bias_torque, q, qd)
-        return self.kernels.value_under(external, bias_torque, q, qd)
-
-    def gravity_torque(self, q: ArrayLike) -> Array:
-        """Joint torques g(q) that balance gravity at rest.
-
-        Parameters
-        ----------
-        q : array_like, shape (..., n)
-            Joint positions [rad or m].
-
-        Returns
-        -------
-        ndarray, shape (..., n)
-            Torques [N m or N]; the gradient of the potential energy.
-
-        Raises
-        ------
-        ValueError
-            If `q` has the wrong shape or is not finite.
-
-        Examples
-        --------
-        >>> import math, rne
-        >>> rne.load("irb140").gravity_torque([0, math.pi / 2, -math.pi / 2, 0, 0, 0]).round(3)[[1, 2, 4]].tolist()
-        [-158.834, -23.632, -0.284]
-        """
-        return self.kernels.value(gravity_torque, q)
-
-    def coriolis_torque(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """Centrifugal and Coriolis joint torques C(q, qd) qd.
-
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
-
-        Returns
-        -------
-        ndarray, shape (..., n)
-            Torques [N m or N]; quadratic in the rates.
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or the torque overflows.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, q, qd = rne.load("irb140"), np.full(6, 0.3), np.full(6, 0.5)
-        >>> np.allclose(robot.coriolis_torque(q, 2 * qd), 4 * robot.coriolis_torque(q, qd))
-        True
-        """
-        return self.kernels.value(coriolis_torque, q, qd)
-
-    def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
-
-        Parameters
-        ----------
-        q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
-
-        Returns
-        -------
-        ndarray, shape (..., n, n)
-            Torque i per rate j [N m s/rad, N s or N s/m].
-
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape or is not finite, or C overflows.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, q, qd = rne.load("irb140"), np.full(6, 0.3), np.full(6, 0.5)
-        >>> np.allclose(robot.coriolis_matrix(q, qd) @ qd, robot.coriolis_torque(q, qd))
-        True
-        """
-        return self.kernels.value(coriolis_matrix, q, qd)
+        if parameters is None:
+            return self.kernels.value(mass_matrix, q)
+        return self.kernels.value_with(mass_matrix, q, parameters=parameters)
 
     def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
         """Inverse dynamics with all intermediate vectors of every link.

@@ -12,13 +12,14 @@ from ..basics.short_text import counted
 from ..basics.text_table import short
 from ..model import modify
 from ..model.parameters import with_parameters
+from .bias_terms import BiasTerms
 from .derivatives import Derivatives
 from .dynamics import Dynamics
 from .inertial import Inertial
 from .kinematics import Kinematics
 
 
-class Robot(Dynamics, Derivatives, Kinematics, Inertial, InNotebooks):
+class Robot(Dynamics, BiasTerms, Derivatives, Kinematics, Inertial, InNotebooks):
     """A robot whose quantities are methods.
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
