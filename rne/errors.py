@@ -85,7 +85,7 @@ class NotFiniteError(RneError, ValueError):
 
 
 class SingularMassMatrixError(RneError, LinAlgError):
-    """Forward dynamics of a state in which some combination of joint motions moves no inertia.
+    """Forward dynamics of a state in which some combination of joint motions moves no inertia, or a negative one.
 
     Attributes
     ----------

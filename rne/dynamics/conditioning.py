@@ -14,6 +14,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import SingularMassMatrixError
 from ..model.model import Model
+from ..model.other_moments import of_states
 from .crba import mass_matrix
 from .rnea import External, bias_torque, gravity_torque
 from .verdict import SOUND, BatchIndex, PrecisionLoss, Verdict
@@ -22,6 +23,7 @@ MIN_DIGITS = 3.0  # decimal digits below which a result is warned of
 # A pivot of M up to SINGULAR n eps M_kk is only rounding error: M is singular, an error. Up to NEARLY_SINGULAR
 # n eps M_kk the digits left are estimated.
 SINGULAR, NEARLY_SINGULAR = 8, 1000
+NEGATIVE = 1e-9  # of M's largest entry, or of M scaled to unit diagonal: more below zero is no rounding error
 
 
 def pivot_grade(pivots: Array, diagonal: Array) -> Array:
@@ -57,7 +59,9 @@ def judge_singularity(
     if not singular.any():
         return SOUND
     state = tuple(int(k) for k in np.argwhere(singular)[0])
-    return Verdict(error=singular_error(model, mass_matrix.core(model.of_states(state), arguments["q"][state]).real, state))
+    return Verdict(
+        error=singular_error(model, mass_matrix.core(of_states(model, state), arguments["q"][state]).real, state)
+    )
 
 
 def judge_accelerations(
@@ -78,7 +82,9 @@ def judge_accelerations(
         return SOUND
     q, qd, tau = (arguments[name][suspect].astype(np.float64) for name in ("q", "qd", "tau"))
     wrenches = {link: wrench[suspect].astype(np.float64) for link, wrench in (arguments.get("external") or {}).items()}
-    lost = float(np.finfo(qdd.dtype).eps) * amplifications(model.of_states(suspect), q, qd, tau, wrenches or None, qdd.dtype)
+    lost = float(np.finfo(qdd.dtype).eps) * amplifications(
+        of_states(model, suspect), q, qd, tau, wrenches or None, qdd.dtype
+    )
     k = int(np.argmax(lost))
     digits = max(0.0, -float(np.log10(lost[k])))
     if digits >= MIN_DIGITS:
@@ -169,9 +175,12 @@ def weakest_motion(model: Model, M: Array) -> tuple[tuple[str, ...], float]:
 
 
 def singular_error(model: Model, M: Array, state: BatchIndex) -> SingularMassMatrixError:
-    """The error that names the joints whose combined motion moves no inertia."""
+    """The error that names the joints whose combined motion moves no inertia, or a negative one."""
     joints, value = weakest_motion(model, M)
     names = ", ".join(repr(name) for name in joints)
+    if value < -NEGATIVE or np.diagonal(M).min() < -NEGATIVE * np.abs(M).max():  # of bodies that are not possible
+        cause = f": a motion of {names} moves negative inertia"
+        return SingularMassMatrixError("M is not positive definite", cause, joints, state)
     if not (np.diagonal(M) > 0).all():
         return SingularMassMatrixError("M is singular", f": nothing with inertia moves with {names}", joints, state)
     return SingularMassMatrixError(

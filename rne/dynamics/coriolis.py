@@ -9,7 +9,7 @@ from .kinematics import joint_rates, joint_transforms
 from .quantity import quantity
 
 
-@quantity()
+@quantity(moments=True)
 def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
 
@@ -33,8 +33,8 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     Notes
     -----
     A rigid body is a sum of point masses, and for a point mass C = m J^T dJ/dt gives the Christoffel symbols. Summed
-    over the body, with rates of components in its own axes:
-    C = m Jc^T (dJc + [omega]x Jc) + Jw^T (I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw).
+    over the body, with rates of components in its own axes, C = Jv^T f + Jw^T n with
+    f = m a + dJw x h + omega x (Jw x h), n = h x a + I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw, a = dJv + omega x Jv.
     dM/dt - 2C is skew: Siciliano et al. 2009, (7.49).
 
     Examples
@@ -49,14 +49,15 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     all_dJw, all_dJv = body_jacobian_rates(model, R, p, rates, all_Jw, all_Jv)
     C = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
     for i in range(model.nb):
-        m, c, I = model.mass[i], model.com[i], model.inertia[i]
-        Jw, dJw = all_Jw[i], all_dJw[i]  # rows are joints: J^T of the docstring
-        Jc, dJc = all_Jv[i] + cross(Jw, c), all_dJv[i] + cross(dJw, c)
+        m, h, I = model.body_moments(i)
+        m, h = m[..., None], h[..., None, :]
+        Jw, Jv, dJw, dJv = all_Jw[i], all_Jv[i], all_dJw[i], all_dJv[i]  # rows are joints: J^T of the docstring
         omega = (Jw * rates[..., :, None]).sum(-2)
-        spin = (I.trace() / 2) * cross_matrix(omega) - cross_matrix(rotate(I, omega))
-        linear = m * (dJc + cross(omega[..., None, :], Jc))
-        angular = dJw @ I + Jw @ transpose(spin)
-        C = C + Jc @ transpose(linear) + Jw @ transpose(angular)
+        spin = I.trace(axis1=-2, axis2=-1)[..., None, None] / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
+        a = dJv + cross(omega[..., None, :], Jv)
+        f = m * a + cross(dJw, h) + cross(omega[..., None, :], cross(Jw, h))
+        n = cross(h, a) + dJw @ I + Jw @ transpose(spin)
+        C = C + Jv @ transpose(f) + Jw @ transpose(n)
     if model.has_mimics:
         C = model.coordinate_map.T @ C @ model.coordinate_map
     return C

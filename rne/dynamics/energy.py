@@ -8,9 +8,9 @@ from .kinematics import body_poses, joint_transforms, velocities
 from .quantity import quantity
 
 
-@quantity()
+@quantity(moments=True)
 def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
-    """Kinetic energy of every moving body: (m v_c.v_c + omega.I omega) / 2.
+    """Kinetic energy of every moving body: (m v.v + 2 v.(omega x h) + omega.I omega) / 2.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
 
     Notes
     -----
-    Høifødt 2011, (6.30).
+    Høifødt 2011, (6.30), with the velocity v of the frame's origin, the first moment h and the inertia I about it.
 
     Examples
     --------
@@ -42,12 +42,13 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     omega, v = velocities(model, *joint_transforms(model, q), qd)
     T = zeros((*q.shape[:-1], model.nb), like=q)
     for i in range(model.nb):
-        v_c = v[i] + cross(omega[i], model.com[i])
-        T[..., i] = (model.mass[i] * dot(v_c, v_c) + dot(omega[i], rotate(model.inertia[i], omega[i]))) / 2
+        m, h, I = model.body_moments(i)
+        linear = m * v[i] + 2 * cross(omega[i], h)
+        T[..., i] = (dot(v[i], linear) + dot(omega[i], rotate(I, omega[i]))) / 2
     return T
 
 
-@quantity()
+@quantity(moments=True)
 def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
 
@@ -83,7 +84,7 @@ def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     return T
 
 
-@quantity()
+@quantity(moments=True)
 def potential_energy(model: Model, q: Array) -> Array:
     """Potential energy of the moving bodies in gravity, zero at the height of the root link's origin.
 
@@ -117,11 +118,12 @@ def potential_energy(model: Model, q: Array) -> Array:
     R0, p0 = body_poses(model, q)
     U = zeros(q.shape[:-1], like=q)
     for i in range(model.nb):
-        U = U - model.mass[i] * dot(model.gravity, p0[i] + rotate(R0[i], model.com[i]))
+        m, h, _ = model.body_moments(i)
+        U = U - dot(model.gravity, m * p0[i] + rotate(R0[i], h))
     return U
 
 
-@quantity()
+@quantity(moments=True)
 def momentum(model: Model, q: Array, qd: Array) -> Array:
     """Momentum of the moving bodies about the root link's origin.
 
@@ -155,11 +157,11 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
     """
     omega, v = velocities(model, *joint_transforms(model, q), qd)
     R0, p0 = body_poses(model, q)
-    h = zeros((*q.shape[:-1], 6), like=q)
+    total = zeros((*q.shape[:-1], 6), like=q)
     for i in range(model.nb):
-        c = model.com[i]
-        linear = rotate(R0[i], model.mass[i] * (v[i] + cross(omega[i], c)))
-        spin = rotate(R0[i], rotate(model.inertia[i], omega[i]))
-        h[..., 3:] = h[..., 3:] + linear
-        h[..., :3] = h[..., :3] + spin + cross(p0[i] + rotate(R0[i], c), linear)
-    return h
+        m, h, I = model.body_moments(i)
+        linear = rotate(R0[i], m * v[i] + cross(omega[i], h))
+        angular = rotate(R0[i], rotate(I, omega[i]) + cross(h, v[i]))
+        total[..., 3:] = total[..., 3:] + linear
+        total[..., :3] = total[..., :3] + angular + cross(p0[i], linear)
+    return total

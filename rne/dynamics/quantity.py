@@ -113,9 +113,7 @@ def quantity(
     moments = moments or base_parameters
 
     def decorate(core: Callable[Concatenate[Model, P], R]) -> QuantityFunction[P, R]:
-        declared = _declare(
-            core, None, moments=moments, base_parameters=base_parameters, returns_array=returns_array
-        )
+        declared = _declare(core, None, moments=moments, base_parameters=base_parameters, returns_array=returns_array)
         return cast("QuantityFunction[P, R]", declared)
 
     return decorate
@@ -136,7 +134,9 @@ def judged_quantity(
     return decorate
 
 
-def _declare(core: Callable[..., Any], judge: Judge | None, **further: bool) -> Any:
+def _declare(
+    core: Callable[..., Any], judge: Judge | None, *, moments: bool, base_parameters: bool, returns_array: bool
+) -> Any:
     """The public function of a core, with its Quantity."""
     signature = inspect.signature(core)
     name = core.__name__
@@ -179,7 +179,9 @@ def _declare(core: Callable[..., Any], judge: Judge | None, **further: bool) -> 
         widths={key: None for key in signature.parameters if key in JOINT_ARGUMENTS},
         judge=judge,
         rates=("qd", slice(None)) if judge is not None and "qd" in signature.parameters else None,
-        **further,
+        moments=moments,
+        base_parameters=base_parameters,
+        returns_array=returns_array,
     )
     return public
 

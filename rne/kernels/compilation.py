@@ -27,16 +27,20 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
     **fixed
         Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`. Of `external` the names of the
         links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in that order.
+        With `parameters=True` the inertial parameters, (..., 10 nb) in the order of `Robot.parameters`, are the last
+        argument, in place of the model's; they are not checked to be those of possible bodies.
 
     Returns
     -------
     Kernel
-        Called like the function, without the model: `kernel(q, qd, qdd)`, or `kernel(q, qd, qdd, wrench)`.
+        Called like the function, without the model: `kernel(q, qd, qdd)`, or `kernel(q, qd, qdd, wrench)`, or
+        `kernel(q, qd, qdd, parameters)`.
 
     Raises
     ------
     TypeError
-        If the function is not one that can be traced, or a fixed argument is missing.
+        If the function is not one that can be traced, a fixed argument is missing, or `parameters` are asked of a
+        function that does not depend on them.
     ValueError, ImportError
         If there is no such engine, or Numba is not installed.
 
@@ -60,7 +64,8 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     model : Model
         The robot's parameters.
     *wrt : str
-        Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`.
+        Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`;
+        "parameters" for the inertial parameters, with `parameters=True`.
     engine : {"numpy", "numba"}
         What runs the kernel; see `compile`.
     **fixed
@@ -81,12 +86,16 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     >>> import rne
     >>> rne.derivative(rne.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
     (6, 6)
+    >>> slopes = rne.derivative(rne.gravity_torque, rne.irb140(), "parameters", parameters=True)
+    >>> slopes.names
+    ('q', 'parameters')
     """
     function, fixed = inputs_as_arrays(function, model, fixed)
     names = tuple(quantity_of(function).widths)
     for name in wrt:
         if name not in names:
-            raise ValueError(f"`wrt` must name arguments of {list(names)}, got {name!r}")
+            cure = "; `parameters=True` makes them one" if name == "parameters" else ""
+            raise ValueError(f"`wrt` must name arguments of {list(names)}, got {name!r}{cure}")
     if not wrt:
         raise ValueError(f"`wrt` must name at least one argument of {list(names)}")
     return Kernel(function, model, fixed, wrt, engine)

@@ -34,6 +34,12 @@ PER_JOINT = {
 }
 MASS = ("kg m^2", "kg m", "kg")  # of an entry of M with none, one or two sliding joints
 SCALAR = {"kinetic_energy": "J", "potential_energy": "J"}
+# Quantities with a column for each inertial parameter.
+REGRESSORS = ("regressor", "control_regressor", "kinetic_energy_regressor", "potential_energy_regressor")
+TEN = (
+    "ten per body: m kg, m cx, m cy, m cz kg m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg m^2, about the origin of the body's "
+    "joint frame in the URDF, in its axes"
+)
 
 
 def heading(
@@ -72,6 +78,7 @@ def heading(
     for name, link in wrenches.items():
         what = f"{name} - moment N m, then force N, on link {harmless(link)} at its origin, in its axes"
         lines += textwrap.wrap(what, WIDTH, subsequent_indent="  ")
+    lines += _of_parameters(model, quantity, arguments)
     return [*lines, f"Unit of the result - {_unit(quantity, sliding, entry)}"]
 
 
@@ -79,6 +86,16 @@ def harmless(name: str) -> str:
     """A name in which every character but ASCII letters, digits, spaces and _.+- is written as its number."""
     cut = name if len(name) <= MAX_NAME else name[:MAX_NAME]
     return re.sub(r"[^A-Za-z0-9_.+ -]", lambda match: f"<U+{ord(match.group()):04X}>", cut)
+
+
+def _of_parameters(model: Model, quantity: str, arguments: Sequence[str]) -> list[str]:
+    """The order of inertial parameters among the arguments, or of the columns of a regressor."""
+    whose = {"parameters": "parameters" in arguments, "Columns of the result": quantity in REGRESSORS}
+    texts = [f"{what} - {TEN}" for what, there in whose.items() if there]
+    if texts:
+        bodies = ", ".join(f"{k} {harmless(name)}" for k, name in enumerate(model.moving_joints, 1))
+        texts.append(f"Bodies by their joints - {bodies or 'none'}")
+    return [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
 
 
 def _unit(quantity: str, sliding: Sequence[bool], entry: tuple[int, ...] | None) -> str:

@@ -231,10 +231,6 @@ class Model:
         m, h, I = self.moments
         return Moments(m[..., i, None], h[..., i, :], I[..., i, :, :])
 
-    def of_states(self, states: Any) -> Model:
-        """The robot of some states of a batch: itself, but for a ModelWithMoments."""
-        return self
-
     @cached_property
     def is_revolute(self) -> Array:
         """True for each moving joint that rotates, False for each that slides, shape (nb,)."""

@@ -19,12 +19,6 @@ from .solids import Moments
 class ModelWithMoments(Model):
     """A Model for dynamics alone, which read its `moments`; its mass, com and inertia are still the robot's own."""
 
-    def of_states(self, states: Any) -> Model:
-        """The robot of some states of a batch: with their moments, where every state has its own."""
-        if self.moments.mass.ndim == 1:
-            return self
-        return with_moments(self, Moments(*(moment[states] for moment in self.moments)))
-
     def astype(self, dtype: DTypeLike, number: Callable[[float], Any] | None = None) -> Model:
         """The same with every array in another dtype, the moments too."""
 
@@ -34,6 +28,13 @@ class ModelWithMoments(Model):
             return moment.astype(dtype) if number is None else convert_array(moment, number)
 
         return with_moments(super().astype(dtype, number), Moments(*(convert(moment) for moment in self.moments)))
+
+
+def of_states(model: Model, states: Any) -> Model:
+    """The robot of some states of a batch: with their moments, where every state has its own."""
+    if not isinstance(model, ModelWithMoments) or model.moments.mass.ndim == 1:
+        return model
+    return with_moments(model, Moments(*(moment[states] for moment in model.moments)))
 
 
 def with_moments(model: Model, moments: Moments) -> ModelWithMoments:

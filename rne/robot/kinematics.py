@@ -99,13 +99,15 @@ class Kinematics(RobotBase):
         self._model.link_index(link)
         return self.kernels.evaluate(jacobian_rate, q, qd, link=link)[0]
 
-    def kinetic_energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
+    def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
 
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
             Joint positions and rates [rad or m; rad/s or m/s].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
@@ -123,15 +125,19 @@ class Kinematics(RobotBase):
         >>> rne.load("irb140").kinetic_energy([0] * 6, [0, 0, 0, 0, 0, 2]).round(6).item()
         0.002916
         """
-        return self.kernels.value(kinetic_energy, q, qd)
+        if parameters is None:
+            return self.kernels.value(kinetic_energy, q, qd)
+        return self.kernels.value_with(kinetic_energy, q, qd, parameters=parameters)
 
-    def potential_energy(self, q: ArrayLike) -> Array:
+    def potential_energy(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Potential energy of the moving bodies in gravity, zero at the height of the root link's origin.
 
         Parameters
         ----------
         q : array_like, shape (..., n)
             Joint positions [rad or m].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
@@ -149,15 +155,19 @@ class Kinematics(RobotBase):
         >>> rne.load("irb140").potential_energy([0] * 6).round(5).item()
         370.87686
         """
-        return self.kernels.value(potential_energy, q)
+        if parameters is None:
+            return self.kernels.value(potential_energy, q)
+        return self.kernels.value_with(potential_energy, q, parameters=parameters)
 
-    def momentum(self, q: ArrayLike, qd: ArrayLike) -> Array:
+    def momentum(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Momentum of the moving bodies about the root link's origin.
 
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
             Joint positions and rates [rad or m; rad/s or m/s].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
@@ -175,4 +185,6 @@ class Kinematics(RobotBase):
         >>> rne.load("irb140").momentum([0] * 6, [0] * 6).tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        return self.kernels.value(momentum, q, qd)
+        if parameters is None:
+            return self.kernels.value(momentum, q, qd)
+        return self.kernels.value_with(momentum, q, qd, parameters=parameters)

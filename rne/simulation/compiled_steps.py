@@ -18,15 +18,28 @@ BLOCK = 128  # initial states
 
 
 def compiled_steps(kernel: Kernel, method: str, dtype: np.dtype[Any]) -> Any:
-    """f(x, t, k, total, stage, h, first, last) -> number of steps taken, from step `first` on, at most to `last`.
+    """f(x, t, p, k, total, stage, h, first, last) -> number of steps taken, from step `first` on, at most to `last`.
 
-    Compiled once for each kernel, method and dtype; x holds the states, the other arrays are for intermediate results.
+    Compiled once for each kernel, method and dtype; x holds the states, p their inertial parameters if the kernel takes
+    these; the other arrays are for intermediate results.
     """
-    rates = kernel.blocks.function(dtype)
+    rates = _rates(kernel.blocks.function(dtype), "parameters" in kernel.names)
     if method == "rk4":
         return kernel.blocks.loop((method, dtype), lambda: njit(nogil=True)(_rk4(rates, dtype.type)))
     n = kernel.model.n
     return kernel.blocks.loop((method, dtype), lambda: njit(nogil=True)(_semi_implicit(rates, n, dtype.type)))
+
+
+def _rates(function: Any, with_parameters: bool) -> Any:
+    """The kernel as f(t, x, p, k) -> True if all rates are sound."""
+
+    def at_parameters(t: Any, x: Any, p: Any, k: Any) -> bool:
+        return function(t, x, p, k, 0, len(x)) == len(x)  # type: ignore[no-any-return]
+
+    def plain(t: Any, x: Any, p: Any, k: Any) -> bool:
+        return function(t, x, k, 0, len(x)) == len(x)  # type: ignore[no-any-return]
+
+    return njit(nogil=True)(at_parameters if with_parameters else plain)
 
 
 def _rk4(rates: Any, number: Any) -> Callable[..., int]:
@@ -35,14 +48,14 @@ def _rk4(rates: Any, number: Any) -> Callable[..., int]:
     at = np.array([0.0, 0.5, 0.5, 1.0])
     weight = np.array([1.0, 2.0, 2.0, 1.0])
 
-    def steps(x: Any, t: Any, k: Any, total: Any, stage: Any, h: float, first: int, last: int) -> int:
+    def steps(x: Any, t: Any, p: Any, k: Any, total: Any, stage: Any, h: float, first: int, last: int) -> int:
         flat, slope, summed, moved = x.ravel(), k.ravel(), total.ravel(), stage.ravel()
         for step in range(first, last):
             summed[:] = 0.0
             moved[:] = flat
             for s in range(4):
                 t[:] = step * h + at[s] * h
-                if rates(t, stage, k, 0, len(x)) < len(x):
+                if not rates(t, stage, p, k):
                     return step
                 w, a = number(weight[s]), number(ahead[s] * h)
                 for i in range(len(flat)):
@@ -59,11 +72,11 @@ def _rk4(rates: Any, number: Any) -> Callable[..., int]:
 def _semi_implicit(rates: Any, n: int, number: Any) -> Callable[..., int]:
     """Semi-implicit Euler: rates first, then positions with the new rates, as `equal_steps._semi_implicit`."""
 
-    def steps(x: Any, t: Any, k: Any, total: Any, stage: Any, h: float, first: int, last: int) -> int:
+    def steps(x: Any, t: Any, p: Any, k: Any, total: Any, stage: Any, h: float, first: int, last: int) -> int:
         width = number(h)
         for step in range(first, last):
             t[:] = step * h
-            if rates(t, x, k, 0, len(x)) < len(x):
+            if not rates(t, x, p, k):
                 return step
             for i in range(len(x)):
                 for j in range(n, x.shape[1]):

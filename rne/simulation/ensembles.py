@@ -15,8 +15,9 @@ from ..basics.spatial import Array
 from ..basics.text_table import short
 from ..model.arguments import joint_array
 from ..model.model import Model
+from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .equal_steps import STEPPERS, Plan, Progress, run_all
+from .equal_steps import STEPPERS, Chunk, Plan, Progress, run_all
 from .equations_of_motion import RightHandSide
 from .plant import Plant
 from .scene import Scene, scene_of_robot
@@ -51,6 +52,8 @@ class Ensemble:
         Evaluations of the right-hand side, counted per state.
     model : Model
         The robot that moved.
+    parameters : ndarray, shape (N, 10 nb), or None
+        Inertial parameters of the robot of each motion; None if all had the robot's own.
 
     Examples
     --------
@@ -71,6 +74,7 @@ class Ensemble:
     step: float
     evaluations: int
     model: Model = field(repr=False)
+    parameters: Array | None = field(repr=False, default=None)
 
     def quantiles(self, probabilities: ArrayLike = (0.05, 0.5, 0.95), of: str = "q") -> Array:
         """Quantiles over the motions at each stored time.
@@ -127,6 +131,7 @@ def ensemble(
     duration: float,
     *,
     step: float,
+    parameters: ArrayLike | None = None,
     method: str = "rk4",
     keep: int = 2,
     progress: Progress | None = None,
@@ -143,6 +148,10 @@ def ensemble(
         docs/stability.md.
     duration, step : float
         Time to simulate, and the longest step; steps are equal [s].
+    parameters : array_like, shape (N, 10 nb), optional
+        Inertial parameters of the robot in each motion, in the order of `Robot.parameters`, a payload of the scene
+        included. Controllers keep the parameters that they were made with. The bodies need not be possible ones, but M
+        must be positive definite.
     method : {"rk4", "semi-implicit-euler"}
         Of order 4 and 1, where torques do not jump. The step is not controlled: halve it and compare.
     keep : int
@@ -191,9 +200,11 @@ def ensemble(
         raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
     spans = keep - 1
     steps = max(1, ceil(end / near / spans * (1 - 1e-12))) * spans
-    plan = Plan(rhs, method, end / steps, steps, spans)
+    pi = None if parameters is None else _parameters(parameters, rhs.robot, len(q))
+    plan = Plan(rhs, method, end / steps, steps, spans, pi is not None)
     x0 = np.concatenate([q, qd, np.zeros((len(q), rhs.size - 2 * n), q.dtype)], axis=1)
-    kept = run_all(plan, x0, progress, executor)
+    starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
+    kept = run_all(plan, starts, progress, executor)
     t = np.linspace(0.0, end, keep)
     count = {"rk4": 4, "semi-implicit-euler": 1}[method] * steps * len(q)
     for _, verdict in kept:
@@ -201,9 +212,17 @@ def ensemble(
     x = np.concatenate([part[0] for part in kept], axis=1) if kept else np.zeros((keep, 0, rhs.size), q.dtype)
     energies = x[..., 2 * n + rhs.controller_states :]
     tau = _drive_torques(rhs, t, x)
-    return Ensemble(
-        t, x[..., :n], x[..., n : 2 * n], tau, energies, rhs.ledger, method, end / steps, count, rhs.robot.model
-    )
+    q, qd = x[..., :n], x[..., n : 2 * n]
+    return Ensemble(t, q, qd, tau, energies, rhs.ledger, method, end / steps, count, rhs.robot.model, pi)
+
+
+def _parameters(parameters: ArrayLike, robot: Robot, count: int) -> Array:
+    """Inertial parameters of each motion."""
+    shape = (count, PARAMETERS * robot.model.nb)
+    pi = real_array("parameters", parameters, f"{shape}")
+    if pi.shape != shape:
+        raise ValueError(f"`parameters` must have shape {shape}, ten per body for each initial state, got {pi.shape}")
+    return np.asarray(pi, np.float64)
 
 
 def _drive_torques(rhs: RightHandSide, t: Array, x: Array) -> Array:

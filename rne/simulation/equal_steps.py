@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.verdict import SOUND, Verdict
 from ..errors import NotFiniteError, SingularMassMatrixError
+from ..kernels.kernel import Kernel
 from .equations_of_motion import RightHandSide
 
 if TYPE_CHECKING:
@@ -20,6 +22,18 @@ if TYPE_CHECKING:
 
 CHUNK = 8192  # initial states stepped together, so that their states stay in the cache
 Progress = Callable[[int, int], Any]
+
+
+class Chunk(NamedTuple):
+    """Initial states, their inertial parameters (of no columns where all have the robot's), and the first's number."""
+
+    x: Array
+    parameters: Array
+    first: int = 0
+
+    def part(self, begin: int, end: int) -> Chunk:
+        """Some of them."""
+        return Chunk(self.x[begin:end], self.parameters[begin:end], self.first + begin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +45,19 @@ class Plan:
     h: float
     steps: int
     spans: int
+    with_parameters: bool
 
-    def run(self, x: Array, first: int, tick: Progress | None = None) -> tuple[Array, Verdict]:
-        """States at the stored times, shape (spans + 1, N, size), and the worst loss of precision.
+    @property
+    def kernel(self) -> Kernel:
+        """dx/dt, of the chunk's inertial parameters where it has some."""
+        return self.rhs.kernel_at_parameters if self.with_parameters else self.rhs.kernel
 
-        `first` is the number of the first initial state among all, for messages.
-        """
-        if self.rhs.kernel.engine == "numba" and self.rhs.kernel.is_unrolled:
-            return self._run_compiled(x, first, tick)
-        stepper = STEPPERS[self.method]
-        work = _Work(self.rhs, x, first, self.h)
+    def run(self, chunk: Chunk, tick: Progress | None = None) -> tuple[Array, Verdict]:
+        """States at the stored times, shape (spans + 1, N, size), and the worst loss of precision."""
+        if self.kernel.engine == "numba" and self.kernel.is_unrolled:
+            return self._run_compiled(chunk, tick)
+        stepper, x = STEPPERS[self.method], chunk.x
+        work = _Work(self, chunk)
         kept = [x.copy()]
         for k in range(self.steps):
             stepper(work, k * self.h, self.h)
@@ -50,19 +67,20 @@ class Plan:
                 tick(len(x), 0)
         return np.array(kept), work.verdict
 
-    def _run_compiled(self, x: Array, first: int, tick: Progress | None) -> tuple[Array, Verdict]:
+    def _run_compiled(self, chunk: Chunk, tick: Progress | None) -> tuple[Array, Verdict]:
         """The same by compiled loops over blocks of initial states."""
         from .compiled_steps import BLOCK, compiled_steps
 
-        steps = compiled_steps(self.rhs.kernel, self.method, x.dtype)
+        x = chunk.x
+        steps = compiled_steps(self.kernel, self.method, x.dtype)
         kept, verdict, length = np.empty((self.spans + 1, *x.shape), x.dtype), SOUND, self.steps // self.spans
         kept[0] = x
         for begin in range(0, len(x), BLOCK):
-            work = _Work(self.rhs, x[begin : begin + BLOCK], first + begin, self.h)
+            work = _Work(self, chunk.part(begin, begin + BLOCK))
             for span in range(self.spans):
                 k, last = span * length, (span + 1) * length
                 while k < last:
-                    k = steps(work.x, work.t, work.k, work.sum, work.stage, self.h, k, last)
+                    k = steps(work.x, work.t, work.p, work.k, work.sum, work.stage, self.h, k, last)
                     if k < last:  # a step with a state to be examined
                         STEPPERS[self.method](work, k * self.h, self.h)
                         k += 1
@@ -76,19 +94,20 @@ class Plan:
 class _Work:
     """Arrays of one chunk, reused in every step."""
 
-    def __init__(self, rhs: RightHandSide, x: Array, first: int, h: float) -> None:
-        self.first = first  # number of the first of these initial states
-        self.h = h  # step [s], for messages
-        self.rhs, self.kernel, self.n = rhs, rhs.kernel, rhs.robot.n
-        self.x = np.array(x)
-        self.t = np.zeros((len(x), 1), self.x.dtype)
+    def __init__(self, plan: Plan, chunk: Chunk) -> None:
+        self.first = chunk.first
+        self.h = plan.h  # step [s], for messages
+        self.kernel, self.n = plan.kernel, plan.rhs.robot.n
+        self.x, self.p = np.array(chunk.x), chunk.parameters
+        self.further = (self.p,) if plan.with_parameters else ()
+        self.t = np.zeros((len(self.x), 1), self.x.dtype)
         self.k, self.sum, self.stage = (np.empty_like(self.x) for _ in range(3))
         self.verdict = SOUND
 
     def slope(self, t: float, x: Array) -> Array:
         self.t.fill(t)
         try:
-            rates, verdict = self.kernel.evaluate(self.t, x, out=self.k)
+            rates, verdict = self.kernel.evaluate(self.t, x, *self.further, out=self.k)
         except NotFiniteError as error:
             raise self._located(error, t, x) from None
         if verdict is not SOUND:
@@ -107,7 +126,7 @@ class _Work:
         cure = f"; steps of {self.h:g} s may be too long for the fastest decay: try shorter ones"
         for k in range(len(x)):
             try:
-                rates, verdict = self.kernel.evaluate(self.t[k], x[k])
+                rates, verdict = self.kernel.evaluate(self.t[k], x[k], *(p[k] for p in self.further))
             except NotFiniteError as found:
                 return NotFiniteError(f"start {self.first + k} at t = {t:.6g} s: {found}{cure}", t)
             if verdict.error is None and not np.isfinite(rates).all():
@@ -146,11 +165,17 @@ def _semi_implicit(work: _Work, t: float, h: float) -> None:
 STEPPERS = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}
 
 
-def run_all(plan: Plan, x0: Array, progress: Progress | None, executor: Executor | None) -> list[tuple[Array, Verdict]]:
-    chunks = [x0[k : k + CHUNK] for k in range(0, len(x0), CHUNK)]
-    if executor is not None and len(x0):
-        chunks = np.array_split(x0, max(len(chunks), min(len(x0), 8)))
-    total, done = len(x0) * plan.steps, 0
+def run_all(
+    plan: Plan, starts: Chunk, progress: Progress | None, executor: Executor | None
+) -> list[tuple[Array, Verdict]]:
+    """The results of `plan.run` for chunks of the initial states, in their order."""
+    size = len(starts.x)
+    edges = [*range(0, size, CHUNK), size]
+    if executor is not None and size:
+        parts = max(len(edges) - 1, min(size, 8))
+        edges = [size * k // parts for k in range(parts + 1)]
+    chunks = [starts.part(begin, end) for begin, end in itertools.pairwise(edges)]
+    total, done = size * plan.steps, 0
 
     def tick(count: int, _: int) -> None:
         nonlocal done
@@ -158,20 +183,15 @@ def run_all(plan: Plan, x0: Array, progress: Progress | None, executor: Executor
         if progress is not None:
             progress(done, total)
 
-    firsts = np.cumsum([0, *map(len, chunks)]).tolist()
     if executor is None:
-        return [
-            plan.run(chunk, first, tick if progress else None) for chunk, first in zip(chunks, firsts, strict=False)
-        ]
+        return [plan.run(chunk, tick if progress else None) for chunk in chunks]
     from concurrent.futures import ThreadPoolExecutor, wait
 
     run = plan.run if isinstance(executor, ThreadPoolExecutor) else partial(run_pickled, _pickled(plan))
-    futures: list[Future[tuple[Array, Verdict]]] = [
-        executor.submit(run, chunk, first) for chunk, first in zip(chunks, firsts, strict=False)
-    ]
+    futures: list[Future[tuple[Array, Verdict]]] = [executor.submit(run, chunk) for chunk in chunks]
     for future, chunk in zip(futures, chunks, strict=True):
         wait([future])
-        tick(len(chunk) * plan.steps, 0)
+        tick(len(chunk.x) * plan.steps, 0)
     return [future.result() for future in futures]
 
 
@@ -193,6 +213,6 @@ def _plan(pickled: bytes) -> Plan:
     return plan
 
 
-def run_pickled(pickled: bytes, x: Array, first: int) -> tuple[Array, Verdict]:
+def run_pickled(pickled: bytes, chunk: Chunk) -> tuple[Array, Verdict]:
     """Plan.run in another process."""
-    return _plan(pickled).run(x, first)
+    return _plan(pickled).run(chunk)

@@ -33,6 +33,7 @@ from ..dynamics.verdict import SOUND, Verdict
 from ..elementwise import clip
 from ..kernels.kernel import Kernel
 from ..model.model import Model
+from ..model.parameters import at_parameters
 from ..robot import Robot
 from .friction import Friction
 from .law import AGREEMENT, TracedLaw
@@ -262,10 +263,13 @@ class RightHandSide(AppliedTorques):
         state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
         return judge_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
 
-    def evaluate(self, model: Model, t: Array, x: Array, u: Array | None = None) -> tuple[Array, Verdict]:
+    def evaluate(
+        self, model: Model, t: Array, x: Array, u: Array | None = None, parameters: Array | None = None
+    ) -> tuple[Array, Verdict]:
         """dx/dt with numbers, by the recursion, with the Verdict on M; NotFiniteError where it overflows."""
         t, x = np.asarray(t), np.asarray(x)
         typed = model if x.dtype == model.mass.dtype else model.astype(x.dtype)
+        typed = typed if parameters is None else at_parameters(typed, np.asarray(parameters))
         with np.errstate(all="ignore"):
             rates, pivots, diagonal = self.core(typed, t, x, u)
             verdict = self._judge(typed, {"t": t, "x": x, "u": u}, rates, pivots, diagonal)
@@ -276,6 +280,11 @@ class RightHandSide(AppliedTorques):
     def is_current(self) -> bool:
         """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
         return self.law is None or _difference(self.torques, self.torques.kernel) <= AGREEMENT
+
+    @cached_property
+    def kernel_at_parameters(self) -> Kernel:
+        """dx/dt with the inertial parameters as a further argument; a law keeps those that it was made with."""
+        return Kernel(self, self.robot.model, {"parameters": True}, engine=self.robot.engine)
 
     @cached_property
     def torques(self) -> AppliedTorques:
