@@ -5,6 +5,7 @@ from .analysis.bearings import BearingPeaks, bearing_peaks
 from .control.gains import Gains, check_gains
 from .control.laws import traceable
 from .dynamics.aba import articulated_forward_dynamics
+from .dynamics.base_parameters import BaseParameters, base_parameters
 from .dynamics.coriolis import coriolis_matrix
 from .dynamics.crba import mass_matrix
 from .dynamics.diagnosis import Diagnosis, diagnose
@@ -56,6 +57,7 @@ from .urdf.loading import load
 __version__ = "0.1.0"
 
 __all__ = [
+    "BaseParameters",
     "BearingPeaks",
     "Cylinder",
     "Diagnosis",
@@ -79,6 +81,7 @@ __all__ = [
     "Trajectory",
     "UrdfError",
     "articulated_forward_dynamics",
+    "base_parameters",
     "bearing_loads",
     "bearing_peaks",
     "bias_torque",

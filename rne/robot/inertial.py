@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
+from ..dynamics.base_parameters import TOLERANCE, BaseParameters, base_parameters
 from ..dynamics.regressor import control_regressor, regressor
 from ..model.parameters import parameters_of
 from .base import RobotBase
@@ -90,3 +93,63 @@ class Inertial(RobotBase):
         True
         """
         return self.kernels.value(control_regressor, q, qd, qdr, qddr)
+
+    def base_parameters(
+        self,
+        *,
+        rotor: bool = False,
+        friction: str | None = None,
+        offset: bool = False,
+        shafts: ArrayLike | None = None,
+        smoothing: float = 0.0,
+        tolerance: float = TOLERANCE,
+    ) -> BaseParameters:
+        """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
+
+        Parameters
+        ----------
+        rotor : bool
+            True for the inertia Ia of each drive's rotor, reflected to its joint.
+        friction : {None, "viscous", "coulomb", "viscous+coulomb"}
+            Fv, Fc or both of each drive.
+        offset : bool
+            True for a constant torque tau0 of each drive.
+        shafts : array_like, shape (s, n), optional
+            Rows a of further shafts, which turn at a^T qd, with rotor and friction if the joints have them.
+        smoothing : float
+            Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
+        tolerance : float
+            Angles [rad] and distances, divided by the longest one between two joints, that differ by less are taken as
+            the same.
+
+        Returns
+        -------
+        BaseParameters
+            Their names, formulas, and the matrices to and from the standard parameters.
+
+        Raises
+        ------
+        ValueError
+            If an option has a wrong value or shape.
+
+        Notes
+        -----
+        Gautier and Khalil 1990; see `rne.base_parameters`.
+
+        Examples
+        --------
+        >>> import rne
+        >>> base = rne.load("irb140").base_parameters(rotor=True, friction="viscous+coulomb")
+        >>> base.count, base.standard.count, base.names[-1]
+        (52, 78, 'Fc_6')
+        """
+        found = base_parameters(
+            self._model,
+            rotor=rotor,
+            friction=friction,
+            offset=offset,
+            shafts=shafts,
+            smoothing=smoothing,
+            tolerance=tolerance,
+        )
+        return replace(found, body_regressor=self.regressor)
