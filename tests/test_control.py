@@ -47,6 +47,19 @@ def test_pd_gravity_carries_the_weight(irb140):
     assert relative(law(0, q, qd), irb140.gravity_torque(q) - 50 * (q - 0.5) - 20 * qd) <= 1e-14
 
 
+def test_pd_follows_a_moving_reference(irb140):
+    """Feedback of the error and of its rate; a reference at rest is the constant one."""
+    path = rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
+    law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, path)
+    q, qd, _ = states(6)
+    q_ref, qd_ref, _ = path(0.7)
+    expected = irb140.gravity_torque(q) - 50 * (q - q_ref) - 20 * (qd - qd_ref)
+    np.testing.assert_allclose(law(0.7, q, qd), expected, rtol=1e-13)
+    at_rest = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [1] * 6)
+    np.testing.assert_array_equal(law(3.0, q, qd), at_rest(3.0, q, qd))
+    assert rne.Scene(irb140, controller=law).cost()["law"] == "traced"
+
+
 def test_trapezoidal_breaks_are_stepped_onto(irb140):
     """The energy balance would show a step across a jump of the acceleration."""
     path = rne.trajectories.trapezoidal([0] * 6, [1] * 6, 1.0, 0.25)
@@ -82,6 +95,10 @@ def test_pulse_of_torque_is_not_stepped_over(irb140):
         (
             lambda r: rne.control.computed_torque(r, [1] * 6, [1] * 6, 3),
             "`reference` must be a function of time, got int",
+        ),
+        (
+            lambda r: rne.control.pd(r, [1] * 6, [1] * 6, lambda t: (1, 2)),
+            "`reference` must give (q, qd, qdd) of shape (6,) each, got [(), ()]",
         ),
         (
             lambda r: rne.control.pid(r, [1] * 6, [1] * 6, [1] * 6, [0] * 6, windup=0),

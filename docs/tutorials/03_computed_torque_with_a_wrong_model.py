@@ -72,24 +72,12 @@ for mass, motion in motions.items():
 # %%
 # PD control with gravity compensation
 # ------------------------------------
-# ``rne.control.pd_gravity`` holds one position. For a moving reference the law is a few
-# lines of Python, marked as traceable so that it becomes part of the compiled equations
-# of motion. To compare like with like it gets the right mass, and gains in N m/rad that
-# equal those of computed torque in the middle of the path.
+# ``rne.control.pd_gravity`` compensates the weight and leaves the rest to its gains. To
+# compare like with like it gets the right mass, and gains in N m/rad that equal those of
+# computed torque in the middle of the path.
 
 inertia = np.diag(plant.mass_matrix(path(0.5)[0]))
-
-
-@rne.traceable
-def pd_gravity(t, q, qd):
-    q_ref, qd_ref, _ = path(t)
-    return (
-        plant.gravity_torque(q)
-        - inertia * kp * (q - q_ref)
-        - inertia * kd * (qd - qd_ref)
-    )
-
-
+pd_gravity = rne.control.pd_gravity(plant, inertia * kp, inertia * kd, path)
 pd_motion = run(pd_gravity)
 error = flange_error(pd_motion)
 print(f"PD and gravity: largest error {error.max():.2f} mm, {error[-1]:.2f} at rest")

@@ -14,6 +14,7 @@ from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..elementwise import clip
 from ..robot import Robot
+from .reference import Reference, check_reference, reference_values
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -54,8 +55,8 @@ class PD:
         The controller's model.
     kp, kd : ndarray, shape (n,)
         Gains of each joint [N m/rad, N m s/rad].
-    reference : ndarray, shape (n,)
-        Positions to hold [rad or m].
+    reference : ndarray, shape (n,), or callable
+        Positions to hold [rad or m], or a motion to follow, f(t) -> (q, qd, qdd).
     gravity : bool
         True if gravity is compensated by the model.
 
@@ -70,7 +71,7 @@ class PD:
     robot: Robot
     kp: Array
     kd: Array
-    reference: Array
+    reference: Array | Reference
     gravity: bool
     traceable = True
 
@@ -82,7 +83,7 @@ class PD:
         Parameters
         ----------
         t : float
-            Time, which this law does not use [s].
+            Time, which only a moving reference uses [s].
         q, qd : array_like, shape (..., n)
             Joint positions and rates [rad or m; rad/s or m/s].
 
@@ -91,13 +92,16 @@ class PD:
         ndarray, shape (..., n)
             Torques of the drives [N m or N].
         """
-        feedback = -self.kp * (q - self.reference) - self.kd * qd
+        q_ref, qd_ref = self.reference, np.zeros(self.robot.n)
+        if callable(self.reference):
+            q_ref, qd_ref, _ = reference_values(self.robot, self.reference(t))
+        feedback = -self.kp * (q - q_ref) - self.kd * (qd - qd_ref)
         torques: Array = self.robot.gravity_torque(q) + feedback if self.gravity else feedback
         return torques
 
 
-def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
-    """PD control without a model: u = -Kp (q - q_ref) - Kd qd.
+def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Reference) -> PD:
+    """PD control without a model: u = -Kp (q - q_ref) - Kd (qd - qd_ref).
 
     Parameters
     ----------
@@ -105,8 +109,8 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
         The robot, for the number of its joints.
     kp, kd : array_like, shape (n,)
         Gains of each joint [N m/rad, N m s/rad].
-    reference : array_like, shape (n,)
-        Positions to hold [rad or m].
+    reference : array_like, shape (n,), or callable
+        Positions to hold [rad or m], or a function f(t) -> (q, qd, qdd).
 
     Returns
     -------
@@ -124,12 +128,11 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
     >>> rne.control.pd(rne.load("irb140"), [50] * 6, [20] * 6, [1] * 6)(0.0, [0] * 6, [0] * 6)[0].item()
     50.0
     """
-    p, d, q_ref = checked_vectors(robot, kp=kp, kd=kd, reference=reference)
-    return PD(robot, p, d, q_ref, gravity=False)
+    return _pd(robot, kp, kd, reference, gravity=False)
 
 
-def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike) -> PD:
-    """PD control with gravity compensation: u = g(q) - Kp (q - q_ref) - Kd qd.
+def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Reference) -> PD:
+    """PD control with gravity compensation: u = g(q) - Kp (q - q_ref) - Kd (qd - qd_ref).
 
     Parameters
     ----------
@@ -137,8 +140,8 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike)
         The controller's model, whose gravity torque is compensated; it need not be the robot that is simulated.
     kp, kd : array_like, shape (n,)
         Gains of each joint [N m/rad, N m s/rad].
-    reference : array_like, shape (n,)
-        Positions to hold [rad or m].
+    reference : array_like, shape (n,), or callable
+        Positions to hold [rad or m], or a function f(t) -> (q, qd, qdd).
 
     Returns
     -------
@@ -162,8 +165,15 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike)
     >>> np.allclose(law(0.0, [0] * 6, [0] * 6), robot.gravity_torque([0] * 6))
     True
     """
-    p, d, q_ref = checked_vectors(robot, kp=kp, kd=kd, reference=reference)
-    return PD(robot, p, d, q_ref, gravity=True)
+    return _pd(robot, kp, kd, reference, gravity=True)
+
+
+def _pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Any, *, gravity: bool) -> PD:
+    p, d = checked_vectors(robot, kp=kp, kd=kd)
+    if callable(reference):
+        check_reference(robot, reference)
+        return PD(robot, p, d, reference, gravity)
+    return PD(robot, p, d, vector("reference", reference, robot.n), gravity)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,43 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..robot import Robot
 from .laws import checked_vectors
-
-
-class Reference(Protocol):
-    """A reference motion: any function of time that gives positions, rates and accelerations.
-
-    Those of `rne.trajectories` are references, and so is a `Trajectory`.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> def sway(t):
-    ...     return np.sin([t] * 6), np.cos([t] * 6), -np.sin([t] * 6)
-    >>> law = rne.control.computed_torque(rne.load("irb140"), [100] * 6, [20] * 6, sway)
-    """
-
-    def __call__(self, t: float, /) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at a time.
-
-        Parameters
-        ----------
-        t : float
-            Time [s].
-
-        Returns
-        -------
-        q, qd, qdd : array_like, shape (n,)
-            Of all joints [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-        """
+from .reference import Reference, check_reference, reference_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +58,7 @@ class ComputedTorque:
         ndarray, shape (n,)
             Torques of the drives [N m or N].
         """
-        q_ref, qd_ref, qdd_ref = _reference(self.robot, self.reference(t))
+        q_ref, qd_ref, qdd_ref = reference_values(self.robot, self.reference(t))
         commanded = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
         return self.robot.inverse_dynamics(q, qd, commanded)
 
@@ -129,22 +100,6 @@ def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Refer
     >>> motion.q[-1].round(6).tolist()
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
-    if not callable(reference):
-        raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
     p, d = checked_vectors(robot, kp=kp, kd=kd)
-    _reference(robot, reference(0.0))
+    check_reference(robot, reference)
     return ComputedTorque(robot, p, d, reference)
-
-
-def _reference(robot: Robot, given: Any) -> tuple[Any, Any, Any]:
-    """What a reference gave, as (q, qd, qdd)."""
-    try:
-        shapes = [np.shape(part) for part in given]
-    except TypeError:
-        shapes = []
-    if len(shapes) != 3 or any(shape[-1:] != (robot.n,) for shape in shapes):
-        raise ValueError(
-            f"`reference` must give (q, qd, qdd) of shape ({robot.n},) each, got {shapes or 'something else'}"
-        )
-    q, qd, qdd = given
-    return q, qd, qdd

@@ -1,0 +1,199 @@
+"""What a robust law is robust against: a set of robots, and the bounds that follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import is_equal, positive_number, vector
+from ..basics.spatial import Array
+from ..model.parameters import with_parameters
+from ..robot import Robot
+from .reference import Reference, check_reference, reference_values
+
+SAMPLES = 2000  # configurations drawn for bounds on inertias
+MARGIN = 1.1  # on bounds found by sampling
+FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
+SHARED = (  # fields of a Model in which all cases agree
+    *("moving_joints", "joint_types", "parent", "axis", "rotation", "translation", "joint_origin"),
+    *("gravity", "armature", "coordinate", "multiplier", "offset"),
+)
+MIXTURES = 16  # robots drawn for the bound of an uncertainty
+RANK = 1e-10  # singular values below this, of the largest, are rounding
+
+
+class InertiaBounds(NamedTuple):
+    """Bounds on the mass matrices of some robots, in coordinates scaled by `scale`: D M D with D = diag(scale).
+
+    Attributes
+    ----------
+    largest : float
+        Largest eigenvalue of D M D.
+    inverse_diagonal : ndarray, shape (n,)
+        Largest entries of the diagonal of M^-1.
+    """
+
+    largest: float
+    inverse_diagonal: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Cases:
+    """Robots that span a set of parameters: all mixtures of theirs are meant.
+
+    Attributes
+    ----------
+    robots : tuple of Robot
+        They differ in the masses of their bodies alone.
+    """
+
+    robots: tuple[Robot, ...]
+
+    @cached_property
+    def centre(self) -> Robot:
+        """The robot with the mean of the parameters."""
+        mean = np.mean([robot.parameters for robot in self.robots], axis=0)
+        return Robot(with_parameters(self.robots[0].model, mean), self.robots[0].engine)
+
+    @cached_property
+    def deviations(self) -> Array:
+        """Parameters of the robots less those of the centre, shape (10 nb, robots)."""
+        return np.stack([robot.parameters - self.centre.parameters for robot in self.robots], axis=1)
+
+    @cached_property
+    def ball(self) -> Array:
+        """W, shape (10 nb, k): every mixture has the parameters pi_0 + W z with |z| <= 1; k is their dimension."""
+        size = np.abs(self.deviations).max(axis=1)
+        size = np.where(size == 0, 1.0, size)[:, None]
+        U, singular, V = np.linalg.svd(self.deviations / size, full_matrices=False)
+        k = int((singular > RANK * singular[0]).sum()) if singular[0] > 0 else 0
+        radius = np.sqrt((V[:k] ** 2).sum(axis=0).max(initial=0.0))
+        return np.asarray(size * U[:, :k] * singular[:k] * radius)
+
+    def inertia_bounds(self, scale: Array) -> InertiaBounds:
+        """Bounds over the joints' ranges, by sampling; both are convex in the parameters, so that the cases suffice."""
+        n = self.centre.n
+        lower, upper = (np.where(np.isfinite(x), x, f) for x, f in zip(self._range, (-FREE, FREE), strict=True))
+        q = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, n))
+        M = np.concatenate([robot.mass_matrix(q) for robot in self.robots])
+        largest = np.linalg.eigvalsh(M * np.outer(scale, scale))[:, -1].max()
+        inverse = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1).max(axis=0)
+        return InertiaBounds(MARGIN * float(largest), MARGIN * inverse)
+
+    @property
+    def _range(self) -> tuple[Array, Array]:
+        return self.centre.lower, self.centre.upper
+
+
+def checked_cases(cases: Sequence[Robot]) -> Cases:
+    """Robots that differ in their bodies' parameters alone, or an error."""
+    robots = tuple(cases) if isinstance(cases, Sequence) else ()
+    if len(robots) < 2 or not all(isinstance(robot, Robot) for robot in robots):
+        raise ValueError("`cases` must be a sequence of at least two Robots, between which the robot that moves lies")
+    first = robots[0].model
+    for robot in robots[1:]:
+        for name in SHARED:
+            if not is_equal(getattr(first, name), getattr(robot.model, name)):
+                raise ValueError(f"`cases` must differ in masses, centres of mass and inertias alone, not in {name}")
+    return Cases(robots)
+
+
+def uncertainty_bound(
+    robot: Robot,
+    cases: Sequence[Robot],
+    bandwidth: ArrayLike,
+    boundary: ArrayLike,
+    reference: Reference,
+    duration: float,
+    *,
+    samples: int = 4000,
+    margin: float = 1.2,
+    seed: int = 0,
+) -> float:
+    """A bound rho for `rne.control.robust` by sampling: states in the boundary layer, times, and mixtures of cases.
+
+    Parameters
+    ----------
+    robot : Robot
+        The controller's model.
+    cases : sequence of Robot
+        Robots of which the one that moves is a mixture, such as the arm without and with its largest payload.
+    bandwidth, boundary : array_like, shape (n,)
+        Of the law.
+    reference : callable
+        A function f(t) -> (q, qd, qdd).
+    duration : float
+        Times of the reference that are drawn, from 0 to this [s].
+    samples : int
+        Number of states; half of them with one of the cases, half with a random mixture.
+    margin : float
+        Factor on the largest value found, for what lies between the samples.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    float
+        The largest value of lambda_max(D M D) |(D M D)^-1 D f| times margin, with D = diag(boundary), where f is what
+        the model's torques are short of [W].
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape, sign or type.
+
+    Notes
+    -----
+    A bound found by sampling is not proven; the margin is the statement of how much is trusted. `robust_passive` and
+    `sliding_mode` need no such bound.
+
+    Examples
+    --------
+    >>> import rne
+    >>> arm, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
+    >>> cases, layer = [arm, arm.with_payload(3.0)], [0.1, 0.1, 0.1, 0.5, 0.5, 2.0]
+    >>> rho = rne.control.uncertainty_bound(arm.with_payload(1.5), cases, [10] * 6, layer, path, 2.0)
+    >>> 0 < rho < 100
+    True
+    """
+    hull, n = checked_cases(cases), robot.n
+    rate, D = (vector(k, x, n, sign="positive") for k, x in (("bandwidth", bandwidth), ("boundary", boundary)))
+    check_reference(robot, reference)
+    count = int(positive_number("samples", samples))
+    rng = np.random.default_rng(seed)
+    times = rng.uniform(0, positive_number("duration", duration, zero_allowed=True), count)
+    q_ref, qd_ref, qdd_ref = (
+        np.array(x) for x in zip(*(reference_values(robot, reference(float(t))) for t in times), strict=True)
+    )
+    s = D * _in_unit_ball(rng, count, n)
+    e = D / rate * rng.uniform(-1, 1, (count, n))
+    q, qd = q_ref + e, qd_ref + s - rate * e
+    y = qdd_ref - rate * (qd - qd_ref) - rate * s
+    short = np.empty(count)
+    needed = robot.inverse_dynamics(q, qd, y)
+    for k, weights in enumerate(_mixtures(rng, len(hull.robots))):
+        part = slice(k * count // MIXTURES, (k + 1) * count // MIXTURES)
+        pi = hull.centre.parameters + hull.deviations @ weights
+        moving = Robot(with_parameters(hull.centre.model, pi))
+        f = D * (needed[part] - moving.inverse_dynamics(q[part], qd[part], y[part]))
+        M = moving.mass_matrix(q[part]) * np.outer(D, D)
+        acceleration = np.linalg.solve(M, f[..., None])[..., 0]
+        short[part] = np.linalg.eigvalsh(M)[:, -1] * np.linalg.norm(acceleration, axis=-1)
+    return positive_number("margin", margin) * float(short.max())
+
+
+def _mixtures(rng: np.random.Generator, count: int) -> Array:
+    """Weights of the cases: each case by turns, then random ones."""
+    alone = np.eye(count)[np.arange(MIXTURES // 2) % count]
+    return np.concatenate([alone, rng.dirichlet(np.ones(count), MIXTURES - len(alone))])
+
+
+def _in_unit_ball(rng: np.random.Generator, count: int, n: int) -> Array:
+    direction = rng.normal(size=(count, n))
+    length = rng.uniform(0, 1, (count, 1)) ** (1 / max(n, 1))
+    return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True) * length)

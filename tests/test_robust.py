@@ -1,0 +1,210 @@
+"""Robust control: every law keeps the bound that it states, for payloads that the controller does not know."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.control.uncertainty import checked_cases
+
+from .test_adaptive import BANDWIDTH, KD, arm, circle, composite_error, short_circle
+
+__all__ = ["arm"]
+
+LARGEST = 3.0  # payload [kg]
+DEPTH = [0, 0, 0.1]  # its centre, before the flange [m]
+LAYER = np.array([0.05, 0.05, 0.1])  # [rad/s]
+
+
+def cases_of(robot):
+    return [robot, robot.with_payload(LARGEST, com=DEPTH)]
+
+
+def laws_of(robot, reference, layer, kd):
+    cases, rate = cases_of(robot), [BANDWIDTH] * robot.n
+    middle = checked_cases(cases).centre
+    rho = rne.control.uncertainty_bound(middle, cases, rate, layer, reference, 2.0, samples=1600)
+    return {
+        "robust": rne.control.robust(middle, rate, layer, reference, rho),
+        "passive": rne.control.robust_passive(cases, kd, rate, reference, boundary=0.3),
+        "sliding": rne.control.sliding_mode(cases, rate, layer, reference),
+    }
+
+
+@pytest.fixture(scope="module")
+def laws(arm):
+    return laws_of(arm, short_circle, LAYER, KD[:3])
+
+
+@pytest.fixture(scope="module")
+def laws_of_irb140(irb140):
+    """The layer in proportion to the inverse root of the inertias."""
+    inertia = np.diag(irb140.with_payload(1.5, com=DEPTH).mass_matrix(circle(0)[0]))
+    return laws_of(irb140, circle, 0.1 / np.sqrt(inertia), KD)
+
+
+def run(law, plant, reference, duration=2.0, **parts):
+    times = np.linspace(0, duration, 401)
+    scene = rne.Scene(plant, controller=law, **parts)
+    assert scene.cost()["law"] == "traced"
+    motion = rne.simulate(scene, *reference(0)[:2], duration, t_eval=times)
+    return motion, motion.q - reference(times[:, None])[0]
+
+
+def payloads(count, seed=0):
+    """Seeded masses within the cases, the largest among them."""
+    return [LARGEST, *np.random.default_rng(seed).uniform(0, LARGEST, count - 1)]
+
+
+@pytest.mark.parametrize("name", ["robust", "passive", "sliding"])
+@pytest.mark.parametrize("mass", payloads(1))
+def test_error_keeps_the_stated_bound(arm, laws, name, mass):
+    law = laws[name]
+    _, error = run(law, arm.with_payload(mass, com=DEPTH), short_circle)
+    assert (np.abs(error).max(axis=0) <= law.error_bound).all()
+    exact = rne.control.computed_torque(arm, [BANDWIDTH**2] * 3, [2 * BANDWIDTH] * 3, short_circle)
+    _, other = run(exact, arm.with_payload(mass, com=DEPTH), short_circle)
+    assert np.abs(error).max() < np.abs(other).max() / 5
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["robust", "passive", "sliding"])
+@pytest.mark.parametrize("mass", payloads(5))
+def test_error_of_the_irb140_keeps_the_stated_bound(irb140, laws_of_irb140, name, mass):
+    law = laws_of_irb140[name]
+    _, error = run(law, irb140.with_payload(mass, com=DEPTH), circle)
+    assert (np.abs(error).max(axis=0) <= law.error_bound).all()
+
+
+def test_root_mean_square_keeps_the_exact_bound(arm, laws):
+    law = laws["passive"]
+    _, error = run(law, arm.with_payload(LARGEST, com=DEPTH), short_circle, duration=4.0)
+    assert (np.sqrt((error**2).mean(axis=0)) <= law.rms_bound).all()
+
+
+@pytest.mark.parametrize("mass", payloads(3, seed=1))
+def test_lyapunov_redesign_stays_in_its_layer(arm, laws, mass):
+    """|s / boundary| <= 1 along the run, and its derivative is not positive on the layer's edge in random states."""
+    law, plant = laws["robust"], arm.with_payload(mass, com=DEPTH)
+    rng = np.random.default_rng(2)
+    for t in rng.uniform(0, 2, 50):
+        q_ref, qd_ref, qdd_ref = short_circle(t)
+        z = rng.normal(size=3)
+        z /= np.linalg.norm(z)
+        e = law.error_bound * rng.uniform(-1, 1, 3)
+        s = law.boundary * z
+        q, qd = q_ref + e, qd_ref + s - law.bandwidth * e
+        qdd = plant.forward_dynamics(q, qd, law(t, q, qd))
+        s_rate = qdd - qdd_ref + law.bandwidth * (qd - qd_ref)
+        assert z @ (s_rate / law.boundary) < 0
+
+
+@pytest.mark.parametrize("name", ["passive", "sliding"])
+@pytest.mark.parametrize("seed", range(3))
+def test_power_of_the_proof(arm, laws, name, seed):
+    """V = s^T M s / 2 falls as stated in any state, for any mixture of the cases, by differences along the flow."""
+    law, rng = laws[name], np.random.default_rng(seed)
+    cases = cases_of(arm)
+    share = rng.uniform(0, 1)
+    plant = arm.with_parameters((1 - share) * cases[0].parameters + share * cases[1].parameters)
+    t = rng.uniform(0, 2)
+    q, qd, _ = short_circle(t)
+    q, qd = q + rng.normal(0, 0.1, 3), qd + rng.normal(0, 1, 3)
+    qdd = plant.forward_dynamics(q, qd, law(t, q, qd))
+    h = 1e-6
+
+    def energy(k):
+        position = q + k * h * qd
+        s = composite_error(law, t + k * h, position, qd + k * h * qdd)
+        return s @ plant.mass_matrix(position) @ s / 2
+
+    power = (8 * (energy(1) - energy(-1)) - (energy(2) - energy(-2))) / (12 * h)
+    s = composite_error(law, t, q, qd)
+    z = np.linalg.norm(s / LAYER)
+    assert z > 1  # outside of the sliding layer
+    limit = -(s @ (law.kd * s)) + law.boundary / 4 if name == "passive" else -law.reaching * z
+    assert power <= limit + 1e-6 * abs(power)
+
+
+def test_ball_holds_every_mixture(arm):
+    cases = [arm, arm.with_payload(3.0), arm.with_payload(2.0, com=[0.1, 0, 0]), arm.with_payload(1.0, com=DEPTH)]
+    hull = checked_cases(cases)
+    W = hull.ball
+    assert W.shape == (30, 3)
+    weights = np.concatenate([np.eye(4), np.random.default_rng(0).dirichlet(np.ones(4), 20)])
+    deviations = hull.deviations @ weights.T
+    z, *_ = np.linalg.lstsq(W, deviations, rcond=None)
+    np.testing.assert_allclose(W @ z, deviations, atol=1e-12)
+    assert np.linalg.norm(z, axis=0).max() == pytest.approx(1.0, abs=1e-9)
+
+
+def test_payload_between_two_robots_is_one_direction(arm):
+    hull = checked_cases(cases_of(arm))
+    assert hull.ball.shape == (30, 1)
+    half = (hull.robots[1].parameters - hull.robots[0].parameters) / 2
+    np.testing.assert_allclose(np.abs(hull.ball[:, 0]), np.abs(half), atol=1e-12)
+
+
+def test_law_without_uncertainty_is_that_of_the_model(arm):
+    """Equal cases: only the feedback is left."""
+    q, qd, qdd = short_circle(0.4)
+    rate = [BANDWIDTH] * 3
+    for law in (
+        rne.control.robust_passive([arm, arm], KD[:3], rate, short_circle, boundary=0.1),
+        rne.control.sliding_mode([arm, arm], rate, LAYER, short_circle),
+        rne.control.robust(arm, rate, LAYER, short_circle, 1.0),
+    ):
+        np.testing.assert_allclose(law(0.4, q, qd), arm.inverse_dynamics(q, qd, qdd), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["robust", "passive", "sliding"])
+def test_batches_are_single_states(laws, name):
+    law, rng = laws[name], np.random.default_rng(0)
+    t = rng.uniform(0, 2, 4)
+    q, qd = rng.uniform(-1, 1, (2, 4, 3))
+    together = law(t[:, None], q, qd)
+    single = [law(*state) for state in zip(t, q, qd, strict=True)]
+    np.testing.assert_allclose(together, single, rtol=1e-11)
+
+
+def test_condition_of_the_book_fails_for_a_payload_that_outweighs_the_wrist(irb140):
+    """|1 - M^-1 M_hat| < 1, which is needed in all configurations, fails for any mass in between."""
+    q = np.random.default_rng(0).uniform(-1, 1, (50, 6))
+    for known in (0.75, 1.5, 2.25):
+        model = irb140.with_payload(known).mass_matrix(q)
+        for moving in (irb140, irb140.with_payload(LARGEST)):
+            A = np.eye(6) - np.linalg.solve(moving.mass_matrix(q), model)
+            assert np.linalg.norm(A, 2, axis=(1, 2)).max() > 1
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (
+            lambda r: rne.control.robust_passive([r], [1] * 6, [1] * 6, circle, boundary=1),
+            "`cases` must be a sequence of at least two Robots, between which the robot that moves lies",
+        ),
+        (
+            lambda r: rne.control.sliding_mode([r, r.mounted([1, 0, 0])], [1] * 6, [1] * 6, circle),
+            "`cases` must differ in masses, centres of mass and inertias alone, not in gravity",
+        ),
+        (
+            lambda r: rne.control.robust_passive([r, r], [1] * 6, [1] * 6, circle, boundary=0.0),
+            "`boundary` must be positive, got 0.0",
+        ),
+        (lambda r: rne.control.robust(r, [1] * 6, [0] * 6, circle, 1.0), "`boundary` must be positive, got 0.0"),
+        (lambda r: rne.control.robust(r, [1] * 6, [1] * 6, circle, -1.0), "`rho` must be positive, got -1.0"),
+        (
+            lambda r: rne.control.uncertainty_bound(r, [r, r], [1] * 6, [1] * 6, 5, 1.0),
+            "`reference` must be a function of time, got int",
+        ),
+        (
+            lambda r: rne.control.sliding_mode([r, r], [1] * 6, [1] * 6, circle, reaching=-1.0),
+            "`reaching` must be positive, got -1.0",
+        ),
+    ],
+)
+def test_wrong_arguments_are_named(irb140, make, text):
+    with pytest.raises(ValueError, match=rf"^{re.escape(text)}$"):
+        make(irb140)
