@@ -24,6 +24,7 @@ from .dynamics.regressor import (
 )
 from .dynamics.rnea import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 from .errors import (
+    IdentificationError,
     ModelError,
     NotFiniteError,
     PrecisionWarning,
@@ -66,6 +67,7 @@ __all__ = [
     "Finding",
     "Friction",
     "Gains",
+    "IdentificationError",
     "Kernel",
     "Model",
     "ModelError",

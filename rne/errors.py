@@ -178,3 +178,14 @@ class SimulationError(RneError, RuntimeError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (str(self), self.time, self.trajectory)
+
+
+class IdentificationError(RneError, RuntimeError):
+    """A fit to measured motions that did not succeed.
+
+    Examples
+    --------
+    >>> import rne
+    >>> issubclass(rne.IdentificationError, rne.RneError)
+    True
+    """

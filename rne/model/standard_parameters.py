@@ -154,7 +154,6 @@ class StandardParameters:
             factor = rate if symbol == "Fv" else self.sign(rate)
         return shafts.T * factor[..., None, :]
 
-    def sign(self, rate: Array) -> Array:
+    def sign(self, rate: Array) -> Any:
         """The direction of Coulomb friction; 0 at rest."""
-        direction: Array = np.tanh(rate / self.smoothing) if self.smoothing else np.sign(rate)
-        return direction
+        return np.tanh(rate / self.smoothing) if self.smoothing else np.sign(rate)

@@ -1,0 +1,105 @@
+"""A model against a measured motion: torques predicted and measured, filtered alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..basics.short_text import wrapped
+from ..basics.spatial import Array
+from ..basics.text_table import Row, aligned, short
+from ..plotting.figures import curves, dress, figure_of, legend_beside, stacked_panels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MEASURED, PREDICTED, RESIDUAL = "0.6", "C0", "C3"
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """Torques predicted for a measured motion beside the measured ones, by `Identification.check`.
+
+    Attributes
+    ----------
+    name : str
+        What the motion is called.
+    joint_names : tuple of str
+    t : ndarray, shape (R,)
+        Times [s].
+    measured, predicted : ndarray, shape (R, n)
+        Torques after the filter [N m or N].
+    valid : ndarray of bool, shape (R, n)
+        False where a torque was not measured properly.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+    >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
+    >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+    >>> check = rne.identify(robot, record, consistent=False).check(record)
+    >>> bool((check.relative < 1e-3).all())
+    True
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    t: Array
+    measured: Array
+    predicted: Array
+    valid: Array
+
+    def __repr__(self) -> str:
+        worst = 100 * self.relative.max(initial=0)
+        return wrapped(f"Check(motion {self.name!r}, {len(self.t)} samples, error at most {worst:.3g} %)")
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of predicted less measured torque of each joint, shape (n,) [N m or N]."""
+        rows = np.maximum(self.valid.sum(0), 1)
+        errors: Array = np.sqrt((((self.predicted - self.measured) * self.valid) ** 2).sum(0) / rows)
+        return errors
+
+    @property
+    def relative(self) -> Array:
+        """|predicted - measured| / |measured| of each joint, shape (n,)."""
+        rows = np.maximum(self.valid.sum(0), 1)
+        size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
+        return self.rms / np.maximum(size, np.finfo(float).tiny)
+
+    def report(self) -> str:
+        """A table of the errors, joint by joint.
+
+        Returns
+        -------
+        str
+        """
+        rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]"), words=True)]
+        for joint, rms, relative in zip(self.joint_names, self.rms, self.relative, strict=True):
+            rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * relative:.1f}")))
+        return "\n".join(aligned(rows))
+
+    def plot(self, axes: Any = None) -> Figure:
+        """Measured and predicted torque and their difference, a panel for each joint.
+
+        Parameters
+        ----------
+        axes : sequence of matplotlib axes, optional
+            One for each joint; by default a new figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        n = self.measured.shape[1]
+        panels = stacked_panels(n, f"Torques of {self.name}", height=1.5) if axes is None else list(axes)
+        for j, ax in enumerate(panels):
+            shown = {"measured": self.measured, "predicted": self.predicted, "residual": self.predicted - self.measured}
+            for (label, values), color in zip(shown.items(), (MEASURED, PREDICTED, RESIDUAL), strict=True):
+                curves(ax, self.t, values[:, [j]], [label if j == 0 else "_nolegend_"], [color])
+            dress(ax, f"{short(self.joint_names[j])}\n[N m]")
+        legend_beside(panels[0])
+        return figure_of(panels)

@@ -1,0 +1,185 @@
+"""The physically consistent fit: least squares over bodies that some distribution of mass has.
+
+minimise 1/2 |R x - b|^2 + w sum over bodies of (tr(P0^-1 P) - log det(P0^-1 P) - 4)
+
+over the bodies' pseudo-inertias P, which log det keeps positive definite, and over drives whose inertia and friction
+are not negative. The second term is the log-det divergence from a prior P0 (Lee, Wensing and Park 2020): it decides
+where the motion says nothing, and does not depend on units and frames. With P = L X L^T and P0 = L L^T each body is a
+matrix X near the identity; log det X is the largest sum of log Z_ii with [[X, Z], [Z^T, diag Z]] positive semidefinite
+and Z lower triangular (Ben-Tal and Nemirovski 2001, section 4.2). Clarabel solves the cone programme.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..errors import IdentificationError
+from ..model.parameters import PARAMETERS
+from ..model.pseudo_inertia import parameters_of_pseudo_inertia
+from .refinement import Barrier, refined
+
+LOWER = tuple(zip(*np.tril_indices(4), strict=True))  # entries of X and of Z, in the order of their variables
+DIAGONAL = [k for k, (i, j) in enumerate(LOWER) if i == j]
+ENTRIES = len(LOWER)
+ROOT_2 = np.sqrt(2.0)
+AT_BOUND = 1e-6  # of its size: a parameter of a drive below it is at its bound
+ROUNDS = 20  # of holding entries at their bound and letting them go
+GAP = 1e-9  # of the objective to its minimum, per unit of the prior's weight
+
+
+class Variables(NamedTuple):
+    """Places of the programme's variables."""
+
+    X: range  # ten per body
+    drives: range
+    Z: range  # ten per body
+    log: range  # four per body: log Z_ii
+    residual: range
+
+    @classmethod
+    def of(cls, nb: int, drives: int, rows: int) -> Variables:
+        ends = np.cumsum([0, ENTRIES * nb, drives, ENTRIES * nb, len(DIAGONAL) * nb, rows]).tolist()
+        return cls(*(range(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)))
+
+    @property
+    def count(self) -> int:
+        return self.residual.stop
+
+
+def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, size: Array) -> Array:
+    """The standard parameters that fit best among the physically consistent ones.
+
+    Parameters
+    ----------
+    factor : ndarray, shape (P + 1, P + 1)
+        Triangular, of the weighted equations [R b] of the standard parameters.
+    prior : ndarray, shape (nb, 4, 4)
+        Pseudo-inertias P0, positive definite.
+    weight : float
+        Of the divergence from the prior.
+    bounded : ndarray of bool, shape (P - 10 nb,)
+        True for the parameters of drives that may not be negative.
+    size : ndarray, shape (P - 10 nb,)
+        Typical sizes of the parameters of drives.
+
+    Returns
+    -------
+    ndarray, shape (P,)
+
+    Raises
+    ------
+    IdentificationError
+        If the solver does not converge.
+    ImportError
+        If Clarabel is not installed.
+    """
+    factor = factor[:-1]  # the last row is what no parameters explain
+    scale = scaling(prior, size)
+    v = Variables.of(len(prior), len(size), len(factor))
+    linear = np.zeros(v.count)
+    linear[[v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]] = weight  # tr X
+    linear[v.log.start : v.log.stop] = -weight
+    R, b = factor[:, :-1] @ scale, factor[:, -1]
+    found, status = solve_cones(v, linear, constraints(v, R, b, bounded))
+    units = np.array([symmetric_unit(i, j) for i, j in LOWER])
+    y = at_minimum(Barrier(R, b, weight, units, len(prior)), found[: v.Z.start], np.array(v.drives)[bounded], status)
+    solution: Array = scale @ y
+    return solution
+
+
+def at_minimum(problem: Barrier, y: Array, bounded: Array, status: str) -> Array:
+    """The minimum near the point that the cone solver found, with those entries held at their bound that ask for it."""
+    y, held = y.copy(), set(bounded[y[bounded] < AT_BOUND].tolist())
+    for _ in range(ROUNDS):
+        free = np.ones(len(y), bool)
+        free[list(held)] = False
+        y[~free] = 0.0
+        if not np.isfinite(problem.value(y)):
+            break
+        y, gradient, decrement = refined(problem, y, free)
+        beyond = {k for k in bounded.tolist() if y[k] < 0}
+        pulled = {k for k in held if gradient[k] < -GAP * max(1.0, np.abs(problem.b).max(initial=0))}
+        if not beyond and not pulled and decrement <= GAP * problem.weight:
+            return y
+        held = (held | beyond) - pulled
+    raise IdentificationError(f"the physically consistent fit did not converge: Clarabel says {status}")
+
+
+def scaling(prior: Array, size: Array) -> Array:
+    """The matrix of (pi, drives) = scaling (X, drives / size), with P = L X L^T of each body."""
+    nb = len(prior)
+    matrix = np.zeros((PARAMETERS * nb + len(size), ENTRIES * nb + len(size)))
+    for k, L in enumerate(np.linalg.cholesky(prior)):
+        own = slice(ENTRIES * k, ENTRIES * (k + 1))
+        matrix[PARAMETERS * k : PARAMETERS * (k + 1), own] = parameters_of_pseudo_inertia(
+            np.array([[L @ symmetric_unit(i, j) @ L.T] for i, j in LOWER])
+        ).T
+    matrix[PARAMETERS * nb :, ENTRIES * nb :] = np.diag(size)
+    return matrix
+
+
+def symmetric_unit(i: int, j: int) -> Array:
+    """The symmetric 4 x 4 matrix that is 1 at (i, j) and (j, i)."""
+    E = np.zeros((4, 4))
+    E[i, j] = E[j, i] = 1
+    return E
+
+
+def constraints(v: Variables, R: Array, b: Array, bounded: Array) -> list[tuple[str, Any, Array]]:
+    """Cones as (kind, matrix A, right-hand side c): c - A x lies in the cone."""
+    residual = np.zeros((len(b), v.count))
+    residual[:, : v.Z.start], residual[:, v.residual.start :] = -R, np.eye(len(b))
+    cones = [
+        ("zero", residual, -b),
+        ("not negative", -np.eye(v.count)[np.array(v.drives)[bounded]], 0 * b[: bounded.sum()]),
+    ]
+    for k in range(len(v.log) // len(DIAGONAL)):
+        own = slice(ENTRIES * k, ENTRIES * (k + 1))
+        cones.append(("semidefinite", -block_matrix(v.X[own], v.Z[own], v.count), np.zeros(36)))
+        for place, d in enumerate(DIAGONAL):  # exp(log_i) <= Z_ii
+            row = np.zeros((3, v.count))
+            row[0, v.log[len(DIAGONAL) * k + place]] = row[2, v.Z[own][d]] = -1
+            cones.append(("exponential", row, np.array([0.0, 1.0, 0.0])))
+    return cones
+
+
+def block_matrix(X: range, Z: range, count: int) -> Array:
+    """[[X, Z], [Z^T, diag Z]] as a linear function of the variables: its upper triangle, column by column."""
+    dense = np.zeros((8, 8, count))
+    for k, (i, j) in enumerate(LOWER):
+        dense[i, j, X[k]] = dense[j, i, X[k]] = 1
+        dense[i, 4 + j, Z[k]] = 1
+        if i == j:
+            dense[4 + i, 4 + i, Z[k]] = 1
+    return np.array([dense[i, j] * (1 if i == j else ROOT_2) for j in range(8) for i in range(j + 1)])
+
+
+def solve_cones(v: Variables, linear: Array, cones: list[tuple[str, Any, Array]]) -> tuple[Array, str]:
+    """The minimum of 1/2 |residual|^2 + linear . x under the constraints, by Clarabel, and how it ended."""
+    try:
+        import clarabel
+    except ModuleNotFoundError:
+        raise ImportError(
+            "the physically consistent fit needs Clarabel, which is not installed: pip install 'rne[identify]'"
+        ) from None
+    from scipy import sparse
+
+    make = {
+        "zero": clarabel.ZeroConeT,
+        "not negative": clarabel.NonnegativeConeT,
+        "semidefinite": lambda rows: clarabel.PSDTriangleConeT(8),
+        "exponential": lambda rows: clarabel.ExponentialConeT(),
+    }
+    quadratic = np.zeros(v.count)
+    quadratic[v.residual.start :] = 1
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    A = sparse.csc_matrix(np.concatenate([A for _, A, _ in cones]))
+    c = np.concatenate([c for _, _, c in cones])
+    kinds = [make[kind](len(c)) for kind, _, c in cones if len(c)]
+    found = clarabel.DefaultSolver(sparse.diags(quadratic).tocsc(), linear, A, c, kinds, settings).solve()
+    return np.array(found.x), str(found.status)

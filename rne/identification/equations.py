@@ -1,0 +1,120 @@
+"""The equations Y x = tau of measured motions, kept as triangular factors: one for each block of time and each joint.
+
+A factor R of [Y tau] has |Y x - tau| = |R (x, -1)| for every x. Weights of joints, fits without some of the blocks and
+errors on those blocks therefore need no row of the measurement again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..basics.spatial import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Triangular factors of the equations of each block and joint.
+
+    Attributes
+    ----------
+    factors : ndarray, shape (blocks, n, P + 1, P + 1)
+        Of [Y tau]; the last column belongs to tau.
+    rows : ndarray, shape (blocks, n)
+        How many equations each has.
+    """
+
+    factors: Array
+    rows: Array
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return self.factors.shape[1]
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns, P."""
+        return self.factors.shape[-1] - 1
+
+    def of_blocks(self, chosen: Array) -> Equations:
+        """Those of some blocks, by a mask or by indices."""
+        return Equations(self.factors[chosen], self.rows[chosen])
+
+    def merged(self) -> Equations:
+        """All blocks as one."""
+        by_joint = np.moveaxis(self.factors, 1, 0)
+        factors = triangular(by_joint.reshape(self.joints, -1, by_joint.shape[-1]))
+        return Equations(factors[None], self.rows.sum(0, keepdims=True))
+
+    def of_joint(self, j: int) -> Equations:
+        """Those of one joint."""
+        return Equations(self.factors[:, [j]], self.rows[:, [j]])
+
+    def mapped(self, E: Array) -> Equations:
+        """Those of other unknowns z, of which the present ones are x = E z."""
+        return Equations(triangular(append_right(self.factors, E)), self.rows)
+
+    def residuals(self, x: Array) -> Array:
+        """|Y x - tau|^2 of each joint, shape (n,)."""
+        squares: Array = ((self.factors @ np.append(x, -1.0)) ** 2).sum((0, 2))
+        return squares
+
+    def torques(self) -> Array:
+        """|tau|^2 of each joint, shape (n,)."""
+        return self.residuals(np.zeros(self.unknowns))
+
+    def weighted(self, sigma: Array) -> Array:
+        """One triangular factor of the equations of all joints, those of joint j divided by sigma[j]."""
+        scaled = self.factors / sigma[:, None, None]
+        return triangular(scaled.reshape(-1, scaled.shape[-1]))
+
+
+def append_right(factors: Array, E: Array) -> Array:
+    """Factors of [Y E, tau] from those of [Y tau]; no longer triangular."""
+    return np.concatenate([factors[..., :-1] @ E, factors[..., -1:]], axis=-1)
+
+
+def triangular(rows: Array) -> Array:
+    """The triangular factor of a matrix or of several, shape (..., P, P): zero rows where there are few."""
+    width = rows.shape[-1]
+    missing = max(width - rows.shape[-2], 0)
+    padding = [(0, 0)] * (rows.ndim - 2) + [(0, missing), (0, 0)]
+    factor: Array = np.linalg.qr(np.pad(rows, padding), mode="r")
+    return factor
+
+
+def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice]) -> Equations:
+    """Compress the rows of measured motions.
+
+    Parameters
+    ----------
+    Y : ndarray, shape (N, n, P)
+        Regressor in each sample.
+    tau : ndarray, shape (N, n)
+        Measured torques [N m or N].
+    used : ndarray of bool, shape (N, n)
+        False for equations to leave out.
+    blocks : sequence of slice
+        Of the samples.
+
+    Returns
+    -------
+    Equations
+    """
+    n, P = Y.shape[1:]
+    factors, rows = np.zeros((len(blocks), n, P + 1, P + 1)), np.zeros((len(blocks), n), int)
+    for k, block in enumerate(blocks):
+        for j in range(n):
+            chosen = used[block, j]
+            rows[k, j] = chosen.sum()
+            augmented = np.concatenate([Y[block, j][chosen], tau[block, j][chosen, None]], axis=1)
+            factors[k, j] = triangular(augmented)
+    return Equations(factors, rows)
+
+
+def joined(parts: Sequence[Equations]) -> Equations:
+    """The blocks of several measurements as one."""
+    return Equations(np.concatenate([p.factors for p in parts]), np.concatenate([p.rows for p in parts]))

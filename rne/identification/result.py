@@ -1,0 +1,219 @@
+"""What an identification found, and how far to trust it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.short_text import counted, wrapped
+from ..basics.spatial import Array
+from ..model.arguments import joint_array
+from typing import Any as BaseParameters
+from ..model.parameters import PARAMETERS, with_parameters
+from ..model.standard_parameters import StandardParameters
+from ..robot import Robot
+from ..simulation.friction import Friction
+from .checking import Check
+from .equations import Equations
+from .least_squares import LeastSquares
+from .prepared import Prepared
+from .record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Parameters found from measured motions, by `rne.identify`.
+
+    Attributes
+    ----------
+    initial : Robot
+        The robot as it was given.
+    standard : StandardParameters
+        What the torques are linear in, and the names.
+    base : BaseParameters
+        Those combinations that torques depend on.
+    records : tuple of Prepared
+        The measurements after the filter.
+    estimate : LeastSquares
+        Base parameters by weighted least squares, with standard errors.
+    parameters : ndarray, shape (P,)
+        Standard parameters, in the order of `standard.names`: the physically consistent ones, or those nearest to the
+        given robot's of which the base parameters are `estimate.values`.
+    consistent : bool
+        True for physically consistent parameters.
+    held_out : ndarray, shape (n,)
+        |predicted - measured| / |measured| of each joint, over blocks of time of which each was predicted by a fit to
+        the others.
+    equations : Equations
+        What was fitted.
+    minimum_rate : ndarray, shape (n,)
+        Rates below which the equations of a joint were not fitted [rad/s or m/s].
+    notes : tuple of str
+        What was assumed.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+    >>> motion = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)
+    >>> q, qd, qdd = motion(t)
+    >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+    >>> rne.identify(robot, record, consistent=False).held_out.shape
+    (6,)
+    """
+
+    initial: Robot
+    standard: StandardParameters
+    base: BaseParameters
+    records: tuple[Prepared, ...]
+    estimate: LeastSquares
+    parameters: Array
+    consistent: bool
+    held_out: Array
+    equations: Equations
+    minimum_rate: Array
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        worst = f"{100 * self.held_out.max(initial=0):.3g} %"
+        found = "physically consistent" if self.consistent else "least squares"
+        return wrapped(
+            f"Identification({counted(self.base.count, 'base parameter')} of {self.initial.model.name!r} from "
+            f"{counted(int(self.equations.rows.sum()), 'equation')}, {found}, held-out error at most {worst})"
+        )
+
+    @property
+    def values(self) -> Array:
+        """Base parameters of `parameters`, in the order of `base.names`, shape (base.count,)."""
+        values: Array = self.base.matrix @ self.parameters
+        return values
+
+    @property
+    def excited(self) -> Array:
+        """True for base parameters whose standard error is below the value itself, shape (base.count,).
+
+        Of the others the motion says no more than that they are small; of those with an infinite error, nothing.
+        """
+        found: Array = self.estimate.errors < np.abs(self.estimate.values)
+        return found
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot with the bodies found, `armature` from the rotors, and `damping` and `friction` of its joints.
+
+        Offsets and further shafts are not part of a robot.
+
+        Raises
+        ------
+        ModelError
+            If a body is not possible, after a fit that is not physically consistent.
+        """
+        standard, groups = self.standard, self.standard.groups
+        model = with_parameters(self.initial.model, self.parameters[groups["bodies"]])
+        drive = list(model.independent_joints)
+        for symbol, field in (("Ia", "armature"), ("Fv", "damping"), ("Fc", "friction")):
+            if symbol in standard.terms:
+                column = np.zeros(model.nb)
+                column[drive] = self.parameters[groups[symbol]]
+                model = replace(model, **{field: column})
+        return Robot(model, self.initial.engine)
+
+    @property
+    def friction(self) -> Friction:
+        """Friction of the joints, for a Scene; zero where it was not asked for."""
+        zero = np.zeros(self.initial.n)
+        found = {s: self.parameters[self.standard.groups[s]] if s in self.standard.terms else zero for s in ("Fv", "Fc")}
+        return Friction(viscous=found["Fv"], coulomb=found["Fc"])
+
+    def predict(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Torques of the drives along a motion.
+
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            With rotors, friction, offsets and further shafts [N m or N].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
+        >>> tau = robot.inverse_dynamics(q, qd, qdd)
+        >>> found = rne.identify(robot, rne.identification.Record(t, q, tau), consistent=False)
+        >>> found.predict(q, qd, qdd).shape
+        (5000, 6)
+        """
+        model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
+        rates, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
+        drives = self.standard.drive_columns(rates, accelerations) @ self.parameters[bodies:]
+        torques: Array = self.initial.regressor(q, rates, accelerations) @ self.parameters[:bodies] + drives
+        return torques
+
+    def check(self, record: Record) -> Check:
+        """The torques predicted for another measured motion beside the measured ones.
+
+        Parameters
+        ----------
+        record : Record
+            Of the same robot; it is filtered as those of the fit.
+
+        Returns
+        -------
+        Check
+
+        Raises
+        ------
+        ValueError
+            If the record has another number of joints, or cannot be filtered so.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
+        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+        >>> rne.identify(robot, record, consistent=False).check(record).measured.shape[1]
+        6
+        """
+        if record.n != self.initial.n:
+            raise ValueError(f"`record` must be of {self.initial.n} joints, as the robot, got one of {record.n}")
+        first = self.records[0]
+        decimation = first.decimation if record.prepare(first.cutoff).sample_rate == first.sample_rate else None
+        return self._compared(record.name, record.prepare(first.cutoff, decimation))
+
+    def _compared(self, name: str, prepared: Prepared) -> Check:
+        predicted = prepared.reduce(self.predict(prepared.q, prepared.qd, prepared.qdd))
+        names = self.initial.joint_names
+        return Check(name, names, prepared.times, prepared.reduce(prepared.tau), predicted, prepared.valid)
+
+    def plot(self, record: Record | None = None) -> Figure:
+        """Measured and predicted torque and their difference, a panel for each joint.
+
+        Parameters
+        ----------
+        record : Record, optional
+            By default the first of those that were fitted.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        check = self._compared("the fitted motion", self.records[0]) if record is None else self.check(record)
+        return check.plot()

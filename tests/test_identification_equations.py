@@ -1,0 +1,183 @@
+"""Fits of linear equations: compressed equations, weighted least squares, and physically consistent bodies."""
+
+import re
+import sys
+
+import numpy as np
+import pytest
+
+import rne
+from rne.identification.consistent import consistent_fit
+from rne.identification.equations import equations, joined
+from rne.identification.least_squares import least_squares
+from rne.identification.prior import geometric_prior, model_prior
+from rne.model.pseudo_inertia import dual_of_gradient, pseudo_inertia
+
+SAME = 1e-11  # relative: another order of operations, condition below 100
+SOLVED = 1e-6  # relative accuracy of the cone programme's solution
+THREE_SIGMA = 0.9973
+
+
+def problem(seed=0, samples=200, noise=(0.1, 2.0, 0.5), unknowns=7):
+    """Equations of three joints with different noise."""
+    rng = np.random.default_rng(seed)
+    Y, x = rng.normal(size=(samples, len(noise), unknowns)), rng.normal(size=unknowns)
+    return Y, Y @ x + rng.normal(size=(samples, len(noise))) * noise, x
+
+
+def blocks(samples, count):
+    return [slice(k * samples // count, (k + 1) * samples // count) for k in range(count)]
+
+
+def compressed(Y, tau, count=4, used=None):
+    return equations(Y, tau, np.ones(tau.shape, bool) if used is None else used, blocks(len(tau), count))
+
+
+def test_residuals_of_any_values_are_those_of_the_rows():
+    Y, tau, x = problem()
+    used = np.random.default_rng(1).uniform(size=tau.shape) < 0.7
+    rows = compressed(Y, tau, used=used)
+    for values in (x, 3 * x, 0 * x):
+        np.testing.assert_allclose(rows.residuals(values), (((Y @ values - tau) * used) ** 2).sum(0), rtol=SAME)
+    np.testing.assert_array_equal(rows.rows.sum(0), used.sum(0))
+
+
+def test_blocks_joints_and_other_unknowns():
+    Y, tau, x = problem()
+    rows = compressed(Y, tau)
+    np.testing.assert_allclose(
+        rows.of_blocks(np.array([1, 2])).residuals(x), ((Y[50:150] @ x - tau[50:150]) ** 2).sum(0), rtol=SAME
+    )
+    assert rows.of_joint(1).residuals(x) == pytest.approx(rows.residuals(x)[[1]], rel=SAME)
+    E = np.random.default_rng(2).normal(size=(7, 4))
+    np.testing.assert_allclose(rows.mapped(E).residuals(x[:4]), ((Y @ E @ x[:4] - tau) ** 2).sum(0), rtol=SAME)
+    np.testing.assert_allclose(joined([rows, rows]).residuals(x), 2 * rows.residuals(x), rtol=SAME)
+
+
+def test_estimates_are_those_of_the_weighted_rows():
+    Y, tau, _ = problem()
+    fit = least_squares(compressed(Y, tau))
+    A, b = Y / fit.sigma[:, None], tau / fit.sigma
+    expected, _, _, singular = np.linalg.lstsq(A.reshape(-1, 7), b.ravel(), rcond=None)
+    np.testing.assert_allclose(fit.values, expected, rtol=SAME)
+    np.testing.assert_allclose(fit.covariance, np.linalg.inv(A.reshape(-1, 7).T @ A.reshape(-1, 7)), rtol=SAME)
+    assert fit.condition == pytest.approx(singular[0] / singular[-1], rel=SAME)
+    hat = A.reshape(-1, 7) @ np.linalg.pinv(A.reshape(-1, 7))
+    freedom = len(tau) - np.diag(hat).reshape(-1, 3).sum(0)
+    np.testing.assert_allclose(fit.sigma, np.sqrt(((Y @ fit.values - tau) ** 2).sum(0) / freedom), rtol=1e-5)
+
+
+def test_truth_lies_within_three_standard_errors_as_often_as_it_should():
+    inside, sigma = [], []
+    for seed in range(200):
+        Y, tau, x = problem(seed, samples=60)
+        fit = least_squares(compressed(Y, tau))
+        inside.append(np.abs(fit.values - x) <= 3 * fit.errors)
+        sigma.append(fit.sigma)
+    assert np.mean(inside) == pytest.approx(THREE_SIGMA, abs=0.005)  # 1400 cases: 3.6 binomial deviations
+    np.testing.assert_allclose(np.mean(sigma, 0), (0.1, 2.0, 0.5), rtol=0.02)
+
+
+def test_what_the_motion_says_nothing_of_has_an_infinite_error():
+    Y, tau, _ = problem(noise=(0.1,) * 3)
+    Y[..., 2] = 0
+    Y[..., 5] = 2 * Y[..., 4]
+    fit = least_squares(compressed(Y, tau))
+    np.testing.assert_array_equal(np.isinf(fit.errors), [False, False, True, False, True, True, False])
+    assert fit.condition == np.inf
+    assert np.isfinite(fit.values).all()
+
+
+def test_equations_without_noise():
+    Y, tau, x = problem(noise=(0.0,) * 3)
+    fit = least_squares(compressed(Y, tau))
+    np.testing.assert_allclose(fit.values, x, rtol=SAME)
+    assert (fit.errors < 1e-11).all()
+
+
+def arm_problem(seed=0, samples=60, noise=0.5, drives=2):
+    """Torques of the IRB 140 with some parameters of drives, the equations weighted."""
+    robot, rng = rne.load("irb140"), np.random.default_rng(seed)
+    q, qd, qdd = rng.uniform(-1, 1, (3, samples, 6)) * np.array([[[2.0]], [[2.0]], [[8.0]]])
+    Y = np.concatenate([robot.regressor(q, qd, qdd), rng.normal(size=(samples, 6, drives))], axis=-1)
+    x = np.concatenate([robot.parameters, np.linspace(1, 2, drives)])
+    tau = Y @ x + noise * rng.normal(size=(samples, 6))
+    return robot, compressed(Y, tau, 1).weighted(np.full(6, max(noise, 1e-3))), x
+
+
+BOTH = np.ones(2, bool)
+
+
+@pytest.mark.parametrize("weight", [0.1, 10.0, 1000.0])
+def test_consistent_fit_is_a_minimum(weight):
+    """The slope of the objective by every parameter vanishes; that of log det P is P^-1."""
+    robot, factor, _ = arm_problem()
+    prior = geometric_prior(robot.model) * 80
+    found = consistent_fit(factor, prior, weight, BOTH, np.ones(2))
+    R, b = factor[:, :-1], factor[:, -1]
+    slope = R.T @ (R @ found - b)
+    P = pseudo_inertia(found[:60])
+    assert (np.linalg.eigvalsh(P) > 0).all()
+    from_prior = weight * (np.linalg.inv(prior) - np.linalg.inv(P))
+    L = np.linalg.cholesky(P)  # in terms of the bodies themselves, whose scales differ
+    total = np.swapaxes(L, 1, 2) @ (dual_of_gradient(slope[:60]) + from_prior) @ L
+    assert np.abs(total).max() <= 1e-4 * weight + SOLVED * np.abs(b).max()
+    assert (np.abs(slope[60:]) <= 1e-4 * np.abs(R[:, 60:]).max() * np.linalg.norm(b)).all()
+
+
+def test_without_measurements_the_bodies_are_those_of_the_prior():
+    robot = rne.load("ur5")
+    prior, changed = model_prior(robot.model)
+    assert changed == ()
+    found = consistent_fit(np.zeros((63, 63)), prior, 1.0, BOTH, np.ones(2))
+    np.testing.assert_allclose(pseudo_inertia(found[:60]), pseudo_inertia(robot.parameters), atol=SOLVED)
+
+
+def test_friction_is_not_negative():
+    """The torques ask for -3 of it."""
+    _, factor, x = arm_problem(noise=0.1, samples=200)
+    factor[:, -1] -= 5 * factor[:, -2]
+    robot = rne.load("irb140")
+    found = consistent_fit(factor, model_prior(robot.model)[0], 1.0, BOTH, np.ones(2))
+    assert found[-1] == pytest.approx(0, abs=1e-6)
+    free = consistent_fit(factor, model_prior(robot.model)[0], 1.0, np.array([True, False]), np.ones(2))
+    assert free[-1] == pytest.approx(x[-1] - 5, abs=0.02)
+
+
+def test_units_of_length_do_not_matter():
+    """In millimetres second moments are a million times larger, and the fit is the same."""
+    robot, factor, _ = arm_problem()
+    prior = model_prior(robot.model)[0] * 1.3
+    unit = np.concatenate([np.tile([1, *[1e3] * 3, *[1e6] * 6], 6), [1, 1]])
+    scale = np.array([1e3, 1e3, 1e3, 1])
+    scaled = consistent_fit(factor / np.append(unit, 1), prior * np.outer(scale, scale), 1.0, BOTH, np.ones(2))
+    found = consistent_fit(factor, prior, 1.0, BOTH, np.ones(2))
+    P, Q = pseudo_inertia(found[:60]), pseudo_inertia((scaled / unit)[:60])
+    L = np.linalg.inv(np.linalg.cholesky(P))
+    np.testing.assert_allclose(L @ Q @ np.swapaxes(L, 1, 2), np.broadcast_to(np.eye(4), P.shape), atol=1e-4)
+
+
+def test_bodies_that_are_too_thin_are_made_thicker():
+    """Point masses on massless rods, as textbooks have them."""
+    robot = rne.load("ur5")
+    model, rows = robot.model, np.array(robot.parameters).reshape(6, 10)
+    rows[2] = [5, 0, 0, 0, *[0] * 6]
+    prior, changed = model_prior(rne.with_parameters(model, rows.ravel()))
+    assert changed == (model.moving_joints[2],)
+    assert (np.linalg.eigvalsh(prior) > 0).all()
+
+
+def test_guess_of_bodies_has_a_total_mass_of_one():
+    for name in ("irb140", "panda", "ur5"):
+        model = rne.load(name).model
+        guess = geometric_prior(model)
+        assert guess[:, 3, 3].sum() == pytest.approx(1)
+        assert (np.linalg.eigvalsh(guess) > 0).all()
+
+
+def test_without_clarabel_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    robot, factor, _ = arm_problem()
+    text = "the physically consistent fit needs Clarabel, which is not installed: pip install 'rne[identify]'"
+    with pytest.raises(ImportError, match=f"^{re.escape(text)}$"):
+        consistent_fit(factor, model_prior(robot.model)[0], 1.0, BOTH, np.ones(2))
