@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, vector
 from ..basics.spatial import Array
+from ..dynamics.base_parameters import BaseParameters
 from ..errors import IdentificationError
-from typing import Any as BaseParameters
 from ..model.parameters import PARAMETERS
 from ..model.pseudo_inertia import parameters_of_pseudo_inertia
 from ..model.standard_parameters import StandardParameters
@@ -124,7 +124,17 @@ def identify(
     method = Method(standard, base, guess, positive_number("spread", spread) ** -2)
     estimate, parameters = method.solved(fitted)
     return Identification(
-        robot, standard, base, prepared, estimate, parameters, consistent, held_out(method, fitted, measured), fitted, rates, notes
+        robot,
+        standard,
+        base,
+        prepared,
+        estimate,
+        parameters,
+        consistent,
+        held_out(method, fitted, measured),
+        fitted,
+        rates,
+        notes,
     )
 
 

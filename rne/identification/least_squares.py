@@ -63,7 +63,7 @@ def solve(factor: Array) -> Solution:
     lengths = np.linalg.norm(A, axis=0)
     lengths[lengths == 0] = 1
     U, S, V = np.linalg.svd(A / lengths, full_matrices=False)
-    kept = S > DEPENDENT * S.max(initial=0)
+    kept = DEPENDENT * S.max(initial=0) < S
     inverse = (V[kept].T / S[kept]) / lengths[:, None]
     free = np.linalg.norm(V[~kept], axis=0) > UNDETERMINED
     return Solution(inverse @ (U.T[kept] @ b), inverse, S, free)

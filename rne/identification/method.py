@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from typing import Any as BaseParameters
+from ..dynamics.base_parameters import BaseParameters
 from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import StandardParameters
 from .consistent import consistent_fit
@@ -37,11 +37,11 @@ class Method(NamedTuple):
 
     def solved(self, equations: Equations) -> tuple[LeastSquares, Array]:
         """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
-        estimate = least_squares(equations.mapped(self.base.expansion))
+        estimate = least_squares(equations.mapped(self.base.back))
         if self.prior is not None:
             return estimate, self.consistent(equations, estimate.sigma)
         model = self.standard.values
-        return estimate, model + self.base.expansion @ (estimate.values - self.base.matrix @ model)
+        return estimate, model + self.base.back @ (estimate.values - self.base.matrix @ model)
 
     def consistent(self, equations: Equations, sigma: Array) -> Array:
         """The physically consistent standard parameters."""

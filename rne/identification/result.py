@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.short_text import counted, wrapped
 from ..basics.spatial import Array
+from ..dynamics.base_parameters import BaseParameters
 from ..model.arguments import joint_array
-from typing import Any as BaseParameters
 from ..model.parameters import PARAMETERS, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
@@ -129,7 +129,9 @@ class Identification:
     def friction(self) -> Friction:
         """Friction of the joints, for a Scene; zero where it was not asked for."""
         zero = np.zeros(self.initial.n)
-        found = {s: self.parameters[self.standard.groups[s]] if s in self.standard.terms else zero for s in ("Fv", "Fc")}
+        found = {
+            s: self.parameters[self.standard.groups[s]] if s in self.standard.terms else zero for s in ("Fv", "Fc")
+        }
         return Friction(viscous=found["Fv"], coulomb=found["Fc"])
 
     def predict(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
