@@ -11,6 +11,7 @@ and Z lower triangular (Ben-Tal and Nemirovski 2001, section 4.2). Clarabel solv
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +43,7 @@ class Variables(NamedTuple):
     @classmethod
     def of(cls, nb: int, drives: int, rows: int) -> Variables:
         ends = np.cumsum([0, ENTRIES * nb, drives, ENTRIES * nb, len(DIAGONAL) * nb, rows]).tolist()
-        return cls(*(range(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)))
+        return cls(*(range(a, b) for a, b in pairwise(ends)))
 
     @property
     def count(self) -> int:

@@ -15,14 +15,15 @@ from ..model.parameters import PARAMETERS
 from ..model.pseudo_inertia import parameters_of_pseudo_inertia
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
+from .correlation import repeats_of_filtered_noise, repeats_of_residuals
 from .equations import Equations, joined
-from .least_squares import least_squares
+from .least_squares import least_squares, with_correlation
 from .method import Method, held_out
 from .prepared import Prepared
 from .prior import geometric_prior, model_prior
 from .record import Record
 from .result import Identification
-from .stacking import stacked
+from .stacking import Stacked, stacked
 
 SLOWEST = 0.02  # of a joint's largest rate: below it, Coulomb friction has no known direction
 HELD_OUT = 10  # blocks of the measurements, each predicted from the others
@@ -107,9 +108,10 @@ def identify(
     --------
     >>> import numpy as np, rne
     >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> w = 2 * np.pi * np.outer(t, [0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
-    >>> tau = robot.inverse_dynamics(np.sin(w), w / t.clip(1e-9)[:, None] * np.cos(w), -((w / t.clip(1e-9)[:, None]) ** 2) * np.sin(w))
-    >>> found = rne.identify(robot, rne.identification.Record(t, np.sin(w), tau), consistent=False)
+    >>> w = 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
+    >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+    >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+    >>> found = rne.identify(robot, record, consistent=False)
     >>> found.base.count
     36
     """
@@ -118,23 +120,17 @@ def identify(
     base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts)
     prepared = tuple(record.prepare(cutoff, decimation) for record in given)
     rates = minimum_rates(standard, prepared, minimum_rate)
-    fitted, measured = equations_of(robot, standard, prepared, rates, blocks)
+    rows = [stacked(robot, standard, record, rates) for record in prepared]
+    fitted, measured = equations_of(rows, prepared, blocks)
     check_count(fitted, base)
     guess, notes = prior_bodies(robot, prior, standard, fitted) if consistent else (None, ())
     method = Method(standard, base, guess, positive_number("spread", spread) ** -2)
     estimate, parameters = method.solved(fitted)
+    repeats = repeated_equations(rows, prepared, base.back @ estimate.values)
+    estimate = with_correlation(estimate, fitted.mapped(base.back), repeats)
+    errors = held_out(method, fitted, measured)
     return Identification(
-        robot,
-        standard,
-        base,
-        prepared,
-        estimate,
-        parameters,
-        consistent,
-        held_out(method, fitted, measured),
-        fitted,
-        rates,
-        notes,
+        robot, standard, base, prepared, estimate, parameters, consistent, errors, fitted, rates, repeats, notes
     )
 
 
@@ -163,13 +159,24 @@ def minimum_rates(standard: StandardParameters, prepared: Sequence[Prepared], gi
     return SLOWEST * largest
 
 
-def equations_of(
-    robot: Robot, standard: StandardParameters, prepared: Sequence[Prepared], rates: Array, blocks: int
-) -> tuple[Equations, Equations]:
+def equations_of(rows: Sequence[Stacked], prepared: Sequence[Prepared], blocks: int) -> tuple[Equations, Equations]:
     """Equations to fit, and those to check the fit on, in blocks of time."""
     each = max(-(-blocks // len(prepared)), 2)
-    parts = [stacked(robot, standard, record, rates).compressed(record.blocks(each)) for record in prepared]
+    parts = [r.compressed(record.blocks(each)) for r, record in zip(rows, prepared, strict=True)]
     return joined([fitted for fitted, _ in parts]), joined([measured for _, measured in parts])
+
+
+def repeated_equations(rows: Sequence[Stacked], prepared: Sequence[Prepared], x: Array) -> Array:
+    """How many equations of a joint count as one, shape (n,)."""
+    residuals = np.concatenate([r.Y @ x - r.tau for r in rows])
+    used = np.concatenate([r.used for r in rows])
+    parts, start = [], 0
+    for record in prepared:
+        for length in record.segment_lengths:
+            parts.append(slice(start, start + length))
+            start += length
+    by_filter = max(repeats_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in prepared)
+    return np.maximum(repeats_of_residuals(residuals, used, parts), by_filter)
 
 
 def check_count(fitted: Equations, base: BaseParameters) -> None:
@@ -208,6 +215,7 @@ def found_density(bodies: Array, standard: StandardParameters, fitted: Equations
     density = float(least_squares(fitted.mapped(E)).values[0])
     if density <= 0:
         raise IdentificationError(
-            f"`prior` 'geometry': the torques ask for a density of {density:.4g}; check the signs of torques and gravity"
+            f"`prior` 'geometry': the torques ask for bodies of {density:.4g} kg in all; check the signs of torques "
+            "and of gravity"
         )
     return density

@@ -6,7 +6,7 @@ which depend on the fit, which depends on the noise: the fit is repeated until n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -98,6 +98,31 @@ def least_squares(equations: Equations) -> LeastSquares:
     singular = np.linalg.svd(factor[:, :-1], compute_uv=False)
     conditions = [float(s[0] / s[-1]) if s[-1] > DEPENDENT * s[0] else np.inf for s in (singular, solution.singular)]
     return LeastSquares(solution.x, errors, covariance, sigma, *conditions)
+
+
+def with_correlation(estimate: LeastSquares, equations: Equations, repeats: Array) -> LeastSquares:
+    """The same estimates, with the standard errors of correlated residuals.
+
+    Parameters
+    ----------
+    estimate : LeastSquares
+        Of these equations.
+    equations : Equations
+    repeats : ndarray, shape (n,)
+        How many equations of a joint count as one.
+
+    Returns
+    -------
+    LeastSquares
+    """
+    equations = equations.merged()
+    solution = solve(equations.weighted(estimate.sigma))
+    covariance = np.zeros_like(estimate.covariance)
+    for j, factor in enumerate(equations.factors[0]):  # G (sum over joints of repeats A_j^T A_j) G^T of the sandwich
+        share = solution.inverse @ (factor[:, :-1] @ solution.inverse / estimate.sigma[j]).T
+        covariance += repeats[j] * share @ share.T
+    errors = np.where(solution.free, np.inf, np.sqrt(np.diag(covariance)))
+    return replace(estimate, covariance=covariance, errors=errors)
 
 
 def noise(equations: Equations, sigma: Array, least: Array) -> Array:

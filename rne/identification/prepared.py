@@ -166,6 +166,11 @@ class Prepared:
         ends = np.cumsum([0, *sizes]).tolist()
         return tuple(slice(a, b) for a, b in pairwise(ends))
 
+    @property
+    def segment_lengths(self) -> tuple[int, ...]:
+        """Number of reduced rows of each segment."""
+        return tuple(len(rows) for rows in self._segment_rows)
+
     @cached_property
     def _segment_rows(self) -> tuple[Array, ...]:
         drop = settling(self.cutoff, self.sample_rate)

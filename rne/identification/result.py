@@ -55,6 +55,8 @@ class Identification:
         What was fitted.
     minimum_rate : ndarray, shape (n,)
         Rates below which the equations of a joint were not fitted [rad/s or m/s].
+    repeats : ndarray, shape (n,)
+        How many equations of a joint count as one, because residuals are like their neighbours; in the standard errors.
     notes : tuple of str
         What was assumed.
 
@@ -79,6 +81,7 @@ class Identification:
     held_out: Array
     equations: Equations
     minimum_rate: Array
+    repeats: Array
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
@@ -196,9 +199,7 @@ class Identification:
         """
         if record.n != self.initial.n:
             raise ValueError(f"`record` must be of {self.initial.n} joints, as the robot, got one of {record.n}")
-        first = self.records[0]
-        decimation = first.decimation if record.prepare(first.cutoff).sample_rate == first.sample_rate else None
-        return self._compared(record.name, record.prepare(first.cutoff, decimation))
+        return self._compared(record.name, record.prepare(self.records[0].cutoff))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
         predicted = prepared.reduce(self.predict(prepared.q, prepared.qd, prepared.qdd))
