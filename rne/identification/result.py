@@ -22,6 +22,7 @@ from .equations import Equations
 from .least_squares import LeastSquares
 from .prepared import Prepared
 from .record import Record
+from .report import report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -220,3 +221,12 @@ class Identification:
         """
         check = self._compared("the fitted motion", self.records[0]) if record is None else self.check(record)
         return check.plot()
+
+    def report(self) -> str:
+        """What was fitted, what was found and how far to trust it, as text.
+
+        Returns
+        -------
+        str
+        """
+        return report(self)

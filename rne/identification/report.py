@@ -1,0 +1,84 @@
+"""The report of an identification as text: what was fitted, what was found, and how far to trust it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..basics.short_text import counted
+from ..basics.text_table import Row, aligned, short
+from ..model.parameters import PARAMETERS
+
+if TYPE_CHECKING:
+    from .result import Identification
+
+
+def report(found: Identification) -> str:
+    """The report, in paragraphs.
+
+    Parameters
+    ----------
+    found : Identification
+
+    Returns
+    -------
+    str
+    """
+    parts = [fitted_text(found), joints_text(found), parameters_text(found)]
+    if found.consistent:
+        parts.append(bodies_text(found))
+    return "\n\n".join(parts)
+
+
+def fitted_text(found: Identification) -> str:
+    """What was fitted: the motions, their filter, the prior."""
+    e = found.estimate
+    lines = [
+        f"{counted(found.base.count, 'base parameter')} of {short(found.initial.model.name)} from "
+        f"{counted(int(found.equations.rows.sum()), 'equation')}, condition number {e.condition:.3g} "
+        f"({e.scaled_condition:.3g} with columns of unit length)"
+    ]
+    for k, record in enumerate(found.records, 1):
+        lines.append(f"motion {k}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
+        lines += [f"  {note}" for note in record.notes]
+    return "\n".join([*lines, *found.notes])
+
+
+def joints_text(found: Identification) -> str:
+    """Errors of each joint."""
+    fitted = found.equations.residuals(found.parameters)
+    torques = np.maximum(found.equations.torques(), np.finfo(float).tiny)
+    columns = ("noise [N m or N]", "fitted [%]", "held out [%]", "equations", "per independent one")
+    rows = [Row("errors", columns, words=True)]
+    for j, name in enumerate(found.initial.joint_names):
+        relative = (100 * np.sqrt(fitted[j] / torques[j]), 100 * found.held_out[j])
+        count = int(found.equations.rows[:, j].sum())
+        cells = (f"{found.estimate.sigma[j]:.4g}", *(f"{x:.1f}" for x in relative), str(count), f"{found.repeats[j]:.2f}")
+        rows.append(Row(f"  {short(name)}", cells))
+    return "\n".join(aligned(rows))
+
+
+def parameters_text(found: Identification) -> str:
+    """Base parameters with standard errors."""
+    e = found.estimate
+    title = "least squares", "standard error", *(("consistent",) if found.consistent else ())
+    rows = [Row("base parameters", title, words=True)]
+    for k, name in enumerate(found.base.names):
+        cells = [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", *([f"{found.values[k]:.5f}"] if found.consistent else [])]
+        rows.append(Row(f"  {name}", cells))
+    lines = aligned(rows)
+    weak = [name for name, seen in zip(found.base.names, found.excited, strict=True) if not seen]
+    if weak:
+        lines.append(f"not excited, the standard error exceeds the value: {', '.join(weak)}")
+    return "\n".join(lines)
+
+
+def bodies_text(found: Identification) -> str:
+    """Masses and centres of the consistent bodies; each is one of many with the same torques."""
+    rows = [Row("bodies", ("mass [kg]", "centre x [m]", "y", "z"), words=True)]
+    bodies = found.parameters[found.standard.groups["bodies"]].reshape(-1, PARAMETERS)
+    for name, body in zip(found.initial.model.moving_joints, bodies, strict=True):
+        rows.append(Row(f"  {short(name)}", [f"{x:.4f}" for x in (body[0], *(body[1:4] / body[0]))]))
+    close = "Of bodies with the same base parameters, these are the nearest to the prior."
+    return "\n".join([*aligned(rows), close])
