@@ -33,7 +33,7 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .identification import Excitation, excitation
+from .identification import Excitation, Identification, excitation, identify
 from .kernels.compilation import compile, derivative
 from .kernels.kernel import Kernel
 from .model.chains import chain
@@ -67,6 +67,7 @@ __all__ = [
     "Finding",
     "Friction",
     "Gains",
+    "Identification",
     "IdentificationError",
     "Kernel",
     "Model",
@@ -106,6 +107,7 @@ __all__ = [
     "forward_dynamics",
     "gravity_torque",
     "identification",
+    "identify",
     "inverse_dynamics",
     "irb140",
     "jacobian",

@@ -1,11 +1,26 @@
-"""From measurements to a model: motions that excite it; records of motions, screened and filtered."""
+"""From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
+from .checking import Check
+from .equations import Equations
 from .exciting_motion import Excitation
+from .fit import identify
+from .least_squares import LeastSquares
 from .prepared import Prepared
 from .record import Record
+from .result import Identification
 from .search_excitation import excitation
 
-__all__ = ["Excitation", "Prepared", "Record", "excitation"]
+__all__ = [
+    "Check",
+    "Equations",
+    "Excitation",
+    "Identification",
+    "LeastSquares",
+    "Prepared",
+    "Record",
+    "excitation",
+    "identify",
+]
 
 
 def __dir__() -> list[str]:

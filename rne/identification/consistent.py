@@ -22,7 +22,7 @@ from ..model.parameters import PARAMETERS
 from ..model.pseudo_inertia import parameters_of_pseudo_inertia
 from .refinement import Barrier, refined
 
-LOWER = tuple(zip(*np.tril_indices(4), strict=True))  # entries of X and of Z, in the order of their variables
+LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables
 DIAGONAL = [k for k, (i, j) in enumerate(LOWER) if i == j]
 ENTRIES = len(LOWER)
 ROOT_2 = np.sqrt(2.0)
@@ -46,7 +46,7 @@ class Variables(NamedTuple):
         return cls(*(range(a, b) for a, b in pairwise(ends)))
 
     @property
-    def count(self) -> int:
+    def total(self) -> int:
         return self.residual.stop
 
 
@@ -80,7 +80,7 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     factor = factor[:-1]  # the last row is what no parameters explain
     scale = scaling(prior, size)
     v = Variables.of(len(prior), len(size), len(factor))
-    linear = np.zeros(v.count)
+    linear = np.zeros(v.total)
     linear[[v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]] = weight  # tr X
     linear[v.log.start : v.log.stop] = -weight
     R, b = factor[:, :-1] @ scale, factor[:, -1]
@@ -131,17 +131,17 @@ def symmetric_unit(i: int, j: int) -> Array:
 
 def constraints(v: Variables, R: Array, b: Array, bounded: Array) -> list[tuple[str, Any, Array]]:
     """Cones as (kind, matrix A, right-hand side c): c - A x lies in the cone."""
-    residual = np.zeros((len(b), v.count))
+    residual = np.zeros((len(b), v.total))
     residual[:, : v.Z.start], residual[:, v.residual.start :] = -R, np.eye(len(b))
     cones = [
         ("zero", residual, -b),
-        ("not negative", -np.eye(v.count)[np.array(v.drives)[bounded]], 0 * b[: bounded.sum()]),
+        ("not negative", -np.eye(v.total)[np.array(v.drives)[bounded]], 0 * b[: bounded.sum()]),
     ]
     for k in range(len(v.log) // len(DIAGONAL)):
         own = slice(ENTRIES * k, ENTRIES * (k + 1))
-        cones.append(("semidefinite", -block_matrix(v.X[own], v.Z[own], v.count), np.zeros(36)))
+        cones.append(("semidefinite", -block_matrix(v.X[own], v.Z[own], v.total), np.zeros(36)))
         for place, d in enumerate(DIAGONAL):  # exp(log_i) <= Z_ii
-            row = np.zeros((3, v.count))
+            row = np.zeros((3, v.total))
             row[0, v.log[len(DIAGONAL) * k + place]] = row[2, v.Z[own][d]] = -1
             cones.append(("exponential", row, np.array([0.0, 1.0, 0.0])))
     return cones
@@ -174,7 +174,7 @@ def solve_cones(v: Variables, linear: Array, cones: list[tuple[str, Any, Array]]
         "semidefinite": lambda rows: clarabel.PSDTriangleConeT(8),
         "exponential": lambda rows: clarabel.ExponentialConeT(),
     }
-    quadratic = np.zeros(v.count)
+    quadratic = np.zeros(v.total)
     quadratic[v.residual.start :] = 1
     settings = clarabel.DefaultSettings()
     settings.verbose = False

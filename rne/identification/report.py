@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .result import Identification
 
 
-def report(found: Identification) -> str:
+def report_text(found: Identification) -> str:
     """The report, in paragraphs.
 
     Parameters
@@ -54,7 +54,12 @@ def joints_text(found: Identification) -> str:
     for j, name in enumerate(found.initial.joint_names):
         relative = (100 * np.sqrt(fitted[j] / torques[j]), 100 * found.held_out[j])
         count = int(found.equations.rows[:, j].sum())
-        cells = (f"{found.estimate.sigma[j]:.4g}", *(f"{x:.1f}" for x in relative), str(count), f"{found.repeats[j]:.2f}")
+        cells = (
+            f"{found.estimate.sigma[j]:.4g}",
+            *(f"{x:.1f}" for x in relative),
+            str(count),
+            f"{found.repeats[j]:.2f}",
+        )
         rows.append(Row(f"  {short(name)}", cells))
     return "\n".join(aligned(rows))
 

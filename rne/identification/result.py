@@ -22,7 +22,7 @@ from .equations import Equations
 from .least_squares import LeastSquares
 from .prepared import Prepared
 from .record import Record
-from .report import report
+from .report import report_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,24 +119,37 @@ class Identification:
         ModelError
             If a body is not possible, after a fit that is not physically consistent.
         """
-        standard, groups = self.standard, self.standard.groups
-        model = with_parameters(self.initial.model, self.parameters[groups["bodies"]])
-        drive = list(model.independent_joints)
-        for symbol, field in (("Ia", "armature"), ("Fv", "damping"), ("Fc", "friction")):
-            if symbol in standard.terms:
-                column = np.zeros(model.nb)
-                column[drive] = self.parameters[groups[symbol]]
-                model = replace(model, **{field: column})
-        return Robot(model, self.initial.engine)
+        model = with_parameters(self.initial.model, self.parameters[self.standard.groups["bodies"]])
+        terms = self.standard.terms
+        return Robot(
+            replace(
+                model,
+                armature=self._by_joint("Ia") if "Ia" in terms else model.armature,
+                damping=self._by_joint("Fv") if "Fv" in terms else model.damping,
+                friction=self._by_joint("Fc") if "Fc" in terms else model.friction,
+            ),
+            self.initial.engine,
+        )
+
+    def _by_joint(self, symbol: str) -> Array:
+        """A parameter of drives with one entry per moving joint, zero for those that mimic others."""
+        values = np.zeros(self.initial.model.nb)
+        values[list(self.initial.model.independent_joints)] = self._of_drives(symbol)
+        return values
 
     @property
     def friction(self) -> Friction:
         """Friction of the joints, for a Scene; zero where it was not asked for."""
-        zero = np.zeros(self.initial.n)
-        found = {
-            s: self.parameters[self.standard.groups[s]] if s in self.standard.terms else zero for s in ("Fv", "Fc")
-        }
-        return Friction(viscous=found["Fv"], coulomb=found["Fc"])
+        return Friction(viscous=self._of_drives("Fv"), coulomb=self._of_drives("Fc"))
+
+    @property
+    def offset(self) -> Array:
+        """Constant torques of the drives, shape (n,); zero where they were not asked for [N m or N]."""
+        return self._of_drives("tau0")
+
+    def _of_drives(self, symbol: str) -> Array:
+        place = self.standard.groups.get(symbol)
+        return np.zeros(self.initial.n) if place is None else self.parameters[place]
 
     def predict(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Torques of the drives along a motion.
@@ -229,4 +242,4 @@ class Identification:
         -------
         str
         """
-        return report(self)
+        return report_text(self)
