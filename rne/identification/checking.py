@@ -26,7 +26,8 @@ class Check:
     ----------
     name : str
         What the motion is called.
-    joint_names : tuple of str
+    joint_names, units : tuple of str
+        Of the joints; "N m" or "N".
     t : ndarray, shape (R,)
         Times [s].
     measured, predicted : ndarray, shape (R, n)
@@ -47,6 +48,7 @@ class Check:
 
     name: str
     joint_names: tuple[str, ...]
+    units: tuple[str, ...]
     t: Array
     measured: Array
     predicted: Array
@@ -68,7 +70,7 @@ class Check:
         """|predicted - measured| / |measured| of each joint, shape (n,)."""
         rows = np.maximum(self.valid.sum(0), 1)
         size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
-        return self.rms / np.maximum(size, np.finfo(float).tiny)
+        return np.asarray(self.rms / np.maximum(size, np.finfo(float).tiny))
 
     def report(self) -> str:
         """A table of the errors, joint by joint.
@@ -100,6 +102,6 @@ class Check:
             shown = {"measured": self.measured, "predicted": self.predicted, "residual": self.predicted - self.measured}
             for (label, values), color in zip(shown.items(), (MEASURED, PREDICTED, RESIDUAL), strict=True):
                 curves(ax, self.t, values[:, [j]], [label if j == 0 else "_nolegend_"], [color])
-            dress(ax, f"{short(self.joint_names[j])}\n[N m]")
+            dress(ax, f"{short(self.joint_names[j])}\n[{self.units[j]}]")
         legend_beside(panels[0])
         return figure_of(panels)

@@ -32,12 +32,12 @@ class Equations:
     @property
     def joints(self) -> int:
         """Number of joints."""
-        return self.factors.shape[1]
+        return int(self.factors.shape[1])
 
     @property
     def unknowns(self) -> int:
         """Number of unknowns, P."""
-        return self.factors.shape[-1] - 1
+        return int(self.factors.shape[-1]) - 1
 
     def of_blocks(self, chosen: Array) -> Equations:
         """Those of some blocks, by a mask or by indices."""
@@ -82,8 +82,7 @@ def triangular(rows: Array) -> Array:
     width = rows.shape[-1]
     missing = max(width - rows.shape[-2], 0)
     padding = [(0, 0)] * (rows.ndim - 2) + [(0, missing), (0, 0)]
-    factor: Array = np.linalg.qr(np.pad(rows, padding), mode="r")
-    return factor
+    return np.asarray(np.linalg.qr(np.pad(rows, padding), mode="r"))
 
 
 def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice]) -> Equations:

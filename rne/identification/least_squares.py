@@ -130,4 +130,4 @@ def noise(equations: Equations, sigma: Array, least: Array) -> Array:
     solution = solve(equations.weighted(sigma))
     spent = ((equations.factors[..., :-1] @ solution.inverse) ** 2).sum((0, 2, 3)) / sigma**2
     freedom = np.maximum(equations.rows.sum(0) - spent, 1)
-    return np.maximum(np.sqrt(equations.residuals(solution.x) / freedom), least)
+    return np.asarray(np.maximum(np.sqrt(equations.residuals(solution.x) / freedom), least))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..basics.spatial import Array
+from ..dynamics.base_parameters import BaseParameters
 from ..model.model import Model
 from ..model.parameters import parameters_of
 from ..model.pseudo_inertia import pseudo_inertia
@@ -44,6 +45,33 @@ def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
     return prior, tuple(changed)
 
 
+def expected_sizes(model: Model, base: BaseParameters, values: Array) -> Array:
+    """How large base parameters may be: of bodies like the model's, and of the drives the largest of each kind.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    base : BaseParameters
+    values : ndarray, shape (base.count,)
+        Estimates.
+
+    Returns
+    -------
+    ndarray, shape (base.count,)
+    """
+    P = model_prior(model)[0]
+    mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
+    first = np.sqrt(mass * second)
+    bodies = np.concatenate([mass[:, None], np.repeat(first[:, None], 3, 1), np.repeat(second[:, None], 6, 1)], axis=1)
+    sizes = np.linalg.norm(base.matrix[:, : bodies.size] * bodies.ravel(), axis=1)
+    kinds = np.array([name.split("_")[0] for name in base.names])
+    for kind in ("Ia", "Fv", "Fc", "tau0"):
+        of_drives = kinds == kind
+        sizes[of_drives] = np.abs(values[of_drives]).max(initial=0)
+    return sizes
+
+
 def geometric_prior(model: Model) -> Array:
     """Pseudo-inertias of rods from each joint to the next, of one density per length and a total mass of 1 kg.
 
@@ -61,7 +89,8 @@ def geometric_prior(model: Model) -> Array:
     known = np.concatenate(lengths)[np.concatenate(lengths) > 0]
     shortest = SHORTEST * (known.mean() if len(known) else UNIT)
     bodies = np.array([rods(end, np.maximum(length, shortest)) for end, length in zip(ends, lengths, strict=True)])
-    return bodies.reshape(-1, 4, 4) / max(bodies.reshape(-1, 4, 4)[:, 3, 3].sum(), np.finfo(float).tiny)
+    bodies = bodies.reshape(-1, 4, 4)
+    return np.asarray(bodies / max(bodies[:, 3, 3].sum(), np.finfo(float).tiny))
 
 
 def body_ends(model: Model, i: int) -> Array:

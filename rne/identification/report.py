@@ -75,7 +75,7 @@ def parameters_text(found: Identification) -> str:
     lines = aligned(rows)
     weak = [name for name, seen in zip(found.base.names, found.excited, strict=True) if not seen]
     if weak:
-        lines.append(f"not excited, the standard error exceeds the value: {', '.join(weak)}")
+        lines.append(f"not excited, with a standard error above the expected size: {', '.join(weak)}")
     return "\n".join(lines)
 
 

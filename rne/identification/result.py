@@ -21,6 +21,7 @@ from .checking import Check
 from .equations import Equations
 from .least_squares import LeastSquares
 from .prepared import Prepared
+from .prior import expected_sizes
 from .record import Record
 from .report import report_text
 
@@ -101,11 +102,11 @@ class Identification:
 
     @property
     def excited(self) -> Array:
-        """True for base parameters whose standard error is below the value itself, shape (base.count,).
+        """True for base parameters that the motion determines to better than their expected size, (base.count,).
 
-        Of the others the motion says no more than that they are small; of those with an infinite error, nothing.
+        The size is that of the given robot's bodies, and the largest among the drives; infinite errors are never below.
         """
-        found: Array = self.estimate.errors < np.abs(self.estimate.values)
+        found: Array = self.estimate.errors < expected_sizes(self.initial.model, self.base, self.estimate.values)
         return found
 
     @cached_property
@@ -217,8 +218,10 @@ class Identification:
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
         predicted = prepared.reduce(self.predict(prepared.q, prepared.qd, prepared.qdd))
-        names = self.initial.joint_names
-        return Check(name, names, prepared.times, prepared.reduce(prepared.tau), predicted, prepared.valid)
+        model = self.initial.model
+        units = tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
+        measured = prepared.reduce(prepared.tau)
+        return Check(name, model.joint_names, units, prepared.times, measured, predicted, prepared.valid)
 
     def plot(self, record: Record | None = None) -> Figure:
         """Measured and predicted torque and their difference, a panel for each joint.

@@ -153,7 +153,7 @@ class StandardParameters:
         else:
             rate = qd @ shafts.T
             factor = rate if symbol == "Fv" else self.sign(rate)
-        return shafts.T * factor[..., None, :]
+        return np.asarray(shafts.T * factor[..., None, :])
 
     def sign(self, rate: Array) -> Any:
         """The direction of Coulomb friction; 0 at rest."""
