@@ -1,7 +1,6 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
 from .checking import Check
-from .equations import Equations
 from .exciting_motion import Excitation
 from .fit import identify
 from .least_squares import LeastSquares
@@ -12,7 +11,6 @@ from .search_excitation import excitation
 
 __all__ = [
     "Check",
-    "Equations",
     "Excitation",
     "Identification",
     "LeastSquares",

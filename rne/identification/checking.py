@@ -78,6 +78,17 @@ class Check:
         Returns
         -------
         str
+            A line for each joint.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
+        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+        >>> found = rne.identify(robot, record, consistent=False)
+        >>> print(found.check(record).report().splitlines()[0].split("  ")[0])
+        motion record
         """
         rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]"), words=True)]
         for joint, rms, relative in zip(self.joint_names, self.rms, self.relative, strict=True):
@@ -95,6 +106,17 @@ class Check:
         Returns
         -------
         matplotlib.figure.Figure
+            `figure.savefig("torques.png")` writes it to a file.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
+        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+        >>> found = rne.identify(robot, record, consistent=False)
+        >>> len(found.check(record).plot().axes)
+        6
         """
         n = self.measured.shape[1]
         panels = stacked_panels(n, f"Torques of {self.name}", height=1.5) if axes is None else list(axes)

@@ -89,6 +89,7 @@ def identify(
     Returns
     -------
     Identification
+        Estimates with standard errors, the robot with consistent bodies, predictions, plots and a report.
 
     Raises
     ------

@@ -38,6 +38,15 @@ class LeastSquares:
         Condition number of the weighted equations; infinite if unknowns depend on each other.
     scaled_condition : float
         The same with columns of unit length.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+    >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
+    >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+    >>> rne.identify(robot, record, consistent=False).estimate.values.shape
+    (36,)
     """
 
     values: Array

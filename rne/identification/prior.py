@@ -69,7 +69,7 @@ def expected_sizes(model: Model, base: BaseParameters, values: Array) -> Array:
     for kind in ("Ia", "Fv", "Fc", "tau0"):
         of_drives = kinds == kind
         sizes[of_drives] = np.abs(values[of_drives]).max(initial=0)
-    return sizes
+    return np.asarray(sizes)
 
 
 def geometric_prior(model: Model) -> Array:

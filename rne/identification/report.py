@@ -1,8 +1,11 @@
-"""The report of an identification as text: what was fitted, what was found, and how far to trust it."""
+"""The report of an identification as text: what was fitted, what was found, and how far to trust it.
+
+`found` is an Identification, whose method calls these functions.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +13,8 @@ from ..basics.short_text import counted
 from ..basics.text_table import Row, aligned, short
 from ..model.parameters import PARAMETERS
 
-if TYPE_CHECKING:
-    from .result import Identification
 
-
-def report_text(found: Identification) -> str:
+def report_text(found: Any) -> str:
     """The report, in paragraphs.
 
     Parameters
@@ -31,7 +31,7 @@ def report_text(found: Identification) -> str:
     return "\n\n".join(parts)
 
 
-def fitted_text(found: Identification) -> str:
+def fitted_text(found: Any) -> str:
     """What was fitted: the motions, their filter, the prior."""
     e = found.estimate
     lines = [
@@ -45,7 +45,7 @@ def fitted_text(found: Identification) -> str:
     return "\n".join([*lines, *found.notes])
 
 
-def joints_text(found: Identification) -> str:
+def joints_text(found: Any) -> str:
     """Errors of each joint."""
     fitted = found.equations.residuals(found.parameters)
     torques = np.maximum(found.equations.torques(), np.finfo(float).tiny)
@@ -64,7 +64,7 @@ def joints_text(found: Identification) -> str:
     return "\n".join(aligned(rows))
 
 
-def parameters_text(found: Identification) -> str:
+def parameters_text(found: Any) -> str:
     """Base parameters with standard errors."""
     e = found.estimate
     title = "least squares", "standard error", *(("consistent",) if found.consistent else ())
@@ -79,7 +79,7 @@ def parameters_text(found: Identification) -> str:
     return "\n".join(lines)
 
 
-def bodies_text(found: Identification) -> str:
+def bodies_text(found: Any) -> str:
     """Masses and centres of the consistent bodies; each is one of many with the same torques."""
     rows = [Row("bodies", ("mass [kg]", "centre x [m]", "y", "z"), words=True)]
     bodies = found.parameters[found.standard.groups["bodies"]].reshape(-1, PARAMETERS)

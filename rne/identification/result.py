@@ -197,6 +197,7 @@ class Identification:
         Returns
         -------
         Check
+            Errors of each joint, a table and a plot of them.
 
         Raises
         ------
@@ -234,6 +235,17 @@ class Identification:
         Returns
         -------
         matplotlib.figure.Figure
+            `figure.savefig("torques.png")` writes it to a file.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
+        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+        >>> found = rne.identify(robot, record, consistent=False)
+        >>> len(found.plot().axes)
+        6
         """
         check = self._compared("the fitted motion", self.records[0]) if record is None else self.check(record)
         return check.plot()
@@ -244,5 +256,16 @@ class Identification:
         Returns
         -------
         str
+            Paragraphs on the measurements, the joints, the base parameters and the bodies.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
+        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
+        >>> found = rne.identify(robot, record, consistent=False)
+        >>> print(found.report().splitlines()[0][:28])
+        36 base parameters of irb140
         """
         return report_text(self)
