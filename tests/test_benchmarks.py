@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from benchmarks import cases, engines
+from benchmarks import cases, engines, regressor
 from benchmarks.evaluation import (
     KERNEL,
     KERNEL_SINGLE,
@@ -23,7 +23,7 @@ from benchmarks.peers import Point
 
 from .helpers import ROOT, kept
 
-FURTHER = ("validation", "kernels", "lagrange", "simulation", "engines")
+FURTHER = ("validation", "kernels", "lagrange", "simulation", "regressor", "engines")
 BENCHMARKS = ["benchmarks", *(f"benchmarks.{name}" for name in FURTHER)]
 WITHOUT_NUMBA = (
     "import runpy, sys; sys.modules['numba'] = None; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
@@ -98,6 +98,16 @@ def test_tables_of_engines_are_those_of_the_last_runs():
     for page in engines.PAGES:
         text = page.read_text(encoding="utf-8")
         assert filled(text, {name: found[name] for name in places(page)}) == text
+
+
+def test_tables_of_the_regressor_are_those_of_the_last_run():
+    """After a new run: python -m benchmarks.regressor."""
+    found = engines.read("regressor.json")
+    text = regressor.PAGE.read_text(encoding="utf-8")
+    assert filled(text, regressor.tables(found)) == text
+    rows = [robot["variants"][engine] for robot in found["robots"].values() for engine in ("numpy", "numba")]
+    assert min(row["times_faster"][0] for row in rows) >= 50
+    assert found["variants"] == 5000
 
 
 def test_batches_are_compared_with_batches_and_single_calls_with_single_calls():

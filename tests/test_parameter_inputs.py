@@ -1,5 +1,6 @@
 """Inertial parameters as an input of kernels: many variants of a robot in one call, and the same as one Robot each."""
 
+import importlib.util
 import pickle
 import re
 from dataclasses import replace
@@ -9,6 +10,7 @@ import pytest
 
 import rne
 from rne.kernels.parameter_inputs import AtParameters
+from rne.model.robots.generators import random_tree
 
 from .conftest import TREES
 from .helpers import kept
@@ -359,6 +361,44 @@ class TestEnsembles:
         arguments, options = self.arguments(irb140)
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             rne.ensemble(irb140, *arguments, parameters=change(variants(irb140, 5)), **options)
+
+
+@pytest.fixture(params=kept(["irb140", "panda", "mimics", "two joints"], ["two joints"]), scope="module")
+def two_engines(request):
+    """One robot by both."""
+    model = random_tree(2, seed=8) if request.param == "two joints" else robot_of(request.param).model
+    return rne.Robot(model, "numpy"), rne.Robot(model, "numba")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("numba") is None, reason="Numba is not installed")
+class TestNumba:
+    """The same by machine code; every run has a small robot alone, because compiling takes seconds."""
+
+    @pytest.mark.parametrize("method", kept(["inverse_dynamics", "forward_dynamics"], ["forward_dynamics"]))
+    def test_variants(self, two_engines, method):
+        plain, compiled = two_engines
+        pi, arrays = variants(plain, 21), random_states(plain, 3, 21)
+        expected = getattr(plain, method)(*arrays, parameters=pi)
+        close(getattr(compiled, method)(*arrays, parameters=pi), expected, SOLVED)
+        one = [a[0] for a in arrays]
+        for _ in range(2):
+            close(getattr(compiled, method)(*one, parameters=pi[0]), expected[0], SOLVED)
+        close(getattr(compiled, method)(*one, parameters=pi)[0], expected[0], SOLVED)
+        with pytest.raises(ValueError, match=r"^`parameters` must be finite, got nan at index \(0, 0\)$"):
+            getattr(compiled, method)(*arrays, parameters=np.nan * pi)
+
+    @pytest.mark.long
+    def test_ensembles(self, two_engines):
+        plain, compiled = two_engines
+        pi, starts = variants(plain, 7), random_states(plain, 1, 7)[0]
+        one, other = (
+            rne.ensemble(robot, starts, 0 * starts, 0.05, step=5e-3, keep=3, parameters=pi) for robot in two_engines
+        )
+        close(other.q, one.q, 1e-11)
+        close(other.qd, one.qd, 1e-11)
+        pi[5] = 0
+        with pytest.raises(rne.SingularMassMatrixError, match=r"^start 5 at t = 0 s: M is singular: nothing with"):
+            rne.ensemble(compiled, starts, 0 * starts, 0.05, step=5e-3, parameters=pi)
 
 
 class TestErrors:
