@@ -13,7 +13,7 @@ from .lagrange import equations
 from .quantity import judged_quantity
 
 
-@judged_quantity(judge_accelerations)
+@judged_quantity(judge_accelerations, moments=False)
 def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> tuple[Array, Array, Array]:
     """Joint accelerations by the Euler-Lagrange formulation; equal to those of `forward_dynamics`.
 

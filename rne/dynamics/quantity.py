@@ -120,7 +120,7 @@ def quantity(
 
 
 def judged_quantity(
-    judge: Judge,
+    judge: Judge, *, moments: bool = True
 ) -> Callable[[Callable[Concatenate[Model, P], tuple[Array, Array, Array]]], QuantityFunction[P, Array]]:
     """Declare a core that returns (result, pivots of M, diagonal of M) as a public function of the result.
 
@@ -128,7 +128,7 @@ def judged_quantity(
     """
 
     def decorate(core: Callable[Concatenate[Model, P], tuple[Array, Array, Array]]) -> QuantityFunction[P, Array]:
-        declared = _declare(core, judge, moments=True, base_parameters=True, returns_array=True)
+        declared = _declare(core, judge, moments=moments, base_parameters=True, returns_array=True)
         return cast("QuantityFunction[P, Array]", declared)
 
     return decorate

@@ -137,7 +137,8 @@ class RobotBase:
         *wrt : str
             Arguments to differentiate by; none for the function itself.
         **fixed
-            Arguments other than joint arrays, such as `link="link_6"`, or `external=["link_6"]` for its wrench.
+            Arguments other than joint arrays, such as `link="link_6"`, or `external=["link_6"]` for its wrench, or
+            `parameters=True` for the inertial parameters as a further argument.
 
         Returns
         -------

@@ -200,7 +200,7 @@ def ensemble(
         raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
     spans = keep - 1
     steps = max(1, ceil(end / near / spans * (1 - 1e-12))) * spans
-    pi = None if parameters is None else _parameters(parameters, rhs.robot, len(q))
+    pi = None if parameters is None else _parameters(parameters, scene, len(q))
     plan = Plan(rhs, method, end / steps, steps, spans, pi is not None)
     x0 = np.concatenate([q, qd, np.zeros((len(q), rhs.size - 2 * n), q.dtype)], axis=1)
     starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
@@ -216,8 +216,13 @@ def ensemble(
     return Ensemble(t, q, qd, tau, energies, rhs.ledger, method, end / steps, count, rhs.robot.model, pi)
 
 
-def _parameters(parameters: ArrayLike, robot: Robot, count: int) -> Array:
+def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
     """Inertial parameters of each motion."""
+    if scene.formulation != "newton-euler":
+        raise ValueError(
+            f"`parameters` need the formulation 'newton-euler', that of the scene is {scene.formulation!r}"
+        )
+    robot = scene.resolved.robot
     shape = (count, PARAMETERS * robot.model.nb)
     pi = real_array("parameters", parameters, f"{shape}")
     if pi.shape != shape:

@@ -242,7 +242,7 @@ class RightHandSide(AppliedTorques):
             widths=self._widths,
             judge=self._judge,
             rates=rates,
-            moments=True,
+            moments=self.formulation == "newton-euler",
             base_parameters=True,
         )
 
