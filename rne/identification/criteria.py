@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
+from ..dynamics.base_parameters import BaseParameters
+from ..dynamics.quantity import Quantity
 from ..dynamics.regressor import regressor
-from ..model.standard_parameters import StandardParameters
+from ..dynamics.verdict import Verdict
+from ..model.model import Model
 from ..robot import Robot
 
 States = tuple[Array, Array, Array]  # q, qd, qdd of shape (K, n) each
@@ -22,6 +26,33 @@ class Slopes(NamedTuple):
     qdd: Array
 
 
+@dataclass(frozen=True)
+class RegressorColumns:
+    """Some columns of `rne.regressor` as a quantity of its own, whose kernel computes no others.
+
+    Attributes
+    ----------
+    columns : tuple of int
+    """
+
+    columns: tuple[int, ...]
+
+    @property
+    def quantity(self) -> Quantity:
+        """That of the regressor, with another core."""
+        return replace(regressor.quantity, core=self.core)
+
+    def core(self, model: Model, q: Array, qd: Array, qdd: Array) -> Array:
+        """The columns, shape (..., n, number of columns)."""
+        columns: Array = regressor.core(model, q, qd, qdd)[..., list(self.columns)]
+        return columns
+
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]:
+        """The columns of the function itself."""
+        Y, verdict = regressor.evaluate(model, *args, **kwargs)
+        return Y[..., list(self.columns)], verdict
+
+
 class Observation:
     """The matrix W of a motion's samples: rows are torques over their noise, columns are base parameters.
 
@@ -29,21 +60,24 @@ class Observation:
     ----------
     robot : Robot
         The robot.
-    standard : StandardParameters
-        What the torques are linear in.
-    columns : ndarray of int
-        Those of `standard` that are linearly independent.
+    base : BaseParameters
+        Its base parameters, those of the bodies before those of the drives.
     noise : ndarray, shape (n,)
         Standard deviation of each torque, or its relative size.
     """
 
-    def __init__(self, robot: Robot, standard: StandardParameters, columns: Array, noise: Array) -> None:
-        self.robot, self.standard, self.columns, self.noise = robot, standard, columns, noise
+    def __init__(self, robot: Robot, base: BaseParameters, noise: Array) -> None:
+        self.robot, self.base, self.standard, self.noise = robot, base, base.standard, noise
+        first = self.standard.groups["bodies"].stop
+        self.bodies = RegressorColumns(tuple(k for k in base.independent if k < first))
+        self.drives = [k - first for k in base.independent if k >= first]
 
     def matrix(self, states: States) -> Array:
-        """W, shape (..., K n, number of columns)."""
-        Y = full_regressor(self.robot, self.standard, states)[..., self.columns] / self.noise[:, None]
-        return Y.reshape(*Y.shape[:-3], -1, len(self.columns))
+        """W, shape (..., K n, number of base parameters)."""
+        bodies = self.robot.kernel(self.bodies)(*states)
+        drives = self.standard.drive_columns(*states[1:])[..., self.drives]
+        Y = np.concatenate([bodies, drives], axis=-1) / self.noise[:, None]
+        return Y.reshape(*Y.shape[:-3], -1, self.base.count)
 
     def slopes(self, states: States, G: Array) -> Slopes:
         """Derivatives of a function of W, given its derivatives G by the entries of W.
@@ -51,35 +85,37 @@ class Observation:
         Coulomb friction without smoothing has the derivative zero, which it has everywhere but at rest.
         """
         K, n = states[0].shape
-        full = np.zeros((K, n, self.standard.count))
-        full[..., self.columns] = G.reshape(K, n, -1) / self.noise[:, None]
-        bodies = self.standard.groups["bodies"]
-        dY = self.robot.kernel(regressor, "q", "qd", "qdd")(*states)
-        found = (full[..., bodies].reshape(K, 1, -1) @ dY.reshape(K, -1, 3 * n))[:, 0]
+        by_columns = G.reshape(K, n, -1) / self.noise[:, None]
+        bodies, drives = np.split(by_columns, [len(self.bodies.columns)], axis=-1)
+        dY = self.robot.kernel(self.bodies, "q", "qd", "qdd")(*states)
+        found = (bodies.reshape(K, 1, -1) @ dY.reshape(K, -1, 3 * n))[:, 0]
+        by_rates, by_accelerations = self._drive_slopes(states, drives)
         q, qd, qdd = (found[:, n * k : n * (k + 1)] for k in range(3))
-        for name, group in self.standard.groups.items():
-            symbol, shafts = name.split(" ")[0], self._shafts(name)
-            if symbol not in ("Ia", "Fv", "Fc"):
-                continue
-            torque = np.einsum("kni,in->ki", full[..., group], shafts)
-            if symbol == "Ia":
-                qdd = qdd + torque @ shafts
-            else:
-                qd = qd + (torque * (1.0 if symbol == "Fv" else self._sign_slope(states[1] @ shafts.T))) @ shafts
-        return Slopes(q, qd, qdd)
+        return Slopes(q, qd + by_rates, qdd + by_accelerations)
 
-    def _shafts(self, group: str) -> Array:
-        return np.asarray(self.standard.shafts) if group.endswith("shafts") else np.eye(self.robot.n)
+    def _drive_slopes(self, states: States, G: Array) -> tuple[Array, Array]:
+        """Those by qd and qdd of the drives' columns."""
+        first, n = self.standard.groups["bodies"].stop, self.robot.n
+        full = np.zeros((*states[0].shape, self.standard.count - first))
+        full[..., self.drives] = G
+        qd, qdd = np.zeros_like(states[0]), np.zeros_like(states[0])
+        for name, group in self.standard.groups.items():
+            if name == "bodies":
+                continue
+            shafts = np.asarray(self.standard.shafts) if name.endswith("shafts") else np.eye(n)
+            torques = np.einsum("kni,in->ki", full[..., group.start - first : group.stop - first], shafts)
+            if name.startswith("Ia"):
+                qdd += torques @ shafts
+            elif name.startswith("Fv"):
+                qd += torques @ shafts
+            elif name.startswith("Fc"):
+                qd += (torques * self._sign_slope(states[1] @ shafts.T)) @ shafts
+        return qd, qdd
 
     def _sign_slope(self, rate: Array) -> Array:
         width = self.standard.smoothing
         slope: Array = (1 - np.tanh(rate / width) ** 2) / width if width else np.zeros_like(rate)
         return slope
-
-
-def full_regressor(robot: Robot, standard: StandardParameters, states: States) -> Array:
-    """Torques of the drives per unit of each standard parameter, shape (..., n, count)."""
-    return np.concatenate([robot.regressor(*states), standard.drive_columns(*states[1:])], axis=-1)
 
 
 class Condition:

@@ -16,6 +16,7 @@ from .series_limits import SeriesLimits
 
 LOGGER = logging.getLogger("rne")
 FTOL = 1e-4  # change of the criterion's log at which the optimiser stops
+COARSE = 1e-3  # the same, of stages before the last
 BISECTIONS = 20
 
 Criterion = Condition | Determinant
@@ -106,7 +107,7 @@ class Search:
             constraints=self._constraints(),
             method="SLSQP",
             callback=tick,
-            options={"maxiter": self.iterations, "ftol": FTOL},
+            options={"maxiter": self.iterations, "ftol": FTOL if criterion is self.stages[-1] else COARSE},
         )
         x = self._held(start, run.x)
         value, before = self.value(x), self.value(start)

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, vector
 from ..basics.spatial import Array
-from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
-from .criteria import Condition, Determinant, Observation, full_regressor
+from .criteria import Condition, Determinant, Observation
 from .exciting_motion import Excitation
 from .fourier import FourierBasis
 from .motion_limits import motion_limits
@@ -21,11 +20,9 @@ from .search import Found, Progress, Search
 from .series_limits import SeriesLimits
 
 CRITERIA = ("condition", "d-optimal")
-ORDERS = (16.0, 64.0)  # of the Schatten norms in place of the spectral norm, one stage each
+ORDERS = (8.0, 64.0)  # of the Schatten norms in place of the spectral norm, one stage each
 SAMPLES = 20  # per period of the highest harmonic
 SMOOTHING = 0.05  # of the smallest rate limit: where Coulomb friction changes its sign
-RANDOM_STATES = 5  # times the number of parameters, for the rank
-RANK = 1e-8  # relative to the largest pivot: a linearly dependent column
 EXCITED = 1e8  # condition number, columns of unit norm, of a motion that leaves parameters unexcited
 
 
@@ -116,7 +113,7 @@ def excitation(
     -----
     Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor. The
     condition number has no derivative where singular values meet, as they do at the optimum; it is approximated by
-    Schatten norms of orders 16 and 64. Positions, rates and accelerations keep their limits at all times, by the
+    Schatten norms of orders 8 and 64. Positions, rates and accelerations keep their limits at all times, by the
     inequality of Bernstein and Szego: a grid of 16 times per period of the highest harmonic misses at most 1.9 % of a
     maximum. Torques are those of `robot`, with its damping and friction; they are limited at 64 times per period of the
     highest harmonic, with the parabola through three of them in between.
@@ -131,10 +128,10 @@ def excitation(
     """
     within = _within(robot, duration, harmonics, limits, rest)
     slow = SMOOTHING * float(within.limits.velocity_limit.min(initial=np.inf)) if smoothing is None else smoothing
-    standard = StandardParameters(robot.model, rotor, friction, offset, shafts, slow)
+    base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=slow)
     sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
     rng = np.random.default_rng(seed)
-    observation = Observation(robot, standard, independent_columns(robot, standard), sizes)
+    observation = Observation(robot, base, sizes)
     exact, stages = _criteria(criterion, scaled)
     count = SAMPLES * harmonics if samples is None else _whole("samples", samples)
     search = Search(within, observation, count, exact, stages, _whole("iterations", iterations), progress)
@@ -142,18 +139,6 @@ def excitation(
     values = _excited(search, x)
     best = x[np.argsort(values)[: _whole("starts", starts)]]
     return _result(search, search.run(best), criterion, x)
-
-
-def independent_columns(robot: Robot, standard: StandardParameters) -> Array:
-    """Columns of the regressor that the others depend on: pivots of its QR decomposition at random states."""
-    from scipy.linalg import qr
-
-    states = np.random.default_rng(0).uniform(-2, 2, (3, RANDOM_STATES * standard.count, robot.n))
-    Y = full_regressor(robot, standard, (states[0], states[1], states[2])).reshape(-1, standard.count)
-    R, pivots = qr(Y, mode="r", pivoting=True)
-    pivot = np.abs(np.diag(R))
-    found: Array = np.sort(pivots[: len(pivot)][pivot > RANK * pivot.max(initial=0)])
-    return found
 
 
 def _within(
@@ -190,7 +175,7 @@ def _criteria(criterion: str, scaled: bool) -> tuple[Condition | Determinant, tu
 
 def _excited(search: Search, x: Array) -> list[float]:
     """The criterion of random motions, or an error if they leave parameters unexcited."""
-    parameters, n = len(search.observation.columns), search.within.robot.n
+    parameters, n = search.observation.base.count, search.within.robot.n
     if search.samples * n < parameters:
         raise ValueError(
             f"`samples` must be at least {-(-parameters // n)} for {parameters} base parameters of {n} joints, "
