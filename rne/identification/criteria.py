@@ -145,6 +145,10 @@ class Condition:
             value += (np.log(((s / s[0]) ** self.p).sum()) + np.log(((s[-1] / s) ** self.p).sum())) / self.p
         return float(value)
 
+    def measure(self, W: Array) -> float:
+        """The condition number."""
+        return float(np.exp(self.value(W)))
+
     def gradient(self, W: Array) -> Array:
         """Derivatives by the entries of W, of its shape."""
         D = np.linalg.norm(W, axis=0) if self.scaled else np.ones(W.shape[1])
@@ -163,6 +167,10 @@ class Determinant:
         """The value at W."""
         s = np.linalg.svd(W, compute_uv=False)
         return float(-2 * np.log(s).mean())
+
+    def measure(self, W: Array) -> float:
+        """log det(W^T W)."""
+        return -self.value(W) * W.shape[1]
 
     def gradient(self, W: Array) -> Array:
         """Derivatives by the entries of W, of its shape."""

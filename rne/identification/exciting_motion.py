@@ -43,7 +43,8 @@ class Excitation:
     criterion : {"condition", "d-optimal"}
         What was minimised.
     condition : float
-        Condition number of W, whose rows are the torques of the samples and whose columns are the base parameters.
+        Condition number of W, whose rows are the torques of the samples and whose columns are the base parameters, each
+        divided by its norm if that was asked for.
     log_det : float
         log det(W^T W), which grows as the confidence ellipsoid of the parameters shrinks.
     random : ndarray

@@ -20,7 +20,7 @@ COARSE = 1e-3  # the same, of stages before the last
 BISECTIONS = 20
 
 Criterion = Condition | Determinant
-Progress = Callable[[int, int, float], Any]  # (start, iteration, criterion)
+Progress = Callable[[int, int, float], Any]  # (start, iteration, condition number or log det)
 
 
 class Found(NamedTuple):
@@ -98,7 +98,7 @@ class Search:
             nonlocal iteration
             iteration += 1
             if self.progress is not None:
-                self.progress(number, iteration, self.value(x))
+                self.progress(number, iteration, self.exact.measure(self.matrix(x)))
 
         run = minimize(
             lambda x: criterion.value(self.matrix(x)),

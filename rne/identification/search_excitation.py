@@ -94,7 +94,8 @@ def excitation(
     seed : int
         Of the random motions; the same seed gives the same motion.
     progress : callable, optional
-        A function progress(start, iteration, criterion), called after each iteration.
+        A function progress(start, iteration, value), called after each iteration with the condition number, or
+        log det(W^T W). Each run's end is a line on the logger "rne".
 
     Returns
     -------
@@ -200,7 +201,7 @@ def _result(search: Search, found: Found, criterion: str, x: Array) -> Excitatio
 
     def measured(series: Array) -> tuple[float, float]:
         W = search.matrix(series)
-        return float(np.exp(condition.value(W))), -Determinant().value(W) * W.shape[1]
+        return condition.measure(W), Determinant().measure(W)
 
     best, random = measured(found.x), np.array([measured(series) for series in x])
     return Excitation(
