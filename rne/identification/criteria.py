@@ -170,7 +170,7 @@ class Determinant:
 
     def measure(self, W: Array) -> float:
         """log det(W^T W)."""
-        return -self.value(W) * W.shape[1]
+        return float(-self.value(W) * W.shape[1])
 
     def gradient(self, W: Array) -> Array:
         """Derivatives by the entries of W, of its shape."""
