@@ -2,6 +2,7 @@
 
 from .checking import Check
 from .exciting_motion import Excitation
+from .findings import RecordFinding
 from .fit import identify
 from .least_squares import LeastSquares
 from .prepared import Prepared
@@ -16,6 +17,7 @@ __all__ = [
     "LeastSquares",
     "Prepared",
     "Record",
+    "RecordFinding",
     "excitation",
     "identify",
 ]

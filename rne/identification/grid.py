@@ -37,20 +37,34 @@ class Segment(NamedTuple):
         resampled: Array = CubicSpline(stamps[self.rows], values[self.rows], axis=0)(self.t)
         return resampled
 
+    def nearest(self, stamps: Array, flags: Array) -> Array:
+        """Flags at the record's samples, shape (..., n), on the grid: false where one of the two samples beside is."""
+        if self.is_regular:
+            return flags[self.rows]
+        after = np.clip(np.searchsorted(stamps[self.rows], self.t), 0, len(self.rows) - 1)
+        both: Array = flags[self.rows[after]] & flags[self.rows[np.maximum(after - 1, 0)]]
+        return both
+
 
 def sample_period(t: Array, bridge: int) -> float:
-    """Mean time from one sample to the next, without gaps and with samples that are missing counted."""
+    """Time from one sample to the next: the slope of the times over the counted samples, apart for each segment."""
     steps = np.diff(t)
     median = float(np.median(steps))
-    counts = np.rint(steps / median)
-    whole = (counts >= 1) & (counts <= bridge + 1)
-    return float(steps[whole].sum() / counts[whole].sum()) if whole.any() else median
+    gap = steps > (bridge + 1.5) * median
+    count = np.concatenate([[0.0], np.cumsum(np.where(gap, 0, np.rint(steps / median)))])
+    group = np.concatenate([[0], np.cumsum(gap)])
+    size = np.bincount(group)
+    count -= (np.bincount(group, count) / size)[group]
+    centred = t - (np.bincount(group, t) / size)[group]
+    return float(centred @ count / (count @ count)) if count.any() else median
 
 
-def split(t: Array, kept: Array, period: float, bridge: int) -> list[Segment]:
-    """Segments of at least two samples, between gaps of more than `bridge` missing samples."""
+def split(t: Array, kept: Array, period: float, bridge: int, cuts: Array) -> list[Segment]:
+    """Segments of at least two samples, between gaps of more than `bridge` missing samples and after each of `cuts`."""
     rows = np.flatnonzero(kept)
-    gaps = np.flatnonzero(np.diff(t[rows]) > (bridge + 1.5) * period) + 1
+    gap = np.diff(t[rows]) > (bridge + 1.5) * period
+    gap |= np.searchsorted(cuts, rows[1:]) > np.searchsorted(cuts, rows[:-1])
+    gaps = np.flatnonzero(gap) + 1
     return [_segment(part, t[part], period) for part in np.split(rows, gaps) if len(part) > 1]
 
 

@@ -17,6 +17,7 @@ from .prepared import Prepared
 
 POSITIONS = 5.0  # cut-off of the positions' filter, as a multiple of the parallel filter's
 HIGHEST = 0.25  # of that, as a part of the sample rate
+ROUNDING = 1e-6  # of a ratio of rates
 PASS_BAND = 0.8  # cut-off as a part of half the reduced rows' rate (Gautier, Janot and Vandanjon 2013)
 
 
@@ -34,7 +35,7 @@ def prepare(name: str, parts: Sequence[Part], rate: float, cutoff: float | None,
     cutoff, note = _cutoff(name, parts, rate, cutoff)
     decimation = _decimation(decimation, cutoff, rate)
     position_cutoff = min(POSITIONS * cutoff, HIGHEST * rate)
-    drop = max(settling(position_cutoff, rate), MARGIN)
+    drop = max(2 * settling(position_cutoff, rate), MARGIN)  # twice, for the accelerations
     needed = 2 * (drop + settling(cutoff, rate)) + decimation
     kept = [part for part in parts if len(part.t) >= needed]
     if not kept:
@@ -72,9 +73,9 @@ def _cutoff(name: str, parts: Sequence[Part], rate: float, given: float | None) 
 
 
 def _decimation(given: int | None, cutoff: float, rate: float) -> int:
-    most = int(rate / (2 * cutoff))
+    most = int(rate / (2 * cutoff) + ROUNDING)
     if given is None:
-        return max(1, int(PASS_BAND * rate / (2 * cutoff)))
+        return max(1, int(PASS_BAND * rate / (2 * cutoff) + ROUNDING))
     if isinstance(given, bool) or not isinstance(given, int | np.integer) or not 1 <= given <= most:
         raise ValueError(
             f"`decimation` must be an integer from 1 to {most}, to keep twice the cut-off or more, got {given!r}"

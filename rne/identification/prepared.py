@@ -48,7 +48,7 @@ class Prepared:
     >>> q = np.sin(2 * np.pi * np.outer(t, [0.5, 1.0]))
     >>> prepared = rne.identification.Record(t, q, np.cos(q)).prepare(cutoff=10.0)
     >>> prepared.decimation, prepared.reduce(prepared.tau).shape, prepared.times.shape
-    (20, (93, 2), (93,))
+    (20, (91, 2), (91,))
     """
 
     t: Array
@@ -152,7 +152,7 @@ class Prepared:
         >>> t = np.arange(2000) / 500
         >>> prepared = rne.identification.Record(t, np.sin(t)[:, None], np.cos(t)[:, None]).prepare(cutoff=10.0)
         >>> prepared.blocks(2)
-        (slice(0, 47, None), slice(47, 93, None))
+        (slice(0, 46, None), slice(46, 91, None))
         """
         lengths = [len(rows) for rows in self._segment_rows]
         if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 2 <= k <= sum(lengths):

@@ -1,0 +1,548 @@
+"""Records of measured motions: the filters, the faults of logs, measurements at the motors."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.identification import Record
+from rne.identification.bandwidth import choose_cutoff
+from rne.identification.filtering import MARGIN, derivatives, low_pass, settling
+
+from .measurements import measure, record, truth
+
+RATE = 500.0
+LINEAR = 1e-12  # of the largest entry: rounding of a filter of fourth order, twice
+STEP_LEFT = 0.01  # of a step, where samples are kept
+EDGE = 1e-3  # of a sine's amplitude, where samples are kept: its phase at the end is no step
+BAND = 1.5e-3  # gain lost at half the cut-off: 1 / (1 + 2^-8) is 0.4 % less for a full filter, with margin taken below
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=3.0, coulomb=4.0, smoothing=0.01))
+
+
+@pytest.fixture(scope="module")
+def true(scene):
+    return truth(scene, duration=8.0, rate=RATE)
+
+
+def exactly(text):
+    return pytest.raises(ValueError, match=f"^{re.escape(text)}$")
+
+
+def sine(frequency, seconds=6.0, rate=RATE, phase=0.3):
+    t = np.arange(int(seconds * rate)) / rate
+    return t, np.sin(2 * np.pi * frequency * t + phase)
+
+
+def amplitude_and_phase(t, x, frequency):
+    basis = np.column_stack([np.sin(2 * np.pi * frequency * t), np.cos(2 * np.pi * frequency * t)])
+    a, b = np.linalg.lstsq(basis, x, rcond=None)[0]
+    return np.hypot(a, b), np.arctan2(b, a)
+
+
+# The filters
+
+
+@pytest.mark.parametrize(("frequency", "gain"), [(5.0, 1 / (1 + 0.5**8)), (10.0, 0.5), (20.0, 1 / (1 + 2.0**8))])
+def test_low_pass_has_no_phase_and_the_gain_of_butterworth_squared(frequency, gain):
+    t, x = sine(frequency, rate=5000.0)
+    inner = slice(2500, -2500)
+    amplitude, phase = amplitude_and_phase(t[inner], low_pass(x, 10.0, 5000.0)[inner], frequency)
+    assert amplitude == pytest.approx(gain, rel=2e-3)  # the bilinear transform warps frequencies by 1e-4 of their value
+    assert phase == pytest.approx(0.3, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("cutoff", "rate"), [(2.5, 125.0), (10.0, 125.0), (25.0, 125.0), (16.0, 5000.0), (31.25, 125.0)]
+)
+def test_a_step_has_settled_where_samples_are_kept(cutoff, rate):
+    m = settling(cutoff, rate)
+    step = np.concatenate([np.zeros(8 * m), np.ones(8 * m)])
+    away = np.abs(low_pass(step, cutoff, rate) - step)
+    assert away[: 7 * m].max() < STEP_LEFT
+    assert away[9 * m :].max() < STEP_LEFT
+    assert away[7 * m + m // 3 : 9 * m - m // 3].max() > STEP_LEFT  # no more is dropped than is needed
+
+
+def test_ends_dropped_are_enough(true):
+    """A part of a record gives the rows that the whole gives: what lies outside has no influence left."""
+    whole = Record(true.t, true.q, true.tau).prepare(cutoff=5.0, decimation=1)
+    part = Record(true.t[1000:3000], true.q[1000:3000], true.tau[1000:3000]).prepare(cutoff=5.0, decimation=1)
+    same = np.flatnonzero(np.isin(np.rint(whole.times * RATE), np.rint(part.times * RATE)))
+    for x, y in ((whole.tau, part.tau), (whole.qdd, part.qdd)):
+        difference = np.abs(whole.reduce(x)[same] - part.reduce(y))
+        assert difference.max() < STEP_LEFT * np.ptp(x, axis=0).max()
+
+
+def test_derivatives_are_those_of_a_sine():
+    """At a tenth of the sample rate, where two-point differences lose 6 and 3 %."""
+    t, x = sine(50.0)
+    omega = 2 * np.pi * 50.0
+    first, second = derivatives(x, RATE)
+    inner = slice(MARGIN, -MARGIN)
+    assert np.abs(first / omega - np.cos(omega * t + 0.3)[inner]).max() < 1e-4
+    assert np.abs(second / omega**2 + x[inner]).max() < 1e-4
+
+
+def test_prepared_rates_and_accelerations_are_the_motions(true):
+    prepared = Record(true.t, true.q, true.tau).prepare(cutoff=10.0)
+    rows = np.rint(prepared.t * RATE).astype(int)
+    inner = slice(200, -200)
+    for got, expected in ((prepared.q, true.q), (prepared.qd, true.qd), (prepared.qdd, true.qdd)):
+        assert np.abs(got - expected[rows])[inner].max() < 1e-6 * np.abs(expected).max()
+    assert np.array_equal(prepared.tau, true.tau[rows])
+
+
+def test_same_filter_of_measurement_and_regressor_leaves_their_relation(scene, true):
+    """Y pi of the motion itself: reduced, the relation holds to rounding."""
+    robot = scene.robot
+    prepared = Record(true.t, true.q, true.tau).prepare(cutoff=5.0)
+    Y = robot.regressor(prepared.q, prepared.qd, prepared.qdd)
+    difference = prepared.reduce(Y) @ robot.parameters - prepared.reduce(Y @ robot.parameters)
+    assert np.abs(difference).max() < LINEAR * np.abs(Y * robot.parameters).max()
+
+
+def test_parameters_are_found_through_noise_and_quantisation(scene, true):
+    """The chain as a whole: reduced torques are those of the true model on the prepared motion."""
+    prepared = record(true, encoder_step=1e-5, torque_noise=0.2).prepare()
+    predicted = scene.inverse_dynamics(prepared.q, prepared.qd, prepared.qdd)
+    residual = prepared.reduce(prepared.tau) - prepared.reduce(predicted)
+    kept = np.sqrt(2 * prepared.cutoff / prepared.sample_rate)  # share of white noise that passes
+    assert np.sqrt(np.mean(residual**2)) < 1.2 * 0.2 * kept
+
+
+def test_decimation_keeps_the_band(true):
+    """Below half the cut-off nothing is lost, and rows come often enough to show it."""
+    t, x = sine(2.0, seconds=8.0)
+    prepared = Record(t, x[:, None], x[:, None]).prepare(cutoff=5.0)
+    assert prepared.decimation == 40  # 12.5 rows/s: the cut-off is 0.8 times half of it
+    amplitude, phase = amplitude_and_phase(
+        prepared.times, prepared.reduce(x[np.rint(prepared.t * RATE).astype(int)]), 2.0
+    )
+    assert amplitude == pytest.approx(1.0, rel=BAND)
+    assert phase == pytest.approx(0.3, abs=1e-3)
+
+
+def test_columns_are_reduced_block_by_block_as_one(monkeypatch, true):
+    prepared = Record(true.t, true.q, true.tau).prepare(cutoff=5.0)
+    whole = prepared.reduce(prepared.tau)
+    monkeypatch.setattr("rne.identification.filtering.BLOCK", 1)
+    assert np.array_equal(prepared.reduce(prepared.tau), whole)
+
+
+def test_segments_are_filtered_by_themselves(true):
+    """What lies beyond a gap has no influence."""
+    lost = range(1500, 1560)
+    both = record(true, lost=lost).prepare(cutoff=5.0)
+    first = Record(true.t[:1500], true.q[:1500], true.tau[:1500]).prepare(cutoff=5.0)
+    rows = len(first.times)
+    assert len(both.segments) == 2
+    assert np.allclose(both.times[:rows], first.times, rtol=0, atol=1e-12)
+    assert np.allclose(both.reduce(both.tau)[:rows], first.reduce(first.tau), rtol=0, atol=LINEAR * 1e3)
+
+
+# The cut-off
+
+
+@pytest.mark.parametrize("base", [0.1, 0.3])
+def test_cut_off_follows_the_motion(scene, base):
+    """Five harmonics of the base frequency: the cut-off lies well above the highest one, and is said."""
+    prepared = record(truth(scene, base=base), torque_noise=0.5, encoder_step=1e-5).prepare()
+    assert 3 * 5 * base < prepared.cutoff < 10 * 5 * base + 2.5  # spectra of 4 s tell 0.25 Hz apart
+    assert prepared.notes[0].startswith(
+        f"cut-off {prepared.cutoff:.3g} Hz, chosen from the spectrum of the positions: 5 times the motion's bandwidth of "
+    )
+
+
+def test_noise_of_positions_lowers_the_cut_off(scene):
+    true = truth(scene, base=0.3, rate=100.0)
+    quiet, noisy = (record(true, position_noise=noise).prepare() for noise in (1e-6, 3e-3))
+    assert noisy.cutoff < 0.7 * quiet.cutoff
+    assert "noise disturbs the accelerations from" in noisy.notes[0]
+
+
+def test_cut_off_is_at_most_a_fifth_of_the_sample_rate():
+    _, x = sine(3.0, rate=40.0)
+    cutoff, reason = choose_cutoff([x[:, None]], 40.0)
+    assert cutoff == 8.0
+    assert reason.endswith("0.2 times the sample rate of 40 Hz")
+
+
+def test_filtering_takes_from_the_inertia_and_a_sweep_shows_it():
+    """Torque I qdd of a pendulum's fast motion, with a slow encoder: the lowest cut-off finds the smallest inertia."""
+    t, x = sine(4.0, seconds=10.0)
+    q = x[:, None]
+    prepared = Record(t, q, -((8 * np.pi) ** 2) * q).sweep([3.0, 6.0, 30.0])
+    gains = [np.linalg.norm(p.reduce(p.tau)) / np.linalg.norm(p.tau) * np.sqrt(p.decimation) for p in prepared]
+    assert gains[0] < 0.2 < 0.9 < gains[1] < gains[2]
+    found = [np.vdot(p.reduce(p.qdd), p.reduce(p.tau)) / np.vdot(p.reduce(p.qdd), p.reduce(p.qdd)) for p in prepared]
+    assert found == pytest.approx([1.0, 1.0, 1.0], rel=1e-3)  # the same filter on both sides, and none on the other
+
+
+# Faults
+
+
+CLEAN = [
+    {},
+    {"torque_noise": 0.5},
+    {"encoder_step": 1e-4, "torque_noise": 0.5},
+    {"position_noise": 1e-4, "encoder_step": 1e-4, "torque_noise": 0.2},
+]
+
+
+@pytest.mark.parametrize("sensors", CLEAN, ids=["exact", "torque noise", "encoder", "noisy encoder"])
+@pytest.mark.parametrize("seed", range(3))
+def test_clean_measurements_have_no_findings(scene, sensors, seed):
+    assert record(truth(scene, duration=4.0, seed=seed), seed, **sensors).findings == ()
+
+
+def test_a_robot_that_comes_to_rest_and_goes_on_has_no_findings(scene):
+    robot = scene.robot
+    move = rne.trajectories.quintic(np.zeros(6), np.full(6, 0.8), 1.0)
+    t = np.arange(1000) / RATE
+    q, qd, qdd = (
+        np.where((t < 1)[:, None], a, b)
+        for a, b in zip(move(t % 1), (0.8 + move(t % 1)[0], *move(t % 1)[1:]), strict=True)
+    )
+    q = 1e-4 * np.rint(q / 1e-4)
+    assert Record(t, q, scene.inverse_dynamics(q, qd, qdd)).findings == ()
+    assert robot.n == 6
+
+
+def kinds(measured):
+    return [(finding.joint, finding.kind, finding.samples) for finding in measured.findings]
+
+
+@pytest.mark.parametrize("sensors", CLEAN[1:], ids=["torque noise", "encoder", "noisy encoder"])
+def test_planted_faults_are_found_where_they_are(true, sensors):
+    wild = {(900, 1): 0.05, (901, 1): -0.04, (2000, 4): 0.02}
+    fast = int(np.argmax(np.abs(true.qd[2500:3500, 0]))) + 2500
+    measured = record(true, wild=wild, stuck={(fast, 0): 2}, **sensors)
+    assert kinds(measured) == [
+        ("joint_1", "repeated position", (fast, fast + 1)),
+        ("joint_2", "wild position", (900, 901)),
+        ("joint_5", "wild position", (2000,)),
+    ]
+    clean = record(true, **sensors).prepare(cutoff=5.0)
+    assert np.abs(measured.prepare(cutoff=5.0).q - clean.q).max() < 2e-4
+
+
+def test_wild_torques_are_found_and_steps_of_friction_are_not(true):
+    t, q, tau = measure(true, torque_noise=0.3)
+    tau[:, 2] += 20 * np.sign(true.qd[:, 2])
+    tau[1234, 3] += 40
+    measured = Record(t, q, tau)
+    assert kinds(measured) == [("joint_4", "wild torque", (1234,))]
+    assert str(measured.findings[0]) == (
+        "warning: record: joint_4: wild torque at sample 1234 (t = 2.468 s); interpolated"
+    )
+
+
+def test_wild_values_are_cut_out_where_nothing_is_to_be_bridged(true):
+    t, q, tau = measure(true)
+    q[2000, 0] += 0.1
+    measured = Record(t, q, tau, bridge=0)
+    assert measured.findings[0].cure == "cut out"
+    assert len(measured.prepare(cutoff=5.0).segments) == 2
+
+
+def test_a_jump_cuts_the_record(true):
+    t, q, tau = measure(true, encoder_step=1e-5, torque_noise=0.2)
+    q[2000:, 1] += 0.2
+    measured = Record(t, q, tau)
+    assert kinds(measured) == [("joint_2", "jump of the position", (1999,))]
+    assert len(measured.prepare(cutoff=5.0).segments) == 2
+
+
+def test_a_gap_cuts_and_single_missing_samples_are_interpolated(true):
+    measured = record(true, lost=[500, *range(1500, 1540), 3000, 3001], torque_noise=0.2)
+    assert [str(finding) for finding in measured.findings] == [
+        "warning: record: gap after sample 1498 (t = 2.998 s); the longest lasts 0.082 s; the record is cut there",
+        "warning: record: missing samples after 2 samples: 499 (t = 0.998 s), 2958 (t = 5.998 s): 3 in all; "
+        "interpolated by a cubic spline",
+    ]
+    prepared = measured.prepare(cutoff=5.0)
+    rows = np.rint(prepared.t * RATE).astype(int)
+    assert len(prepared.segments) == 2
+    assert np.abs(prepared.qd - true.qd[rows])[300:-300].max() < 0.05
+    assert prepared.notes[-2:] == tuple(str(finding) for finding in measured.findings)
+
+
+def test_samples_that_are_not_finite_are_missing(true):
+    t, q, tau = measure(true)
+    tau[700, 2] = np.nan
+    q[900:1000, 5] = np.inf
+    measured = Record(t, q, tau)
+    assert kinds(measured)[:2] == [
+        ("joint_6", "no finite position", tuple(range(900, 1000))),
+        ("joint_3", "no finite torque", (700,)),
+    ]
+    assert len(measured.prepare(cutoff=5.0).segments) == 2
+
+
+def test_jittered_stamps_are_resampled_at_the_stamps(scene):
+    """Samples were taken when the stamps say: positions between the grid's times follow from a spline."""
+    true = truth(scene, duration=8.0)
+    shifted = true.t + np.random.default_rng(0).uniform(-4e-4, 4e-4, len(true.t))
+    q = true.q + true.qd * (shifted - true.t)[:, None] + true.qdd * ((shifted - true.t) ** 2)[:, None] / 2
+    measured = Record(shifted, q, true.tau)
+    assert [str(finding) for finding in measured.findings] == [
+        "warning: record: jittered stamps by 0.231 ms (standard deviation; period 2 ms); "
+        "resampled by a cubic spline through the stamps"
+    ]
+    prepared = measured.prepare(cutoff=5.0)
+    expected = truth(scene, duration=8.0, phase=prepared.t[0] * RATE % 1)
+    rows = np.rint((prepared.t - expected.t[0]) * RATE).astype(int)
+    assert np.abs(prepared.qdd - expected.qdd[rows])[200:-200].max() < 1e-2 * np.abs(true.qdd).max()
+
+
+def test_jitter_of_the_logger_is_told_from_that_of_the_samples(true):
+    t, q, tau = measure(true, clock=4e-4)
+    (finding,) = Record(t, q, tau).findings
+    assert finding.cure == (
+        "resampled by a cubic spline through the stamps; the positions are smoother over equal steps: "
+        'pass stamps="regular" if the samples are equally spaced'
+    )
+    measured = Record(t, q, tau, stamps="regular")
+    assert measured.findings[0].cure == "replaced by equal steps, as `stamps` says"
+    prepared = measured.prepare(cutoff=5.0)
+    rows = np.rint(prepared.t * RATE).astype(int)
+    assert np.abs(prepared.qdd - true.qdd[rows])[200:-200].max() < 1e-3 * np.abs(true.qdd).max()
+
+
+def test_stamps_that_scatter_too_far_are_refused(true):
+    t, q, tau = measure(true)
+    t = np.sort(t + np.random.default_rng(1).uniform(-2e-3, 2e-3, len(t)))
+    measured = Record(t, q, tau)
+    assert "error" in [finding.severity for finding in measured.findings]
+    with pytest.raises(ValueError, match="record: jittered stamps by "):
+        measured.prepare()
+
+
+def test_a_sample_that_is_there_twice_counts_once(true):
+    t, q, tau = (np.insert(x, 800, x[800], axis=0) for x in measure(true))
+    measured = Record(t, q, tau)
+    assert kinds(measured) == [("", "sample twice", (801,))]
+    assert np.array_equal(measured.prepare(cutoff=5.0).q, Record(*measure(true)).prepare(cutoff=5.0).q)
+
+
+def test_times_that_go_back_are_refused(true):
+    t, q, tau = measure(true)
+    t[100] = t[98] - 1e-3
+    with exactly(
+        "record: time that goes back at sample 100 (t = 0.195 s): 0.195 s after 0.198 s; "
+        "sort the samples, or pass each motion as a record"
+    ):
+        Record(t, q, tau).prepare()
+
+
+def test_one_time_for_different_samples_is_refused(true):
+    t, q, tau = measure(true)
+    with exactly(
+        "record: one time for different samples at 3199 samples: 1 (t = 0 s), 2 (t = 0 s), 4 (t = 0.01 s) and 3196 more; "
+        "give times with more digits, or the index divided by the sample rate"
+    ):
+        Record(np.round(t, 2), q, tau).prepare()
+
+
+def test_torques_that_do_not_follow_the_motion_are_not_used(true):
+    t, q, tau = measure(true, torque_noise=0.3)
+    tau[:, 5] = 0.25
+    tau[:, 1] = np.clip(tau[:, 1], None, np.percentile(tau[:, 1], 97))
+    measured = Record(t, q, tau)
+    flat = tuple(np.flatnonzero(tau[:, 1] == tau[:, 1].max()))
+    assert [finding.kind for finding in measured.findings] == ["saturated torque", "constant torque"]
+    assert set(measured.findings[0].samples) <= set(flat)
+    assert len(measured.findings[0].samples) > 0.8 * len(flat)  # single samples at the edges of a plateau are none
+    prepared = measured.prepare(cutoff=5.0)
+    assert not prepared.valid[:, 5].any()
+    assert prepared.valid[:, [0, 2, 3, 4]].all()
+    reach = settling(5.0, RATE) / RATE
+    near = [np.abs(prepared.times - t[k]).min(initial=9) for k in measured.findings[0].samples]
+    assert min(near) < reach
+    assert 0 < prepared.valid[:, 1].mean() < 1
+
+
+def test_rates_that_are_not_those_of_the_positions_are_named(true):
+    t, q, tau = measure(true, encoder_step=1e-5)
+    assert Record(t, q, tau, true.qd).findings == ()
+    wrong = true.qd * [1, 1, np.rad2deg(1), 1, -1, 1]
+    assert [str(finding) for finding in Record(t, q, tau, wrong).findings] == [
+        "warning: record: joint_3: measured rates are 57.3 times those of the positions; "
+        "the rates are not used; check their unit, sign and joint",
+        "warning: record: joint_5: measured rates are -1 times those of the positions; "
+        "the rates are not used; check their unit, sign and joint",
+    ]
+
+
+def test_degrees_are_named_and_not_guessed(true):
+    t, q, tau = measure(true)
+    degrees = Record(t, np.rad2deg(q), tau)
+    assert {finding.kind for finding in degrees.findings} == {"range of the positions"}
+    assert np.allclose(Record(t, np.rad2deg(q), tau, unit="deg").q, q, rtol=1e-15)
+    mixed = Record(t, q * [1, 1, 180 / np.pi, 1, 1, 1], tau, unit=["rad", "m", "deg", "rad", "rad", "rad"])
+    assert np.allclose(mixed.q, q, rtol=1e-15)
+
+
+def test_the_encoders_step_is_told(true):
+    measured = record(true, encoder_step=2 * np.pi / 2**16)
+    assert measured.encoder_step == pytest.approx(2 * np.pi / 2**16, rel=1e-9)
+    assert not record(true, position_noise=1e-4).encoder_step.any()
+
+
+# Motors
+
+
+def motors(rng, n=6):
+    ratios = rng.uniform(30, 120, n) * np.where(np.arange(n) == 3, -1, 1)
+    coupling = np.eye(n)
+    coupling[5, 4] = 1.0
+    return ratios, coupling
+
+
+def test_power_is_the_same_at_motors_and_joints(true):
+    ratios, coupling = motors(np.random.default_rng(3))
+    K = np.diag(ratios) @ coupling
+    gains = np.linspace(0.2, 0.7, 6)
+    offsets = np.linspace(-1, 1, 6)
+    motor_tau = np.linalg.solve(K.T, true.tau.T).T
+    measured = Record.from_motors(
+        true.t,
+        np.rad2deg((true.q - offsets) @ K.T),
+        motor_tau / gains,
+        np.rad2deg(true.qd @ K.T),
+        ratios=ratios,
+        coupling=coupling,
+        drive_gains=gains,
+        offsets=offsets,
+        unit="deg",
+    )
+    for got, expected in ((measured.q, true.q), (measured.qd, true.qd), (measured.tau, true.tau)):
+        assert np.abs(got - expected).max() < 1e-13 * np.abs(expected).max()
+    power = (motor_tau * (true.qd @ K.T)).sum(-1)
+    assert np.abs((measured.tau * measured.qd).sum(-1) - power).max() < 1e-13 * np.abs(power).max()
+    assert measured.findings == ()
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"ratios": [100, 80, 0]}, "`ratios` must not be zero, got zero for joint 3"),
+        ({"ratios": [100, 80]}, "`ratios` must have shape (3,), got (2,)"),
+        ({"ratios": [1, 1, 1], "drive_gains": [0, 1, 1]}, "`drive_gains` must not be zero, got zero for joint 1"),
+        ({"ratios": [1, 1, 1], "coupling": np.eye(2)}, "`coupling` must have shape (3, 3), got (2, 2)"),
+        (
+            {"ratios": [1, 1, 1], "coupling": [[1, 0, 0], [0, 1, 1], [0, 1, 1]]},
+            "`coupling` must be invertible: joint positions do not follow from the motors' through a singular matrix",
+        ),
+        ({"ratios": [1, 1, 1], "unit": "turns"}, '`unit` must be "rad" or "deg" for motors, got \'turns\''),
+    ],
+)
+def test_gears_that_are_none_are_refused(options, text):
+    with exactly(text):
+        Record.from_motors(np.arange(50) / 50, np.zeros((50, 3)), np.zeros((50, 3)), **options)
+
+
+# Sources and arguments
+
+
+def test_a_simulated_motion_and_its_file_are_the_same_record(scene, tmp_path):
+    t = np.arange(61) / 100
+    motion = rne.simulate(scene, [0.3] * 6, [0] * 6, 0.6, torque=[1, 2, 3, 1, 1, 1], t_eval=t)
+    measured = Record.from_trajectory(motion, 100)
+    assert measured.joint_names == scene.robot.joint_names
+    file = motion.to_csv(tmp_path / "motion.csv")
+    read = Record.from_csv(file, scene.robot.joint_names)
+    assert read.name == "motion.csv"
+    for name in ("t", "q", "qd", "tau"):
+        assert np.allclose(getattr(read, name), getattr(measured, name), rtol=0, atol=1e-12)
+
+
+def test_short_rows_of_a_file_are_named(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t,q.a,tau.a\n0,1,2\n0.1,1\n")
+    with exactly(f"{file}, row 3: must have 3 entries as row 1 has, got 2"):
+        Record.from_csv(file, ["a"])
+
+
+def test_a_file_without_torques_is_refused(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t,q.a\n0,1\n0.1,1\n")
+    with exactly(f"{file}: there are no columns 'tau.<joint>', which a record needs"):
+        Record.from_csv(file, ["a"])
+
+
+T, Q = np.arange(60) / 60, np.zeros((60, 2))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "text"),
+    [
+        ((T, Q[0], Q), {}, "`q` must have shape (T, n), got (2,)"),
+        ((T, Q, Q[:, :1]), {}, "`tau` must have shape (60, 2), got (60, 1)"),
+        ((T[1:], Q, Q), {}, "`t` must have shape (60,), one time for each row of `q`, got (59,)"),
+        ((np.where(T > 0.5, np.nan, T), Q, Q), {}, "`t` must be finite, got nan at index (31,)"),
+        ((T, Q, Q, Q + 1j), {}, "`qd` must be real, got dtype complex128"),
+        ((T, Q, Q), {"joint_names": ["a"]}, "`joint_names` must have 2 names, got 1"),
+        ((T, Q, Q), {"unit": "grad"}, '`unit` must be "rad", "m" or "deg", or 2 of them, got \'grad\''),
+        ((T, Q, Q), {"stamps": "late"}, '`stamps` must be "sampled" or "regular", got \'late\''),
+        ((T, Q, Q), {"bridge": -1}, "`bridge` must be an integer that is not negative, got -1"),
+    ],
+)
+def test_arguments_are_checked(arguments, options, text):
+    with exactly(text):
+        Record(*arguments, **options)
+
+
+def test_what_cannot_be_prepared_says_why(true):
+    measured = Record(*measure(true))
+    for options, text in (
+        ({"cutoff": 200.0}, "`cutoff` must be at most 100 Hz, a fifth of the sample rate, got 200"),
+        ({"cutoff": -1.0}, "`cutoff` must be positive, got -1.0"),
+        (
+            {"cutoff": 5.0, "decimation": 51},
+            "`decimation` must be an integer from 1 to 50, to keep twice the cut-off or more, got 51",
+        ),
+    ):
+        with exactly(text):
+            measured.prepare(**options)
+    with pytest.raises(ValueError, match=r"^record: a cut-off of 0\.2 Hz needs a segment of "):
+        measured.prepare(cutoff=0.2)
+    with exactly("record: the positions show no motion above their noise; give `cutoff` [Hz]"):
+        Record(true.t, np.zeros_like(true.q), true.tau).prepare()
+    prepared = measured.prepare(cutoff=5.0)
+    with exactly(f"`columns` must have {len(prepared.t)} rows, one for each time of the grid, got (4000, 6)"):
+        prepared.reduce(true.tau)
+    with pytest.raises(ValueError, match="`columns` must be finite"):
+        prepared.reduce(np.full(len(prepared.t), np.nan))
+
+
+@pytest.mark.parametrize("k", [2, 3, 7])
+def test_blocks_are_all_rows_once_and_stay_within_segments(true, k):
+    prepared = record(true, lost=range(1500, 1560)).prepare(cutoff=5.0)
+    blocks = prepared.blocks(k)
+    rows = np.concatenate([np.arange(len(prepared.times))[block] for block in blocks])
+    assert len(blocks) == k
+    assert np.array_equal(rows, np.arange(len(prepared.times)))
+    for block in blocks:
+        assert np.ptp(np.diff(prepared.times[block])) < 1e-9  # no step over the gap
+    for wrong in (1, 10_000, True):
+        with pytest.raises(ValueError, match="`k` must be an integer from 2 to the number of reduced rows"):
+            prepared.blocks(wrong)
+
+
+def test_a_part_of_a_record_is_a_record(true):
+    part = record(true).between(1.0, 3.0)
+    assert (part.t[0], part.t[-1]) == (1.0, 3.0)
+    with exactly("there are no samples between 7 and 8 s"):
+        part.between(7, 8)
+
+
+def test_sweep_takes_half_and_twice_the_chosen_cut_off(true):
+    measured = record(true, encoder_step=1e-5)
+    chosen = measured.prepare().cutoff
+    assert [p.cutoff for p in measured.sweep()] == pytest.approx([chosen / 2, chosen, 2 * chosen])
