@@ -19,8 +19,9 @@ MULTIPLES = 5  # of the step, up to which differences are compared with it
 REFINED = 5  # times that a step is fitted
 NEGLIGIBLE = 1e-5  # step as a part of the median difference, that is rounding of numbers
 FEWEST = 40  # differences from which a step is told
-FAST = 8.0  # steps or deviations per sample, above which a moving joint cannot seem at rest
-BESIDE = 5  # samples beside a repetition from which the rate is taken
+BESIDE = 6  # samples on either side of a repetition, through which a parabola is laid
+CATCH_UP = 1.5  # step after a repetition, in steps beside
+STUCK = 8.0  # deviation of repeated samples from the parabola, in deviations of the samples beside
 
 
 class Neighbours(NamedTuple):
@@ -99,29 +100,19 @@ def jumps(x: Array, usual: Array) -> Array:
     return found
 
 
-def repeated(q: Array, tau: Array, steps: Array) -> Array:
-    """True where a position equals the one before in the midst of a motion too fast for that, shape (T, n).
+def repeated(x: Array, step: float) -> Array:
+    """True at samples equal to the one before, off the curve of the motion, which the next sample makes up for.
 
-    Too fast is several times the encoder's step and the scatter of the differences beside it; of several times the step
-    alone where all positions and torques are repeated.
+    Positions rounded to coarse steps repeat too, but on the curve: they are as far from it as the samples beside.
     """
-    found = np.zeros(q.shape, dtype=bool)
-    whole = (np.diff(q, axis=0) == 0).all(axis=1) & (np.diff(tau, axis=0) == 0).all(axis=1)
-    whole = np.concatenate([[False], whole]) & (np.ptp(tau, axis=0) > 0).any()
-    for j, x in enumerate(q.T):
-        differences = np.diff(x)
-        for a, b in runs(np.concatenate([[False], differences == 0])):
-            if a - 1 >= BESIDE and b + BESIDE < len(x):
-                before, after = differences[a - 1 - BESIDE : a - 1], differences[b : b + BESIDE]
-                rate, scatter = _motion(before, after, differences[a - 2], differences[b - 1])
-                found[a:b, j] = rate > FAST * max(float(steps[j]), 0.0 if whole[a:b].all() else scatter)
-    everywhere: Array = found | (whole & found.any(axis=1))[:, None]
-    return everywhere
-
-
-def _motion(before: Array, after: Array, last: float, first: float) -> tuple[float, float]:
-    """Slower rate before and after a repetition, and larger scatter; no rate where the motion comes to rest there."""
-    scatter = max(float(np.ptp(np.sort(side)[1:-1])) for side in (before, after))
-    mean, then = float(np.median(before)), float(np.median(after))
-    goes_on = mean * then > 0 and abs(last) > abs(mean) / 2 and abs(first) > abs(then) / 2
-    return (min(abs(mean), abs(then)) if goes_on else 0.0), scatter
+    found = np.zeros(len(x), dtype=bool)
+    steps = np.abs(np.diff(x))
+    least = max(step / 2, float(np.median(neighbours(x, 1).deviation)))
+    for a, b in runs(np.concatenate([[False], steps == 0])):
+        if a < BESIDE or b + BESIDE > len(x) or steps[b - 1] < CATCH_UP * max(steps[a - 2], steps[b], step):
+            continue
+        beside = np.concatenate([np.arange(a - BESIDE, a), np.arange(b, b + BESIDE)])
+        curve = np.polynomial.Polynomial.fit(beside, x[beside], 2)
+        usual = np.abs(x[beside] - curve(beside)).max()
+        found[a:b] = np.abs(x[a:b] - curve(np.arange(a, b))).max() > STUCK * max(float(usual), least)
+    return found

@@ -10,10 +10,11 @@ import numpy as np
 from ..basics.spatial import Array
 from .findings import Findings, RecordFinding, runs
 from .grid import Segment, sample_period, split
-from .outliers import FAST, encoder_step, jumps, repeated, usual_deviation, wild_values
+from .outliers import encoder_step, jumps, repeated, usual_deviation, wild_values
 from .stamps import Stamps, check_order, check_regularity
 
 FEWEST = 20  # samples from which anything can be said
+MOVED = 8.0  # steps of the encoder, in which a robot moves
 PLATEAU = 5  # samples at a torque's extreme, in a motion, that are a plateau
 LONGER = 3  # times the usual runs of equal torques, for a plateau
 RATES = 0.05  # deviation of measured rates from those of the positions that is named
@@ -109,7 +110,8 @@ def _outliers(
     """Where positions and torques are not to be believed, and the samples after which the positions jump."""
     quantum = [encoder_step(x) for x in tau.T]
     usual = np.column_stack([usual_deviation(x, s) for x, s in zip(q.T, steps, strict=True)])
-    missing = repeated(q, tau, steps), np.zeros(tau.shape, dtype=bool)
+    stuck = np.column_stack([repeated(x, s) for x, s in zip(q.T, steps, strict=True)])
+    missing = stuck, np.zeros(tau.shape, dtype=bool)
     for j, flags in enumerate(missing[0].T):
         _name(found, j, "repeated position", flags, bridge)
     after_gap = np.flatnonzero(np.diff(t) > 1.5 * np.median(np.diff(t)))
@@ -185,7 +187,7 @@ def _plateau(x: Array, q: Array, steps: Array) -> Array:
     others = [b + 1 - a for a, b in same if x[a] not in (x.min(), x.max())]
     least = max(PLATEAU, LONGER * float(np.percentile(others, 99)) if others else 0.0)
     for a, b in extreme:
-        moved = np.abs(q[b - 1] - q[a]) > FAST * steps
+        moved = np.abs(q[b - 1] - q[a]) > MOVED * steps
         if b - a >= least and moved.any():
             plateau[a:b] = True
     return plateau
