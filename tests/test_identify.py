@@ -1,12 +1,16 @@
 """Identification from synthetic measurements, of which the truth is known."""
 
+import re
+
 import numpy as np
 import pytest
 
 import rne
 from rne.identification import Record
+from rne.identification.least_squares import least_squares
 from rne.model.pseudo_inertia import pseudo_inertia
 
+from .conftest import TREES
 from .measurements import measure, record, truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
@@ -45,7 +49,7 @@ def identified(scene, motion, seed, **options):
 
 def test_without_noise_the_truth_is_found(scene, motions):
     t, q, tau = measure(motions[0])
-    found = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", spread=3.0)
+    found = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", spread=3.0, blocks=2)
     size = np.abs(tau).max(0)
     assert (found.estimate.sigma < BETWEEN_SAMPLES * size).all()
     check = found.check(record(motions[1]))
@@ -77,3 +81,189 @@ def test_truth_lies_within_three_standard_errors_in_200_runs(scene, motions):
     assert inside.mean() >= WITHIN_THREE - 0.005
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.08)
     assert (least > 0).all()
+
+
+@pytest.fixture(scope="module")
+def found(scene, motions):
+    """A consistent fit to one motion with noise on the torques."""
+    return identified(scene, motions[0], 0, rotor=True, offset=True, blocks=4)
+
+
+def sensors(seed):
+    return {"torque_noise": NOISE, "encoder_step": ENCODER, "clock": CLOCK, "seed": seed}
+
+
+def error_over_noise(found, motion, seed):
+    """Error of the torques predicted for a motion over the noise of those measured, per joint."""
+    measured = record(motion, **sensors(seed))
+    prepared = measured.prepare(found.records[0].cutoff)
+    exact = np.stack([np.interp(prepared.t, motion.t, tau) for tau in motion.tau.T], axis=1)
+    return found.check(measured).rms / (prepared.reduce(prepared.tau) - prepared.reduce(exact)).std(0)
+
+
+def test_torques_of_another_motion_are_predicted_to_the_noise(scene, motions):
+    """Encoders, clocks and noise; positions differentiated and filtered; two motions fitted."""
+    fitted = [record(motion, **sensors(k)) for k, motion in enumerate((motions[0], truth(scene, seed=11)))]
+    found = rne.identify(scene.robot, fitted, friction="viscous+coulomb", blocks=2)
+    assert (error_over_noise(found, motions[1], 100) < 1.2).all()
+
+
+def test_bodies_are_physically_consistent_and_predict_as_well(found):
+    P = pseudo_inertia(found.parameters[:60])
+    assert (np.linalg.eigvalsh(P) > 0).all()
+    values = found.base.back @ found.estimate.values, found.parameters
+    free, consistent = ((found.equations.residuals(x) / found.estimate.sigma**2).sum() for x in values)
+    assert free < consistent < 1.1 * free
+    assert (np.array(found.robot.model.mass) > 0).all()
+
+
+def test_held_out_errors_are_those_of_fits_without_the_block(scene, motions):
+    found = identified(scene, motions[0], 0, consistent=False, blocks=2)
+    squares = np.zeros(6)
+    for k in range(2):
+        others = found.equations.of_blocks(np.arange(2) != k).mapped(found.base.back)
+        values = least_squares(others).values
+        prepared = found.records[0]
+        block = prepared.blocks(2)[k]
+        rows = prepared.reduce(prepared.tau)[block]
+        Y = prepared.reduce(found.base.regressor(prepared.q, prepared.qd, prepared.qdd))[block]
+        squares += ((Y @ values - rows) ** 2).sum(0)
+    total = (prepared.reduce(prepared.tau) ** 2).sum(0)
+    np.testing.assert_allclose(found.held_out, np.sqrt(squares / total), rtol=1e-6)
+
+
+def test_the_robot_found_has_what_was_found(found, scene):
+    """Predictions, robot, scene and URDF are the same model."""
+    rng = np.random.default_rng(3)
+    q, qd, qdd = rng.uniform(-1, 1, (3, 20, 6))
+    friction = found.friction.viscous * qd + found.friction.coulomb * np.sign(qd)
+    expected = found.robot.inverse_dynamics(q, qd, qdd) + friction + found.offset
+    np.testing.assert_allclose(found.predict(q, qd, qdd), expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_array_equal(found.robot.model.damping, found.friction.viscous)
+    assert (found.robot.model.armature == found.parameters[found.standard.groups["Ia"]]).all()
+
+
+def test_urdf_of_the_robot_found(found, tmp_path):
+    path = tmp_path / "found.urdf"
+    path.write_text(rne.to_urdf(found.robot.model), encoding="utf-8")
+    loaded = rne.load(path)
+    np.testing.assert_allclose(loaded.parameters, found.robot.parameters, atol=1e-12 * np.abs(found.parameters).max())
+    np.testing.assert_array_equal(loaded.model.friction, found.robot.model.friction)
+
+
+def test_report_and_check_name_joints_and_parameters(found, motions):
+    text = found.report()
+    for part in ("58 base parameters of irb140", "joint_6", "Fc_6", "nearest to the prior", "cut-off"):
+        assert part in text
+    check = found.check(record(motions[1], **sensors(5)))
+    assert check.report().count("joint_") == 6
+    assert (check.relative < 0.2).all()
+    assert repr(found).startswith("Identification(")
+    assert repr(check).startswith("Check(motion ")
+
+
+def test_a_guess_from_the_geometry_is_prior_enough(scene, motions):
+    """Masses are not known at all; torques are predicted as well."""
+    known, guessed = (identified(scene, motions[0], 0, blocks=2, prior=prior) for prior in (None, "geometry"))
+    assert (guessed.held_out < 1.2 * known.held_out).all()
+    total = guessed.parameters[:60:10].sum()
+    assert 0.2 < total / scene.robot.model.mass.sum() < 5
+    assert "rods between the joints" in guessed.notes[0]
+
+
+def test_coupled_motor(scene, motions):
+    """A rotor that turns with the sum of the last two joints, its inertia and friction."""
+    shaft, inertia, viscous, coulomb = np.array([[0, 0, 0, 0, 1.0, 1.0]]), 0.5, 2.0, 1.5
+    t, q, qd, qdd, tau = motions[0]
+    rate = qd @ shaft.T
+    tau = tau + (inertia * (qdd @ shaft.T) + viscous * rate + coulomb * np.sign(rate)) * shaft
+    found = rne.identify(
+        scene.robot, Record(t, q, tau), rotor=True, friction="viscous+coulomb", shafts=shaft, consistent=False
+    )
+    last = dict(zip(found.base.names, found.estimate.values, strict=True))
+    assert [last[f"{s}_s1"] for s in ("Ia", "Fv", "Fc")] == pytest.approx([inertia, viscous, coulomb], abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["mixed", "mimics"])
+def test_sliding_joints_branches_and_mimics(name):
+    robot = rne.Robot(TREES[name])
+    motion = truth(robot, seed=4, duration=20.0)
+    found = rne.identify(robot, record(motion), blocks=2, spread=3.0)
+    other = truth(robot, seed=5, duration=20.0)
+    check = found.check(record(other))
+    assert (check.relative < 0.02).all()
+    assert (np.linalg.eigvalsh(pseudo_inertia(found.parameters)) > 0).all()
+
+
+def test_a_joint_that_does_not_move_is_not_excited(scene, motions):
+    t, q, qd, qdd, _ = (x.copy() for x in motions[0])
+    for x in (q, qd, qdd):
+        x[:, 5] = 0
+    found = rne.identify(scene.robot, Record(t, q, scene.robot.inverse_dynamics(q, qd, qdd)), rotor=True, blocks=2)
+    assert not found.excited[found.base.names.index("Ia_6")]
+    assert "not excited" in found.report()
+    assert found.estimate.condition == np.inf
+
+
+def test_low_speeds_are_left_out_with_coulomb_friction(found, scene, motions):
+    assert (found.minimum_rate > 0).all()
+    every = identified(scene, motions[0], 0, consistent=False, blocks=2, minimum_rate=np.zeros(6))
+    assert every.equations.rows.sum() > found.equations.rows.sum()
+
+
+def short():
+    t = np.arange(0, 6, 0.01)
+    q = np.sin(np.outer(t, np.arange(1, 7)))
+    return t, q
+
+
+@pytest.mark.parametrize(
+    ("kind", "make", "text"),
+    [
+        (TypeError, lambda r, rec: rne.identify("irb140", rec), "`robot` must be an rne.Robot, got str"),
+        (ValueError, lambda r, rec: rne.identify(r, []), "`records` must have at least one record"),
+        (
+            TypeError,
+            lambda r, rec: rne.identify(r, [3]),
+            "`records` must be an rne.identification.Record or several, got int",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(rne.load("panda"), rec),
+            "`records` must be of 8 joints, as the robot, got one of 6",
+        ),
+        (ValueError, lambda r, rec: rne.identify(r, rec, spread=0.0), "`spread` must be positive, got 0.0"),
+        (
+            TypeError,
+            lambda r, rec: rne.identify(r, rec, prior="urdf"),
+            "`prior` must be an rne.Robot or 'geometry', got 'urdf'",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, rec, prior=rne.load("panda")),
+            "`prior` must have the joints ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6']",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, rec, cutoff=0.9, rotor=True, friction="viscous+coulomb", offset=True),
+            "`records` give 42 equations for 58 base parameters: a longer motion is needed, or a higher `cutoff`",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, rec, minimum_rate=[0.1]),
+            "`minimum_rate` must have shape (6,), got (1,)",
+        ),
+    ],
+)
+def test_errors(kind, make, text):
+    robot = rne.load("irb140")
+    t, q = short()
+    rec = Record(t, q, robot.gravity_torque(q))
+    with pytest.raises(kind, match=f"^{re.escape(text)}$"):
+        make(robot, rec)
+
+
+def test_torques_with_the_wrong_sign_are_not_explained_by_bodies(scene, motions):
+    t, q, tau = measure(motions[0])
+    with pytest.raises(rne.IdentificationError, match="the torques ask for bodies of -"):
+        rne.identify(scene.robot, Record(t, q, -tau), prior="geometry", friction="viscous+coulomb")

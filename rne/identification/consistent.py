@@ -86,7 +86,9 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     R, b = factor[:, :-1] @ scale, factor[:, -1]
     found, status = solve_cones(v, linear, constraints(v, R, b, bounded))
     units = np.array([symmetric_unit(i, j) for i, j in LOWER])
-    y = at_minimum(Barrier(R, b, weight, units, len(prior)), found[: v.Z.start], np.array(v.drives)[bounded], status)
+    y = at_minimum(
+        Barrier(R, b, weight, units, len(prior)), found[: v.Z.start], np.array(v.drives, int)[bounded], status
+    )
     solution: Array = scale @ y
     return solution
 
@@ -135,7 +137,7 @@ def constraints(v: Variables, R: Array, b: Array, bounded: Array) -> list[tuple[
     residual[:, : v.Z.start], residual[:, v.residual.start :] = -R, np.eye(len(b))
     cones = [
         ("zero", residual, -b),
-        ("not negative", -np.eye(v.total)[np.array(v.drives)[bounded]], 0 * b[: bounded.sum()]),
+        ("not negative", -np.eye(v.total)[np.array(v.drives, int)[bounded]], 0 * b[: bounded.sum()]),
     ]
     for k in range(len(v.log) // len(DIAGONAL)):
         own = slice(ENTRIES * k, ENTRIES * (k + 1))

@@ -122,8 +122,8 @@ def identify(
     prepared = tuple(record.prepare(cutoff, decimation) for record in given)
     rates = minimum_rates(standard, prepared, minimum_rate)
     rows = [stacked(robot, standard, record, rates) for record in prepared]
+    check_count(rows, base)
     fitted, measured = equations_of(rows, prepared, blocks)
-    check_count(fitted, base)
     guess, notes = prior_bodies(robot, prior, standard, fitted) if consistent else (None, ())
     method = Method(standard, base, guess, positive_number("spread", spread) ** -2)
     estimate, parameters = method.solved(fitted)
@@ -180,12 +180,12 @@ def repeated_equations(rows: Sequence[Stacked], prepared: Sequence[Prepared], x:
     return np.maximum(repeats_of_residuals(residuals, used, parts), by_filter)
 
 
-def check_count(fitted: Equations, base: BaseParameters) -> None:
+def check_count(rows: Sequence[Stacked], base: BaseParameters) -> None:
     """Refuse fewer equations than unknowns."""
-    rows = int(fitted.rows.sum())
-    if rows <= base.count:
+    count = sum(int(r.used.sum()) for r in rows)
+    if count <= base.count:
         raise ValueError(
-            f"`records` give {rows} equations for {base.count} base parameters: a longer motion is needed, or a "
+            f"`records` give {count} equations for {base.count} base parameters: a longer motion is needed, or a "
             "higher `cutoff`"
         )
 
