@@ -350,6 +350,11 @@ def test_one_time_for_different_samples_is_refused(true):
         Record(np.round(t, 2), q, tau).prepare()
 
 
+def test_few_samples_are_refused(true):
+    with exactly("record: too few samples: 19 are usable; at least 20 are needed"):
+        Record(true.t[:19], true.q[:19], true.tau[:19]).prepare()
+
+
 def test_torques_that_do_not_follow_the_motion_are_not_used(true):
     t, q, tau = measure(true, torque_noise=0.3)
     tau[:, 5] = 0.25

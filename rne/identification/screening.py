@@ -75,7 +75,7 @@ def screen(name: str, joint_names: tuple[str, ...], measured: Measured, bridge: 
     usable = np.ones(q.shape, dtype=bool)
     if found.has_errors or kept.sum() < FEWEST:
         if not found.has_errors:
-            found.error(None, "samples:", f"only {int(kept.sum())} are usable", f"at least {FEWEST} are needed")
+            found.error(None, "too few samples:", f"{int(kept.sum())} are usable", f"at least {FEWEST} are needed")
         return Screened(t, q, tau, usable, (), float("nan"), steps, tuple(found.found))
     found.rows = np.flatnonzero(kept)
     t, q, tau = t[kept], q[kept], tau[kept]
