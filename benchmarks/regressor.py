@@ -9,6 +9,7 @@ benchmarks/results/regressor.json and the tables of docs/benchmarks/regressor.md
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,9 +26,9 @@ from rne.model.parameters import PARAMETERS
 ROBOTS = ("irb140", "ur5", "panda")
 PAGE = DOCS / "benchmarks" / "regressor.md"
 BATCH, VARIANTS = 1000, 5000
-TIMES = 200  # single calls in a repeat
-FEW_ROBOTS = 100  # robots of a loop in a repeat: it takes some ms for each
-REPEATS = 11
+TIMES, BATCHES = 200, 5  # single calls and batches in a repeat
+FEW_ROBOTS = 50  # robots of a loop in a repeat: each takes some ms
+REPEATS = 25
 SPREAD = 0.1  # of masses, first moments and inertias of each body, all by one factor
 Results = dict[str, Any]
 Robots = Mapping[str, rne.Robot]
@@ -78,7 +79,7 @@ def regressors(robots: Robots, arrays: list[np.ndarray], repeats: int) -> Result
     for engine, robot in robots.items():
         robot.compile(rne.regressor)
         calls[f"{engine} single"] = many(lambda y=robot.regressor: y(*one), TIMES), TIMES
-        calls[f"{engine} batch"] = (lambda y=robot.regressor: y(*arrays)), count
+        calls[f"{engine} batch"] = many(lambda y=robot.regressor: y(*arrays), BATCHES), BATCHES * count
     each = per_state(calls, repeats)
     first = [a[:EXACT] for a in arrays]
     exact = reference(rne.regressor, robots["numpy"].model, first)
@@ -115,7 +116,8 @@ def of_variants(robots: Robots, count: int, few: int, repeats: int) -> Results:
     calls: dict[str, Any] = {}
     for engine, given in robots.items():
         given.inverse_dynamics(q, qd, qdd, parameters=pi)  # traced and compiled
-        calls[f"{engine} batch"] = (lambda g=given: g.inverse_dynamics(q, qd, qdd, parameters=pi)), count
+        one_call = partial(given.inverse_dynamics, q, qd, qdd, parameters=pi)
+        calls[f"{engine} batch"] = many(one_call, BATCHES), BATCHES * count
         calls[f"{engine} loop"] = (lambda g=given: loop(g)), few
     each = per_state(calls, repeats)
     kernel = robot.kernel(rne.inverse_dynamics, parameters=True)

@@ -187,7 +187,10 @@ def run_all(
         return [plan.run(chunk, tick if progress else None) for chunk in chunks]
     from concurrent.futures import ThreadPoolExecutor, wait
 
-    run = plan.run if isinstance(executor, ThreadPoolExecutor) else partial(run_pickled, _pickled(plan))
+    in_threads = isinstance(executor, ThreadPoolExecutor)
+    if in_threads:
+        _ = plan.kernel  # traced before several threads ask for it at once
+    run = plan.run if in_threads else partial(run_pickled, _pickled(plan))
     futures: list[Future[tuple[Array, Verdict]]] = [executor.submit(run, chunk) for chunk in chunks]
     for future, chunk in zip(futures, chunks, strict=True):
         wait([future])
