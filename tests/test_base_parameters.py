@@ -1,14 +1,22 @@
 """Base parameters by rules, against the rank of regressors at random states and known counts."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import rne
+from rne.model.builder import Part, assemble
+from rne.model.fewest_terms import with_fewest_terms
+from rne.model.joint_groups import SEEDED, joint_groups, sample_positions
+from rne.model.robots.generators import random_tree
 from rne.model.standard_parameters import StandardParameters
 
+from .conftest import TREES
 from .helpers import data_robot, kept
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
@@ -76,23 +84,145 @@ def check_matrices(base, Y, states):
     assert (differences <= SAME * terms + ZERO * sizes.max(initial=0)).all()
 
 
-@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("options", kept(OPTIONS, ["bodies", "all"]))
 @pytest.mark.parametrize("name", kept([name for name in LOADABLE if name not in ROUNDED_FILES], ONE_OF_EACH_KIND))
 def test_robots_of_files(name, options):
     for model in in_any_gravity(data_robot(name).model).values():
         check(model, **OPTIONS[options])
 
 
-@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("options", kept(OPTIONS, ["bodies", "all"]))
 @pytest.mark.parametrize("name", kept(ROUNDED_FILES, ["xarm_description/xarm7"]))
 def test_robots_of_rounded_files(name, options):
     """A finer rank sees the roundings, a coarse one does not: nor do the rules with a coarse tolerance."""
     for model in in_any_gravity(data_robot(name).model).values():
-        exact, coarse = (rne.base_parameters(model, tolerance=x, **OPTIONS[options]) for x in (1e-9, 1e-4))
+        exact, coarse = (rne.base_parameters(model, tolerance=x, **OPTIONS[options]) for x in (1e-9, 1e-5))
         Y, states = stacked_regressors(model, **OPTIONS[options])
         ranks = numeric_ranks(Y)
         assert (coarse.count, exact.count) == (ranks[0], ranks[-1])
         check_matrices(exact, Y, states)
+
+
+@pytest.mark.parametrize("options", kept(OPTIONS, ["bodies", "all"]))
+@pytest.mark.parametrize("name", TREES)
+def test_random_trees(name, options):
+    for model in in_any_gravity(TREES[name]).values():
+        check(model, **OPTIONS[options])
+
+
+def tree_of_right_angles(rng, n, mimics):
+    """Axes and offsets from small sets, so that parallel, meeting, coaxial and vertical axes are common."""
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    model = random_tree(
+        n, int(rng.integers(1000)), prismatic=rng.choice([0, 0.3, 0.6, 1]), branching=rng.choice([0, 0.5])
+    )
+    rotation = np.array([np.eye(3)[rng.permutation(3)] * rng.choice([-1, 1], 3)[:, None] for _ in range(n)])
+    rotation[rng.random(n) < 0.5] = np.eye(3)
+    follower = np.isin(np.arange(n), rng.permutation(np.arange(1, n))[:mimics])
+    independent = np.flatnonzero(~follower)
+    followed = np.where(follower, rng.integers(len(independent), size=n), np.cumsum(~follower) - 1)
+    return replace(
+        model,
+        rotation=rotation * np.linalg.det(rotation)[:, None, None],
+        translation=rng.choice([0, 0, 0.3, -0.5], (n, 3)),
+        axis=axes[rng.integers(6, size=n)] if rng.random() < 0.7 else np.tile(axes[0], (n, 1)),
+        gravity=[(0, 0, -9.81), (0, 0, 0), (3, 0, -9), (0, 9.81, 0)][rng.integers(4)],
+        coordinate=tuple(followed.tolist()),
+        independent_joints=tuple(independent.tolist()),
+        multiplier=np.where(follower, rng.choice([1, -1, 2, 0.5, -1.5], n), 1.0),
+        offset=np.where(follower, rng.choice([0, 0.3], n), 0.0),
+    )
+
+
+@pytest.mark.parametrize("joints", [1, 2, 4, 6])
+@pytest.mark.parametrize("mimics", [0, 2])
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6), options=st.sampled_from(sorted(OPTIONS)), shafts=st.integers(0, 2))
+def test_special_geometries(joints, mimics, seed, options, shafts):
+    rng = np.random.default_rng(seed)
+    model = tree_of_right_angles(rng, joints, min(mimics, joints - 1))
+    check(model, **OPTIONS[options], shafts=rng.choice([0.0, 1.0, -1.0, 2.0], (shafts, model.n)))
+
+
+def test_coordinates_shared_by_two_branches():
+    """A group of coordinates with more positions on a grid than are taken, so that random ones are used."""
+    model = replace(
+        tree_of_right_angles(np.random.default_rng(5), 6, 0),
+        parent=(-1, 0, 1, -1, 3, 4),
+        coordinate=(0, 1, 2, 0, 1, 2),
+        independent_joints=(0, 1, 2),
+        joint_types=("revolute", "revolute", "prismatic", "revolute", "revolute", "revolute"),
+        gravity=(0, 0, -9.81),
+    )
+    assert joint_groups(model) == [tuple(range(6))]
+    assert len(sample_positions(model, tuple(range(6)), [0, 1, 2])) == SEEDED
+    check(model, offset=True)
+
+
+@pytest.mark.parametrize("name", ["irb140", "panda", "mixed", "mimics"])
+def test_formulas_and_matrices(name):
+    """Each formula, read as it is printed, is the base parameter; B E = 1; values come back."""
+    model = TREES[name] if name in TREES else rne.load(name).model
+    base = rne.base_parameters(model, rotor=True, friction="viscous", offset=True)
+    rng = np.random.default_rng(0)
+    pi = rng.normal(size=base.standard.count)
+    numbers = dict(zip(base.standard.names, pi, strict=True))
+    for formula, leading, value in zip(base.formulas, base.names, base.of(pi), strict=True):
+        terms = re.findall(r"([+-]?) ?([0-9][0-9.e-]* )?([A-Za-z]\w*)", formula)
+        assert terms[0] == ("", "", leading)
+        sizes = [numbers[symbol] * float(factor or 1) * (-1 if sign == "-" else 1) for sign, factor, symbol in terms]
+        assert abs(sum(sizes) - value) <= 1e-5 * np.abs(sizes).sum()  # six digits are printed
+    beta = rng.normal(size=(3, base.count))
+    np.testing.assert_allclose(base.of(base.standard_parameters(beta)), beta, rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(base.standard_parameters(beta), beta @ base.back.T)
+    np.testing.assert_array_equal(base.values, base.of(base.standard.values))
+
+
+@pytest.mark.parametrize("name", ["irb140", "ur5", "mixed", "sliders", "bushy"])
+def test_masses_redistributed_for_kernels_keep_them(name):
+    """`with_fewest_terms` moves masses joint by joint: no base parameter may change."""
+    robots = {"irb140": lambda: rne.irb140(), "ur5": lambda: data_robot("ur_description/ur5_robot").model}
+    model = TREES[name] if name in TREES else robots[name]()
+    model = replace(
+        model, link_translation=np.zeros_like(model.link_translation)
+    )  # parameters about the frame's origin
+
+    def parameters(moments):
+        entries = moments.inertia[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+        return np.concatenate([moments.mass[:, None], moments.first_moment, entries], axis=1).ravel()
+
+    base = rne.base_parameters(model)
+    before, after = (base.of(parameters(x.moments)) for x in (model, with_fewest_terms(model)))
+    np.testing.assert_allclose(after, before, rtol=0, atol=1e-12 * np.abs(before).max())
+
+
+def one_joint(kind, axis, gravity=(0.0, 0.0, -9.81), **options):
+    tip = Part(link="tip", joint="j", kind=kind, parent=0, axis=np.array(axis, float), mass=1.0, inertia=np.eye(3))
+    model = replace(assemble("one", [Part(link="base"), tip]), gravity=np.array(gravity))
+    return rne.base_parameters(model, **options).formulas
+
+
+@pytest.mark.parametrize(
+    ("formulas", "expected"),
+    [
+        (one_joint("revolute", (0, 0, 1)), ("Izz_1",)),
+        (one_joint("revolute", (1, 0, 0)), ("mcy_1", "mcz_1", "Ixx_1")),
+        (one_joint("revolute", (1, 0, 0), (0, 0, 0)), ("Ixx_1",)),
+        (one_joint("revolute", (1, 0, 0), rotor=True), ("mcy_1", "mcz_1", "Ixx_1 + Ia_1")),
+        (one_joint("revolute", (1, 0, 0), offset=True), ("mcy_1", "mcz_1", "Ixx_1", "tau0_1")),
+        (one_joint("prismatic", (0, 0, 1)), ("m_1",)),
+        (one_joint("prismatic", (0, 0, 1), rotor=True), ("m_1", "Ia_1")),
+        (one_joint("prismatic", (1, 0, 0), rotor=True), ("m_1 + Ia_1",)),
+        (one_joint("prismatic", (0, 0, 1), offset=True), ("m_1", "tau0_1")),
+        (
+            one_joint("prismatic", (0, 0, 1), rotor=True, offset=True),
+            ("m_1 + 0.101937 tau0_1", "Ia_1 - 0.101937 tau0_1"),
+        ),
+    ],
+)
+def test_one_joint(formulas, expected):
+    """A pendulum, a vertical and a level slider: a rotor and a weight can be told apart only if both are unknown."""
+    assert formulas == expected
 
 
 def test_known_counts(irb140, ur5):
@@ -101,3 +231,38 @@ def test_known_counts(irb140, ur5):
         assert (robot.base_parameters().count, robot.base_parameters(rotor=True).count) == (36, 40)
     panda = data_robot("panda_description/panda").locked({"panda_finger_joint1": 0.0})
     assert panda.base_parameters().count == 43
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        (
+            lambda robot: rne.base_parameters(robot),
+            TypeError,
+            "`model` must be an rne.Model, got Robot; a Robot has it as .model",
+        ),
+        (
+            lambda robot: robot.base_parameters(friction="dry"),
+            ValueError,
+            "`friction` must be one of [None, 'viscous', 'coulomb', 'viscous+coulomb'], got 'dry'",
+        ),
+        (
+            lambda robot: robot.base_parameters(tolerance=0),
+            ValueError,
+            "`tolerance` must be positive, got 0.0",
+        ),
+        (
+            lambda robot: robot.base_parameters().of(np.zeros(36)),
+            ValueError,
+            "`parameters` must have shape (..., 60), got (36,)",
+        ),
+        (
+            lambda robot: robot.base_parameters().standard_parameters(np.zeros((2, 60))),
+            ValueError,
+            "`beta` must have shape (..., 36), got (2, 60)",
+        ),
+    ],
+)
+def test_wrong_arguments(irb140, call, error, text):
+    with pytest.raises(error, match=f"^{re.escape(text)}$"):
+        call(irb140)

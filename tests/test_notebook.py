@@ -52,6 +52,7 @@ def objects(robot, motion):
         robot.kernel(rne.mass_matrix),
         robot.kernel(rne.inverse_dynamics, "q", "qd"),
         robot.diagnose(np.zeros((3, n))),
+        robot.base_parameters(),
         rne.bearing_peaks(robot, motion),
         law,
         rne.control.pd(robot, np.arange(n) + 1.0, 20 * ones, z),

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
+from ..basics.notebook import InNotebooks
 from ..basics.short_text import counted, listed, wrapped
 from ..basics.spatial import Array
 from ..basics.text_table import short, six_digits
 from ..model.arguments import model_argument
 from ..model.model import Model
 from ..model.standard_parameters import StandardParameters
-from .identifiability import observed_combinations
 from .regressor import regressor
+from .regrouping import regrouped
 
 TOLERANCE = 1e-9  # angles and distances below it, of the robot's size, are roundings
-ROUNDING = 1e-12  # coefficients this small, or this close to a whole number, are roundings of 0 and of that number
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BaseParameters:
+class BaseParameters(InNotebooks):
     """The combinations of the standard parameters that torques depend on, one for each parameter that is kept.
 
     Each is a kept parameter plus multiples of others that torques cannot tell from it. Those of each body are kept
@@ -192,8 +192,8 @@ class BaseParameters:
 
     def __repr__(self) -> str:
         return wrapped(
-            f"{counted(self.count, 'base parameter')} of {self.standard.count} standard ones, "
-            f"{short(self.standard.model.name)}: {listed(self.names)}"
+            f"BaseParameters of '{short(self.standard.model.name)}': {self.count} combinations of "
+            f"{counted(self.standard.count, 'standard parameter')}: {listed(self.names)}"
         )
 
     def __str__(self) -> str:
@@ -228,7 +228,7 @@ def base_parameters(
         Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
     tolerance : float
         Angles [rad] and distances, divided by the longest one between two joints, that differ by less are taken as the
-        same. 1e-4 suits a file that has 1.5708 in place of pi / 2: what only such roundings make observable, no
+        same. 1e-5 suits a file that has 1.5708 in place of pi / 2: what only such roundings make observable, no
         measurement finds.
 
     Returns
@@ -259,68 +259,5 @@ def base_parameters(
     """
     standard = StandardParameters(model_argument(model), rotor, friction, offset, shafts, smoothing)
     positive_number("tolerance", tolerance)
-    rows, units = _rows(standard, tolerance)
-    kept = _independent_columns(rows, tolerance)
-    matrix = np.zeros((len(kept), standard.count))
-    if kept:
-        matrix = np.linalg.lstsq(rows[:, kept], rows, rcond=None)[0]
-    matrix[np.abs(matrix) < ROUNDING] = 0
-    matrix *= units[kept, None] / units
-    whole = np.abs(matrix - matrix.round()) < ROUNDING
-    matrix[whole] = matrix[whole].round()
-    matrix[:, kept] = np.eye(len(kept))
-    matrix.setflags(write=False)
-    return BaseParameters(standard, tuple(kept), matrix, partial(regressor, model))
-
-
-def _rows(standard: StandardParameters, tolerance: float) -> tuple[Array, Array]:
-    """Independent combinations that torques depend on, in units of the second result, for all standard parameters."""
-    frictionless = replace(standard, friction=None)
-    energies, scales = observed_combinations(frictionless, tolerance)
-    place = [standard.names.index(name) for name in frictionless.names]
-    rows, units = np.zeros((len(energies), standard.count)), np.ones(standard.count)
-    rows[:, place], units[place] = energies, scales
-    return np.concatenate([rows, *(_friction_rows(standard, symbol) for symbol in ("Fv", "Fc"))]), units
-
-
-def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
-    """Combinations of the drives' and further shafts' friction that torques depend on; it is odd in the rates.
-
-    Torques of viscous friction are the matrix sum of Fv a a^T times qd. Those of Coulomb friction are independent
-    unless shafts turn at the same rate; a factor between rates counts only if friction is smooth.
-    """
-    if symbol not in standard.groups:
-        return np.zeros((0, standard.count))
-    columns = [standard.groups[name] for name in (symbol, f"{symbol} of shafts")]
-    shafts = np.concatenate([np.eye(standard.model.n), np.asarray(standard.shafts)])
-    if symbol == "Fv":
-        upper = np.triu_indices(standard.model.n)
-        entries = (shafts[:, :, None] * shafts[:, None, :])[:, upper[0], upper[1]].T
-    else:
-        sizes = np.linalg.norm(shafts, axis=1)
-        turning = np.flatnonzero(sizes)
-        directions = shafts[turning] / sizes[turning, None]
-        same = np.abs(np.abs(directions @ directions.T) - 1) < ROUNDING
-        if standard.smoothing:
-            same &= np.abs(sizes[turning, None] - sizes[turning]) < ROUNDING
-        entries = np.zeros((len(turning), len(shafts)))
-        entries[:, turning] = np.where(same, sizes[turning], 0)
-    rows = np.zeros((len(entries), standard.count))
-    n = standard.model.n
-    rows[:, columns[0]], rows[:, columns[1]] = entries[:, :n], entries[:, n:]
-    found: Array = rows[entries.any(axis=1)]
-    return found
-
-
-def _independent_columns(rows: Array, tolerance: float) -> list[int]:
-    """The first columns that are independent, in their order; those that are clearly so before others."""
-    rank = int(np.linalg.matrix_rank(rows, tolerance * np.linalg.norm(rows, 2))) if rows.size else 0
-    kept: list[int] = []
-    left, sizes = rows.copy(), np.linalg.norm(rows, axis=0)
-    for bound in (0.1, 1e-2, 1e-3, 1e-4, 1e-6, tolerance):
-        for k in range(rows.shape[1]):
-            if len(kept) < rank and k not in kept and np.linalg.norm(left[:, k]) > bound * max(sizes[k], tolerance):
-                direction = left[:, k] / np.linalg.norm(left[:, k])
-                left = left - np.outer(direction, direction @ left)
-                kept.append(k)
-    return sorted(kept)
+    kept, matrix = regrouped(standard, tolerance)
+    return BaseParameters(standard, kept, matrix, partial(regressor, model))

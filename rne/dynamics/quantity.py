@@ -57,7 +57,7 @@ class Quantity:
         inputs: `rne.kernels.parameter_inputs`.
     base_parameters : bool
         True if the result depends on the inertial parameters only through the base parameters, so that masses may be
-        redistributed between bodies; see ``rne/model/base_parameters.py``.
+        redistributed between bodies; see ``rne/model/fewest_terms.py``.
     returns_array : bool
         False if the result is a record, which is not traced.
     wrenches : mapping of str to str

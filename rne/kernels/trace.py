@@ -9,7 +9,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import Declared, Quantity
-from ..model.base_parameters import with_base_parameters
+from ..model.fewest_terms import with_fewest_terms
 from ..model.model import Model
 from .differentiation import differentiate
 from .graph import Graph, TooLarge
@@ -85,7 +85,7 @@ def within_a_trace(quantity: Quantity, model: Model, arguments: Sequence[Any], f
 
 def traced_model(quantity: Quantity, model: Model) -> Model:
     """The model a quantity is traced on: with masses moved inwards, where that changes nothing."""
-    return with_base_parameters(model) if quantity.base_parameters else model
+    return with_fewest_terms(model) if quantity.base_parameters else model
 
 
 def argument_widths(quantity: Quantity, model: Model) -> dict[str, int]:

@@ -19,6 +19,7 @@ import numpy as np
 from ..basics.notebook import html
 from ..basics.short_text import counted
 from ..basics.text_table import short, six_digits
+from ..dynamics.base_parameters import BaseParameters
 from ..dynamics.record import BRANCHED, LEGEND, VECTORS, Recursion
 from ..kernels.heading import UNITS
 from ..kernels.kernel import Kernel
@@ -125,6 +126,13 @@ def kernel_page(kernel: Kernel) -> str:
         _table((*operations, "all operations"), counts, numbers=0),
         f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(chr(10).join([*lines, *end]))}</pre></div>',
     )
+
+
+@html.register
+def base_parameters_page(base: BaseParameters) -> str:
+    """The combinations of parameters that torques depend on, and their values."""
+    rows = [(text, six_digits(value)) for text, value in zip(base.formulas, base.values, strict=True)]
+    return _page(_text(repr(base)), _table(("base parameter", "value [SI]"), rows, numbers=1))
 
 
 def has_matplotlib() -> bool:

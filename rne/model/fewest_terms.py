@@ -3,8 +3,9 @@
 A mass on the axis of a rotating joint moves alike with the bodies on both sides of it, so it may be counted with
 either; and a body's inertia about its origin depends only on its rotation, which is the same on both sides of a sliding
 joint. Of its ten inertial parameters a body keeps seven behind a rotating joint and four behind a sliding one; what
-reaches the base is dropped. These are the base inertial parameters of Gautier and Khalil (IEEE Trans. Robotics Autom.
-6, 1990).
+reaches the base is dropped. This is the regrouping of Gautier and Khalil (IEEE Trans. Robotics Autom. 6, 1990), joint
+by joint; which combinations torques depend on, with what a first axis along gravity hides besides, is said by
+`rne.base_parameters`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from .other_moments import with_moments
 from .solids import Moments
 
 
-def with_base_parameters(model: Model) -> Model:
+def with_fewest_terms(model: Model) -> Model:
     """The robot with every inertial parameter moved towards the base that may be.
 
     Parameters
@@ -34,8 +35,8 @@ def with_base_parameters(model: Model) -> Model:
     Examples
     --------
     >>> import rne
-    >>> from rne.model.base_parameters import with_base_parameters
-    >>> with_base_parameters(rne.irb140()).moments.mass.tolist()
+    >>> from rne.model.fewest_terms import with_fewest_terms
+    >>> with_fewest_terms(rne.irb140()).moments.mass.tolist()
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
     mass, first_moment, inertia = (array.copy() for array in model.moments)
