@@ -1,14 +1,14 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
 from .checking import Check
-from .exciting_motion import Excitation
+from .exciting_motions.excitation_result import Excitation
+from .exciting_motions.search_excitation import excitation
 from .findings import RecordFinding
 from .fit import identify
 from .least_squares import LeastSquares
 from .prepared import Prepared
 from .record import Record
 from .result import Identification
-from .search_excitation import excitation
 
 __all__ = [
     "Check",

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers
-from ..basics.spatial import Array
-from ..robot import Robot
+from ...basics.arrays import convert_numbers
+from ...basics.spatial import Array
+from ...robot import Robot
 
 NAMES = ("lower", "upper", "velocity_limit", "acceleration_limit", "effort_limit")
 

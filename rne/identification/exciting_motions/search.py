@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 from .criteria import Condition, Determinant, Observation
 from .series_limits import SeriesLimits
 

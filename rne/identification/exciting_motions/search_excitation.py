@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, vector
-from ..basics.spatial import Array
-from ..robot import Robot
+from ...basics.arrays import positive_number, vector
+from ...basics.spatial import Array
+from ...robot import Robot
 from .criteria import Condition, Determinant, Observation
-from .exciting_motion import Excitation
+from .excitation_result import Excitation
 from .fourier import FourierBasis
 from .motion_limits import motion_limits
 from .random_motions import random_series

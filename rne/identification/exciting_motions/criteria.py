@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..dynamics.base_parameters import BaseParameters
-from ..dynamics.quantity import Quantity
-from ..dynamics.regressor import regressor
-from ..dynamics.verdict import Verdict
-from ..model.model import Model
-from ..robot import Robot
+from ...basics.spatial import Array
+from ...dynamics.base_parameters import BaseParameters
+from ...dynamics.quantity import Quantity
+from ...dynamics.regressor import regressor
+from ...dynamics.verdict import Verdict
+from ...model.model import Model
+from ...robot import Robot
 
 States = tuple[Array, Array, Array]  # q, qd, qdd of shape (K, n) each
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 from .series_limits import FINE, ROUNDING, SeriesLimits
 
 SHRINK = 0.85  # of a random motion whose torques are too large

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
-from ..basics.short_text import counted, wrapped
-from ..basics.spatial import Array
-from ..basics.text_table import short
-from ..robot import Robot
-from ..simulation.motion_files import write_columns
-from ..trajectories import Samples
-from ..trajectories.times import broadcast_times
+from ...basics.arrays import positive_number
+from ...basics.short_text import counted, wrapped
+from ...basics.spatial import Array
+from ...basics.text_table import short
+from ...robot import Robot
+from ...simulation.motion_files import write_columns
+from ...trajectories import Samples
+from ...trajectories.times import broadcast_times
 from .fourier import FourierBasis
 
 ACTIVE = 0.97  # share of a limit from which it is called active

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..model.standard_parameters import StandardParameters
-from ..robot import Robot
+from ...basics.spatial import Array
+from ...model.standard_parameters import StandardParameters
+from ...robot import Robot
 from .fourier import FourierBasis
 from .motion_limits import MotionLimits
 
