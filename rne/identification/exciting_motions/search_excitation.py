@@ -129,17 +129,18 @@ def excitation(
     """
     within = _within(robot, duration, harmonics, limits, rest)
     slow = SMOOTHING * float(within.limits.velocity_limit.min(initial=np.inf)) if smoothing is None else smoothing
-    base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=slow)
+    numeric = within.robot
+    base = numeric.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=slow)
     sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
     rng = np.random.default_rng(seed)
-    observation = Observation(robot, base, sizes)
+    observation = Observation(numeric, base, sizes)
     exact, stages = _criteria(criterion, scaled)
     count = SAMPLES * harmonics if samples is None else _whole("samples", samples)
     search = Search(within, observation, count, exact, stages, _whole("iterations", iterations), progress)
     x = random_series(within, _whole("random_motions", random_motions), rng)
     values = _excited(search, x)
     best = x[np.argsort(values)[: _whole("starts", starts)]]
-    return _result(search, search.run(best), criterion, x)
+    return _result(robot, search, search.run(best), criterion, x)
 
 
 def _within(
@@ -153,7 +154,9 @@ def _within(
     if _whole("harmonics", harmonics) < least:
         raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
     basis = FourierBasis(positive_number("duration", duration), harmonics)
-    return SeriesLimits(robot, motion_limits(robot, limits), basis, rest)
+    # Numba takes minutes to compile the derivatives of a regressor.
+    numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
+    return SeriesLimits(numeric, motion_limits(robot, limits), basis, rest)
 
 
 def _whole(name: str, value: Any) -> int:
@@ -194,7 +197,7 @@ def _excited(search: Search, x: Array) -> list[float]:
     return [search.exact.value(W) for W in matrices]
 
 
-def _result(search: Search, found: Found, criterion: str, x: Array) -> Excitation:
+def _result(robot: Robot, search: Search, found: Found, criterion: str, x: Array) -> Excitation:
     within, H = search.within, search.within.basis.harmonics
     coefficients = within.coefficients(found.x)
     condition = Condition(scaled=isinstance(search.exact, Condition) and search.exact.scaled)
@@ -205,7 +208,7 @@ def _result(search: Search, found: Found, criterion: str, x: Array) -> Excitatio
 
     best, random = measured(found.x), np.array([measured(series) for series in x])
     return Excitation(
-        robot=within.robot,
+        robot=robot,
         duration=within.basis.duration,
         q0=coefficients[:, 0],
         a=coefficients[:, 1 : H + 1],
