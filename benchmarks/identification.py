@@ -7,14 +7,15 @@ docs/identification.md.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 import rne
-from benchmarks.measure import is_quick, write
-from benchmarks.pages import DOCS, places, rewrite, table
+from benchmarks.measure import RESULTS, is_quick, write
+from benchmarks.pages import DOCS, rewrite, table
 from rne.identification import Identification
 from rne.model.pseudo_inertia import pseudo_inertia
 from tests.measurements import Truth, record, truth
@@ -136,6 +137,35 @@ def sensor_table(cases: Sequence[dict[str, Any]]) -> str:
     return table(head, rows)
 
 
+def log_table(logs: Sequence[dict[str, Any]]) -> str:
+    """Errors of predicted torques of published logs."""
+    rows = [
+        [
+            f"{log['robot']}, {log['cutoff']:.1f} Hz" + (" (chosen)" if log["chosen"] else ""),
+            str(log["parameters"]),
+            " ".join(f"{e:.1f}" for e in log["error"]),
+            " ".join(f"{x:.2f}" for x in log["Fv"]),
+            " ".join(f"{x:.2f}" for x in log["Fc"]),
+        ]
+        for log in logs
+    ]
+    return table(["log, cut-off", "base parameters", "error per joint [%]", "Fv [N m s/rad]", "Fc [N m]"], rows)
+
+
+def rewrite_page() -> None:
+    """The tables of docs/identification.md from the last results."""
+    kept = {
+        name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+        for name in ("identification", "public_logs")
+    }
+    tables = {
+        "coverage": noise_table(kept["identification"]["noise on torques"]),
+        "sensors": sensor_table(kept["identification"]["sensors"]),
+        "logs": log_table(kept["public_logs"]["logs"]),
+    }
+    rewrite(DOCS / "identification.md", tables)
+
+
 def main() -> None:
     quick = is_quick(__doc__)
     runs, few = (4, 2) if quick else (200, 20)
@@ -145,9 +175,7 @@ def main() -> None:
     if quick:
         return
     write("identification.json", {"noise on torques": coverage, "sensors": cases})
-    page = DOCS / "identification.md"
-    there = {"coverage": noise_table(coverage), "sensors": sensor_table(cases)}
-    rewrite(page, {name: there[name] for name in places(page)})
+    rewrite_page()
 
 
 if __name__ == "__main__":
