@@ -24,6 +24,7 @@ USES = {  # what in a script shows that it needs an extra
     "cluster": "distributed",
     "numba": 'engine="numba"',
     "view": r"rne\.view",
+    "identify": r"rne\.identify\(",
 }
 
 

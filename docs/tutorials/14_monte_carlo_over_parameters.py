@@ -67,7 +67,9 @@ spread = torques[worst, :, 1].std()
 predicted = 0.05 * np.sqrt((by_body**2).sum())
 for name, part in zip(robot.model.moving_joints, share):
     print(f"body of {name}: {100 * part:4.1f} %")
-print(f"standard deviation {spread:.2f} N m sampled, {predicted:.2f} N m by the regressor")
+print(
+    f"standard deviation {spread:.2f} N m sampled, {predicted:.2f} N m by the regressor"
+)
 assert abs(spread / predicted - 1) < 0.05
 
 # %%

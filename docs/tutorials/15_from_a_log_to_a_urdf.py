@@ -1,0 +1,128 @@
+r"""
+From a log to a URDF
+====================
+
+An arm's URDF has wrong masses and no friction, as many have. Its controller can record
+positions and torques. This tutorial finds a motion that is worth recording, takes the
+recording, fits bodies and friction, checks the model on another motion, and writes a
+URDF. The log is simulated, so that the truth is known.
+
+Needs: ``pip install 'rne[plot,identify]'``
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import rne
+
+# %%
+# What is known
+# -------------
+# The places of the joints are right. The masses are not: the file says that every body
+# is a third lighter than it is, and nothing about friction.
+
+true = rne.load("irb140")
+known = rne.Robot(rne.with_parameters(true.model, true.parameters / 1.5))
+print(known.base_parameters())
+
+# %%
+# These 36 combinations are what torques depend on. Two viscous and Coulomb coefficients
+# per joint come to them.
+#
+# A motion that is worth recording
+# --------------------------------
+# ``rne.excitation`` looks for a periodic motion inside the robot's limits whose
+# regressor has a small condition number, so that noise does little harm. Random motions
+# within the same limits are many times worse.
+
+friction = "viscous+coulomb"
+motion = rne.excitation(
+    known, 10.0, harmonics=4, friction=friction, starts=1, iterations=40
+)
+print(motion)
+
+# %%
+# The recording
+# -------------
+# In place of the arm: friction on each drive, noise on the torques, encoders of 17 bits,
+# 500 samples per second, and a file as a controller may write it.
+
+viscous, coulomb = [8, 6, 2, 1.2, 1.4, 0.6], [6, 8, 6, 2, 2.4, 0.5]
+arm = rne.Scene(true, friction=rne.Friction(viscous=viscous, coulomb=coulomb))
+rng = np.random.default_rng(0)
+step = 2 * np.pi / 2**17
+
+
+def log(path, t, reference):
+    q, qd, qdd = reference(t)
+    tau = arm.inverse_dynamics(q, qd, qdd)
+    tau = tau + [1.5, 1.5, 0.9, 0.3, 0.3, 0.3] * rng.standard_normal(tau.shape)
+    columns = np.column_stack([t, step * np.rint(q / step), tau])
+    names = [f"{x}.{joint}" for x in ("q", "tau") for joint in true.joint_names]
+    header = ",".join(["t", *names])
+    np.savetxt(path, columns, "%.9g", ",", header=header, comments="")
+
+
+folder = tempfile.TemporaryDirectory()
+file = Path(folder.name) / "exciting.csv"
+log(file, np.arange(0, 20, 0.002), motion)
+record = rne.identification.Record.from_csv(file, known.joint_names)
+print(record, *record.findings, sep="\n")
+
+# %%
+# Two periods of the motion. Findings name what is wrong with a log: gaps, wild values,
+# stamps that jitter, torques at their limit. This one has none.
+#
+# The fit
+# -------
+
+found = rne.identify(known, record, friction=friction)
+print(found.report())
+
+# %%
+# Least squares give the base parameters and how well each is determined. The bodies
+# below them are physically consistent: each has an inertia that some distribution of
+# mass has. Of all that fit the torques they are the nearest to those of the wrong file.
+
+values = found.base.matrix[:, :60] @ true.parameters
+values[-12:] = [*viscous, *coulomb]
+z = (found.estimate.values - values) / found.estimate.errors
+print(
+    f"errors in standard errors: {np.sqrt(np.mean(z**2)):.2f} rms, {abs(z).max():.1f} at most"
+)
+assert abs(z).max() < 5
+
+# %%
+# Another motion
+# --------------
+# A model that predicts what it was fitted to proves little. Here is a motion it has not
+# seen: measured and predicted torques, and what is left.
+
+other = Path(folder.name) / "other.csv"
+log(
+    other,
+    np.arange(0, 3, 0.002),
+    rne.trajectories.quintic([0] * 6, [1, 0.8, -0.6, 1, -0.5, 1.5], 3.0),
+)
+check = found.check(rne.identification.Record.from_csv(other, known.joint_names))
+print(check.report())
+figure = check.plot()
+
+# %%
+# The URDF
+# --------
+# ``found.robot`` has the bodies, and friction as ``<dynamics>``. Written as a URDF it is
+# read by every other program.
+
+urdf = Path(folder.name) / "irb140_identified.urdf"
+urdf.write_text(rne.to_urdf(found.robot.model), encoding="utf-8")
+identified = rne.load(urdf)
+for robot, name in ((known, "before"), (identified, "after")):
+    q, qd, qdd = rng.uniform(-1, 1, (3, 1000, 6))
+    exact = true.inverse_dynamics(q, qd, qdd)
+    wrong = robot.inverse_dynamics(q, qd, qdd) - exact
+    print(f"{name}: {100 * np.linalg.norm(wrong) / np.linalg.norm(exact):.1f} % wrong")
+folder.cleanup()
+assert np.linalg.norm(wrong) < 0.01 * np.linalg.norm(exact)
