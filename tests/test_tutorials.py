@@ -19,7 +19,7 @@ SHORT = {
     "10_from_a_dh_table_to_a_simulation",
 }
 USES = {  # what in a script shows that it needs an extra
-    "plot": r"matplotlib|rne\.plotting",
+    "plot": r"matplotlib|rne\.plotting|\.plot\(",
     "robots": r'load\("(ur5|panda)"\)',
     "cluster": "distributed",
     "numba": 'engine="numba"',
