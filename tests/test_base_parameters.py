@@ -226,11 +226,21 @@ def test_one_joint(formulas, expected):
 
 
 def test_known_counts(irb140, ur5):
-    """Arms of six rotating joints, the first vertical: 36, and 40 with rotors; Gautier and Khalil 1990."""
-    for robot in (irb140, ur5):
+    """Arms of six rotating joints, the first vertical: 36, and 40 with rotors; of seven 43; Gautier and Khalil 1990."""
+    for robot in (irb140, ur5, data_robot("ur_description/ur3_robot"), data_robot("ur_description/ur10_robot")):
         assert (robot.base_parameters().count, robot.base_parameters(rotor=True).count) == (36, 40)
     panda = data_robot("panda_description/panda").locked({"panda_finger_joint1": 0.0})
-    assert panda.base_parameters().count == 43
+    right = np.pi / 2
+    lwr = rne.dh_chain(
+        a=[0] * 7,
+        alpha=[right, -right, -right, right, right, -right, 0],
+        d=[0.31, 0, 0.4, 0, 0.39, 0, 0.078],
+        theta=[0] * 7,
+        masses=[1.0] * 7,
+        centres=np.zeros((7, 3)),
+        inertias=[0.1 * np.eye(3)] * 7,
+    )
+    assert [panda.base_parameters().count, rne.base_parameters(lwr).count] == [43, 43]
 
 
 @pytest.mark.parametrize(
