@@ -158,12 +158,16 @@ def rewrite_page() -> None:
         name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
         for name in ("identification", "public_logs")
     }
-    tables = {
-        "coverage": noise_table(kept["identification"]["noise on torques"]),
-        "sensors": sensor_table(kept["identification"]["sensors"]),
-        "logs": log_table(kept["public_logs"]["logs"]),
+    rewrite(DOCS / "identification.md", tables(kept["identification"], kept["public_logs"]))
+
+
+def tables(found: dict[str, Any], logs: dict[str, Any]) -> dict[str, str]:
+    """Tables of docs/identification.md."""
+    return {
+        "coverage": noise_table(found["noise on torques"]),
+        "sensors": sensor_table(found["sensors"]),
+        "logs": log_table(logs["logs"]),
     }
-    rewrite(DOCS / "identification.md", tables)
 
 
 def main() -> None:

@@ -4,9 +4,10 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from benchmarks import cases, engines, regressor
+from benchmarks import cases, engines, identification, regressor
 from benchmarks.evaluation import (
     KERNEL,
     KERNEL_SINGLE,
@@ -162,3 +163,31 @@ def test_filling_a_page_replaces_tables_and_keeps_the_text():
 def test_a_page_without_a_place_for_a_table_is_refused():
     with pytest.raises(ValueError, match=re.escape("the page has the tables ['one'], given are ['two']")):
         filled("<!-- table: one -->\n<!-- end of table -->\n", {"two": ""})
+
+
+IDENTIFICATION = (DOCS / "identification.md").read_text(encoding="utf-8")
+
+
+def test_tables_of_identification_are_those_of_the_last_runs():
+    """After new runs: python -m benchmarks.identification, or python -m benchmarks.public_logs FOLDER."""
+    found, logs = (engines.read(f"{name}.json") for name in ("identification", "public_logs"))
+    assert filled(IDENTIFICATION, identification.tables(found, logs)) == IDENTIFICATION
+
+
+def test_what_the_text_says_of_published_logs_stands_in_the_results():
+    logs = {(log["robot"], log["chosen"]): log for log in engines.read("public_logs.json")["logs"]}
+    six = re.findall(r"(?:\d+\.\d\d ){5}\d\.\d\d", IDENTIFICATION.split("published friction")[1])
+    viscous, coulomb = (np.array(numbers.split(), float) for numbers in six[:2])
+    arm, alone = logs["TX40", False], logs["TX40 without the shaft", False]
+    assert (np.abs(np.array(arm["Fv"]) / viscous - 1) < 0.03).all()
+    assert (np.abs(np.array(arm["Fc"]) / coulomb - 1) < 0.1).all()
+    assert min(alone["error"][4:]) > 30
+    assert logs["KR300", True]["condition"] > 2000
+
+
+@pytest.mark.long
+def test_quick_run_of_identification_finds_consistent_bodies():
+    command = [sys.executable, "-m", "benchmarks.identification", "--quick"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "| physically consistent | 4 of 4 |" in run.stdout
+    assert run.stdout.count("| 2 of 2 |") == 9
