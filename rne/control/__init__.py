@@ -1,6 +1,7 @@
 """Control laws: functions of (t, q, qd) that return joint torques; and the stability of PD gains."""
 
-from .adaptive import Adaptive, adaptive
+from .adaptive import adaptive
+from .adaptive_law import Adaptive
 from .laws import PD, PID, pd, pd_gravity, pid, traceable
 from .passivity import RobustPassive, SlidingMode, robust_passive, sliding_mode
 from .reference import Reference
