@@ -85,9 +85,8 @@ def adaptive(
     >>> import numpy as np, rne
     >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 1.0)
     >>> law = rne.control.adaptive(robot, [20] * 6, [10] * 6, path, bodies=["joint_6"])
-    >>> motion = rne.simulate(rne.Scene(robot, payload=3.0, controller=law), [0] * 6, [0] * 6, 4.0)
-    >>> bool(np.abs(motion.q[-1] - 1.0).max() < 0.01)
-    True
+    >>> law.states, law.parameters(np.zeros(10))[50].item()  # the mass of link 6
+    (10, 1.0)
     """
     d, rate = checked_vectors(robot, kd=kd, bandwidth=bandwidth)
     for name, value in (("kd", d), ("bandwidth", rate)):
