@@ -246,7 +246,7 @@ def short():
         (
             ValueError,
             lambda r, rec: rne.identify(r, rec, cutoff=0.9, rotor=True, friction="viscous+coulomb", offset=True),
-            "`records` give 42 equations for 58 base parameters: a longer motion is needed, or a higher `cutoff`",
+            "`records` give 25 equations for 58 base parameters: a longer motion is needed, or a higher `cutoff`",
         ),
         (
             ValueError,
