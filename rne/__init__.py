@@ -33,7 +33,16 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .identification import Excitation, Identification, excitation, identify
+from .identification import (
+    Consistency,
+    Excitation,
+    Identification,
+    ModelComparison,
+    compare_models,
+    consistency,
+    excitation,
+    identify,
+)
 from .kernels.compilation import compile, derivative
 from .kernels.kernel import Kernel
 from .model.chains import chain
@@ -60,6 +69,7 @@ __version__ = "0.1.0"
 __all__ = [
     "BaseParameters",
     "BearingPeaks",
+    "Consistency",
     "Cylinder",
     "Diagnosis",
     "Ensemble",
@@ -71,6 +81,7 @@ __all__ = [
     "IdentificationError",
     "Kernel",
     "Model",
+    "ModelComparison",
     "ModelError",
     "NotFiniteError",
     "Payload",
@@ -92,7 +103,9 @@ __all__ = [
     "check",
     "check_gains",
     "christoffel_symbols",
+    "compare_models",
     "compile",
+    "consistency",
     "control",
     "control_regressor",
     "coriolis_matrix",

@@ -1,5 +1,8 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
+from .certificate.comparison import ModelComparison, compare_models
+from .certificate.consistency import consistency
+from .certificate.verdict import Consistency
 from .checking import Check
 from .exciting_motions.excitation_result import Excitation
 from .exciting_motions.search_excitation import excitation
@@ -12,12 +15,16 @@ from .result import Identification
 
 __all__ = [
     "Check",
+    "Consistency",
     "Excitation",
     "Identification",
     "LeastSquares",
+    "ModelComparison",
     "Prepared",
     "Record",
     "RecordFinding",
+    "compare_models",
+    "consistency",
     "excitation",
     "identify",
 ]

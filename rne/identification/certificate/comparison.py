@@ -1,0 +1,300 @@
+"""The likely cause of a difference between a robot's torques and those of another model or a measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...basics.arrays import positive_number
+from ...basics.short_text import wrapped
+from ...basics.spatial import Array
+from ...basics.text_table import Row, aligned, short
+from ...model.arguments import joint_array
+from ...robot import Robot
+from ..prepared import Prepared
+from ..record import Record
+from ..stacking import stacked
+from .candidate import Candidate
+from .evidence import SMALLEST, Evidence, all_parameters, gravity_columns
+from .noise import torque_noise
+from .search import search
+
+STATES = 120  # at which two models are compared
+RATE, ACCELERATION = 1.5, 5.0  # standard deviations [rad/s or m/s; rad/s^2 or m/s^2]
+TURNING, SLIDING = np.pi, 0.3  # largest positions where a joint has no limits [rad; m]
+TOLERANCE = 1e-8  # of torques: two models that differ by less are the same
+NOISE = 1.3  # times the noise: a residual that is explained by it
+SHOWN = 5
+NONE, UNKNOWN = "none", "unknown"
+
+Other = Robot | Callable[[Array, Array, Array], Any] | Sequence[Any] | Record
+
+
+@dataclass(frozen=True, eq=False)
+class ModelComparison:
+    """The likely cause of a difference of torques, by `rne.compare_models`.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+    causes : tuple of str
+        ("none",) if the torques agree, ("unknown",) if no hypothesis explains the difference; else one cause, or two
+        that act together.
+    text : str
+        The cause in words, with its numbers: what the other model has.
+    difference : ndarray, shape (n,)
+        |tau - torques of the robot| / |tau| of each joint, tau being the other's or the measured ones.
+    unexplained : ndarray, shape (n,)
+        The same for what the cause leaves.
+    accuracy : ndarray, shape (n,)
+        Rounding that is allowed, or noise, as a part of |tau|.
+    candidates : tuple of Candidate
+        All hypotheses, the best first.
+    equivalent : tuple of str
+        Other causes that explain these torques as well, with as few free numbers.
+    shares : tuple of float
+        Of the difference, what each of `candidates` leaves.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> upside_down = lambda q, qd, qdd: robot.inverse_dynamics(q, qd, qdd) - 2 * robot.gravity_torque(q)
+    >>> rne.compare_models(robot, upside_down).causes
+    ('gravity sign',)
+    """
+
+    joint_names: tuple[str, ...]
+    causes: tuple[str, ...]
+    text: str
+    difference: Array
+    unexplained: Array
+    accuracy: Array
+    candidates: tuple[Candidate, ...]
+    equivalent: tuple[str, ...]
+    shares: tuple[float, ...]
+
+    @property
+    def cause(self) -> str:
+        """The cause; of two that act together, both joined by "and"."""
+        return " and ".join(self.causes)
+
+    def __repr__(self) -> str:
+        return wrapped(f"ModelComparison(cause: {self.cause}; {self.text})")
+
+    def report(self) -> str:
+        """The cause, a table of the joints, and what else was tried.
+
+        Returns
+        -------
+        str
+            Lines of at most 100 characters.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140")
+        >>> print(rne.compare_models(robot, robot).report().splitlines()[0])
+        cause: none
+        """
+        rows = [Row("|difference| / |torque| [%]", ("before", "explained so", "rounding or noise"), words=True)]
+        for name, *cells in zip(self.joint_names, self.difference, self.unexplained, self.accuracy, strict=True):
+            rows.append(Row(f"  {short(name)}", [f"{100 * x:.3g}" for x in cells]))
+        lines = [f"cause: {self.cause}", *wrapped(f"  {self.text}").splitlines(), *aligned(rows)]
+        if self.equivalent:
+            lines.append("cannot be told apart from: " + "; ".join(self.equivalent))
+        if self.candidates:
+            lines.append("hypotheses (share of the difference that is left [%]; free numbers)")
+            for c, share in zip(self.candidates[:SHOWN], self.shares, strict=False):
+                lines += wrapped(f"  {100 * share:.3g}; {c.numbers}: {' and '.join(c.causes)}: {c.text}").splitlines()
+        return "\n".join(lines)
+
+
+def compare_models(
+    robot: Robot,
+    other: Other,
+    *,
+    tolerance: float = TOLERANCE,
+    cutoff: float | None = None,
+    seed: int = 0,
+) -> ModelComparison:
+    """Name the likely cause of a difference between a robot's torques and others.
+
+    Each hypothesis of a list is a change of the robot with few free numbers. Those that explain the difference, in
+    every joint, to rounding or noise are compared by their free numbers and the number of alternatives that they were
+    chosen from: the one that needs fewest is named. Two hypotheses act together only where none alone explains it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model that is taken as right. Its joint friction is not part of its torques.
+    other : Robot, callable, tuple of arrays, or Record
+        Another robot with the same number of joints; a function (q, qd, qdd) -> torques of another library, for arrays
+        of shape (N, n); numbers (q, qd, qdd, tau), shape (N, n) each; or a measured motion.
+    tolerance : float
+        Differences below this part of the torques of a joint are rounding; for a Record noise takes its place.
+    cutoff : float, optional
+        Of the filter of a Record, by default chosen from the measurements [Hz].
+    seed : int
+        Of the random states at which a robot or function is evaluated.
+
+    Returns
+    -------
+    ModelComparison
+        The cause, in a word and with its numbers, and what else was tried.
+
+    Raises
+    ------
+    TypeError
+        If `robot` or `other` is none of these.
+    ValueError
+        If an array has the wrong shape or is not finite, or there are too few states.
+
+    Notes
+    -----
+    Hypotheses: gravity of another sign, magnitude or direction, or a turned base; joints in another order, with flipped
+    axes, or with another zero; degrees for radians; torques in another unit or of another sign; inertia about another
+    point or in other axes, products of inertia of the other sign; rotors, viscous or Coulomb friction, offsets; a
+    payload, other parameters of one body or of several. The measure is the Bayesian information criterion (Schwarz
+    1978), with log of the number of alternatives added. Measured torques are explained if no residual is above 1.3
+    times the noise, which is estimated from their spectrum above the filter's cut-off.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> other = rne.Robot(rne.with_payload(robot.model, 3.0, com=(0, 0, 0.1)))
+    >>> print(rne.compare_models(robot, other).text)
+    it carries a payload of 3 kg at (0, 0, 0.165) m of the frame of joint_6
+    """
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    positive_number("tolerance", tolerance)
+    if isinstance(other, Record):
+        if other.n != robot.n:
+            raise ValueError(f"`other` must be of {robot.n} joints, as the robot, got a record of {other.n}")
+        return judged(measured_evidence(robot, other.prepare(cutoff)))
+    return judged(model_evidence(robot, *states_of(robot, other, seed), tolerance))
+
+
+def states_of(robot: Robot, other: Other, seed: int) -> tuple[Array, Array, Array, Array]:
+    """States and the other's torques."""
+    n = robot.n
+    if isinstance(other, Robot):
+        if other.n != n:
+            raise ValueError(f"`other` must have {n} joints, as the robot, got {other.n}")
+        q, qd, qdd = random_states(robot, seed)
+        return q, qd, qdd, other.inverse_dynamics(q, qd, qdd)
+    if callable(other):
+        q, qd, qdd = random_states(robot, seed)
+        tau = np.asarray(other(q, qd, qdd), dtype=np.float64)
+        if tau.shape != q.shape:
+            raise ValueError(f"`other` must return torques of shape {q.shape}, got {tau.shape}")
+    elif isinstance(other, Sequence) and len(other) == 4:
+        q, qd, qdd, tau = (np.asarray(joint_array(name, x, robot.model), np.float64) for name, x in _named(other))
+        if q.ndim != 2 or not q.shape == qd.shape == qdd.shape == tau.shape:
+            raise ValueError(f"`other` must be four arrays of shape (N, {n}), got {[np.shape(x) for x in other]}")
+    else:
+        raise TypeError(
+            "`other` must be an rne.Robot, a function of (q, qd, qdd), arrays (q, qd, qdd, tau) or an "
+            f"rne.identification.Record, got {type(other).__name__}"
+        )
+    if not np.isfinite(tau).all():
+        raise ValueError("`other`: the torques must be finite")
+    return q, qd, qdd, tau
+
+
+def _named(other: Sequence[ArrayLike]) -> list[tuple[str, ArrayLike]]:
+    return list(zip(("q", "qd", "qdd", "tau"), other, strict=True))
+
+
+def random_states(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
+    """States all over the ranges of the joints."""
+    rng = np.random.default_rng(seed)
+    model = robot.model
+    drive = list(model.independent_joints)
+    reach = np.array([SLIDING if model.joint_types[j] == "prismatic" else TURNING for j in drive])
+    lower, upper = (np.clip(x[drive], -reach, reach) for x in (model.lower, model.upper))
+    q = rng.uniform(lower, upper, (STATES, robot.n))
+    scale = np.where(reach == SLIDING, SLIDING, 1.0)
+    qd = RATE * scale * rng.standard_normal(q.shape)
+    qdd = ACCELERATION * scale * rng.standard_normal(q.shape)
+    return q, qd, qdd
+
+
+def model_evidence(robot: Robot, q: Array, qd: Array, qdd: Array, tau: Array, tolerance: float) -> Evidence:
+    """Torques of another model."""
+    standard = all_parameters(robot)
+    columns = np.concatenate([robot.regressor(q, qd, qdd), standard.drive_columns(qd, qdd)], axis=-1)
+    size = np.sqrt((tau**2).mean(0)) + np.sqrt((robot.inverse_dynamics(q, qd, qdd) ** 2).mean(0))
+    sigma = tolerance * np.maximum(np.maximum(size, SMALLEST * size.max()), np.finfo(float).tiny)
+    gravity = gravity_columns(robot, q)
+    valid = np.ones(tau.shape, bool)
+
+    def predict(torques: Callable[[Array, Array, Array], Array]) -> Array:
+        return torques(q, qd, qdd)
+
+    return Evidence(robot, q, qd, qdd, tau, columns, gravity, standard, valid, sigma, 1.0, True, predict)
+
+
+def measured_evidence(robot: Robot, record: Prepared) -> Evidence:
+    """Measured torques, filtered."""
+    standard = all_parameters(robot)
+    rows = stacked(robot, standard, record, np.zeros(robot.n))
+    q, qd, qdd = (record.reduce(x) for x in (record.q, record.qd, record.qdd))
+    gravity = record.reduce(gravity_columns(robot, record.q))
+    sigma = np.maximum(torque_noise(record), TOLERANCE * np.sqrt((rows.tau**2).mean(0)).max())
+
+    def predict(torques: Callable[[Array, Array, Array], Array]) -> Array:
+        return record.reduce(torques(record.q, record.qd, record.qdd))
+
+    return Evidence(robot, q, qd, qdd, rows.tau, rows.Y, gravity, standard, rows.valid, sigma, NOISE, False, predict)
+
+
+def judged(evidence: Evidence) -> ModelComparison:
+    """The cause, from all hypotheses."""
+    difference = evidence.relative(evidence.difference)
+    accuracy = evidence.relative(np.broadcast_to(evidence.sigma, evidence.tau.shape))
+    if evidence.explains(evidence.difference):
+        return _result(evidence, (NONE,), "the torques agree", difference, accuracy, [], ())
+    found = search(evidence)
+    if not found[0].explains:
+        text = "no hypothesis explains the difference; the nearest are below"
+        return _result(evidence, (UNKNOWN,), text, difference, accuracy, found, ())
+    best = found[0]
+    equals = [c for c in found[1:] if c.explains and c.numbers <= best.numbers and not _akin(c.causes, best.causes)]
+    equivalent = tuple(dict.fromkeys(" and ".join(c.causes) for c in equals))
+    return _result(evidence, best.causes, best.text, evidence.relative(best.residual), accuracy, found, equivalent)
+
+
+def _akin(causes: tuple[str, ...], others: tuple[str, ...]) -> bool:
+    """True if one names the other: friction and viscous friction."""
+    return any(a in b or b in a for a in causes for b in others)
+
+
+def _result(
+    evidence: Evidence,
+    causes: tuple[str, ...],
+    text: str,
+    unexplained: Array,
+    accuracy: Array,
+    found: list[Candidate],
+    equivalent: tuple[str, ...],
+) -> ModelComparison:
+    size = float(np.linalg.norm(evidence.weighted(evidence.difference))) or 1.0
+    shares = tuple(float(np.linalg.norm(evidence.weighted(c.residual))) / size for c in found)
+    return ModelComparison(
+        evidence.robot.joint_names,
+        causes,
+        text,
+        evidence.relative(evidence.difference),
+        unexplained,
+        accuracy,
+        tuple(found),
+        equivalent,
+        shares,
+    )

@@ -1,0 +1,81 @@
+"""Whether measured torques can come from one rigid-body model: torques of a robot can, planted contradictions cannot."""
+
+import numpy as np
+import pytest
+
+import rne
+from rne.identification import Record
+
+from .measurements import truth
+
+VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
+NOISE = np.array([1.5, 1.5, 0.9, 0.3, 0.3, 0.3])  # standard deviation of each torque [N m]
+NOISE_FOUND = 0.35  # relative error of the noise, from some hundred ordinates of its spectrum and steps of friction
+BALANCED = 0.01  # of the work: noise of 1 % of the torques, averaged
+
+
+@pytest.fixture(scope="module")
+def scene():
+    friction = rne.Friction(viscous=VISCOUS, coulomb=COULOMB, smoothing=1e-4)
+    return rne.Scene(rne.load("irb140"), friction=friction)
+
+
+@pytest.fixture(scope="module")
+def motion(scene):
+    return truth(scene, seed=1)
+
+
+def judged(scene, motion, tau, seed, **options):
+    noisy = tau + NOISE * np.random.default_rng(seed).normal(size=tau.shape)
+    return rne.consistency(scene.robot, Record(motion.t, motion.q, noisy), friction="viscous+coulomb", **options)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_torques_of_a_robot_are_of_one_model(scene, seed):
+    motion = truth(scene, seed=seed)
+    found = judged(scene, motion, motion.tau, seed)
+    assert found.one_model, found.report()
+    assert found.energy.missing < BALANCED
+
+
+def test_noise_is_found(scene, motion):
+    found = judged(scene, motion, motion.tau, 5)
+    prepared = Record(motion.t, motion.q, motion.tau).prepare()
+    noise = prepared.reduce(NOISE * np.random.default_rng(6).normal(size=prepared.tau.shape))
+    expected = noise.std(0) / np.sqrt((prepared.reduce(prepared.tau) ** 2).mean(0))
+    np.testing.assert_allclose(found.noise, expected, rtol=NOISE_FOUND)
+
+
+@pytest.mark.parametrize(("joint", "factor"), [(1, 1.1), (2, 1.2), (1, 0.8)])
+def test_wrong_gear_ratio_is_a_contradiction(scene, motion, joint, factor):
+    tau = motion.tau.copy()
+    tau[:, joint] *= factor
+    found = judged(scene, motion, tau, 0)
+    assert found.conflict[joint], found.report()
+    assert found.verdict.startswith("no single set of inertial parameters fits: joint_1, joint_2")
+
+
+def test_exchanged_torques_are_a_contradiction(scene, motion):
+    assert not judged(scene, motion, motion.tau[:, [0, 2, 1, 3, 4, 5]], 0).one_model
+
+
+def test_missing_friction_is_missing_energy(scene, motion):
+    """Drives do work that a model without friction neither stores nor loses, in every joint."""
+    record = Record(motion.t, motion.q, motion.tau)
+    found = rne.consistency(scene.robot, record)
+    assert found.energy.missing > 0.1
+    assert (found.energy.lost > 0).all()
+    complete = rne.consistency(scene.robot, record, friction="viscous+coulomb")
+    assert complete.energy.missing < BALANCED
+    assert (np.abs(complete.energy.lost) < BALANCED).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["irb140", "ur5"])
+@pytest.mark.parametrize("seed", range(20))
+def test_no_false_alarm(name, seed):
+    friction = rne.Friction(viscous=VISCOUS, coulomb=COULOMB, smoothing=1e-4)
+    scene = rne.Scene(rne.load(name), friction=friction)
+    motion = truth(scene, seed=seed)
+    found = judged(scene, motion, motion.tau, seed)
+    assert found.one_model, found.report()
