@@ -53,7 +53,8 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
         m, h = m[..., None], h[..., None, :]
         Jw, Jv, dJw, dJv = all_Jw[i], all_Jv[i], all_dJw[i], all_dJv[i]  # rows are joints: J^T of the docstring
         omega = (Jw * rates[..., :, None]).sum(-2)
-        spin = I.trace(axis1=-2, axis2=-1)[..., None, None] / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
+        trace = I[..., :1, :1] + I[..., 1:2, 1:2] + I[..., 2:, 2:]
+        spin = trace / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
         a = dJv + cross(omega[..., None, :], Jv)
         f = m * a + cross(dJw, h) + cross(omega[..., None, :], cross(Jw, h))
         n = cross(h, a) + dJw @ I + Jw @ transpose(spin)
