@@ -245,6 +245,12 @@ def short():
         ),
         (
             ValueError,
+            lambda r, rec: rne.identify(rne.Robot(rne.with_parameters(r.model, 0 * r.parameters)), rec),
+            "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between the "
+            "joints, or `consistent=False`",
+        ),
+        (
+            ValueError,
             lambda r, rec: rne.identify(r, rec, cutoff=0.9, rotor=True, friction="viscous+coulomb", offset=True),
             "`records` give 25 equations for 58 base parameters: a longer motion is needed, or a higher `cutoff`",
         ),

@@ -203,6 +203,11 @@ def prior_bodies(
         raise TypeError(f"`prior` must be an rne.Robot or 'geometry', got {known!r}")
     if known.model.moving_joints != robot.model.moving_joints:
         raise ValueError(f"`prior` must have the joints {list(robot.model.moving_joints)}")
+    if not known.model.mass.any():
+        raise ValueError(
+            "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between the "
+            "joints, or `consistent=False`"
+        )
     bodies, thickened = model_prior(known.model)
     return bodies, tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)
 

@@ -61,7 +61,9 @@ def joints_text(found: Any) -> str:
             f"{found.repeats[j]:.2f}",
         )
         rows.append(Row(f"  {short(name)}", cells))
-    return "\n".join(aligned(rows))
+    blocks = len(found.equations.factors)
+    close = f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others."
+    return "\n".join([*aligned(rows), close])
 
 
 def parameters_text(found: Any) -> str:
