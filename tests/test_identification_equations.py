@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import rne
-from rne.identification.consistent import consistent_fit
-from rne.identification.equations import equations, joined
-from rne.identification.least_squares import least_squares
-from rne.identification.prior import geometric_prior, model_prior
+from rne.identification.estimation.consistent import consistent_fit
+from rne.identification.estimation.equations import equations, joined
+from rne.identification.estimation.least_squares import least_squares
+from rne.identification.estimation.prior import geometric_prior, model_prior
 from rne.model.pseudo_inertia import dual_of_gradient, pseudo_inertia
 
 SAME = 1e-11  # relative: another order of operations, condition below 100

@@ -4,13 +4,13 @@ from .certificate.comparison import ModelComparison, compare_models
 from .certificate.consistency import consistency
 from .certificate.verdict import Consistency
 from .checking import Check
+from .estimation.least_squares import LeastSquares
 from .exciting_motions.excitation_result import Excitation
 from .exciting_motions.search_excitation import excitation
-from .findings import RecordFinding
 from .fit import identify
-from .least_squares import LeastSquares
-from .prepared import Prepared
-from .record import Record
+from .measurements.findings import RecordFinding
+from .measurements.prepared import Prepared
+from .measurements.record import Record
 from .result import Identification
 
 __all__ = [

@@ -15,15 +15,15 @@ from ..model.parameters import PARAMETERS
 from ..model.pseudo_inertia import parameters_of_pseudo_inertia
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
-from .correlation import repeats_of_filtered_noise, repeats_of_residuals
-from .equations import Equations, joined
-from .least_squares import least_squares, with_correlation
-from .method import Method, held_out
-from .prepared import Prepared
-from .prior import geometric_prior, model_prior
-from .record import Record
+from .estimation.correlation import repeats_of_filtered_noise, repeats_of_residuals
+from .estimation.equations import Equations, joined
+from .estimation.least_squares import least_squares, with_correlation
+from .estimation.method import Method, held_out
+from .estimation.prior import geometric_prior, model_prior
+from .estimation.stacking import Stacked, stacked
+from .measurements.prepared import Prepared
+from .measurements.record import Record
 from .result import Identification
-from .stacking import Stacked, stacked
 
 SLOWEST = 0.02  # of a joint's largest rate: below it, Coulomb friction has no known direction
 HELD_OUT = 10  # blocks of the measurements, each predicted from the others
@@ -205,8 +205,8 @@ def prior_bodies(
         raise ValueError(f"`prior` must have the joints {list(robot.model.moving_joints)}")
     if not known.model.mass.any():
         raise ValueError(
-            "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between the "
-            "joints, or `consistent=False`"
+            "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between "
+            "the joints, or `consistent=False`"
         )
     bodies, thickened = model_prior(known.model)
     return bodies, tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)

@@ -18,11 +18,11 @@ from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import Friction
 from .checking import Check
-from .equations import Equations
-from .least_squares import LeastSquares
-from .prepared import Prepared
-from .prior import expected_sizes
-from .record import Record
+from .estimation.equations import Equations
+from .estimation.least_squares import LeastSquares
+from .estimation.prior import expected_sizes
+from .measurements.prepared import Prepared
+from .measurements.record import Record
 from .report import report_text
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...basics.spatial import Array, cross_matrix
 from ...model.parameters import COLUMNS, PARAMETERS, ROWS
-from ..equations import triangular
+from ..estimation.equations import triangular
 from .candidate import Candidate
 from .evidence import Evidence
 

@@ -15,9 +15,9 @@ from ...basics.spatial import Array
 from ...basics.text_table import Row, aligned, short
 from ...model.arguments import joint_array
 from ...robot import Robot
-from ..prepared import Prepared
-from ..record import Record
-from ..stacking import stacked
+from ..estimation.stacking import stacked
+from ..measurements.prepared import Prepared
+from ..measurements.record import Record
 from .candidate import Candidate
 from .evidence import SMALLEST, Evidence, all_parameters, gravity_columns
 from .noise import torque_noise

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from ...model.standard_parameters import StandardParameters
 from ...robot import Robot
+from ..estimation.stacking import stacked
 from ..fit import HELD_OUT, check_count, checked_records, equations_of, minimum_rates, repeated_equations
-from ..record import Record
-from ..stacking import stacked
+from ..measurements.record import Record
 from .joint_statistics import own_fit
 from .verdict import Consistency, certified
 

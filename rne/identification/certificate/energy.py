@@ -15,7 +15,7 @@ from ...basics.spatial import Array
 from ...dynamics.regressor import kinetic_energy_regressor, potential_energy_regressor
 from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
-from ..prepared import Prepared
+from ..measurements.prepared import Prepared
 
 PIECES = 10  # of each segment, over which work and energy are compared
 

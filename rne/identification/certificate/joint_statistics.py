@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...basics.spatial import Array
-from ..equations import Equations
-from ..least_squares import solve
+from ..estimation.equations import Equations
+from ..estimation.least_squares import solve
 
 PRECISION = 1e-6  # of a joint's torques: no fit is taken for more exact
 BELIEVED = 1e-6  # singular values below this part of the largest say nothing

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...basics.spatial import Array
-from ..filtering import ORDER
-from ..prepared import Prepared
+from ..measurements.filtering import ORDER
+from ..measurements.prepared import Prepared
 
 ABOVE = 2.0  # times the cut-off: no motion is left there
 LOWEST, HIGHEST = 0.25, 0.45  # of the sample rate, between which noise is looked for

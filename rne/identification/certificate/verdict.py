@@ -12,8 +12,8 @@ from ...basics.spatial import Array
 from ...basics.text_table import Row, aligned, short
 from ...dynamics.base_parameters import BaseParameters
 from ...robot import Robot
-from ..equations import Equations
-from ..prepared import Prepared
+from ..estimation.equations import Equations
+from ..measurements.prepared import Prepared
 from .energy import EnergyBalance, energy_balance
 from .joint_statistics import PRECISION, joint_statistics
 from .noise import torque_noise

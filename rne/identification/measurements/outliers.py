@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 from .findings import runs
 
 BOUND = 10.0  # times the usual deviation from neighbours, above which a value is wild

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 
 REGULAR = 0.02  # deviation of stamps from an equally spaced grid that is none, as a part of the period
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array, vector
-from ..basics.spatial import Array
+from ...basics.arrays import real_array, vector
+from ...basics.spatial import Array
 
 SINGULAR = 1e-10  # smallest singular value as a part of the largest, with each motor's row scaled to one
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 
 WINDOW = 4.0  # seconds of one spectrum; several are averaged
 POWER = 0.99  # share of the rates' power that makes up the motion's bandwidth

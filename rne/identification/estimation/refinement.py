@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 
 STEPS = 30
 CONVERGED = 1e-16  # of the decrement, half of which is the gap of the objective to its minimum

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..dynamics.base_parameters import BaseParameters
-from ..model.parameters import PARAMETERS
-from ..model.standard_parameters import StandardParameters
+from ...basics.spatial import Array
+from ...dynamics.base_parameters import BaseParameters
+from ...model.parameters import PARAMETERS
+from ...model.standard_parameters import StandardParameters
 from .consistent import consistent_fit
 from .equations import Equations
 from .least_squares import LeastSquares, least_squares

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 from .equations import Equations
 
 ROUNDS = 30  # of weighting; it settles in a few

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..dynamics.base_parameters import BaseParameters
-from ..model.model import Model
-from ..model.parameters import parameters_of
-from ..model.pseudo_inertia import pseudo_inertia
+from ...basics.spatial import Array
+from ...dynamics.base_parameters import BaseParameters
+from ...model.model import Model
+from ...model.parameters import parameters_of
+from ...model.pseudo_inertia import pseudo_inertia
 
 THICKNESS = 0.2  # of a guessed body: standard deviation of its mass across its length, as a part of the length
 SHORTEST = 0.1  # length of a guessed body without extent, as a part of the robot's mean distance between joints

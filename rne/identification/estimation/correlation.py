@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..basics.spatial import Array
-from .filtering import low_pass
+from ...basics.spatial import Array
+from ..measurements.filtering import low_pass
 
 RESPONSE = 8.0  # periods of the cut-off after which nothing is left of an impulse
 WINDOW = 5.0  # the sum ends at this many times itself (Sokal's rule)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers
-from ..basics.short_text import counted
-from ..basics.spatial import Array
-from ..simulation.motion_files import numbered_joints
+from ...basics.arrays import convert_numbers
+from ...basics.short_text import counted
+from ...basics.spatial import Array
+from ...simulation.motion_files import numbered_joints
 from .bandwidth import FASTEST
 from .findings import RecordFinding
 from .preparation import Part, prepare

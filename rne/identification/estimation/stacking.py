@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..model.standard_parameters import StandardParameters
-from ..robot import Robot
+from ...basics.spatial import Array
+from ...model.standard_parameters import StandardParameters
+from ...robot import Robot
+from ..measurements.prepared import Prepared
 from .equations import Equations, equations
-from .prepared import Prepared
 
 
 class Stacked(NamedTuple):

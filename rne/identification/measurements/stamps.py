@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 from .findings import Findings
 from .grid import REGULAR
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 from .findings import Findings, RecordFinding, runs
 from .grid import Segment, sample_period, split
 from .outliers import encoder_step, jumps, repeated, usual_deviation, wild_values

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers, positive_number
-from ..basics.spatial import Array
-from ..trajectories import read_csv
+from ...basics.arrays import convert_numbers, positive_number
+from ...basics.spatial import Array
+from ...trajectories import read_csv
 from .motor_side import motor_side
 
 if TYPE_CHECKING:
-    from ..simulation.trajectory import Trajectory
+    from ...simulation.trajectory import Trajectory
 
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 

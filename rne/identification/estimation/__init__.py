@@ -1,0 +1,1 @@
+"""Parameters from linear equations: least squares, and physically consistent bodies."""
