@@ -14,13 +14,23 @@ from rne.model.parameters import COLUMNS, ROWS
 def planted(robot, seed=0):
     """Causes, a variant behind a slash, and the torques of a model that has this fault."""
     rng, model = np.random.default_rng(seed), robot.model
+    tau = robot.inverse_dynamics
     return {
         **of_models(robot, rng),
-        **of_conventions(robot, rng),
-        **of_torques(robot, rng),
+        **of_conventions(tau, robot.n, rng),
+        **of_torques(tau, robot.n, rng),
         **of_inertias(robot, rng),
         "none": rne.Robot(replace(model, name="the same")).inverse_dynamics,
     }
+
+
+def planted_pair(robot, rng):
+    """A fault of the model, and one of conventions or torques on top of it: both causes and the torques."""
+    models = {**of_models(robot, rng), **of_inertias(robot, rng)}
+    first = list(models)[int(rng.integers(len(models)))]
+    others = {**of_conventions(models[first], robot.n, rng), **of_torques(models[first], robot.n, rng)}
+    second = list(others)[int(rng.integers(len(others)))]
+    return first, second, others[second]
 
 
 def of_models(robot, rng):
@@ -43,8 +53,7 @@ def of_models(robot, rng):
     return {cause: rne.Robot(replace(m, notes={})).inverse_dynamics for cause, m in models.items()}
 
 
-def of_conventions(robot, rng):
-    tau, n = robot.inverse_dynamics, robot.n
+def of_conventions(tau, n, rng):
     i, j = rng.choice(np.arange(n), 2, replace=False)
     order = np.arange(n)
     order[[i, j]] = j, i
@@ -68,8 +77,7 @@ def of_conventions(robot, rng):
     }
 
 
-def of_torques(robot, rng):
-    tau, n = robot.inverse_dynamics, robot.n
+def of_torques(tau, n, rng):
     k = int(rng.integers(n))
     flipped, other = np.ones(n), np.ones(n)
     flipped[k], other[k] = -1, 1.37

@@ -30,7 +30,7 @@ def judged(scene, motion, tau, seed, **options):
     return rne.consistency(scene.robot, Record(motion.t, motion.q, noisy), friction="viscous+coulomb", **options)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_torques_of_a_robot_are_of_one_model(scene, seed):
     motion = truth(scene, seed=seed)
     found = judged(scene, motion, motion.tau, seed)
@@ -46,7 +46,7 @@ def test_noise_is_found(scene, motion):
     np.testing.assert_allclose(found.noise, expected, rtol=NOISE_FOUND)
 
 
-@pytest.mark.parametrize(("joint", "factor"), [(1, 1.1), (2, 1.2), (1, 0.8)])
+@pytest.mark.parametrize(("joint", "factor"), [(1, 1.1), (2, 1.2)])
 def test_wrong_gear_ratio_is_a_contradiction(scene, motion, joint, factor):
     tau = motion.tau.copy()
     tau[:, joint] *= factor
@@ -68,6 +68,14 @@ def test_missing_friction_is_missing_energy(scene, motion):
     complete = rne.consistency(scene.robot, record, friction="viscous+coulomb")
     assert complete.energy.missing < BALANCED
     assert (np.abs(complete.energy.lost) < BALANCED).all()
+
+
+def test_report_of_an_identification_ends_with_the_certificate(scene, motion):
+    record = Record(motion.t, motion.q, motion.tau)
+    text = rne.identify(scene.robot, record, friction="viscous+coulomb", consistent=False).report()
+    last = text.split("\n\n")[-1]
+    assert last.startswith("one rigid-body model explains the torques to"), last
+    assert last.splitlines()[-1].startswith("energy: "), last
 
 
 @pytest.mark.long

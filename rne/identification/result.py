@@ -17,6 +17,7 @@ from ..model.parameters import PARAMETERS, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import Friction
+from .certificate.verdict import certificate_lines
 from .checking import Check
 from .estimation.equations import Equations
 from .estimation.least_squares import LeastSquares
@@ -256,7 +257,8 @@ class Identification:
         Returns
         -------
         str
-            Paragraphs on the measurements, the joints, the base parameters and the bodies.
+            Paragraphs on the measurements, the joints, the base parameters and the bodies, and whether one rigid-body
+            model can be behind the measurements, as `rne.consistency` says.
 
         Examples
         --------
@@ -268,4 +270,6 @@ class Identification:
         >>> print(found.report().splitlines()[0][:28])
         36 base parameters of irb140
         """
-        return report_text(self)
+        given = self.initial, self.base, self.records, self.equations, self.repeats, self.held_out
+        certificate = certificate_lines(*given)
+        return f"{report_text(self)}\n\n{certificate}"

@@ -41,6 +41,8 @@ class Evidence:
         Largest root mean square of a residual that counts as explained, in units of `sigma`.
     exact : bool
         True if `sigma` is a tolerance and not noise: residuals below it are equally good.
+    repeats : float
+        How many torques count as one, because the filter makes neighbours alike.
     predict : callable
         Torques of the robot, filtered as `tau` is, of a map of states (q, qd, qdd) -> torques.
     """
@@ -57,6 +59,7 @@ class Evidence:
     sigma: Array
     limit: float
     exact: bool
+    repeats: float
     predict: Callable[[Callable[[Array, Array, Array], Array]], Array]
 
     @cached_property
@@ -77,6 +80,11 @@ class Evidence:
     def count(self) -> int:
         """Number of torques."""
         return int(self.valid.sum())
+
+    @property
+    def independent(self) -> float:
+        """Number of independent torques."""
+        return self.count / self.repeats
 
     def weighted(self, residual: Array) -> Array:
         """Residuals, or columns of them, in units of `sigma`; zero where not valid; shape (R n, ...)."""
@@ -108,7 +116,8 @@ class Evidence:
         """
         mean = float((self.weighted(residual) ** 2).sum() / self.count)
         mean = max(mean, self.limit**2 if self.exact else np.finfo(float).tiny)
-        return float(self.count * np.log(mean) + numbers * np.log(self.count) + 2 * np.log(alternatives))
+        N = self.independent
+        return float(N * np.log(mean) + numbers * np.log(N) + 2 * np.log(alternatives))
 
 
 def all_parameters(robot: Robot) -> StandardParameters:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations
+from math import comb
+
+import numpy as np
 
 from ...basics.spatial import Array
 from .bodies import payloads, turned_inertias
-from .candidate import Candidate, Fitter, joint_group
+from .candidate import NEAR, Candidate, Fitter, joint_group
 from .conventions import Convention, Screen, families
 from .evidence import Evidence
-from .groups import Group, groups
+from .groups import Group, Named, groups
 from .zeros import shifted_zeros
 
+OTHER_BODIES = {"one body", "payload"}  # two of them are several bodies
+DECISIVE = 10.0  # difference of scores that chance hardly makes (Kass and Raftery 1995)
 LAST = "several bodies"  # explains whatever other bodies do: asked only after pairs of causes
 
 
@@ -32,7 +37,17 @@ def search(evidence: Evidence) -> list[Candidate]:
     found = list(single(evidence, linear, screens))
     if not any(c.explains and c.causes != (LAST,) for c in found):
         found += double(evidence, linear, screens)
-    return sorted(found, key=lambda c: (not c.explains, c.score))
+    return ranked(evidence, found)
+
+
+def ranked(evidence: Evidence, found: list[Candidate]) -> list[Candidate]:
+    """The best first; with noise, of those nearly as good as the best the one with the fewest free numbers."""
+    found = sorted(found, key=lambda c: (not c.explains, c.score))
+    if evidence.exact or not found[0].explains:
+        return found
+    near = [c for c in found if c.explains and c.score <= found[0].score + DECISIVE]
+    first = min(near, key=lambda c: (len(c.causes), c.numbers))
+    return [first, *(c for c in found if c is not first)]
 
 
 def single(evidence: Evidence, linear: list[Group], screens: dict[str, Screen]) -> Iterator[Candidate]:
@@ -68,7 +83,7 @@ def double(evidence: Evidence, linear: list[Group], screens: dict[str, Screen]) 
         for group in free:
             yield from of_both(evidence, cause, screen.finalists(group.columns)[0], group)
     for first, second in combinations(free, 2):
-        if first.cause != second.cause:
+        if first.cause != second.cause and not {first.cause, second.cause} <= OTHER_BODIES:
             pair = Fitter(evidence, joint_group(first, second), evidence.difference).pruned()
             yield pair
             if pair.explains:
@@ -89,8 +104,19 @@ def with_named(evidence: Evidence, linear: list[Group], group: Group) -> Iterato
     for other in linear:
         if other.cause == group.cause:
             continue
-        for named in other.named:
+        for named in (*other.named, *near_values(evidence, other, group)):
             left = evidence.difference - other.columns @ named.values
             first = Candidate.of(evidence, (named.cause,), named.text, 0, named.alternatives, left)
             for second in Fitter(evidence, group, left).best():
                 yield first.followed_by(evidence, second)
+
+
+def near_values(evidence: Evidence, other: Group, group: Group) -> Iterator[Named]:
+    """Coefficients without free numbers that are near those of a fit together with another cause."""
+    k = other.columns.shape[-1]
+    fitter = Fitter(evidence, joint_group(other, group), evidence.difference)
+    fitted = fitter.fit(np.arange(fitter.A.shape[1])).coefficients[:k] if other.values else np.zeros(k)
+    for value in other.values:
+        c = np.where(np.abs(fitted / value - 1) < NEAR, value, 0.0)
+        if c.any():
+            yield Named(c, other.text(c), other.cause, other.alternatives * comb(k, int(np.count_nonzero(c))))

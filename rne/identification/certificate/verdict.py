@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -176,7 +176,12 @@ def noise_shares(prepared: Sequence[Prepared]) -> Array:
 
 
 def certificate_lines(
-    robot: Robot, base: BaseParameters, records: Sequence[Prepared], equations: Equations, repeats: Array
+    robot: Robot,
+    base: BaseParameters,
+    records: Sequence[Prepared],
+    equations: Equations,
+    repeats: Array,
+    held_out: Array,
 ) -> str:
     """The certificate of an identification as text, from its equations and filtered records.
 
@@ -189,6 +194,8 @@ def certificate_lines(
         Of the standard parameters, in blocks.
     repeats : ndarray, shape (n,)
         How many equations of a joint count as one.
+    held_out : ndarray, shape (n,)
+        Errors on held-out blocks, as the identification has them.
 
     Returns
     -------
@@ -203,4 +210,5 @@ def certificate_lines(
             left.append(r.reduce(r.tau - robot.regressor(r.q, r.qd, r.qdd) @ x[:bodies] - drives))
         return left
 
-    return certified(base, records, equations, equations, repeats, residuals).report()
+    found = certified(base, records, equations, equations, repeats, residuals)
+    return replace(found, held_out=held_out).report()
