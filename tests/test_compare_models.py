@@ -94,6 +94,14 @@ def test_fault_is_named_in_a_measured_motion(label):
     assert found.cause == label, found.report()
 
 
+def test_coarse_encoders_are_no_fault():
+    """Rounded to 11 bits, positions give more noise to the predicted torques than the measured ones have."""
+    robot = rne.load("irb140")
+    noise = np.array([1.5, 1.5, 0.9, 0.3, 0.3, 0.3])
+    found = rne.compare_models(robot, record(truth(robot), torque_noise=noise, encoder_step=2 * np.pi / 2**11))
+    assert found.cause == "none", found.report()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("label", [label for label in CAUSES if label != "products of inertia"])
 @pytest.mark.parametrize(("name", "seed"), [("irb140", 1), ("irb140", 2), ("ur5", 1), ("ur5", 2)])

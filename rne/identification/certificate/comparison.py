@@ -148,7 +148,7 @@ def compare_models(
     point or in other axes, products of inertia of the other sign; rotors, viscous or Coulomb friction, offsets; a
     payload, other parameters of one body or of several. The measure is the Bayesian information criterion (Schwarz
     1978), with log of the number of alternatives added. Measured torques are explained if no residual is above 1.3
-    times the noise, which is estimated from their spectrum above the filter's cut-off.
+    times the noise: that of torques and of positions, estimated from spectra above the filter's cut-off.
 
     Examples
     --------

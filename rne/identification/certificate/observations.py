@@ -16,7 +16,7 @@ from ..estimation.stacking import stacked
 from ..measurements.prepared import Prepared
 from ..measurements.record import Record
 from .evidence import SMALLEST, Evidence, all_parameters, gravity_columns
-from .noise import torque_noise
+from .noise import torque_noise, torque_noise_of_positions
 
 STATES = 120  # at which two models are compared
 RATE, ACCELERATION = 1.5, 5.0  # standard deviations [rad/s or m/s; rad/s^2 or m/s^2]
@@ -93,7 +93,9 @@ def measured_evidence(robot: Robot, record: Prepared) -> Evidence:
     rows = stacked(robot, standard, record, np.zeros(robot.n))
     q, qd, qdd = (record.reduce(x) for x in (record.q, record.qd, record.qdd))
     gravity = record.reduce(gravity_columns(robot, record.q))
-    sigma = np.maximum(torque_noise(record), TOLERANCE * np.sqrt((rows.tau**2).mean(0)).max())
+    by_positions = torque_noise_of_positions(record, robot.inverse_dynamics(record.q, record.qd, record.qdd))
+    least = TOLERANCE * np.sqrt((rows.tau**2).mean(0)).max()
+    sigma = np.sqrt(torque_noise(record) ** 2 + by_positions**2 + least**2)
 
     def predict(torques: Callable[[Array, Array, Array], Array]) -> Array:
         return record.reduce(torques(record.q, record.qd, record.qdd))
