@@ -100,12 +100,16 @@ assert abs(z).max() < 5
 # A model that predicts what it was fitted to proves little. Here is a motion it has not
 # seen: measured and predicted torques, and what is left.
 
+w = 2 * np.pi * np.array([0.2, 0.25, 0.3, 0.35, 0.4, 0.45])  # [rad/s]
+
+
+def sway(t):
+    angle = np.multiply.outer(t, w)
+    return 0.6 * np.sin(angle), 0.6 * w * np.cos(angle), -0.6 * w**2 * np.sin(angle)
+
+
 other = Path(folder.name) / "other.csv"
-log(
-    other,
-    np.arange(0, 3, 0.002),
-    rne.trajectories.quintic([0] * 6, [1, 0.8, -0.6, 1, -0.5, 1.5], 3.0),
-)
+log(other, np.arange(0, 10, 0.002), sway)
 check = found.check(rne.identification.Record.from_csv(other, known.joint_names))
 print(check.report())
 figure = check.plot()

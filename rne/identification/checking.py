@@ -126,4 +126,6 @@ class Check:
                 curves(ax, self.t, values[:, [j]], [label if j == 0 else "_nolegend_"], [color])
             dress(ax, f"{short(self.joint_names[j])}\n[{self.units[j]}]")
         legend_beside(panels[0])
-        return figure_of(panels)
+        figure = figure_of(panels)
+        figure.align_ylabels(panels)
+        return figure
