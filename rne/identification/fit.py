@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, vector
+from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..dynamics.base_parameters import BaseParameters
 from ..errors import IdentificationError
@@ -15,19 +15,17 @@ from ..model.parameters import PARAMETERS
 from ..model.pseudo_inertia import parameters_of_pseudo_inertia
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
-from .estimation.correlation import repeats_of_filtered_noise, repeats_of_residuals
-from .estimation.equations import Equations, joined
-from .estimation.least_squares import least_squares, with_correlation
+from .estimation.equations import Equations
+from .estimation.least_squares import LeastSquares, least_squares, with_correlation
 from .estimation.method import Method, held_out
 from .estimation.prior import geometric_prior, model_prior
-from .estimation.stacking import Stacked, stacked
-from .measurements.prepared import Prepared
+from .gathering import HELD_OUT, check_robot, gathered
 from .measurements.record import Record
 from .result import Identification
 
-SLOWEST = 0.02  # of a joint's largest rate: below it, Coulomb friction has no known direction
-HELD_OUT = 10  # blocks of the measurements, each predicted from the others
 SPREAD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
+SPREAD_OF_GUESS = 3.0  # of bodies guessed from the geometry
+BEYOND_DOUBT = 4.0  # standard errors
 
 
 def identify(
@@ -40,7 +38,7 @@ def identify(
     shafts: ArrayLike | None = None,
     consistent: bool = True,
     prior: Robot | str | None = None,
-    spread: float = SPREAD,
+    spread: float | None = None,
     smoothing: float = 0.0,
     minimum_rate: ArrayLike | None = None,
     cutoff: float | None = None,
@@ -72,8 +70,8 @@ def identify(
     prior : Robot or "geometry", optional
         Where the motion says nothing, bodies are like those of this robot; "geometry" guesses rods between the joints
         and finds their density from the measurements.
-    spread : float
-        How far, relatively, bodies are expected to differ from the prior.
+    spread : float, optional
+        How far, relatively, bodies are expected to differ from the prior: by default 0.3, for "geometry" 3.
     smoothing : float
         Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
     minimum_rate : array_like, shape (n,), optional
@@ -116,78 +114,37 @@ def identify(
     >>> found.base.count
     36
     """
-    given = checked_records(robot, records)
+    check_robot(robot)
     standard = StandardParameters(robot.model, rotor, friction, offset, shafts, smoothing)
     base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts)
-    prepared = tuple(record.prepare(cutoff, decimation) for record in given)
-    rates = minimum_rates(standard, prepared, minimum_rate)
-    rows = [stacked(robot, standard, record, rates) for record in prepared]
-    check_count(rows, base)
-    fitted, measured = equations_of(rows, prepared, blocks)
-    guess, notes = prior_bodies(robot, prior, standard, fitted) if consistent else (None, ())
-    method = Method(standard, base, guess, positive_number("spread", spread) ** -2)
-    estimate, parameters = method.solved(fitted)
-    repeats = repeated_equations(rows, prepared, base.back @ estimate.values)
-    estimate = with_correlation(estimate, fitted.mapped(base.back), repeats)
-    errors = held_out(method, fitted, measured)
-    return Identification(
-        robot, standard, base, prepared, estimate, parameters, consistent, errors, fitted, rates, repeats, notes
-    )
+    data = gathered(robot, records, standard, base, minimum_rate, cutoff, decimation, blocks)
+    guess, notes = prior_bodies(robot, prior, standard, data.fitted) if consistent else (None, ())
+    if prior is not None and not consistent:
+        raise ValueError("`prior` is for the physically consistent fit: leave it out, or set `consistent=True`")
+    method = Method(standard, base, guess, positive_number("spread", spread_of(prior, spread)) ** -2)
+    estimate, parameters = method.solved(data.fitted)
+    repeats = data.repeats(base.back @ estimate.values)
+    estimate = with_correlation(estimate, data.fitted.mapped(base.back), repeats)
+    errors = held_out(method, data.fitted, data.measured)
+    notes = (*data.notes, *notes, *negative_drives(robot, base, estimate))
+    return Identification(robot, standard, base, data, estimate, parameters, consistent, errors, repeats, notes)
 
 
-def checked_records(robot: Robot, records: Record | Sequence[Record]) -> tuple[Record, ...]:
-    """The records as a tuple, all of the robot's joints."""
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
-    given = (records,) if isinstance(records, Record) else tuple(records)
-    if not given:
-        raise ValueError("`records` must have at least one record")
-    for record in given:
-        if not isinstance(record, Record):
-            raise TypeError(f"`records` must be an rne.identification.Record or several, got {type(record).__name__}")
-        if record.n != robot.n:
-            raise ValueError(f"`records` must be of {robot.n} joints, as the robot, got one of {record.n}")
-    return given
-
-
-def minimum_rates(standard: StandardParameters, prepared: Sequence[Prepared], given: ArrayLike | None) -> Array:
-    """Rates below which the equations of a joint are not fitted, shape (n,)."""
+def spread_of(prior: Robot | str | None, given: float | None) -> float:
+    """How far bodies are expected to differ from the prior: a guess says less than a file."""
     if given is not None:
-        return vector("minimum_rate", given, standard.model.n, sign="not negative")
-    if "Fc" not in standard.terms or standard.smoothing:
-        return np.zeros(standard.model.n)
-    largest: Array = np.max([np.abs(record.qd).max(0) for record in prepared], axis=0)
-    return SLOWEST * largest
+        return given
+    return SPREAD_OF_GUESS if isinstance(prior, str) else SPREAD
 
 
-def equations_of(rows: Sequence[Stacked], prepared: Sequence[Prepared], blocks: int) -> tuple[Equations, Equations]:
-    """Equations to fit, and those to check the fit on, in blocks of time."""
-    each = max(-(-blocks // len(prepared)), 2)
-    parts = [r.compressed(record.blocks(each)) for r, record in zip(rows, prepared, strict=True)]
-    return joined([fitted for fitted, _ in parts]), joined([measured for _, measured in parts])
-
-
-def repeated_equations(rows: Sequence[Stacked], prepared: Sequence[Prepared], x: Array) -> Array:
-    """How many equations of a joint count as one, shape (n,)."""
-    residuals = np.concatenate([r.Y @ x - r.tau for r in rows])
-    used = np.concatenate([r.used for r in rows])
-    parts, start = [], 0
-    for record in prepared:
-        for length in record.segment_lengths:
-            parts.append(slice(start, start + length))
-            start += length
-    by_filter = max(repeats_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in prepared)
-    return np.maximum(repeats_of_residuals(residuals, used, parts), by_filter)
-
-
-def check_count(rows: Sequence[Stacked], base: BaseParameters) -> None:
-    """Refuse fewer equations than unknowns."""
-    count = sum(int(r.used.sum()) for r in rows)
-    if count <= base.count:
-        raise ValueError(
-            f"`records` give {count} equations for {base.count} base parameters: a longer motion is needed, or a "
-            "higher `cutoff`"
-        )
+def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) -> tuple[str, ...]:
+    """Rotors and friction that come out negative beyond doubt: a torque of the wrong sign does this."""
+    bodies, found = PARAMETERS * robot.model.nb, []
+    for k, name in enumerate(base.names):
+        value, error = estimate.values[k], estimate.errors[k]
+        if base.independent[k] >= bodies and not name.startswith("tau0") and value < -BEYOND_DOUBT * error:
+            found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}")
+    return (*found, "negative friction: is the sign of the joint's torque right?") if found else ()
 
 
 def prior_bodies(

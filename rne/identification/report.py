@@ -13,6 +13,8 @@ from ..basics.short_text import counted
 from ..basics.text_table import Row, aligned, short
 from ..model.parameters import PARAMETERS
 
+WORSE = 1.2  # residuals of possible bodies, of those of least squares
+
 
 def report_text(found: Any) -> str:
     """The report, in paragraphs.
@@ -39,8 +41,8 @@ def fitted_text(found: Any) -> str:
         f"{counted(int(found.equations.rows.sum()), 'equation')}, condition number {e.condition:.3g} "
         f"({e.scaled_condition:.3g} with columns of unit length)"
     ]
-    for k, record in enumerate(found.records, 1):
-        lines.append(f"motion {k}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
+    for name, record in zip(found.data.names, found.records, strict=True):
+        lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
         lines += [f"  {note}" for note in record.notes]
     return "\n".join([*lines, *found.notes])
 
@@ -63,18 +65,32 @@ def joints_text(found: Any) -> str:
         rows.append(Row(f"  {short(name)}", cells))
     blocks = len(found.equations.factors)
     close = f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others."
-    return "\n".join([*aligned(rows), close])
+    return "\n".join([*aligned(rows), close, *motions_text(found)])
+
+
+def motions_text(found: Any) -> list[str]:
+    """Errors of each of several motions."""
+    if len(found.records) == 1:
+        return []
+    rows = [Row("errors of each motion [%]", [short(name) for name in found.initial.joint_names], words=True)]
+    each = len(found.equations.factors) // len(found.records)
+    for k, name in enumerate(found.data.names):
+        part = found.equations.of_blocks(np.arange(each * k, each * (k + 1)))
+        share = np.sqrt(part.residuals(found.parameters) / np.maximum(part.torques(), np.finfo(float).tiny))
+        rows.append(Row(f"  {short(name)}", [f"{100 * x:.1f}" for x in share]))
+    return aligned(rows)
 
 
 def parameters_text(found: Any) -> str:
     """Base parameters with standard errors."""
     e = found.estimate
     title = "least squares", "standard error", *(("consistent",) if found.consistent else ())
+    joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):
         cells = [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", *([f"{found.values[k]:.5f}"] if found.consistent else [])]
         rows.append(Row(f"  {name}", cells))
-    lines = aligned(rows)
+    lines = [*aligned(rows), f"Numbers are those of the joints: {joints}."]
     weak = [name for name, seen in zip(found.base.names, found.excited, strict=True) if not seen]
     if weak:
         lines.append(f"not excited, with a standard error above the expected size: {', '.join(weak)}")
@@ -87,5 +103,20 @@ def bodies_text(found: Any) -> str:
     bodies = found.parameters[found.standard.groups["bodies"]].reshape(-1, PARAMETERS)
     for name, body in zip(found.initial.model.moving_joints, bodies, strict=True):
         rows.append(Row(f"  {short(name)}", [f"{x:.4f}" for x in (body[0], *(body[1:4] / body[0]))]))
-    close = "Of bodies with the same base parameters, these are the nearest to the prior."
-    return "\n".join([*aligned(rows), close])
+    return "\n".join([*aligned(rows), closing(found)])
+
+
+def closing(found: Any) -> str:
+    """What the bodies are worth."""
+    values = found.base.back @ found.estimate.values, found.parameters
+    free, consistent = ((found.equations.residuals(x) / found.estimate.sigma**2).sum() for x in values)
+    growth = float(np.sqrt(consistent / max(free, np.finfo(float).tiny)))
+    if growth > WORSE:
+        return (
+            f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and zeros "
+            "of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`spread`)."
+        )
+    return (
+        "Torques do not determine single masses: of all bodies with the same base parameters, these are the nearest to "
+        "the prior."
+    )

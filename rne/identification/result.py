@@ -9,19 +9,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.short_text import counted, wrapped
+from ..basics.short_text import counted, listed, wrapped
 from ..basics.spatial import Array
 from ..dynamics.base_parameters import BaseParameters
+from ..errors import IdentificationError
 from ..model.arguments import joint_array
 from ..model.parameters import PARAMETERS, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
-from ..simulation.friction import Friction
+from ..simulation.friction import SMOOTHING, Friction
 from .certificate.verdict import certificate_lines
 from .checking import Check
 from .estimation.equations import Equations
 from .estimation.least_squares import LeastSquares
 from .estimation.prior import expected_sizes
+from .gathering import Gathered, check_joints
 from .measurements.prepared import Prepared
 from .measurements.record import Record
 from .report import report_text
@@ -42,8 +44,8 @@ class Identification:
         What the torques are linear in, and the names.
     base : BaseParameters
         Those combinations that torques depend on.
-    records : tuple of Prepared
-        The measurements after the filter.
+    data : Gathered
+        The measurements after the filter, and the equations from them.
     estimate : LeastSquares
         Base parameters by weighted least squares, with standard errors.
     parameters : ndarray, shape (P,)
@@ -54,14 +56,10 @@ class Identification:
     held_out : ndarray, shape (n,)
         |predicted - measured| / |measured| of each joint, over blocks of time of which each was predicted by a fit to
         the others.
-    equations : Equations
-        What was fitted.
-    minimum_rate : ndarray, shape (n,)
-        Rates below which the equations of a joint were not fitted [rad/s or m/s].
     repeats : ndarray, shape (n,)
         How many equations of a joint count as one, because residuals are like their neighbours; in the standard errors.
     notes : tuple of str
-        What was assumed.
+        What was assumed, and what looks wrong.
 
     Examples
     --------
@@ -77,13 +75,11 @@ class Identification:
     initial: Robot
     standard: StandardParameters
     base: BaseParameters
-    records: tuple[Prepared, ...]
+    data: Gathered
     estimate: LeastSquares
     parameters: Array
     consistent: bool
     held_out: Array
-    equations: Equations
-    minimum_rate: Array
     repeats: Array
     notes: tuple[str, ...]
 
@@ -96,6 +92,21 @@ class Identification:
         )
 
     @property
+    def records(self) -> tuple[Prepared, ...]:
+        """The measurements after the filter."""
+        return self.data.prepared
+
+    @property
+    def equations(self) -> Equations:
+        """What was fitted."""
+        return self.data.fitted
+
+    @property
+    def minimum_rate(self) -> Array:
+        """Rates below which the equations of a joint were not fitted, shape (n,) [rad/s or m/s]."""
+        return self.data.minimum_rate
+
+    @property
     def values(self) -> Array:
         """Base parameters of `parameters`, in the order of `base.names`, shape (base.count,)."""
         values: Array = self.base.matrix @ self.parameters
@@ -105,22 +116,24 @@ class Identification:
     def excited(self) -> Array:
         """True for base parameters that the motion determines to better than their expected size, (base.count,).
 
-        The size is that of the given robot's bodies, and the largest among the drives; infinite errors are never below.
+        That is the size of the given robot's bodies; of a rotor or friction what would take a tenth of the torque.
         """
-        found: Array = self.estimate.errors < expected_sizes(self.initial.model, self.base, self.estimate.values)
+        found: Array = self.estimate.errors < expected_sizes(self.initial.model, self.base, self.equations)
         return found
 
     @cached_property
     def robot(self) -> Robot:
         """The robot with the bodies found, `armature` from the rotors, and `damping` and `friction` of its joints.
 
-        Offsets and further shafts are not part of a robot.
+        Offsets and further shafts are not part of a robot, and a URDF has no element for rotors: load it again with
+        ``Scene(..., armature=...)``.
 
         Raises
         ------
-        ModelError
-            If a body is not possible, after a fit that is not physically consistent.
+        IdentificationError
+            If a body is not possible or friction is negative, after a fit that is not physically consistent.
         """
+        self._check_consistent()
         model = with_parameters(self.initial.model, self.parameters[self.standard.groups["bodies"]])
         terms = self.standard.terms
         return Robot(
@@ -141,8 +154,23 @@ class Identification:
 
     @property
     def friction(self) -> Friction:
-        """Friction of the joints, for a Scene; zero where it was not asked for."""
-        return Friction(viscous=self._of_drives("Fv"), coulomb=self._of_drives("Fc"))
+        """Friction of the joints, for a Scene; zero where it was not asked for.
+
+        Its `smoothing` is that of the fit, or the default of Friction where the fit had a step, sign(qd).
+        """
+        self._check_consistent()
+        smoothing = self.standard.smoothing or SMOOTHING
+        return Friction(viscous=self._of_drives("Fv"), coulomb=self._of_drives("Fc"), smoothing=smoothing)
+
+    def _check_consistent(self) -> None:
+        """Refuse to make a robot or its friction from least squares that came out negative."""
+        of_drives_and_masses = [name.split("_")[0] in ("m", "Ia", "Fv", "Fc") for name in self.standard.names]
+        negative = [self.standard.names[k] for k in np.flatnonzero(of_drives_and_masses & (self.parameters < 0))]
+        if negative and not self.consistent:
+            raise IdentificationError(
+                f"least squares gave negative values of {listed(negative)}: fit with `consistent=True`; `estimate` has "
+                "them as they are"
+            )
 
     @property
     def offset(self) -> Array:
@@ -214,8 +242,9 @@ class Identification:
         >>> rne.identify(robot, record, consistent=False).check(record).measured.shape[1]
         6
         """
-        if record.n != self.initial.n:
-            raise ValueError(f"`record` must be of {self.initial.n} joints, as the robot, got one of {record.n}")
+        if not isinstance(record, Record):
+            raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
+        check_joints(self.initial, record, "record")
         return self._compared(record.name, record.prepare(self.records[0].cutoff))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
@@ -248,7 +277,7 @@ class Identification:
         >>> len(found.plot().axes)
         6
         """
-        check = self._compared("the fitted motion", self.records[0]) if record is None else self.check(record)
+        check = self._compared(self.data.names[0], self.records[0]) if record is None else self.check(record)
         return check.plot()
 
     def report(self) -> str:

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from ...model.standard_parameters import StandardParameters
 from ...robot import Robot
-from ..estimation.stacking import stacked
-from ..fit import HELD_OUT, check_count, checked_records, equations_of, minimum_rates, repeated_equations
+from ..gathering import HELD_OUT, check_robot, gathered
 from ..measurements.record import Record
 from .joint_statistics import own_fit
 from .verdict import Consistency, certified
@@ -86,14 +85,12 @@ def consistency(
     >>> rne.consistency(robot, rne.identification.Record(t, q, tau)).one_model
     False
     """
-    given = checked_records(robot, records)
+    check_robot(robot)
     standard = StandardParameters(robot.model, rotor, friction, offset, shafts, smoothing)
     base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts)
-    prepared = tuple(record.prepare(cutoff, decimation) for record in given)
-    rates = minimum_rates(standard, prepared, minimum_rate)
-    rows = [stacked(robot, standard, record, rates) for record in prepared]
-    check_count(rows, base)
-    fitted, measured = equations_of(rows, prepared, blocks)
-    own = [base.back @ own_fit(fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
-    repeats = np.array([repeated_equations(rows, prepared, x)[j] for j, x in enumerate(own)])
-    return certified(base, prepared, fitted, measured, repeats, lambda x: [r.tau - r.Y @ x for r in rows])
+    data = gathered(robot, records, standard, base, minimum_rate, cutoff, decimation, blocks)
+    own = [base.back @ own_fit(data.fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
+    repeats = np.array([data.repeats(x)[j] for j, x in enumerate(own)])
+    return certified(
+        base, data.prepared, data.fitted, data.measured, repeats, lambda x: [r.tau - r.Y @ x for r in data.rows]
+    )

@@ -108,7 +108,10 @@ def at_minimum(problem: Barrier, y: Array, bounded: Array, status: str) -> Array
         if not beyond and not pulled and decrement <= GAP * problem.weight:
             return y
         held = (held | beyond) - pulled
-    raise IdentificationError(f"the physically consistent fit did not converge: Clarabel says {status}")
+    raise IdentificationError(
+        f"no physically consistent bodies were found (Clarabel: {status}). With `consistent=False` the report says "
+        "which parameters are negative or not excited; check signs and units of the torques, or give a larger `spread`"
+    )
 
 
 def scaling(prior: Array, size: Array) -> Array:

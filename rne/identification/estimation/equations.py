@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...basics.spatial import Array
+from ...errors import NotFiniteError
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +112,8 @@ def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice]) -> Equ
             rows[k, j] = chosen.sum()
             augmented = np.concatenate([Y[block, j][chosen], tau[block, j][chosen, None]], axis=1)
             factors[k, j] = triangular(augmented)
+    if not np.isfinite(factors).all():
+        raise NotFiniteError("the equations overflow: torques or rates of the measurements are too large")
     return Equations(factors, rows)
 
 

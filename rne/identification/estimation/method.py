@@ -11,9 +11,10 @@ from ...dynamics.base_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
 from .consistent import consistent_fit
-from .equations import Equations
+from .equations import Equations, triangular
 from .least_squares import LeastSquares, least_squares
 
+HELD = 1e-4  # weight of the model's drives, of that of the measurements
 LEAST_NOISE = 1e-3  # of the torques: the consistent fit does not take measurements for more exact than this
 
 
@@ -49,9 +50,19 @@ class Method(NamedTuple):
         factor = equations.merged().weighted(np.maximum(sigma, LEAST_NOISE * size))
         bodies = PARAMETERS * self.standard.model.nb
         lengths = np.linalg.norm(factor[:, bodies:-1], axis=0)
+        factor = triangular(np.concatenate([factor, self.drives_of_the_model(lengths)]))
         bounded = np.array([not name.startswith("tau0") for name in self.standard.names[bodies:]], bool)
         assert self.prior is not None
         return consistent_fit(factor, self.prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
+
+    def drives_of_the_model(self, lengths: Array) -> Array:
+        """Equations that keep a drive as the model has it where the motion says nothing of it."""
+        bodies = PARAMETERS * self.standard.model.nb
+        known = np.maximum(self.standard.values[bodies:], 0)
+        rows = np.zeros((len(lengths), self.standard.count + 1))
+        weights = np.where(lengths == 0, 1.0, HELD * lengths)
+        rows[:, bodies:-1], rows[:, -1] = np.diag(weights), weights * known
+        return rows
 
 
 def held_out(method: Method, fitted: Equations, measured: Equations) -> Array:

@@ -9,11 +9,13 @@ from ...dynamics.base_parameters import BaseParameters
 from ...model.model import Model
 from ...model.parameters import parameters_of
 from ...model.pseudo_inertia import pseudo_inertia
+from .equations import Equations
 
 THICKNESS = 0.2  # of a guessed body: standard deviation of its mass across its length, as a part of the length
 SHORTEST = 0.1  # length of a guessed body without extent, as a part of the robot's mean distance between joints
 DEGENERATE = 1e-3  # bodies of a model that are thinner than this in terms of the guess, in second moments, ...
 ADDED = 1e-2  # ... get this part of it
+SHARE_OF_DRIVES = 0.1  # of a joint's torque, that its rotor or friction is expected to take
 UNIT = 1.0  # [m], of a robot whose joints are all at one point
 
 
@@ -45,16 +47,16 @@ def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
     return prior, tuple(changed)
 
 
-def expected_sizes(model: Model, base: BaseParameters, values: Array) -> Array:
-    """How large base parameters may be: of bodies like the model's, and of the drives the largest of each kind.
+def expected_sizes(model: Model, base: BaseParameters, equations: Equations) -> Array:
+    """How large base parameters may be: of bodies like the model's, and of drives that take a tenth of the torque.
 
     Parameters
     ----------
     model : Model
         The robot's parameters.
     base : BaseParameters
-    values : ndarray, shape (base.count,)
-        Estimates.
+    equations : Equations
+        Of the standard parameters.
 
     Returns
     -------
@@ -64,11 +66,12 @@ def expected_sizes(model: Model, base: BaseParameters, values: Array) -> Array:
     mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
     first = np.sqrt(mass * second)
     bodies = np.concatenate([mass[:, None], np.repeat(first[:, None], 3, 1), np.repeat(second[:, None], 6, 1)], axis=1)
-    sizes = np.linalg.norm(base.matrix[:, : bodies.size] * bodies.ravel(), axis=1)
-    kinds = np.array([name.split("_")[0] for name in base.names])
-    for kind in ("Ia", "Fv", "Fc", "tau0"):
-        of_drives = kinds == kind
-        sizes[of_drives] = np.abs(values[of_drives]).max(initial=0)
+    columns = np.sqrt((equations.factors[..., bodies.size : -1] ** 2).sum((0, 2)))  # joints, drives
+    shares = (columns / np.maximum(np.sqrt(equations.torques()), np.finfo(float).tiny)[:, None]).max(0, initial=0)
+    drives = np.divide(SHARE_OF_DRIVES, shares, out=np.zeros(len(shares)), where=shares > 0)
+    of_bodies = np.linalg.norm(base.matrix[:, : bodies.size] * bodies.ravel(), axis=1)
+    kept = np.array(base.independent, int)
+    sizes = np.where(kept < bodies.size, of_bodies, np.append(np.zeros(bodies.size), drives)[kept])
     return np.asarray(sizes)
 
 

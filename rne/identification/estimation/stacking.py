@@ -27,7 +27,9 @@ class Stacked(NamedTuple):
         return fitted, fitted if (self.used == self.valid).all() else equations(self.Y, self.tau, self.valid, blocks)
 
 
-def stacked(robot: Robot, standard: StandardParameters, record: Prepared, minimum_rate: Array) -> Stacked:
+def stacked(
+    robot: Robot, standard: StandardParameters, record: Prepared, minimum_rate: Array, still: Array | None = None
+) -> Stacked:
     """The equations of a record.
 
     Parameters
@@ -39,16 +41,19 @@ def stacked(robot: Robot, standard: StandardParameters, record: Prepared, minimu
     minimum_rate : ndarray, shape (n,)
         Equations of a joint that is slower on average are not used: Coulomb friction then has no known direction
         [rad/s or m/s].
+    still : ndarray of bool, shape (n,), optional
+        Joints whose rates are but noise, and are taken as zero.
 
     Returns
     -------
     Stacked
     """
-    bodies = robot.regressor(record.q, record.qd, record.qdd)
-    drives = standard.drive_columns(record.qd, record.qdd)
+    moves = np.ones(robot.n) if still is None else ~still
+    qd, qdd = record.qd * moves, record.qdd * moves
+    bodies, drives = robot.regressor(record.q, qd, qdd), standard.drive_columns(qd, qdd)
     rows = [
         record.reduce(np.concatenate([bodies[:, j], drives[:, j]], axis=1)) for j in range(robot.n)
     ]  # joint by joint, to need less memory
-    moving = record.reduce(np.abs(record.qd)) > minimum_rate
+    moving = record.reduce(np.abs(qd)) > minimum_rate
     moving |= minimum_rate == 0
     return Stacked(np.stack(rows, axis=1), record.reduce(record.tau), record.valid, record.valid & moving)

@@ -1,0 +1,166 @@
+"""From records to equations: which of the measurements are fitted, and what is said of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import vector
+from ..basics.spatial import Array
+from ..dynamics.base_parameters import BaseParameters
+from ..model.standard_parameters import StandardParameters
+from ..robot import Robot
+from ..simulation.motion_files import numbered_joints
+from .estimation.correlation import repeats_of_filtered_noise, repeats_of_residuals
+from .estimation.equations import Equations, joined
+from .estimation.stacking import Stacked, stacked
+from .measurements.prepared import Prepared
+from .measurements.record import Record
+
+HELD_OUT = 10  # blocks of the measurements, each predicted from the others
+SLOWEST = 0.02  # of a joint's largest rate: below it, Coulomb friction has no known direction
+ROUNDINGS = 1e3  # of a position: rates that these make are none
+
+
+class Gathered(NamedTuple):
+    """The equations of several records.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the records.
+    prepared : tuple of Prepared
+    minimum_rate : ndarray, shape (n,)
+        Rates below which the equations of a joint are not fitted; infinite for a joint that does not move.
+    rows : list of Stacked
+    fitted, measured : Equations
+        To fit, and to check the fit on, in blocks of time.
+    notes : tuple of str
+    """
+
+    names: tuple[str, ...]
+    prepared: tuple[Prepared, ...]
+    minimum_rate: Array
+    rows: list[Stacked]
+    fitted: Equations
+    measured: Equations
+    notes: tuple[str, ...]
+
+    def repeats(self, x: Array) -> Array:
+        """How many equations of a joint count as one, for the residuals of parameters x, shape (n,)."""
+        residuals = np.concatenate([r.Y @ x - r.tau for r in self.rows])
+        used = np.concatenate([r.used for r in self.rows])
+        parts, start = [], 0
+        for record in self.prepared:
+            for length in record.segment_lengths:
+                parts.append(slice(start, start + length))
+                start += length
+        by_filter = max(repeats_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in self.prepared)
+        return np.maximum(repeats_of_residuals(residuals, used, parts), by_filter)
+
+
+def gathered(
+    robot: Robot,
+    records: Record | Sequence[Record],
+    standard: StandardParameters,
+    base: BaseParameters,
+    minimum_rate: ArrayLike | None,
+    cutoff: float | None,
+    decimation: int | None,
+    blocks: int,
+) -> Gathered:
+    """The equations of the records; arguments as of `rne.identify`."""
+    given = checked_records(robot, records)
+    check_blocks(blocks)
+    prepared = tuple(record.prepare(cutoff, decimation) for record in given)
+    still, rates = minimum_rates(standard, given, prepared, minimum_rate)
+    rows = [stacked(robot, standard, record, rates, still) for record in prepared]
+    check_count(rows, base, still)
+    fitted, measured = equations_of(rows, prepared, blocks)
+    names = [robot.joint_names[j] for j in np.flatnonzero(still)]
+    lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
+    notes = tuple(f"{name} does not move" + (f": its {lost} cannot be found" if lost else "") for name in names)
+    return Gathered(tuple(record.name for record in given), prepared, rates, rows, fitted, measured, notes)
+
+
+def check_robot(robot: Robot) -> None:
+    """Refuse what is no Robot."""
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+
+
+def checked_records(robot: Robot, records: Record | Sequence[Record]) -> tuple[Record, ...]:
+    """The records as a tuple, all of the robot's joints."""
+    given = tuple(records) if isinstance(records, Sequence) and not isinstance(records, str) else (records,)
+    if not given:
+        raise ValueError("`records` must have at least one record")
+    for record in given:
+        if not isinstance(record, Record):
+            raise TypeError(f"`records` must be an rne.identification.Record or several, got {type(record).__name__}")
+        check_joints(robot, record, "records")
+    return given
+
+
+def check_joints(robot: Robot, record: Record, argument: str) -> None:
+    """Refuse a record of other joints, or of these in another order."""
+    if record.n != robot.n:
+        raise ValueError(f"`{argument}` must be of {robot.n} joints, as the robot, got one of {record.n}")
+    if record.joint_names not in (robot.joint_names, numbered_joints(robot.n)):
+        raise ValueError(
+            f"`{argument}` must have the robot's joints in their order, {list(robot.joint_names)}, {record.name} has "
+            f"{list(record.joint_names)}"
+        )
+
+
+def check_blocks(blocks: int) -> None:
+    """Refuse numbers of blocks that cannot be held out."""
+    if isinstance(blocks, bool) or not isinstance(blocks, int | np.integer) or blocks < 2:
+        raise ValueError(f"`blocks` must be an integer of at least 2, got {blocks!r}")
+
+
+def minimum_rates(
+    standard: StandardParameters, records: Sequence[Record], prepared: Sequence[Prepared], given: ArrayLike | None
+) -> tuple[Array, Array]:
+    """Which joints do not move, and rates below which the equations of a joint are not fitted, shape (n,) each.
+
+    A rate below that of one step of the encoder at the filter's cut-off, or of roundings, is none.
+    """
+    floors = [
+        np.maximum(
+            2 * np.pi * p.cutoff * record.encoder_step,
+            ROUNDINGS * np.finfo(float).eps * p.sample_rate * np.abs(p.q).max(0),
+        )
+        for record, p in zip(records, prepared, strict=True)
+    ]
+    floor, largest = np.max(floors, axis=0), np.max([np.abs(p.qd).max(0) for p in prepared], axis=0)
+    still = largest <= floor
+    if given is not None:
+        return still, vector("minimum_rate", given, standard.model.n, sign="not negative")
+    if "Fc" not in standard.terms or standard.smoothing:
+        return still, np.zeros(standard.model.n)
+    return still, np.where(still, np.inf, np.maximum(SLOWEST * largest, floor))
+
+
+def check_count(rows: Sequence[Stacked], base: BaseParameters, still: Array) -> None:
+    """Refuse records of which no joint moves, and fewer equations than unknowns."""
+    if still.all() and len(still):
+        raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
+    count = sum(int(r.used.sum()) for r in rows)
+    if count <= base.count:
+        raise ValueError(
+            f"`records` give {count} equations for {base.count} base parameters: a longer motion is needed, or a "
+            "higher `cutoff`"
+        )
+
+
+def equations_of(rows: Sequence[Stacked], prepared: Sequence[Prepared], blocks: int) -> tuple[Equations, Equations]:
+    """Equations to fit, and those to check the fit on, in blocks of time."""
+    each = max(-(-blocks // len(prepared)), 2)
+    shortest = min(len(r.tau) for r in rows)
+    if each > shortest:
+        raise ValueError(f"`blocks` must be at most {shortest * len(rows)}, got {blocks}: there are no more equations")
+    parts = [r.compressed(record.blocks(each)) for r, record in zip(rows, prepared, strict=True)]
+    return joined([fitted for fitted, _ in parts]), joined([measured for _, measured in parts])
