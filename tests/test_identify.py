@@ -196,13 +196,42 @@ def test_sliding_joints_branches_and_mimics(name):
 
 
 def test_a_joint_that_does_not_move_is_not_excited(scene, motions):
+    """Rounded positions that stay the same have rates of rounding size, which are none."""
     t, q, qd, qdd, _ = (x.copy() for x in motions[0])
-    for x in (q, qd, qdd):
-        x[:, 5] = 0
-    found = rne.identify(scene.robot, Record(t, q, scene.robot.inverse_dynamics(q, qd, qdd)), rotor=True, blocks=2)
-    assert not found.excited[found.base.names.index("Ia_6")]
+    q[:, 5], qd[:, 5], qdd[:, 5] = 0.3, 0, 0
+    tau = scene.inverse_dynamics(q, qd, qdd)
+    rec = Record(t, ENCODER * np.rint(q / ENCODER), tau)
+    found = rne.identify(scene.robot, rec, rotor=True, friction="viscous+coulomb", blocks=2)
+    names = [found.base.names.index(f"{symbol}_6") for symbol in ("Ia", "Fv", "Fc")]
+    assert not found.excited[names].any()
+    assert np.isinf(found.estimate.errors[names]).all()
+    assert found.friction.viscous[5] == found.friction.coulomb[5] == pytest.approx(0, abs=1e-6)
+    assert "joint_6 does not move: its rotor and friction cannot be found" in found.notes
     assert "not excited" in found.report()
-    assert found.estimate.condition == np.inf
+
+
+def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motions):
+    t, q, tau = measure(motions[0], torque_noise=NOISE)
+    tau[:, 2] *= -1
+    found = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", blocks=2)
+    assert found.notes[-1] == "negative friction: is the sign of the joint's torque right?"
+    assert any(note.startswith("Fv_3 comes out negative") for note in found.notes)
+    assert "No possible bodies fit as least squares do" in found.report()
+    free = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", blocks=2, consistent=False)
+    with pytest.raises(
+        rne.IdentificationError, match=r"^least squares gave negative values of .*Fv_3.*consistent=True"
+    ):
+        _ = free.friction
+
+
+def test_errors_of_each_motion_show_the_bad_one(scene, motions):
+    good, bad = (
+        Record(*measure(motions[0], k, torque_noise=NOISE), name=name) for k, name in enumerate(("good", "bad"))
+    )
+    bad = Record(bad.t, bad.q, bad.tau * np.array([1, 1, -1, 1, 1, 1]), name="bad")
+    text = rne.identify(scene.robot, [good, good, bad], friction="viscous+coulomb", blocks=2, consistent=False).report()
+    lines = {line.split()[0]: line.split() for line in text.split("errors of each motion [%]")[1].splitlines()[1:4]}
+    assert float(lines["bad"][3]) > 2 * float(lines["good"][3])
 
 
 def test_low_speeds_are_left_out_with_coulomb_friction(found, scene, motions):
@@ -253,6 +282,23 @@ def short():
             ValueError,
             lambda r, rec: rne.identify(r, rec, cutoff=0.9, rotor=True, friction="viscous+coulomb", offset=True),
             "`records` give 25 equations for 58 base parameters: a longer motion is needed, or a higher `cutoff`",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, Record(rec.t, rec.q, rec.tau, joint_names=list("abcdef"))),
+            "`records` must have the robot's joints in their order, ['joint_1', 'joint_2', 'joint_3', 'joint_4', "
+            "'joint_5', 'joint_6'], record has ['a', 'b', 'c', 'd', 'e', 'f']",
+        ),
+        (ValueError, lambda r, rec: rne.identify(r, rec, blocks=1), "`blocks` must be an integer of at least 2, got 1"),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, rec, prior="geometry", consistent=False),
+            "`prior` is for the physically consistent fit: leave it out, or set `consistent=True`",
+        ),
+        (
+            rne.NotFiniteError,
+            lambda r, rec: rne.identify(r, Record(rec.t, rec.q, rec.tau * 1e300)),
+            "the equations overflow: torques or rates of the measurements are too large",
         ),
         (
             ValueError,

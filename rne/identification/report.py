@@ -12,6 +12,7 @@ import numpy as np
 from ..basics.short_text import counted
 from ..basics.text_table import Row, aligned, short
 from ..model.parameters import PARAMETERS
+from .estimation.method import LEAST_NOISE
 
 WORSE = 1.2  # residuals of possible bodies, of those of least squares
 
@@ -109,12 +110,14 @@ def bodies_text(found: Any) -> str:
 def closing(found: Any) -> str:
     """What the bodies are worth."""
     values = found.base.back @ found.estimate.values, found.parameters
-    free, consistent = ((found.equations.residuals(x) / found.estimate.sigma**2).sum() for x in values)
-    growth = float(np.sqrt(consistent / max(free, np.finfo(float).tiny)))
+    size = np.sqrt(found.equations.torques() / np.maximum(found.equations.rows.sum(0), 1))
+    sigma = np.maximum(found.estimate.sigma, LEAST_NOISE * size)
+    free, consistent = ((found.equations.residuals(x) / sigma**2).sum() for x in values)
+    growth = float(np.sqrt(consistent / max(free, found.equations.rows.sum())))
     if growth > WORSE:
         return (
-            f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and zeros "
-            "of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`spread`)."
+            f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and "
+            "zeros of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`spread`)."
         )
     return (
         "Torques do not determine single masses: of all bodies with the same base parameters, these are the nearest to "
