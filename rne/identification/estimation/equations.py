@@ -14,7 +14,6 @@ import numpy as np
 from ...basics.spatial import Array
 from ...errors import NotFiniteError
 
-
 LARGEST = 1e150  # number whose square is still one
 
 
