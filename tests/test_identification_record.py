@@ -350,6 +350,20 @@ def test_one_time_for_different_samples_is_refused(true):
         Record(np.round(t, 2), q, tau).prepare()
 
 
+@pytest.mark.parametrize(("unit", "rate"), [(2e3, "0.25"), (1e6, "0.0005"), (500.0, "1")])
+def test_times_that_are_not_in_seconds_are_refused(true, unit, rate):
+    """500 samples per second in halves of a millisecond and in microseconds; 1000 per second in milliseconds."""
+    t, q, tau = measure(true, encoder_step=1e-5, torque_noise=0.2)
+    with exactly(f"record: sample rate of {rate} samples per second; are the times in seconds?"):
+        Record(t * unit, q, tau).prepare()
+
+
+def test_segments_too_short_for_a_spectrum_are_refused():
+    t = np.arange(40) / RATE + np.repeat(np.arange(8), 5)
+    with exactly("record: the segments are too short for a spectrum of the positions; give `cutoff` [Hz]"):
+        Record(t, np.sin(t)[:, None], np.cos(t)[:, None]).prepare()
+
+
 def test_few_samples_are_refused(true):
     with exactly("record: too few samples: 19 are usable; at least 20 are needed"):
         Record(true.t[:19], true.q[:19], true.tau[:19]).prepare()
@@ -371,6 +385,31 @@ def test_torques_that_do_not_follow_the_motion_are_not_used(true):
     near = [np.abs(prepared.times - t[k]).min(initial=9) for k in measured.findings[0].samples]
     assert min(near) < reach
     assert 0 < prepared.valid[:, 1].mean() < 1
+
+
+@pytest.mark.parametrize("changes", [0, 1, 500])
+def test_a_joint_that_does_not_move_is_named(true, changes):
+    """Its position is constant, or flickers between two values of the encoder."""
+    t, q, tau = measure(true, encoder_step=1e-4)
+    q[:, 3] = 0.2
+    q[np.linspace(100, 3900, changes, dtype=int), 3] += 1e-4
+    measured = Record(t, q, tau)
+    text = "joint_4: no motion throughout the record; its friction and rotor cannot be found"
+    assert f"warning: record: {text}" in [str(finding) for finding in measured.findings]
+    assert {finding.joint for finding in measured.findings} == {"joint_4"}
+    assert measured.prepare().usable.all()  # the joint's torques say something of the bodies
+
+
+def test_a_pose_is_no_motion(true):
+    t, q, tau = measure(true, torque_noise=0.3)
+    pose = np.zeros_like(q)
+    pose[::50] += 1e-4
+    for rest in (np.zeros_like(q), pose):
+        for cutoff in (None, 5.0):
+            with exactly(
+                "record: no motion of any joint; nothing can be found from one pose: measure while the joints move"
+            ):
+                Record(t, rest, tau).prepare(cutoff)
 
 
 def test_rates_that_are_not_those_of_the_positions_are_named(true):
@@ -478,8 +517,45 @@ def test_short_rows_of_a_file_are_named(tmp_path):
 def test_a_file_without_torques_is_refused(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("t,q.a\n0,1\n0.1,1\n")
-    with exactly(f"{file}: there are no columns 'tau.<joint>', which a record needs"):
+    with exactly(f"{file}, row 1: there is no column 'tau.a', which is needed; there are 't', 'q.a'"):
         Record.from_csv(file, ["a"])
+
+
+def test_columns_of_other_joints_are_named(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t,q.joint_1,q.joint_2,tau.joint_1,tau.joint_2\n0,1,2,3,4\n0.1,1,2,3,4\n")
+    text = "there is no column 'q.a', 'q.b', which is needed; there are 'q.joint_1', 'q.joint_2'"
+    with exactly(f"{file}, row 1: {text}"):
+        Record.from_csv(file, ["a", "b"])
+
+
+@pytest.mark.parametrize(("joints", "kind"), [(rne.load("irb140"), "Robot"), ("a", "str")])
+def test_joint_names_are_names(joints, kind, tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t,q.a,tau.a\n0,1,2\n")
+    text = f"`joint_names` must be a sequence of str, such as robot.joint_names, got {kind}"
+    with pytest.raises(TypeError, match=f"^{re.escape(text)}$"):
+        Record.from_csv(file, joints)
+
+
+def test_entries_left_out_of_a_file_are_missing_values(tmp_path):
+    file = tmp_path / "log.csv"
+    t = np.arange(60) / 60
+    entries = [
+        [f"{x:.6f}" for x in row] for row in np.column_stack([t, np.sin(6 * t), np.cos(6 * t), 6 * np.cos(6 * t)])
+    ]
+    entries[20][1], entries[30][2], entries[40][3] = "", " NaN", "nan"
+    file.write_text("\n".join(["t,q.a,tau.a,qd.a", *(",".join(row) for row in entries)]))
+    assert kinds(Record.from_csv(file, ["a"]))[:3] == [
+        ("a", "no finite position", (20,)),
+        ("a", "no finite torque", (30,)),
+        ("a", "no finite rate", (40,)),
+    ]
+    for wrong, column in (("", "t"), ("nan", "t"), ("inf", "q.a"), ("up", "q.a")):
+        row = [wrong, "1", "2", "3"] if column == "t" else ["0", wrong, "2", "3"]
+        file.write_text("t,q.a,tau.a,qd.a\n" + ",".join(row) + "\n")
+        with exactly(f"{file}, row 2, column '{column}': must be a finite number, got {wrong!r}"):
+            Record.from_csv(file, ["a"])
 
 
 T, Q = np.arange(60) / 60, np.zeros((60, 2))
@@ -518,8 +594,9 @@ def test_what_cannot_be_prepared_says_why(true):
             measured.prepare(**options)
     with pytest.raises(ValueError, match=r"^record: a cut-off of 0\.2 Hz needs a segment of "):
         measured.prepare(cutoff=0.2)
+    constant_rate = np.arange(4000)[:, None] / 1024 * np.ones(6)
     with exactly("record: the positions show no motion above their noise; give `cutoff` [Hz]"):
-        Record(true.t, np.zeros_like(true.q), true.tau).prepare()
+        Record(true.t, constant_rate, true.tau).prepare()
     prepared = measured.prepare(cutoff=5.0)
     with exactly(f"`columns` must have {len(prepared.t)} rows, one for each time of the grid, got (4000, 6)"):
         prepared.reduce(true.tau)

@@ -149,9 +149,11 @@ def ensemble(
     duration, step : float
         Time to simulate, and the longest step; steps are equal [s].
     parameters : array_like, shape (N, 10 nb), optional
-        Inertial parameters of the robot in each motion, in the order of `Robot.parameters`, a payload of the scene
-        included. Controllers keep the parameters that they were made with. The bodies need not be possible ones, but M
-        must be positive definite.
+        Inertial parameters in each motion, in the order of `Robot.parameters`. They replace those of the robot that
+        carries the payload of the scene, so that the payload must be contained in them: start from
+        `scene.resolved.robot.parameters`. With the parameters of the robot alone, its own `robot.parameters`, the
+        payload is left out without a warning. Controllers keep the parameters that they were made with. The bodies
+        need not be possible ones, but M must be positive definite.
     method : {"rk4", "semi-implicit-euler"}
         Of order 4 and 1, where torques do not jump. The step is not controlled: halve it and compare.
     keep : int

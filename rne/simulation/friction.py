@@ -29,8 +29,8 @@ class Friction:
     coulomb, coulomb_back : ndarray, shape (n,) or a number
         Magnitude of Coulomb friction; the negative direction defaults to the positive one [N m or N].
     smoothing : float
-        Coulomb friction is smoothed to tanh(rate / smoothing); 0 for dry friction that sticks and slips by events
-        [rad/s or m/s].
+        Coulomb friction is smoothed to tanh(rate / smoothing), 0.01 if not given; 0 for dry friction that sticks and
+        slips by events [rad/s or m/s].
     static : ndarray, shape (n,), or a number, optional
         Torque at which a sticking joint breaks away, at least `coulomb`, which is its default [N m or N].
 

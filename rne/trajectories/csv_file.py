@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,6 +61,8 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
 
     Raises
     ------
+    TypeError
+        If `joint_names` is no sequence of str.
     ValueError
         If the file is empty or no text; a column is missing, there for some joints only, or there twice; an entry is
         not a finite decimal number; or the times do not ascend. Names the file, the row (the heading is row 1) and the
@@ -78,6 +80,17 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
     >>> samples.q.tolist(), samples.qd
     ([[1.0, 0.1], [1.5, 0.2]], None)
     """
+    return read_samples(path, joint_names)
+
+
+def read_samples(
+    path: str | os.PathLike[str], joint_names: Sequence[str], *, needed: Sequence[str] = (), gaps: bool = False
+) -> Samples:
+    """The samples of a file that must have the quantities `needed`; with `gaps`, NaN for entries left out but times."""
+    if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
+        given = type(joint_names).__name__
+        raise TypeError(f"`joint_names` must be a sequence of str, such as robot.joint_names, got {given}")
+    joint_names = tuple(joint_names)
     name = os.fspath(path)
     rows = _rows(name, _text(Path(path)))
     if not rows:
@@ -87,10 +100,10 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
     twice = [column for k, column in enumerate(columns) if column and column in columns[:k]]
     if twice:
         raise ValueError(f"{name}, row 1: column {twice[0]!r} is there twice")
-    wanted = _wanted(name, columns, joint_names)
+    wanted = _wanted(name, columns, joint_names, needed)
     if not body:
         raise ValueError(f"{name}: there are no rows below the names of the columns")
-    table = np.array([_numbers(name, row, fields, columns, wanted) for row, fields in body])
+    table = np.array([_numbers(name, row, fields, columns, wanted, gaps) for row, fields in body])
     place = {column: k for k, column in enumerate(wanted)}
     _check_times(name, [row for row, _ in body], table[:, 0])
     arrays = {
@@ -121,7 +134,7 @@ def _rows(name: str, text: str) -> list[tuple[int, list[str]]]:
         raise ValueError(f"{name}, row {reader.line_num}: is not CSV ({error})") from None
 
 
-def _wanted(name: str, columns: Sequence[str], joint_names: Sequence[str]) -> list[str]:
+def _wanted(name: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str]) -> list[str]:
     """The columns to read: t, and every quantity that is there for all joints."""
     if "t" not in columns:
         hint = "; separate columns by commas" if len(columns) == 1 else ""
@@ -130,6 +143,12 @@ def _wanted(name: str, columns: Sequence[str], joint_names: Sequence[str]) -> li
     for quantity in QUANTITIES:
         own = [f"{quantity}.{joint}" for joint in joint_names]
         missing = [column for column in own if column not in columns]
+        if missing and quantity in needed:
+            alike = [column for column in columns if column.startswith(f"{quantity}.")]
+            raise ValueError(
+                f"{name}, row 1: there is no column {_listed(missing)}, which is needed; there are "
+                f"{_listed(alike or columns)}"
+            )
         if missing and len(missing) < len(own):
             raise ValueError(
                 f"{name}, row 1: no column {_listed(missing)}; the {quantity} of all joints or of none are needed"
@@ -138,11 +157,22 @@ def _wanted(name: str, columns: Sequence[str], joint_names: Sequence[str]) -> li
     return wanted
 
 
-def _numbers(name: str, row: int, fields: Sequence[str], columns: Sequence[str], wanted: Sequence[str]) -> list[float]:
+def _numbers(
+    name: str, row: int, fields: Sequence[str], columns: Sequence[str], wanted: Sequence[str], gaps: bool
+) -> list[float]:
     if len(fields) != len(columns):
         raise ValueError(f"{name}, row {row}: must have {len(columns)} entries as row 1 has, got {len(fields)}")
     entry = dict(zip(columns, fields, strict=True))
-    return [_number(name, row, column, entry[column]) for column in wanted]
+    return [
+        math.nan
+        if gaps and column != "t" and _is_left_out(entry[column])
+        else _number(name, row, column, entry[column])
+        for column in wanted
+    ]
+
+
+def _is_left_out(text: str) -> bool:
+    return text.strip().lower() in ("", "nan")
 
 
 def _number(name: str, row: int, column: str, text: str) -> float:

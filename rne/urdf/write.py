@@ -14,7 +14,7 @@ from .grammar import LARGEST
 
 
 def to_urdf(model: Model) -> str:
-    """Write a robot as URDF text; reading it back gives the same Model.
+    """Write a robot as URDF text; reading it back gives the same Model but for gravity and armature.
 
     Parameters
     ----------
@@ -25,7 +25,8 @@ def to_urdf(model: Model) -> str:
     -------
     str
         Numbers have all their digits. Merged links are written as fixed joints, their inertia on the body's first
-        link. What URDF cannot express is written as a comment: gravity other than (0, 0, -9.81), and armature.
+        link. URDF has no element for gravity and armature: gravity other than (0, 0, -9.81), and armature other than
+        zero, are written as comments, which a reader passes over.
 
     Raises
     ------

@@ -62,8 +62,9 @@ def excitation(
         What is minimised: the condition number of W, whose rows are the torques of the samples and whose columns are
         the base parameters; or -log det(W^T W), the volume of the parameters' confidence ellipsoid.
     limits : mapping of str to array_like, shape (n,), optional
-        Replaces limits of the robot: "lower", "upper", "velocity_limit" and "effort_limit"; "acceleration_limit" is
-        infinite unless given. Efforts may be infinite [rad or m; rad/s or m/s; N m or N; rad/s^2 or m/s^2].
+        Replaces limits of the robot: "lower", "upper", "velocity_limit" and "effort_limit"; accelerations are not
+        limited unless "acceleration_limit" is given. Efforts may be infinite [rad or m; rad/s or m/s; N m or N; rad/s^2
+        or m/s^2].
     rotor : bool
         True if inertias of the drives' rotors are parameters to be identified too.
     friction : {None, "viscous", "coulomb", "viscous+coulomb"}
@@ -112,6 +113,9 @@ def excitation(
 
     Notes
     -----
+    Only the limits of the joints are kept: collisions of the robot with itself, the table or anything else are not
+    considered. Look at the motion with `rne.view` before it runs on the robot.
+
     Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor. The
     condition number has no derivative where singular values meet, as they do at the optimum; it is approximated by
     Schatten norms of orders 8 and 64. Positions, rates and accelerations keep their limits at all times, by the

@@ -17,6 +17,7 @@ from ...basics.spatial import Array
 WINDOW = 4.0  # seconds of one spectrum; several are averaged
 POWER = 0.99  # share of the rates' power that makes up the motion's bandwidth
 FACTOR = 5.0  # times the motion's bandwidth, for the cut-off
+FEWEST = 8  # samples of a spectrum
 LEAST = 2.0  # times the motion's bandwidth, where noise asks for a lower cut-off
 NOISE = 1e-3  # power of the accelerations' noise below the cut-off, as a part of that of the accelerations
 SIGNIFICANT = 10.0  # times the noise, above which a part of a spectrum is motion
@@ -57,7 +58,9 @@ def bandwidths(segments: Sequence[Array], sample_rate: float) -> list[Bandwidth]
     """
     from scipy.signal import welch
 
-    length = min(int(WINDOW * sample_rate), max(len(q) for q in segments) - 1)
+    length = min(int(WINDOW * sample_rate), max((len(q) for q in segments), default=0) - 1)
+    if length < FEWEST:
+        raise ValueError("the segments are too short for a spectrum of the positions")
     long_enough = [q for q in segments if len(q) > length]
     spectra = [
         welch(np.diff(q, axis=0) * sample_rate, sample_rate, "hann", length, detrend="constant", axis=0)

@@ -75,7 +75,8 @@ class Record(RecordSources):
     Looked for: times that go back or are there twice, gaps, missing samples and jitter; values that are not finite;
     positions and torques off the curve through their neighbours by more than ten times the usual deviation; positions
     repeated in the midst of a motion; jumps of positions; torques that are constant, or saturated; rates that are not
-    those of the positions; positions in degrees. Errors are raised by `prepare`.
+    those of the positions; positions in degrees; joints that do not move; fewer than two samples per second, as of
+    times in milliseconds. Errors are raised by `prepare`.
 
     Examples
     --------

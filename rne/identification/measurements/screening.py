@@ -14,12 +14,14 @@ from .outliers import encoder_step, jumps, repeated, usual_deviation, wild_value
 from .stamps import Stamps, check_order, check_regularity
 
 FEWEST = 20  # samples from which anything can be said
+SLOWEST = 2.0  # samples per second, below which times are hardly in seconds: 1 kHz in milliseconds gives 1
 MOVED = 8.0  # steps of the encoder, in which a robot moves
 PLATEAU = 5  # samples at a torque's extreme, in a motion, that are a plateau
 LONGER = 3  # times the usual runs of equal torques, for a plateau
 RATES = 0.05  # deviation of measured rates from those of the positions that is named
 RESTING = 0.01  # motion as a part of the fastest, of a joint whose rates are not compared
 SPAN = 0.1  # seconds over which these are compared
+ONE_STEP = 1.5  # steps of the encoder, below which a position that flickers between two values stays
 TURNS = 20 * np.pi  # range of a position [rad] from which degrees are likely
 NEAR = 4  # samples on either side of a value that is interpolated
 
@@ -80,12 +82,15 @@ def screen(name: str, joint_names: tuple[str, ...], measured: Measured, bridge: 
     found.rows = np.flatnonzero(kept)
     t, q, tau = t[kept], q[kept], tau[kept]
     period = sample_period(t, bridge)
+    if 1 / period < SLOWEST:
+        found.error(None, "sample rate", f"of {1 / period:.4g} samples per second", "are the times in seconds?")
     times = check_regularity(found, t, q, period, bridge, stamps)
     missing, cuts = _outliers(found, t, q, tau, steps, bridge)
     long_runs = np.zeros(len(t), dtype=bool)
     for values, flags in zip((q, tau), missing, strict=True):
         long_runs |= _interpolate(times, values, flags, bridge)
     usable = _usable_torques(found, q, tau, steps)
+    _check_motion(found, q, steps)
     _check_range(found, q)
     if qd is not None:
         _check_rates(found, t, q, qd[kept], period)
@@ -191,6 +196,19 @@ def _plateau(x: Array, q: Array, steps: Array) -> Array:
         if b - a >= least and moved.any():
             plateau[a:b] = True
     return plateau
+
+
+def _check_motion(found: Findings, q: Array, steps: Array) -> None:
+    """Joints must move by more than one step of their encoders."""
+    resting = [
+        j for j, x in enumerate(q.T) if np.ptp(x) <= ONE_STEP * steps[j] or bool(np.isin(x, (x.min(), x.max())).all())
+    ]
+    if len(resting) == q.shape[1]:
+        cure = "nothing can be found from one pose: measure while the joints move"
+        found.error(None, "no motion", "of any joint", cure)
+        return
+    for j in resting:
+        found.warning(j, "no motion", "throughout the record", "its friction and rotor cannot be found")
 
 
 def _check_range(found: Findings, q: Array) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...basics.arrays import convert_numbers, positive_number
 from ...basics.spatial import Array
-from ...trajectories import read_csv
+from ...trajectories.csv_file import read_samples
 from .motor_side import motor_side
 
 if TYPE_CHECKING:
@@ -32,12 +32,14 @@ class RecordSources:
 
     @classmethod
     def from_csv(cls, path: str | os.PathLike[str], joint_names: Sequence[str], **options: Any) -> Self:
-        """Measurements in a CSV file, as `rne.trajectories.read_csv` reads it.
+        """Measurements in a CSV file.
 
         Parameters
         ----------
         path : path-like
-            A text file with the columns `t`, `q.<joint>`, `tau.<joint>` and, if measured, `qd.<joint>`.
+            A text file in UTF-8. Its first row names the columns: `t`, `q.<joint>`, `tau.<joint>` and, if measured,
+            `qd.<joint>`, in any order; others are ignored. Empty entries and `nan`, except of times, are missing
+            values, which the findings name.
         joint_names : sequence of str
             The joints in the order of the arrays, such as `robot.joint_names`.
         **options
@@ -50,6 +52,8 @@ class RecordSources:
 
         Raises
         ------
+        TypeError
+            If `joint_names` is no sequence of str.
         ValueError
             If a column is missing, or a row is short or holds no numbers; names the file, row and column.
         OSError
@@ -60,10 +64,7 @@ class RecordSources:
         >>> import rne
         >>> record = rne.identification.Record.from_csv("log.csv", ["shoulder", "elbow"])  # doctest: +SKIP
         """
-        samples = read_csv(path, joint_names)
-        for quantity in ("q", "tau"):
-            if getattr(samples, quantity) is None:
-                raise ValueError(f"{os.fspath(path)}: there are no columns '{quantity}.<joint>', which a record needs")
+        samples = read_samples(path, joint_names, needed=("q", "tau"), gaps=True)
         given = {"name": Path(path).name, "joint_names": joint_names} | options
         return cls(samples.t, np.asarray(samples.q), np.asarray(samples.tau), samples.qd, **given)
 
@@ -134,7 +135,9 @@ class RecordSources:
             Turns of each motor per turn of its joint; negative if they turn against each other.
         coupling : array_like, shape (n, n), optional
             Joints that each motor turns with, the identity if not given: motor_q = K (q - offsets) with
-            K = diag(ratios) coupling. A wrist whose joint 5 turns motor 6 as well has coupling[5, 4] = 1.
+            K = diag(ratios) coupling. A wrist whose joint 5 turns motor 6 as well has coupling[5, 4] = 1. The rotor and
+            friction of such a motor act at the sum of the rates: to fit them, give its row of `coupling` as a row of
+            `shafts` to `rne.identify`.
         drive_gains : array_like, shape (n,), optional
             Torque of the motor per unit of `motor_tau` [N m/A]; one if not given.
         offsets : array_like, shape (n,), optional
