@@ -52,7 +52,7 @@ def joints_text(found: Any) -> str:
     """Errors of each joint."""
     fitted = found.equations.residuals(found.parameters)
     torques = np.maximum(found.equations.torques(), np.finfo(float).tiny)
-    columns = ("noise [N m or N]", "fitted [%]", "held out [%]", "equations", "per independent one")
+    columns = ("noise [N m or N]", "fitted [%]", "held out [%]", "equations", "independent")
     rows = [Row("errors", columns, words=True)]
     for j, name in enumerate(found.initial.joint_names):
         relative = (100 * np.sqrt(fitted[j] / torques[j]), 100 * found.held_out[j])
@@ -61,7 +61,7 @@ def joints_text(found: Any) -> str:
             f"{found.estimate.sigma[j]:.4g}",
             *(f"{x:.1f}" for x in relative),
             str(count),
-            f"{found.repeats[j]:.2f}",
+            f"{count / found.repeats[j]:.0f}",
         )
         rows.append(Row(f"  {short(name)}", cells))
     blocks = len(found.equations.factors)
