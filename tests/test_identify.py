@@ -319,3 +319,15 @@ def test_torques_with_the_wrong_sign_are_not_explained_by_bodies(scene, motions)
     t, q, tau = measure(motions[0])
     with pytest.raises(rne.IdentificationError, match="the torques ask for bodies of -"):
         rne.identify(scene.robot, Record(t, q, -tau), prior="geometry", friction="viscous+coulomb")
+
+
+def test_plot_has_a_panel_per_joint_and_no_line_across_a_gap(scene, motions):
+    t, q, tau = measure(motions[0], torque_noise=NOISE)
+    kept = (t < 5) | (t > 6)
+    found = rne.identify(scene.robot, Record(t[kept], q[kept], tau[kept]), friction="viscous+coulomb", consistent=False)
+    figure = found.plot()
+    assert [ax.get_title(loc="left") for ax in figure.axes] == list(scene.robot.joint_names)
+    for line in figure.axes[2].lines:
+        x, y = line.get_xdata(), line.get_ydata()
+        (gap,) = np.flatnonzero(np.isnan(y))
+        assert x[gap - 1] < 5 < 6 < x[gap + 1]

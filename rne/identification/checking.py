@@ -10,12 +10,13 @@ import numpy as np
 from ..basics.short_text import wrapped
 from ..basics.spatial import Array
 from ..basics.text_table import Row, aligned, short
-from ..plotting.figures import curves, dress, figure_of, legend_beside, stacked_panels
+from ..plotting.figures import HIDDEN, curves, dress, figure_of, legend_beside, literal, stacked_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MEASURED, PREDICTED, RESIDUAL = "0.6", "C0", "C3"
+LOOK = (("0.7", 3.0), ("C0", 1.2), ("C3", 1.0))  # colour and width of measured, predicted and residual torques
+GAP = 1.5  # times the usual step, over which no line is drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +121,22 @@ class Check:
         """
         n = self.measured.shape[1]
         panels = stacked_panels(n, f"Torques of {self.name}", height=1.5) if axes is None else list(axes)
+        t, measured, predicted = without_gaps(self.t, self.measured, self.predicted)
+        shown = {"measured": measured, "predicted": predicted, "residual": predicted - measured}
         for j, ax in enumerate(panels):
-            shown = {"measured": self.measured, "predicted": self.predicted, "residual": self.predicted - self.measured}
-            for (label, values), color in zip(shown.items(), (MEASURED, PREDICTED, RESIDUAL), strict=True):
-                curves(ax, self.t, values[:, [j]], [label if j == 0 else "_nolegend_"], [color])
-            dress(ax, f"{short(self.joint_names[j])}\n[{self.units[j]}]")
+            for (label, values), (color, width) in zip(shown.items(), LOOK, strict=True):
+                names = [label if j == 0 else HIDDEN]
+                curves(ax, t, values[:, [j]], names, [color], linewidth=width)
+            dress(ax, f"[{self.units[j]}]")
+            ax.set_title(literal(short(self.joint_names[j])), loc="left", fontsize="small", pad=2)
         legend_beside(panels[0])
         figure = figure_of(panels)
         figure.align_ylabels(panels)
         return figure
+
+
+def without_gaps(t: Array, *columns: Array) -> list[Array]:
+    """Times and columns with an undefined sample in each gap, so that no line crosses it."""
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
+    return [np.insert(t, gaps, t[gaps - 1]), *(np.insert(column, gaps, np.nan, axis=0) for column in columns)]
