@@ -394,7 +394,7 @@ def test_a_joint_that_does_not_move_is_named(true, changes):
     q[:, 3] = 0.2
     q[np.linspace(100, 3900, changes, dtype=int), 3] += 1e-4
     measured = Record(t, q, tau)
-    text = "joint_4: no motion throughout the record; its friction and rotor cannot be found"
+    text = "joint_4: no motion at any time; its friction and rotor cannot be found from this record"
     assert f"warning: record: {text}" in [str(finding) for finding in measured.findings]
     assert {finding.joint for finding in measured.findings} == {"joint_4"}
     assert measured.prepare().usable.all()  # the joint's torques say something of the bodies

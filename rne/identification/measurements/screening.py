@@ -208,7 +208,7 @@ def _check_motion(found: Findings, q: Array, steps: Array) -> None:
         found.error(None, "no motion", "of any joint", cure)
         return
     for j in resting:
-        found.warning(j, "no motion", "throughout the record", "its friction and rotor cannot be found")
+        found.warning(j, "no motion", "at any time", "its friction and rotor cannot be found from this record")
 
 
 def _check_range(found: Findings, q: Array) -> None:
