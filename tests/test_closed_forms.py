@@ -113,3 +113,11 @@ def test_a_robot_without_joints_has_empty_answers():
         assert rne.link_poses(block, empty).shape == (*shape[:-1], 1, 4, 4)
         assert rne.recursion(block, empty, empty, empty).f.shape == (*shape[:-1], 0, 3)
     assert rne.simulate(rne.Robot(block), [], [], 1.0).energy_drift == 0
+
+
+def test_kinetic_energy_of_a_body_that_turns_about_its_centre():
+    """The folded second link has its centre on the first axis: it only turns, and nothing cancels in its energy."""
+    inertia = 1e-9
+    model = planar_arm(1.1, 0.5, 1.0, 0.1, 1.1, 10.0, inertia)
+    energy = rne.link_kinetic_energies(model, [0, np.pi], [1.234, 0])
+    assert energy[1] == pytest.approx(inertia * 1.234**2 / 2, rel=1e-12)

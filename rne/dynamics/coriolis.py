@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..basics.spatial import Array, cross, cross_matrix, rotate, transpose, zeros
 from ..model.model import Model
+from ..model.other_moments import ModelWithMoments
 from .jacobians import body_jacobian_rates, body_jacobians
 from .kinematics import joint_rates, joint_transforms
 from .quantity import quantity
@@ -33,8 +34,8 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     Notes
     -----
     A rigid body is a sum of point masses, and for a point mass C = m J^T dJ/dt gives the Christoffel symbols. Summed
-    over the body, with rates of components in its own axes, C = Jv^T f + Jw^T n with
-    f = m a + dJw x h + omega x (Jw x h), n = h x a + I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw, a = dJv + omega x Jv.
+    over the body, with rates of components in its own axes:
+    C = m Jc^T (dJc + [omega]x Jc) + Jw^T (I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw).
     dM/dt - 2C is skew: Siciliano et al. 2009, (7.49).
 
     Examples
@@ -49,16 +50,32 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     all_dJw, all_dJv = body_jacobian_rates(model, R, p, rates, all_Jw, all_Jv)
     C = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
     for i in range(model.nb):
-        m, h, I = model.body_moments(i)
-        m, h = m[..., None], h[..., None, :]
-        Jw, Jv, dJw, dJv = all_Jw[i], all_Jv[i], all_dJw[i], all_dJv[i]  # rows are joints: J^T of the docstring
-        omega = (Jw * rates[..., :, None]).sum(-2)
-        trace = I[..., :1, :1] + I[..., 1:2, 1:2] + I[..., 2:, 2:]
-        spin = trace / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
-        a = dJv + cross(omega[..., None, :], Jv)
-        f = m * a + cross(dJw, h) + cross(omega[..., None, :], cross(Jw, h))
-        n = cross(h, a) + dJw @ I + Jw @ transpose(spin)
-        C = C + Jv @ transpose(f) + Jw @ transpose(n)
+        omega = (all_Jw[i] * rates[..., :, None]).sum(-2)
+        C = C + body_coriolis_matrix(model, i, omega, all_Jw[i], all_Jv[i], all_dJw[i], all_dJv[i])
     if model.has_mimics:
         C = model.coordinate_map.T @ C @ model.coordinate_map
     return C
+
+
+def body_coriolis_matrix(model: Model, i: int, omega: Array, Jw: Array, Jv: Array, dJw: Array, dJv: Array) -> Array:
+    """Share of a body in C, from Jacobians of its frame's origin; rows are joints: J^T of the docstring."""
+    if isinstance(model, ModelWithMoments):  # bodies without mass have no centre
+        m, h, I = model.body_moments(i)
+        m, h = m[..., None], h[..., None, :]
+        a = dJv + cross(omega[..., None, :], Jv)
+        f = m * a + cross(dJw, h) + cross(omega[..., None, :], cross(Jw, h))
+        by_moments: Array = Jv @ transpose(f) + Jw @ transpose(cross(h, a) + angular_part(I, omega, Jw, dJw))
+        return by_moments
+    m, c, I = model.mass[i], model.com[i], model.inertia[i]
+    Jc, dJc = Jv + cross(Jw, c), dJv + cross(dJw, c)
+    f = m * (dJc + cross(omega[..., None, :], Jc))
+    C: Array = Jc @ transpose(f) + Jw @ transpose(angular_part(I, omega, Jw, dJw))
+    return C
+
+
+def angular_part(I: Array, omega: Array, Jw: Array, dJw: Array) -> Array:
+    """I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw, rows are joints."""
+    trace = I[..., :1, :1] + I[..., 1:2, 1:2] + I[..., 2:, 2:]
+    spin = trace / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
+    n: Array = dJw @ I + Jw @ transpose(spin)
+    return n

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from ..basics.spatial import Array, cross, dot, rotate, zeros
 from ..model.model import Model
+from ..model.other_moments import ModelWithMoments
 from .kinematics import body_poses, joint_transforms, velocities
 from .quantity import quantity
 
 
 @quantity(moments=True)
 def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
-    """Kinetic energy of every moving body: (m v.v + 2 v.(omega x h) + omega.I omega) / 2.
+    """Kinetic energy of every moving body: (m v_c.v_c + omega.I omega) / 2.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
 
     Notes
     -----
-    Høifødt 2011, (6.30), with the velocity v of the frame's origin, the first moment h and the inertia I about it.
+    Høifødt 2011, (6.30).
 
     Examples
     --------
@@ -42,10 +43,19 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     omega, v = velocities(model, *joint_transforms(model, q), qd)
     T = zeros((*q.shape[:-1], model.nb), like=q)
     for i in range(model.nb):
-        m, h, I = model.body_moments(i)
-        linear = m * v[i] + 2 * cross(omega[i], h)
-        T[..., i] = (dot(v[i], linear) + dot(omega[i], rotate(I, omega[i]))) / 2
+        T[..., i] = body_kinetic_energy(model, i, omega[i], v[i])
     return T
+
+
+def body_kinetic_energy(model: Model, i: int, omega: Array, v: Array) -> Array:
+    """(m v_c.v_c + omega.I omega) / 2, Høifødt 2011, (6.30), of a body whose frame's origin moves with v."""
+    if isinstance(model, ModelWithMoments):  # bodies without mass have no centre
+        m, h, I = model.body_moments(i)
+        twice = dot(v, m * v + 2 * cross(omega, h)) + dot(omega, rotate(I, omega))
+    else:
+        v_c = v + cross(omega, model.com[i])
+        twice = model.mass[i] * dot(v_c, v_c) + dot(omega, rotate(model.inertia[i], omega))
+    return twice / 2
 
 
 @quantity(moments=True)
@@ -159,9 +169,17 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
     R0, p0 = body_poses(model, q)
     total = zeros((*q.shape[:-1], 6), like=q)
     for i in range(model.nb):
-        m, h, I = model.body_moments(i)
-        linear = rotate(R0[i], m * v[i] + cross(omega[i], h))
-        angular = rotate(R0[i], rotate(I, omega[i]) + cross(h, v[i]))
+        linear, angular = (rotate(R0[i], part) for part in body_momentum(model, i, omega[i], v[i]))
         total[..., 3:] = total[..., 3:] + linear
         total[..., :3] = total[..., :3] + angular + cross(p0[i], linear)
     return total
+
+
+def body_momentum(model: Model, i: int, omega: Array, v: Array) -> tuple[Array, Array]:
+    """Linear momentum of a body, and angular momentum about its frame's origin, which moves with v."""
+    if isinstance(model, ModelWithMoments):  # bodies without mass have no centre
+        m, h, I = model.body_moments(i)
+        return m * v + cross(omega, h), rotate(I, omega) + cross(h, v)
+    c = model.com[i]
+    linear = model.mass[i] * (v + cross(omega, c))
+    return linear, rotate(model.inertia[i], omega) + cross(c, linear)
