@@ -259,3 +259,21 @@ def test_a_body_without_mass_is_refused(irb140):
     text = "`bodies`: the body of joint 'joint_5' cannot be adapted: its pseudo-inertia is not positive definite"
     with pytest.raises(ValueError, match=rf"^{re.escape(text)}$"):
         rne.control.adaptive(irb140, KD, [20] * 6, circle, bodies=["joint_5"])
+
+
+def test_a_robot_with_nothing_to_adapt_is_refused_unless_friction_is(arm):
+    massless = arm.with_parameters(0 * arm.parameters)
+    text = (
+        "`robot` has nothing to adapt: the pseudo-inertia of none of its bodies is positive definite, and neither "
+        "`viscous` nor `coulomb` is given"
+    )
+    with pytest.raises(ValueError, match=rf"^{re.escape(text)}$"):
+        law_of(massless)
+    assert law_of(massless, viscous=[1] * 3).states == 3
+
+
+def test_distance_is_from_a_robot_with_the_same_joints(arm, irb140):
+    law = law_of(arm)
+    text = f"`robot` must have the joints {list(arm.joint_names)}, got {list(irb140.joint_names)}"
+    with pytest.raises(ValueError, match=rf"^{re.escape(text)}$"):
+        law.distance(np.zeros(law.states), irb140)

@@ -85,8 +85,11 @@ def test_root_mean_square_keeps_the_exact_bound(arm, laws):
 
 @pytest.mark.parametrize("mass", payloads(3, seed=1))
 def test_lyapunov_redesign_stays_in_its_layer(arm, laws, mass):
-    """|s / boundary| <= 1 along the run, and its derivative is not positive on the layer's edge in random states."""
+    """|s / boundary| <= 1 along a run, and its derivative is negative on the layer's edge in random states."""
     law, plant = laws["robust"], arm.with_payload(mass, com=DEPTH)
+    motion, error = run(law, plant, short_circle)
+    s = motion.qd - short_circle(motion.t[:, None])[1] + law.bandwidth * error
+    assert np.linalg.norm(s / law.boundary, axis=1).max() <= 1
     rng = np.random.default_rng(2)
     for t in rng.uniform(0, 2, 50):
         q_ref, qd_ref, qdd_ref = short_circle(t)
@@ -156,6 +159,7 @@ def test_law_without_uncertainty_is_that_of_the_model(arm):
         rne.control.robust(arm, rate, LAYER, short_circle, 1.0),
     ):
         np.testing.assert_allclose(law(0.4, q, qd), arm.inverse_dynamics(q, qd, qdd), rtol=1e-9)
+        assert rne.Scene(arm, controller=law).cost()["law"] == "traced"
 
 
 @pytest.mark.parametrize("name", ["robust", "passive", "sliding"])
@@ -200,8 +204,26 @@ def test_condition_of_the_book_fails_for_a_payload_that_outweighs_the_wrist(irb1
             "`reference` must be a function of time, got int",
         ),
         (
-            lambda r: rne.control.sliding_mode([r, r], [1] * 6, [1] * 6, circle, reaching=-1.0),
-            "`reaching` must be positive, got -1.0",
+            lambda r: rne.control.uncertainty_bound(r.mounted([1, 0, 0]), [r, r], [1] * 6, [1] * 6, circle, 1.0),
+            "`robot` must differ from `cases` in masses, centres of mass and inertias alone, not in gravity",
+        ),
+        *(
+            (
+                lambda r, samples=samples: rne.control.uncertainty_bound(
+                    r, [r, r], [1] * 6, [1] * 6, circle, 1.0, samples=samples
+                ),
+                f"`samples` must be a whole number, at least 16, got {samples}",
+            )
+            for samples in (15, 100.5)
+        ),
+        *(
+            (
+                lambda r, reaching=reaching: rne.control.sliding_mode(
+                    [r, r], [1] * 6, [1] * 6, circle, reaching=reaching
+                ),
+                f"`reaching` must be positive, got {reaching}",
+            )
+            for reaching in (-1.0, 0.0)
         ),
     ],
 )

@@ -45,7 +45,7 @@ def adaptive(
         by `gain` times that work, relative to the start.
     bodies : sequence of str, optional
         Joints whose bodies are adapted, such as the last one, which carries the payload. If not given, all whose
-        pseudo-inertia is positive definite: bodies without mass, or without extent, are left as they are.
+        pseudo-inertia is positive definite: bodies without mass, without extent or not possible are left as they are.
     consistent : bool
         True for the natural adaptation law, by which every estimate stays a possible body: a positive definite
         pseudo-inertia.
@@ -66,19 +66,20 @@ def adaptive(
     Raises
     ------
     ValueError
-        If an array has the wrong shape or sign or is not finite, a joint of `bodies` does not exist, or the body of one
-        cannot be adapted.
+        If an array has the wrong shape or sign or is not finite, a joint of `bodies` does not exist, the body of one
+        cannot be adapted, or there is nothing to adapt: no such body, and no friction.
 
     Notes
     -----
-    Slotine and Li 1987. The metric of the parameters is that of the pseudo-inertias P at the start, P0: with S from
-    Y^T s, dP/dt = -gain P0 S P0, which is a constant Gamma; the consistent law is dP/dt = -gain P S P, Lee, Kwon and
-    Park 2018. Both make V = s^T M s / 2 + distance / gain fall, V' = -s^T Kd s, so that the tracking error goes to zero
-    for any gains, if the robot that moves differs from the model in the parameters that are adapted alone. The proof
-    fails with saturated drives, by which the estimates of the consistent law can grow without bound in finite time if
-    `torque_limit` is not given; with friction or disturbances that are not modelled, which let estimates drift; and
-    with a sampled controller whose sample time is long. The parameters themselves converge if the reference excites
-    all of them persistently; combinations that do not act on the torques never do.
+    Slotine and Li 1987. The metric of the parameters is that of the pseudo-inertias P at the start, P0: with S from Y^T
+    s, dP/dt = -gain P0 S P0, which is a constant Gamma; the consistent law is dP/dt = -gain P S P, Lee, Kwon and Park
+    2018. Both make V = s^T M s / 2 + distance / gain fall, V' = -s^T Kd s, so that the tracking error goes to zero for
+    any gains, if the robot that moves differs from the model in the parameters that are adapted alone. With
+    `torque_limit` this holds while every torque is below 90 % of its limit; beyond, adaptation slows down and V may
+    grow. The proof fails with saturated drives, by which the estimates of the consistent law can grow without bound in
+    finite time if `torque_limit` is not given; with friction or disturbances that are not modelled, which let estimates
+    drift; and with a sampled controller whose sample time is long. The parameters themselves converge if the reference
+    excites all of them persistently; combinations that do not act on the torques never do.
 
     Examples
     --------
@@ -102,7 +103,7 @@ def adaptive(
         rate,
         reference,
         positive_number("gain", gain),
-        adapted_bodies(robot, bodies),
+        adapted_bodies(robot, bodies, required=viscous is None and coulomb is None),
         consistent,
         viscous,
         coulomb,

@@ -13,7 +13,7 @@ from ..elementwise import maximum, minimum, tanh
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
 from .estimates import BodyEstimates
-from .reference import Reference, composite
+from .reference import Reference, composite, model_torques
 
 SMOOTHING = 0.01  # [rad/s or m/s]: as of rne.Friction
 FADING = 0.1  # of its limit: within this of it a torque slows the adaptation
@@ -106,7 +106,7 @@ class Adaptive:
         Y = self.robot.control_regressor(q, qd, qdr, qddr)
         z = np.asarray(z)
         # u = Y pi - Kd s: Slotine and Li 1987, (8); rotors are known
-        u = (Y @ self.parameters(z)[..., None])[..., 0] + qddr @ self._rotors - self.kd * s
+        u = model_torques(self.robot, Y, self.parameters(z), qddr) - self.kd * s
         rates = [self.estimates.rates(z, (s[..., None, :] @ Y)[..., 0, :])]
         for start, rate, estimate in zip(self._frictions, self._rates_of(qdr), self.friction(z), strict=True):
             u = u + estimate * rate
@@ -123,13 +123,6 @@ class Adaptive:
         for joint in range(self.robot.n):
             share = minimum(share, (1.0 - used[..., joint : joint + 1]) / FADING)
         return maximum(share, 0.0)
-
-    @cached_property
-    def _rotors(self) -> Array:
-        """Inertia of the drives' rotors in the coordinates, shape (n, n)."""
-        model = self.robot.model
-        rotors: Array = model.coordinate_map.T @ (model.armature[:, None] * model.coordinate_map)
-        return rotors
 
     @property
     def _frictions(self) -> list[Array]:
@@ -189,22 +182,28 @@ class Adaptive:
         return [start * (1.0 + deviation) for start, deviation in zip(self._frictions, places, strict=True)]
 
     def distance(self, z: Array, robot: Robot) -> Array:
-        """Distance of the bodies' estimates from a robot's parameters, as it enters the Lyapunov function.
+        """Distance of the adapted bodies' estimates from a robot's parameters, as it enters the Lyapunov function.
 
-        V = s^T M s / 2 + distance / gain does not grow while the scene is that robot, without friction and limits.
+        V = s^T M s / 2 + distance / gain does not grow while the scene is that robot, its other bodies are those of the
+        model, there is no friction and none is adapted, and no torque is above 90 % of its limit.
 
         Parameters
         ----------
         z : array_like, shape (..., states)
             States of the law.
         robot : Robot
-            The robot that moves.
+            The robot that moves, with the joints of the law's model.
 
         Returns
         -------
         ndarray, shape (...)
             Of consistent estimates the log-det divergence of the pseudo-inertias, log det(P_hat P^-1) + tr(P_hat^-1 P)
             - 4 summed over the bodies; otherwise half the squared norm of their differences, relative to the start.
+
+        Raises
+        ------
+        ValueError
+            If `robot` has other joints.
 
         Examples
         --------
@@ -214,4 +213,7 @@ class Adaptive:
         >>> bool(abs(law.distance(np.zeros(law.states), robot)) < 1e-12)
         True
         """
+        joints = self.robot.model.moving_joints
+        if robot.model.moving_joints != joints:
+            raise ValueError(f"`robot` must have the joints {list(joints)}, got {list(robot.model.moving_joints)}")
         return self.estimates.distance(np.asarray(z), robot.parameters)

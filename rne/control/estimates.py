@@ -21,10 +21,15 @@ def can_adapt(robot: Robot) -> Array:
     return np.asarray(eigenvalues[:, 0] > SMALLEST * eigenvalues[:, -1])
 
 
-def adapted_bodies(robot: Robot, bodies: Sequence[str] | None) -> tuple[str, ...]:
-    """Joints whose bodies are adapted, in the order of `model.moving_joints`."""
+def adapted_bodies(robot: Robot, bodies: Sequence[str] | None, *, required: bool) -> tuple[str, ...]:
+    """Joints whose bodies are adapted, in the order of `model.moving_joints`; `required`: nothing else is adapted."""
     joints, possible = robot.model.moving_joints, can_adapt(robot)
     if bodies is None:
+        if required and not possible.any():
+            raise ValueError(
+                "`robot` has nothing to adapt: the pseudo-inertia of none of its bodies is positive definite, and "
+                "neither `viscous` nor `coulomb` is given"
+            )
         return tuple(name for name, can in zip(joints, possible, strict=True) if can)
     if isinstance(bodies, str):
         raise ValueError(f"`bodies` must be a sequence of names of joints, got the string {bodies!r}")

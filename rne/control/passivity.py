@@ -14,7 +14,7 @@ from ..basics.short_text import summary
 from ..basics.spatial import Array
 from ..elementwise import maximum
 from ..robot import Robot
-from .reference import Reference, check_reference, composite
+from .reference import Reference, check_reference, composite, model_torques
 from .robust import saturated_direction
 from .uncertainty import Cases, checked_cases
 
@@ -96,11 +96,13 @@ class RobustPassive:
         """
         s, qdr, qddr, _ = composite(self.robot, self.reference, self.bandwidth, t, q, qd)
         Y = self.robot.control_regressor(q, qd, qdr, qddr)
+        torques: Array = model_torques(self.robot, Y, self.robot.parameters, qddr) - self.kd * s
+        if not self.cases.ball.size:  # equal cases
+            return torques
         YW = Y @ self.cases.ball
         power = (s[..., None, :] @ YW)[..., 0, :]
         shift = -saturated_direction(power, self.boundary)  # u_p = W shift: Spong 1992, (16)
-        torques: Array = _model(self.robot, Y, qddr) + (YW @ shift[..., None])[..., 0] - self.kd * s
-        return torques
+        return np.asarray(torques + (YW @ shift[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,16 +178,8 @@ class SlidingMode:
             largest = maximum(largest, squares[..., case : case + 1])
         # k >= |D Y (pi - pi_0)| of every mixture, for norms are convex; Slotine and Li 1991, section 9.1
         k = np.sqrt(largest) + self.reaching
-        torques: Array = _model(self.robot, Y, qddr) - k * saturated_direction(s / self.boundary, 1.0) / self.boundary
-        return torques
-
-
-def _model(robot: Robot, Y: Array, qddr: Array) -> Array:
-    """M qddr + C qdr + g of the model, its rotors included."""
-    model = robot.model
-    rotors = model.coordinate_map.T @ (model.armature[:, None] * model.coordinate_map)
-    torques: Array = Y @ robot.parameters + qddr @ rotors
-    return torques
+        u = model_torques(self.robot, Y, self.robot.parameters, qddr)
+        return np.asarray(u - k * saturated_direction(s / self.boundary, 1.0) / self.boundary)
 
 
 def robust_passive(
@@ -291,4 +285,4 @@ def sliding_mode(
     n = hull.centre.n
     rate, D = (vector(k, x, n, sign="positive") for k, x in (("bandwidth", bandwidth), ("boundary", boundary)))
     check_reference(hull.centre, reference)
-    return SlidingMode(hull.centre, rate, D, reference, positive_number("reaching", reaching, zero_allowed=True), hull)
+    return SlidingMode(hull.centre, rate, D, reference, positive_number("reaching", reaching), hull)

@@ -1,4 +1,4 @@
-"""Reference motions of control laws."""
+"""Reference motions of control laws, and the torques of a model that follows them."""
 
 from __future__ import annotations
 
@@ -85,3 +85,11 @@ def composite(robot: Robot, reference: Reference, bandwidth: Array, t: Any, q: A
     qdr = qd_ref - bandwidth * e
     qddr = qdd_ref - bandwidth * (np.asarray(qd) - qd_ref)
     return Composite(qd - qdr, qdr, qddr, e)
+
+
+def model_torques(robot: Robot, Y: Array, parameters: Array, qddr: Array) -> Array:
+    """M qddr + C qdr + g: Y pi of the parameters, and the torque of the rotors, which are known."""
+    model = robot.model
+    rotors = model.coordinate_map.T @ (model.armature[:, None] * model.coordinate_map)
+    torques: Array = (Y @ parameters[..., None])[..., 0] + qddr @ rotors
+    return torques

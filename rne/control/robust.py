@@ -59,7 +59,10 @@ class Robust:
 
     @property
     def error_bound(self) -> Array:
-        """Largest tracking error of each joint, from a start within the layer: boundary / bandwidth, shape (n,)."""
+        """Largest tracking error of each joint, boundary / bandwidth, shape (n,) [rad or m].
+
+        From a start with |z| <= 1, z = s / boundary, and |e_i| <= boundary_i / bandwidth_i: the layer bounds s alone.
+        """
         return self.boundary / self.bandwidth
 
     def __call__(self, t: float, q: Array, qd: Array) -> Array:
@@ -100,7 +103,8 @@ def robust(robot: Robot, bandwidth: ArrayLike, boundary: ArrayLike, reference: R
     reference : callable
         A function f(t) -> (q, qd, qdd).
     rho : float
-        Bound on the error of the model in the layer, such as from `rne.control.uncertainty_bound` [W].
+        Bound on the error of the model where |z| <= 1 and |e_i| <= boundary_i / bandwidth_i, such as from
+        `rne.control.uncertainty_bound` [W].
 
     Returns
     -------
@@ -118,8 +122,9 @@ def robust(robot: Robot, bandwidth: ArrayLike, boundary: ArrayLike, reference: R
     there w is multiplied by the model's M, which requires |1 - M^-1 M_hat| < 1. A payload that outweighs the wrist
     breaks this for every mass that a model can have in between. Here w is a torque. M^-1 is positive definite, so that
     rho >= lambda_max(D M D) |(D M D)^-1 D f| suffices, f being the torque that the model is short of. Then a motion
-    that starts in the layer never leaves it, |e_i| <= boundary_i / bandwidth_i. This assumes drives that are not
-    saturated, a law that is not sampled, and that rho bounds what is not modelled as well, such as friction.
+    from a start with |z| <= 1 and |e_i| <= boundary_i / bandwidth_i keeps both. The second condition is needed because
+    the layer bounds s alone: a larger e decays towards this bound, if rho holds there too. This assumes drives that are
+    not saturated, a law that is not sampled, and that rho bounds what is not modelled as well, such as friction.
 
     Examples
     --------

@@ -95,12 +95,22 @@ def checked_cases(cases: Sequence[Robot]) -> Cases:
     robots = tuple(cases) if isinstance(cases, Sequence) else ()
     if len(robots) < 2 or not all(isinstance(robot, Robot) for robot in robots):
         raise ValueError("`cases` must be a sequence of at least two Robots, between which the robot that moves lies")
-    first = robots[0].model
     for robot in robots[1:]:
-        for name in SHARED:
-            if not is_equal(getattr(first, name), getattr(robot.model, name)):
-                raise ValueError(f"`cases` must differ in masses, centres of mass and inertias alone, not in {name}")
+        _check_shared("`cases` must differ", robots[0], robot)
     return Cases(robots)
+
+
+def _check_shared(what: str, first: Robot, robot: Robot) -> None:
+    for name in SHARED:
+        if not is_equal(getattr(first.model, name), getattr(robot.model, name)):
+            raise ValueError(f"{what} in masses, centres of mass and inertias alone, not in {name}")
+
+
+def _checked_samples(samples: int) -> int:
+    """A number of states that leaves one for each mixture."""
+    if not isinstance(samples, (int, np.integer)) or isinstance(samples, bool) or samples < MIXTURES:
+        raise ValueError(f"`samples` must be a whole number, at least {MIXTURES}, got {samples!r}")
+    return int(samples)
 
 
 def uncertainty_bound(
@@ -115,12 +125,12 @@ def uncertainty_bound(
     margin: float = 1.2,
     seed: int = 0,
 ) -> float:
-    """A bound rho for `rne.control.robust` by sampling: states in the boundary layer, times, and mixtures of cases.
+    """A bound rho for `rne.control.robust` by sampling: states near the reference, times, and mixtures of cases.
 
     Parameters
     ----------
     robot : Robot
-        The controller's model.
+        The controller's model, which differs from the cases in its bodies' parameters alone.
     cases : sequence of Robot
         Robots of which the one that moves is a mixture, such as the arm without and with its largest payload.
     bandwidth, boundary : array_like, shape (n,)
@@ -130,7 +140,7 @@ def uncertainty_bound(
     duration : float
         Times of the reference that are drawn, from 0 to this [s].
     samples : int
-        Number of states; half of them with one of the cases, half with a random mixture.
+        Number of states, at least 16; half of them with one of the cases, half with a random mixture.
     margin : float
         Factor on the largest value found, for what lies between the samples.
     seed : int
@@ -145,10 +155,12 @@ def uncertainty_bound(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, sign or type.
+        If an argument has the wrong shape, sign or type, or the robot or the cases differ in more than masses.
 
     Notes
     -----
+    The states have |z| <= 1, z = s / boundary, and |e_i| <= boundary_i / bandwidth_i. Of others the bound says nothing.
+
     A bound found by sampling is not proven; the margin is the statement of how much is trusted. `robust_passive` and
     `sliding_mode` need no such bound.
 
@@ -162,9 +174,10 @@ def uncertainty_bound(
     True
     """
     hull, n = checked_cases(cases), robot.n
+    _check_shared("`robot` must differ from `cases`", hull.centre, robot)
     rate, D = (vector(k, x, n, sign="positive") for k, x in (("bandwidth", bandwidth), ("boundary", boundary)))
     check_reference(robot, reference)
-    count = int(positive_number("samples", samples))
+    count = _checked_samples(samples)
     rng = np.random.default_rng(seed)
     times = rng.uniform(0, positive_number("duration", duration, zero_allowed=True), count)
     q_ref, qd_ref, qdd_ref = (
