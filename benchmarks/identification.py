@@ -143,13 +143,16 @@ def log_table(logs: Sequence[dict[str, Any]]) -> str:
         [
             f"{log['robot']}, {log['cutoff']:.1f} Hz" + (" (chosen)" if log["chosen"] else ""),
             str(log["parameters"]),
+            f"{log['condition']:.0f}",
             " ".join(f"{e:.1f}" for e in log["error"]),
             " ".join(f"{x:.2f}" for x in log["Fv"]),
             " ".join(f"{x:.2f}" for x in log["Fc"]),
         ]
         for log in logs
     ]
-    return table(["log, cut-off", "base parameters", "error per joint [%]", "Fv [N m s/rad]", "Fc [N m]"], rows)
+    return table(
+        ["log, cut-off", "base parameters", "condition", "error per joint [%]", "Fv [N m s/rad]", "Fc [N m]"], rows
+    )
 
 
 def rewrite_page() -> None:

@@ -5,12 +5,15 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import rne
 from rne.identification.estimation.consistent import consistent_fit
+from rne.identification.estimation.correlation import repeats_of_filtered_noise, repeats_of_residuals
 from rne.identification.estimation.equations import equations, joined
-from rne.identification.estimation.least_squares import least_squares
+from rne.identification.estimation.least_squares import least_squares, with_correlation
 from rne.identification.estimation.prior import geometric_prior, model_prior
+from rne.identification.measurements.filtering import low_pass
 from rne.model.pseudo_inertia import dual_of_gradient, pseudo_inertia
 
 SAME = 1e-11  # relative: another order of operations, condition below 100
@@ -181,3 +184,48 @@ def test_without_clarabel_the_error_says_what_to_install(monkeypatch):
     text = "the physically consistent fit needs Clarabel, which is not installed: pip install 'rne[identify]'"
     with pytest.raises(ImportError, match=f"^{re.escape(text)}$"):
         consistent_fit(factor, model_prior(robot.model)[0], 1.0, BOTH, np.ones(2))
+
+
+def test_correlated_residuals_count_as_fewer():
+    """A first-order process x_k = r x_(k-1) + noise has 1 + 2 sum r^k = (1 + r) / (1 - r)."""
+    rng = np.random.default_rng(0)
+    parts = [
+        np.stack([lfilter([1], [1, -0.5], rng.normal(size=20000)), rng.normal(size=20000)], axis=1) for _ in range(2)
+    ]
+    x = np.concatenate(parts)
+    used = rng.uniform(size=x.shape) < 0.9
+    found = repeats_of_residuals(x, used, [slice(0, 20000), slice(20000, 40000)])
+    assert found == pytest.approx([3.0, 1.0], rel=0.1)
+
+
+@pytest.mark.parametrize("decimation", [1, 10, 20])
+def test_filtered_noise_counts_as_fewer(decimation):
+    """The variance of the mean of filtered white noise is that of its rows, times the repeats, over their number."""
+    rate, cutoff = 500.0, 10.0
+    noise = low_pass(np.random.default_rng(0).normal(size=(2000, 400)), cutoff, rate)[250:-250:decimation]
+    measured = noise.mean(0).var() * len(noise) / noise.var()
+    assert repeats_of_filtered_noise(cutoff, rate, decimation) == pytest.approx(measured, rel=0.2)
+
+
+def test_standard_errors_of_correlated_residuals_are_the_sandwich():
+    Y, tau, _ = problem(samples=80)
+    rows, repeats = compressed(Y, tau), np.array([1.0, 3.0, 5.0])
+    fit = least_squares(rows)
+    A = (Y / fit.sigma[:, None]).reshape(-1, 7)
+    bread = np.linalg.inv(A.T @ A)
+    expected = bread @ A.T @ np.diag(np.tile(repeats, 80)) @ A @ bread
+    found = with_correlation(fit, rows, repeats)
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-9)
+    np.testing.assert_allclose(found.errors, np.sqrt(np.diag(expected)), rtol=1e-9)
+
+
+def test_a_joint_with_hardly_more_equations_than_unknowns_gets_no_weight_from_them():
+    """Its residual is zero by construction, which is no sign of exactness."""
+    Y, tau, x = problem(noise=(0.1, 0.1, 0.1), unknowns=6)
+    Y[:, 2, :3] = 0
+    used = np.ones(tau.shape, bool)
+    used[3:, 2] = False
+    Y[:, :2, 3:] = 0
+    fit = least_squares(compressed(Y, tau, 1, used))
+    assert fit.sigma[2] > 0.1
+    assert np.abs(fit.values[:3] - x[:3]).max() < 5 * fit.errors[:3].max()

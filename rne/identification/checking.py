@@ -56,19 +56,19 @@ class Check:
     valid: Array
 
     def __repr__(self) -> str:
-        worst = 100 * self.relative.max(initial=0)
+        worst = 100 * np.nanmax(self.relative, initial=0)
         return wrapped(f"Check(motion {self.name!r}, {len(self.t)} samples, error at most {worst:.3g} %)")
 
     @property
     def rms(self) -> Array:
-        """Root mean square of predicted less measured torque of each joint, shape (n,) [N m or N]."""
-        rows = np.maximum(self.valid.sum(0), 1)
+        """Root mean square of predicted less measured torque of each joint, NaN without any, (n,) [N m or N]."""
+        rows = np.where(self.valid.any(0), self.valid.sum(0), np.nan)
         errors: Array = np.sqrt((((self.predicted - self.measured) * self.valid) ** 2).sum(0) / rows)
         return errors
 
     @property
     def relative(self) -> Array:
-        """|predicted - measured| / |measured| of each joint, shape (n,)."""
+        """|predicted - measured| / |measured| of each joint, NaN without any, shape (n,)."""
         rows = np.maximum(self.valid.sum(0), 1)
         size = np.sqrt(((self.measured * self.valid) ** 2).sum(0) / rows)
         return np.asarray(self.rms / np.maximum(size, np.finfo(float).tiny))
@@ -122,7 +122,7 @@ class Check:
         n = self.measured.shape[1]
         panels = stacked_panels(n, f"Torques of {self.name}", height=1.5) if axes is None else list(axes)
         t, measured, predicted = without_gaps(self.t, self.measured, self.predicted)
-        shown = {"measured": measured, "predicted": predicted, "residual": predicted - measured}
+        shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
         for j, ax in enumerate(panels):
             for (label, values), (color, width) in zip(shown.items(), LOOK, strict=True):
                 names = [label if j == 0 else HIDDEN]

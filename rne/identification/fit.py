@@ -76,13 +76,15 @@ def identify(
         Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
     minimum_rate : array_like, shape (n,), optional
         Slower equations of a joint are not fitted, because the direction of Coulomb friction is not known; by default
-        2 % of the joint's largest rate with Coulomb friction that is not smoothed, otherwise 0 [rad/s or m/s].
+        2 % of the joint's largest rate, and what one step of its encoder makes, with Coulomb friction that is not
+        smoothed, otherwise 0 [rad/s or m/s].
     cutoff : float, optional
         Of the low-pass filter, by default chosen from the measurements [Hz].
     decimation : int, optional
         Samples per equation after the filter; by default from the cut-off.
     blocks : int
-        The measurements are cut into so many, each to be predicted from the others.
+        Each record is cut into `blocks` / number of records, rounded up and at least 2, each to be predicted from the
+        others.
 
     Returns
     -------
@@ -115,18 +117,19 @@ def identify(
     36
     """
     check_robot(robot)
+    for name, given in (("prior", prior), ("spread", spread)):
+        if given is not None and not consistent:
+            raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
     standard = StandardParameters(robot.model, rotor, friction, offset, shafts, smoothing)
-    base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts)
+    base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=smoothing)
     data = gathered(robot, records, standard, base, minimum_rate, cutoff, decimation, blocks)
     guess, notes = prior_bodies(robot, prior, standard, data.fitted) if consistent else (None, ())
-    if prior is not None and not consistent:
-        raise ValueError("`prior` is for the physically consistent fit: leave it out, or set `consistent=True`")
     method = Method(standard, base, guess, positive_number("spread", spread_of(prior, spread)) ** -2)
     estimate, parameters = method.solved(data.fitted)
     repeats = data.repeats(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), repeats)
     errors = held_out(method, data.fitted, data.measured)
-    notes = (*data.notes, *notes, *negative_drives(robot, base, estimate))
+    notes = (*data.notes, *notes, *ignored_drives(standard), *negative_drives(robot, base, estimate))
     return Identification(robot, standard, base, data, estimate, parameters, consistent, errors, repeats, notes)
 
 
@@ -135,6 +138,21 @@ def spread_of(prior: Robot | str | None, given: float | None) -> float:
     if given is not None:
         return given
     return SPREAD_OF_GUESS if isinstance(prior, str) else SPREAD
+
+
+def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
+    """Rotors and friction that the given model has and that were not asked for: the robot found is without them."""
+    model = standard.model
+    known = {
+        "Ia": ("rotor", model.armature),
+        "Fv": ("viscous friction", model.damping),
+        "Fc": ("Coulomb friction", model.friction),
+    }
+    return tuple(
+        f"{name} of the model was not fitted: what there is of it is in other parameters, and the robot found has none"
+        for symbol, (name, values) in known.items()
+        if symbol not in standard.terms and values.any()
+    )
 
 
 def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) -> tuple[str, ...]:

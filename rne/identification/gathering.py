@@ -82,7 +82,9 @@ def gathered(
     fitted, measured = equations_of(rows, prepared, blocks)
     names = [robot.joint_names[j] for j in np.flatnonzero(still)]
     lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
+    silent = [robot.joint_names[j] for j in np.flatnonzero(measured.rows.sum(0) == 0)]
     notes = tuple(f"{name} does not move" + (f": its {lost} cannot be found" if lost else "") for name in names)
+    notes += tuple(f"{name} has no torque that can be used" for name in silent)
     return Gathered(tuple(record.name for record in given), prepared, rates, rows, fitted, measured, notes)
 
 
@@ -126,11 +128,11 @@ def minimum_rates(
 ) -> tuple[Array, Array]:
     """Which joints do not move, and rates below which the equations of a joint are not fitted, shape (n,) each.
 
-    A rate below that of one step of the encoder at the filter's cut-off, or of roundings, is none.
+    A rate below that of one step of the encoder at the cut-off of the positions' filter, or of roundings, is none.
     """
     floors = [
         np.maximum(
-            2 * np.pi * p.cutoff * record.encoder_step,
+            2 * np.pi * p.position_cutoff * record.encoder_step,
             ROUNDINGS * np.finfo(float).eps * p.sample_rate * np.abs(p.q).max(0),
         )
         for record, p in zip(records, prepared, strict=True)

@@ -59,13 +59,16 @@ def joints_text(found: Any) -> str:
         count = int(found.equations.rows[:, j].sum())
         cells = (
             f"{found.estimate.sigma[j]:.4g}",
-            *(f"{x:.1f}" for x in relative),
+            *("-" if np.isnan(found.held_out[j]) else f"{x:.1f}" for x in relative),
             str(count),
             f"{count / found.repeats[j]:.0f}",
         )
         rows.append(Row(f"  {short(name)}", cells))
     blocks = len(found.equations.factors)
-    close = f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others."
+    close = (
+        f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others. All measured torques "
+        "count, those of slow joints too, which are not fitted."
+    )
     return "\n".join([*aligned(rows), close, *motions_text(found)])
 
 

@@ -15,6 +15,7 @@ from ..dynamics.base_parameters import BaseParameters
 from ..errors import IdentificationError
 from ..model.arguments import joint_array
 from ..model.parameters import PARAMETERS, with_parameters
+from ..model.pseudo_inertia import pseudo_inertia
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
@@ -22,7 +23,7 @@ from .certificate.verdict import certificate_lines
 from .checking import Check
 from .estimation.equations import Equations
 from .estimation.least_squares import LeastSquares
-from .estimation.prior import expected_sizes
+from .estimation.prior import expected_sizes, model_prior
 from .gathering import Gathered, check_joints
 from .measurements.prepared import Prepared
 from .measurements.record import Record
@@ -49,13 +50,13 @@ class Identification:
     estimate : LeastSquares
         Base parameters by weighted least squares, with standard errors.
     parameters : ndarray, shape (P,)
-        Standard parameters, in the order of `standard.names`: the physically consistent ones, or those nearest to the
-        given robot's of which the base parameters are `estimate.values`.
+        Standard parameters, in the order of `standard.names`: the physically consistent ones, or the given robot's with
+        those in `base.names` changed so that the base parameters are `estimate.values`.
     consistent : bool
         True for physically consistent parameters.
     held_out : ndarray, shape (n,)
         |predicted - measured| / |measured| of each joint, over blocks of time of which each was predicted by a fit to
-        the others.
+        the others; all measured torques count. NaN for a joint without.
     repeats : ndarray, shape (n,)
         How many equations of a joint count as one, because residuals are like their neighbours; in the standard errors.
     notes : tuple of str
@@ -84,7 +85,7 @@ class Identification:
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
-        worst = f"{100 * self.held_out.max(initial=0):.3g} %"
+        worst = f"{100 * np.nanmax(self.held_out, initial=0):.3g} %"
         found = "physically consistent" if self.consistent else "least squares"
         return wrapped(
             f"Identification({counted(self.base.count, 'base parameter')} of {self.initial.model.name!r} from "
@@ -116,9 +117,15 @@ class Identification:
     def excited(self) -> Array:
         """True for base parameters that the motion determines to better than their expected size, (base.count,).
 
-        That is the size of the given robot's bodies; of a rotor or friction what would take a tenth of the torque.
+        That is the size of the bodies found, if they are consistent, otherwise of the given robot's; of a rotor or
+        friction what would take a tenth of the torque. Bodies without any mass are of unknown size.
         """
-        found: Array = self.estimate.errors < expected_sizes(self.initial.model, self.base, self.equations)
+        model, bodies = self.initial.model, self.parameters[self.standard.groups["bodies"]]
+        if self.consistent:
+            P = pseudo_inertia(bodies)
+        else:
+            P = model_prior(model)[0] if model.mass.any() else np.full((model.nb, 4, 4), np.inf)
+        found: Array = self.estimate.errors < expected_sizes(P, self.base, self.equations)
         return found
 
     @cached_property
@@ -134,14 +141,18 @@ class Identification:
             If a body is not possible or friction is negative, after a fit that is not physically consistent.
         """
         self._check_consistent()
-        model = with_parameters(self.initial.model, self.parameters[self.standard.groups["bodies"]])
-        terms = self.standard.terms
+        try:
+            model = with_parameters(self.initial.model, self.parameters[self.standard.groups["bodies"]])
+        except ValueError as error:
+            raise IdentificationError(
+                f"least squares gave no possible bodies: fit with `consistent=True`; {error}"
+            ) from None
         return Robot(
             replace(
                 model,
-                armature=self._by_joint("Ia") if "Ia" in terms else model.armature,
-                damping=self._by_joint("Fv") if "Fv" in terms else model.damping,
-                friction=self._by_joint("Fc") if "Fc" in terms else model.friction,
+                armature=self._by_joint("Ia"),
+                damping=self._by_joint("Fv"),
+                friction=self._by_joint("Fc"),
             ),
             self.initial.engine,
         )
@@ -221,7 +232,8 @@ class Identification:
         Parameters
         ----------
         record : Record
-            Of the same robot; it is filtered as those of the fit.
+            Of the same robot; it is filtered with the lowest cut-off of those of the fit. Torques of joints at rest
+            count, which Coulomb friction does not determine.
 
         Returns
         -------
@@ -245,7 +257,7 @@ class Identification:
         if not isinstance(record, Record):
             raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
         check_joints(self.initial, record, "record")
-        return self._compared(record.name, record.prepare(self.records[0].cutoff))
+        return self._compared(record.name, record.prepare(min(fitted.cutoff for fitted in self.records)))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
         predicted = prepared.reduce(self.predict(prepared.q, prepared.qd, prepared.qdd))

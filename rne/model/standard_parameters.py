@@ -115,12 +115,12 @@ class StandardParameters:
     @cached_property
     def values(self) -> Array:
         """The parameters that the model has; offsets and those of shafts are zero."""
-        model, drive = self.model, list(self.model.independent_joints)
+        model, G = self.model, self.model.coordinate_map
         known = {
             "bodies": parameters_of(model),
-            "Ia": model.coordinate_map.T**2 @ model.armature,
-            "Fv": model.damping[drive],
-            "Fc": model.friction[drive],
+            "Ia": G.T**2 @ model.armature,
+            "Fv": G.T**2 @ model.damping,
+            "Fc": np.abs(G.T) @ model.friction,
         }
         found = np.zeros(self.count)
         for name in known.keys() & self.groups.keys():

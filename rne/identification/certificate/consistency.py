@@ -87,7 +87,7 @@ def consistency(
     """
     check_robot(robot)
     standard = StandardParameters(robot.model, rotor, friction, offset, shafts, smoothing)
-    base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts)
+    base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=smoothing)
     data = gathered(robot, records, standard, base, minimum_rate, cutoff, decimation, blocks)
     own = [base.back @ own_fit(data.fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
     repeats = np.array([data.repeats(x)[j] for j, x in enumerate(own)])

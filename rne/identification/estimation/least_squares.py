@@ -16,6 +16,7 @@ from .equations import Equations
 
 ROUNDS = 30  # of weighting; it settles in a few
 SETTLED = 1e-6  # relative change of the noise at which weighting ends
+FEWEST = 5  # degrees of freedom of a joint, from which its residual says what its noise is
 ROUNDING = 1e-13  # of the torques: data without noise have this for it
 DEPENDENT = 1e-10  # singular values below this part of the largest, of columns of unit length, are rounding
 UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free
@@ -95,7 +96,7 @@ def least_squares(equations: Equations) -> LeastSquares:
     least = np.maximum(ROUNDING * np.maximum(size, size.max(initial=0) * ROUNDING), np.finfo(float).tiny)
     sigma = np.maximum(size, least)
     for _ in range(ROUNDS):
-        found = noise(equations, sigma, least)
+        found = noise(equations, sigma, size, least)
         settled = np.abs(found / sigma - 1).max(initial=0) <= SETTLED
         sigma = found
         if settled:
@@ -134,9 +135,13 @@ def with_correlation(estimate: LeastSquares, equations: Equations, repeats: Arra
     return replace(estimate, covariance=covariance, errors=errors)
 
 
-def noise(equations: Equations, sigma: Array, least: Array) -> Array:
-    """Standard deviation of each joint's residual, of a fit weighted by `sigma`."""
+def noise(equations: Equations, sigma: Array, start: Array, least: Array) -> Array:
+    """Standard deviation of each joint's residual, of a fit weighted by `sigma`.
+
+    A joint with hardly more equations than it has unknowns of its own leaves no residual: it keeps the value `start`.
+    """
     solution = solve(equations.weighted(sigma))
     spent = ((equations.factors[..., :-1] @ solution.inverse) ** 2).sum((0, 2, 3)) / sigma**2
-    freedom = np.maximum(equations.rows.sum(0) - spent, 1)
-    return np.asarray(np.maximum(np.sqrt(equations.residuals(solution.x) / freedom), least))
+    freedom = equations.rows.sum(0) - spent
+    found = np.sqrt(equations.residuals(solution.x) / np.maximum(freedom, 1))
+    return np.maximum(np.where(freedom < FEWEST, start, found), least)

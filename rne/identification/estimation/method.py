@@ -66,10 +66,14 @@ class Method(NamedTuple):
 
 
 def held_out(method: Method, fitted: Equations, measured: Equations) -> Array:
-    """|predicted - measured| / |measured| of each joint, each block predicted from the others, shape (n,)."""
+    """|predicted - measured| / |measured| of each joint, each block predicted from the others, shape (n,).
+
+    NaN for a joint of which no torque was measured.
+    """
     squares = np.zeros(fitted.joints)
     for k in range(len(fitted.factors)):
         others = np.arange(len(fitted.factors)) != k
         _, parameters = method.solved(fitted.of_blocks(others))
         squares += measured.of_blocks(~others).residuals(parameters)
-    return np.sqrt(squares / np.maximum(measured.torques(), np.finfo(float).tiny))
+    errors = np.sqrt(squares / np.maximum(measured.torques(), np.finfo(float).tiny))
+    return np.where(measured.rows.sum(0) == 0, np.nan, errors)

@@ -47,13 +47,13 @@ def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
     return prior, tuple(changed)
 
 
-def expected_sizes(model: Model, base: BaseParameters, equations: Equations) -> Array:
-    """How large base parameters may be: of bodies like the model's, and of drives that take a tenth of the torque.
+def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Array:
+    """How large base parameters may be: of bodies like these, and of drives that take a tenth of the torque.
 
     Parameters
     ----------
-    model : Model
-        The robot's parameters.
+    P : ndarray, shape (nb, 4, 4)
+        Pseudo-inertias of the bodies; infinite if nothing is known of them.
     base : BaseParameters
     equations : Equations
         Of the standard parameters.
@@ -62,14 +62,14 @@ def expected_sizes(model: Model, base: BaseParameters, equations: Equations) -> 
     -------
     ndarray, shape (base.count,)
     """
-    P = model_prior(model)[0]
     mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
     first = np.sqrt(mass * second)
     bodies = np.concatenate([mass[:, None], np.repeat(first[:, None], 3, 1), np.repeat(second[:, None], 6, 1)], axis=1)
     columns = np.sqrt((equations.factors[..., bodies.size : -1] ** 2).sum((0, 2)))  # joints, drives
     shares = (columns / np.maximum(np.sqrt(equations.torques()), np.finfo(float).tiny)[:, None]).max(0, initial=0)
     drives = np.divide(SHARE_OF_DRIVES, shares, out=np.zeros(len(shares)), where=shares > 0)
-    of_bodies = np.linalg.norm(base.matrix[:, : bodies.size] * bodies.ravel(), axis=1)
+    shown = np.where(base.matrix[:, : bodies.size] == 0, 0.0, bodies.ravel())
+    of_bodies = np.linalg.norm(base.matrix[:, : bodies.size] * shown, axis=1)
     kept = np.array(base.independent, int)
     sizes = np.where(kept < bodies.size, of_bodies, np.append(np.zeros(bodies.size), drives)[kept])
     return np.asarray(sizes)
