@@ -1,5 +1,6 @@
 """Identification from synthetic measurements, of which the truth is known."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -196,18 +197,40 @@ def test_sliding_joints_branches_and_mimics(name):
 
 
 def test_a_joint_that_does_not_move_is_not_excited(scene, motions):
-    """Rounded positions that stay the same have rates of rounding size, which are none."""
+    """Its encoder flickers between steps."""
     t, q, qd, qdd, _ = (x.copy() for x in motions[0])
     q[:, 5], qd[:, 5], qdd[:, 5] = 0.3, 0, 0
     tau = scene.inverse_dynamics(q, qd, qdd)
+    q[:, 5] += ENCODER * np.random.default_rng(0).integers(-1, 2, len(t))
     rec = Record(t, ENCODER * np.rint(q / ENCODER), tau)
     found = rne.identify(scene.robot, rec, rotor=True, friction="viscous+coulomb", blocks=2)
     names = [found.base.names.index(f"{symbol}_6") for symbol in ("Ia", "Fv", "Fc")]
     assert not found.excited[names].any()
     assert np.isinf(found.estimate.errors[names]).all()
-    assert found.friction.viscous[5] == found.friction.coulomb[5] == pytest.approx(0, abs=1e-6)
+    assert [found.friction.viscous[5], found.friction.coulomb[5]] == pytest.approx([0, 0], abs=1e-9)
     assert "joint_6 does not move: its rotor and friction cannot be found" in found.notes
     assert "not excited" in found.report()
+
+
+def test_where_the_motion_says_nothing_the_model_has_the_last_word(scene, motions):
+    """The rotor of a joint at rest, on a model that knows it; of the others it is found to be zero."""
+    model = scene.robot.model
+    robot = rne.Robot(dataclasses.replace(model, armature=np.full(6, 0.5)))
+    t, q, qd, qdd, _ = (x.copy() for x in motions[0])
+    q[:, 5], qd[:, 5], qdd[:, 5] = 0.3, 0, 0
+    rec = Record(t, q, scene.robot.inverse_dynamics(q, qd, qdd))
+    found = rne.identify(robot, rec, rotor=True, blocks=2)
+    assert found.robot.model.armature[5] == pytest.approx(0.5, rel=1e-6)
+    assert found.robot.model.armature[1] < 0.2
+
+
+def test_a_joint_without_torques_is_no_perfect_one(scene, motions):
+    t, q, tau = measure(motions[0], torque_noise=NOISE)
+    tau[:, 5] = 0
+    found = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", blocks=2)
+    assert np.isnan(found.held_out[5])
+    assert (found.held_out[:5] < 0.1).all()
+    assert "joint_6 has no torque that can be used" in found.notes
 
 
 def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motions):

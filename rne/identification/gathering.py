@@ -22,7 +22,8 @@ from .measurements.record import Record
 
 HELD_OUT = 10  # blocks of the measurements, each predicted from the others
 SLOWEST = 0.02  # of a joint's largest rate: below it, Coulomb friction has no known direction
-ROUNDINGS = 1e3  # of a position: rates that these make are none
+STEPS_AT_REST = 2.0  # of the encoder, within which a joint at rest stays of its mean position
+ROUNDINGS = 1e3  # of a position, within which it does not change
 
 
 class Gathered(NamedTuple):
@@ -128,17 +129,15 @@ def minimum_rates(
 ) -> tuple[Array, Array]:
     """Which joints do not move, and rates below which the equations of a joint are not fitted, shape (n,) each.
 
-    A rate below that of one step of the encoder at the cut-off of the positions' filter, or of roundings, is none.
+    A joint whose positions stay within a few steps of its encoder, or roundings, does not move; rates that one step
+    makes at the filter's cut-off are none.
     """
-    floors = [
-        np.maximum(
-            2 * np.pi * p.position_cutoff * record.encoder_step,
-            ROUNDINGS * np.finfo(float).eps * p.sample_rate * np.abs(p.q).max(0),
-        )
-        for record, p in zip(records, prepared, strict=True)
-    ]
-    floor, largest = np.max(floors, axis=0), np.max([np.abs(p.qd).max(0) for p in prepared], axis=0)
-    still = largest <= floor
+    step = np.max([record.encoder_step for record in records], axis=0)
+    middle = np.mean([p.q.mean(0) for p in prepared], axis=0)
+    reach = np.max([np.abs(p.q - middle).max(0) for p in prepared], axis=0)
+    still = reach <= np.maximum(STEPS_AT_REST * step, ROUNDINGS * np.finfo(float).eps * np.abs(middle))
+    largest = np.max([np.abs(p.qd).max(0) for p in prepared], axis=0)
+    floor = 2 * np.pi * max(p.cutoff for p in prepared) * step
     if given is not None:
         return still, vector("minimum_rate", given, standard.model.n, sign="not negative")
     if "Fc" not in standard.terms or standard.smoothing:

@@ -66,8 +66,8 @@ def joints_text(found: Any) -> str:
         rows.append(Row(f"  {short(name)}", cells))
     blocks = len(found.equations.factors)
     close = (
-        f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others. All measured torques "
-        "count, those of slow joints too, which are not fitted."
+        f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others. All measured "
+        "torques count, those of slow joints too, which are not fitted."
     )
     return "\n".join([*aligned(rows), close, *motions_text(found)])
 
