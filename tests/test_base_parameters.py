@@ -262,6 +262,11 @@ def test_known_counts(irb140, ur5):
             "`tolerance` must be positive, got 0.0",
         ),
         (
+            lambda robot: robot.base_parameters(tolerance=2.0),
+            ValueError,
+            "`tolerance` must be below 0.01, got 2.0",
+        ),
+        (
             lambda robot: robot.base_parameters().of(np.zeros(36)),
             ValueError,
             "`parameters` must have shape (..., 60), got (36,)",

@@ -66,8 +66,10 @@ def test_numbers_of_a_payload_are_found():
         (lambda q, qd, qdd: np.nan * q, "`other`: the torques must be finite"),
         ([np.zeros((5, 6))] * 3 + [np.zeros((4, 6))],
          "`other` must be four arrays of shape (N, 6), got [(5, 6), (5, 6), (5, 6), (4, 6)]"),
+        ([np.zeros((0, 6))] * 4, "`other` must have at least 14 states for 6 joints, got 0"),
+        ([np.ones((1, 6))] * 4, "`other` must have at least 14 states for 6 joints, got 1"),
     ],
-    ids=["number", "other joints", "shape", "not finite", "lengths"],
+    ids=["number", "other joints", "shape", "not finite", "lengths", "no state", "one state"],
 )  # fmt: skip
 def test_wrong_argument_is_refused(other, message):
     with pytest.raises((TypeError, ValueError), match=f"^{re.escape(message)}$"):

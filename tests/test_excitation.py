@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.optimize import OptimizeResult
 
 import rne
 from rne.identification.exciting_motions.criteria import Condition, Determinant, Observation
@@ -179,12 +180,35 @@ def test_early_stop_is_reported_and_keeps_the_limits(arm, caplog):
     )
     assert not motion.converged
     assert motion.message == "Iteration limit reached"
-    assert "stopped early: Iteration limit reached" in repr(motion).replace("\n  ", " ")
+    assert "not converged: Iteration limit reached" in repr(motion).replace("\n  ", " ")
     assert all(use.max() <= 1 for use in motion.limit_use.values())
     assert [s[:2] for s in seen][:4] == [(0, 1), (0, 2), (1, 1), (1, 2)]
     assert min(value for *_, value in seen) >= 1
     assert caplog.messages[0] == "excitation, start 0: Iteration limit reached after 2 iterations"
     assert motion.condition <= motion.random.min()
+
+
+@pytest.mark.parametrize(
+    ("ends", "expected"),
+    [
+        ((1.0, np.nan), (1.0, False, "Iteration limit reached")),
+        ((np.nan, 1.0), (1.0, True, "Optimization terminated successfully")),
+        ((np.nan, 0.25), (0.5, False, "no run found a better motion than the best random ones")),
+    ],
+    ids=["first run", "last run", "neither"],
+)
+def test_message_is_that_of_the_run_that_found_the_motion(arm, monkeypatch, ends, expected):
+    """Runs end at multiples of a series that excites the more the larger it is; they start at its half."""
+    search, x = search_of(arm, Determinant())
+    said = [(False, "Iteration limit reached"), (True, "Optimization terminated successfully")]
+    runs = iter(
+        OptimizeResult(x=end * x, success=success, message=message, nit=1)
+        for end, (success, message) in zip(ends, said, strict=True)
+    )
+    monkeypatch.setattr("scipy.optimize.minimize", lambda *arguments, **options: next(runs))
+    found = dataclasses.replace(search, stages=2 * search.stages).run(0.5 * x[None])
+    np.testing.assert_array_equal(found.x, expected[0] * x)
+    assert (found.converged, found.message) == expected[1:]
 
 
 @pytest.mark.parametrize("criterion", [Condition(16.0), Condition(64.0, scaled=True), Condition(), Determinant()])
@@ -271,7 +295,7 @@ def test_a_pose_that_cannot_be_held_is_no_start(arm):
 
 
 def test_samples_and_files(arm, motion, tmp_path):
-    samples = motion.sample(50.0, periods=2)
+    samples = motion.sample(50.0, periods=np.int64(2))
     np.testing.assert_allclose(samples.t, np.arange(401) / 50, rtol=1e-14)
     np.testing.assert_array_equal(samples.qdd, motion(samples.t)[2])
     again = rne.trajectories.read_csv(motion.to_csv(tmp_path / "motion.csv", 50.0, 2), arm.joint_names)
@@ -385,6 +409,7 @@ def test_something_that_is_no_robot(arm):
     [
         ((0.0,), "`rate` must be positive, got 0.0"),
         ((50.0, 0), "`periods` must be a whole number above zero, got 0"),
+        ((50.0, True), "`periods` must be a whole number above zero, got True"),
     ],
 )
 def test_wrong_samples(motion, arguments, text):

@@ -12,6 +12,9 @@ import rne
 MODULES = ("control", "trajectories", "elementwise", "plotting", "identification")
 # What one part of the package offers to another: neither documented in the reference nor kept stable.
 INTERNAL = {
+    "Candidate.followed_by",
+    "Candidate.of",
+    "Cases.inertia_bounds",
     "Kernel.blocks",
     "Kernel.evaluate",
     "Kernel.is_unrolled",
@@ -28,7 +31,6 @@ INTERNAL = {
     "Model.linear_axis",
     "Model.link_tree",
     "Model.moments",
-    "Model.with_moments",
     "Scene.current_right_hand_side",
     "Scene.resolved",
     "Scene.right_hand_side",

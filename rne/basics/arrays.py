@@ -34,6 +34,13 @@ def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> f
     return number
 
 
+def whole_number(name: str, value: Any) -> int:
+    """One whole number above zero, of Python or NumPy."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"`{name}` must be a whole number above zero, got {value!r}")
+    return int(value)
+
+
 def number_array(name: str, value: ArrayLike, shape: str) -> Array:
     """An array of finite numbers; integers become float64."""
     array = convert_numbers(name, value, shape)

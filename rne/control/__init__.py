@@ -7,12 +7,13 @@ from .passivity import RobustPassive, SlidingMode, robust_passive, sliding_mode
 from .reference import Reference
 from .robust import Robust, robust
 from .tracking import ComputedTorque, computed_torque
-from .uncertainty import uncertainty_bound
+from .uncertainty import Cases, uncertainty_bound
 
 __all__ = [
     "PD",
     "PID",
     "Adaptive",
+    "Cases",
     "ComputedTorque",
     "Reference",
     "Robust",

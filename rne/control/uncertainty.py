@@ -44,12 +44,20 @@ class InertiaBounds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cases:
-    """Robots that span a set of parameters: all mixtures of theirs are meant.
+    """Robots that span a set of parameters, all mixtures of theirs; of `RobustPassive.cases`.
 
     Attributes
     ----------
     robots : tuple of Robot
         They differ in the masses of their bodies alone.
+
+    Examples
+    --------
+    >>> import rne
+    >>> arm, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
+    >>> law = rne.control.robust_passive([arm, arm.with_payload(3.0)], [20] * 6, [10] * 6, path, boundary=0.1)
+    >>> len(law.cases.robots), law.cases.ball.shape
+    (2, (60, 1))
     """
 
     robots: tuple[Robot, ...]

@@ -21,6 +21,7 @@ from .regressor import regressor
 from .regrouping import regrouped
 
 TOLERANCE = 1e-9  # angles and distances below it, of the robot's size, are roundings
+COARSEST = 0.01  # a larger tolerance takes different robots for the same
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -229,7 +230,7 @@ def base_parameters(
     tolerance : float
         Angles [rad] and distances, divided by the longest one between two joints, that differ by less are taken as the
         same. 1e-5 suits a file that has 1.5708 in place of pi / 2: what only such roundings make observable, no
-        measurement finds.
+        measurement finds. It must be below 0.01.
 
     Returns
     -------
@@ -258,6 +259,7 @@ def base_parameters(
     40
     """
     standard = StandardParameters(model_argument(model), rotor, friction, offset, shafts, smoothing)
-    positive_number("tolerance", tolerance)
+    if positive_number("tolerance", tolerance) >= COARSEST:
+        raise ValueError(f"`tolerance` must be below {COARSEST}, got {tolerance!r}")
     kept, matrix = regrouped(standard, tolerance)
     return BaseParameters(standard, kept, matrix, partial(regressor, model))

@@ -1,7 +1,9 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
+from .certificate.candidate import Candidate
 from .certificate.comparison import ModelComparison, compare_models
 from .certificate.consistency import consistency
+from .certificate.energy import EnergyBalance
 from .certificate.verdict import Consistency
 from .checking import Check
 from .estimation.least_squares import LeastSquares
@@ -14,8 +16,10 @@ from .measurements.record import Record
 from .result import Identification
 
 __all__ = [
+    "Candidate",
     "Check",
     "Consistency",
+    "EnergyBalance",
     "Excitation",
     "Identification",
     "LeastSquares",

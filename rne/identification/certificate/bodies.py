@@ -22,7 +22,7 @@ SETTLED = 1e-12  # relative decrease of the squares at which the iteration ends
 
 
 def cube() -> Array:
-    """The 24 rotations that take axes to axes, without the identity last."""
+    """The 24 rotations that take axes to axes, the identity first."""
     found = []
     for p in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
@@ -92,8 +92,8 @@ def turned_inertias(evidence: Evidence) -> Iterator[Candidate]:
         reduced = Reduced(evidence, i)
         if not reduced.explains():
             continue
-        quarter = min(cube(), key=lambda R: reduced.error(_turned(I, R)))
-        yield _of_body(evidence, i, _turned(I, quarter), f"of {name} is in axes turned by 90 or 180 deg", 0, 24)
+        quarter = min(cube()[1:], key=lambda R: reduced.error(_turned(I, R)))
+        yield _of_body(evidence, i, _turned(I, quarter), f"of {name} is in axes turned by 90 or 180 deg", 0, 23)
         V = np.linalg.eigh(I)[1]
         starts = [R @ V.T for R in cube()] + list(cube())
         starts.sort(key=lambda R: reduced.error(_turned(I, R)))

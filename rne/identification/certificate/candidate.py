@@ -18,7 +18,7 @@ NEAR = 0.2  # distance of a fitted coefficient from a named one at which that is
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One hypothesis.
+    """A hypothesis on the difference between two models, of `ModelComparison.candidates`.
 
     Attributes
     ----------
@@ -36,6 +36,14 @@ class Candidate:
         Smaller is better.
     explains : bool
         True if no joint's residual is above rounding or noise.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> best = rne.compare_models(robot, robot.with_payload(3.0)).candidates[0]
+    >>> best.causes, best.numbers, best.explains
+    (('payload',), 4, True)
     """
 
     causes: tuple[str, ...]

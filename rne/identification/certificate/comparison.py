@@ -139,7 +139,8 @@ def compare_models(
     TypeError
         If `robot` or `other` is none of these.
     ValueError
-        If an array has the wrong shape or is not finite, or there are too few states.
+        If an array has the wrong shape or is not finite, or there are fewer torques than standard
+        parameters of the robot.
 
     Notes
     -----

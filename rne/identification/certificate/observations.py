@@ -44,6 +44,9 @@ def states_of(robot: Robot, other: Other, seed: int) -> tuple[Array, Array, Arra
         q, qd, qdd, tau = (np.asarray(joint_array(name, x, robot.model), np.float64) for name, x in _named(other))
         if q.ndim != 2 or not q.shape == qd.shape == qdd.shape == tau.shape:
             raise ValueError(f"`other` must be four arrays of shape (N, {n}), got {[np.shape(x) for x in other]}")
+        fewest = -(-all_parameters(robot).count // max(n, 1))  # as many torques as standard parameters
+        if len(q) < fewest:
+            raise ValueError(f"`other` must have at least {fewest} states for {n} joints, got {len(q)}")
     else:
         raise TypeError(
             "`other` must be an rne.Robot, a function of (q, qd, qdd), arrays (q, qd, qdd, tau) or an "

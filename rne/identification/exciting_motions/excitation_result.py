@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.arrays import positive_number
+from ...basics.arrays import positive_number, whole_number
 from ...basics.short_text import counted, wrapped
 from ...basics.spatial import Array
 from ...basics.text_table import short
@@ -52,9 +52,10 @@ class Excitation:
     limit_use : mapping of str to ndarray, shape (n,)
         The largest share of the limits of "position", "rate", "acceleration" and "torque" that the motion uses.
     converged : bool
-        False if the optimiser stopped early; the motion keeps its limits all the same.
+        False if the optimiser stopped early or found nothing better than a random motion; the motion keeps its limits
+        all the same.
     message : str
-        What the optimiser said.
+        What the optimiser said when it found the motion.
 
     Examples
     --------
@@ -146,9 +147,7 @@ class Excitation:
         (401, 3)
         """
         step = 1 / positive_number("rate", rate)
-        if not isinstance(periods, int) or periods < 1:
-            raise ValueError(f"`periods` must be a whole number above zero, got {periods!r}")
-        count = int(periods * self.duration / step * (1 + 1e-12)) + 1
+        count = int(whole_number("periods", periods) * self.duration / step * (1 + 1e-12)) + 1
         t = np.arange(count) * step
         return Samples(t, *self(t))
 
@@ -196,4 +195,4 @@ class Excitation:
             f"{np.median(self.random):.4g} in the median, {best:.4g} at best"
         )
         active = f"; active limits: {', '.join(self.active)}" if self.active else ""
-        return wrapped(text + active + ("" if self.converged else f"; stopped early: {self.message}"))
+        return wrapped(text + active + ("" if self.converged else f"; not converged: {self.message}"))

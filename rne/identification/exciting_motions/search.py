@@ -18,13 +18,14 @@ LOGGER = logging.getLogger("rne")
 FTOL = 1e-4  # change of the criterion's log at which the optimiser stops
 COARSE = 1e-3  # the same, of stages before the last
 BISECTIONS = 20
+NOT_BETTER = "no run found a better motion than the best random ones"
 
 Criterion = Condition | Determinant
 Progress = Callable[[int, int, float], Any]  # (start, iteration, condition number or log det)
 
 
 class Found(NamedTuple):
-    """A series that keeps its limits, with the exact criterion and what the optimiser said."""
+    """A series that keeps its limits, with the exact criterion and what the optimiser said when it found it."""
 
     x: Array
     value: float
@@ -81,14 +82,14 @@ class Search:
     def run(self, starts: Array) -> Found:
         """The best of several starts: each through the first stage, the best of them through the further ones."""
         first, *further = self.stages
-        runs = [self._minimise(first, x, k) for k, x in enumerate(starts)]
+        runs = [self._minimise(first, Found(x, self.value(x), False, NOT_BETTER), k) for k, x in enumerate(starts)]
         best = min(range(len(runs)), key=lambda k: runs[k].value)
         found = runs[best]
         for criterion in further:
-            found = self._minimise(criterion, found.x, best)
+            found = self._minimise(criterion, found, best)
         return found
 
-    def _minimise(self, criterion: Criterion, start: Array, number: int) -> Found:
+    def _minimise(self, criterion: Criterion, start: Found, number: int) -> Found:
         """One run of SLSQP; where it ends no better than it started, the start."""
         from scipy.optimize import minimize
 
@@ -102,17 +103,19 @@ class Search:
 
         run = minimize(
             lambda x: criterion.value(self.matrix(x)),
-            start,
+            start.x,
             jac=lambda x: self.gradient(criterion, x),
             constraints=self._constraints(),
             method="SLSQP",
             callback=tick,
             options={"maxiter": self.iterations, "ftol": FTOL if criterion is self.stages[-1] else COARSE},
         )
-        x = self._held(start, run.x)
-        value, before = self.value(x), self.value(start)
+        x = self._held(start.x, run.x)
+        value = self.value(x)
         LOGGER.info("excitation, start %d: %s after %d iterations", number, run.message, run.nit)
-        return Found(*((x, value) if value <= before else (start, before)), bool(run.success), str(run.message))
+        if x is start.x or not value <= start.value:
+            return start
+        return Found(x, value, bool(run.success), str(run.message))
 
     def _constraints(self) -> list[dict[str, Any]]:
         A, within = self.within.rows, self.within
@@ -137,4 +140,4 @@ class Search:
             middle = (kept + broken) / 2
             kept, broken = (middle, broken) if self.within.holds(start + middle * (end - start)) else (kept, middle)
         held: Array = start + kept * (end - start)
-        return held
+        return held if kept else start

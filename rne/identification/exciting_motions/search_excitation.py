@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.arrays import positive_number, vector
+from ...basics.arrays import positive_number, vector, whole_number
 from ...basics.spatial import Array
 from ...robot import Robot
 from .criteria import Condition, Determinant, Observation
@@ -139,11 +138,11 @@ def excitation(
     rng = np.random.default_rng(seed)
     observation = Observation(numeric, base, sizes)
     exact, stages = _criteria(criterion, scaled)
-    count = SAMPLES * harmonics if samples is None else _whole("samples", samples)
-    search = Search(within, observation, count, exact, stages, _whole("iterations", iterations), progress)
-    x = random_series(within, _whole("random_motions", random_motions), rng)
+    count = SAMPLES * harmonics if samples is None else whole_number("samples", samples)
+    search = Search(within, observation, count, exact, stages, whole_number("iterations", iterations), progress)
+    x = random_series(within, whole_number("random_motions", random_motions), rng)
     values = _excited(search, x)
-    best = x[np.argsort(values)[: _whole("starts", starts)]]
+    best = x[np.argsort(values)[: whole_number("starts", starts)]]
     return _result(robot, search, search.run(best), criterion, x)
 
 
@@ -155,18 +154,12 @@ def _within(
     if not robot.n:
         raise ValueError("`robot` must have at least one joint, got none")
     least = 2 if rest else 1
-    if _whole("harmonics", harmonics) < least:
+    if whole_number("harmonics", harmonics) < least:
         raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
     basis = FourierBasis(positive_number("duration", duration), harmonics)
     # Numba takes minutes to compile the derivatives of a regressor.
     numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
     return SeriesLimits(numeric, motion_limits(robot, limits), basis, rest)
-
-
-def _whole(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"`{name}` must be a whole number above zero, got {value!r}")
-    return int(value)
 
 
 def _criteria(criterion: str, scaled: bool) -> tuple[Condition | Determinant, tuple[Condition | Determinant, ...]]:

@@ -163,5 +163,9 @@ class SeriesLimits:
         return found | {"torque": self.torque_use(x)}
 
     def holds(self, x: Array) -> bool:
-        """True if a series keeps all limits, at all times."""
+        """True if a series keeps its limits.
+
+        Proven at all times for positions, rates and accelerations; torques are checked at the samples of the fine grid,
+        with a parabola between them.
+        """
         return all(bool((share <= 1).all()) for share in self.use(x).values())
