@@ -44,7 +44,7 @@ class InertiaBounds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cases:
-    """Robots that span a set of parameters, all mixtures of theirs; of `RobustPassive.cases`.
+    """Robots that span a set of parameters, all mixtures of theirs; of `RobustPassive.cases` and `SlidingMode.cases`.
 
     Attributes
     ----------
