@@ -132,7 +132,7 @@ class Excitation:
         -------
         Samples
             Times from 0 to the last at or before the end, q, qd and qdd; tau is None. It has no names of joints:
-            `rne.plotting.plot(samples, motion.robot)` shows those of the robot.
+            ``rne.plotting.plot(samples, motion.robot)`` shows those of the robot.
 
         Raises
         ------
