@@ -22,6 +22,7 @@ extensions = [
     "myst_parser",
     "sphinx_gallery.gen_gallery",
     "mathml",
+    "bars",
 ]
 exclude_patterns = ["_extensions", "tutorials", "Thumbs.db"]  # the gallery copies tutorials to generated/tutorials
 templates_path = ["_templates"]
