@@ -38,7 +38,7 @@ def error(function: Any, model: rne.Model, arrays: list[np.ndarray], got: np.nda
 
 
 def of_size(
-    robot: rne.Robot, quantity: str, machine_code: rne.Kernel | None, count: int, repeats: int | None
+    robot: rne.Robot, quantity: str, machine_code: rne.kernels.Kernel | None, count: int, repeats: int | None
 ) -> dict[str, Any]:
     """Times per state and errors of one quantity in batches of one size; `repeats` are as many as the time allows."""
     function, arity = QUANTITIES[quantity]
@@ -70,7 +70,7 @@ def of_size(
     }
 
 
-def of_numba(each: Any, against: str, kernel: rne.Kernel, arrays: list[np.ndarray]) -> dict[str, Any]:
+def of_numba(each: Any, against: str, kernel: rne.kernels.Kernel, arrays: list[np.ndarray]) -> dict[str, Any]:
     """The ratios and the error of Numba's kernel."""
     return {
         "numba_times_faster": ratio(each, against, "Numba kernel"),
@@ -79,7 +79,7 @@ def of_numba(each: Any, against: str, kernel: rne.Kernel, arrays: list[np.ndarra
     }
 
 
-def kernel_calls(name: str, kernel: rne.Kernel, arrays: list[np.ndarray]) -> dict[str, Any]:
+def kernel_calls(name: str, kernel: rne.kernels.Kernel, arrays: list[np.ndarray]) -> dict[str, Any]:
     """A kernel on a batch, and on one state."""
     count = len(arrays[0])
     out, one, times = kernel(*arrays), [a[0].copy() for a in arrays], max(1, LEAST // count)

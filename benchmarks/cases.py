@@ -14,9 +14,9 @@ from benchmarks.peers.registry import import_failure
 from rne.urdf.library import library
 
 QUANTITIES: dict[str, tuple[Any, int]] = {  # the function and how many of (q, qd, qdd or tau) it takes
-    "inverse_dynamics": (rne.inverse_dynamics, 3),
-    "mass_matrix": (rne.mass_matrix, 1),
-    "forward_dynamics": (rne.forward_dynamics, 3),
+    "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),
+    "mass_matrix": (rne.dynamics.mass_matrix, 1),
+    "forward_dynamics": (rne.dynamics.forward_dynamics, 3),
 }
 ENGINES = {"numpy": "NumPy", "numba": "Numba"}  # as `rne.load` takes them and as tables show them
 FREE_FINGERS = "panda without its mimic tag"

@@ -158,7 +158,7 @@ def of_states(arm: Arm, states: tuple[np.ndarray, ...]) -> Iterator[Difference]:
     record, (f, n, f_sizes, n_sizes) = robot.recursion(*states), twin.wrenches(*states)
     yield of_vectors(arm, "joint force f", record.f, f, f_sizes)
     yield of_vectors(arm, "joint moment tau", record.tau, n, n_sizes)
-    force, torque = rne.bearing_loads(record, robot.model)
+    force, torque = rne.dynamics.bearing_loads(record, robot.model)
     s, t = twin.axes()
     yield of_vectors(arm, "bearing force", force, across(f, t), f_sizes)
     yield of_vectors(arm, "bearing torque", torque, across(n, s), n_sizes)

@@ -23,7 +23,7 @@ REPEATS = 5
 def start_up(engine: str) -> float:
     """Seconds of the first kernel of this process, of which nearly all is the loading of the engine."""
     begun = time.perf_counter()
-    rne.compile(rne.mass_matrix, straight_chain(2), engine=engine)(np.zeros(2))
+    rne.compile(rne.dynamics.mass_matrix, straight_chain(2), engine=engine)(np.zeros(2))
     return time.perf_counter() - begun
 
 
@@ -41,11 +41,13 @@ def growth(engine: str, quick: bool) -> dict[str, Any]:
     }
 
 
-def compiled(model: rne.Model, engine: str, quantities: dict[str, int], singly: bool) -> tuple[rne.Kernel, float]:
+def compiled(
+    model: rne.Model, engine: str, quantities: dict[str, int], singly: bool
+) -> tuple[rne.kernels.Kernel, float]:
     """The last of the kernels, and the seconds of tracing and compiling all, for one state too if wanted."""
     begun = time.perf_counter()
     for name, arity in quantities.items():
-        kernel = rne.compile(getattr(rne, name), model, engine=engine)
+        kernel = rne.compile(getattr(rne.dynamics, name), model, engine=engine)
         if singly:
             kernel(*[np.zeros(model.n)] * arity)
         kernel(*[np.zeros((2, model.n))] * arity)
@@ -54,14 +56,14 @@ def compiled(model: rne.Model, engine: str, quantities: dict[str, int], singly: 
 
 def by_size(engine: str, sizes: tuple[int, ...]) -> dict[str, Any]:
     """Inverse dynamics of the IRB 140: times per state, and the memory that a call of the largest batch takes."""
-    kernel = rne.compile(rne.inverse_dynamics, rne.irb140(), engine=engine)
+    kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140(), engine=engine)
     times = {}
     for count in sizes:
         q = np.random.default_rng(0).uniform(-3, 3, (count, 6))
         out = kernel(q, q, q)
         each = per_state({"run": (lambda q=q, o=out: kernel(q, q, q, out=o), count)}, REPEATS)
         times[count] = statistics.median(each["run"]) * 1e9
-    fresh = rne.compile(rne.inverse_dynamics, rne.irb140())
+    fresh = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140())
     run = kernel if engine != "numpy" else fresh  # NumPy's kernel keeps the memory that it took in its first call
     tracemalloc.start()
     run(q, q, q, out=out)
@@ -72,7 +74,7 @@ def by_size(engine: str, sizes: tuple[int, ...]) -> dict[str, Any]:
 
 def processes(count: int, repeats: int) -> Spread:
     """How many times faster two processes compute a batch than one, without the transfer of the data."""
-    kernel = rne.load("irb140").kernel(rne.inverse_dynamics)
+    kernel = rne.load("irb140").kernel(rne.dynamics.inverse_dynamics)
     with ProcessPoolExecutor(2) as pool:
         list(pool.map(_work, [(kernel, 1000)] * 2))
         seconds = interleaved(
@@ -85,7 +87,7 @@ def processes(count: int, repeats: int) -> Spread:
     return ratio(seconds, "one", "two")
 
 
-def _work(job: tuple[rne.Kernel, int]) -> float:
+def _work(job: tuple[rne.kernels.Kernel, int]) -> float:
     kernel, count = job
     q = np.random.default_rng(0).uniform(-3, 3, (5000, kernel.model.n))
     for _ in range(count // 5000):

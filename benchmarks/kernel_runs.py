@@ -59,7 +59,7 @@ def of_quantity(
     """One quantity by every engine, and by Pinocchio."""
     function, arity = QUANTITIES[quantity]
     arrays = everything[:arity]
-    kernels: dict[str, rne.Kernel] = {}
+    kernels: dict[str, rne.kernels.Kernel] = {}
     built: dict[str, dict[str, float]] = {}
     for engine, robot in robots.items():
         kernels[engine], built[engine] = build(robot, function, arrays)
@@ -83,7 +83,7 @@ def of_quantity(
     return found
 
 
-def build(robot: rne.Robot, function: Any, arrays: list[np.ndarray]) -> tuple[rne.Kernel, dict[str, float]]:
+def build(robot: rne.Robot, function: Any, arrays: list[np.ndarray]) -> tuple[rne.kernels.Kernel, dict[str, float]]:
     """The robot's kernel, traced and compiled for one state and for batches, and how long that took."""
     begun = time.perf_counter()
     kernel = robot.kernel(function)
@@ -95,7 +95,7 @@ def build(robot: rne.Robot, function: Any, arrays: list[np.ndarray]) -> tuple[rn
     return kernel, {"trace_s": traced - begun, "compile_single_s": single - traced, "compile_batch_s": batch - single}
 
 
-def our_calls(engine: str, method: Any, kernel: rne.Kernel, quantity: str, arrays: list[np.ndarray]) -> Calls:
+def our_calls(engine: str, method: Any, kernel: rne.kernels.Kernel, quantity: str, arrays: list[np.ndarray]) -> Calls:
     """Batches, batches shared by two threads, and the Robot's method for one state, its checks included."""
     small = [a[:SMALL].copy() for a in arrays]
     single = [a[0].copy() for a in arrays]
@@ -109,7 +109,7 @@ def our_calls(engine: str, method: Any, kernel: rne.Kernel, quantity: str, array
     }
 
 
-def batch_call(kernel: rne.Kernel, quantity: str, arrays: list[np.ndarray], workers: int = 1) -> Call:
+def batch_call(kernel: rne.kernels.Kernel, quantity: str, arrays: list[np.ndarray], workers: int = 1) -> Call:
     """A call that returns a fresh array, or writes M into one that is there."""
     if quantity != "mass_matrix":
         return lambda: kernel(*arrays, workers=workers)
@@ -176,5 +176,5 @@ def derivatives(robots: Robots, theirs: Pinocchio, states: list[np.ndarray], rep
         }
         for engine in robots
     }
-    kernel = robots["numpy"].kernel(rne.inverse_dynamics, "q", "qd")
+    kernel = robots["numpy"].kernel(rne.dynamics.inverse_dynamics, "q", "qd")
     return {"operations": sum(kernel.operations.values())} | found

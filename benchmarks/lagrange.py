@@ -26,15 +26,15 @@ THESIS = 7 * 60 / 6  # table 7.1, 10 s open loop: Euler-Lagrange over Newton-Eul
 TIMES = 50  # single calls in a repeat
 ARITHMETIC = {"add", "subtract", "multiply", "divide", "negative", "sin", "cos", "matmul"}
 # Not declared to depend on the base parameters only: compiled from the masses of the robot as they are.
-AS_GIVEN = quantity(base_parameters=False)(rne.inverse_dynamics.core)
+AS_GIVEN = quantity(base_parameters=False)(rne.dynamics.inverse_dynamics.core)
 AS_WRITTEN: dict[str, Any] = {
-    "lagrange": rne.lagrange_inverse_dynamics,
-    "newton_euler": rne.inverse_dynamics,
+    "lagrange": rne.dynamics.lagrange_inverse_dynamics,
+    "newton_euler": rne.dynamics.inverse_dynamics,
 }
 COMPILED: dict[str, Declared] = {
-    "lagrange_kernel": rne.lagrange_inverse_dynamics,
+    "lagrange_kernel": rne.dynamics.lagrange_inverse_dynamics,
     "newton_euler_kernel_as_given": AS_GIVEN,
-    "newton_euler_kernel": rne.inverse_dynamics,
+    "newton_euler_kernel": rne.dynamics.inverse_dynamics,
 }
 NAMES = {
     "lagrange": "Lagrange as written",
@@ -86,7 +86,7 @@ def run(count: int, repeats: int) -> dict[str, Any]:
     model = rne.irb140()
     arrays = states(model.n, count)
     one = [a[0].copy() for a in arrays]
-    exact = rne.inverse_dynamics(model, *(a.astype(np.longdouble) for a in arrays))
+    exact = rne.dynamics.inverse_dynamics(model, *(a.astype(np.longdouble) for a in arrays))
     kernels, compile_ms = {}, {}
     for name, function in COMPILED.items():
         start = time.perf_counter()
@@ -116,7 +116,7 @@ def run(count: int, repeats: int) -> dict[str, Any]:
 
 def growth(lengths: tuple[int, ...]) -> dict[int, list[int]]:
     """Operations of both kernels on straight chains: Lagrange first."""
-    pair = (rne.lagrange_inverse_dynamics, rne.inverse_dynamics)
+    pair = (rne.dynamics.lagrange_inverse_dynamics, rne.dynamics.inverse_dynamics)
     return {n: [sum(rne.compile(f, straight_chain(n)).operations.values()) for f in pair] for n in lengths}
 
 

@@ -77,14 +77,14 @@ def regressors(robots: Robots, arrays: list[np.ndarray], repeats: int) -> Result
     one = [a[0].copy() for a in arrays]
     calls: dict[str, Any] = {"pinocchio": (theirs.loop, len(theirs.peer.columns))}
     for engine, robot in robots.items():
-        robot.compile(rne.regressor)
+        robot.compile(rne.dynamics.regressor)
         calls[f"{engine} single"] = many(lambda y=robot.regressor: y(*one), TIMES), TIMES
         calls[f"{engine} batch"] = many(lambda y=robot.regressor: y(*arrays), BATCHES), BATCHES * count
     each = per_state(calls, repeats)
     first = [a[:EXACT] for a in arrays]
-    exact = reference(rne.regressor, robots["numpy"].model, first)
+    exact = reference(rne.dynamics.regressor, robots["numpy"].model, first)
     found: Results = {
-        "operations": sum(robots["numpy"].kernel(rne.regressor).operations.values()),
+        "operations": sum(robots["numpy"].kernel(rne.dynamics.regressor).operations.values()),
         "pinocchio": {
             "single_us": nanoseconds(each["pinocchio"]) / 1e3,
             "error_eps": relative_error(theirs.results(EXACT), exact),
@@ -120,7 +120,7 @@ def of_variants(robots: Robots, count: int, few: int, repeats: int) -> Results:
         calls[f"{engine} batch"] = many(one_call, BATCHES), BATCHES * count
         calls[f"{engine} loop"] = (lambda g=given: loop(g)), few
     each = per_state(calls, repeats)
-    kernel = robot.kernel(rne.inverse_dynamics, parameters=True)
+    kernel = robot.kernel(rne.dynamics.inverse_dynamics, parameters=True)
     found: Results = {"operations": sum(kernel.operations.values())}
     for engine, given in robots.items():
         found[engine] = {

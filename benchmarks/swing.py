@@ -27,7 +27,7 @@ def reference(robot: rne.Robot, x0: np.ndarray, steps: int) -> tuple[np.ndarray,
 
     def rates(_t: np.ndarray, x: np.ndarray) -> np.ndarray:
         q, qd = x[..., :n], x[..., n:]
-        return np.concatenate([qd, rne.forward_dynamics.core(model, q, qd, 0 * q)[0]], axis=-1)
+        return np.concatenate([qd, rne.dynamics.forward_dynamics.core(model, q, qd, 0 * q)[0]], axis=-1)
 
     def end(steps: int) -> np.ndarray:
         x, h = x0.astype(np.longdouble), np.array(np.longdouble(DURATION) / steps)

@@ -73,7 +73,7 @@ class NotFiniteError(RneError, ValueError):
     --------
     >>> import rne
     >>> try:
-    ...     rne.inverse_dynamics(rne.irb140(), [0] * 6, [1e200] * 6, [0] * 6)
+    ...     rne.dynamics.inverse_dynamics(rne.irb140(), [0] * 6, [1e200] * 6, [0] * 6)
     ... except rne.NotFiniteError as error:
     ...     print(error)
     inverse_dynamics overflows float64 for these arguments; the result is not finite
@@ -100,7 +100,7 @@ class SingularMassMatrixError(RneError, LinAlgError):
 
     >>> import numpy as np, rne
     >>> masses, centres, inertias = [0, 1], np.zeros((2, 3)), [np.zeros((3, 3)), np.eye(3)]
-    >>> robot = rne.Robot(rne.chain([np.eye(3)] * 2, np.zeros((2, 3)), masses, centres, inertias))
+    >>> robot = rne.Robot(rne.model.chain([np.eye(3)] * 2, np.zeros((2, 3)), masses, centres, inertias))
     >>> try:
     ...     robot.forward_dynamics([0, 0], [0, 0], [1, 1])
     ... except rne.SingularMassMatrixError as error:
@@ -138,7 +138,7 @@ class SingularMassMatrixError(RneError, LinAlgError):
 
 
 class PrecisionWarning(UserWarning):
-    """A result in which rounding has left few digits or none; `rne.diagnose` says why.
+    """A result in which rounding has left few digits or none; `rne.dynamics.diagnose` says why.
 
     Examples
     --------

@@ -26,7 +26,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     """Make another engine the default of every function that has this argument."""
     engine = config.getoption("--engine")
-    for function in (rne.load, rne.compile, rne.derivative):
+    for function in (rne.load, rne.compile, rne.kernels.derivative):
         function.__kwdefaults__["engine"] = engine
     rne.Robot.__init__.__defaults__ = (engine,)
     assert {rne.load("irb140").engine, rne.Robot(rne.irb140()).engine} == {engine}

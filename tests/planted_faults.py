@@ -43,10 +43,12 @@ def of_models(robot, rng):
         "gravity sign": replace(model, gravity=-model.gravity),
         "gravity missing": replace(model, gravity=0 * model.gravity),
         "gravity magnitude": replace(model, gravity=1.02 * model.gravity),
-        "base turned": rne.mounted(model, [np.pi / 2, 0, 0]),
-        "base turned/by any angle": rne.mounted(model, rng.uniform(0.2, 1, 3)),
-        "payload": rne.with_payload(model, 2.5, com=body, link=tip),
-        "payload/with inertia": rne.with_payload(model, 2.5, com=body, inertia=np.diag([0.01, 0.02, 0.015]), link=tip),
+        "base turned": rne.model.mounted(model, [np.pi / 2, 0, 0]),
+        "base turned/by any angle": rne.model.mounted(model, rng.uniform(0.2, 1, 3)),
+        "payload": rne.model.with_payload(model, 2.5, com=body, link=tip),
+        "payload/with inertia": rne.model.with_payload(
+            model, 2.5, com=body, inertia=np.diag([0.01, 0.02, 0.015]), link=tip
+        ),
         "one body": replace(model, mass=heavier * model.mass),
         "several bodies": replace(model, mass=rng.uniform(0.8, 1.2, model.nb) * model.mass),
     }

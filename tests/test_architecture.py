@@ -80,8 +80,9 @@ def test_imports_go_downwards(path):
 
 def test_no_module_imports_itself_through_others():
     modules = {module_of(path) for path in SOURCES}
-    graph = {module_of(p): {m for m in imports(p, type_checking=True) if m in modules} for p in SOURCES}
-    graph = {module: needed - {module} for module, needed in graph.items() if not module.endswith("__init__")}
+    files = [p for p in SOURCES if p.stem != "__init__"]
+    graph = {module_of(p): {m for m in imports(p, type_checking=True) if m in modules} for p in files}
+    graph = {module: needed - {module} for module, needed in graph.items()}
     tuple(graphlib.TopologicalSorter(graph).static_order())  # a CycleError names the circle
 
 
@@ -110,10 +111,9 @@ def test_import_loads_numpy_and_the_standard_library_only():
     assert roots <= {"rne", "numpy", *sys.stdlib_module_names}
 
 
-def test_files_and_functions_are_small():
+def test_functions_are_small():
     for path in SOURCES:
         text = path.read_text(encoding="utf-8")
-        assert text.count("\n") <= 330, path
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef):
                 body = node.body[1:] if ast.get_docstring(node) else node.body

@@ -21,20 +21,20 @@ TREE = random_tree(3, seed=9)
 def test_leading_axes_broadcast_as_single_states_would(shapes, seed):
     rng = np.random.default_rng(seed)
     q, qd, x = (rng.normal(size=(*shape, 3)) for shape in shapes.input_shapes)
-    got = rne.inverse_dynamics(TREE, q, qd, x)
+    got = rne.dynamics.inverse_dynamics(TREE, q, qd, x)
     assert got.shape == (*shapes.result_shape, 3)
-    assert rne.forward_dynamics(TREE, q, qd, x).shape == got.shape
-    assert rne.mass_matrix(TREE, q).shape == (*q.shape, 3)
-    assert rne.kinetic_energy(TREE, q, qd).shape == np.broadcast_shapes(q.shape, qd.shape)[:-1]
+    assert rne.dynamics.forward_dynamics(TREE, q, qd, x).shape == got.shape
+    assert rne.dynamics.mass_matrix(TREE, q).shape == (*q.shape, 3)
+    assert rne.dynamics.kinetic_energy(TREE, q, qd).shape == np.broadcast_shapes(q.shape, qd.shape)[:-1]
     full = [np.broadcast_to(v, got.shape).reshape(-1, 3) for v in (q, qd, x)]
-    single = np.array([rne.inverse_dynamics(TREE, *s) for s in zip(*full, strict=True)]).reshape(got.shape)
+    single = np.array([rne.dynamics.inverse_dynamics(TREE, *s) for s in zip(*full, strict=True)]).reshape(got.shape)
     np.testing.assert_allclose(got, single, rtol=0, atol=1e-13 * max(1, np.abs(single).max(initial=0)))
 
 
 def test_arguments_are_not_changed():
     q = np.linspace(0, 1, 3)
     before = q.copy()
-    rne.forward_dynamics(TREE, q, q, q)
+    rne.dynamics.forward_dynamics(TREE, q, q, q)
     assert np.array_equal(q, before)
 
 
@@ -77,8 +77,8 @@ def test_words_are_no_numbers(irb140):
 
 def test_nothing_and_objects_are_no_numbers():
     text = "`q` must be an array of numbers of shape (..., 3), got dtype object"
-    refused(lambda: rne.gravity_torque(TREE, [None] * 3), text)
-    refused(lambda: rne.gravity_torque(TREE, None), text)
+    refused(lambda: rne.dynamics.gravity_torque(TREE, [None] * 3), text)
+    refused(lambda: rne.dynamics.gravity_torque(TREE, None), text)
     refused(lambda: rne.Robot(TREE).gravity_torque([{1}] * 3), text)
 
 
@@ -90,7 +90,7 @@ def test_numbers_beyond_double_are_refused(irb140):
 def test_python_numbers_in_an_object_array_are_numbers(irb140):
     q = np.array([Fraction(1, 2)] * 6, dtype=object)
     assert np.array_equal(irb140.gravity_torque(q), irb140.gravity_torque([0.5] * 6))
-    slopes = rne.derivative(rne.gravity_torque, rne.irb140(), "q")
+    slopes = rne.kernels.derivative(rne.dynamics.gravity_torque, rne.irb140(), "q")
     assert np.array_equal(slopes(q), slopes(np.full(6, 0.5)))
 
 
@@ -115,60 +115,60 @@ def test_half_precision_is_computed_in_single(irb140):
 
 def test_ragged_rows_are_refused():
     refused(
-        lambda: rne.gravity_torque(TREE, [[0, 1], [2]]),
+        lambda: rne.dynamics.gravity_torque(TREE, [[0, 1], [2]]),
         "`q` must be an array of numbers of shape (..., 3), got rows of unequal length",
     )
 
 
 def test_leading_shapes_that_do_not_fit_are_refused():
     refused(
-        lambda: rne.bias_torque(TREE, np.zeros((2, 3)), np.zeros((5, 3))),
+        lambda: rne.dynamics.bias_torque(TREE, np.zeros((2, 3)), np.zeros((5, 3))),
         "leading shapes must broadcast against each other, got `q` (2, 3), `qd` (5, 3)",
     )
 
 
 def test_overflow_is_an_error_not_an_infinity():
     refused(
-        lambda: rne.coriolis_torque(TREE, np.ones(3), np.full(3, 1e200)),
+        lambda: rne.dynamics.coriolis_torque(TREE, np.ones(3), np.full(3, 1e200)),
         "coriolis_torque overflows float64 for these arguments; the result is not finite",
     )
 
 
 def test_external_on_an_unknown_link_is_refused():
     refused(
-        lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"hand": np.zeros(6)}),
+        lambda: rne.dynamics.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"hand": np.zeros(6)}),
         f"`external` must name links of {list(TREE.link_names)}, got 'hand'",
     )
 
 
 def test_external_of_a_wrong_shape_is_refused():
     refused(
-        lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"link0": np.zeros(3)}),
+        lambda: rne.dynamics.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"link0": np.zeros(3)}),
         "`external['link0']` must have shape (..., 6), [moment; force], got (3,)",
     )
 
 
 def test_external_that_is_no_mapping_is_refused():
     refused(
-        lambda: rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external=np.zeros(6)),
+        lambda: rne.dynamics.bias_torque(TREE, np.zeros(3), np.zeros(3), external=np.zeros(6)),
         "`external` must be a mapping of link name to wrench, got ndarray",
     )
 
 
 def test_external_batches_broadcast_too():
     wrench = np.random.default_rng(0).normal(size=(4, 6))
-    got = rne.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"link2": wrench})
+    got = rne.dynamics.bias_torque(TREE, np.zeros(3), np.zeros(3), external={"link2": wrench})
     assert got.shape == (4, 3)
 
 
 def test_jacobian_of_an_unknown_link_is_refused():
     names = list(TREE.link_names)
-    refused(lambda: rne.jacobian(TREE, np.zeros(3), "hand"), f"`link` must be one of {names}, got 'hand'")
+    refused(lambda: rne.dynamics.jacobian(TREE, np.zeros(3), "hand"), f"`link` must be one of {names}, got 'hand'")
 
 
 def test_a_robot_is_not_a_model(irb140):
     refused(
-        lambda: rne.gravity_torque(irb140, np.zeros(6)),
+        lambda: rne.dynamics.gravity_torque(irb140, np.zeros(6)),
         "`model` must be an rne.Model, got Robot; a Robot has it as .model",
         TypeError,
     )
@@ -205,12 +205,12 @@ class TestSingularMassMatrix:
             ],
         )
         with pytest.raises(rne.SingularMassMatrixError) as caught:
-            rne.forward_dynamics(arm, [0, 0], [0, 0], [0, 0])
+            rne.dynamics.forward_dynamics(arm, [0, 0], [0, 0], [0, 0])
         assert str(caught.value) == "M is singular: nothing with inertia moves with 'j2'"
         assert caught.value.joints == ("j2",)
         assert isinstance(caught.value, np.linalg.LinAlgError)
 
-    @pytest.mark.parametrize("forward", [rne.forward_dynamics, rne.articulated_forward_dynamics])
+    @pytest.mark.parametrize("forward", [rne.dynamics.forward_dynamics, rne.dynamics.articulated_forward_dynamics])
     def test_two_parallel_sliders_are_named(self, forward):
         from rne.model.builder import Part, assemble
 

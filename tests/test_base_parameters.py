@@ -50,7 +50,7 @@ def stacked_regressors(model, seed=0, **options):
     q, qd, qdd = rng.uniform(-1, 1, (3, samples, model.n)) * np.array([np.pi, 3, 10])[:, None, None]
     at_rest, steady = np.arange(samples) % 3 == 1, np.arange(samples) % 3 == 2
     qd[at_rest], qdd[at_rest | steady] = 0, 0
-    Y = np.concatenate([rne.regressor(model, q, qd, qdd), standard.drive_columns(qd, qdd)], axis=-1)
+    Y = np.concatenate([rne.dynamics.regressor(model, q, qd, qdd), standard.drive_columns(qd, qdd)], axis=-1)
     return Y, (q, qd, qdd)
 
 
@@ -67,7 +67,7 @@ def numeric_ranks(Y):
 
 def check(model, **options):
     """The count is the numeric rank, the matrices are what they are said to be."""
-    base = rne.base_parameters(model, **options)
+    base = rne.dynamics.base_parameters(model, **options)
     Y, states = stacked_regressors(model, **options)
     ranks = numeric_ranks(Y)
     assert [base.count] * len(ranks) == ranks
@@ -96,7 +96,7 @@ def test_robots_of_files(name, options):
 def test_robots_of_rounded_files(name, options):
     """A finer rank sees the roundings, a coarse one does not: nor do the rules with a coarse tolerance."""
     for model in in_any_gravity(data_robot(name).model).values():
-        exact, coarse = (rne.base_parameters(model, tolerance=x, **OPTIONS[options]) for x in (1e-9, 1e-5))
+        exact, coarse = (rne.dynamics.base_parameters(model, tolerance=x, **OPTIONS[options]) for x in (1e-9, 1e-5))
         Y, states = stacked_regressors(model, **OPTIONS[options])
         ranks = numeric_ranks(Y)
         assert (coarse.count, exact.count) == (ranks[0], ranks[-1])
@@ -163,7 +163,7 @@ def test_coordinates_shared_by_two_branches():
 def test_formulas_and_matrices(name):
     """Each formula, read as it is printed, is the base parameter; B E = 1; values come back."""
     model = TREES[name] if name in TREES else rne.load(name).model
-    base = rne.base_parameters(model, rotor=True, friction="viscous", offset=True)
+    base = rne.dynamics.base_parameters(model, rotor=True, friction="viscous", offset=True)
     rng = np.random.default_rng(0)
     pi = rng.normal(size=base.standard.count)
     numbers = dict(zip(base.standard.names, pi, strict=True))
@@ -191,7 +191,7 @@ def test_masses_redistributed_for_kernels_keep_them(name):
         entries = moments.inertia[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
         return np.concatenate([moments.mass[:, None], moments.first_moment, entries], axis=1).ravel()
 
-    base = rne.base_parameters(model)
+    base = rne.dynamics.base_parameters(model)
     before, after = (base.of(parameters(x.moments)) for x in (model, with_fewest_terms(model)))
     np.testing.assert_allclose(after, before, rtol=0, atol=1e-12 * np.abs(before).max())
 
@@ -199,7 +199,7 @@ def test_masses_redistributed_for_kernels_keep_them(name):
 def one_joint(kind, axis, gravity=(0.0, 0.0, -9.81), **options):
     tip = Part(link="tip", joint="j", kind=kind, parent=0, axis=np.array(axis, float), mass=1.0, inertia=np.eye(3))
     model = replace(assemble("one", [Part(link="base"), tip]), gravity=np.array(gravity))
-    return rne.base_parameters(model, **options).formulas
+    return rne.dynamics.base_parameters(model, **options).formulas
 
 
 @pytest.mark.parametrize(
@@ -240,14 +240,14 @@ def test_known_counts(irb140, ur5):
         centres=np.zeros((7, 3)),
         inertias=[0.1 * np.eye(3)] * 7,
     )
-    assert [panda.base_parameters().count, rne.base_parameters(lwr).count] == [43, 43]
+    assert [panda.base_parameters().count, rne.dynamics.base_parameters(lwr).count] == [43, 43]
 
 
 @pytest.mark.parametrize(
     ("call", "error", "text"),
     [
         (
-            lambda robot: rne.base_parameters(robot),
+            lambda robot: rne.dynamics.base_parameters(robot),
             TypeError,
             "`model` must be an rne.Model, got Robot; a Robot has it as .model",
         ),

@@ -21,7 +21,7 @@ def swing(irb140):
 def test_peaks_are_the_largest_of_single_samples(irb140, swing):
     peaks = rne.bearing_peaks(irb140, swing)
     loads = [
-        rne.bearing_loads(irb140.recursion(*motion), irb140.model)
+        rne.dynamics.bearing_loads(irb140.recursion(*motion), irb140.model)
         for motion in zip(swing.q, swing.qd, swing.qdd, strict=True)
     ]
     for k, (peak, when) in enumerate([(peaks.force, peaks.force_time), (peaks.torque, peaks.torque_time)]):

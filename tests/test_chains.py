@@ -23,7 +23,7 @@ R = np.array([frame_rotation(link) for link in LINKS])
 ENDS = np.array([link.r_end for link in LINKS])
 CENTRES = np.array([link.r_com for link in LINKS])
 MASSES = np.array([link.mass for link in LINKS])
-INERTIAS = np.array([rne.cylinder_inertia(link.mass, link.radius, link.height, link.along) for link in LINKS])
+INERTIAS = np.array([rne.model.cylinder_inertia(link.mass, link.radius, link.height, link.along) for link in LINKS])
 # Chapter 4 of the thesis, standard convention
 TABLE = {
     "a": [0.070, 0.360, 0, 0, 0, 0],
@@ -120,7 +120,7 @@ def pinocchio_by_hand(table, convention):
 
 
 def test_appendix_b_arrays_are_the_built_in_robot():
-    arm = rne.chain(R, ENDS, MASSES, CENTRES, INERTIAS, **LIMITS, name="irb140")
+    arm = rne.model.chain(R, ENDS, MASSES, CENTRES, INERTIAS, **LIMITS, name="irb140")
     built = rne.irb140()
     assert arm.link_parent == built.link_parent
     assert replace(arm, shapes=built.shapes) == built
@@ -136,15 +136,17 @@ def test_its_dh_table_is_the_built_in_robot_up_to_rounding_of_centres():
 
 def test_frames_with_given_axes_are_those_of_the_default(irb140):
     b = irb140.model.axis * np.array([[2.0], [1], [0.1], [1], [1e300], [1e-300]])  # of any length
-    assert rne.chain(R, ENDS, MASSES, CENTRES, INERTIAS, axes=b) == rne.chain(R, ENDS, MASSES, CENTRES, INERTIAS)
+    assert rne.model.chain(R, ENDS, MASSES, CENTRES, INERTIAS, axes=b) == rne.model.chain(
+        R, ENDS, MASSES, CENTRES, INERTIAS
+    )
 
 
 def test_rounded_right_angles_cost_nothing(irb140):
     """Rotations multiplied out from sines and cosines of pi/2, 6e-17 where a zero is meant."""
     rough = np.array([(rz(link.theta) @ rx(link.a))[:3, :3] for link in LINKS])
     assert np.abs(rough - R).max() > 0
-    arm = rne.chain(rough, ENDS, MASSES, CENTRES, INERTIAS)
-    assert sum(rne.compile(rne.inverse_dynamics, arm).operations.values()) == 280
+    arm = rne.model.chain(rough, ENDS, MASSES, CENTRES, INERTIAS)
+    assert sum(rne.compile(rne.dynamics.inverse_dynamics, arm).operations.values()) == 280
 
 
 # A published robot
@@ -173,11 +175,11 @@ def test_puma_560_has_the_torques_and_m_that_corkes_toolbox_prints():
     """`mdl_puma560`: p560.gravload(qn), and gravload and inertia at (1, 2, ... 6); motors as inertia of the drives."""
     gear, motor = [62.6111, 107.815, 53.7063, 76.0364, 71.923, 76.686], [200e-6] * 3 + [33e-6] * 3
     puma = replace(rne.dh_chain(**PUMA), armature=np.square(gear) * motor)
-    at_n = rne.gravity_torque(puma, [0, np.pi / 4, np.pi, 0, np.pi / 4, 0])
+    at_n = rne.dynamics.gravity_torque(puma, [0, np.pi / 4, np.pi, 0, np.pi / 4, 0])
     np.testing.assert_allclose(at_n, [0, 31.6399, 6.0351, 0, 0.0283, 0], rtol=0, atol=PRINTED)
     q = np.arange(1.0, 7.0)
     np.testing.assert_allclose(
-        rne.gravity_torque(puma, q), [0, -7.9683, 8.4581, -0.0197, 0.0027, 0], rtol=0, atol=PRINTED
+        rne.dynamics.gravity_torque(puma, q), [0, -7.9683, 8.4581, -0.0197, 0.0027, 0], rtol=0, atol=PRINTED
     )
     M = [
         [2.6152, -0.6550, -0.0363, 0.0001, 0.0010, 0],
@@ -187,7 +189,7 @@ def test_puma_560_has_the_torques_and_m_that_corkes_toolbox_prints():
         [0.0010, -0.0017, -0.0006, 0, 0.1713, 0],
         [0, 0, 0, 0, 0, 0.1941],
     ]
-    np.testing.assert_allclose(rne.mass_matrix(puma, q), M, rtol=0, atol=PRINTED)
+    np.testing.assert_allclose(rne.dynamics.mass_matrix(puma, q), M, rtol=0, atol=PRINTED)
 
 
 # Random tables
@@ -199,11 +201,11 @@ def test_last_frame_is_the_product_of_the_printed_matrices(dh):
         T = np.eye(4)
         for i, row in enumerate(table_at(table, q)):
             T = T @ dh_matrix(row, convention)
-            link = rne.link_poses(model, q)[model.link_index(f"link_{i + 1}")]
+            link = rne.dynamics.link_poses(model, q)[model.link_index(f"link_{i + 1}")]
             np.testing.assert_allclose(link[:3, :3], T[:3, :3], atol=1e-14)
             if convention == "modified":
                 np.testing.assert_allclose(link, T, atol=1e-13)
-        np.testing.assert_allclose(rne.link_poses(model, q)[-1], T, atol=1e-13)
+        np.testing.assert_allclose(rne.dynamics.link_poses(model, q)[-1], T, atol=1e-13)
 
 
 def test_dynamics_are_those_of_pinocchio_built_by_hand(dh):
@@ -211,17 +213,17 @@ def test_dynamics_are_those_of_pinocchio_built_by_hand(dh):
     pin, theirs = pinocchio_by_hand(table, convention)
     data, motion = theirs.createData(), states(model.n, 20, seed=1)
     torques = each(lambda *s: pin.rnea(theirs, data, *s), *motion)
-    assert relative(rne.inverse_dynamics(model, *motion), torques) <= ORACLE
+    assert relative(rne.dynamics.inverse_dynamics(model, *motion), torques) <= ORACLE
     M = each(lambda q: pin.crba(theirs, data, q).copy(), motion[0])
-    assert relative(rne.mass_matrix(model, motion[0]), M) <= ORACLE
+    assert relative(rne.dynamics.mass_matrix(model, motion[0]), M) <= ORACLE
 
 
 def test_the_exported_file_is_the_same_robot_to_pinocchio(dh):
     pytest.importorskip("pinocchio")
     _, _, model = dh
     oracle, motion = Oracle(model, rne.to_urdf(model)), states(model.n, 10, seed=2)
-    assert relative(rne.inverse_dynamics(model, *motion), each(oracle.inverse_dynamics, *motion)) <= ORACLE
-    assert relative(rne.mass_matrix(model, motion[0]), each(oracle.mass_matrix, motion[0])) <= ORACLE
+    assert relative(rne.dynamics.inverse_dynamics(model, *motion), each(oracle.inverse_dynamics, *motion)) <= ORACLE
+    assert relative(rne.dynamics.mass_matrix(model, motion[0]), each(oracle.mass_matrix, motion[0])) <= ORACLE
 
 
 def test_file_and_back_is_the_same_model(dh, tmp_path):
@@ -256,7 +258,9 @@ def test_both_conventions_describe_one_robot():
     modified = rne.dh_chain(a=np.r_[0, a[:-1]], alpha=np.r_[0, alpha[:-1]], d=d, theta=theta, convention="modified")
     q = states(4)[0]
     tool = shift(a[-1], 0, 0) @ rx(alpha[-1])
-    np.testing.assert_allclose(rne.link_poses(standard, q)[-1], rne.link_poses(modified, q)[-1] @ tool, atol=1e-14)
+    np.testing.assert_allclose(
+        rne.dynamics.link_poses(standard, q)[-1], rne.dynamics.link_poses(modified, q)[-1] @ tool, atol=1e-14
+    )
 
 
 def test_a_sliding_joint_moves_along_the_z_axis_before_it():
@@ -265,23 +269,25 @@ def test_a_sliding_joint_moves_along_the_z_axis_before_it():
         a=[0.2], alpha=[0.3], d=[0.1], theta=[0.5], types="prismatic", gravity=[0, 0, -9.81],
         masses=[3.0], centres=[[0.1, 0.2, 0.3]], inertias=np.zeros((1, 3, 3)),
     )  # fmt: skip
-    assert rne.mass_matrix(slider, [0.7]).item() == 3.0
-    assert rne.gravity_torque(slider, [0.7]).item() == pytest.approx(3 * 9.81, rel=1e-15)
-    rise = (rne.link_poses(slider, [0.7]) - rne.link_poses(slider, [0.0]))[-1, :3, 3]
+    assert rne.dynamics.mass_matrix(slider, [0.7]).item() == 3.0
+    assert rne.dynamics.gravity_torque(slider, [0.7]).item() == pytest.approx(3 * 9.81, rel=1e-15)
+    rise = (rne.dynamics.link_poses(slider, [0.7]) - rne.dynamics.link_poses(slider, [0.0]))[-1, :3, 3]
     np.testing.assert_allclose(rise, [0, 0, 0.7], atol=1e-16)
 
 
 def test_no_joints_and_no_masses_are_legal():
-    block = rne.chain(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    block = rne.model.chain(np.zeros((0, 3, 3)), np.zeros((0, 3)))
     assert block.n == 0
     assert block.link_names == ("base_link", "tool0")
     bare = rne.dh_chain(**TABLE)
     assert bare.mass.tolist() == [0] * 6
-    np.testing.assert_array_equal(rne.link_poses(bare, np.ones(6)), rne.link_poses(rne.irb140(), np.ones(6)))
+    np.testing.assert_array_equal(
+        rne.dynamics.link_poses(bare, np.ones(6)), rne.dynamics.link_poses(rne.irb140(), np.ones(6))
+    )
 
 
 def test_names_types_and_limits_are_taken_over():
-    arm = rne.chain(
+    arm = rne.model.chain(
         [np.eye(3)] * 2, np.zeros((2, 3)), types=["continuous", "prismatic"], name="two", base="world", tip="tcp",
         joint_names=["turn", "lift"], link_names=["mast", "fork"], lower=[-np.inf, 0], upper=[np.inf, 2],
         velocity=[1, np.inf], effort=[10, 20],
@@ -298,7 +304,7 @@ def test_names_types_and_limits_are_taken_over():
 def bad(**changes):
     """A chain of two links with some arguments replaced."""
     body = {"masses": [1.0, 2.0], "centres": np.zeros((2, 3)), "inertias": [np.eye(3)] * 2}
-    return rne.chain(**{"rotations": [np.eye(3)] * 2, "positions": np.zeros((2, 3))} | body | changes)
+    return rne.model.chain(**{"rotations": [np.eye(3)] * 2, "positions": np.zeros((2, 3))} | body | changes)
 
 
 @pytest.mark.parametrize(
@@ -402,7 +408,7 @@ def test_cylinder_is_the_integral_over_its_points():
     for k, axis in enumerate("xyz"):
         expected = np.full(3, across)
         expected[k] = along
-        np.testing.assert_allclose(rne.cylinder_inertia(m, r, h, axis), np.diag(expected), rtol=1e-5)
+        np.testing.assert_allclose(rne.model.cylinder_inertia(m, r, h, axis), np.diag(expected), rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -416,4 +422,4 @@ def test_cylinder_is_the_integral_over_its_points():
 )
 def test_wrong_cylinders_are_refused(arguments, text):
     with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
-        rne.cylinder_inertia(*arguments)
+        rne.model.cylinder_inertia(*arguments)

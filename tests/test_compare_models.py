@@ -51,7 +51,7 @@ def visible(robot, other):
 
 def test_numbers_of_a_payload_are_found():
     robot = rne.load("ur5")
-    other = rne.Robot(rne.with_payload(robot.model, 2.5, com=(0.02, -0.03, 0.1), link="wrist_3_link"))
+    other = rne.Robot(rne.model.with_payload(robot.model, 2.5, com=(0.02, -0.03, 0.1), link="wrist_3_link"))
     found = rne.compare_models(robot, other)
     assert found.text.startswith("it carries a payload of 2.5 kg at (0.02, -0.03, 0.1) m"), found.text
 

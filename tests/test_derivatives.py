@@ -18,14 +18,14 @@ from .helpers import EPS, kept, relative, states
 
 EXACT = 1e-12  # of the largest entry
 BY = {
-    "inverse_dynamics": (rne.inverse_dynamics, ("q", "qd", "qdd")),
-    "bias_torque": (rne.bias_torque, ("q", "qd")),
-    "gravity_torque": (rne.gravity_torque, ("q",)),
-    "mass_matrix": (rne.mass_matrix, ("q",)),
-    "kinetic_energy": (rne.kinetic_energy, ("q", "qd")),
-    "potential_energy": (rne.potential_energy, ("q",)),
-    "forward_dynamics": (rne.forward_dynamics, ("q", "qd", "tau")),
-    "link_poses": (rne.link_poses, ("q",)),
+    "inverse_dynamics": (rne.dynamics.inverse_dynamics, ("q", "qd", "qdd")),
+    "bias_torque": (rne.dynamics.bias_torque, ("q", "qd")),
+    "gravity_torque": (rne.dynamics.gravity_torque, ("q",)),
+    "mass_matrix": (rne.dynamics.mass_matrix, ("q",)),
+    "kinetic_energy": (rne.dynamics.kinetic_energy, ("q", "qd")),
+    "potential_energy": (rne.dynamics.potential_energy, ("q",)),
+    "forward_dynamics": (rne.dynamics.forward_dynamics, ("q", "qd", "tau")),
+    "link_poses": (rne.dynamics.link_poses, ("q",)),
 }
 
 # As in conftest, but smaller: programs of derivatives grow with the square of the number of joints.
@@ -52,7 +52,7 @@ def test_derivative_is_the_complex_step_of_the_recursion(robot, name):
     expected = complex_step(function, tree, arguments, wrt, {})[0]
     got = kernel(*arguments)
     assert got.shape == expected.shape
-    kappa = np.linalg.cond(rne.mass_matrix(tree, arguments[0])).max() if name == "forward_dynamics" else 1.0
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(tree, arguments[0])).max() if name == "forward_dynamics" else 1.0
     bound = EXACT * kappa
     size = max(np.abs(expected).max(), 1e-300)
     assert np.abs(got - expected).max() <= bound * size
@@ -63,9 +63,9 @@ def test_derivative_is_the_complex_step_of_the_recursion(robot, name):
 def test_forward_dynamics_derivatives_are_the_complex_step(robot):
     tree = robot.model
     q, qd, tau = states(tree.n, 4, rate=2.0)
-    expected = complex_step(rne.forward_dynamics, tree, (q, qd, tau), ("q", "qd", "tau"), {})[0]
+    expected = complex_step(rne.dynamics.forward_dynamics, tree, (q, qd, tau), ("q", "qd", "tau"), {})[0]
     got = np.concatenate(robot.forward_dynamics_derivatives(q, qd, tau), axis=-1)
-    kappa = np.linalg.cond(rne.mass_matrix(tree, q)).max()
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(tree, q)).max()
     assert np.abs(got - expected).max() <= EXACT * kappa * np.abs(expected).max()
 
 
@@ -134,9 +134,9 @@ def test_a_large_robot_takes_the_complex_step(monkeypatch):
     from rne.kernels import trace as module
 
     model = random_tree(4, 2)
-    traced = rne.derivative(rne.bias_torque, model, "q", "qd")
+    traced = rne.kernels.derivative(rne.dynamics.bias_torque, model, "q", "qd")
     monkeypatch.setattr(module, "LIMIT", 10)
-    stepped = rne.derivative(rne.bias_torque, model, "q", "qd")
+    stepped = rne.kernels.derivative(rne.dynamics.bias_torque, model, "q", "qd")
     assert stepped.operations == {}
     s = states(4, 6)[:2]
     assert relative(stepped(*s), traced(*s)) <= EXACT
@@ -144,9 +144,9 @@ def test_a_large_robot_takes_the_complex_step(monkeypatch):
 
 def test_wrong_arguments_are_named(irb140):
     with pytest.raises(ValueError, match=r"^`wrt` must name arguments of \['q', 'qd'\], got 'tau'$"):
-        rne.derivative(rne.bias_torque, irb140.model, "tau")
+        rne.kernels.derivative(rne.dynamics.bias_torque, irb140.model, "tau")
     with pytest.raises(ValueError, match=r"^`wrt` must name at least one argument of \['q', 'qd'\]$"):
-        rne.derivative(rne.bias_torque, irb140.model)
+        rne.kernels.derivative(rne.dynamics.bias_torque, irb140.model)
     with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(2,\)$"):
         irb140.inverse_dynamics_derivatives([0, 0, np.nan, 0, 0, 0], [0] * 6, [0] * 6)
 
@@ -154,12 +154,16 @@ def test_wrong_arguments_are_named(irb140):
 def test_derivatives_in_long_double_are_exact_to_it(irb140):
     """Against differences of 60 digits."""
     q = states(6)[0].astype(np.longdouble)
-    got = irb140.kernel(rne.gravity_torque, "q")(q)
+    got = irb140.kernel(rne.dynamics.gravity_torque, "q")(q)
     with mpmath.workdps(60):
         h, exact = mpmath.mpf(10) ** -20, np.vectorize(lambda x: mpmath.mpf(float(x)), otypes=[object])(q)
         steps = [h * np.eye(6, dtype=int)[j] for j in range(6)]
         slopes = [
-            (rne.gravity_torque(irb140.model, exact + e) - rne.gravity_torque(irb140.model, exact - e)) / (2 * h)
+            (
+                rne.dynamics.gravity_torque(irb140.model, exact + e)
+                - rne.dynamics.gravity_torque(irb140.model, exact - e)
+            )
+            / (2 * h)
             for e in steps
         ]
         reference = np.vectorize(lambda x: np.longdouble(mpmath.nstr(x, 25)))(np.stack(slopes, axis=1))

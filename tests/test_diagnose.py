@@ -41,7 +41,7 @@ def sliders(axis, angle=0.0, light=0.0):
 def exact_forward(robot, *arguments):
     with mpmath.workdps(80):
         numbers = [np.array([mpmath.mpf(float(x)) for x in v], dtype=object) for v in arguments]
-        return np.array([float(x) for x in rne.forward_dynamics(robot.model, *numbers)])
+        return np.array([float(x) for x in rne.dynamics.forward_dynamics(robot.model, *numbers)])
 
 
 def right_or_refused(robot, q, qd, tau, tolerance):
@@ -49,7 +49,7 @@ def right_or_refused(robot, q, qd, tau, tolerance):
     calls = [robot.forward_dynamics]
     calls += [
         lambda *s, f=f: f(robot.model, *map(np.asarray, s))
-        for f in (rne.forward_dynamics, rne.articulated_forward_dynamics)
+        for f in (rne.dynamics.forward_dynamics, rne.dynamics.articulated_forward_dynamics)
     ]
     expected, answers = None, 0
     for call in calls:
@@ -99,8 +99,8 @@ def test_sizes_and_units_do_not_count():
         chain, mass=chain.mass * [1, 1, 1e-12], inertia=chain.inertia * np.array([1, 1, 1e-12])[:, None, None]
     )
     q = [0.3, 1.2, 1.0]
-    assert np.linalg.cond(rne.mass_matrix(light, np.array(q))) > 1e11
-    assert rne.diagnose(light, q).digits > 13
+    assert np.linalg.cond(rne.dynamics.mass_matrix(light, np.array(q))) > 1e11
+    assert rne.dynamics.diagnose(light, q).digits > 13
 
 
 def test_digits_are_those_of_the_dtype(irb140):
@@ -121,7 +121,7 @@ def test_straight_chains_lose_what_is_said(n):
     assert 0.1 <= found.condition / (4 * n**4) <= 10
     expected = exact_forward(robot, q, qd, tau) if n == 10 else None
     if expected is not None:
-        error = np.abs(rne.forward_dynamics(robot.model, q, qd, tau) - expected).max() / np.abs(expected).max()
+        error = np.abs(rne.dynamics.forward_dynamics(robot.model, q, qd, tau) - expected).max() / np.abs(expected).max()
         assert error <= 10 ** -(found.digits - 1)
 
 
@@ -265,8 +265,8 @@ class TestWarnings:
         q, qd, qdd = (x[:3] for x in states(6, 3))
         fast = 1e8 * np.sign(qd)
         tau = irb140.inverse_dynamics(q, fast, qdd)
-        calls = [irb140.forward_dynamics, lambda *s: rne.forward_dynamics(irb140.model, *s)]
-        calls.append(lambda *s: rne.articulated_forward_dynamics(irb140.model, *s))
+        calls = [irb140.forward_dynamics, lambda *s: rne.dynamics.forward_dynamics(irb140.model, *s)]
+        calls.append(lambda *s: rne.dynamics.articulated_forward_dynamics(irb140.model, *s))
         for call in calls:
             with pytest.warns(rne.PrecisionWarning) as said:
                 call(q, fast, tau)
@@ -281,7 +281,7 @@ class TestWarnings:
         robot = sliders(np.array([0.6, 0.0, 0.8]), 0.7, light=5e-14)
         state = np.array([0.1, 0.2]), np.array([0.3, 0.4]), np.array([1.0, 2.0])
         expected = self.TEXT.format(2, "", "M is nearly singular")
-        for call in (robot.forward_dynamics, robot.kernel(rne.forward_dynamics)):
+        for call in (robot.forward_dynamics, robot.kernel(rne.dynamics.forward_dynamics)):
             with pytest.warns(rne.PrecisionWarning) as said:
                 call(*state)
             assert [str(w.message) for w in said] == [expected]
@@ -311,7 +311,7 @@ class TestWarnings:
         q = np.tile([0.1, 0.2], (3, 9000, 1))
         tau = np.where(np.arange(27000).reshape(3, 9000, 1) == 20_000, [2.0, 2.0], [1.0, 2.0])
         with pytest.warns(rne.PrecisionWarning) as said:
-            robot.kernel(rne.forward_dynamics)(q, q + [0.2, 0.2], tau)
+            robot.kernel(rne.dynamics.forward_dynamics)(q, q + [0.2, 0.2], tau)
         assert len(said) == 1
         assert said[0].filename == __file__
         worst = robot.diagnose(q, q + [0.2, 0.2], tau).worst_state

@@ -77,7 +77,7 @@ def complaints(name):
     thing = PUBLIC.resolve(name)
     if inspect.isclass(thing) and "PR01" in errors:
         documented = documented_names(thing)
-        made_here = issubclass(thing, Exception) or name in ("Kernel", "control.Reference")
+        made_here = issubclass(thing, Exception) or name in ("kernels.Kernel", "control.Reference")
         if made_here or (
             documented and {name for name in inspect.signature(thing).parameters if name[0] != "_"} <= documented
         ):

@@ -9,21 +9,21 @@ import rne
 from .helpers import EPS, data_robot, kept, relative, states
 
 CALLS = {
-    "inverse_dynamics": (rne.inverse_dynamics, 3),
-    "mass_matrix": (rne.mass_matrix, 1),
-    "regressor": (rne.regressor, 3),
-    "bias_torque": (rne.bias_torque, 2),
-    "gravity_torque": (rne.gravity_torque, 1),
-    "coriolis_torque": (rne.coriolis_torque, 2),
-    "coriolis_matrix": (rne.coriolis_matrix, 2),
-    "kinetic_energy": (rne.kinetic_energy, 2),
-    "potential_energy": (rne.potential_energy, 1),
-    "kinetic_energy_regressor": (rne.kinetic_energy_regressor, 2),
-    "potential_energy_regressor": (rne.potential_energy_regressor, 1),
-    "momentum": (rne.momentum, 2),
-    "link_poses": (rne.link_poses, 1),
-    "forward_dynamics": (rne.forward_dynamics, 3),
-    "articulated_forward_dynamics": (rne.articulated_forward_dynamics, 3),
+    "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),
+    "mass_matrix": (rne.dynamics.mass_matrix, 1),
+    "regressor": (rne.dynamics.regressor, 3),
+    "bias_torque": (rne.dynamics.bias_torque, 2),
+    "gravity_torque": (rne.dynamics.gravity_torque, 1),
+    "coriolis_torque": (rne.dynamics.coriolis_torque, 2),
+    "coriolis_matrix": (rne.dynamics.coriolis_matrix, 2),
+    "kinetic_energy": (rne.dynamics.kinetic_energy, 2),
+    "potential_energy": (rne.dynamics.potential_energy, 1),
+    "kinetic_energy_regressor": (rne.dynamics.kinetic_energy_regressor, 2),
+    "potential_energy_regressor": (rne.dynamics.potential_energy_regressor, 1),
+    "momentum": (rne.dynamics.momentum, 2),
+    "link_poses": (rne.dynamics.link_poses, 1),
+    "forward_dynamics": (rne.dynamics.forward_dynamics, 3),
+    "articulated_forward_dynamics": (rne.dynamics.articulated_forward_dynamics, 3),
 }
 
 
@@ -48,7 +48,7 @@ def test_result_is_in_the_dtype_of_the_arguments_and_exact_to_it(call, dtype):
     got = function(rne.irb140(), *arguments)
     assert got.dtype == dtype
     solved = "forward" in function.__name__
-    kappa = np.linalg.cond(rne.mass_matrix(rne.irb140(), states(6, 3, seed=1)[0])).max() if solved else 1.0
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(rne.irb140(), states(6, 3, seed=1)[0])).max() if solved else 1.0
     reference = exact(model, function, arguments)
     if got.ndim == 1:
         got, reference = got[:, None], reference[:, None]
@@ -77,14 +77,14 @@ def test_fifty_digits_pass_through_every_layer():
     model = rne.irb140()
     with mpmath.workdps(50):
         q, qd, qdd = (np.array([mpmath.mpf(float(x)) for x in v], dtype=object) for v in states(6))
-        back = rne.forward_dynamics(model, q, qd, rne.inverse_dynamics(model, q, qd, qdd))
+        back = rne.dynamics.forward_dynamics(model, q, qd, rne.dynamics.inverse_dynamics(model, q, qd, qdd))
         assert max(abs(a - b) for a, b in zip(back, qdd, strict=True)) < mpmath.mpf(10) ** -40
 
 
 def test_not_finite_mpmath_number_is_refused():
     q = np.array([mpmath.mpf(0)] * 5 + [mpmath.mpf("nan")], dtype=object)
     with pytest.raises(ValueError, match=r"^`q` must be finite, got nan at index \(5,\)$"):
-        rne.gravity_torque(rne.irb140(), q)
+        rne.dynamics.gravity_torque(rne.irb140(), q)
 
 
 def test_float64_error_is_a_few_roundings():
@@ -92,7 +92,8 @@ def test_float64_error_is_a_few_roundings():
     model = rne.irb140()
     arguments = states(6, 20)
     error = relative(
-        rne.inverse_dynamics(model, *arguments).astype(np.longdouble), exact(model, rne.inverse_dynamics, arguments)
+        rne.dynamics.inverse_dynamics(model, *arguments).astype(np.longdouble),
+        exact(model, rne.dynamics.inverse_dynamics, arguments),
     )
     assert error <= 40 * EPS
 
@@ -110,10 +111,13 @@ def disagreements(model, digits):
     """Of two formulations of the torque, and of two of M: relative to the largest entry."""
     with mpmath.workdps(digits):
         q, qd, qdd = (numbers(x) for x in states(model.n))
-        torques = rne.inverse_dynamics(model, q, qd, qdd), rne.lagrange_inverse_dynamics(model, q, qd, qdd)
-        weight = rne.gravity_torque(model, q)
-        columns = [rne.inverse_dynamics(model, q, 0 * qd, numbers(e)) - weight for e in np.eye(model.n)]
-        masses = rne.mass_matrix(model, q), np.stack(columns, axis=1)
+        torques = (
+            rne.dynamics.inverse_dynamics(model, q, qd, qdd),
+            rne.dynamics.lagrange_inverse_dynamics(model, q, qd, qdd),
+        )
+        weight = rne.dynamics.gravity_torque(model, q)
+        columns = [rne.dynamics.inverse_dynamics(model, q, 0 * qd, numbers(e)) - weight for e in np.eye(model.n)]
+        masses = rne.dynamics.mass_matrix(model, q), np.stack(columns, axis=1)
         return [np.abs(a - b).max() / np.abs(b).max() for a, b in (torques, masses)]
 
 

@@ -16,21 +16,21 @@ def test_payload_adds_the_kinetic_energy_of_a_body(tree):
     q, qd, _ = states(tree.n, 5)
     mass, com, inertia = 1.7, np.array([0.1, -0.2, 0.3]), np.diag([0.02, 0.03, 0.04])
     link = tree.link_names[-1]
-    loaded = rne.with_payload(tree, mass, com, inertia, link)
-    twist = (rne.jacobian(tree, q, link) @ qd[..., None])[..., 0]
-    R = rne.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
+    loaded = rne.model.with_payload(tree, mass, com, inertia, link)
+    twist = (rne.dynamics.jacobian(tree, q, link) @ qd[..., None])[..., 0]
+    R = rne.dynamics.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
     omega, v = twist[:, :3], twist[:, 3:] + np.cross(twist[:, :3], (R @ com))
     own = (np.swapaxes(R, -1, -2) @ omega[..., None])[..., 0]
     added = (mass * (v * v).sum(-1) + (own @ inertia * own).sum(-1)) / 2
-    expected = rne.kinetic_energy(tree, q, qd) + added
-    np.testing.assert_allclose(rne.kinetic_energy(loaded, q, qd), expected, rtol=1e-12)
+    expected = rne.dynamics.kinetic_energy(tree, q, qd) + added
+    np.testing.assert_allclose(rne.dynamics.kinetic_energy(loaded, q, qd), expected, rtol=1e-12)
 
 
 def test_payload_on_the_base_moves_nothing():
     tree = random_tree(3, seed=1)
-    loaded = rne.with_payload(tree, 5.0, [0, 0, 1], None, "root")
+    loaded = rne.model.with_payload(tree, 5.0, [0, 0, 1], None, "root")
     s = states(3)
-    assert np.array_equal(rne.inverse_dynamics(loaded, *s), rne.inverse_dynamics(tree, *s))
+    assert np.array_equal(rne.dynamics.inverse_dynamics(loaded, *s), rne.dynamics.inverse_dynamics(tree, *s))
     assert loaded.base_mass == tree.base_mass + 5.0
 
 
@@ -41,13 +41,15 @@ def test_locked_robot_is_the_full_robot_at_rest_in_those_joints(tree):
     values = np.linspace(0.3, 1.0, len(names))
     for x, value in ((q, values), (qd, 0), (qdd, 0)):
         x[:, ~np.array(free)] = value
-    smaller = rne.locked(tree, dict(zip(names, values, strict=True)))
+    smaller = rne.model.locked(tree, dict(zip(names, values, strict=True)))
     assert smaller.joint_names == tuple(np.array(tree.joint_names)[free])
     assert smaller.link_names == tree.link_names
-    full = rne.inverse_dynamics(tree, q, qd, qdd)
-    got = rne.inverse_dynamics(smaller, *(x[:, free] for x in (q, qd, qdd)))
+    full = rne.dynamics.inverse_dynamics(tree, q, qd, qdd)
+    got = rne.dynamics.inverse_dynamics(smaller, *(x[:, free] for x in (q, qd, qdd)))
     assert np.abs(got - full[:, free]).max(initial=0) <= 1e-12 * np.abs(full).max()
-    np.testing.assert_allclose(rne.link_poses(smaller, q[:, free]), rne.link_poses(tree, q), atol=1e-13)
+    np.testing.assert_allclose(
+        rne.dynamics.link_poses(smaller, q[:, free]), rne.dynamics.link_poses(tree, q), atol=1e-13
+    )
 
 
 def test_locking_everything_leaves_no_coordinates(irb140):

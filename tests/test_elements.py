@@ -28,7 +28,7 @@ APPENDIX_C = {
 @pytest.fixture(params=kept(APPENDIX_C, ["coriolis_torque", "gravity_torque", "inverse_dynamics"]))
 def entries(request, irb140):
     """A kernel, the names of its entries, states, and its results there, one row of entries for each state."""
-    kernel = irb140.kernel(getattr(rne, request.param))
+    kernel = irb140.kernel(getattr(rne.dynamics, request.param))
     arguments = states(6, 3, seed=10)[: len(kernel.names)]
     return kernel, APPENDIX_C[request.param], arguments, kernel(*arguments).reshape(3, -1)
 
@@ -99,7 +99,7 @@ def used(text):
 
 
 def test_only_the_operations_that_an_entry_needs_are_printed(irb140):
-    kernel = irb140.kernel(rne.mass_matrix)
+    kernel = irb140.kernel(rne.dynamics.mass_matrix)
     whole = used(kernel.source("python"))
     assert whole == sum(kernel.operations.values()) == 155
     counts = {name: used(kernel.source("python", name)) for name in APPENDIX_C["mass_matrix"]}
@@ -111,16 +111,16 @@ def test_only_the_operations_that_an_entry_needs_are_printed(irb140):
 
 
 def test_entries_that_are_zero_or_constant_are_printed_as_such(irb140):
-    assert "    return 0.0\n" in irb140.kernel(rne.mass_matrix).source("python", "m45")
+    assert "    return 0.0\n" in irb140.kernel(rne.dynamics.mass_matrix).source("python", "m45")
     inertia = 0.001458  # of link 6 about its axis, the only one that joint 6 moves
-    assert evaluated(irb140.kernel(rne.mass_matrix).source("python", "m66"), "m66", [[[0] * 6]]) == [
+    assert evaluated(irb140.kernel(rne.dynamics.mass_matrix).source("python", "m66"), "m66", [[[0] * 6]]) == [
         pytest.approx(inertia)
     ]
 
 
 def test_gravity_on_joint_4_in_print_is_the_formula_of_erratum_13(irb140):
     """m_6 g r sin q4 sin q5 cos(q2 + q3); cos(q2 + q3) from two products, as q2 and q3 stand in two rotations."""
-    text = irb140.kernel(rne.gravity_torque).source("python", "g4")
+    text = irb140.kernel(rne.dynamics.gravity_torque).source("python", "g4")
     q, _, _ = states(6, 20)
     expected = 9.81 * 0.029 * np.sin(q[:, 3]) * np.sin(q[:, 4]) * np.cos(q[:, 1] + q[:, 2])
     np.testing.assert_allclose(evaluated(text, "g4", [(x,) for x in q]), expected, atol=1e-15)
@@ -129,34 +129,37 @@ def test_gravity_on_joint_4_in_print_is_the_formula_of_erratum_13(irb140):
 
 def test_forward_dynamics_and_bias_have_entries_too(irb140):
     q, qd, tau = states(6)
-    for function, name, arguments in ((rne.forward_dynamics, "qdd5", (q, qd, tau)), (rne.bias_torque, "h2", (q, qd))):
+    for function, name, arguments in (
+        (rne.dynamics.forward_dynamics, "qdd5", (q, qd, tau)),
+        (rne.dynamics.bias_torque, "h2", (q, qd)),
+    ):
         kernel = irb140.kernel(function)
         (value,) = evaluated(kernel.source("python", name), name, [arguments])
         assert value == pytest.approx(kernel(*arguments)[int(name[-1]) - 1], rel=1e-11)
 
 
 def test_beyond_nine_joints_numbers_are_apart():
-    kernel = rne.compile(rne.mass_matrix, straight_chain(12))
+    kernel = rne.compile(rne.dynamics.mass_matrix, straight_chain(12))
     M, q = kernel(np.arange(12.0) / 5), np.arange(12.0) / 5
     for name, entry in (("m2_11", (1, 10)), ("m12_12", (11, 11)), ("m23", (1, 2)), ("m2_3", (1, 2))):
         assert evaluated(kernel.source("python", name), name, [(q,)]) == [pytest.approx(M[entry], rel=1e-13)]
-    torque = rne.compile(rne.gravity_torque, straight_chain(12))
+    torque = rne.compile(rne.dynamics.gravity_torque, straight_chain(12))
     assert evaluated(torque.source("python", "g12"), "g12", [(q,)]) == [pytest.approx(torque(q)[11], rel=1e-13)]
 
 
 @pytest.mark.parametrize(
     ("function", "joints", "element", "text"),
     [
-        (rne.mass_matrix, 6, "m77", "`element` of mass_matrix must be one of m11 ... m66, got 'm77'"),
-        (rne.mass_matrix, 6, "m2", "`element` of mass_matrix must be one of m11 ... m66, got 'm2'"),
-        (rne.mass_matrix, 6, "m10", "`element` of mass_matrix must be one of m11 ... m66, got 'm10'"),
-        (rne.mass_matrix, 6, "c3", "`element` of mass_matrix must be one of m11 ... m66, got 'c3'"),
-        (rne.mass_matrix, 6, (1, 2), "`element` of mass_matrix must be one of m11 ... m66, got (1, 2)"),
-        (rne.mass_matrix, 12, "m1211", "`element` of mass_matrix must be one of m1_1 ... m12_12, got 'm1211'"),
-        (rne.gravity_torque, 6, "g0", "`element` of gravity_torque must be one of g1 ... g6, got 'g0'"),
-        (rne.gravity_torque, 6, "g7", "`element` of gravity_torque must be one of g1 ... g6, got 'g7'"),
+        (rne.dynamics.mass_matrix, 6, "m77", "`element` of mass_matrix must be one of m11 ... m66, got 'm77'"),
+        (rne.dynamics.mass_matrix, 6, "m2", "`element` of mass_matrix must be one of m11 ... m66, got 'm2'"),
+        (rne.dynamics.mass_matrix, 6, "m10", "`element` of mass_matrix must be one of m11 ... m66, got 'm10'"),
+        (rne.dynamics.mass_matrix, 6, "c3", "`element` of mass_matrix must be one of m11 ... m66, got 'c3'"),
+        (rne.dynamics.mass_matrix, 6, (1, 2), "`element` of mass_matrix must be one of m11 ... m66, got (1, 2)"),
+        (rne.dynamics.mass_matrix, 12, "m1211", "`element` of mass_matrix must be one of m1_1 ... m12_12, got 'm1211'"),
+        (rne.dynamics.gravity_torque, 6, "g0", "`element` of gravity_torque must be one of g1 ... g6, got 'g0'"),
+        (rne.dynamics.gravity_torque, 6, "g7", "`element` of gravity_torque must be one of g1 ... g6, got 'g7'"),
         (
-            rne.kinetic_energy,
+            rne.dynamics.kinetic_energy,
             2,
             "t1",
             f"`element` is for {', '.join(LETTERS)}; entries of kinetic_energy have no names",
@@ -171,7 +174,7 @@ def test_other_entries_are_refused(function, joints, element, text):
 
 def test_entries_of_derivatives_have_no_names(irb140):
     with pytest.raises(ValueError, match=r"entries of gravity_torque_by_q have no names$"):
-        irb140.kernel(rne.gravity_torque, "q").source("c", "g2")
+        irb140.kernel(rne.dynamics.gravity_torque, "q").source("c", "g2")
 
 
 @pytest.mark.parametrize(("element", "quantity"), [("m23", "mass_matrix"), ("c3", "coriolis_torque"), ("qdd1", "forward_dynamics"), ("tau4", "inverse_dynamics")])  # fmt: skip

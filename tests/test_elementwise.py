@@ -64,7 +64,7 @@ def test_kernels_of_both_engines(law, irb140, engine, dtype):
 
 def test_derivatives_are_those_of_differences(law, irb140):
     function, plain = law
-    slopes = rne.derivative(function, irb140.model, "q", "qd")
+    slopes = rne.kernels.derivative(function, irb140.model, "q", "qd")
     q, qd = arguments(30)
     h = 1e-6
     found = slopes(q, qd)

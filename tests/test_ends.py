@@ -33,7 +33,7 @@ def arm(*frames, parent=1, mimic=None):
 def test_last_link_of_a_chain_carries_the_payload():
     model = straight_chain(3)
     assert end_link(model) == "rod2"
-    assert rne.with_payload(model, 2.0) == rne.with_payload(model, 2.0, np.zeros(3), None, "rod2")
+    assert rne.model.with_payload(model, 2.0) == rne.model.with_payload(model, 2.0, np.zeros(3), None, "rod2")
 
 
 def test_fixed_frames_behind_the_last_joint_are_part_of_the_chain():
@@ -56,17 +56,19 @@ def test_of_frames_at_one_point_it_is_the_last():
 def test_a_chain_without_a_frame_behind_its_last_joint_has_no_tip():
     model = straight_chain(2)
     assert tip(model) is None
-    assert rne.recursion(model, *states(2)).a_e.shape == (1, 3)
+    assert rne.dynamics.recursion(model, *states(2)).a_e.shape == (1, 3)
 
 
 def test_end_of_the_last_body_moves_as_its_frame_does():
     """a_e's last row is the second derivative of the frame's position, by complex step from the Jacobian's."""
     model = arm(frame("tool", 2, [0.3, 0.1, 0.2]))
     q, qd, qdd = states(2, seed=3)
-    J, J_rate = rne.jacobian(model, q, "tool"), rne.jacobian_rate(model, q, qd, "tool")
+    J, J_rate = rne.dynamics.jacobian(model, q, "tool"), rne.dynamics.jacobian_rate(model, q, qd, "tool")
     a = (J @ qdd + J_rate @ qd)[3:]
-    R = rne.link_poses(model, q)[model.link_index("link2"), :3, :3]
-    np.testing.assert_allclose(rne.recursion(model, q, qd, qdd).a_e[1], R.T @ a, rtol=0, atol=1e-12 * np.abs(a).max())
+    R = rne.dynamics.link_poses(model, q)[model.link_index("link2"), :3, :3]
+    np.testing.assert_allclose(
+        rne.dynamics.recursion(model, q, qd, qdd).a_e[1], R.T @ a, rtol=0, atol=1e-12 * np.abs(a).max()
+    )
 
 
 @pytest.mark.parametrize(
@@ -85,12 +87,16 @@ def test_end_of_the_last_body_moves_as_its_frame_does():
 def test_where_a_payload_belongs_is_not_guessed(model, reason, leaves):
     text = f"`link` must be given for robot 'arm': {reason}; its leaf links are {leaves}, others are in `link_names`"
     robot = rne.Robot(model)
-    calls = (lambda: rne.with_payload(model, 1.0), lambda: robot.with_payload(1.0), lambda: rne.Scene(robot, payload=1))
+    calls = (
+        lambda: rne.model.with_payload(model, 1.0),
+        lambda: robot.with_payload(1.0),
+        lambda: rne.Scene(robot, payload=1),
+    )
     for call in calls:
         with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
             call()
     loaded = rne.Scene(robot, payload=rne.Payload(1.0, link=leaves[-1])).resolved.robot
-    assert loaded.model == rne.with_payload(model, 1.0, link=leaves[-1])
+    assert loaded.model == rne.model.with_payload(model, 1.0, link=leaves[-1])
 
 
 def test_the_pandas_payload_is_refused_without_a_link():
@@ -138,7 +144,7 @@ def test_a_robot_without_moving_joints_carries_it_at_its_last_frame():
     block = assemble("block", [Part(link="base", mass=1.0), frame("top", 0, [0, 0, 1])])
     assert end_link(block) == "top"
     assert tip(block) is None
-    assert rne.with_payload(block, 1.0).base_com.tolist() == [0, 0, 0.5]
+    assert rne.model.with_payload(block, 1.0).base_com.tolist() == [0, 0, 0.5]
 
 
 def test_branched_robots_have_no_tip():

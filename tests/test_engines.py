@@ -40,12 +40,12 @@ def pair():
 
 @pytest.fixture(scope="module")
 def kernels(pair):
-    return [robot.kernel(rne.inverse_dynamics) for robot in pair]
+    return [robot.kernel(rne.dynamics.inverse_dynamics) for robot in pair]
 
 
 def difference_allowed(robot, method, arguments, eps=EPS):
     """A few roundings per joint, times the condition number of M where it is solved with."""
-    kappa = np.linalg.cond(rne.mass_matrix(robot.model, arguments[0])).max() if "forward" in method else 1.0
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(robot.model, arguments[0])).max() if "forward" in method else 1.0
     return 8 * robot.n * eps * kappa
 
 
@@ -152,7 +152,7 @@ class TestSines:
     def test_torques_at_great_angles_are_as_good_as_those_of_numpy(self, pair):
         q, qd, qdd = states(6, 40)
         q *= 10.0 ** np.linspace(0, 12, 40)[:, None]
-        exact = rne.inverse_dynamics(pair[0].model, *(a.astype(np.longdouble) for a in (q, qd, qdd)))
+        exact = rne.dynamics.inverse_dynamics(pair[0].model, *(a.astype(np.longdouble) for a in (q, qd, qdd)))
         ours, numpys = (relative(robot.inverse_dynamics(q, qd, qdd), exact) for robot in reversed(pair))
         assert ours <= 2 * numpys
 
@@ -292,7 +292,7 @@ class TestErrors:
         q, qd, tau = (np.ones((20, 3)) for _ in range(3))
         if case == "great rates":
             q, (qd,) = states(3, 20)[0], with_entry([qd], 0, (7, 2), 1e10)
-            tau = rne.bias_torque(gimbal(), q, qd) * (1 + 1e-15)
+            tau = rne.dynamics.bias_torque(gimbal(), q, qd) * (1 + 1e-15)
         else:
             (q,) = with_entry([q], 0, (7, 1), 0.0 if case == "singular" else 2e-7)
         for arguments in ((q, qd, tau), (q[7], qd[7], tau[7])):
@@ -324,7 +324,7 @@ class TestWhatKeepsItsEngine:
         scene = rne.Scene(robot, gravity=[0, 0, 0], armature=[1.0] * 6, payload=2.0)
         assert scene.kernel.engine == scene.resolved.robot.engine == "numba"
         assert pickle.loads(pickle.dumps(robot)).engine == "numba"
-        assert pickle.loads(pickle.dumps(robot.kernel(rne.mass_matrix))).engine == "numba"
+        assert pickle.loads(pickle.dumps(robot.kernel(rne.dynamics.mass_matrix))).engine == "numba"
 
     def test_numba_is_imported_when_a_kernel_is_compiled(self):
         code = (
@@ -335,7 +335,7 @@ class TestWhatKeepsItsEngine:
         subprocess.run([sys.executable, "-c", code], check=True)
 
     def test_time_to_compile_is_told(self, monkeypatch, caplog):
-        kernel = rne.compile(rne.gravity_torque, rne.irb140(), engine="numba")
+        kernel = rne.compile(rne.dynamics.gravity_torque, rne.irb140(), engine="numba")
         assert repr(kernel).endswith(" operations, by Numba")
         monkeypatch.setattr(numba_backend, "SLOW", 0.0)
         with caplog.at_level(logging.INFO, logger="rne"):

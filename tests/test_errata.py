@@ -30,7 +30,9 @@ def true_acceleration(model, link, point, q, qd, qdd):
     with mpmath.workdps(60):
         number = np.vectorize(mpmath.mpf, otypes=[object])
         q, qd, qdd, h = number(q), number(qd), number(qdd), mpmath.mpf(10) ** -20
-        poses = [rne.link_poses(model, q + t * qd + t * t / 2 * qdd)[model.link_index(link)] for t in (-h, 0, h)]
+        poses = [
+            rne.dynamics.link_poses(model, q + t * qd + t * t / 2 * qdd)[model.link_index(link)] for t in (-h, 0, h)
+        ]
         before, now, after = (T[:3, :3] @ number(point) + T[:3, 3] for T in poses)
         return (poses[1][:3, :3].T @ ((before - 2 * now + after) / h**2)).astype(float)
 
@@ -40,8 +42,8 @@ def true_acceleration(model, link, point, q, qd, qdd):
 
 def test_alpha_is_the_rate_of_omega_in_the_axes_of_the_link(tree):
     q, qd, qdd = states(tree.n, 5)
-    record = rne.recursion(tree, q, qd, qdd)
-    omega_dot = rate(lambda x, v: rne.recursion(tree, x, v, qdd).omega, q, qd, qdd)
+    record = rne.dynamics.recursion(tree, q, qd, qdd)
+    omega_dot = rate(lambda x, v: rne.dynamics.recursion(tree, x, v, qdd).omega, q, qd, qdd)
     assert relative(omega_dot, record.alpha) <= LAW
 
 
@@ -88,7 +90,7 @@ def closed_loop_poles(irb140, reference, sign):
     """Eigenvalues at the reference, at rest, under u = g(q) + sign Kp (q - reference) - Kd qd."""
     rest = np.zeros(6)
     A, B = irb140.linearize(reference, rest, irb140.gravity_torque(reference))
-    g_slope = rne.derivative(rne.gravity_torque, irb140.model, "q")(reference)
+    g_slope = rne.kernels.derivative(rne.dynamics.gravity_torque, irb140.model, "q")(reference)
     return np.linalg.eigvals(A + B @ np.hstack([g_slope + sign * np.diag(KP), -np.diag(KD)]))
 
 
@@ -120,7 +122,10 @@ def energy_rate(irb140, sign):
     Fv = np.linspace(1.0, 6.0, 6)
     qdd = irb140.forward_dynamics(q, qd, -sign * Fv * qd)
     power = rate(
-        lambda x, v: rne.kinetic_energy(irb140.model, x, v) + rne.potential_energy(irb140.model, x), q, qd, qdd
+        lambda x, v: rne.dynamics.kinetic_energy(irb140.model, x, v) + rne.dynamics.potential_energy(irb140.model, x),
+        q,
+        qd,
+        qdd,
     )
     return power, -(Fv * qd**2).sum()
 
@@ -165,7 +170,7 @@ def test_alpha_3_as_printed_in_5_18_is_off_by_qdd_3_less_qd_3(irb140):
 def lyapunov(irb140, q, qd, reference):
     """V of (6.50)."""
     error = q - reference
-    return rne.kinetic_energy(irb140.model, q, qd) + (np.array(KP) * error * error).sum(-1) / 2
+    return rne.dynamics.kinetic_energy(irb140.model, q, qd) + (np.array(KP) * error * error).sum(-1) / 2
 
 
 def saturated_rate(irb140, q, qd, reference, limit):
@@ -347,7 +352,7 @@ def test_a_relative_tolerance_of_1_as_printed_in_6_1_gives_another_motion(irb140
 def planar_record(q):
     """The arm of appendix D at rest: both axes along z, gravity along -y."""
     arm = planar_arm(0.7, 0.3, 2.0, 0.11, 0.25, 1.3, 0.07)
-    return rne.recursion(arm, q, np.zeros(2), np.zeros(2))
+    return rne.dynamics.recursion(arm, q, np.zeros(2), np.zeros(2))
 
 
 def test_g_j_in_frame_1_is_g_s_c_0_and_gravity_is_minus_that():
@@ -365,7 +370,7 @@ def test_g_j_as_printed_in_D_11_points_the_other_way_and_would_turn_every_holdin
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     assert np.linalg.norm(R.T @ [0, 9.81, 0] - printed) == pytest.approx(2 * 9.81)
     upside_down = replace(planar_arm(0.7, 0.3, 2.0, 0.11, 0.25, 1.3, 0.07), gravity=-R @ printed)  # gravity as -g j
-    wrong, right = rne.gravity_torque(upside_down, q), planar_record(q).u
+    wrong, right = rne.dynamics.gravity_torque(upside_down, q), planar_record(q).u
     np.testing.assert_allclose(wrong, -right, rtol=1e-13)
     assert right[1] == pytest.approx(1.3 * 0.25 * 9.81 * np.cos(q.sum()), rel=1e-13)
 

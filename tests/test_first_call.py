@@ -55,7 +55,7 @@ def test_one_state_is_traced_at_the_second_call_and_gives_the_same(traced, metho
     assert len(traced) == programs
     third = call(*arguments)
     assert len(traced) == programs
-    kappa = np.linalg.cond(rne.mass_matrix(robot.model, arguments[0])) if "forward" in method else 1.0
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(robot.model, arguments[0])) if "forward" in method else 1.0
     assert relative(flat(second), flat(first)) <= 4e-15 * 6 * kappa
     assert np.array_equal(flat(third), flat(second))
 
@@ -68,7 +68,7 @@ def test_a_batch_is_traced_at_the_first_call(traced, method):
     assert len(traced) == programs
     one = getattr(robot, method)(*(x[1] for x in arguments))
     assert len(traced) == programs
-    kappa = np.linalg.cond(rne.mass_matrix(robot.model, arguments[0])).max() if "forward" in method else 1.0
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(robot.model, arguments[0])).max() if "forward" in method else 1.0
     row = tuple(part[1] for part in batch) if isinstance(batch, tuple) else batch[1]
     assert relative(flat(one), flat(row)) <= 4e-15 * 6 * kappa
 
@@ -96,7 +96,7 @@ def test_compile_traces_at_once_and_only_once(traced):
     robot.forward_dynamics(q, qd, qdd)
     robot.compile()
     assert traced == expected
-    robot.compile(rne.kinetic_energy)
+    robot.compile(rne.dynamics.kinetic_energy)
     assert traced == [*expected, "kinetic_energy"]
 
 
@@ -113,7 +113,7 @@ def test_coriolis_matrix_of_43_joints_is_had_without_tracing(traced):
     q, qd, _ = states(43)
     C = robot.coriolis_matrix(q, qd)
     assert traced == []
-    torque = rne.coriolis_torque(robot.model, q, qd)
+    torque = rne.dynamics.coriolis_torque(robot.model, q, qd)
     assert np.abs(C @ qd - torque).max() <= 1e3 * EPS * np.abs(C).max() * np.abs(qd).max()
 
 

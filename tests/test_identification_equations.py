@@ -165,7 +165,7 @@ def test_bodies_that_are_too_thin_are_made_thicker():
     robot = rne.load("ur5")
     model, rows = robot.model, np.array(robot.parameters).reshape(6, 10)
     rows[2] = [5, 0, 0, 0, *[0] * 6]
-    prior, changed = model_prior(rne.with_parameters(model, rows.ravel()))
+    prior, changed = model_prior(rne.model.with_parameters(model, rows.ravel()))
     assert changed == (model.moving_joints[2],)
     assert (np.linalg.eigvalsh(prior) > 0).all()
 

@@ -297,7 +297,7 @@ def short():
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(rne.Robot(rne.with_parameters(r.model, 0 * r.parameters)), rec),
+            lambda r, rec: rne.identify(rne.Robot(rne.model.with_parameters(r.model, 0 * r.parameters)), rec),
             "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between the "
             "joints, or `consistent=False`",
         ),

@@ -41,7 +41,7 @@ def test_flange_is_the_thesis_frame_6(irb140):
 
 def test_ends_of_all_six_links_are_on_record_from_file_and_builder():
     s = states(6, 3)
-    file, built = (rne.recursion(model, *s).a_e for model in (rne.read_urdf(URDF), rne.irb140()))
+    file, built = (rne.dynamics.recursion(model, *s).a_e for model in (rne.read_urdf(URDF), rne.irb140()))
     assert built.shape == (3, 6, 3)
     assert np.array_equal(file, built)
 
@@ -67,7 +67,8 @@ def test_the_flange_costs_nothing_and_changes_no_torque(irb140, tmp_path):
     bare = rne.read_urdf(path)
     assert all(np.array_equal(getattr(bare, name), getattr(irb140.model, name)) for name in bodies)
     counts = [
-        sum(irb140.kernel(f).operations.values()) for f in (rne.inverse_dynamics, rne.mass_matrix, rne.forward_dynamics)
+        sum(irb140.kernel(f).operations.values())
+        for f in (rne.dynamics.inverse_dynamics, rne.dynamics.mass_matrix, rne.dynamics.forward_dynamics)
     ]
     assert counts == [280, 155, 538]
 
@@ -169,7 +170,7 @@ def test_record_follows_the_thesis_recursion(irb140):
 
 def test_bearing_of_joint_1_carries_the_arms_weight(irb140):
     still = np.zeros(6)
-    force, torque = rne.bearing_loads(irb140.recursion(still, still, still), irb140.model)
+    force, torque = rne.dynamics.bearing_loads(irb140.recursion(still, still, still), irb140.model)
     assert force[0] == pytest.approx(75 * 9.81, rel=1e-14)
     assert torque.shape == (6,)
 

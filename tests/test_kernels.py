@@ -21,26 +21,26 @@ from .helpers import EPS, data_robot, gimbal, kept, relative, states
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
 FUNCTIONS = {
-    "inverse_dynamics": (rne.inverse_dynamics, 3),
-    "bias_torque": (rne.bias_torque, 2),
-    "gravity_torque": (rne.gravity_torque, 1),
-    "coriolis_torque": (rne.coriolis_torque, 2),
-    "coriolis_matrix": (rne.coriolis_matrix, 2),
-    "mass_matrix": (rne.mass_matrix, 1),
-    "regressor": (rne.regressor, 3),
-    "kinetic_energy": (rne.kinetic_energy, 2),
-    "potential_energy": (rne.potential_energy, 1),
-    "momentum": (rne.momentum, 2),
-    "link_poses": (rne.link_poses, 1),
-    "forward_dynamics": (rne.forward_dynamics, 3),
-    "articulated_forward_dynamics": (rne.articulated_forward_dynamics, 3),
+    "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),
+    "bias_torque": (rne.dynamics.bias_torque, 2),
+    "gravity_torque": (rne.dynamics.gravity_torque, 1),
+    "coriolis_torque": (rne.dynamics.coriolis_torque, 2),
+    "coriolis_matrix": (rne.dynamics.coriolis_matrix, 2),
+    "mass_matrix": (rne.dynamics.mass_matrix, 1),
+    "regressor": (rne.dynamics.regressor, 3),
+    "kinetic_energy": (rne.dynamics.kinetic_energy, 2),
+    "potential_energy": (rne.dynamics.potential_energy, 1),
+    "momentum": (rne.dynamics.momentum, 2),
+    "link_poses": (rne.dynamics.link_poses, 1),
+    "forward_dynamics": (rne.dynamics.forward_dynamics, 3),
+    "articulated_forward_dynamics": (rne.dynamics.articulated_forward_dynamics, 3),
 }
 ARMS = ["irb140", "ur_description/ur5_robot", "panda_description/panda", "double_pendulum_description/double_pendulum"]
 
 
 def tolerance(n, model, q, function, eps=EPS):
     """4e-15 n of the largest entry, times the condition of M where M is solved."""
-    kappa = np.linalg.cond(rne.mass_matrix(model, q)).max() if "forward" in function.__name__ else 1.0
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(model, q)).max() if "forward" in function.__name__ else 1.0
     return 4e-15 / EPS * eps * max(n, 1) * kappa
 
 
@@ -55,7 +55,7 @@ def call(request):
 
 
 def check_same(model, function, count, dtype=np.float64):
-    if model.has_mimics and function is rne.articulated_forward_dynamics:
+    if model.has_mimics and function is rne.dynamics.articulated_forward_dynamics:
         with pytest.raises(rne.ModelError):
             rne.compile(function, model)
         return
@@ -65,7 +65,7 @@ def check_same(model, function, count, dtype=np.float64):
     bound = tolerance(model.n, model, arguments[0], function, float(np.finfo(dtype).eps))
     size = 1e-300
     if "coriolis" in function.__name__:  # on a single joint everything cancels
-        size = np.abs(rne.mass_matrix(model, arguments[0].astype(float))).max() * np.abs(arguments[1]).max()
+        size = np.abs(rne.dynamics.mass_matrix(model, arguments[0].astype(float))).max() * np.abs(arguments[1]).max()
     batch = kernel(*arguments)
     assert batch.dtype == dtype
     assert batch.shape == expected.shape
@@ -95,14 +95,17 @@ def test_robot_is_the_recursion_on_every_data_robot(name):
     robot = data_robot(name)
     q, qd, qdd = states(robot.n, 5)
     bound = 4e-15 * max(robot.n, 1)
-    assert apart(robot.inverse_dynamics(q, qd, qdd), rne.inverse_dynamics(robot.model, q, qd, qdd)) <= bound
-    assert apart(robot.mass_matrix(q), rne.mass_matrix(robot.model, q)) <= bound
+    assert apart(robot.inverse_dynamics(q, qd, qdd), rne.dynamics.inverse_dynamics(robot.model, q, qd, qdd)) <= bound
+    assert apart(robot.mass_matrix(q), rne.dynamics.mass_matrix(robot.model, q)) <= bound
 
 
 def test_kernels_with_an_argument_of_their_own_are_the_recursion(irb140):
     q, qd, _ = states(6, 5)
-    assert apart(irb140.jacobian(q, "link_4"), rne.jacobian(irb140.model, q, "link_4")) <= 4e-15 * 6
-    assert apart(irb140.jacobian_rate(q, qd, "link_4"), rne.jacobian_rate(irb140.model, q, qd, "link_4")) <= 4e-15 * 6
+    assert apart(irb140.jacobian(q, "link_4"), rne.dynamics.jacobian(irb140.model, q, "link_4")) <= 4e-15 * 6
+    assert (
+        apart(irb140.jacobian_rate(q, qd, "link_4"), rne.dynamics.jacobian_rate(irb140.model, q, qd, "link_4"))
+        <= 4e-15 * 6
+    )
 
 
 def test_M_is_symmetric_to_the_last_bit(irb140):
@@ -112,43 +115,46 @@ def test_M_is_symmetric_to_the_last_bit(irb140):
 
 @pytest.fixture
 def kernel():
-    return rne.compile(rne.inverse_dynamics, rne.irb140())
+    return rne.compile(rne.dynamics.inverse_dynamics, rne.irb140())
 
 
 class TestOperations:
     def test_operations_of_the_irb140_are_few(self):
         counts = {
             f: rne.compile(f, rne.irb140()).operations
-            for f in (rne.inverse_dynamics, rne.mass_matrix, rne.forward_dynamics)
+            for f in (rne.dynamics.inverse_dynamics, rne.dynamics.mass_matrix, rne.dynamics.forward_dynamics)
         }
-        assert sum(counts[rne.inverse_dynamics].values()) <= 290
-        assert sum(counts[rne.mass_matrix].values()) <= 160
-        assert sum(counts[rne.forward_dynamics].values()) <= 555
-        assert counts[rne.inverse_dynamics]["sin"] == counts[rne.inverse_dynamics]["cos"] == 5
+        assert sum(counts[rne.dynamics.inverse_dynamics].values()) <= 290
+        assert sum(counts[rne.dynamics.mass_matrix].values()) <= 160
+        assert sum(counts[rne.dynamics.forward_dynamics].values()) <= 555
+        assert counts[rne.dynamics.inverse_dynamics]["sin"] == counts[rne.dynamics.inverse_dynamics]["cos"] == 5
 
     def test_what_a_robot_lacks_costs_nothing(self):
         full = rne.irb140()
-        weightless = rne.mounted(rne.load("irb140", gravity=[0, 0, 0]).model, [0, 0, 0])
-        wristless = rne.locked(full, {"joint_4": 0.0, "joint_5": 0.0, "joint_6": 0.0})
-        counts = [sum(rne.compile(rne.inverse_dynamics, m).operations.values()) for m in (full, weightless, wristless)]
+        weightless = rne.model.mounted(rne.load("irb140", gravity=[0, 0, 0]).model, [0, 0, 0])
+        wristless = rne.model.locked(full, {"joint_4": 0.0, "joint_5": 0.0, "joint_6": 0.0})
+        counts = [
+            sum(rne.compile(rne.dynamics.inverse_dynamics, m).operations.values())
+            for m in (full, weightless, wristless)
+        ]
         assert counts[1] < counts[0]
         assert counts[2] < counts[0] / 2
 
     def test_mass_matrix_of_a_pendulum_is_a_constant(self):
-        kernel = rne.compile(rne.mass_matrix, straight_chain(1))
+        kernel = rne.compile(rne.dynamics.mass_matrix, straight_chain(1))
         assert kernel.operations == {}
         assert kernel(np.zeros((3, 1))).shape == (3, 1, 1)
-        assert kernel(np.zeros(1))[0, 0] == rne.mass_matrix(straight_chain(1), [0.0])[0, 0]
+        assert kernel(np.zeros(1))[0, 0] == rne.dynamics.mass_matrix(straight_chain(1), [0.0])[0, 0]
 
     def test_too_large_to_unroll_runs_as_the_recursion(self, monkeypatch):
         from rne.kernels import trace as module
 
         monkeypatch.setattr(module, "LIMIT", 100)
-        kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+        kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140())
         assert kernel.operations == {}
         assert repr(kernel) == "Kernel inverse_dynamics of 'irb140': run as the recursion"
         s = states(6, 4)
-        assert np.array_equal(kernel(*s), rne.inverse_dynamics(rne.irb140(), *s))
+        assert np.array_equal(kernel(*s), rne.dynamics.inverse_dynamics(rne.irb140(), *s))
         out = np.empty((4, 6))
         assert kernel(*s, out=out) is out
 
@@ -164,7 +170,7 @@ class TestBatches:
 
     @pytest.mark.parametrize("length", [1, 7, 64, 1000])
     def test_any_length_of_blocks_gives_the_same(self, length, monkeypatch):
-        kernel = rne.compile(rne.inverse_dynamics, rne.irb140(), engine="numpy")
+        kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140(), engine="numpy")
         s = states(6, 333)
         expected = kernel(*s)
         monkeypatch.setattr(numpy_backend, "block_length", lambda registers, itemsize: length)
@@ -181,7 +187,7 @@ class TestBatches:
     def test_leading_axes_broadcast(self, kernel):
         q, qd, qdd = states(6, 12)
         got = kernel(q.reshape(3, 4, 6), qd[:4], qdd[0])
-        assert apart(got, rne.inverse_dynamics(rne.irb140(), q.reshape(3, 4, 6), qd[:4], qdd[0])) <= 4e-15 * 6
+        assert apart(got, rne.dynamics.inverse_dynamics(rne.irb140(), q.reshape(3, 4, 6), qd[:4], qdd[0])) <= 4e-15 * 6
 
     def test_lists_and_integers_are_taken(self, kernel):
         assert kernel([0] * 6, [0] * 6, [0] * 6).shape == (6,)
@@ -210,12 +216,12 @@ class TestBatches:
             kernel(q, qd, qdd, out=qdd)
 
     def test_a_record_is_not_compiled(self):
-        with pytest.raises(TypeError, match=r"^`function` must give an array; rne.recursion gives a record"):
-            rne.compile(rne.recursion, rne.irb140())
+        with pytest.raises(TypeError, match=r"^`function` must give an array; rne.dynamics.recursion gives a record"):
+            rne.compile(rne.dynamics.recursion, rne.irb140())
 
     def test_a_robot_is_not_compiled(self):
         with pytest.raises(TypeError, match=r"^`model` must be an rne.Model, got Robot; a Robot has it as .model$"):
-            rne.compile(rne.inverse_dynamics, rne.load("irb140"))
+            rne.compile(rne.dynamics.inverse_dynamics, rne.load("irb140"))
 
     def test_many_threads_may_call_at_once(self, kernel):
         batches = [states(6, 3000, seed=k) for k in range(8)]
@@ -295,7 +301,7 @@ class TestErrors:
 
     def test_too_few_arguments_are_refused(self):
         with pytest.raises(TypeError, match=r"^this kernel takes q, qd, qdd; got 2 arguments$"):
-            rne.compile(rne.inverse_dynamics, rne.irb140())(np.zeros(6), np.zeros(6))
+            rne.compile(rne.dynamics.inverse_dynamics, rne.irb140())(np.zeros(6), np.zeros(6))
 
     def test_a_transposed_batch_is_named(self, irb140):
         with pytest.raises(ValueError, match="states go along the first axis"):
@@ -327,11 +333,11 @@ class TestTrigonometry:
 
     @pytest.mark.parametrize("method", sine_cosine.METHODS)
     def test_either_gives_the_same_torque(self, method):
-        kernel = rne.compile(rne.inverse_dynamics, rne.irb140(), engine="numpy")
+        kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140(), engine="numpy")
         workspace = numpy_backend.Workspace(kernel.blocks.layout, 300, np.dtype("float64"), method)
         kernel.blocks.workspaces["float64"] = [workspace]
         s = states(6, 300)
-        assert apart(kernel(*s), rne.inverse_dynamics(rne.irb140(), *s)) <= 4e-15 * 6
+        assert apart(kernel(*s), rne.dynamics.inverse_dynamics(rne.irb140(), *s)) <= 4e-15 * 6
 
 
 def objects(numbers):

@@ -37,7 +37,7 @@ def arm(request):
 
 def size(model, q):
     """What Christoffel symbols are made of, also where they cancel, as on a single joint."""
-    return np.abs(rne.mass_matrix(model, q)).max()
+    return np.abs(rne.dynamics.mass_matrix(model, q)).max()
 
 
 def joints_only(model):
@@ -50,70 +50,70 @@ def joints_only(model):
 
 def test_torques_are_those_of_the_recursion(arm):
     s = states(arm.n, 20)
-    assert relative(rne.lagrange_inverse_dynamics(arm, *s), rne.inverse_dynamics(arm, *s)) <= LAW
+    assert relative(rne.dynamics.lagrange_inverse_dynamics(arm, *s), rne.dynamics.inverse_dynamics(arm, *s)) <= LAW
 
 
 @pytest.mark.parametrize("seed", range(20, 26))
 def test_torques_are_those_of_the_recursion_on_more_trees(seed):
     tree = random_tree(6, seed, prismatic=0.4, branching=0.4, mimics=seed % 3)
     s = states(tree.n, 10, seed=seed)
-    assert relative(rne.lagrange_inverse_dynamics(tree, *s), rne.inverse_dynamics(tree, *s)) <= LAW
+    assert relative(rne.dynamics.lagrange_inverse_dynamics(tree, *s), rne.dynamics.inverse_dynamics(tree, *s)) <= LAW
 
 
 def test_armature_is_part_of_M(arm):
     geared = replace(arm, armature=np.linspace(0.1, 1.0, arm.nb))
     s = states(arm.n, 5)
-    torque = rne.lagrange_inverse_dynamics(geared, *s)
-    assert relative(torque, rne.inverse_dynamics(geared, *s)) <= LAW
-    assert relative(torque, rne.lagrange_inverse_dynamics(arm, *s)) > 1e-6
+    torque = rne.dynamics.lagrange_inverse_dynamics(geared, *s)
+    assert relative(torque, rne.dynamics.inverse_dynamics(geared, *s)) <= LAW
+    assert relative(torque, rne.dynamics.lagrange_inverse_dynamics(arm, *s)) > 1e-6
 
 
 def test_M_from_jacobians_is_M_from_composite_bodies(arm):
     arm = joints_only(arm)
     q = states(arm.n, 10)[0]
-    assert relative(inertia_matrix(arm, bodies(arm, q), q), rne.mass_matrix(arm, q)) <= LAW
+    assert relative(inertia_matrix(arm, bodies(arm, q), q), rne.dynamics.mass_matrix(arm, q)) <= LAW
 
 
 def test_derivatives_of_M_are_those_of_its_complex_step(arm):
     arm = joints_only(arm)
     q = states(arm.n, 10)[0]
-    exact, _ = complex_step(rne.mass_matrix, arm, [q], ["q"], {})
+    exact, _ = complex_step(rne.dynamics.mass_matrix, arm, [q], ["q"], {})
     assert np.abs(inertia_derivatives(arm, bodies(arm, q), q) - exact).max() <= LAW * size(arm, q)
 
 
 def test_gravity_is_that_of_the_recursion(arm):
     arm = joints_only(arm)
     q = states(arm.n, 10)[0]
-    assert relative(gravity_terms(arm, bodies(arm, q), q), rne.gravity_torque(arm, q)) <= LAW
+    assert relative(gravity_terms(arm, bodies(arm, q), q), rne.dynamics.gravity_torque(arm, q)) <= LAW
 
 
 def test_christoffel_symbols_are_made_of_the_derivatives_of_M(arm):
     q = states(arm.n, 10)[0]
-    dM, _ = complex_step(rne.mass_matrix, arm, [q], ["q"], {})  # [s, i, j, k] = dM_ij / dq_k
+    dM, _ = complex_step(rne.dynamics.mass_matrix, arm, [q], ["q"], {})  # [s, i, j, k] = dM_ij / dq_k
     expected = (np.einsum("skji->sijk", dM) + np.einsum("skij->sijk", dM) - dM) / 2
-    assert np.abs(rne.christoffel_symbols(arm, q) - expected).max() <= LAW * size(arm, q)
+    assert np.abs(rne.dynamics.christoffel_symbols(arm, q) - expected).max() <= LAW * size(arm, q)
 
 
 def test_christoffel_symbols_are_symmetric_in_the_first_two(arm):
     q = states(arm.n, 10)[0]
-    c = rne.christoffel_symbols(arm, q)
+    c = rne.dynamics.christoffel_symbols(arm, q)
     bound = LAW * size(arm, q) if arm.has_mimics else 0  # the products with G are rounded in some order
     assert np.abs(c - np.swapaxes(c, -3, -2)).max() <= bound
 
 
 def test_christoffel_symbols_give_the_coriolis_torque_and_matrix(arm):
     q, qd, _ = states(arm.n, 10)
-    C = np.einsum("sijk,si->skj", rne.christoffel_symbols(arm, q), qd)
+    C = np.einsum("sijk,si->skj", rne.dynamics.christoffel_symbols(arm, q), qd)
     rate = np.abs(qd).max()
-    assert np.abs(C - rne.coriolis_matrix(arm, q, qd)).max() <= LAW * size(arm, q) * rate
+    assert np.abs(C - rne.dynamics.coriolis_matrix(arm, q, qd)).max() <= LAW * size(arm, q) * rate
     torque = (C @ qd[..., None])[..., 0]
-    assert np.abs(torque - rne.coriolis_torque(arm, q, qd)).max() <= LAW * size(arm, q) * rate**2
+    assert np.abs(torque - rne.dynamics.coriolis_torque(arm, q, qd)).max() <= LAW * size(arm, q) * rate**2
 
 
 @pytest.mark.parametrize("tree", kept(ARMS, ["irb140", "single", "sliders", "more mimics"]))
 @pytest.mark.parametrize(("name", "count"), [("lagrange_inverse_dynamics", 3), ("christoffel_symbols", 1)])
 def test_kernel_is_the_function(tree, name, count):
-    function, arm = getattr(rne, name), ARMS[tree]
+    function, arm = getattr(rne.dynamics, name), ARMS[tree]
     arguments = states(arm.n, 300)[:count]
     kernel = rne.compile(function, arm)
     expected = function(arm, *arguments)
@@ -129,16 +129,16 @@ def test_the_recursion_saves_operations_on_the_irb140():
     """The thesis's reason for Newton-Euler: at least five times fewer, both with every zero gone."""
     lagrange, newton_euler = (
         sum(rne.compile(f, rne.irb140()).operations.values())
-        for f in (rne.lagrange_inverse_dynamics, rne.inverse_dynamics)
+        for f in (rne.dynamics.lagrange_inverse_dynamics, rne.dynamics.inverse_dynamics)
     )
     assert 5 * newton_euler < lagrange <= 1800
 
 
 def test_a_batch_is_its_states():
     s = states(6, 12)
-    got = rne.lagrange_inverse_dynamics(rne.irb140(), s[0].reshape(3, 4, 6), s[1].reshape(3, 4, 6), s[2][:4])
+    got = rne.dynamics.lagrange_inverse_dynamics(rne.irb140(), s[0].reshape(3, 4, 6), s[1].reshape(3, 4, 6), s[2][:4])
     assert got.shape == (3, 4, 6)
-    one = rne.lagrange_inverse_dynamics(rne.irb140(), s[0][7], s[1][7], s[2][3])
+    one = rne.dynamics.lagrange_inverse_dynamics(rne.irb140(), s[0][7], s[1][7], s[2][3])
     assert one.shape == (6,)
     assert relative(got[1, 3], one) <= 100 * EPS
 
@@ -146,16 +146,21 @@ def test_a_batch_is_its_states():
 @pytest.mark.parametrize("dtype", [np.float32, np.longdouble])
 def test_result_is_in_the_dtype_of_the_arguments(dtype):
     s = [x.astype(dtype) for x in states(6, 5)]
-    got = rne.lagrange_inverse_dynamics(rne.irb140(), *s)
-    assert got.dtype == rne.christoffel_symbols(rne.irb140(), s[0]).dtype == dtype
-    exact = rne.inverse_dynamics(rne.irb140().astype(dtype).astype(np.float64), *(x.astype(np.longdouble) for x in s))
+    got = rne.dynamics.lagrange_inverse_dynamics(rne.irb140(), *s)
+    assert got.dtype == rne.dynamics.christoffel_symbols(rne.irb140(), s[0]).dtype == dtype
+    exact = rne.dynamics.inverse_dynamics(
+        rne.irb140().astype(dtype).astype(np.float64), *(x.astype(np.longdouble) for x in s)
+    )
     assert relative(got.astype(np.longdouble), exact) <= 100 * float(np.finfo(dtype).eps)
 
 
 def test_complex_arguments_give_exact_derivatives():
     q, qd, qdd = states(6)
     step = q + 1e-30j * qd
-    ours, theirs = (f(rne.irb140(), step, qd, qdd).imag for f in (rne.lagrange_inverse_dynamics, rne.inverse_dynamics))
+    ours, theirs = (
+        f(rne.irb140(), step, qd, qdd).imag
+        for f in (rne.dynamics.lagrange_inverse_dynamics, rne.dynamics.inverse_dynamics)
+    )
     assert relative(ours, theirs) <= LAW
 
 
@@ -168,7 +173,7 @@ def test_two_formulations_agree_to_45_of_50_digits(model):
     """
     with mpmath.workdps(50):
         s = [np.array([mpmath.mpf(float(x)) for x in v], dtype=object) for v in states(model.n)]
-        ours, theirs = rne.lagrange_inverse_dynamics(model, *s), rne.inverse_dynamics(model, *s)
+        ours, theirs = rne.dynamics.lagrange_inverse_dynamics(model, *s), rne.dynamics.inverse_dynamics(model, *s)
         assert max(abs(a - b) for a, b in zip(ours, theirs, strict=True)) < max(abs(theirs)) * mpmath.mpf(10) ** -45
 
 
@@ -176,47 +181,49 @@ def test_a_robot_without_joints_has_empty_answers():
     block = assemble("block", [Part(link="base", mass=1.0)])
     for shape in ((0,), (4, 0)):
         empty = np.zeros(shape)
-        assert rne.lagrange_inverse_dynamics(block, empty, empty, empty).shape == shape
-        assert rne.christoffel_symbols(block, empty).shape == (*shape[:-1], 0, 0, 0)
+        assert rne.dynamics.lagrange_inverse_dynamics(block, empty, empty, empty).shape == shape
+        assert rne.dynamics.christoffel_symbols(block, empty).shape == (*shape[:-1], 0, 0, 0)
 
 
 def test_wrong_shapes_are_named():
     text = "`q` must have shape (..., 6) for robot 'irb140', got (5,)"
     with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
-        rne.christoffel_symbols(rne.irb140(), np.zeros(5))
+        rne.dynamics.christoffel_symbols(rne.irb140(), np.zeros(5))
     text = (
         "`qdd` must have shape (..., 6) for robot 'irb140', got (6, 100); states go along the first axis: "
         "pass `qdd`.T, of shape (100, 6)"
     )
     with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
-        rne.lagrange_inverse_dynamics(rne.irb140(), np.zeros((100, 6)), np.zeros(6), np.zeros((6, 100)))
+        rne.dynamics.lagrange_inverse_dynamics(rne.irb140(), np.zeros((100, 6)), np.zeros(6), np.zeros((6, 100)))
 
 
 def test_overflow_is_an_error():
     text = "lagrange_inverse_dynamics overflows float64 for these arguments; the result is not finite"
     with pytest.raises(rne.NotFiniteError, match=f"^{text}$"):
-        rne.lagrange_inverse_dynamics(rne.irb140(), np.ones(6), np.full(6, 1e200), np.zeros(6))
+        rne.dynamics.lagrange_inverse_dynamics(rne.irb140(), np.ones(6), np.full(6, 1e200), np.zeros(6))
 
 
-@pytest.mark.parametrize("function", [rne.lagrange_inverse_dynamics, rne.inverse_dynamics])
+@pytest.mark.parametrize("function", [rne.dynamics.lagrange_inverse_dynamics, rne.dynamics.inverse_dynamics])
 def test_the_arm_of_chapter_7_with_q3_mirrored(function):
     """The same arm under q3 -> -q3: the third torque changes its sign, the others stay."""
     s = states(6, 20)
     mirrored = function(irb140_mirrored(), *(MIRROR * x for x in s))
-    assert relative(mirrored, MIRROR * rne.inverse_dynamics(rne.irb140(), *s)) <= LAW
+    assert relative(mirrored, MIRROR * rne.dynamics.inverse_dynamics(rne.irb140(), *s)) <= LAW
 
 
 def test_the_mirrored_arm_stands_where_the_arm_does():
     q = states(6, 20)[0]
-    poses = rne.link_poses(irb140_mirrored(), MIRROR * q)
-    np.testing.assert_allclose(poses, rne.link_poses(rne.irb140(), q), rtol=0, atol=8 * EPS)
+    poses = rne.dynamics.link_poses(irb140_mirrored(), MIRROR * q)
+    np.testing.assert_allclose(poses, rne.dynamics.link_poses(rne.irb140(), q), rtol=0, atol=8 * EPS)
 
 
 def test_hanging_needs_no_torque_in_either_arm():
     """Section 7.1's first run starts at q3 = -pi/2 in one convention and at +pi/2 in the other."""
     hanging = np.array([0, np.pi, -np.pi / 2, 0, 0, 0])
-    assert np.abs(rne.gravity_torque(rne.irb140(), hanging)).max() < 1e-13  # pi is rounded: 235 N m times eps / 2
-    assert np.abs(rne.gravity_torque(irb140_mirrored(), MIRROR * hanging)).max() < 1e-13
+    assert (
+        np.abs(rne.dynamics.gravity_torque(rne.irb140(), hanging)).max() < 1e-13
+    )  # pi is rounded: 235 N m times eps / 2
+    assert np.abs(rne.dynamics.gravity_torque(irb140_mirrored(), MIRROR * hanging)).max() < 1e-13
 
 
 def test_limits_of_the_mirrored_arm_are_mirrored():
@@ -227,9 +234,9 @@ def test_limits_of_the_mirrored_arm_are_mirrored():
 
 def test_forward_dynamics_are_those_of_newton_euler(arm):
     q, qd, tau = states(arm.n, 10)
-    expected = rne.forward_dynamics(arm, q, qd, tau)
-    kappa = np.linalg.cond(rne.mass_matrix(arm, q)).max()
-    assert relative(rne.lagrange_forward_dynamics(arm, q, qd, tau), expected) <= 20 * kappa * EPS
+    expected = rne.dynamics.forward_dynamics(arm, q, qd, tau)
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(arm, q)).max()
+    assert relative(rne.dynamics.lagrange_forward_dynamics(arm, q, qd, tau), expected) <= 20 * kappa * EPS
 
 
 class TestScene:

@@ -28,104 +28,112 @@ def multiply(M, v):
 
 def coriolis_size(tree, q, qd):
     """What C is made of, also where it cancels, as on a single joint."""
-    return np.abs(rne.mass_matrix(tree, q)).max() * np.abs(qd).max()
+    return np.abs(rne.dynamics.mass_matrix(tree, q)).max() * np.abs(qd).max()
 
 
 def test_mass_matrix_is_symmetric_to_the_last_bit(tree):
-    M = rne.mass_matrix(tree, states(tree.n, 10)[0])
+    M = rne.dynamics.mass_matrix(tree, states(tree.n, 10)[0])
     assert np.array_equal(M, np.swapaxes(M, -1, -2))
 
 
 def test_mass_matrix_is_positive_definite(tree):
-    assert (np.linalg.eigvalsh(rne.mass_matrix(tree, states(tree.n, 10)[0])) > 0).all()
+    assert (np.linalg.eigvalsh(rne.dynamics.mass_matrix(tree, states(tree.n, 10)[0])) > 0).all()
 
 
 def test_columns_of_the_mass_matrix_are_torques_of_unit_accelerations(tree):
     q, qd, _ = states(tree.n, 5)
-    bias = rne.bias_torque(tree, q, qd)
-    M = rne.mass_matrix(tree, q)
+    bias = rne.dynamics.bias_torque(tree, q, qd)
+    M = rne.dynamics.mass_matrix(tree, q)
     for j in range(tree.n):
-        column = rne.inverse_dynamics(tree, q, 0 * qd, np.eye(tree.n)[j]) - rne.gravity_torque(tree, q)
+        column = rne.dynamics.inverse_dynamics(tree, q, 0 * qd, np.eye(tree.n)[j]) - rne.dynamics.gravity_torque(
+            tree, q
+        )
         assert relative(column, M[..., j]) <= LAW * max(1, np.abs(bias).max() / np.abs(M[..., j]).max())
 
 
 def test_inverse_dynamics_is_mass_matrix_times_acceleration_plus_bias(tree):
     q, qd, qdd = states(tree.n, 10)
-    expected = multiply(rne.mass_matrix(tree, q), qdd) + rne.bias_torque(tree, q, qd)
-    assert relative(rne.inverse_dynamics(tree, q, qd, qdd), expected) <= LAW
+    expected = multiply(rne.dynamics.mass_matrix(tree, q), qdd) + rne.dynamics.bias_torque(tree, q, qd)
+    assert relative(rne.dynamics.inverse_dynamics(tree, q, qd, qdd), expected) <= LAW
 
 
 def test_kinetic_energy_is_half_qd_M_qd(tree):
     q, qd, _ = states(tree.n, 10)
-    half = (qd * multiply(rne.mass_matrix(tree, q), qd)).sum(-1) / 2
-    np.testing.assert_allclose(rne.kinetic_energy(tree, q, qd), half, rtol=LAW)
+    half = (qd * multiply(rne.dynamics.mass_matrix(tree, q), qd)).sum(-1) / 2
+    np.testing.assert_allclose(rne.dynamics.kinetic_energy(tree, q, qd), half, rtol=LAW)
 
 
 def test_kinetic_energy_is_the_sum_over_links(tree):
     q, qd, _ = states(tree.n, 10)
     np.testing.assert_allclose(
-        rne.link_kinetic_energies(tree, q, qd).sum(-1), rne.kinetic_energy(tree, q, qd), rtol=LAW
+        rne.dynamics.link_kinetic_energies(tree, q, qd).sum(-1), rne.dynamics.kinetic_energy(tree, q, qd), rtol=LAW
     )
 
 
 def test_gravity_torque_is_the_gradient_of_potential_energy(tree):
     q, _, _ = states(tree.n, 10)
-    assert relative(rne.gravity_torque(tree, q), gradient(lambda x: rne.potential_energy(tree, x), q)) <= LAW
+    assert (
+        relative(rne.dynamics.gravity_torque(tree, q), gradient(lambda x: rne.dynamics.potential_energy(tree, x), q))
+        <= LAW
+    )
 
 
 def test_mass_matrix_rate_is_C_plus_its_transpose(tree):
     q, qd, _ = states(tree.n, 10)
-    C = rne.coriolis_matrix(tree, q, qd)
-    Md = along(lambda x: rne.mass_matrix(tree, x), q, qd)
+    C = rne.dynamics.coriolis_matrix(tree, q, qd)
+    Md = along(lambda x: rne.dynamics.mass_matrix(tree, x), q, qd)
     assert np.abs(C + np.swapaxes(C, -1, -2) - Md).max() <= LAW * coriolis_size(tree, q, qd)
 
 
 def test_coriolis_matrix_times_rate_is_the_coriolis_torque(tree):
     q, qd, _ = states(tree.n, 10)
-    torque = rne.coriolis_torque(tree, q, qd)
+    torque = rne.dynamics.coriolis_torque(tree, q, qd)
     size = coriolis_size(tree, q, qd) * np.abs(qd).max()
-    assert np.abs(multiply(rne.coriolis_matrix(tree, q, qd), qd) - torque).max() <= LAW * size
+    assert np.abs(multiply(rne.dynamics.coriolis_matrix(tree, q, qd), qd) - torque).max() <= LAW * size
 
 
 def test_coriolis_matrix_is_that_of_the_christoffel_symbols(tree):
     q, qd, _ = states(tree.n)
-    dM = np.array([along(lambda x: rne.mass_matrix(tree, x), q, e) for e in np.eye(tree.n)])  # [k, i, j]
+    dM = np.array([along(lambda x: rne.dynamics.mass_matrix(tree, x), q, e) for e in np.eye(tree.n)])  # [k, i, j]
     C = np.einsum("kij,k->ij", dM, qd) + np.einsum("jik,k->ij", dM, qd) - np.einsum("ijk,k->ij", dM, qd)
-    assert np.abs(rne.coriolis_matrix(tree, q, qd) - C / 2).max() <= LAW * coriolis_size(tree, q, qd)
+    assert np.abs(rne.dynamics.coriolis_matrix(tree, q, qd) - C / 2).max() <= LAW * coriolis_size(tree, q, qd)
 
 
 def test_bias_is_coriolis_plus_gravity(tree):
     q, qd, _ = states(tree.n, 10)
-    expected = rne.coriolis_torque(tree, q, qd) + rne.gravity_torque(tree, q)
-    assert relative(rne.bias_torque(tree, q, qd), expected) <= LAW
+    expected = rne.dynamics.coriolis_torque(tree, q, qd) + rne.dynamics.gravity_torque(tree, q)
+    assert relative(rne.dynamics.bias_torque(tree, q, qd), expected) <= LAW
 
 
 def test_forward_dynamics_undoes_inverse_dynamics(tree):
     q, qd, qdd = states(tree.n, 10)
-    tau = rne.inverse_dynamics(tree, q, qd, qdd)
-    kappa = np.linalg.cond(rne.mass_matrix(tree, q))
-    error = np.abs(rne.forward_dynamics(tree, q, qd, tau) - qdd).max(-1) / np.abs(qdd).max(-1)
-    size = np.abs(tau).max(-1) / (np.linalg.norm(rne.mass_matrix(tree, q), axis=(1, 2)) * np.abs(qdd).max(-1))
+    tau = rne.dynamics.inverse_dynamics(tree, q, qd, qdd)
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(tree, q))
+    error = np.abs(rne.dynamics.forward_dynamics(tree, q, qd, tau) - qdd).max(-1) / np.abs(qdd).max(-1)
+    size = np.abs(tau).max(-1) / (np.linalg.norm(rne.dynamics.mass_matrix(tree, q), axis=(1, 2)) * np.abs(qdd).max(-1))
     assert (error <= 4 * tree.n * kappa * EPS * (1 + size)).all()
 
 
 def test_inverse_dynamics_undoes_forward_dynamics(tree):
     q, qd, tau = states(tree.n, 10)
-    qdd = rne.forward_dynamics(tree, q, qd, tau)
-    size = np.abs(multiply(rne.mass_matrix(tree, q), qdd)).max() + np.abs(rne.bias_torque(tree, q, qd)).max()
-    assert np.abs(rne.inverse_dynamics(tree, q, qd, qdd) - tau).max() <= LAW * size
+    qdd = rne.dynamics.forward_dynamics(tree, q, qd, tau)
+    size = (
+        np.abs(multiply(rne.dynamics.mass_matrix(tree, q), qdd)).max()
+        + np.abs(rne.dynamics.bias_torque(tree, q, qd)).max()
+    )
+    assert np.abs(rne.dynamics.inverse_dynamics(tree, q, qd, qdd) - tau).max() <= LAW * size
 
 
 def test_articulated_bodies_agree_with_the_mass_matrix(tree):
     if tree.has_mimics:
         with pytest.raises(rne.ModelError):
-            rne.articulated_forward_dynamics(tree, *states(tree.n))
+            rne.dynamics.articulated_forward_dynamics(tree, *states(tree.n))
         return
     q, qd, tau = states(tree.n, 10)
     wrenches = {tree.link_names[-1]: np.arange(6.0)}
-    a = rne.articulated_forward_dynamics(tree, q, qd, tau, external=wrenches)
-    b = rne.forward_dynamics(tree, q, qd, tau, external=wrenches)
-    kappa = np.linalg.cond(rne.mass_matrix(tree, q)).max()
+    a = rne.dynamics.articulated_forward_dynamics(tree, q, qd, tau, external=wrenches)
+    b = rne.dynamics.forward_dynamics(tree, q, qd, tau, external=wrenches)
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(tree, q)).max()
     assert relative(a, b) <= 20 * kappa * EPS
 
 
@@ -133,11 +141,11 @@ def test_power_of_drives_and_outside_is_the_rate_of_energy(tree):
     q, qd, qdd = states(tree.n, 10)
     link = tree.link_names[-1]
     wrench = np.random.default_rng(0).normal(size=6)
-    tau = rne.inverse_dynamics(tree, q, qd, qdd, external={link: wrench})
-    kinetic = along_state(lambda x, v: rne.kinetic_energy(tree, x, v), q, qd, qdd)
-    potential = along(lambda x: rne.potential_energy(tree, x), q, qd)
-    R = rne.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
-    twist = multiply(rne.jacobian(tree, q, link), qd)
+    tau = rne.dynamics.inverse_dynamics(tree, q, qd, qdd, external={link: wrench})
+    kinetic = along_state(lambda x, v: rne.dynamics.kinetic_energy(tree, x, v), q, qd, qdd)
+    potential = along(lambda x: rne.dynamics.potential_energy(tree, x), q, qd)
+    R = rne.dynamics.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
+    twist = multiply(rne.dynamics.jacobian(tree, q, link), qd)
     outside = (twist[:, :3] * multiply(R, wrench[None, :3])).sum(-1) + (
         twist[:, 3:] * multiply(R, wrench[None, 3:])
     ).sum(-1)
@@ -151,9 +159,9 @@ def along_state(function, q, qd, qdd):
 
 def test_momentum_rate_is_the_wrench_of_base_and_gravity(tree):
     q, qd, qdd = states(tree.n)
-    record = rne.recursion(tree, q, qd, qdd)
-    rate = along_state(lambda x, v: rne.momentum(tree, x, v), q, qd, qdd)
-    poses = {body: T for body, T in zip(tree.link_body, rne.link_poses(tree, q), strict=True) if body >= 0}
+    record = rne.dynamics.recursion(tree, q, qd, qdd)
+    rate = along_state(lambda x, v: rne.dynamics.momentum(tree, x, v), q, qd, qdd)
+    poses = {body: T for body, T in zip(tree.link_body, rne.dynamics.link_poses(tree, q), strict=True) if body >= 0}
     carried = np.zeros(6)
     frames = body_frames(tree, q)
     for i in range(tree.nb):
@@ -169,7 +177,7 @@ def test_momentum_rate_is_the_wrench_of_base_and_gravity(tree):
 
 def body_frames(tree, q):
     """Pose of each body's own frame, from the link its joint carries."""
-    poses = rne.link_poses(tree, q)
+    poses = rne.dynamics.link_poses(tree, q)
     where = [tree.link_joints.index(joint) for joint in tree.moving_joints]
     return [(poses[k, :3, :3], poses[k, :3, 3]) for k in where]
 
@@ -179,7 +187,7 @@ def test_torque_is_linear_in_the_inertial_parameters(tree):
 
     s = states(tree.n, 5)
     doubled = replace(tree, mass=2 * tree.mass, inertia=2 * tree.inertia)
-    assert relative(rne.inverse_dynamics(doubled, *s), 2 * rne.inverse_dynamics(tree, *s)) <= LAW
+    assert relative(rne.dynamics.inverse_dynamics(doubled, *s), 2 * rne.dynamics.inverse_dynamics(tree, *s)) <= LAW
 
 
 def test_armature_adds_to_the_diagonal_and_to_the_energy(tree):
@@ -189,11 +197,11 @@ def test_armature_adds_to_the_diagonal_and_to_the_energy(tree):
     armature = np.linspace(0.1, 1.0, tree.nb)
     geared = replace(tree, armature=armature)
     added = tree.coordinate_map.T @ np.diag(armature) @ tree.coordinate_map  # a mimic's drive turns with its driver
-    assert relative(rne.mass_matrix(geared, q), rne.mass_matrix(tree, q) + added) <= LAW
-    tau = rne.inverse_dynamics(tree, q, qd, qdd) + qdd @ added
-    assert relative(rne.inverse_dynamics(geared, q, qd, qdd), tau) <= LAW
-    forward = rne.forward_dynamics if tree.has_mimics else rne.articulated_forward_dynamics
-    kappa = np.linalg.cond(rne.mass_matrix(geared, q)).max()
+    assert relative(rne.dynamics.mass_matrix(geared, q), rne.dynamics.mass_matrix(tree, q) + added) <= LAW
+    tau = rne.dynamics.inverse_dynamics(tree, q, qd, qdd) + qdd @ added
+    assert relative(rne.dynamics.inverse_dynamics(geared, q, qd, qdd), tau) <= LAW
+    forward = rne.dynamics.forward_dynamics if tree.has_mimics else rne.dynamics.articulated_forward_dynamics
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(geared, q)).max()
     assert relative(forward(geared, q, qd, tau), qdd) <= 100 * kappa * EPS
 
 
@@ -203,8 +211,12 @@ def test_pivots_are_scaled_by_the_diagonal_of_M(tree):
 
     q, qd, tau = states(tree.n, 5)
     geared = replace(tree, armature=np.linspace(10.0, 100.0, tree.nb))
-    expected = np.diagonal(rne.mass_matrix(geared, q), axis1=-2, axis2=-1)
-    methods = [rne.forward_dynamics] if tree.has_mimics else [rne.forward_dynamics, rne.articulated_forward_dynamics]
+    expected = np.diagonal(rne.dynamics.mass_matrix(geared, q), axis1=-2, axis2=-1)
+    methods = (
+        [rne.dynamics.forward_dynamics]
+        if tree.has_mimics
+        else [rne.dynamics.forward_dynamics, rne.dynamics.articulated_forward_dynamics]
+    )
     for method in methods:
         _, pivots, diagonal = method.core(geared, q, qd, tau)
         np.testing.assert_allclose(diagonal, expected, rtol=LAW)
@@ -216,22 +228,24 @@ def test_kinetic_energy_with_armature_is_half_qd_M_qd(tree):
 
     q, qd, _ = states(tree.n, 5)
     geared = replace(tree, armature=np.linspace(0.1, 1.0, tree.nb))
-    half = (qd * multiply(rne.mass_matrix(geared, q), qd)).sum(-1) / 2
-    np.testing.assert_allclose(rne.kinetic_energy(geared, q, qd), half, rtol=LAW)
+    half = (qd * multiply(rne.dynamics.mass_matrix(geared, q), qd)).sum(-1) / 2
+    np.testing.assert_allclose(rne.dynamics.kinetic_energy(geared, q, qd), half, rtol=LAW)
 
 
 def test_euler_lagrange_from_the_energies_gives_the_same_torque(tree):
     s = states(tree.n, 5)
-    assert relative(rne.inverse_dynamics(tree, *s), euler_lagrange(tree, *s)) <= LAW
+    assert relative(rne.dynamics.inverse_dynamics(tree, *s), euler_lagrange(tree, *s)) <= LAW
 
 
 def test_acceleration_of_a_link_is_J_qdd_plus_Jd_qd(tree):
     q, qd, qdd = states(tree.n, 5)
-    record = rne.recursion(tree, q, qd, qdd)
+    record = rne.dynamics.recursion(tree, q, qd, qdd)
     i = tree.nb - 1
     link = tree.link_names[tree.link_joints.index(tree.moving_joints[i])]
-    a = multiply(rne.jacobian(tree, q, link), qdd) + multiply(rne.jacobian_rate(tree, q, qd, link), qd)
-    R = rne.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
+    a = multiply(rne.dynamics.jacobian(tree, q, link), qdd) + multiply(
+        rne.dynamics.jacobian_rate(tree, q, qd, link), qd
+    )
+    R = rne.dynamics.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
     expected = np.concatenate([multiply(R, record.alpha[:, i]), multiply(R, record.a_o[:, i])], axis=-1)
     assert relative(a, expected) <= LAW
 
@@ -239,17 +253,17 @@ def test_acceleration_of_a_link_is_J_qdd_plus_Jd_qd(tree):
 def test_jacobian_rate_is_the_derivative_of_the_jacobian(tree):
     q, qd, _ = states(tree.n, 5)
     for link in tree.link_names:
-        Jd = along(lambda x, link=link: rne.jacobian(tree, x, link), q, qd)
-        got = rne.jacobian_rate(tree, q, qd, link)
+        Jd = along(lambda x, link=link: rne.dynamics.jacobian(tree, x, link), q, qd)
+        got = rne.dynamics.jacobian_rate(tree, q, qd, link)
         assert np.abs(got - Jd).max() <= LAW * max(1.0, np.abs(Jd).max()), link
 
 
 def test_jacobian_is_the_derivative_of_the_pose(tree):
     q, qd, _ = states(tree.n, 5)
-    velocity = along(lambda x: rne.link_poses(tree, x), q, qd)
-    poses = rne.link_poses(tree, q)
+    velocity = along(lambda x: rne.dynamics.link_poses(tree, x), q, qd)
+    poses = rne.dynamics.link_poses(tree, q)
     for k, link in enumerate(tree.link_names):
-        twist = multiply(rne.jacobian(tree, q, link), qd)
+        twist = multiply(rne.dynamics.jacobian(tree, q, link), qd)
         spin = velocity[:, k, :3, :3] @ np.swapaxes(poses[:, k, :3, :3], -1, -2)
         omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=-1)
         np.testing.assert_allclose(twist, np.concatenate([omega, velocity[:, k, :3, 3]], -1), atol=1e-11)
@@ -259,9 +273,9 @@ def test_wrench_on_a_link_appears_as_minus_J_transposed_F(tree):
     q, qd, qdd = states(tree.n, 5)
     for link in tree.link_names:
         F = np.random.default_rng(1).normal(size=6)
-        R = rne.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
+        R = rne.dynamics.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
         world = np.concatenate([multiply(R, F[None, :3]), multiply(R, F[None, 3:])], axis=-1)
-        JtF = multiply(np.swapaxes(rne.jacobian(tree, q, link), -1, -2), world)
-        plain = rne.inverse_dynamics(tree, q, qd, qdd)
-        got = rne.inverse_dynamics(tree, q, qd, qdd, external={link: F})
+        JtF = multiply(np.swapaxes(rne.dynamics.jacobian(tree, q, link), -1, -2), world)
+        plain = rne.dynamics.inverse_dynamics(tree, q, qd, qdd)
+        got = rne.dynamics.inverse_dynamics(tree, q, qd, qdd, external={link: F})
         assert np.abs(plain - JtF - got).max() <= LAW * np.abs(plain).max()

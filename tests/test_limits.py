@@ -183,7 +183,7 @@ def test_limits_of_the_model_are_those_of_the_data_sheet(irb140):
 def test_peaks_between_samples_are_seen():
     """A stone on rails, thrown up at 3 m/s: highest at v^2 / 2 g after v / g, between the solver's long steps."""
     lift = rne.Robot(
-        rne.chain([np.eye(3)], [[0, 0, 0]], [1.0], [[0, 0, 0]], [0 * np.eye(3)], types="prismatic", upper=[0.45])
+        rne.model.chain([np.eye(3)], [[0, 0, 0]], [1.0], [[0, 0, 0]], [0 * np.eye(3)], types="prismatic", upper=[0.45])
     )
     motion = rne.simulate(lift, [0.0], [3.0], 0.5)
     assert motion.q.max() < 0.45

@@ -132,7 +132,9 @@ class TestJumps:
 
     def test_dry_friction_that_begins_to_hold(self):
         slider = rne.Robot(
-            rne.chain([np.eye(3)], [[0, 0, 0]], [2.0], [[0, 0, 0]], [np.eye(3)], axes=[[1, 0, 0]], types="prismatic")
+            rne.model.chain(
+                [np.eye(3)], [[0, 0, 0]], [2.0], [[0, 0, 0]], [np.eye(3)], axes=[[1, 0, 0]], types="prismatic"
+            )
         )
         scene = rne.Scene(slider, friction=rne.Friction(coulomb=4.0, smoothing=0))
         motion = rne.simulate(scene, [0.0], [1.0], 1.0)

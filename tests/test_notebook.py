@@ -49,8 +49,8 @@ def objects(robot, motion):
         rne.ensemble(robot, np.zeros((5, n)), np.zeros((5, n)), 0.01, step=0.005),
         robot.recursion(z, z, z),
         robot.recursion(np.zeros((4, n)), np.zeros((4, n)), np.zeros((4, n))),
-        robot.kernel(rne.mass_matrix),
-        robot.kernel(rne.inverse_dynamics, "q", "qd"),
+        robot.kernel(rne.dynamics.mass_matrix),
+        robot.kernel(rne.dynamics.inverse_dynamics, "q", "qd"),
         robot.diagnose(np.zeros((3, n))),
         robot.base_parameters(),
         rne.bearing_peaks(robot, motion),
@@ -94,7 +94,7 @@ def test_names_of_any_length_do_not_lengthen_a_repr():
     for thing in (
         robot,
         model,
-        robot.kernel(rne.mass_matrix),
+        robot.kernel(rne.dynamics.mass_matrix),
         rne.simulate(robot, z, z, 0.01),
         robot.recursion(z, z, z),
     ):
@@ -167,8 +167,8 @@ def pictures(page):
 
 def pages(robot, motion):
     z = np.zeros(robot.n)
-    yield from (robot, motion, robot.recursion(z, z, z), robot.kernel(rne.mass_matrix))
-    yield from (robot.recursion(*np.zeros((3, 4, robot.n))), robot.kernel(rne.inverse_dynamics, "q"))
+    yield from (robot, motion, robot.recursion(z, z, z), robot.kernel(rne.dynamics.mass_matrix))
+    yield from (robot.recursion(*np.zeros((3, 4, robot.n))), robot.kernel(rne.dynamics.inverse_dynamics, "q"))
 
 
 def test_pages_are_well_formed_and_fit_light_dark_and_narrow_notebooks(robot, motion):
@@ -254,7 +254,7 @@ def test_recursion_page_of_a_batch_shows_its_first_state(irb140):
 
 
 def test_kernel_page_has_its_inputs_operations_and_source(irb140):
-    kernel = irb140.kernel(rne.inverse_dynamics)
+    kernel = irb140.kernel(rne.dynamics.inverse_dynamics)
     page = parsed(kernel._repr_html_())
     arrays, operations = page.iter("table")
     assert rows(arrays)[1:] == [
@@ -275,7 +275,7 @@ def test_kernel_page_has_its_inputs_operations_and_source(irb140):
 
 @pytest.mark.long
 def test_kernel_page_of_a_kernel_that_is_too_large():
-    kernel = rne.compile(rne.forward_dynamics, straight_chain(90))
+    kernel = rne.compile(rne.dynamics.forward_dynamics, straight_chain(90))
     assert not kernel.is_unrolled
     page = parsed(kernel._repr_html_())
     assert "Too large to be written out" in shown(page)
@@ -289,7 +289,12 @@ def test_names_that_are_html_are_shown_as_text():
     )
     robot = rne.Robot(model)
     z = [0.0] * 2
-    for thing in (robot, rne.simulate(robot, z, z, 0.01), robot.recursion(z, z, z), robot.kernel(rne.mass_matrix)):
+    for thing in (
+        robot,
+        rne.simulate(robot, z, z, 0.01),
+        robot.recursion(z, z, z),
+        robot.kernel(rne.dynamics.mass_matrix),
+    ):
         page = parsed(thing._repr_html_())
         assert not list(page.iter("b", "script"))
         assert HOSTILE[:10] in shown(page).replace("\\", "")
@@ -307,6 +312,6 @@ def test_without_matplotlib_the_tables_remain(irb140, motion, monkeypatch):
 
 def test_jupyter_finds_the_pages_by_their_method(irb140):
     """IPython asks the class for `_repr_html_`; objects without a page answer None and are shown as text."""
-    for cls in (rne.Robot, rne.Trajectory, rne.Recursion, rne.Kernel):
+    for cls in (rne.Robot, rne.Trajectory, rne.dynamics.Recursion, rne.kernels.Kernel):
         assert callable(cls._repr_html_)
     assert not hasattr(rne.Scene(irb140), "_repr_html_")

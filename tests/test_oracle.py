@@ -71,7 +71,7 @@ class TestArms:
         q, qd, qdd = states(robot.n, 200)
         tau = each(oracle.inverse_dynamics, q, qd, qdd)
         kappa = np.linalg.cond(robot.mass_matrix(q))
-        got = rne.articulated_forward_dynamics(robot.model, q, qd, tau)
+        got = rne.dynamics.articulated_forward_dynamics(robot.model, q, qd, tau)
         assert (np.abs(got - qdd).max(axis=1) / np.abs(qdd).max(axis=1) <= 4 * kappa * EPS).all()
 
 
@@ -83,16 +83,16 @@ class TestEveryDataRobot:
     def test_torques_and_mass_matrix_are_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, qd, qdd = states(robot.n, self.SAMPLES)
-        tau = rne.inverse_dynamics(robot.model, q, qd, qdd)
+        tau = rne.dynamics.inverse_dynamics(robot.model, q, qd, qdd)
         assert relative(tau, each(oracle.inverse_dynamics, q, qd, qdd)) <= DATA
-        assert relative(rne.mass_matrix(robot.model, q), each(oracle.mass_matrix, q)) <= DATA
-        assert relative(rne.gravity_torque(robot.model, q), each(oracle.gravity_torque, q)) <= DATA
-        assert relative(rne.bias_torque(robot.model, q, qd), each(oracle.bias_torque, q, qd)) <= DATA
+        assert relative(rne.dynamics.mass_matrix(robot.model, q), each(oracle.mass_matrix, q)) <= DATA
+        assert relative(rne.dynamics.gravity_torque(robot.model, q), each(oracle.gravity_torque, q)) <= DATA
+        assert relative(rne.dynamics.bias_torque(robot.model, q, qd), each(oracle.bias_torque, q, qd)) <= DATA
 
-    @pytest.mark.parametrize("forward", [rne.forward_dynamics, rne.articulated_forward_dynamics])
+    @pytest.mark.parametrize("forward", [rne.dynamics.forward_dynamics, rne.dynamics.articulated_forward_dynamics])
     def test_forward_dynamics_solve_pinocchios_equation_or_name_a_singularity(self, data_arm, forward):
         robot, oracle = data_arm
-        if robot.model.has_mimics and forward is rne.articulated_forward_dynamics:
+        if robot.model.has_mimics and forward is rne.dynamics.articulated_forward_dynamics:
             with pytest.raises(rne.ModelError, match="mimic"):
                 forward(robot.model, *states(robot.n))
             return
@@ -117,7 +117,7 @@ class TestEveryDataRobot:
         q, _, _ = states(robot.n)
         data = oracle.theirs.createData()
         pin.framesForwardKinematics(oracle.theirs, data, oracle.q(q))
-        poses = rne.link_poses(robot.model, q)
+        poses = rne.dynamics.link_poses(robot.model, q)
         for link, T in zip(robot.link_names, poses, strict=True):
             theirs = data.oMf[oracle.theirs.getFrameId(link, pin.FrameType.BODY)].homogeneous
             assert np.abs(T - theirs).max() <= 1e-13 * max(1.0, np.abs(theirs).max()), link
@@ -141,13 +141,16 @@ class TestEveryDataRobot:
         robot, oracle = data_arm
         q, qd, _ = states(robot.n)
         kinetic = pin.computeKineticEnergy(oracle.theirs, oracle.data, oracle.q(q), oracle.rates(qd))
-        assert rne.kinetic_energy(robot.model, q, qd) == pytest.approx(kinetic, rel=DATA, abs=1e-300)
+        assert rne.dynamics.kinetic_energy(robot.model, q, qd) == pytest.approx(kinetic, rel=DATA, abs=1e-300)
 
     def test_jacobians_and_their_rates_are_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, qd, _ = states(robot.n)
         link = robot.link_names[-1]
-        ours, our_rate = rne.jacobian(robot.model, q, link), rne.jacobian_rate(robot.model, q, qd, link)
+        ours, our_rate = (
+            rne.dynamics.jacobian(robot.model, q, link),
+            rne.dynamics.jacobian_rate(robot.model, q, qd, link),
+        )
         if robot.n == 0:  # Pinocchio itself crashes here
             assert ours.shape == our_rate.shape == (6, 0)
             return

@@ -22,16 +22,16 @@ VARIANTS = 4
 
 # By method: its function and the number of its joint arrays.
 METHODS = {
-    "inverse_dynamics": (rne.inverse_dynamics, 3),
-    "mass_matrix": (rne.mass_matrix, 1),
-    "forward_dynamics": (rne.forward_dynamics, 3),
-    "bias_torque": (rne.bias_torque, 2),
-    "gravity_torque": (rne.gravity_torque, 1),
-    "coriolis_torque": (rne.coriolis_torque, 2),
-    "coriolis_matrix": (rne.coriolis_matrix, 2),
-    "kinetic_energy": (rne.kinetic_energy, 2),
-    "potential_energy": (rne.potential_energy, 1),
-    "momentum": (rne.momentum, 2),
+    "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),
+    "mass_matrix": (rne.dynamics.mass_matrix, 1),
+    "forward_dynamics": (rne.dynamics.forward_dynamics, 3),
+    "bias_torque": (rne.dynamics.bias_torque, 2),
+    "gravity_torque": (rne.dynamics.gravity_torque, 1),
+    "coriolis_torque": (rne.dynamics.coriolis_torque, 2),
+    "coriolis_matrix": (rne.dynamics.coriolis_matrix, 2),
+    "kinetic_energy": (rne.dynamics.kinetic_energy, 2),
+    "potential_energy": (rne.dynamics.potential_energy, 1),
+    "momentum": (rne.dynamics.momentum, 2),
 }
 
 
@@ -50,7 +50,11 @@ def robot_of(name):
 
 
 MODELS = [*TREES, "moved origins"]
-BY_MOMENTS = [name for name in rne.__all__ if getattr(getattr(getattr(rne, name), "quantity", None), "moments", False)]
+BY_MOMENTS = [
+    name
+    for name in rne.dynamics.__all__
+    if getattr(getattr(getattr(rne.dynamics, name), "quantity", None), "moments", False)
+]
 
 
 @pytest.fixture(params=kept(["irb140", "panda", *MODELS], ["irb140", "mimics", "moved origins"]), scope="module")
@@ -97,7 +101,7 @@ def test_variants_are_robots_with_these_parameters(robot, method):
 @pytest.mark.parametrize("name", BY_MOMENTS)
 def test_moments_are_all_that_is_read_of_the_bodies(name):
     """Of every function that takes parameters as an input: its masses, centres and inertias may be anything else."""
-    function, robot = getattr(rne, name), robot_of("moved origins")
+    function, robot = getattr(rne.dynamics, name), robot_of("moved origins")
     count = len(function.quantity.widths)
     arrays = random_states(robot, count)
     at = at_parameters(robot.model, variants(robot))
@@ -134,7 +138,7 @@ def test_external_wrenches_and_parameters_together(irb140):
             ]
         )
         close(getattr(irb140, method)(*taken, external=pull, parameters=pi), expected, SOLVED)
-    kernel = rne.compile(rne.bias_torque, irb140.model, external=["tool0"], parameters=True)
+    kernel = rne.compile(rne.dynamics.bias_torque, irb140.model, external=["tool0"], parameters=True)
     assert kernel.names == ("q", "qd", "external_1", "parameters")
 
 
@@ -168,7 +172,7 @@ class TestLaws:
 
     def test_the_derivative_by_the_parameters_is_the_regressor(self, robot):
         (q, qd, qdd), pi = random_states(robot), variants(robot)
-        slopes = rne.derivative(rne.inverse_dynamics, robot.model, "parameters", parameters=True)
+        slopes = rne.kernels.derivative(rne.dynamics.inverse_dynamics, robot.model, "parameters", parameters=True)
         close(slopes(q, qd, qdd, pi), robot.regressor(q, qd, qdd))
         close(slopes(q[0], qd[0], qdd[0], pi[0]), robot.regressor(q[0], qd[0], qdd[0]))
 
@@ -178,15 +182,15 @@ class TestLaws:
         (q, qd, tau), pi = random_states(robot), variants(robot)
         qdd = robot.forward_dynamics(q, qd, tau, parameters=pi)
         expected = -np.linalg.solve(robot.mass_matrix(q, parameters=pi), robot.regressor(q, qd, qdd))
-        got = robot.kernel(rne.forward_dynamics, "parameters", parameters=True)(q, qd, tau, pi)
+        got = robot.kernel(rne.dynamics.forward_dynamics, "parameters", parameters=True)(q, qd, tau, pi)
         close(got, expected, SOLVED)
 
     def test_derivatives_by_the_state_are_those_of_the_variant(self):
         robot = robot_of("moved origins")
         (q, qd), pi = random_states(robot, 2), variants(robot)
-        kernel = rne.derivative(rne.bias_torque, robot.model, "q", "qd", parameters=True)
+        kernel = rne.kernels.derivative(rne.dynamics.bias_torque, robot.model, "q", "qd", parameters=True)
         expected = [
-            rne.derivative(rne.bias_torque, robot.with_parameters(pi[k]).model, "q", "qd")(q[k], qd[k])
+            rne.kernels.derivative(rne.dynamics.bias_torque, robot.with_parameters(pi[k]).model, "q", "qd")(q[k], qd[k])
             for k in range(VARIANTS)
         ]
         close(kernel(q, qd, pi), np.array(expected), 10 * SAME)
@@ -197,7 +201,8 @@ def test_complex_steps_are_the_traced_derivatives(irb140):
     (q, qd), pi = random_states(irb140, 2), variants(irb140)
     cache = rne.Robot(irb140.model).kernels
     first, again = (
-        cache.evaluate(rne.bias_torque, q[0], qd[0], pi[0], wrt=("parameters",), parameters=True)[0] for _ in range(2)
+        cache.evaluate(rne.dynamics.bias_torque, q[0], qd[0], pi[0], wrt=("parameters",), parameters=True)[0]
+        for _ in range(2)
     )
     close(first, again)
     close(first, irb140.regressor(q[0], qd[0], 0 * q[0]))
@@ -228,13 +233,13 @@ def test_within_a_law_that_is_traced(irb140):
 
 
 def test_threads_give_the_same_bits(irb140):
-    kernel = irb140.kernel(rne.mass_matrix, parameters=True)
+    kernel = irb140.kernel(rne.dynamics.mass_matrix, parameters=True)
     q, pi = random_states(irb140, 1, 50)[0], variants(irb140, 50)
     assert (kernel(q, pi, workers=2) == kernel(q, pi)).all()
 
 
 def test_pickling(irb140):
-    kernel = irb140.kernel(rne.inverse_dynamics, parameters=True)
+    kernel = irb140.kernel(rne.dynamics.inverse_dynamics, parameters=True)
     again, arrays, pi = pickle.loads(pickle.dumps(kernel)), random_states(irb140), variants(irb140)
     assert isinstance(again.function, AtParameters)
     assert again.names == kernel.names == ("q", "qd", "qdd", "parameters")
@@ -245,7 +250,7 @@ def test_pickling(irb140):
 class TestSource:
     def test_the_heading_says_what_the_parameters_are(self):
         model = robot_of("panda").model
-        text = rne.compile(rne.gravity_torque, model, parameters=True).source()
+        text = rne.compile(rne.dynamics.gravity_torque, model, parameters=True).source()
         comment = " ".join(line[1:].strip() for line in text.splitlines() if line.startswith("#"))
         assert (
             "parameters - ten per body: m kg, m cx, m cy, m cz kg m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg m^2, about the "
@@ -256,7 +261,12 @@ class TestSource:
 
     @pytest.mark.parametrize(
         "function",
-        [rne.regressor, rne.control_regressor, rne.kinetic_energy_regressor, rne.potential_energy_regressor],
+        [
+            rne.dynamics.regressor,
+            rne.dynamics.control_regressor,
+            rne.dynamics.kinetic_energy_regressor,
+            rne.dynamics.potential_energy_regressor,
+        ],
         ids=lambda f: f.__name__,
     )
     def test_the_heading_of_a_regressor_lists_its_columns(self, irb140, function):
@@ -265,7 +275,7 @@ class TestSource:
         assert "Bodies by their joints - 1 joint_1, 2 joint_2, " in comment
 
     def test_the_printed_function_runs(self, irb140):
-        kernel, space = irb140.kernel(rne.mass_matrix, parameters=True), {}
+        kernel, space = irb140.kernel(rne.dynamics.mass_matrix, parameters=True), {}
         exec(kernel.source("python"), space)
         q, pi = random_states(irb140, 1)[0][0], variants(irb140)[0]
         close(np.reshape(space["mass_matrix"](q, pi), (6, 6)), kernel(q, pi))
@@ -301,7 +311,7 @@ class TestVerdicts:
     def test_nearly_singular_variants_are_warned_of(self):
         """Two joints on one axis, with a little inertia between them in one of the variants."""
         eye, zero = np.eye(3), np.zeros((2, 3))
-        robot = rne.Robot(rne.chain([eye] * 2, zero, [1, 1], zero, [eye, eye]))
+        robot = rne.Robot(rne.model.chain([eye] * 2, zero, [1, 1], zero, [eye, eye]))
         pi = np.tile(robot.parameters, (3, 1))
         pi[1, 4:10] *= 1e-14
         with pytest.warns(rne.PrecisionWarning, match=r"digits at state \(1,\): M is nearly singular"):
@@ -463,7 +473,13 @@ class TestErrors:
                     irb140.gravity_torque(q if given is pi else q[2], parameters=given)
 
     @pytest.mark.parametrize(
-        "function", [rne.regressor, rne.link_poses, rne.lagrange_inverse_dynamics, rne.lagrange_forward_dynamics]
+        "function",
+        [
+            rne.dynamics.regressor,
+            rne.dynamics.link_poses,
+            rne.dynamics.lagrange_inverse_dynamics,
+            rne.dynamics.lagrange_forward_dynamics,
+        ],
     )
     def test_functions_that_do_not_depend_on_moments_refuse_them(self, irb140, function):
         text = f"^rne.{function.__name__} takes no inertial parameters as an input$"
@@ -476,10 +492,10 @@ class TestErrors:
             "its calls"
         )
         with pytest.raises(TypeError, match=f"^{re.escape(text)}$"):
-            rne.compile(rne.mass_matrix, irb140.model, parameters=irb140.parameters)
-        assert rne.compile(rne.mass_matrix, irb140.model, parameters=False).names == ("q",)
+            rne.compile(rne.dynamics.mass_matrix, irb140.model, parameters=irb140.parameters)
+        assert rne.compile(rne.dynamics.mass_matrix, irb140.model, parameters=False).names == ("q",)
 
     def test_derivatives_by_parameters_need_them_as_an_input(self, irb140):
         text = "`wrt` must name arguments of ['q'], got 'parameters'; `parameters=True` makes them one"
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-            rne.derivative(rne.gravity_torque, irb140.model, "parameters")
+            rne.kernels.derivative(rne.dynamics.gravity_torque, irb140.model, "parameters")

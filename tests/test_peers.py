@@ -58,7 +58,7 @@ def test_the_decorator_returns_the_function_and_keeps_the_requirement(only_one):
 
 def test_a_peer_is_timed_or_its_reason_recorded(only_one):
     robot = rne.load("irb140")
-    case = Case(robot, "mass_matrix", robot.kernel(rne.mass_matrix), evaluation.states(robot.n, 3))
+    case = Case(robot, "mass_matrix", robot.kernel(rne.dynamics.mass_matrix), evaluation.states(robot.n, 3))
     refused = {}
     only_one(modules=("numpy",))(case)
     assert evaluation.theirs(case, refused) == []

@@ -136,7 +136,7 @@ def test_draw_on_given_axes_adds_and_keeps_room_for_both(irb140):
 
 
 def test_faces_of_a_cylinder_look_outwards():
-    faces = cylinder_faces(rne.Cylinder("link", 0.2, 0.5, (0, 0, 0), (0.3, 0.2, 0.1)))
+    faces = cylinder_faces(rne.model.Cylinder("link", 0.2, 0.5, (0, 0, 0), (0.3, 0.2, 0.1)))
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     assert ((normals * faces.mean(axis=1)).sum(axis=1) > 0).all()
 

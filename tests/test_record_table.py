@@ -96,12 +96,12 @@ def test_columns_align_at_the_point_and_exponents_need_none():
 @pytest.mark.parametrize("scale", [1e-300, 1e-9, 1.0, 1e9])
 def test_table_is_at_most_100_columns_wide(tree, scale):
     q, qd, qdd = states(tree.n, 4)
-    for line in str(rne.recursion(tree, q, scale * qd, scale * qdd)).splitlines():
+    for line in str(rne.dynamics.recursion(tree, q, scale * qd, scale * qdd)).splitlines():
         assert len(line) <= 100
 
 
 def test_last_link_has_a_row_a_e_only_with_a_tip():
-    text = str(rne.recursion(straight_chain(2), *states(2)))
+    text = str(rne.dynamics.recursion(straight_chain(2), *states(2)))
     assert "a_e" in " ".join(block(text, "joint0"))
     assert "a_e" not in " ".join(block(text, "joint1"))
 
@@ -110,7 +110,7 @@ def test_branched_robot_shows_its_origins_instead_of_ends():
     from .conftest import TREES
 
     model = TREES["bushy"]
-    text = str(rne.recursion(model, *states(model.n)))
+    text = str(rne.dynamics.recursion(model, *states(model.n)))
     assert "a_o, the origin's acceleration, stands for a_e" in text
     for joint in model.moving_joints:
         names = [row.split()[0] for row in block(text, joint)]
@@ -122,7 +122,7 @@ def test_sliders_drive_is_in_newton_and_a_mimic_has_none():
     from .conftest import TREES
 
     model = TREES["mimics"]
-    text = str(rne.recursion(model, *states(model.n)))
+    text = str(rne.dynamics.recursion(model, *states(model.n)))
     for i, joint in enumerate(model.moving_joints):
         rows = [row for row in block(text, joint) if row.split()[0] == "u"]
         assert len(rows) == (i in model.independent_joints)
@@ -150,7 +150,7 @@ def test_empty_batch_and_no_joints_say_so(irb140):
 
     q = np.zeros((0, 6))
     assert str(irb140.recursion(q, q, q)) == "Recursion of no states: leading shape (0,)"
-    none = rne.recursion(assemble("block", [Part(link="base", mass=1.0)]), [], [], [])
+    none = rne.dynamics.recursion(assemble("block", [Part(link="base", mass=1.0)]), [], [], [])
     assert str(none) == "Recursion of a robot without moving joints"
 
 

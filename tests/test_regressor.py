@@ -93,8 +93,8 @@ def test_energies_are_linear_in_the_parameters(robot):
     q, qd, _ = random_states(robot)
     model, pi = robot.model, robot.parameters
     rotors = model.armature * (qd @ model.coordinate_map.T) ** 2 / 2
-    close(rne.kinetic_energy_regressor(model, q, qd) @ pi + rotors.sum(-1), robot.kinetic_energy(q, qd))
-    base = robot.potential_energy(q) - rne.potential_energy_regressor(model, q) @ pi
+    close(rne.dynamics.kinetic_energy_regressor(model, q, qd) @ pi + rotors.sum(-1), robot.kinetic_energy(q, qd))
+    base = robot.potential_energy(q) - rne.dynamics.potential_energy_regressor(model, q) @ pi
     np.testing.assert_allclose(base, base[0], atol=1e-12 * np.abs(robot.potential_energy(q)).max() + 1e-12)
 
 
@@ -105,7 +105,7 @@ def test_work_of_each_parameter_is_its_energy(robot):
 
     def energies(t):
         q, qd = q0 + a * t + b * t * t, a + 2 * b * t
-        return rne.kinetic_energy_regressor(model, q, qd) + rne.potential_energy_regressor(model, q)
+        return rne.dynamics.kinetic_energy_regressor(model, q, qd) + rne.dynamics.potential_energy_regressor(model, q)
 
     t, h = 0.3, 1e-4
     power = (a + 2 * b * t) @ robot.regressor(q0 + a * t + b * t * t, a + 2 * b * t, 2 * b)

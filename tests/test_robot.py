@@ -15,7 +15,7 @@ from .helpers import EPS, kept, states
 def test_forward_dynamics_takes_the_method_with_fewer_operations(n):
     robot = rne.Robot(straight_chain(n))
     count = sum(robot.kernels.forward_kernel().operations.values())
-    both = [robot.kernel(f) for f in (rne.forward_dynamics, rne.articulated_forward_dynamics)]
+    both = [robot.kernel(f) for f in (rne.dynamics.forward_dynamics, rne.dynamics.articulated_forward_dynamics)]
     assert count == min(sum(k.operations.values()) for k in both)
 
 
@@ -31,14 +31,14 @@ def test_forward_dynamics_takes_the_method_with_fewer_operations(n):
 def test_either_method_is_as_accurate_as_the_condition_of_M_allows(model):
     q, qd, qdd = states(model.n, 3, rate=1.0, acceleration=1.0)
     robot = rne.Robot(model)
-    tau = rne.inverse_dynamics(model, *(x.astype(np.longdouble) for x in (q, qd, qdd))).astype(float)
-    kappa = np.linalg.cond(rne.mass_matrix(model, q)).max()
+    tau = rne.dynamics.inverse_dynamics(model, *(x.astype(np.longdouble) for x in (q, qd, qdd))).astype(float)
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(model, q)).max()
     assert np.abs(robot.forward_dynamics(q, qd, tau) - qdd).max() <= 10 * model.n * kappa * EPS
 
 
 def test_mimics_are_solved_through_M():
     robot = rne.Robot(random_tree(12, 6, mimics=2))
-    assert robot.kernels.forward_kernel().function is rne.forward_dynamics
+    assert robot.kernels.forward_kernel().function is rne.dynamics.forward_dynamics
 
 
 def test_repr_of_a_plain_robot_is_one_line(irb140):
@@ -46,8 +46,8 @@ def test_repr_of_a_plain_robot_is_one_line(irb140):
 
 
 def test_kernels_are_kept(irb140):
-    assert irb140.kernel(rne.mass_matrix) is irb140.kernel(rne.mass_matrix)
-    assert irb140.kernel(rne.mass_matrix) is not irb140.kernel(rne.mass_matrix, "q")
+    assert irb140.kernel(rne.dynamics.mass_matrix) is irb140.kernel(rne.dynamics.mass_matrix)
+    assert irb140.kernel(rne.dynamics.mass_matrix) is not irb140.kernel(rne.dynamics.mass_matrix, "q")
 
 
 def test_joint_order_without_the_parents_of_links(irb140):

@@ -34,10 +34,12 @@ def test_no_wrong_acceleration_in_float32_without_a_warning(rate):
     for seed in range(40):
         robot = spinner(seed)
         state = (np.array([0.3]), np.array([rate]), np.array([0.0]))
-        exact = rne.forward_dynamics(robot.model, *state)[0]
+        exact = rne.dynamics.forward_dynamics(robot.model, *state)[0]
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            found = rne.forward_dynamics(robot.model.astype(np.float32), *[x.astype(np.float32) for x in state])[0]
+            found = rne.dynamics.forward_dynamics(
+                robot.model.astype(np.float32), *[x.astype(np.float32) for x in state]
+            )[0]
         off = abs(found - exact) > 0.03 * abs(exact)
         wrong, warned = wrong + off, warned + bool(caught)
         assert caught or not off, seed

@@ -70,7 +70,7 @@ class TestDynamics:
 class TestCost:
     def test_what_is_not_named_costs_nothing(self, irb140):
         plain = sum(rne.Scene(irb140).kernel.operations.values())
-        assert plain <= sum(irb140.kernel(rne.forward_dynamics).operations.values())
+        assert plain <= sum(irb140.kernel(rne.dynamics.forward_dynamics).operations.values())
         assert rne.Scene(irb140).cost() == {"total": plain, "gravity": 4, "law": "none"}
 
     def test_parts_are_what_is_saved_without_them(self, irb140, full):
@@ -99,7 +99,7 @@ class TestCost:
         """The law's gravity term alone is more than the whole law adds to the right-hand side."""
         law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0] * 6)
         costs = rne.Scene(irb140, controller=law).cost()
-        alone = sum(irb140.kernel(rne.gravity_torque).operations.values())
+        alone = sum(irb140.kernel(rne.dynamics.gravity_torque).operations.values())
         assert costs["law"] == "traced"
         assert costs["controller"] < alone + 6 * 4 + 11  # feedback: 4 a joint; power: 11
 

@@ -140,7 +140,7 @@ def test_link_poses(both):
     for q in (np.zeros(model.n), np.random.default_rng(0).uniform(-1, 1, model.n)):
         positions = dict(zip(model.joint_names, q, strict=True))
         expected = np.array([theirs.pose(link, positions) for link in model.link_names])
-        error = np.abs(rne.link_poses(model, q) - expected)
+        error = np.abs(rne.dynamics.link_poses(model, q) - expected)
         assert error[:, :3, :3].max() <= POSES
         assert error[:, :3, 3].max() <= POSES * max(1, np.abs(expected[:, :3, 3]).max())
 

@@ -52,7 +52,7 @@ def energy_within_tolerance(robot, motion, tolerance):
     |dE/dx . error| <= sqrt(2 n) |dE/dx * scale| in each step. Energy is constant: it passes errors on unamplified.
     """
     x = np.concatenate([motion.q, motion.qd], axis=1)
-    slope = robot.kernel(rne.kinetic_energy, "q", "qd")(motion.q[1:], motion.qd[1:])
+    slope = robot.kernel(rne.dynamics.kinetic_energy, "q", "qd")(motion.q[1:], motion.qd[1:])
     slope[:, : robot.n] += robot.gravity_torque(motion.q[1:])
     scale = tolerance * (1 + np.maximum(np.abs(x[1:]), np.abs(x[:-1])))
     return np.sqrt(2 * robot.n) * np.linalg.norm(slope * scale, axis=1).sum()

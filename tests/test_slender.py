@@ -25,9 +25,12 @@ def spinner(along, across, com=0.0):
 )
 def test_inertia_about_the_slender_axis_keeps_its_digits(along, across, com):
     robot = spinner(along, across, com)
-    for M in (robot.mass_matrix([0.3]), rne.mass_matrix(robot.model, [0.3])):
+    for M in (robot.mass_matrix([0.3]), rne.dynamics.mass_matrix(robot.model, [0.3])):
         assert M[0, 0] == pytest.approx(along, rel=4 * EPS)
-    for tau in (robot.inverse_dynamics([0.3], [2.0], [3.0]), rne.inverse_dynamics(robot.model, [0.3], [2.0], [3.0])):
+    for tau in (
+        robot.inverse_dynamics([0.3], [2.0], [3.0]),
+        rne.dynamics.inverse_dynamics(robot.model, [0.3], [2.0], [3.0]),
+    ):
         assert tau[0] == pytest.approx(3 * along, rel=8 * EPS)
     assert robot.forward_dynamics([0.3], [2.0], [3 * along])[0] == pytest.approx(3.0, rel=8 * EPS)
 

@@ -23,7 +23,7 @@ NAMES = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "kinetic_energy"
 @pytest.fixture(params=[*NAMES, "inverse_dynamics under wrenches"])
 def kernel(request, irb140):
     name, *wrenches = request.param.split(" ", 1)
-    return irb140.kernel(getattr(rne, name), **({"external": ["tool0", "link_3"]} if wrenches else {}))
+    return irb140.kernel(getattr(rne.dynamics, name), **({"external": ["tool0", "link_3"]} if wrenches else {}))
 
 
 def values(kernel, seed=0):
@@ -50,7 +50,7 @@ def test_printed_python_is_the_kernel(kernel):
 
 
 def test_numpy_source_broadcasts_in_its_dtype():
-    kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+    kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140())
     function = namespace(kernel.source("numpy"))["inverse_dynamics"]
     q, qd, qdd = states(6, 5)
     assert np.abs(function(q, qd[0], qdd) - kernel(q, qd[0], qdd)).max() <= 1e-13 * 100
@@ -64,7 +64,7 @@ def test_printed_numpy_is_the_kernel(kernel):
 
 
 def test_derivatives_are_printed_too(irb140):
-    kernel = irb140.kernel(rne.gravity_torque, "q")
+    kernel = irb140.kernel(rne.dynamics.gravity_torque, "q")
     function = namespace(kernel.source("python"))["gravity_torque_by_q"]
     same([function(q) for q in values(kernel)[0]], kernel, values(kernel))
 
@@ -112,7 +112,7 @@ def test_another_language_is_refused(irb140):
     with pytest.raises(
         ValueError, match=r"^`language` must be one of \['python', 'numpy', 'matlab', 'c'\], got 'fortran'$"
     ):
-        irb140.kernel(rne.mass_matrix).source("fortran")
+        irb140.kernel(rne.dynamics.mass_matrix).source("fortran")
 
 
 COMMENTS = {"python": "#", "numpy": "#", "matlab": "%", "c": "/*"}
@@ -128,7 +128,7 @@ def code_and_comments(text, language):
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_names_of_a_file_stand_in_comments_only(irb140, language):
-    code, comments = code_and_comments(irb140.kernel(rne.inverse_dynamics).source(language), language)
+    code, comments = code_and_comments(irb140.kernel(rne.dynamics.inverse_dynamics).source(language), language)
     assert not any("joint" in line or "irb140" in line for line in code)
     assert sum("irb140" in line for line in comments) == 1
 
@@ -142,7 +142,7 @@ HOSTILE = (
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_no_name_can_leave_its_comment(irb140, language):
     """Robots of a hostile file: the code is that of the robot with plain names, and comments are harmless ASCII."""
-    plain, _ = code_and_comments(irb140.kernel(rne.gravity_torque).source(language), language)
+    plain, _ = code_and_comments(irb140.kernel(rne.dynamics.gravity_torque).source(language), language)
     for k in range(0, len(HOSTILE), 6):
         names = HOSTILE[k : k + 6]
         rename = dict(zip(irb140.joint_names, names, strict=True))
@@ -152,14 +152,14 @@ def test_no_name_can_leave_its_comment(irb140, language):
             moving_joints=names,
             link_joints=tuple(rename.get(joint, joint) for joint in irb140.model.link_joints),
         )
-        code, comments = code_and_comments(rne.compile(rne.gravity_torque, renamed).source(language), language)
+        code, comments = code_and_comments(rne.compile(rne.dynamics.gravity_torque, renamed).source(language), language)
         assert code == plain
         text = " ".join(line.removeprefix("/* ").removesuffix(" */").lstrip("#% ") for line in comments)
         assert re.fullmatch(r"[A-Za-z0-9_.+ ,<>^-]*", text), text
 
 
 def test_heading_names_robot_joints_and_units(irb140):
-    _, comments = code_and_comments(irb140.kernel(rne.inverse_dynamics).source("python"), "python")
+    _, comments = code_and_comments(irb140.kernel(rne.dynamics.inverse_dynamics).source("python"), "python")
     assert comments == [
         "# inverse_dynamics of robot irb140",
         "# Joints in order - 1 joint_1, 2 joint_2, 3 joint_3, 4 joint_4, 5 joint_5, 6 joint_6",
@@ -169,7 +169,9 @@ def test_heading_names_robot_joints_and_units(irb140):
 
 
 def test_heading_says_on_which_links_wrenches_act(irb140):
-    _, comments = code_and_comments(irb140.kernel(rne.bias_torque, external=["tool0", "link_3"]).source("c"), "c")
+    _, comments = code_and_comments(
+        irb140.kernel(rne.dynamics.bias_torque, external=["tool0", "link_3"]).source("c"), "c"
+    )
     assert comments[2:5] == [
         "/* Units - q rad, qd rad/s */",
         "/* external_1 - moment N m, then force N, on link tool0 at its origin, in its axes */",
@@ -180,11 +182,11 @@ def test_heading_says_on_which_links_wrenches_act(irb140):
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_no_name_of_a_link_can_leave_its_comment(irb140, language):
     links = irb140.link_names[1:]
-    plain, _ = code_and_comments(irb140.kernel(rne.bias_torque, external=links).source(language), language)
+    plain, _ = code_and_comments(irb140.kernel(rne.dynamics.bias_torque, external=links).source(language), language)
     for k in range(0, len(HOSTILE), len(links)):
         names = (HOSTILE * 2)[k : k + len(links)]
         renamed = replace(irb140.model, link_names=("base_link", *names))
-        text = rne.compile(rne.bias_torque, renamed, external=names).source(language)
+        text = rne.compile(rne.dynamics.bias_torque, renamed, external=names).source(language)
         code, comments = code_and_comments(text, language)
         assert code == plain
         text = " ".join(line.removeprefix("/* ").removesuffix(" */").lstrip("#% ") for line in comments)
@@ -196,7 +198,7 @@ def test_heading_of_sliding_joints_has_their_units():
         a=[0.1] * 3, alpha=[1.0] * 3, d=[0.2] * 3, theta=[0.3] * 3, types=["prismatic", "revolute", "prismatic"],
         masses=np.ones(3), centres=np.ones((3, 3)), inertias=np.zeros((3, 3, 3)), name="gantry",
     )  # fmt: skip
-    kernel = rne.compile(rne.mass_matrix, model)
+    kernel = rne.compile(rne.dynamics.mass_matrix, model)
     _, comments = code_and_comments(kernel.source("matlab"), "matlab")
     assert comments == [
         "% mass_matrix of robot gantry",
@@ -207,7 +209,7 @@ def test_heading_of_sliding_joints_has_their_units():
     ]
     units = [kernel.source("c", element).splitlines()[4] for element in ("m11", "m12", "m22", "m31")]
     assert units == [f"/* Unit of the result - {unit} */" for unit in ("kg", "kg m", "kg m^2", "kg")]
-    torque = rne.compile(rne.bias_torque, model)
+    torque = rne.compile(rne.dynamics.bias_torque, model)
     assert [torque.source("c", f"h{k}").splitlines()[4] for k in (1, 2)] == [
         "/* Unit of the result - N */",
         "/* Unit of the result - N m */",
@@ -217,14 +219,14 @@ def test_heading_of_sliding_joints_has_their_units():
 def test_heading_of_many_joints_is_wrapped_and_of_none_says_so():
     from rne.model.robots.generators import straight_chain
 
-    lines = rne.compile(rne.gravity_torque, straight_chain(30)).source("python").splitlines()
+    lines = rne.compile(rne.dynamics.gravity_torque, straight_chain(30)).source("python").splitlines()
     assert all(len(line) <= 102 for line in lines if line.startswith("#"))
     assert "30 joint29" in " ".join(lines[1:6])
-    nothing = rne.compile(rne.gravity_torque, rne.chain(np.zeros((0, 3, 3)), np.zeros((0, 3))))
+    nothing = rne.compile(rne.dynamics.gravity_torque, rne.model.chain(np.zeros((0, 3, 3)), np.zeros((0, 3))))
     assert nothing.source("c").splitlines()[1:3] == ["/* Joints in order - none */", "/* Unit of the result - none */"]
-    energy = rne.compile(rne.kinetic_energy, straight_chain(1)).source("c").splitlines()
+    energy = rne.compile(rne.dynamics.kinetic_energy, straight_chain(1)).source("c").splitlines()
     assert energy[3] == "/* Unit of the result - J */"
-    poses = rne.compile(rne.link_poses, straight_chain(1)).source("c").splitlines()
+    poses = rne.compile(rne.dynamics.link_poses, straight_chain(1)).source("c").splitlines()
     assert poses[3] == "/* Unit of the result - SI */"
 
 
@@ -234,11 +236,11 @@ def test_command_line_prints_source_or_says_why_not(capsys):
     assert main(["source", "nobody"]) == 2
     assert capsys.readouterr().err == "error: 'nobody' is neither a file nor one of rne.robots()\n"
     assert PRINTED == LANGUAGES
-    assert all(hasattr(rne, name) for name in quantities())
+    assert all(hasattr(rne.dynamics, name) for name in quantities())
 
 
 def test_printed_python_needs_nothing_of_this_package(irb140, tmp_path):
-    (tmp_path / "printed.py").write_text(irb140.kernel(rne.gravity_torque).source("python"))
+    (tmp_path / "printed.py").write_text(irb140.kernel(rne.dynamics.gravity_torque).source("python"))
     code = "import sys, printed; print(printed.gravity_torque([0.0] * 6)[1]); assert 'numpy' not in sys.modules"
     run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert float(run.stdout) == pytest.approx(irb140.gravity_torque(np.zeros(6))[1])

@@ -47,11 +47,11 @@ def test_constant_torque_is_unstable(irb140, holding, start, tenth, one):
 
 def test_6_3_3_stays_put(irb140, holding):
     """dg/dq vanishes there: an error grows as t^2, not exponentially."""
-    slope = rne.derivative(rne.gravity_torque, irb140.model, "q")(UPRIGHT)
+    slope = rne.kernels.derivative(rne.dynamics.gravity_torque, irb140.model, "q")(UPRIGHT)
     motion = rne.simulate(irb140, UPRIGHT, REST, 10.0, torque=holding)
     assert np.abs(motion.q - UPRIGHT).max() <= 6e-12
     assert np.abs(slope).max() <= 1e-13 * np.abs(holding).max()
-    assert np.abs(rne.derivative(rne.gravity_torque, irb140.model, "q")(REST)).max() > 1
+    assert np.abs(rne.kernels.derivative(rne.dynamics.gravity_torque, irb140.model, "q")(REST)).max() > 1
 
 
 def test_6_3_4_collapses_after_four_seconds(irb140, holding):

@@ -256,8 +256,8 @@ def test_written_robots_read_back(n, seed, mimics):
         back = rne.read_urdf(path, gravity=model.gravity)
     assert (back.joint_names, back.link_names) == (model.joint_names, model.link_names)
     s = states(n, 3, seed=seed % 1000)
-    assert relative(rne.inverse_dynamics(back, *s), rne.inverse_dynamics(model, *s)) <= 1e-12
-    assert relative(rne.mass_matrix(back, s[0]), rne.mass_matrix(model, s[0])) <= 1e-12
+    assert relative(rne.dynamics.inverse_dynamics(back, *s), rne.dynamics.inverse_dynamics(model, *s)) <= 1e-12
+    assert relative(rne.dynamics.mass_matrix(back, s[0]), rne.dynamics.mass_matrix(model, s[0])) <= 1e-12
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -265,7 +265,7 @@ def test_written_trees_agree_with_pinocchio(seed):
     model = random_tree(6, seed, mimics=2)
     oracle = Oracle(model, rne.to_urdf(model))
     s = states(6, 5)
-    assert relative(rne.inverse_dynamics(model, *s), each(oracle.inverse_dynamics, *s)) <= 1e-12
+    assert relative(rne.dynamics.inverse_dynamics(model, *s), each(oracle.inverse_dynamics, *s)) <= 1e-12
 
 
 @settings(max_examples=60, deadline=None)

@@ -36,7 +36,7 @@ def fast(rate=1e6):
     model = rne.irb140()
     q, _, qdd = states(6, acceleration=1.0)
     qd = np.full(6, rate)
-    return model, (q, qd, rne.inverse_dynamics(model, q, qd, qdd))
+    return model, (q, qd, rne.dynamics.inverse_dynamics(model, q, qd, qdd))
 
 
 def fast_backwards():
@@ -78,7 +78,7 @@ def by_function(function):
 
 def by_kernel(function, *wrt):
     def way(model, s):
-        kernel = rne.derivative(function, model, *wrt) if wrt else rne.compile(function, model)
+        kernel = rne.kernels.derivative(function, model, *wrt) if wrt else rne.compile(function, model)
         return lambda: kernel(*s)
 
     return way
@@ -107,7 +107,7 @@ def under_wrenches(calls):
 
 
 def by_kernel_under_wrenches(model, s):
-    kernel = rne.compile(rne.forward_dynamics, model, external=[model.link_names[-1]])
+    kernel = rne.compile(rne.dynamics.forward_dynamics, model, external=[model.link_names[-1]])
     return lambda: kernel(*s, np.zeros(6))
 
 
@@ -117,17 +117,17 @@ def by_simulation(model, s):
 
 
 BATCH = {
-    "forward_dynamics": by_function(rne.forward_dynamics),
-    "articulated_forward_dynamics": by_function(rne.articulated_forward_dynamics),
+    "forward_dynamics": by_function(rne.dynamics.forward_dynamics),
+    "articulated_forward_dynamics": by_function(rne.dynamics.articulated_forward_dynamics),
     "Robot, first call": by_robot("forward_dynamics"),
     "Robot, second call": by_robot("forward_dynamics", called_before),
     "Robot, no wrenches": by_robot("forward_dynamics", external={}),
     "Robot, wrenches": under_wrenches(0),
     "Robot, wrenches, second call": under_wrenches(1),
     "kernel, wrenches": by_kernel_under_wrenches,
-    "kernel": by_kernel(rne.forward_dynamics),
-    "kernel of articulated bodies": by_kernel(rne.articulated_forward_dynamics),
-    "kernel of derivatives": by_kernel(rne.forward_dynamics, "q"),
+    "kernel": by_kernel(rne.dynamics.forward_dynamics),
+    "kernel of articulated bodies": by_kernel(rne.dynamics.articulated_forward_dynamics),
+    "kernel of derivatives": by_kernel(rne.dynamics.forward_dynamics, "q"),
     "derivatives": by_robot("forward_dynamics_derivatives"),
     "linearize": by_robot("linearize"),
     "derivatives, second call": by_robot("forward_dynamics_derivatives", called_before),
@@ -149,7 +149,7 @@ def said_by(call):
 def test_a_state_that_keeps_few_digits_is_warned_of_alike_in_every_way(state, way):
     make, cause = LOSSES[state]
     model, arguments = make()
-    expected = str(said_by(lambda: rne.forward_dynamics(model, *arguments))[0][0])
+    expected = str(said_by(lambda: rne.dynamics.forward_dynamics(model, *arguments))[0][0])
     assert cause in expected
     assert said_by(ONE_STATE[way](model, arguments)) == [(expected, __file__)]
 
@@ -158,7 +158,7 @@ def test_a_state_that_keeps_few_digits_is_warned_of_alike_in_every_way(state, wa
 @pytest.mark.parametrize("way", BATCH)
 def test_in_a_batch_it_is_named_by_its_index(state, way):
     model, arguments = LOSSES[state][0]()
-    expected = str(said_by(lambda: rne.forward_dynamics(model, *arguments))[0][0])
+    expected = str(said_by(lambda: rne.dynamics.forward_dynamics(model, *arguments))[0][0])
     expected = expected.replace(" digits: ", " digits at state (2,): ")
     assert said_by(BATCH[way](model, batched(arguments))) == [(expected, __file__)]
 
@@ -166,7 +166,7 @@ def test_in_a_batch_it_is_named_by_its_index(state, way):
 @pytest.mark.parametrize("state", LOSSES)
 def test_a_simulation_warns_once_and_of_nothing_better_than_its_start(state):
     model, (q, qd, tau) = LOSSES[state][0]()
-    at_start = said_by(lambda: rne.forward_dynamics(model, q, qd, tau))[0][0]
+    at_start = said_by(lambda: rne.dynamics.forward_dynamics(model, q, qd, tau))[0][0]
     [(text, file)] = said_by(lambda: rne.simulate(rne.Robot(model), q, qd, 1e-8, torque=tau))
     assert file == __file__
     digits = [int(words.split("about ")[1].split()[0]) for words in (text, at_start)]
@@ -213,7 +213,7 @@ def test_a_fast_motion_is_judged_at_its_samples_and_not_at_every_evaluation(monk
 def test_a_singular_M_is_the_same_error_in_every_way(way):
     model, arguments = singular()
     with pytest.raises(rne.SingularMassMatrixError) as first:
-        rne.forward_dynamics(model, *arguments)
+        rne.dynamics.forward_dynamics(model, *arguments)
     assert first.value.joints == ("first", "second")
     with pytest.raises((rne.SingularMassMatrixError, rne.SimulationError)) as caught:
         ONE_STATE[way](model, arguments)()
@@ -230,7 +230,7 @@ def test_a_singular_M_in_a_batch_is_named_by_its_index(way):
     """A gimbal that closes in the third of four states alone."""
     model, arguments = gimbal_closing()
     with pytest.raises(rne.SingularMassMatrixError) as first:
-        rne.forward_dynamics(model, *(x[2] for x in arguments))
+        rne.dynamics.forward_dynamics(model, *(x[2] for x in arguments))
     with pytest.raises(rne.SingularMassMatrixError) as caught:
         ONE_STATE[way](model, arguments)()
     assert caught.value.joints == first.value.joints == ("outer", "inner")

@@ -17,10 +17,10 @@ from rne.model.robots.generators import random_tree, straight_chain
 from .helpers import EPS, relative, states
 
 FUNCTIONS = {
-    "inverse_dynamics": (rne.inverse_dynamics, 3),
-    "bias_torque": (rne.bias_torque, 2),
-    "forward_dynamics": (rne.forward_dynamics, 3),
-    "articulated_forward_dynamics": (rne.articulated_forward_dynamics, 3),
+    "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),
+    "bias_torque": (rne.dynamics.bias_torque, 2),
+    "forward_dynamics": (rne.dynamics.forward_dynamics, 3),
+    "articulated_forward_dynamics": (rne.dynamics.articulated_forward_dynamics, 3),
 }
 METHODS = ("inverse_dynamics", "bias_torque", "forward_dynamics")
 # A few eps for each joint, of the largest torque, which may be smaller than the wrenches' own torques.
@@ -56,7 +56,7 @@ def wrenches_on(links, *leading, seed=3):
 
 def bound(model, function, q, eps=EPS):
     """Rounding, times the condition of M where M is solved."""
-    kappa = np.linalg.cond(rne.mass_matrix(model, q)).max() if "forward" in function.__name__ else 1.0
+    kappa = np.linalg.cond(rne.dynamics.mass_matrix(model, q)).max() if "forward" in function.__name__ else 1.0
     return ROUNDING / EPS * eps * max(model.n, 1) * kappa
 
 
@@ -100,15 +100,15 @@ def test_kernel_is_the_recursion_on_many_trees(seed):
 class TestLaws:
     def test_a_wrench_takes_its_virtual_work_from_the_joints(self, tree):
         q, qd, qdd = states(tree.n, 5)
-        tau = rne.compile(rne.inverse_dynamics, tree)(q, qd, qdd)
-        poses, links = rne.link_poses(tree, q), some_links(tree)
-        kernel = rne.compile(rne.inverse_dynamics, tree, external=links)
+        tau = rne.compile(rne.dynamics.inverse_dynamics, tree)(q, qd, qdd)
+        poses, links = rne.dynamics.link_poses(tree, q), some_links(tree)
+        kernel = rne.compile(rne.dynamics.inverse_dynamics, tree, external=links)
         for k, link in enumerate(links):
             wrenches = np.zeros((len(links), 5, 6))
             (wrenches[k],) = wrenches_on([link], 5)
             R = poses[:, tree.link_index(link), :3, :3]
             world = np.concatenate([R @ wrenches[k, :, :3, None], R @ wrenches[k, :, 3:, None]], axis=1)
-            work = (np.swapaxes(rne.jacobian(tree, q, link), -1, -2) @ world)[..., 0]
+            work = (np.swapaxes(rne.dynamics.jacobian(tree, q, link), -1, -2) @ world)[..., 0]
             got = kernel(q, qd, qdd, *wrenches)
             assert np.abs(tau - work - got).max() <= 1e-12 * max(np.abs(tau).max(), np.abs(work).max()), link
 
@@ -116,15 +116,17 @@ class TestLaws:
         q, qd, qdd = states(tree.n, 2)
         link = tree.link_names[-1]
         (wrench,) = wrenches_on([link], 2)
-        R = rne.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
-        J = rne.jacobian(tree, q, link)
+        R = rne.dynamics.link_poses(tree, q)[:, tree.link_index(link), :3, :3]
+        J = rne.dynamics.jacobian(tree, q, link)
         own_axes = np.concatenate([np.swapaxes(R, -1, -2) @ J[:, :3], np.swapaxes(R, -1, -2) @ J[:, 3:]], axis=1)
-        got = rne.derivative(rne.inverse_dynamics, tree, "external_1", external=[link])(q, qd, qdd, wrench)
+        got = rne.kernels.derivative(rne.dynamics.inverse_dynamics, tree, "external_1", external=[link])(
+            q, qd, qdd, wrench
+        )
         assert np.abs(got + np.swapaxes(own_axes, -1, -2)).max() <= 1e-13 * max(np.abs(J).max(), 1)
 
     def test_a_wrench_on_the_root_costs_and_changes_nothing(self, irb140):
-        plain = irb140.kernel(rne.inverse_dynamics)
-        kernel = irb140.kernel(rne.inverse_dynamics, external=["base_link"])
+        plain = irb140.kernel(rne.dynamics.inverse_dynamics)
+        kernel = irb140.kernel(rne.dynamics.inverse_dynamics, external=["base_link"])
         assert kernel.operations == plain.operations
         s = states(6)
         assert np.array_equal(kernel(*s, np.ones(6)), plain(*s))
@@ -147,7 +149,7 @@ class TestLaws:
                 frame = oracle.theirs.frames[oracle.theirs.getFrameId(link, pin.FrameType.BODY)]
                 forces[frame.parentJoint] += frame.placement.act(pin.Force(wrench[k, 3:], wrench[k, :3]))
             expected.append(oracle.inverse_dynamics(q[k], qd[k], qdd[k], forces))
-        got = ur5.kernel(rne.inverse_dynamics, external=links)(q, qd, qdd, *wrenches)
+        got = ur5.kernel(rne.dynamics.inverse_dynamics, external=links)(q, qd, qdd, *wrenches)
         assert relative(got, np.array(expected)) <= 1e-13
 
 
@@ -157,8 +159,8 @@ def test_derivatives_are_the_complex_step_of_the_recursion(name, wrt):
     model = {"serial": random_tree(4, seed=2, branching=0), "mimics": random_tree(4, seed=6, mimics=3)}[name]
     links = (model.link_names[-1], model.link_names[2])
     arguments = (*states(model.n, 3), *wrenches_on(links, 3))
-    kernel = rne.derivative(rne.inverse_dynamics, model, *wrt, external=links)
-    expected, _ = complex_step(UnderWrenches(rne.inverse_dynamics, links), model, arguments, wrt, {})
+    kernel = rne.kernels.derivative(rne.dynamics.inverse_dynamics, model, *wrt, external=links)
+    expected, _ = complex_step(UnderWrenches(rne.dynamics.inverse_dynamics, links), model, arguments, wrt, {})
     assert relative(kernel(*arguments), expected) <= 1e-12
     assert relative(kernel(*(a[1] for a in arguments)), expected[1]) <= 1e-12
 
@@ -167,9 +169,9 @@ def test_derivatives_of_forward_dynamics_are_the_complex_step_of_the_recursion()
     model = random_tree(3, seed=2)
     links, wrt = (model.link_names[-1],), ("q", "tau", "external_1")
     arguments = (*states(model.n, 3), *wrenches_on(links, 3))
-    expected, _ = complex_step(UnderWrenches(rne.forward_dynamics, links), model, arguments, wrt, {})
-    got = rne.derivative(rne.forward_dynamics, model, *wrt, external=links)(*arguments)
-    assert relative(got, expected) <= 1e-12 * np.linalg.cond(rne.mass_matrix(model, arguments[0])).max()
+    expected, _ = complex_step(UnderWrenches(rne.dynamics.forward_dynamics, links), model, arguments, wrt, {})
+    got = rne.kernels.derivative(rne.dynamics.forward_dynamics, model, *wrt, external=links)(*arguments)
+    assert relative(got, expected) <= 1e-12 * np.linalg.cond(rne.dynamics.mass_matrix(model, arguments[0])).max()
 
 
 @pytest.fixture
@@ -203,10 +205,10 @@ class TestRobot:
     def test_the_second_call_is_the_kernels(self):
         robot, s, (w,) = rne.load("irb140"), states(6), wrenches_on(["tool0"])
         first = robot.inverse_dynamics(*s, external={"tool0": w})
-        assert np.array_equal(first, rne.inverse_dynamics(robot.model, *s, external={"tool0": w}))
-        kernel = robot.kernel(rne.inverse_dynamics, external=["tool0"])
+        assert np.array_equal(first, rne.dynamics.inverse_dynamics(robot.model, *s, external={"tool0": w}))
+        kernel = robot.kernel(rne.dynamics.inverse_dynamics, external=["tool0"])
         assert np.array_equal(robot.inverse_dynamics(*s, external={"tool0": w}), kernel(*s, w))
-        assert robot.kernel(rne.inverse_dynamics, external=("tool0",)) is kernel
+        assert robot.kernel(rne.dynamics.inverse_dynamics, external=("tool0",)) is kernel
 
     @pytest.mark.parametrize("method", METHODS)
     def test_the_order_of_the_mapping_does_not_matter(self, traced, method):
@@ -260,7 +262,7 @@ class TestRobot:
 class TestShapes:
     @pytest.fixture
     def kernel(self, irb140):
-        return irb140.kernel(rne.inverse_dynamics, external=["link_3", "tool0"])
+        return irb140.kernel(rne.dynamics.inverse_dynamics, external=["link_3", "tool0"])
 
     @pytest.mark.parametrize(
         "shapes", [((), (4,)), ((4,), ()), ((3, 1), (4,)), ((3, 4), (3, 4)), ((0,), ()), ((0,), (0,))]
@@ -269,7 +271,7 @@ class TestShapes:
         rng = np.random.default_rng(0)
         q, a, b = rng.normal(size=6), *(rng.normal(size=(*shape, 6)) for shape in shapes)
         got = kernel(q, q, q, a, b)
-        expected = rne.inverse_dynamics(irb140.model, q, q, q, external={"link_3": a, "tool0": b})
+        expected = rne.dynamics.inverse_dynamics(irb140.model, q, q, q, external={"link_3": a, "tool0": b})
         assert got.shape == expected.shape == (*np.broadcast_shapes(*shapes), 6)
         assert np.abs(got - expected).max(initial=0) <= 1e-13 * np.abs(expected).max(initial=0)
         assert np.array_equal(irb140.inverse_dynamics(q, q, q, external={"link_3": a, "tool0": b}), got)
@@ -279,7 +281,7 @@ class TestShapes:
         for dtype in (np.float16, np.float32, np.float64, np.longdouble):
             external = {"tool0": np.ones(6, dtype)}
             got = irb140.inverse_dynamics(*s, external=external)
-            assert got.dtype == rne.inverse_dynamics(irb140.model, *s, external=external).dtype
+            assert got.dtype == rne.dynamics.inverse_dynamics(irb140.model, *s, external=external).dtype
 
     def test_lists_and_integers_are_taken(self, kernel):
         expected = kernel(np.zeros(6), np.zeros(6), np.zeros(6), np.arange(6.0), np.ones(6))
@@ -308,11 +310,11 @@ class TestShapes:
         from rne.kernels import trace as module
 
         monkeypatch.setattr(module, "LIMIT", 100)
-        kernel = rne.compile(rne.inverse_dynamics, irb140.model, external=["tool0"])
+        kernel = rne.compile(rne.dynamics.inverse_dynamics, irb140.model, external=["tool0"])
         assert not kernel.is_unrolled
         s, (w,) = states(6, 4), wrenches_on(["tool0"], 4)
-        assert np.array_equal(kernel(*s, w), rne.inverse_dynamics(irb140.model, *s, external={"tool0": w}))
-        slopes = rne.derivative(rne.inverse_dynamics, irb140.model, "external_1", external=["tool0"])
+        assert np.array_equal(kernel(*s, w), rne.dynamics.inverse_dynamics(irb140.model, *s, external={"tool0": w}))
+        slopes = rne.kernels.derivative(rne.dynamics.inverse_dynamics, irb140.model, "external_1", external=["tool0"])
         assert slopes(*s, w).shape == (4, 6, 6)
 
 
@@ -372,8 +374,8 @@ def by_link(given):
 def warm():
     """A Robot that has the kernels, and their slopes."""
     robot = rne.load("irb140")
-    robot.kernel(rne.bias_torque, external=LINKS)
-    robot.kernel(rne.bias_torque, "q", external=LINKS)
+    robot.kernel(rne.dynamics.bias_torque, external=LINKS)
+    robot.kernel(rne.dynamics.bias_torque, "q", external=LINKS)
     return robot
 
 
@@ -382,9 +384,9 @@ def test_wrong_wrenches_are_named_alike_in_every_way(warm, case):
     changes, text = WRONG[case]
     given = GOOD | changes
     q, qd, external = given["q"], given["qd"], by_link(given)
-    kernel, slopes = (warm.kernel(rne.bias_torque, *wrt, external=LINKS) for wrt in ((), ("q",)))
+    kernel, slopes = (warm.kernel(rne.dynamics.bias_torque, *wrt, external=LINKS) for wrt in ((), ("q",)))
     ways = {
-        "function": lambda: rne.bias_torque(warm.model, q, qd, external=external),
+        "function": lambda: rne.dynamics.bias_torque(warm.model, q, qd, external=external),
         "first call": lambda: rne.Robot(warm.model).bias_torque(q, qd, external=external),
         "kernel of the robot": lambda: warm.bias_torque(q, qd, external=external),
         "kernel": lambda: kernel(q, qd, *external.values()),
@@ -439,13 +441,13 @@ def test_a_link_may_have_the_name_of_an_argument(irb140):
     model = replace(irb140.model, link_names=("base_link", "q", "qd", "external_1", "tau", "x", "y", "z"))
     (q, qd, qdd), (w,) = states(6, 3), wrenches_on(["q"])
     for link in ("q", "external_1"):
-        expected = rne.inverse_dynamics(model, q, qd[0], qdd[0], external={link: w})
-        got = rne.compile(rne.inverse_dynamics, model, external=[link])(q, qd[0], qdd[0], w)
+        expected = rne.dynamics.inverse_dynamics(model, q, qd[0], qdd[0], external={link: w})
+        got = rne.compile(rne.dynamics.inverse_dynamics, model, external=[link])(q, qd[0], qdd[0], w)
         assert relative(got, expected) <= 1e-13
 
 
 class TestCompiling:
-    def refused(self, error, text, function=rne.inverse_dynamics, make=rne.compile, wrt=(), **fixed):
+    def refused(self, error, text, function=rne.dynamics.inverse_dynamics, make=rne.compile, wrt=(), **fixed):
         with pytest.raises(error, match="^" + re.escape(text) + "$"):
             make(function, rne.irb140(), *wrt, **fixed)
 
@@ -457,7 +459,7 @@ class TestCompiling:
         )
         self.refused(TypeError, text, external=given)
         with pytest.raises(TypeError, match="^" + re.escape(text) + "$"):
-            rne.load("irb140").kernel(rne.inverse_dynamics, external=given)
+            rne.load("irb140").kernel(rne.dynamics.inverse_dynamics, external=given)
 
     def test_an_unknown_link_is_named(self):
         links = list(rne.irb140().link_names)
@@ -468,31 +470,31 @@ class TestCompiling:
         self.refused(ValueError, text, external=["tool0", "link_3", "tool0"])
 
     def test_functions_without_wrenches_refuse_them(self):
-        text = "rne.mass_matrix takes no external wrenches"
-        self.refused(TypeError, text, function=rne.mass_matrix, external=["tool0"])
+        text = "rne.dynamics.mass_matrix takes no external wrenches"
+        self.refused(TypeError, text, function=rne.dynamics.mass_matrix, external=["tool0"])
 
     def test_a_robot_is_not_a_model(self, irb140):
         with pytest.raises(TypeError, match=r"^`model` must be an rne.Model, got Robot; a Robot has it as .model$"):
-            rne.compile(rne.inverse_dynamics, irb140, external=["tool0"])
+            rne.compile(rne.dynamics.inverse_dynamics, irb140, external=["tool0"])
 
     def test_a_record_is_not_compiled(self, irb140):
-        with pytest.raises(TypeError, match=r"^`function` must give an array; rne.recursion gives a record"):
-            rne.compile(rne.recursion, irb140.model, external=["tool0"])
+        with pytest.raises(TypeError, match=r"^`function` must give an array; rne.dynamics.recursion gives a record"):
+            rne.compile(rne.dynamics.recursion, irb140.model, external=["tool0"])
 
     def test_wrt_names_the_arrays(self):
         text = "`wrt` must name arguments of ['q', 'qd', 'external_1'], got 'tool0'"
-        self.refused(ValueError, text, rne.bias_torque, rne.derivative, ("tool0",), external=["tool0"])
+        self.refused(ValueError, text, rne.dynamics.bias_torque, rne.kernels.derivative, ("tool0",), external=["tool0"])
 
     def test_no_links_are_no_wrenches(self, irb140):
         for none in ((), [], None):
-            assert rne.compile(rne.inverse_dynamics, irb140.model, external=none).names == ("q", "qd", "qdd")
+            assert rne.compile(rne.dynamics.inverse_dynamics, irb140.model, external=none).names == ("q", "qd", "qdd")
 
     def test_too_few_arguments_are_refused(self, irb140):
         with pytest.raises(TypeError, match=r"^this kernel takes q, qd, external_1; got 2 arguments$"):
-            irb140.kernel(rne.bias_torque, external=["tool0"])(np.zeros(6), np.zeros(6))
+            irb140.kernel(rne.dynamics.bias_torque, external=["tool0"])(np.zeros(6), np.zeros(6))
 
     def test_an_entry_is_printed_alone(self, irb140):
-        kernel = irb140.kernel(rne.inverse_dynamics, external=["tool0"])
+        kernel = irb140.kernel(rne.dynamics.inverse_dynamics, external=["tool0"])
         space = {}
         exec(kernel.source("python", "tau4"), space)
         s, (w,) = states(6), wrenches_on(["tool0"])

@@ -25,7 +25,7 @@ class Case:
 
     robot: rne.Robot
     quantity: str
-    kernel: rne.Kernel
+    kernel: rne.kernels.Kernel
     states: list[np.ndarray]
 
     @property

@@ -83,7 +83,7 @@ same = rne.simulate(scene, start, rest, t[-1], t_eval=t)
 print("largest difference from the plain function [rad]:", abs(same.q - motion.q).max())
 assert abs(same.q - motion.q).max() < 1e-8
 
-gravity = sum(arm.kernel(rne.gravity_torque).operations.values())
+gravity = sum(arm.kernel(rne.dynamics.gravity_torque).operations.values())
 cost = scene.cost()
 print(f"together: {cost['total']} operations, {cost['controller']} of them for the law")
 print(f"apart: {gravity} for the gravity torques, and 7 per joint, {7 * 6}")

@@ -25,12 +25,14 @@ import rne
 lengths = np.array([0.0, 0.5, 0.4])  # cart, rods [m]
 masses = np.array([1.0, 0.3, 0.2])  # [kg]
 x, y, z = np.eye(3)
-model = rne.chain(
+model = rne.model.chain(
     rotations=[np.eye(3)] * 3,
     positions=lengths[:, None] * z,
     masses=masses,
     centres=lengths[:, None] * z / 2,
-    inertias=[rne.cylinder_inertia(m, 0.01, l, "z") for m, l in zip(masses, lengths)],
+    inertias=[
+        rne.model.cylinder_inertia(m, 0.01, l, "z") for m, l in zip(masses, lengths)
+    ],
     axes=[x, y, y],
     types=["prismatic", "revolute", "revolute"],
     name="cart with two rods",

@@ -45,7 +45,8 @@ def seconds(call, repeats=3):
 
 
 kernels = {
-    robot.engine: robot.kernel(rne.inverse_dynamics) for robot in (plain, compiled)
+    robot.engine: robot.kernel(rne.dynamics.inverse_dynamics)
+    for robot in (plain, compiled)
 }
 calls = {
     "one state": (q[0], qd[0], qdd[0]),

@@ -30,7 +30,7 @@ robot = rne.load("ur5")
 # products, sines and cosines, without zeros, without constants times constants, with
 # shared terms computed once.
 
-kernel = rne.compile(rne.inverse_dynamics, robot.model)
+kernel = rne.compile(rne.dynamics.inverse_dynamics, robot.model)
 print(kernel)
 source = kernel.source("c")
 lines = source.splitlines()
@@ -84,7 +84,7 @@ else:
 # counted from 1. The source runs in MATLAB and in Octave. (Factors near 5e-12 come from
 # this URDF, which writes right angles with twelve digits.)
 
-mass_matrix = rne.compile(rne.mass_matrix, robot.model)
+mass_matrix = rne.compile(rne.dynamics.mass_matrix, robot.model)
 print(mass_matrix.source("matlab", element="m23"))
 
 # %%

@@ -46,10 +46,10 @@ model = rne.dh_chain(
     masses=masses,
     centres=[[-0.175, 0, 0], [-0.125, 0, 0], [0, 0, -0.10], [0, 0, -0.02]],
     inertias=[
-        rne.cylinder_inertia(8.0, 0.06, 0.35, "x"),
-        rne.cylinder_inertia(5.0, 0.05, 0.25, "x"),
-        rne.cylinder_inertia(1.5, 0.01, 0.30, "z"),
-        rne.cylinder_inertia(0.8, 0.04, 0.04, "z"),
+        rne.model.cylinder_inertia(8.0, 0.06, 0.35, "x"),
+        rne.model.cylinder_inertia(5.0, 0.05, 0.25, "x"),
+        rne.model.cylinder_inertia(1.5, 0.01, 0.30, "z"),
+        rne.model.cylinder_inertia(0.8, 0.04, 0.04, "z"),
     ],
     lower=[-2.3, -2.5, 0.0, -6.3],
     upper=[2.3, 2.5, 0.2, 6.3],
@@ -69,11 +69,11 @@ print(rne.Robot(model))
 
 lying, upright = (0.0, np.pi / 2, 0.0), (0.0, 0.0, 0.0)
 shapes = (
-    rne.Cylinder("base_link", 0.06, 0.40, (0.0, 0.0, 0.20), upright),
-    rne.Cylinder("link_1", 0.06, 0.35, (0.175, 0.0, 0.40), lying),
-    rne.Cylinder("link_2", 0.05, 0.25, (0.125, 0.0, 0.0), lying),
-    rne.Cylinder("link_3", 0.01, 0.30, (0.0, 0.0, -0.10), upright),
-    rne.Cylinder("link_4", 0.04, 0.04, (0.0, 0.0, 0.03), upright),
+    rne.model.Cylinder("base_link", 0.06, 0.40, (0.0, 0.0, 0.20), upright),
+    rne.model.Cylinder("link_1", 0.06, 0.35, (0.175, 0.0, 0.40), lying),
+    rne.model.Cylinder("link_2", 0.05, 0.25, (0.125, 0.0, 0.0), lying),
+    rne.model.Cylinder("link_3", 0.01, 0.30, (0.0, 0.0, -0.10), upright),
+    rne.model.Cylinder("link_4", 0.04, 0.04, (0.0, 0.0, 0.03), upright),
 )
 robot = rne.Robot(replace(model, shapes=shapes))
 pick, place = np.array([-0.6, 1.6, 0.15, 0.0]), np.array([0.9, 0.8, 0.15, 1.57])

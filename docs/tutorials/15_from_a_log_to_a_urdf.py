@@ -24,7 +24,7 @@ import rne
 # is a third lighter than it is, and nothing about friction.
 
 true = rne.load("irb140")
-known = rne.Robot(rne.with_parameters(true.model, true.parameters / 1.5))
+known = rne.Robot(rne.model.with_parameters(true.model, true.parameters / 1.5))
 print(known.base_parameters())
 
 # %%

@@ -13,17 +13,17 @@ LANGUAGES = ("python", "numpy", "matlab", "c")
 
 def quantities() -> list[str]:
     """Names of the functions of a model that take joint arrays alone and return an array."""
-    import rne
+    from .. import dynamics
 
     def takes_joint_arrays_alone(name: str) -> bool:
-        declared = getattr(getattr(rne, name), "quantity", None)
+        declared = getattr(getattr(dynamics, name), "quantity", None)
         if declared is None or not declared.returns_array:
             return False
-        parameters = inspect.signature(getattr(rne, name)).parameters.values()
+        parameters = inspect.signature(getattr(dynamics, name)).parameters.values()
         needed = [p.name for p in parameters if p.default is p.empty and p.name != "model"]
         return needed == list(declared.widths)
 
-    return [name for name in rne.__all__ if takes_joint_arrays_alone(name)]
+    return [name for name in dynamics.__all__ if takes_joint_arrays_alone(name)]
 
 
 def add(commands: Any) -> None:
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         quantity = arguments.quantity or "inverse_dynamics"
         if arguments.element is not None and arguments.quantity is None:
             quantity = quantity_of_element(arguments.element)
-        kernel = rne.load(arguments.robot).kernel(getattr(rne, quantity))
+        kernel = rne.load(arguments.robot).kernel(getattr(rne.dynamics, quantity))
         text = kernel.source(arguments.language, arguments.element)
     except (rne.RneError, ValueError, TypeError) as error:  # TypeError: the kernel is too large to be written out
         raise CommandError(str(error).replace("`element`", "--element")) from error

@@ -137,7 +137,7 @@ def articulated_forward_dynamics(
     Examples
     --------
     >>> import rne
-    >>> rne.articulated_forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).shape
+    >>> rne.dynamics.articulated_forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).shape
     (6,)
     """
     if model.has_mimics:

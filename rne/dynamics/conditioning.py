@@ -1,7 +1,7 @@
 """How many digits forward dynamics keep: M's pivots decide whether it is singular, Skeel's amplification the digits.
 
 `pivot_grade` and `amplifications` are the only criteria: functions, kernels, batches and simulations apply them
-through `judge_accelerations`, `rne.diagnose` directly.
+through `judge_accelerations`, `rne.dynamics.diagnose` directly.
 """
 
 from __future__ import annotations

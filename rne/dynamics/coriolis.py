@@ -41,7 +41,7 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.coriolis_matrix(rne.irb140(), [0] * 6, [0] * 6).any().item()
+    >>> rne.dynamics.coriolis_matrix(rne.irb140(), [0] * 6, [0] * 6).any().item()
     False
     """
     R, p = joint_transforms(model, q)

@@ -78,7 +78,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.mass_matrix(rne.irb140(), [0] * 6)[5, 5].round(6).item()
+    >>> rne.dynamics.mass_matrix(rne.irb140(), [0] * 6)[5, 5].round(6).item()
     0.001458
     """
     R, p = joint_transforms(model, q)

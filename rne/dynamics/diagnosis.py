@@ -42,7 +42,7 @@ class Diagnosis:
     Examples
     --------
     >>> import rne
-    >>> print(rne.diagnose(rne.irb140(), [0] * 6))  # doctest: +ELLIPSIS
+    >>> print(rne.dynamics.diagnose(rne.irb140(), [0] * 6))  # doctest: +ELLIPSIS
     condition 3.0e+00, smallest pivot 8.0e-01 of its diagonal entry, about 15 digits in forward dynamics; ...
     """
 
@@ -110,7 +110,7 @@ def diagnose(
     Examples
     --------
     >>> import rne
-    >>> print(rne.diagnose(rne.irb140(), [0] * 6).digits.round())
+    >>> print(rne.dynamics.diagnose(rne.irb140(), [0] * 6).digits.round())
     15.0
     """
     positions = joint_array("q", q, model_argument(model))

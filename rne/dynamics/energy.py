@@ -37,7 +37,7 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.link_kinetic_energies(rne.irb140(), [0] * 6, [0] * 6).tolist()
+    >>> rne.dynamics.link_kinetic_energies(rne.irb140(), [0] * 6, [0] * 6).tolist()
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
     omega, v = velocities(model, *joint_transforms(model, q), qd)
@@ -86,7 +86,7 @@ def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.kinetic_energy(rne.irb140(), [0] * 6, [0, 0, 0, 0, 0, 2]).round(6).item()  # 1.458e-3 kg m^2 at 2 rad/s
+    >>> rne.dynamics.kinetic_energy(rne.irb140(), [0] * 6, [0, 0, 0, 0, 0, 2]).round(6).item()  # 1.458e-3 kg m^2
     0.002916
     """
     rates = qd[..., model.coordinate] * model.multiplier if model.has_mimics else qd
@@ -122,7 +122,7 @@ def potential_energy(model: Model, q: Array) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.potential_energy(rne.irb140(), [0] * 6).round(5).item()
+    >>> rne.dynamics.potential_energy(rne.irb140(), [0] * 6).round(5).item()
     370.87686
     """
     R0, p0 = body_poses(model, q)
@@ -162,7 +162,7 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.momentum(rne.irb140(), [0] * 6, [0] * 6).tolist()
+    >>> rne.dynamics.momentum(rne.irb140(), [0] * 6, [0] * 6).tolist()
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
     omega, v = velocities(model, *joint_transforms(model, q), qd)

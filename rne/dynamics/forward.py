@@ -102,7 +102,7 @@ def forward_dynamics(
     Examples
     --------
     >>> import rne
-    >>> rne.forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).round(2)[5].item()
+    >>> rne.dynamics.forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).round(2)[5].item()
     0.0
     """
     M = mass_matrix.core(model, q)

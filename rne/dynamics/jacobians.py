@@ -84,7 +84,7 @@ def jacobian(model: Model, q: Array, link: str) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.jacobian(rne.irb140(), [0] * 6, "link_1")[:, 0].round(3).tolist()
+    >>> rne.dynamics.jacobian(rne.irb140(), [0] * 6, "link_1")[:, 0].round(3).tolist()
     [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
     """
     index = model.link_index(link)
@@ -126,7 +126,7 @@ def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.jacobian_rate(rne.irb140(), [0] * 6, [0] * 6, "link_6").any().item()
+    >>> rne.dynamics.jacobian_rate(rne.irb140(), [0] * 6, [0] * 6, "link_6").any().item()
     False
     """
     index = model.link_index(link)

@@ -76,7 +76,7 @@ def link_poses(model: Model, q: Array) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.link_poses(rne.irb140(), [0, 0, 0, 0, 0, 0])[2, :3, 3].tolist()
+    >>> rne.dynamics.link_poses(rne.irb140(), [0, 0, 0, 0, 0, 0])[2, :3, 3].tolist()
     [0.07, 0.0, 0.352]
     """
     R0, p0 = body_poses(model, q)

@@ -133,8 +133,8 @@ def christoffel_symbols(model: Model, q: Array) -> Array:
     --------
     >>> import numpy as np, rne
     >>> q, qd = np.arange(6) / 3, np.ones(6)
-    >>> C = np.einsum("ijk,i,j", rne.christoffel_symbols(rne.irb140(), q), qd, qd)
-    >>> np.allclose(C, rne.coriolis_torque(rne.irb140(), q, qd))
+    >>> C = np.einsum("ijk,i,j", rne.dynamics.christoffel_symbols(rne.irb140(), q), qd, qd)
+    >>> np.allclose(C, rne.dynamics.coriolis_torque(rne.irb140(), q, qd))
     True
     """
     c = christoffel(inertia_derivatives(model, bodies(model, q), q))
@@ -173,7 +173,7 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
     Examples
     --------
     >>> import rne
-    >>> rne.lagrange_inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
+    >>> rne.dynamics.lagrange_inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
     -22.499
     """
     M, bias = equations(model, q, joint_rates(model, qd))

@@ -49,7 +49,7 @@ def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> 
     Examples
     --------
     >>> import rne
-    >>> rne.lagrange_forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).round(2)[5].item()
+    >>> rne.dynamics.lagrange_forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).round(2)[5].item()
     0.0
     """
     M, bias = equations(model, q, joint_rates(model, qd))

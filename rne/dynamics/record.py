@@ -71,7 +71,7 @@ class Recursion(InNotebooks):
     Examples
     --------
     >>> import rne
-    >>> print(rne.recursion(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6))  # doctest: +ELLIPSIS
+    >>> print(rne.dynamics.recursion(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6))  # doctest: +ELLIPSIS
     Each vector in the axes of its own link; in brackets the equations of Høifødt 2011.
     ...
     joint_1, revolute
@@ -177,7 +177,7 @@ def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: Extern
     Examples
     --------
     >>> import rne
-    >>> rne.recursion(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6).omega[0].tolist()
+    >>> rne.dynamics.recursion(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6).omega[0].tolist()
     [0.0, -1.0, 0.0]
     """
     at_rest = 0 * model.gravity  # without gravity's upward acceleration of the base the accelerations are the true ones
@@ -241,7 +241,8 @@ def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
     Examples
     --------
     >>> import rne
-    >>> force, torque = rne.bearing_loads(rne.recursion(rne.irb140(), [0] * 6, [0] * 6, [0] * 6), rne.irb140())
+    >>> record = rne.dynamics.recursion(rne.irb140(), [0] * 6, [0] * 6, [0] * 6)
+    >>> force, torque = rne.dynamics.bearing_loads(record, rne.irb140())
     >>> force[0].round(2).item()  # the weight of the 75 kg that move
     735.75
     """

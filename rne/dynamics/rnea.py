@@ -17,9 +17,9 @@ Every vector of the recursion is in the axes of its own link's frame i, whose or
 | force, moment of the joint on body i  | f[i], n[i] | f, tau  | f_i, tau_i  | f_i             | f_i, mu_i   |
 | joint torque (or force)               | tau        | u       | u           | tau             | tau         |
 
-"Record" is rne.Recursion. Frame i has its origin on joint i; Siciliano's frame i, and the thesis's, at the far end of
-link i. Numbers at the ends of lines are equations of Høifødt 2011; the terms of sliding joints are those of Siciliano
-et al. 2009, section 7.5. A point of a body at r has the acceleration a + U r. Summed over the body, force and moment
+"Record" is rne.dynamics.Recursion. Frame i has its origin on joint i; Siciliano's frame i, and the thesis's, at the far
+end of link i. Numbers at the ends of lines are equations of Høifødt 2011; the terms of sliding joints are those of
+Siciliano et al. 2009, section 7.5. A point of a body at r has the acceleration a + U r. Summed over the body, force and moment
 about its frame's origin are m a + U h, which is m a_c, and h x a + I alpha + omega x I omega, with h = m r_c and I
 about that origin.
 """
@@ -131,7 +131,7 @@ def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external:
     Examples
     --------
     >>> import rne
-    >>> rne.inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
+    >>> rne.dynamics.inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
     -22.499
     """
     return newton_euler(model, q, qd, qdd, model.gravity, external).tau
@@ -167,7 +167,7 @@ def bias_torque(model: Model, q: Array, qd: Array, *, external: External | None 
     Examples
     --------
     >>> import rne
-    >>> rne.bias_torque(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0]).shape
+    >>> rne.dynamics.bias_torque(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0]).shape
     (6,)
     """
     return newton_euler(model, q, qd, np.zeros_like(qd), model.gravity, external).tau
@@ -201,7 +201,8 @@ def gravity_torque(model: Model, q: Array) -> Array:
     Examples
     --------
     >>> import math, rne
-    >>> (rne.gravity_torque(rne.irb140(), [0, math.pi / 2, -math.pi / 2, 0, 0, 0]) / 9.81).round(3)[[1, 2, 4]].tolist()
+    >>> g = rne.dynamics.gravity_torque(rne.irb140(), [0, math.pi / 2, -math.pi / 2, 0, 0, 0])
+    >>> (g / 9.81).round(3)[[1, 2, 4]].tolist()
     [-16.191, -2.409, -0.029]
     """
     still = np.zeros_like(q)
@@ -236,7 +237,7 @@ def coriolis_torque(model: Model, q: Array, qd: Array) -> Array:
     Examples
     --------
     >>> import rne
-    >>> rne.coriolis_torque(rne.irb140(), [0] * 6, [0] * 6).any().item()
+    >>> rne.dynamics.coriolis_torque(rne.irb140(), [0] * 6, [0] * 6).any().item()
     False
     """
     return newton_euler(model, q, qd, np.zeros_like(qd), np.zeros_like(model.gravity)).tau

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
-from ..dynamics.base_parameters import BaseParameters
+from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
 from ..model.parameters import PARAMETERS
 from ..model.pseudo_inertia import parameters_of_pseudo_inertia

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import vector
 from ..basics.spatial import Array
-from ..dynamics.base_parameters import BaseParameters
+from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.motion_files import numbered_joints

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.short_text import counted, listed, wrapped
 from ..basics.spatial import Array
-from ..dynamics.base_parameters import BaseParameters
+from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
 from ..model.arguments import joint_array
 from ..model.parameters import PARAMETERS, with_parameters

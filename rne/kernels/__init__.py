@@ -6,3 +6,8 @@ cache (which quantities of a Robot are traced) -> kernel (the call and its check
 languages). The engine "numpy" is python_backend (one state as Python floats) and numpy_backend (blocks of states, with
 registers, schedule, sine_cosine); "numba" is numba_backend (both, compiled, with machine_code and machine_sine).
 """
+
+from .compilation import compile, derivative
+from .kernel import Kernel
+
+__all__ = ["Kernel", "compile", "derivative"]

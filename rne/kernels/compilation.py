@@ -17,7 +17,7 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
     Parameters
     ----------
     function : callable
-        One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
+        One of this package's functions of a model and joint arrays, such as `rne.dynamics.inverse_dynamics`.
     model : Model
         The robot's parameters.
     engine : {"numpy", "numba"}
@@ -25,8 +25,8 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
         0.2 to 1 s each for an arm; of thousands of operations each takes some 0.3 ms for one state and 1 to 3 ms for
         batches. The code of a kernel, 1 to 2 MB, stays until the process ends. It needs `pip install 'rne[numba]'`.
     **fixed
-        Arguments other than joint arrays, such as `link="link_6"` for `rne.jacobian`. Of `external` the names of the
-        links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in that order.
+        Arguments other than joint arrays, such as `link="link_6"` for `rne.dynamics.jacobian`. Of `external` the names
+        of the links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in order.
         With `parameters=True` the inertial parameters, (..., 10 nb) in the order of `Robot.parameters`, are the last
         argument, in place of the model's; they are not checked to be those of possible bodies.
 
@@ -47,7 +47,7 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
     Examples
     --------
     >>> import rne
-    >>> kernel = rne.compile(rne.inverse_dynamics, rne.irb140())
+    >>> kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140())
     >>> sum(kernel.operations.values()) <= 320
     True
     """
@@ -60,7 +60,7 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     Parameters
     ----------
     function : callable
-        One of this package's functions of a model and joint arrays, such as `rne.inverse_dynamics`.
+        One of this package's functions of a model and joint arrays, such as `rne.dynamics.inverse_dynamics`.
     model : Model
         The robot's parameters.
     *wrt : str
@@ -84,9 +84,9 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     Examples
     --------
     >>> import rne
-    >>> rne.derivative(rne.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
+    >>> rne.kernels.derivative(rne.dynamics.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
     (6, 6)
-    >>> slopes = rne.derivative(rne.gravity_torque, rne.irb140(), "parameters", parameters=True)
+    >>> slopes = rne.kernels.derivative(rne.dynamics.gravity_torque, rne.irb140(), "parameters", parameters=True)
     >>> slopes.names
     ('q', 'parameters')
     """

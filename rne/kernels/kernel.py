@@ -53,7 +53,7 @@ class Kernel(InNotebooks):
     Examples
     --------
     >>> import rne
-    >>> kernel = rne.compile(rne.mass_matrix, rne.irb140())
+    >>> kernel = rne.compile(rne.dynamics.mass_matrix, rne.irb140())
     >>> kernel.names, kernel([[0.1] * 6] * 1000).shape
     (('q',), (1000, 6, 6))
     """
@@ -178,7 +178,7 @@ class Kernel(InNotebooks):
         Examples
         --------
         >>> import numpy as np, rne
-        >>> kernel = rne.compile(rne.gravity_torque, rne.irb140())
+        >>> kernel = rne.compile(rne.dynamics.gravity_torque, rne.irb140())
         >>> result = np.empty((1000, 6))
         >>> kernel(np.zeros((1000, 6)), out=result) is result
         True
@@ -247,7 +247,7 @@ class Kernel(InNotebooks):
         Examples
         --------
         >>> import rne
-        >>> rne.compile(rne.gravity_torque, rne.irb140()).source("matlab", "g4").splitlines()[:2]
+        >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).source("matlab", "g4").splitlines()[:2]
         ['function result = g4(q)', '% Entry 4 of gravity_torque of robot irb140']
         """
         name = "_".join([self.quantity.name, *(["by", *self.wrt] if self.wrt else [])])

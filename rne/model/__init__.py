@@ -1,1 +1,22 @@
 """What a robot is: the Model, its validation, its construction and modification, built-in robots."""
+
+from .chains import chain
+from .denavit_hartenberg import dh_chain
+from .model import Model
+from .modify import locked, mounted, with_payload
+from .parameters import with_parameters
+from .robots import irb140
+from .solids import Cylinder, cylinder_inertia
+
+__all__ = [
+    "Cylinder",
+    "Model",
+    "chain",
+    "cylinder_inertia",
+    "dh_chain",
+    "irb140",
+    "locked",
+    "mounted",
+    "with_parameters",
+    "with_payload",
+]

@@ -85,7 +85,8 @@ def chain(
     Examples
     --------
     >>> import numpy as np, rne
-    >>> rod = rne.chain([np.eye(3)], [[0.5, 0, 0]], [2.0], [[0.25, 0, 0]], np.zeros((1, 3, 3)), gravity=[0, -9.81, 0])
+    >>> one, none = [np.eye(3)], np.zeros((1, 3, 3))
+    >>> rod = rne.model.chain(one, [[0.5, 0, 0]], [2.0], [[0.25, 0, 0]], none, gravity=[0, -9.81, 0])
     >>> rne.Robot(rod).gravity_torque([0.0]).round(6).tolist()  # 2 kg at a quarter metre
     [4.905]
     """

@@ -90,7 +90,7 @@ def dh_chain(
     --------
     >>> import rne
     >>> arm = rne.dh_chain(a=[0.3, 0.2], alpha=[0, 0], d=[0, 0.1], theta=[0, 0])
-    >>> rne.link_poses(arm, [0.0, 0.0])[-1, :3, 3].tolist()
+    >>> rne.dynamics.link_poses(arm, [0.0, 0.0])[-1, :3, 3].tolist()
     [0.5, 0.0, 0.1]
     """
     if convention not in ("standard", "modified"):

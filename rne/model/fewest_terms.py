@@ -5,7 +5,7 @@ either; and a body's inertia about its origin depends only on its rotation, whic
 joint. Of its ten inertial parameters a body keeps seven behind a rotating joint and four behind a sliding one; what
 reaches the base is dropped. This is the regrouping of Gautier and Khalil (IEEE Trans. Robotics Autom. 6, 1990), joint
 by joint; which combinations torques depend on, with what a first axis along gravity hides besides, is said by
-`rne.base_parameters`.
+`rne.dynamics.base_parameters`.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ def with_payload(
     Examples
     --------
     >>> import rne
-    >>> loaded = rne.with_payload(rne.irb140(), 6.0)  # at the flange, link tool0
+    >>> loaded = rne.model.with_payload(rne.irb140(), 6.0)  # at the flange, link tool0
     >>> loaded.mass[5].item(), round(loaded.com[5, 2].item(), 4)  # (1 kg at 0.029 m + 6 kg at 0.065 m) / 7 kg
     (7.0, 0.0599)
     """
@@ -118,7 +118,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     Examples
     --------
     >>> import rne
-    >>> rne.locked(rne.irb140(), {"joint_4": 0.0}).joint_names
+    >>> rne.model.locked(rne.irb140(), {"joint_4": 0.0}).joint_names
     ('joint_1', 'joint_2', 'joint_3', 'joint_5', 'joint_6')
     """
     model_argument(model)
@@ -177,7 +177,7 @@ def mounted(model: Model, rpy: ArrayLike) -> Model:
     Examples
     --------
     >>> import math, rne
-    >>> rne.mounted(rne.irb140(), [math.pi, 0, 0]).gravity.tolist()  # under the ceiling
+    >>> rne.model.mounted(rne.irb140(), [math.pi, 0, 0]).gravity.tolist()  # under the ceiling
     [0.0, 0.0, 9.81]
     """
     model_argument(model)

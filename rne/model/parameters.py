@@ -78,7 +78,7 @@ def with_parameters(model: Model, parameters: ArrayLike) -> Model:
     --------
     >>> import rne
     >>> robot = rne.load("irb140")
-    >>> rne.with_parameters(robot.model, 2 * robot.parameters).mass[1].item()
+    >>> rne.model.with_parameters(robot.model, 2 * robot.parameters).mass[1].item()
     44.0
     """
     model_argument(model)

@@ -78,7 +78,7 @@ def cylinder_inertia(mass: float, radius: float, length: float, axis: Literal["x
     Examples
     --------
     >>> import rne
-    >>> rne.cylinder_inertia(12.0, 1.0, 1.0, "y").diagonal().tolist()
+    >>> rne.model.cylinder_inertia(12.0, 1.0, 1.0, "y").diagonal().tolist()
     [4.0, 6.0, 4.0]
     """
     if axis not in ("x", "y", "z"):

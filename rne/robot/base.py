@@ -111,14 +111,14 @@ class RobotBase:
         Parameters
         ----------
         *functions : callable
-            Functions of a model and joint arrays, such as `rne.mass_matrix`. Without any: inverse dynamics, M, bias and
-            gravity torques, and forward dynamics.
+            Functions of a model and joint arrays, such as `rne.dynamics.mass_matrix`. Without any: inverse dynamics,
+            M, bias and gravity torques, and forward dynamics.
 
         Examples
         --------
         >>> import rne
         >>> robot = rne.load("irb140")
-        >>> robot.compile(rne.mass_matrix)
+        >>> robot.compile(rne.dynamics.mass_matrix)
         >>> robot.mass_matrix([0] * 6).shape  # already by the kernel
         (6, 6)
         """
@@ -133,7 +133,7 @@ class RobotBase:
         Parameters
         ----------
         function : callable
-            One of this package's functions of a model, such as `rne.mass_matrix`.
+            One of this package's functions of a model, such as `rne.dynamics.mass_matrix`.
         *wrt : str
             Arguments to differentiate by; none for the function itself.
         **fixed
@@ -144,7 +144,7 @@ class RobotBase:
         -------
         Kernel
             Called with the joint arrays, it returns the function, as `rne.compile` gives it, or its exact derivatives,
-            as `rne.derivative` gives them.
+            as `rne.kernels.derivative` gives them.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class RobotBase:
         --------
         >>> import rne
         >>> robot = rne.load("irb140")
-        >>> robot.kernel(rne.gravity_torque)([0] * 6).shape, robot.kernel(rne.gravity_torque, "q")([0] * 6).shape
-        ((6,), (6, 6))
+        >>> robot.kernel(rne.dynamics.gravity_torque, "q")([0] * 6).shape  # its derivative by q
+        (6, 6)
         """
         return self.kernels.kernel(function, *wrt, **fixed)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..dynamics.base_parameters import TOLERANCE, BaseParameters, base_parameters
-from ..dynamics.regressor import control_regressor, regressor
+from ..dynamics.base_inertial_parameters import TOLERANCE, BaseParameters, base_parameters
+from ..dynamics.regressors import control_regressor, regressor
 from ..model.parameters import parameters_of
 from .base import RobotBase
 
@@ -134,7 +134,7 @@ class Inertial(RobotBase):
 
         Notes
         -----
-        Gautier and Khalil 1990; see `rne.base_parameters`.
+        Gautier and Khalil 1990; see `rne.dynamics.base_parameters`.
 
         Examples
         --------

@@ -29,7 +29,7 @@ class Robot(Dynamics, BiasTerms, Derivatives, Kinematics, Inertial, InNotebooks)
     Parameters
     ----------
     model : Model
-        Its parameters, from `rne.read_urdf`, `rne.dh_chain`, `rne.chain` or `rne.irb140`; `rne.load` makes both.
+        Its parameters, from `rne.read_urdf`, `rne.dh_chain`, `rne.model.chain` or `rne.irb140`; `rne.load` makes both.
     engine : {"numpy", "numba"}
         What runs its kernels: NumPy, or machine code by Numba, which takes about a second to compile at first use.
         Robots and scenes derived from it keep the engine.

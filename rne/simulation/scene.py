@@ -35,7 +35,7 @@ class Scene:
     robot : Robot
         The robot without the parts below.
     mounting : array_like, shape (3,), optional
-        Roll, pitch and yaw of the root link in the world; see `rne.mounted` [rad].
+        Roll, pitch and yaw of the root link in the world; see `rne.model.mounted` [rad].
     gravity : array_like, shape (3,), optional
         Another gravity than the robot's, in the axes of the root link before it is turned [m/s^2].
     payload : Payload or float, optional

@@ -52,8 +52,8 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     If the origin of a revolute joint is farther out along its axis than ten times the robot's size, far origins are
     moved back along their axes in long double, because a long lever arm costs digits of the dynamics. For a robot of
     about a metre, this costs no more than a few roundings up to 1e4 m, while at 1e6 m inverse dynamics and M have a
-    relative accuracy of 1.5e-13. Links keep the file's frames; a joint's own frame, in which `rne.recursion` reports,
-    is then parallel to its link's and near the robot.
+    relative accuracy of 1.5e-13. Links keep the file's frames; a joint's own frame, in which `rne.dynamics.recursion`
+    reports, is then parallel to its link's and near the robot.
 
     Examples
     --------

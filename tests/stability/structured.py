@@ -109,20 +109,20 @@ def compared(got, exact):
 
 
 def forward_core(model, q, qd, tau):
-    return rne.forward_dynamics.core(model, q, qd, tau)[0]
+    return rne.dynamics.forward_dynamics.core(model, q, qd, tau)[0]
 
 
 QUANTITIES = {
-    "inverse dynamics": rne.inverse_dynamics.core,
-    "mass matrix": rne.mass_matrix.core,
+    "inverse dynamics": rne.dynamics.inverse_dynamics.core,
+    "mass matrix": rne.dynamics.mass_matrix.core,
     "forward dynamics": forward_core,
 }
 METHODS = {
-    "inverse dynamics": {"": rne.inverse_dynamics, ", compiled": "inverse_dynamics"},
-    "mass matrix": {"": rne.mass_matrix, ", compiled": "mass_matrix"},
+    "inverse dynamics": {"": rne.dynamics.inverse_dynamics, ", compiled": "inverse_dynamics"},
+    "mass matrix": {"": rne.dynamics.mass_matrix, ", compiled": "mass_matrix"},
     "forward dynamics": {
-        " by M": rne.forward_dynamics,
-        " by articulated bodies": rne.articulated_forward_dynamics,
+        " by M": rne.dynamics.forward_dynamics,
+        " by articulated bodies": rne.dynamics.articulated_forward_dynamics,
         ", compiled": "forward_dynamics",
     },
 }
@@ -154,7 +154,7 @@ def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exa
 
 def torques(case):
     """Torques of the size that the state's own motion takes."""
-    return rne.inverse_dynamics(case.model, case.q, case.qd, case.qdd)
+    return rne.dynamics.inverse_dynamics(case.model, case.q, case.qd, case.qdd)
 
 
 def answered(robot, function, arguments, exact):

@@ -59,7 +59,7 @@ def test_a_light_tip_loses_nothing():
     light = [one for one in FAMILIES["tip masses"]() if "1e-" in one.name]
     assert light
     for one in light:
-        assert rne.diagnose(one.model, one.q).digits.min() >= 11
+        assert rne.dynamics.diagnose(one.model, one.q).digits.min() >= 11
         for quantity, measured in measure(one, ("forward dynamics",), perturbations=1).items():
             assert measured.error <= 1e-11, quantity
 

@@ -66,7 +66,7 @@ def test_links_stay_in_the_frames_of_the_file(read, name):
     robot = read(text)
     q = case(name, robot.model).q
     with mpmath.workdps(DIGITS):
-        exact = rne.link_poses.core(exact_model(text, robot.model), changed(q, None))
+        exact = rne.dynamics.link_poses.core(exact_model(text, robot.model), changed(q, None))
     got = robot.link_poses(q)
     rotations = [x[..., :3, :3].reshape(len(q), -1) for x in (got, exact)]
     places = [x[..., :3, 3].reshape(len(q), -1) for x in (got, exact)]

@@ -155,7 +155,7 @@ def compare_models(
     --------
     >>> import rne
     >>> robot = rne.load("irb140")
-    >>> other = rne.Robot(rne.with_payload(robot.model, 3.0, com=(0, 0, 0.1)))
+    >>> other = rne.Robot(rne.model.with_payload(robot.model, 3.0, com=(0, 0, 0.1)))
     >>> print(rne.compare_models(robot, other).text)
     it carries a payload of 3 kg at (0, 0, 0.165) m of the frame of joint_6
     """

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.spatial import Array
-from ...dynamics.regressor import kinetic_energy_regressor, potential_energy_regressor
+from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor
 from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
 from ..measurements.prepared import Prepared

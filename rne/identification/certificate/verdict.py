@@ -10,7 +10,7 @@ import numpy as np
 from ...basics.short_text import listed, wrapped
 from ...basics.spatial import Array
 from ...basics.text_table import Row, aligned, short
-from ...dynamics.base_parameters import BaseParameters
+from ...dynamics.base_inertial_parameters import BaseParameters
 from ...robot import Robot
 from ..estimation.equations import Equations
 from ..measurements.prepared import Prepared

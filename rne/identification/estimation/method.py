@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.spatial import Array
-from ...dynamics.base_parameters import BaseParameters
+from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
 from .consistent import consistent_fit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...basics.spatial import Array
-from ...dynamics.base_parameters import BaseParameters
+from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.model import Model
 from ...model.parameters import parameters_of
 from ...model.pseudo_inertia import pseudo_inertia

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...basics.spatial import Array
-from ...dynamics.base_parameters import BaseParameters
+from ...dynamics.base_inertial_parameters import BaseParameters
 from ...dynamics.quantity import Quantity
-from ...dynamics.regressor import regressor
+from ...dynamics.regressors import regressor
 from ...dynamics.verdict import Verdict
 from ...model.model import Model
 from ...robot import Robot
@@ -28,7 +28,7 @@ class Slopes(NamedTuple):
 
 @dataclass(frozen=True)
 class RegressorColumns:
-    """Some columns of `rne.regressor` as a quantity of its own, whose kernel computes no others.
+    """Some columns of `rne.dynamics.regressor` as a quantity of its own, whose kernel computes no others.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ from ..basics.text_table import short, six_digits
 from ..model.arguments import model_argument
 from ..model.model import Model
 from ..model.standard_parameters import StandardParameters
-from .regressor import regressor
+from .regressors import regressor
 from .regrouping import regrouped
 
 TOLERANCE = 1e-9  # angles and distances below it, of the robot's size, are roundings
@@ -41,7 +41,7 @@ class BaseParameters(InNotebooks):
     matrix : ndarray, shape (count, standard.count)
         B of beta = B pi.
     body_regressor : callable
-        Gives the regressor of the bodies, as `rne.regressor`.
+        Gives the regressor of the bodies, as `rne.dynamics.regressor`.
 
     Examples
     --------
@@ -253,9 +253,9 @@ def base_parameters(
     Examples
     --------
     >>> import rne
-    >>> rne.base_parameters(rne.irb140()).count
+    >>> rne.dynamics.base_parameters(rne.irb140()).count
     36
-    >>> rne.base_parameters(rne.irb140(), rotor=True).count
+    >>> rne.dynamics.base_parameters(rne.irb140(), rotor=True).count
     40
     """
     standard = StandardParameters(model_argument(model), rotor, friction, offset, shafts, smoothing)

@@ -159,7 +159,7 @@ def regressor(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
     >>> import numpy as np, rne
     >>> robot = rne.load("irb140")
     >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 6))
-    >>> Y = rne.regressor(robot.model, q, qd, qdd)
+    >>> Y = rne.dynamics.regressor(robot.model, q, qd, qdd)
     >>> Y.shape, np.allclose(Y @ robot.parameters, robot.inverse_dynamics(q, qd, qdd))
     ((6, 60), True)
     """
@@ -182,7 +182,7 @@ def control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Array
     Returns
     -------
     ndarray, shape (..., n, 10 nb)
-        Columns as of `rne.regressor`. C is the matrix of the Christoffel symbols, `rne.coriolis_matrix`.
+        Columns as of `rne.dynamics.regressor`. C is that of the Christoffel symbols, `rne.dynamics.coriolis_matrix`.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Array
     >>> import numpy as np, rne
     >>> robot = rne.load("irb140")
     >>> q, qd, qdr, qddr = np.random.default_rng(0).normal(size=(4, 6))
-    >>> torques = rne.control_regressor(robot.model, q, qd, qdr, qddr) @ robot.parameters
+    >>> torques = rne.dynamics.control_regressor(robot.model, q, qd, qdr, qddr) @ robot.parameters
     >>> M, C, g = robot.mass_matrix(q), robot.coriolis_matrix(q, qd), robot.gravity_torque(q)
     >>> np.allclose(torques, M @ qddr + C @ qdr + g)
     True
@@ -220,7 +220,7 @@ def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
     Returns
     -------
     ndarray, shape (..., 10 nb)
-        Columns as of `rne.regressor`.
+        Columns as of `rne.dynamics.regressor`.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
     >>> import numpy as np, rne
     >>> robot = rne.load("irb140")
     >>> q, qd = np.random.default_rng(0).normal(size=(2, 6))
-    >>> y = rne.kinetic_energy_regressor(robot.model, q, qd)
+    >>> y = rne.dynamics.kinetic_energy_regressor(robot.model, q, qd)
     >>> np.allclose(y @ robot.parameters, robot.kinetic_energy(q, qd))
     True
     """
@@ -260,7 +260,7 @@ def potential_energy_regressor(model: Model, q: Array) -> Array:
     Returns
     -------
     ndarray, shape (..., 10 nb)
-        Columns as of `rne.regressor`; those of inertias are zero. The energy is zero at the root link's origin.
+        Columns as of `rne.dynamics.regressor`; those of inertias are zero. Zero level: the root link's origin.
 
     Raises
     ------
@@ -272,7 +272,8 @@ def potential_energy_regressor(model: Model, q: Array) -> Array:
     >>> import numpy as np, rne
     >>> robot = rne.load("irb140")
     >>> q = np.random.default_rng(0).normal(size=6)
-    >>> np.allclose(rne.potential_energy_regressor(robot.model, q) @ robot.parameters, robot.potential_energy(q))
+    >>> energies = rne.dynamics.potential_energy_regressor(robot.model, q)
+    >>> np.allclose(energies @ robot.parameters, robot.potential_energy(q))
     True
     """
     R0, p0 = body_poses(model, q)
