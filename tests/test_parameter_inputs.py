@@ -482,7 +482,7 @@ class TestErrors:
         ],
     )
     def test_functions_that_do_not_depend_on_moments_refuse_them(self, irb140, function):
-        text = f"^rne.{function.__name__} takes no inertial parameters as an input$"
+        text = f"^rne.dynamics.{function.__name__} takes no inertial parameters as an input$"
         with pytest.raises(TypeError, match=text):
             rne.compile(function, irb140.model, parameters=True)
 

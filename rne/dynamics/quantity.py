@@ -77,7 +77,7 @@ class Quantity:
     def require_moments(self) -> None:
         """Refuse inertial parameters as an input, with a TypeError, if they cannot be one."""
         if not self.moments:
-            raise TypeError(f"rne.{self.name} takes no inertial parameters as an input")
+            raise TypeError(f"rne.dynamics.{self.name} takes no inertial parameters as an input")
 
 
 class Declared(Protocol):

@@ -19,9 +19,9 @@ Every vector of the recursion is in the axes of its own link's frame i, whose or
 
 "Record" is rne.dynamics.Recursion. Frame i has its origin on joint i; Siciliano's frame i, and the thesis's, at the far
 end of link i. Numbers at the ends of lines are equations of Høifødt 2011; the terms of sliding joints are those of
-Siciliano et al. 2009, section 7.5. A point of a body at r has the acceleration a + U r. Summed over the body, force and moment
-about its frame's origin are m a + U h, which is m a_c, and h x a + I alpha + omega x I omega, with h = m r_c and I
-about that origin.
+Siciliano et al. 2009, section 7.5. A point of a body at r has the acceleration a + U r. Summed over the body, force and
+moment about its frame's origin are m a + U h, which is m a_c, and h x a + I alpha + omega x I omega, with
+h = m r_c and I about that origin.
 """
 
 from __future__ import annotations

@@ -35,7 +35,8 @@ def quantity_of(function: Declared) -> Quantity:
     if not isinstance(quantity, Quantity):
         raise TypeError(f"`function` must be one of rne's functions of a model, got {function!r}")
     if not quantity.returns_array:
-        raise TypeError(f"`function` must give an array; rne.{quantity.name} gives a record, which is not compiled")
+        name = f"rne.dynamics.{quantity.name}"
+        raise TypeError(f"`function` must give an array; {name} gives a record, which is not compiled")
     return quantity
 
 

@@ -84,7 +84,7 @@ def wrenches_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any
         return function, rest
     quantity = quantity_of(function)
     if "external" not in inspect.signature(quantity.core).parameters:
-        raise TypeError(f"rne.{quantity.name} takes no external wrenches")
+        raise TypeError(f"rne.dynamics.{quantity.name} takes no external wrenches")
     links = wrench_links(model_argument(model), external)
     return (UnderWrenches(function, links) if links else function), rest
 
