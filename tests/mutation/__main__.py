@@ -1,0 +1,181 @@
+"""Break lines of the package and see whether the README's short tests notice: python -m tests.mutation --help."""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import collections
+import json
+import shutil
+import tempfile
+import tomllib
+from pathlib import Path
+
+from .draw import FOLDERS, candidates, draw
+from .suite import Suite, ended, notes, start
+
+DECLARED = Path(__file__).parent / "equivalent.toml"
+MOST_EQUIVALENT = 0.05  # of a draw
+TOGETHER = 6  # survivors of the tests nearby that pass through the whole suite at once
+
+
+class Run:
+    """Mutants on their way through the tests; `outcome` holds a dictionary for each that is decided."""
+
+    def __init__(self, suite, workers, report):
+        self.suite, self.report, self.outcome = suite, report, {}
+        place = Path(tempfile.mkdtemp(prefix="rne-mutation-"))
+        self.slots = [(shutil.copytree(suite.tree, place / f"copy{k}"), place / f"log{k}") for k in range(workers)]
+
+    def tests(self, jobs):
+        """Run jobs (mutants, tests) side by side; yield (mutants, kind, test, seconds), kind "passed" if all held."""
+        jobs, running, free = collections.deque(jobs), {}, list(self.slots)
+        while jobs or running:
+            while jobs and free:
+                broken, order = jobs.popleft()
+                tree, log = free.pop()
+                stamps = {m.file: (tree / m.file).stat() for m in broken}
+                for m in broken:
+                    (tree / m.file).write_bytes(m.broken(self.suite.tree))
+                cpu = 60 + 5 * sum(map(self.suite.cost.get, order))
+                running[start(tree, log, order=order, cpu=cpu)] = broken, tree, log, stamps
+            child, code, seconds = ended(running)
+            broken, tree, log, stamps = running.pop(child)
+            for file, stamp in stamps.items():
+                (tree / file).write_bytes((self.suite.tree / file).read_bytes())
+                os.utime(tree / file, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
+            free.append((tree, log))
+            said = notes(log)
+            failed = [test for what, test, _ in said if what == "failed"]
+            last = failed[0] if failed else said[-1][1] if said else "start"
+            if code == 0:
+                kind = "passed"
+            elif failed:
+                kind = "killed"
+            elif code in (-14, -24, -9):  # SIGALRM, SIGXCPU, SIGKILL
+                kind = "timeout"
+            else:  # a crash in a test is a failure of it
+                kind = "killed" if said and said[-1][0] == "begun" else "import"
+            yield broken, kind, last, round(seconds, 1)
+
+    def decide(self, mutant, kind, test, seconds, by):
+        self.outcome[mutant] = {"kind": kind, "test": test, "seconds": seconds, "by": by}
+        self.report(mutant, self.outcome[mutant])
+
+    def nearby(self, mutants, select, by):
+        """Run tests selected for each mutant; the mutants that none of them noticed."""
+        left = []
+        jobs = [((m,), select(m)) for m in mutants]
+        for (mutant,), kind, test, seconds in self.tests([job for job in jobs if job[1]]):
+            if kind == "passed":
+                left.append(mutant)
+            else:
+                self.decide(mutant, kind, test, seconds, by)
+        return [job[0][0] for job in jobs if not job[1]] + left
+
+    def everywhere(self, mutants):
+        """Run the whole suite on several at once: what passes together has survived; what fails is looked for."""
+        groups = [[mutants[k] for k in range(j, len(mutants), -(-len(mutants) // TOGETHER))]
+                  for j in range(-(-len(mutants) // TOGETHER))]  # fmt: skip
+        everything = list(self.suite.cost)
+        while groups:
+            again = []
+            for group, kind, test, seconds in list(self.tests([(g, everything) for g in groups])):
+                if kind == "passed" or len(group) == 1:
+                    for m in group:
+                        self.decide(m, "survived" if kind == "passed" else kind, test, seconds, "whole suite")
+                    continue
+                alone = [test] if kind == "killed" else everything
+                left = self.nearby(group, lambda m, alone=alone: alone, "whole suite")
+                again += [left] if len(left) < len(group) else [[m] for m in left]
+            groups = [g for g in again if g]
+
+
+def equivalents(mutants):
+    """Mutants declared equivalent, with the reason; at most 5 % of those drawn."""
+    declared = tomllib.loads(DECLARED.read_text()).get("equivalent", [])
+    reasons = {(d["file"], d["source"], d["old"], d["new"]): d["reason"] for d in declared}
+    found = {m: reasons[m.key()] for m in mutants if m.key() in reasons}
+    if len(found) > MOST_EQUIVALENT * len(mutants):
+        raise SystemExit(f"{len(found)} of {len(mutants)} mutants declared equivalent, more than {MOST_EQUIVALENT:.0%}")
+    return found
+
+
+def listed(root, file):
+    """Survivors listed in a file of results, where they are in the present tree."""
+    keys = [
+        (r["file"], r["source"], r["old"], r["new"]) for r in json.loads(file.read_text()) if r["kind"] == "survived"
+    ]
+    there = {f: candidates(root, f) for f in {k[0] for k in keys} if (root / f).exists()}
+    found = {m.key(): m for by_line in there.values() for ms in by_line.values() for m in ms}
+    for key in keys:
+        if key not in found:
+            print(f"no longer there: {key[0]}: {key[2]} -> {key[3]}")
+    return [found[key] for key in keys if key in found]
+
+
+def table(rows):
+    """Counts by folder, the share killed of those that neither timed out nor failed to import, and the survivors."""
+    kinds = ("killed", "survived", "timeout", "import", "equivalent")
+    lines = [f"{'folder':14}" + "".join(f"{kind:>12}" for kind in kinds) + f"{'killed of killed + survived':>30}"]
+    for folder in [*dict.fromkeys(r["file"].split("/")[1] for r in rows), "all"]:
+        own = [r["kind"] for r in rows if folder in ("all", r["file"].split("/")[1])]
+        count = {kind: own.count(kind) for kind in kinds}
+        share = count["killed"] / max(count["killed"] + count["survived"], 1)
+        lines.append(f"{folder:14}" + "".join(f"{count[kind]:12d}" for kind in kinds) + f"{share:30.1%}")
+    for kind in kinds[::-1]:
+        lines += ["", f"{kind}:"]
+        for r in (r for r in rows if r["kind"] == kind):
+            lines += [f"{r['file']}:{r['line']}: {r['old']} -> {r['new']}", f"    {r['source']}"]
+            lines += [f"    {r['seconds']} s: {r['test']}"] if kind not in ("survived", "equivalent") else []
+            lines += [f"    {r['test']}"] if kind == "equivalent" else []
+    return "\n".join(lines)
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
+    parser.add_argument("--number", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=20261122)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--only", choices=FOLDERS, help="keep the draw's mutants of this folder")
+    parser.add_argument("--mutants", type=Path, metavar="FILE", help="run the survivors in this file of results again")
+    parser.add_argument("--list", action="store_true", help="print the draw, run nothing")
+    parser.add_argument("--results", type=Path, default=Path("build/mutation.json"), help="file to write")
+    parser.add_argument("--root", type=Path, default=Path(__file__).parents[2], help="the tree to break")
+    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "rne-mutation")
+    options = parser.parse_args(arguments)
+    root = options.root.resolve()
+    mutants = listed(root, options.mutants) if options.mutants else draw(root, options.number, options.seed)
+    equivalent = {} if options.mutants else equivalents(mutants)
+    mutants = [m for m in mutants if options.only in (None, m.file.split("/")[1])]
+    if options.list:
+        print(*mutants, sep="\n")
+        return
+    rows = [{**vars(m), "kind": "equivalent", "test": equivalent[m], "seconds": 0} for m in mutants if m in equivalent]
+    options.results.parent.mkdir(parents=True, exist_ok=True)
+
+    def report(mutant, outcome):
+        rows.append(vars(mutant) | outcome)
+        options.results.write_text(json.dumps(rows, indent=1))
+        print(
+            f"{len(rows):4d}/{len(mutants)} {outcome['kind']:9} {mutant}  [{outcome['seconds']} s, {outcome['test']}]",
+            flush=True,
+        )
+
+    suite = Suite(root, options.cache)
+    print(
+        f"{len(suite.cost)} short tests, {sum(suite.cost.values()):.0f} s with coverage; failing without a mutant: {suite.failing or 0}",
+        flush=True,
+    )
+    run = Run(suite, options.workers, report)
+    left = run.nearby([m for m in mutants if m not in equivalent], suite.few, "tests that cover the line")
+    left = run.nearby(left, suite.files, "files nearby")
+    run.everywhere(left)
+    text = table(sorted(rows, key=lambda r: (FOLDERS.index(r["file"].split("/")[1]), r["file"], r["line"])))
+    options.results.with_suffix(".txt").write_text(text + "\n")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
