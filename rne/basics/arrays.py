@@ -64,6 +64,14 @@ def vector(name: str, value: ArrayLike, n: int, *, sign: Literal["any", "not neg
     return array
 
 
+def per_joint_array(
+    name: str, value: ArrayLike, n: int, *, sign: Literal["any", "not negative", "positive"] = "any"
+) -> Array:
+    """A read-only float64 array of n finite real numbers: one per joint, or one number that is meant for all joints."""
+    array = real_array(name, value, f"({n},)")
+    return vector(name, array if array.ndim else np.full(n, array), n, sign=sign)
+
+
 def convert_numbers(name: str, value: ArrayLike, shape: str) -> Array:
     """An array of numbers of a type that the dynamics take, finite or not; integers become float64."""
     try:
