@@ -11,7 +11,7 @@ import numpy as np
 
 import rne
 from benchmarks.peers.registry import import_failure
-from rne.urdf.library import library
+from rne.urdf.loading import library
 
 QUANTITIES: dict[str, tuple[Any, int]] = {  # the function and how many of (q, qd, qdd or tau) it takes
     "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 import rne
 from benchmarks.runs import Motion, Side, by_state, in_solve_ivp, measured, simulated, their_arm, tolerance
-from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 DURATION = 1.0  # [s]
 TOLERANCES: dict[str, tuple[float, ...]] = {

@@ -17,7 +17,7 @@ import rne
 from benchmarks.measure import RESULTS, is_quick, write
 from benchmarks.pages import DOCS, rewrite, table
 from rne.identification import Identification
-from rne.model.pseudo_inertia import pseudo_inertia
+from rne.model.parameters import pseudo_inertia
 from tests.measurements import Truth, record, truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])  # [N m s/rad], [N m]

@@ -20,7 +20,7 @@ from benchmarks.cases import states
 from benchmarks.measure import is_quick, many, nanoseconds, per_state, ratio, write
 from benchmarks.pages import table, three
 from rne.dynamics.quantity import Declared, quantity
-from rne.model.robots.generators import straight_chain
+from rne.model.generators import straight_chain
 
 THESIS = 7 * 60 / 6  # table 7.1, 10 s open loop: Euler-Lagrange over Newton-Euler
 TIMES = 50  # single calls in a repeat

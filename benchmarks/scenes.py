@@ -18,7 +18,7 @@ from benchmarks.measure import nanoseconds, per_state, ratio
 from benchmarks.pages import table, three
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.pictures import OURS, PINOCCHIO
-from rne.model.ends import end_link
+from rne.model.topology import end_link
 from rne.plotting.figures import blank_figure
 
 

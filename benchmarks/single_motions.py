@@ -17,7 +17,7 @@ from benchmarks.cases import load
 from benchmarks.closed_loop import LOOP, their_loop
 from benchmarks.measure import interleaved, ratio
 from benchmarks.runs import Motion, Row, Side, in_solve_ivp, measured, simulated, start, their_side, tolerance
-from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.simulation.plant import Plant
 
 METHODS = (("DOP853", 1e-8), ("LSODA", 1e-10))

@@ -12,7 +12,7 @@ from benchmarks.every_torque import Difference, arms, differences
 from benchmarks.measure import is_quick, write
 from benchmarks.pages import table
 from rne.analysis.validation import against_pinocchio
-from rne.urdf.library import urdf_files
+from rne.urdf.loading import urdf_files
 
 NAMED = ("ur_description/ur5_robot", "panda_description/panda")
 QUANTITIES = ["inverse dynamics", "mass matrix", "gravity", "bias"]

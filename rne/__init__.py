@@ -15,13 +15,12 @@ from .errors import (
     UrdfError,
 )
 from .kernels.compilation import compile
-from .model.denavit_hartenberg import dh_chain
+from .model.abb_irb140 import irb140
+from .model.chains import dh_chain
 from .model.model import Model
-from .model.robots import irb140
 from .robot import Robot
 from .urdf import Finding, check, read_urdf, to_urdf
-from .urdf.library import robots
-from .urdf.loading import load
+from .urdf.loading import load, robots
 
 if TYPE_CHECKING:
     from . import control, identification, plotting, trajectories

@@ -5,7 +5,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads cost
 import pytest
 
 import rne
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 
 from .helpers import Oracle, data_robot, data_robots
 

@@ -11,7 +11,7 @@ import pytest
 import rne
 from rne.analysis.pinocchio import Oracle, each
 from rne.model.builder import Part, assemble
-from rne.urdf.library import urdf_files
+from rne.urdf.loading import urdf_files
 
 __all__ = [
     "EPS",

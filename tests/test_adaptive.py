@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.pseudo_inertia import pseudo_inertia
+from rne.model.parameters import pseudo_inertia
 
 from .helpers import kept
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import mutually_broadcastable_shapes
 
 import rne
-from rne.model.robots.generators import random_tree
+from rne.basics.arrays import per_joint_array
+from rne.model.generators import random_tree
 
 TREE = random_tree(3, seed=9)
 
@@ -231,3 +232,26 @@ class TestSingularMassMatrix:
         assert str(caught.value).startswith(
             "M is singular to working precision at state (0,): a combined motion of 'left', 'right' moves no inertia"
         )
+
+
+def test_one_number_stands_for_every_joint():
+    for value, expected in ((2, [2.0, 2.0, 2.0]), ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])):
+        array = per_joint_array("kp", value, 3)
+        assert array.tolist() == expected
+        assert array.dtype == np.float64
+        assert not array.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ([1.0, 2.0], "`kp` must have shape (3,), got (2,)"),
+        ([[1.0]], "`kp` must have shape (3,), got (1, 1)"),
+        (np.nan, "`kp` must be finite, got nan at index ()"),
+        (1j, "`kp` must be real, got dtype complex128"),
+        ("1", "`kp` must be an array of numbers of shape (3,), got dtype <U1"),
+    ],
+)
+def test_what_is_no_number_per_joint_is_refused(value, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        per_joint_array("kp", value, 3)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 import rne
 from rne.model.builder import Part, assemble
 from rne.model.fewest_terms import with_fewest_terms
-from rne.model.joint_groups import SEEDED, joint_groups, sample_positions
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 from rne.model.standard_parameters import StandardParameters
+from rne.model.topology import SEEDED, joint_groups, sample_positions
 
 from .conftest import TREES
 from .helpers import data_robot, kept

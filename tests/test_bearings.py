@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.model.builder import Part, assemble
-from rne.model.robots.generators import straight_chain
+from rne.model.generators import straight_chain
 
 G = 9.81
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.robots.abb_irb140 import DATA_SHEET, LINKS, frame_rotation
+from rne.model.abb_irb140 import DATA_SHEET, LINKS, frame_rotation
 
 from .helpers import Oracle, each, relative, states
 

@@ -9,7 +9,7 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.urdf.library import urdf_files
+from rne.urdf.loading import urdf_files
 
 INERTIA = '<inertia ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{0}"/>'
 

@@ -5,7 +5,7 @@ import pytest
 
 import rne
 from rne.model.builder import Part, assemble, pose
-from rne.model.robots.generators import straight_chain
+from rne.model.generators import straight_chain
 
 from .helpers import states
 

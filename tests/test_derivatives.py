@@ -12,7 +12,7 @@ from rne.kernels.graph import Graph
 from rne.kernels.program import lower
 from rne.kernels.python_backend import compiled_function
 from rne.kernels.scalar import inputs
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 
 from .helpers import EPS, kept, relative, states
 

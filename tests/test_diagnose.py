@@ -9,7 +9,7 @@ import pytest
 import rne
 from rne.basics.spatial import rotation_about
 from rne.model.builder import Part, assemble, pose
-from rne.model.robots.generators import random_tree, straight_chain
+from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, states
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 
 from .helpers import EPS, relative, states
 

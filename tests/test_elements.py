@@ -12,7 +12,7 @@ import rne
 from rne.__main__ import main
 from rne.kernels.elements import LETTERS, entry_of_element, quantity_of_element
 from rne.kernels.trace import trace
-from rne.model.robots.generators import straight_chain
+from rne.model.generators import straight_chain
 
 from .helpers import kept, states
 

@@ -8,8 +8,8 @@ import pytest
 
 import rne
 from rne.model.builder import Mimic, Part, assemble, pose
-from rne.model.ends import end_link, tip
-from rne.model.robots.generators import straight_chain
+from rne.model.generators import straight_chain
+from rne.model.topology import end_link, tip
 
 from .conftest import TREES
 from .helpers import data_robot, states

@@ -18,7 +18,7 @@ from rne.kernels import engines, numba_backend
 from rne.kernels.graph import Graph
 from rne.kernels.program import lower
 from rne.kernels.scalar import inputs, references
-from rne.model.robots.generators import random_tree, straight_chain
+from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, data_robot, gimbal, kept, relative, states
 

@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.control.laws import pd_gravity
-from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, frame_rotation
 
 from .helpers import ROOT, relative, states
 from .test_closed_forms import planar_arm

@@ -13,7 +13,7 @@ from rne.identification.exciting_motions.fourier import FourierBasis
 from rne.identification.exciting_motions.motion_limits import motion_limits
 from rne.identification.exciting_motions.search import Search
 from rne.identification.exciting_motions.series_limits import SeriesLimits
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 
 DURATION, HARMONICS = 4.0, 3
 LIMITS = {"acceleration_limit": [10.0] * 3, "effort_limit": [60.0, 150.0, 40.0]}

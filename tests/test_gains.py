@@ -7,7 +7,7 @@ from scipy.linalg import expm
 import rne
 from rne.control.gains import SampledLoop, workspace
 from rne.model.builder import Part, assemble, pose
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 
 from .helpers import kept
 

@@ -14,7 +14,7 @@ from rne.identification.estimation.equations import equations, joined
 from rne.identification.estimation.least_squares import least_squares, with_correlation
 from rne.identification.estimation.prior import geometric_prior, model_prior
 from rne.identification.measurements.filtering import low_pass
-from rne.model.pseudo_inertia import dual_of_gradient, pseudo_inertia
+from rne.model.parameters import dual_of_gradient, pseudo_inertia
 
 SAME = 1e-11  # relative: another order of operations, condition below 100
 SOLVED = 1e-6  # relative accuracy of the cone programme's solution

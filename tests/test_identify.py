@@ -9,7 +9,7 @@ import pytest
 import rne
 from rne.identification import Record
 from rne.identification.estimation.least_squares import least_squares
-from rne.model.pseudo_inertia import pseudo_inertia
+from rne.model.parameters import pseudo_inertia
 
 from .conftest import TREES
 from .measurements import measure, record, truth

@@ -9,8 +9,8 @@ import pytest
 
 import rne
 from rne.control.laws import pd_gravity
-from rne.model.ends import tip
-from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, cylinder_inertia, frame_rotation
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, cylinder_inertia, frame_rotation
+from rne.model.topology import tip
 from rne.thesis.closed_loop import settling_time
 
 from .helpers import ROOT, states

@@ -14,7 +14,7 @@ from rne.kernels.graph import Graph
 from rne.kernels.program import lower
 from rne.kernels.python_backend import compiled_function
 from rne.kernels.scalar import inputs, references
-from rne.model.robots.generators import random_tree, straight_chain
+from rne.model.generators import random_tree, straight_chain
 
 from .conftest import TREES
 from .helpers import EPS, data_robot, gimbal, kept, relative, states

@@ -6,7 +6,7 @@ from scipy.integrate import simpson
 
 import rne
 from rne.model.builder import Part, assemble
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 
 from .helpers import kept
 

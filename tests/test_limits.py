@@ -8,8 +8,8 @@ import pytest
 
 import rne
 from rne.control.laws import pd_gravity
+from rne.model.abb_irb140 import CLOSED_LOOPS, DATA_SHEET, KD, KP
 from rne.model.builder import Mimic, Part, assemble
-from rne.model.robots.abb_irb140 import CLOSED_LOOPS, DATA_SHEET, KD, KP
 from rne.simulation.limits import Violation, limit_violations
 
 T = np.linspace(0, 10, 1001)

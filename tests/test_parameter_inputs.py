@@ -10,8 +10,8 @@ import pytest
 
 import rne
 from rne.kernels.parameter_inputs import AtParameters
+from rne.model.generators import random_tree
 from rne.model.parameters import at_parameters
-from rne.model.robots.generators import random_tree
 
 from .conftest import TREES
 from .helpers import kept

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import rne
-from rne.model.robots.generators import random_tree, straight_chain
+from rne.model.generators import random_tree, straight_chain
 from rne.plotting.figures import MAX_POINTS, thinned
 from rne.plotting.plots import DASHED
 

@@ -7,8 +7,14 @@ import rne
 from rne.basics.spatial import point_mass_inertia
 from rne.kernels.graph import Graph
 from rne.kernels.scalar import inputs, is_traced
-from rne.model.parameters import PARAMETERS
-from rne.model.pseudo_inertia import DUALS, UNITS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
+from rne.model.parameters import (
+    DUALS,
+    PARAMETERS,
+    UNITS,
+    dual_of_gradient,
+    parameters_of_pseudo_inertia,
+    pseudo_inertia,
+)
 
 from .conftest import TREES
 

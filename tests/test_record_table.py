@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.basics.text_table import Row, aligned, short, six_digits
-from rne.model.robots.generators import straight_chain
+from rne.basics.text import Row, aligned, short, six_digits
+from rne.model.generators import straight_chain
 
 from .helpers import states
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.robots.generators import random_tree, straight_chain
+from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, kept, states
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.urdf import library as module
+from rne.urdf.loading import urdf_files
 
 from .helpers import data_robot, kept
 
@@ -17,9 +17,9 @@ def without_package(monkeypatch):
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "files", missing)
-    module.urdf_files.cache_clear()
+    urdf_files.cache_clear()
     yield
-    module.urdf_files.cache_clear()
+    urdf_files.cache_clear()
 
 
 def test_every_file_of_the_package_has_one_name():

@@ -7,7 +7,7 @@ import pytest
 
 import rne
 from rne.control.laws import pd_gravity
-from rne.model.robots.generators import random_tree, straight_chain
+from rne.model.generators import random_tree, straight_chain
 from rne.simulation.plant import Plant
 
 from .helpers import kept

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.robots import irb140_mirrored
-from rne.model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
 
 from .helpers import EPS, kept
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.robots.abb_irb140 import CLOSED_LOOPS
+from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.thesis import canvas, closed_loop, figures, formulations, machine
 from rne.thesis import numbered_figures as numbered
 from rne.thesis.closed_loop import IDEAL, REST, VARIATIONS, fine_grid, inputs, loop_scene, outcome, vary

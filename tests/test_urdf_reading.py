@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import rne
 from rne.basics.spatial import rotation_from_rpy, rpy_from_rotation
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 from rne.model.solids import Cylinder
 
 from .helpers import EPS, Oracle, each, kept, relative, states

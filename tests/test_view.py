@@ -20,7 +20,7 @@ from PIL import Image
 
 import rne
 from rne.__main__ import main
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 from rne.plotting import viewer
 from rne.plotting.shapes import link_shapes
 from rne.plotting.surfaces import surface

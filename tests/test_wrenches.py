@@ -12,7 +12,7 @@ import rne
 from rne.kernels import kernel as kernel_module
 from rne.kernels.complex_step import complex_step
 from rne.kernels.wrenches import UnderWrenches
-from rne.model.robots.generators import random_tree, straight_chain
+from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, relative, states
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..basics.short_text import summary
 from ..basics.spatial import Array
-from ..basics.text_table import Row, aligned, short, six_digits
+from ..basics.text import Row, aligned, short, six_digits, summary
 from ..dynamics.record import bearing_loads
 from ..robot import Robot
 from ..simulation.scene import Scene

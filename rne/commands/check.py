@@ -38,8 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def file_of(file: str) -> str | os.PathLike[str]:
     """The URDF file of a path or of a robot by name."""
-    from ..model.robots import BUILDERS
-    from ..urdf.library import library
+    from ..urdf.loading import BUILDERS, library
 
     if os.path.isdir(file):
         raise CommandError(f"{file}: is a folder; a URDF file is needed")

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _run_robot_page(arguments: argparse.Namespace) -> int:
     import rne
 
-    from ..model.robots import BUILDERS
+    from ..urdf.loading import BUILDERS
     from .robot_page import write_robot_page
 
     if arguments.markdown is not None:

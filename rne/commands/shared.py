@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from ..model.ends import end_link
+from ..model.topology import end_link
 
 if TYPE_CHECKING:
     import rne

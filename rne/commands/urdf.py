@@ -17,8 +17,8 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the file."""
-    from ..model.robots import BUILDERS
     from ..urdf import to_urdf
+    from ..urdf.loading import BUILDERS
 
     if arguments.name not in BUILDERS:
         raise CommandError(f"no robot {arguments.name!r}; there are {', '.join(BUILDERS)}")

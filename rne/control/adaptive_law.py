@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..basics.short_text import summary
 from ..basics.spatial import Array
+from ..basics.text import summary
 from ..elementwise import maximum, minimum, tanh
 from ..model.parameters import PARAMETERS
 from ..robot import Robot

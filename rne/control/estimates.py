@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..basics.spatial import Array, transpose, zeros
-from ..model.parameters import PARAMETERS
-from ..model.pseudo_inertia import dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
+from ..model.parameters import PARAMETERS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from ..robot import Robot
 
 ROWS, COLUMNS = np.triu_indices(4)

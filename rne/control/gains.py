@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, vector
-from ..basics.short_text import summary
 from ..basics.spatial import Array
+from ..basics.text import summary
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 

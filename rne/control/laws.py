@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import UNBOUNDED, convert_numbers, vector
-from ..basics.short_text import summary
 from ..basics.spatial import Array
+from ..basics.text import summary
 from ..elementwise import clip
 from ..robot import Robot
 from .reference import Reference, check_reference, reference_values

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, vector
-from ..basics.short_text import summary
 from ..basics.spatial import Array
+from ..basics.text import summary
 from ..elementwise import maximum
 from ..robot import Robot
 from .laws import checked_vectors

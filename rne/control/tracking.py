@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..basics.short_text import summary
 from ..basics.spatial import Array
+from ..basics.text import summary
 from ..robot import Robot
 from .laws import checked_vectors
 from .reference import Reference, check_reference, reference_values

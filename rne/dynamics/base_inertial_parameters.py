@@ -10,12 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
-from ..basics.notebook import InNotebooks
-from ..basics.short_text import counted, listed, wrapped
 from ..basics.spatial import Array
-from ..basics.text_table import short, six_digits
-from ..model.arguments import model_argument
-from ..model.model import Model
+from ..basics.text import InNotebooks, counted, listed, short, six_digits, wrapped
+from ..model.model import Model, model_argument
 from ..model.standard_parameters import StandardParameters
 from .regressors import regressor
 from .regrouping import regrouped

@@ -14,7 +14,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import SingularMassMatrixError
 from ..model.model import Model
-from ..model.other_moments import of_states
+from ..model.parameters import of_states
 from .crba import mass_matrix
 from .rnea import External, bias_torque, gravity_torque
 from .verdict import SOUND, BatchIndex, PrecisionLoss, Verdict

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..basics.spatial import Array, cross, cross_matrix, rotate, transpose, zeros
 from ..model.model import Model
-from ..model.other_moments import ModelWithMoments
+from ..model.parameters import ModelWithMoments
 from .jacobians import body_jacobian_rates, body_jacobians
 from .kinematics import joint_rates, joint_transforms
 from .quantity import quantity

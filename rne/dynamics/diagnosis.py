@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from ..basics.arrays import real_array
-from ..basics.short_text import summary
 from ..basics.spatial import Array
-from ..model.arguments import joint_array, model_argument
-from ..model.model import Model
+from ..basics.text import summary
+from ..model.model import Model, joint_array, model_argument
 from .conditioning import amplifications, pivot_grade, weakest_motion
 from .crba import mass_matrix
 from .forward import factorise

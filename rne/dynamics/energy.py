@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..basics.spatial import Array, cross, dot, rotate, zeros
 from ..model.model import Model
-from ..model.other_moments import ModelWithMoments
+from ..model.parameters import ModelWithMoments
 from .kinematics import body_poses, joint_transforms, velocities
 from .quantity import quantity
 

@@ -18,11 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array, cross, cross_matrix, rotate, transpose
-from ..model.joint_groups import joint_groups, sample_positions
 from ..model.model import Model, unchecked_model
-from ..model.parameters import PARAMETERS
-from ..model.pseudo_inertia import UNITS
+from ..model.parameters import PARAMETERS, UNITS
 from ..model.standard_parameters import StandardParameters
+from ..model.topology import joint_groups, sample_positions
 from .kinematics import BASE, joint_transforms
 
 FLAT = 16  # entries of Phi or xi

@@ -21,8 +21,7 @@ import numpy as np
 from ..basics.arrays import is_finite, number_array
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
-from ..model.arguments import joint_array, model_argument
-from ..model.model import Model
+from ..model.model import Model, joint_array, model_argument
 from ..model.parameters import PARAMETERS, at_parameters
 from .verdict import SOUND, Verdict
 

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.notebook import InNotebooks
-from ..basics.short_text import counted, listed, wrapped
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
-from ..basics.text_table import Row, aligned, short, six_digits
-from ..model.ends import tip
+from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, six_digits, wrapped
 from ..model.model import Model
+from ..model.topology import tip
 from .kinematics import BASE, joint_transforms
 from .quantity import quantity
 from .rnea import External, newton_euler

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.short_text import wrapped
 from ..basics.spatial import Array
-from ..basics.text_table import Row, aligned, short
+from ..basics.text import Row, aligned, short, wrapped
 from ..plotting.figures import HIDDEN, curves, dress, figure_of, legend_beside, literal, stacked_panels
 
 if TYPE_CHECKING:

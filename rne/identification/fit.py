@@ -11,8 +11,7 @@ from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
-from ..model.parameters import PARAMETERS
-from ..model.pseudo_inertia import parameters_of_pseudo_inertia
+from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from .estimation.equations import Equations

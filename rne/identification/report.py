@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.short_text import counted
-from ..basics.text_table import Row, aligned, short
+from ..basics.text import Row, aligned, counted, short
 from ..model.parameters import PARAMETERS
 from .estimation.method import LEAST_NOISE
 

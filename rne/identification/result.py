@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.short_text import counted, listed, wrapped
 from ..basics.spatial import Array
+from ..basics.text import counted, listed, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
-from ..model.arguments import joint_array
-from ..model.parameters import PARAMETERS, with_parameters
-from ..model.pseudo_inertia import pseudo_inertia
+from ..model.model import joint_array
+from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction

@@ -9,14 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.notebook import InNotebooks
-from ..basics.short_text import wrapped
 from ..basics.spatial import Array
-from ..basics.text_table import short
+from ..basics.text import InNotebooks, short, wrapped
 from ..dynamics.quantity import Declared, common_dtype, common_leading_shape
 from ..dynamics.verdict import SOUND, BatchIndex, Verdict
-from ..model.arguments import joint_array, joint_shaped, model_argument
-from ..model.model import Model
+from ..model.model import Model, joint_array, joint_shaped, model_argument
 from .complex_step import complex_step
 from .elements import entry_of_element
 from .engines import Batches, engine_argument, engine_of

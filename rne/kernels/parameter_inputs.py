@@ -8,8 +8,7 @@ from typing import Any
 
 from ..dynamics.quantity import Declared, Quantity
 from ..dynamics.verdict import Verdict
-from ..model.arguments import model_argument
-from ..model.model import Model
+from ..model.model import Model, model_argument
 from ..model.parameters import PARAMETERS, at_parameters
 from .trace import quantity_of
 from .wrenches import wrenches_as_arrays

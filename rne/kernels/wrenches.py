@@ -9,8 +9,7 @@ from typing import Any
 
 from ..dynamics.quantity import Declared, Quantity, check_arguments
 from ..dynamics.verdict import Verdict
-from ..model.arguments import model_argument
-from ..model.model import Model
+from ..model.model import Model, model_argument
 from .trace import quantity_of
 
 

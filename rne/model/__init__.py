@@ -1,11 +1,10 @@
 """What a robot is: the Model, its validation, its construction and modification, built-in robots."""
 
-from .chains import chain
-from .denavit_hartenberg import dh_chain
+from .abb_irb140 import irb140
+from .chains import chain, dh_chain
 from .model import Model
 from .modify import locked, mounted, with_payload
 from .parameters import with_parameters
-from .robots import irb140
 from .solids import Cylinder, cylinder_inertia
 
 __all__ = [

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..basics.spatial import IDENTITY, Array, outer, point_mass_inertia, transpose
 from .model import Model
-from .other_moments import with_moments
+from .parameters import with_moments
 from .solids import Moments
 
 

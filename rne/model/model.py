@@ -9,13 +9,13 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike
+from numpy.typing import ArrayLike, DTypeLike
 
-from ..basics.arrays import convert_array, is_equal
+from ..basics.arrays import convert_array, convert_numbers, is_equal, number_array
 from ..basics.spatial import Array, point_mass_inertia
+from ..basics.text import brief_array, counted, listed, short, wrapped
+from .checks import check_model
 from .solids import Cylinder, Moments
-from .summary import model_summary
-from .validation import check_model
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
@@ -153,7 +153,15 @@ class Model:
         self._freeze(values)
         check_model({f.name: getattr(self, f.name) for f in fields(self)})
 
-    __repr__ = model_summary
+    def __repr__(self) -> str:
+        kinds = dict.fromkeys(self.joint_types)
+        types = ", ".join(f"{self.joint_types.count(kind)} {kind}" for kind in kinds)
+        joints = f"{types}: {listed(self.moving_joints)}" if types else "none"
+        return wrapped(
+            f"Model '{short(self.name)}': {counted(self.n, 'joint')}, {counted(len(self.link_names), 'link')}, "
+            f"{self.mass.sum():.6g} kg moving, gravity {brief_array(self.gravity)} m/s^2\n"
+            f"  moving joints: {joints}"
+        )
 
     def _freeze(self, values: dict[str, Any]) -> None:
         for name, value in values.items():
@@ -320,3 +328,31 @@ def unchecked_model(values: dict[str, Any]) -> Model:
 
 
 ARRAY_FIELDS = frozenset(f.name for f in fields(Model) if f.type in ("Array", "Array | None"))
+
+
+def model_argument(model: object) -> Model:
+    """The model itself, or a TypeError for anything else."""
+    if not isinstance(model, Model):
+        raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}; a Robot has it as .model")
+    return model
+
+
+def joint_shaped(name: str, value: ArrayLike, model: Model, width: int | None = None) -> Array:
+    """Check one array of joint values, or of `width` others, for its shape and dtype only."""
+    n = model.n if width is None else width
+    return _shaped(name, convert_numbers(name, value, f"(..., {n})"), model, n)
+
+
+def joint_array(name: str, value: ArrayLike, model: Model, width: int | None = None) -> Array:
+    """Check one array of joint values, or of `width` others: finite numbers, these along the last axis."""
+    n = model.n if width is None else width
+    return _shaped(name, number_array(name, value, f"(..., {n})"), model, n)
+
+
+def _shaped(name: str, array: Array, model: Model, n: int) -> Array:
+    if array.ndim == 0 or array.shape[-1] != n:
+        cure = ""
+        if array.ndim == 2 and array.shape[0] == n:
+            cure = f"; states go along the first axis: pass `{name}`.T, of shape {array.shape[::-1]}"
+        raise ValueError(f"`{name}` must have shape (..., {n}) for robot {model.name!r}, got {array.shape}{cure}")
+    return array

@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
 from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose
-from .arguments import model_argument
 from .builder import Part, Pose, assemble, disassemble, pose
-from .ends import end_link
-from .model import Model
-from .validation import inertia_error, symmetric_up_to_rounding, triangle_excess
+from .checks import inertia_error, symmetric_up_to_rounding, triangle_excess
+from .model import Model, model_argument
+from .topology import end_link
 
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
 

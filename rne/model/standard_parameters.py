@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
-from ..basics.short_text import summary
 from ..basics.spatial import Array
-from .arguments import model_argument
-from .model import Model
+from ..basics.text import summary
+from .model import Model, model_argument
 from .parameters import PARAMETERS, parameters_of
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")

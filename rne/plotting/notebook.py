@@ -16,9 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.notebook import html
-from ..basics.short_text import counted
-from ..basics.text_table import short, six_digits
+from ..basics.text import counted, html, short, six_digits
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.record import BRANCHED, LEGEND, VECTORS, Recursion
 from ..kernels.heading import UNITS

@@ -10,8 +10,8 @@ from ..dynamics.quantity import Declared
 from ..dynamics.rnea import bias_torque, gravity_torque, inverse_dynamics
 from ..kernels.cache import KernelCache
 from ..kernels.kernel import Kernel
-from ..model.joint_order import pinocchio_order
 from ..model.model import Model
+from ..model.topology import pinocchio_order
 
 COMPILED = (inverse_dynamics, mass_matrix, bias_torque, gravity_torque)  # by `compile` without arguments
 

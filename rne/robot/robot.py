@@ -7,9 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ..basics.notebook import InNotebooks
-from ..basics.short_text import counted
-from ..basics.text_table import short
+from ..basics.text import InNotebooks, counted, short
 from ..model import modify
 from ..model.parameters import with_parameters
 from .bias_terms import BiasTerms

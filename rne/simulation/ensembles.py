@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
-from ..basics.short_text import counted
 from ..basics.spatial import Array
-from ..basics.text_table import short
-from ..model.arguments import joint_array
-from ..model.model import Model
+from ..basics.text import counted, short
+from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
 from .equal_steps import STEPPERS, Chunk, Plan, Progress, run_all

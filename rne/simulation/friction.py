@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
-from ..basics.short_text import summary
 from ..basics.spatial import Array
+from ..basics.text import summary
 from ..elementwise import less, tanh, where
-from ..model.arguments import joint_array
-from ..model.model import Model
+from ..model.model import Model, joint_array
 
 SMOOTHING = 0.01  # [rad/s or m/s]: rate at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
 

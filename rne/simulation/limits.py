@@ -13,9 +13,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..basics.short_text import summary
 from ..basics.spatial import Array
-from ..basics.text_table import short
+from ..basics.text import short, summary
 from ..dynamics.kinematics import joint_positions, joint_rates
 from ..model.model import Model
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import convert_numbers, positive_number, vector
-from ..basics.short_text import summary
 from ..basics.spatial import Array
+from ..basics.text import summary
 from ..kernels.kernel import Kernel
 from ..robot import Robot
 from .equations_of_motion import AppliedTorques, RightHandSide, Terms

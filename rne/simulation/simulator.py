@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array
 from ..errors import SimulationError
-from ..model.arguments import joint_array
+from ..model.model import joint_array
 from ..robot import Robot
 from .equations_of_motion import RightHandSide
 from .error_growth import error_growth

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..basics.short_text import counted, wrapped
-from ..basics.text_table import short
+from ..basics.text import counted, short, wrapped
 
 LONGEST = 240  # characters of the solver's message
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
-from ..basics.notebook import InNotebooks
 from ..basics.spatial import Array
+from ..basics.text import InNotebooks
 from ..model.model import Model
 from .interpolation import Interpolant, Knots, between
 from .limits import Violation, limit_violations

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..simulation.trajectory import Trajectory
 from ..urdf.loading import load
 from . import figures, verdicts

@@ -9,7 +9,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..control.laws import pd_gravity
 from ..errors import SimulationError
-from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..simulation.friction import Friction
 from ..simulation.scene import Scene
 from ..simulation.simulator import simulate

@@ -14,7 +14,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.rnea import gravity_torque
 from ..errors import SimulationError
-from ..model.robots.abb_irb140 import CLOSED_LOOPS
+from ..model.abb_irb140 import CLOSED_LOOPS
 from ..simulation.scene import Scene
 from ..simulation.simulator import simulate
 from ..simulation.trajectory import Trajectory

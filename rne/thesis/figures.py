@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..model.robots.abb_irb140 import CLOSED_LOOPS
+from ..model.abb_irb140 import CLOSED_LOOPS
 from ..plotting.robot_picture import draw
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory

@@ -13,8 +13,7 @@ from ..basics.spatial import Array
 from ..control.laws import pd_gravity
 from ..dynamics.lagrange import lagrange_inverse_dynamics
 from ..dynamics.rnea import inverse_dynamics
-from ..model.robots import irb140_mirrored
-from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
+from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
 from ..robot import Robot
 from ..simulation.scene import Scene
 from ..simulation.simulator import simulate

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.bearings import bearing_peaks
 from ..dynamics.crba import mass_matrix
-from ..model.robots.abb_irb140 import DATA_SHEET, LINKS
+from ..model.abb_irb140 import DATA_SHEET, LINKS
 from ..simulation.limits import Violation
 from ..simulation.trajectory import Trajectory
 from ..urdf.loading import load

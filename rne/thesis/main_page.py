@@ -12,8 +12,8 @@ import numpy as np
 from ..analysis.validation import validate
 from ..basics.spatial import Array
 from ..control.laws import pd_gravity
+from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..model.model import Model
-from ..model.robots.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..robot import Robot
 from ..simulation.simulator import simulate
 from ..urdf.loading import load

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..model.robots.abb_irb140 import CLOSED_LOOPS
+from ..model.abb_irb140 import CLOSED_LOOPS
 from ..simulation.trajectory import Trajectory
 from .canvas import DASHED, FLOOR, apart, column, heading, joint_grid, legend, lines, log_lines
 from .closed_loop import FIRST, inputs

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..control.gains import check_gains
-from ..model.robots.abb_irb140 import KD, KP
+from ..model.abb_irb140 import KD, KP
 from ..simulation.trajectory import Trajectory
 from ..urdf.loading import load
 from . import figures, verdicts

@@ -1,12 +1,18 @@
-"""Bytes -> XML elements, strictly: limited size and depth, no recovery, no document type, no entities, no network."""
+"""Bytes -> XML elements of URDF, strictly: limited size and depth, no recovery, no document type, no network."""
 
 from __future__ import annotations
 
+import difflib
+import math
 import os
-from pathlib import Path
-from typing import Any
+import re
+import shlex
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePath
+from typing import Any, NamedTuple
 
-from .findings import Report, cut
+from .findings import Report, cut, echo, listed, near_path
 
 MAX_BYTES = 16 * 2**20
 MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
@@ -96,3 +102,173 @@ def _report_syntax_error(error: Any, report: Report) -> None:
     else:
         message = f"is not well-formed XML ({cut(reason)})"
         report.error(error.lineno, "file", message, "fix the file, it may be truncated")
+
+
+NAMESPACE = "xacro}"  # how that of its elements ends, in all its versions
+
+
+def check_expanded(root: Any, report: Report) -> bool:
+    """True if nothing of xacro is left in what is read; otherwise an error that says how to expand the file."""
+    for element, _ in elements(root):
+        macros = [child for child in element if NAMESPACE in child.tag]
+        values = [value for value in element.attrib.values() if "${" in value or "$(" in value]
+        if macros or values:
+            what = echo(values[0]) if values else f"<xacro:{cut(macros[0].tag.rpartition('}')[2])}>"
+            where = element if values else macros[0]
+            message = f"is a xacro file, not yet a URDF: there is {what}"
+            report.error(where, "file", message, f"expand it: {_command(report.file)}")
+            return False
+    return True
+
+
+def _command(file: str) -> str:
+    path = PurePath(near_path(file))
+    bare = path.name.removesuffix(".xacro")
+    if bare == path.name:  # xacro in a file called .urdf
+        bare = f"{path.stem}_expanded.urdf"
+    elif not bare.endswith(".urdf"):
+        bare += ".urdf"
+    return f"xacro {shlex.quote(os.fspath(path))} > {shlex.quote(os.fspath(path.with_name(bare)))}"
+
+
+LARGEST = sys.float_info.max  # written for a limit that does not exist
+# One decimal number in ASCII.
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
+
+
+class Rule(NamedTuple):
+    """The attributes of an element, the children it may have once, and those it may have many times."""
+
+    attributes: frozenset[str] = frozenset()
+    once: frozenset[str] = frozenset()
+    many: frozenset[str] = frozenset()
+
+
+def _rule(attributes: str = "", once: str = "", many: str = "") -> Rule:
+    return Rule(frozenset(attributes.split()), frozenset(once.split()), frozenset(many.split()))
+
+
+RULES = {
+    "robot": _rule("name version", many="link joint material transmission gazebo"),
+    "link": _rule("name", once="inertial", many="visual collision"),
+    "inertial": _rule(once="origin mass inertia"),
+    "origin": _rule("xyz rpy"),
+    "mass": _rule("value"),
+    "inertia": _rule("ixx ixy ixz iyy iyz izz"),
+    "joint": _rule("name type", once="origin parent child axis limit dynamics mimic calibration safety_controller"),
+    "parent": _rule("link"),
+    "child": _rule("link"),
+    "axis": _rule("xyz"),
+    "limit": _rule("lower upper effort velocity"),
+    "dynamics": _rule("damping friction"),
+    "mimic": _rule("joint multiplier offset"),
+    "visual": _rule("name", once="origin geometry", many="material"),
+    "geometry": _rule(once="cylinder box sphere mesh capsule"),
+    "cylinder": _rule("radius length"),
+}
+# Known, but used neither for dynamics nor for drawing: their content is not checked.
+UNREAD = frozenset(
+    [
+        "material",
+        "transmission",
+        "gazebo",
+        "collision",
+        "calibration",
+        "safety_controller",
+        "box",
+        "sphere",
+        "mesh",
+        "capsule",
+    ]
+)
+
+
+def describe(element: Any) -> str:
+    """An element as messages name it: link 'arm', joint 'elbow', or just its tag."""
+    name = element.get("name")
+    return f"{element.tag} {echo(name)}" if name is not None else f"<{element.tag}>"
+
+
+def elements(root: Any) -> Iterator[tuple[Any, str]]:
+    """Every element that is read, with the link or joint it belongs to; not recursive, as depth is up to the file."""
+    stack = [(root, "robot")]
+    while stack:
+        element, owner = stack.pop()
+        if element.tag in ("link", "joint"):
+            owner = describe(element)
+        yield element, owner
+        rule = RULES.get(element.tag, Rule())
+        inside = [c for c in element if c.tag in rule.once | rule.many and c.tag not in UNREAD]
+        stack.extend((child, owner) for child in reversed(inside))
+
+
+def check_grammar(root: Any, report: Report) -> None:
+    """Warn of unknown elements and attributes; report duplicated elements where one is allowed as errors."""
+    for element, owner in elements(root):
+        rule = RULES[element.tag]
+        counts: dict[str, int] = {}
+        for child in element:
+            counts[child.tag] = counts.get(child.tag, 0) + 1
+            if child.tag not in rule.once | rule.many:
+                report.warning(
+                    child,
+                    owner,
+                    f"unknown element {echo(child.tag)} in <{element.tag}> is ignored",
+                    _cure(str(child.tag), rule.once | rule.many),
+                )
+            elif child.tag in rule.once and counts[child.tag] == 2:
+                report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
+        unknown = [attribute for attribute in element.attrib if attribute not in rule.attributes]
+        if unknown:
+            what = f"attributes {listed(unknown)}" if unknown[1:] else f"attribute {echo(unknown[0])}"
+            message = f"unknown {what} of <{element.tag}> {'are' if unknown[1:] else 'is'} ignored"
+            report.warning(element, owner, message, "remove them" if unknown[1:] else "remove it")
+
+
+def _cure(tag: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(tag, known, n=1)
+    return f"remove it, or write <{near[0]}> if that is meant" if near else "remove it"
+
+
+def prune(root: Any) -> None:
+    """Remove everything that was not validated, so that nothing else is read."""
+    for element, _ in list(elements(root)):
+        rule = RULES[element.tag]
+        for child in list(element):
+            if child.tag not in rule.once | rule.many or child.tag in UNREAD:
+                element.remove(child)
+        for attribute in list(element.attrib):
+            if attribute not in rule.attributes:
+                del element.attrib[attribute]
+    root.set("name", root.get("name", ""))
+
+
+def numbers(
+    element: Any, attribute: str, owner: str, report: Report, *, count: int = 1, default: str | None = None
+) -> tuple[float, ...] | None:
+    """The finite numbers of one attribute, or None with a finding."""
+    text = element.get(attribute, default)
+    what = f"attribute {attribute!r} of <{element.tag}>"
+    if text is None:
+        report.error(element, owner, f"{what} is missing", f"give {_amount(count)}")
+        return None
+    tokens = text.split()
+    if len(tokens) != count:
+        report.error(element, owner, f"{what} must be {_amount(count)}, got {echo(text)}", "fix the attribute")
+        return None
+    values = tuple(float(token) if NUMBER.fullmatch(token) else math.nan for token in tokens)
+    if not all(math.isfinite(value) for value in values):
+        message = f"{what} must be {_amount(count)}, finite and decimal, got {echo(text)}"
+        report.error(element, owner, message, "fix the attribute")
+        return None
+    return values
+
+
+def number(element: Any, attribute: str, owner: str, report: Report, *, default: str | None = None) -> float | None:
+    """One finite number, or None with a finding."""
+    values = numbers(element, attribute, owner, report, default=default)
+    return None if values is None else values[0]
+
+
+def _amount(count: int) -> str:
+    return "one number" if count == 1 else f"{count} numbers"

@@ -1,18 +1,77 @@
-"""Loading a robot by name or from a file."""
+"""Robots by name or from a file."""
 
 from __future__ import annotations
 
+import difflib
 import os
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
-from ..model.model import STANDARD_GRAVITY
-from ..model.robots import BUILDERS
+from ..model.abb_irb140 import irb140
+from ..model.model import STANDARD_GRAVITY, Model
 from ..robot import Robot
-from . import read_urdf
-from .library import library, unknown
+from .read import read_urdf
+
+PACKAGE = "example-robot-data"
+BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}  # the built-in robots, for which no file is read
+
+
+@cache
+def urdf_files() -> dict[str, Path]:
+    """URDF files of example-robot-data by "folder/file" without suffix; empty without that package."""
+    import importlib.metadata  # slow to load, and only this function needs it
+
+    try:
+        files = importlib.metadata.files(PACKAGE) or []
+    except importlib.metadata.PackageNotFoundError:
+        return {}
+    urdfs = sorted((file for file in files if file.suffix == ".urdf"), key=str)
+    folder = [file.parts[file.parts.index("robots") + 1] for file in urdfs]
+    return {f"{f}/{file.stem}": Path(str(file.locate())) for f, file in zip(folder, urdfs, strict=True)}
+
+
+def library() -> dict[str, Path]:
+    """The same by name: that of the file, "ur5" for "ur5_robot", and "folder/file" where two folders have the same."""
+    count = Counter(path.stem for path in urdf_files().values())
+    found = {}
+    for folder_and_file, path in urdf_files().items():
+        short = path.stem.removesuffix("_robot")
+        name = path.stem if count[path.stem] == 1 else folder_and_file
+        found[name if short in count else short] = path
+    return found
+
+
+def robots() -> tuple[str, ...]:
+    """Names that `rne.load` takes: built-in robots first, then those of the package example-robot-data.
+
+    Returns
+    -------
+    tuple of str
+        Without example-robot-data (`pip install 'rne[robots]'`) the built-in ones alone.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.robots()[0]
+    'irb140'
+    """
+    return (*BUILDERS, *(name for name in library() if name not in BUILDERS))
+
+
+def unknown(name: str) -> str:
+    """The error about a name that is neither a file nor a robot."""
+    near = [x for x in robots() if x.lower() == name.lower()] or difflib.get_close_matches(name, robots(), n=3)
+    hint = f"; did you mean {' or '.join(repr(x) for x in near)}?" if near else ""
+    if not library():
+        built_in = f"{name!r} is neither a file nor a built-in robot"
+        return f"{built_in}; some 60 more, such as 'ur5', come with pip install 'rne[robots]'{hint.replace(';', ' -')}"
+    return f"{name!r} is neither a file nor one of rne.robots(){hint}"
 
 
 def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY, engine: str = "numpy") -> Robot:

@@ -15,14 +15,11 @@ from ..errors import ModelError, UrdfError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.solids import Cylinder
-from .document import parse, read_bytes
+from .document import LARGEST, parse, read_bytes
 from .far_origins import Unrounded, slide_far_origins
-from .findings import Finding, Report
-from .grammar import LARGEST
+from .findings import Finding, Report, written
 from .plausibility import check_bodies, check_elements
-from .printing import written
-from .strict import remove_default_namespace, validate
-from .tree import link_of
+from .strict import link_of, remove_default_namespace, validate
 
 
 def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Model:

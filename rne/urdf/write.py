@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import rpy_from_rotation
-from ..model.arguments import model_argument
 from ..model.builder import Part, Pose, at_links, disassemble
-from ..model.model import Model
-from .grammar import LARGEST
+from ..model.model import Model, model_argument
+from .document import LARGEST
 
 
 def to_urdf(model: Model) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 import rne
 from rne.model.builder import Part, assemble, disassemble, pose
-from rne.model.robots.generators import random_tree, straight_chain
+from rne.model.generators import random_tree, straight_chain
 
 X, Y, Z = np.eye(3)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 import rne
 from rne.model.builder import Part, assemble
-from rne.model.robots.generators import straight_chain
+from rne.model.generators import straight_chain
 
 X, _, Z = np.eye(3)
 Q0 = np.linspace(0.3, 0.8, 6)

@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.model.builder import Part
-from rne.model.robots.generators import random_tree
+from rne.model.generators import random_tree
 from rne.urdf.far_origins import far_origins
 
 from ..helpers import data_robots, kept

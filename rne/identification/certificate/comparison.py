@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...basics.arrays import positive_number
-from ...basics.short_text import wrapped
 from ...basics.spatial import Array
-from ...basics.text_table import Row, aligned, short
+from ...basics.text import Row, aligned, short, wrapped
 from ...robot import Robot
 from ..measurements.record import Record
 from .candidate import Candidate

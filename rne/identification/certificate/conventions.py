@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...basics.short_text import listed
 from ...basics.spatial import Array
+from ...basics.text import listed
 from ...robot import Robot
 from .evidence import Evidence
 

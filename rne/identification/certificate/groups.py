@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...basics.short_text import listed
 from ...basics.spatial import Array
-from ...basics.text_table import six_digits
+from ...basics.text import listed, six_digits
 from ...model.parameters import PARAMETERS, parameters_of
 from .evidence import Evidence
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...basics.spatial import Array
-from ...model.arguments import joint_array
+from ...model.model import joint_array
 from ...robot import Robot
 from ..estimation.correlation import repeats_of_filtered_noise
 from ..estimation.stacking import stacked

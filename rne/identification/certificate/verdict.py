@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...basics.short_text import listed, wrapped
 from ...basics.spatial import Array
-from ...basics.text_table import Row, aligned, short
+from ...basics.text import Row, aligned, listed, short, wrapped
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...robot import Robot
 from ..estimation.equations import Equations

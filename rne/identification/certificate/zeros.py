@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...basics.short_text import listed
 from ...basics.spatial import Array
+from ...basics.text import listed
 from .candidate import Candidate
 from .conventions import Convention, Screen, identity
 from .evidence import Evidence

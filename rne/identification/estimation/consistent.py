@@ -18,8 +18,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...errors import IdentificationError
-from ...model.parameters import PARAMETERS
-from ...model.pseudo_inertia import parameters_of_pseudo_inertia
+from ...model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from .refinement import Barrier, refined
 
 LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables

@@ -7,8 +7,7 @@ import numpy as np
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.model import Model
-from ...model.parameters import parameters_of
-from ...model.pseudo_inertia import pseudo_inertia
+from ...model.parameters import parameters_of, pseudo_inertia
 from .equations import Equations
 
 THICKNESS = 0.2  # of a guessed body: standard deviation of its mass across its length, as a part of the length

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...basics.arrays import positive_number, whole_number
-from ...basics.short_text import counted, wrapped
 from ...basics.spatial import Array
-from ...basics.text_table import short
+from ...basics.text import counted, short, wrapped
 from ...robot import Robot
 from ...simulation.motion_files import write_columns
 from ...trajectories import Samples
-from ...trajectories.times import broadcast_times
+from ...trajectories.profiles import broadcast_times
 from .fourier import FourierBasis
 
 ACTIVE = 0.97  # share of a limit from which it is called active

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from ...basics.short_text import counted, summary
 from ...basics.spatial import Array
+from ...basics.text import counted, summary
 
 NAMED = 3  # samples that a text names
 

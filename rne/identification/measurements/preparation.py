@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.arrays import positive_number
-from ...basics.short_text import counted
 from ...basics.spatial import Array
+from ...basics.text import counted
 from .bandwidth import FASTEST, choose_cutoff
 from .filtering import MARGIN, derivatives, low_pass, settling
 from .prepared import Prepared

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...basics.short_text import summary
 from ...basics.spatial import Array
+from ...basics.text import summary
 from .filtering import low_pass, settling
 
 

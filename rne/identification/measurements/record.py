@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...basics.arrays import convert_numbers
-from ...basics.short_text import counted
 from ...basics.spatial import Array
+from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
 from .bandwidth import FASTEST
 from .findings import RecordFinding

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.spatial import Array, point_mass_inertia, rotation_about
-from ..builder import Mimic, Part, Pose, assemble, pose
-from ..model import Model
+from ..basics.spatial import Array, point_mass_inertia, rotation_about
+from .builder import Mimic, Part, Pose, assemble, pose
+from .model import Model
 
 
 def random_tree(n: int, seed: int, *, prismatic: float = 0.25, branching: float = 0.3, mimics: int = 0) -> Model:
@@ -30,7 +30,7 @@ def random_tree(n: int, seed: int, *, prismatic: float = 0.25, branching: float 
 
     Examples
     --------
-    >>> from rne.model.robots.generators import random_tree
+    >>> from rne.model.generators import random_tree
     >>> random_tree(4, seed=0).n
     4
     """
@@ -76,7 +76,7 @@ def straight_chain(n: int, *, length: float = 0.3, mass: float = 1.0) -> Model:
 
     Examples
     --------
-    >>> from rne.model.robots.generators import straight_chain
+    >>> from rne.model.generators import straight_chain
     >>> straight_chain(2).parent
     (-1, 0)
     """

@@ -1,22 +1,76 @@
 """The ABB IRB 140 with the parameters of Høifødt 2011; the only place that holds its numbers.
 
 H. Høifødt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler Formulation, MSc thesis,
-NTNU, June 2011.
-"""
+NTNU, June 2011."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ...basics.spatial import Array, rotation_about, snap, transpose
-from ..builder import Part, assemble, pose
-from ..model import Model
-from ..solids import Cylinder, cylinder_inertia
-from .data_sheet import DataSheet, Datum
+from ..basics.spatial import Array, rotation_about, snap, transpose
+from .builder import Part, assemble, pose
+from .model import Model
+from .solids import Cylinder, cylinder_inertia
+
+
+class Datum(NamedTuple):
+    """One entry: a number or one number per axis, its unit as printed, and its source."""
+
+    value: float | tuple[float, ...]
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataSheet:
+    """What a manufacturer states about a robot; `print` shows it as a table. Dynamics do not use it.
+
+    Attributes
+    ----------
+    ranges, speeds : Datum
+        Working range as a total, and largest speed, of each axis.
+    fast_speeds : Datum
+        The largest speeds of the robot's faster variant.
+    payload, upper_arm_load, wrist_load : Datum
+        Load at the flange, and further loads on the upper arm or on the wrist, one of the two.
+    tcp_speed, tcp_acceleration : Datum
+        Largest speed and acceleration of the tool's centre point.
+    acceleration_time : Datum
+        From rest to 1 m/s.
+    repeatability : Datum
+        Of a position.
+    reach : Datum
+        Of axis 5 from axis 1.
+    cycle_time, fast_cycle_time : Datum
+        Of the pick cycle, and of the faster variant.
+    """
+
+    ranges: Datum
+    speeds: Datum
+    fast_speeds: Datum
+    payload: Datum
+    upper_arm_load: Datum
+    wrist_load: Datum
+    tcp_speed: Datum
+    tcp_acceleration: Datum
+    acceleration_time: Datum
+    repeatability: Datum
+    reach: Datum
+    cycle_time: Datum
+    fast_cycle_time: Datum
+
+    def __str__(self) -> str:
+        lines = []
+        for field in fields(self):
+            value, unit, source = getattr(self, field.name)
+            numbers = ", ".join(f"{x:g}" for x in (value if isinstance(value, tuple) else (value,)))
+            lines.append(f"{field.name:<17} {numbers:<28} {unit:<6} {source}")
+        return "\n".join(lines)
+
 
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
@@ -147,7 +201,7 @@ def irb140() -> Model:
     Høifødt 2011, chapter 4 with table 4.1, (4.24)-(4.31); ABB's data sheet for ranges and speeds. The cylinders of
     table 4.1 have densities of 1493 to 1516 kg/m^3; the thesis states 1500. The reach of axis 5 from axis 1 is
     0.070 + 0.360 + 0.380 = 0.810 m, as in the data sheet, whose numbers are in
-    ``DATA_SHEET`` of ``rne/model/robots/abb_irb140.py``.
+    ``DATA_SHEET`` of ``rne/model/abb_irb140.py``.
 
     Examples
     --------
@@ -201,7 +255,7 @@ def irb140_mirrored() -> Model:
     Examples
     --------
     >>> import rne
-    >>> from rne.model.robots import irb140_mirrored
+    >>> from rne.model.abb_irb140 import irb140_mirrored
     >>> (irb140_mirrored().axis + rne.irb140().axis)[2].tolist()
     [0.0, 0.0, 0.0]
     """

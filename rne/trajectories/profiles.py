@@ -1,0 +1,383 @@
+"""Reference motions: from rest to rest along polynomial and trapezoidal profiles, or through samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import positive_number, real_array
+from ..basics.spatial import Array
+from ..basics.text import summary
+from ..elementwise import clip, less, where
+
+
+@dataclass(frozen=True, eq=False)
+class Quintic:
+    """A motion along a polynomial of fifth degree, made by `quintic`.
+
+    Attributes
+    ----------
+    start, end : ndarray, shape (n,)
+        Joint positions [rad or m].
+    duration : float
+        Time from start to end [s].
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.trajectories.quintic([0.0], [2.0], 4.0)(4.0)[0].tolist()
+    [2.0]
+    """
+
+    start: Array
+    end: Array
+    duration: float
+
+    __repr__ = summary
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at given times.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
+            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2]. At rest before the start and after the end.
+
+        Raises
+        ------
+        ValueError
+            If `t` is not real or not finite.
+        """
+        s = clip(broadcast_times(t) / self.duration, 0.0, 1.0)
+        distance = self.end - self.start
+        q = self.start + distance * (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s))
+        qd = distance * (s * s * (30.0 - 60.0 * s + 30.0 * s * s)) / self.duration
+        qdd = distance * (s * (60.0 - 180.0 * s + 120.0 * s * s)) / self.duration**2
+        return q, qd, qdd
+
+
+def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
+    """A motion from rest to rest along a polynomial of fifth degree, with continuous acceleration.
+
+    Parameters
+    ----------
+    start, end : array_like, shape (n,)
+        Joint positions [rad or m].
+    duration : float
+        Time from start to end [s].
+
+    Returns
+    -------
+    Quintic
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, a number is not finite, or `duration` is not positive.
+
+    Notes
+    -----
+    Siciliano et al. 2009, section 4.2.1. The peak rate is 15/8 times distance / duration, the peak acceleration
+    10 / sqrt(3) times distance / duration^2.
+
+    Examples
+    --------
+    >>> import rne
+    >>> path = rne.trajectories.quintic([0.0], [2.0], 4.0)
+    >>> [x.tolist() for x in path(2.0)]
+    [[1.0], [0.9375], [0.0]]
+    >>> path([0.0, 2.0, 4.0])[0].tolist()
+    [[0.0], [1.0], [2.0]]
+    """
+    a, b = _ends(start, end)
+    return Quintic(a, b, positive_number("duration", duration))
+
+
+@dataclass(frozen=True, eq=False)
+class Trapezoidal:
+    """Constant acceleration, constant rate, constant deceleration, made by `trapezoidal`.
+
+    Attributes
+    ----------
+    start, end : ndarray, shape (n,)
+        Joint positions [rad or m].
+    duration : float
+        Time from start to end [s].
+    ramp : float
+        Time of acceleration, and of deceleration [s].
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.trajectories.trapezoidal([0.0], [3.0], 4.0, ramp=1.0)(2.0)[1].tolist()
+    [1.0]
+    """
+
+    start: Array
+    end: Array
+    duration: float
+    ramp: float
+
+    __repr__ = summary
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times at which the acceleration jumps [s]."""
+        return 0.0, self.ramp, self.duration - self.ramp, self.duration
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at given times.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
+            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2]. At rest before the start and after the end.
+
+        Raises
+        ------
+        ValueError
+            If `t` is not real or not finite.
+        """
+        t, T, r = broadcast_times(t), self.duration, self.ramp
+        rate = (self.end - self.start) / (T - r)
+        up, level, down = clip(t, 0.0, r), clip(t, r, T - r) - r, clip(t, T - r, T) - (T - r)
+        q = self.start + rate * (up * up / (2 * r) + level + down - down * down / (2 * r))
+        qd = rate * ((up - down) / r)
+        rising = where(less(0.0, t), 1.0, 0.0) * where(less(t, r), 1.0, 0.0)
+        falling = where(less(T - r, t), 1.0, 0.0) * where(less(t, T), 1.0, 0.0)
+        return q, qd, rate * ((rising - falling) / r)
+
+
+def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) -> Trapezoidal:
+    """A motion from rest to rest with a trapezoidal profile of the rate.
+
+    Parameters
+    ----------
+    start, end : array_like, shape (n,)
+        Joint positions [rad or m].
+    duration : float
+        Time from start to end [s].
+    ramp : float
+        Time of acceleration, and of deceleration; at most half the duration [s].
+
+    Returns
+    -------
+    Trapezoidal
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times. Its
+        acceleration jumps at the times `breaks`; `rne.simulate` ends a step at each of them,
+        `rne.ensemble` with its equal steps does not, and is of order 1 there.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, a number is not finite or a time is out of range.
+
+    Notes
+    -----
+    Siciliano et al. 2009, (4.8).
+
+    Examples
+    --------
+    >>> import rne
+    >>> path = rne.trajectories.trapezoidal([0.0], [3.0], 4.0, 1.0)
+    >>> [x.tolist() for x in path(1.0)]
+    [[0.5], [1.0], [0.0]]
+    >>> path.breaks
+    (0.0, 1.0, 3.0, 4.0)
+    """
+    a, b = _ends(start, end)
+    T, r = positive_number("duration", duration), positive_number("ramp", ramp)
+    if 2 * r > T:
+        raise ValueError(f"`ramp` must be at most half the duration of {T:g} s, got {r:g}")
+    return Trapezoidal(a, b, T, r)
+
+
+def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
+    a, b = (real_array(name, x, "(n,)").astype(np.float64) for name, x in (("start", start), ("end", end)))
+    if a.ndim != 1 or a.shape != b.shape:
+        raise ValueError(f"`start` and `end` must have the same shape (n,), got {a.shape} and {b.shape}")
+    return a, b
+
+
+DEGREE = 5  # continuous third derivatives of q, so that accelerations have no corners
+ROUNDING = 1e-12  # of the times: by so much the stages of a solver's last step may lie beyond the end
+MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample before it is refused
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A motion through samples, made by `spline`.
+
+    Attributes
+    ----------
+    t : ndarray, shape (K,)
+        Times of the samples [s].
+    q : ndarray, shape (K, n)
+        Joint positions of the samples [rad or m].
+    degree : int
+        Of the polynomials: 5, or K - 1 if there are fewer than six samples.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> t = np.linspace(0, 1, 11)
+    >>> path = rne.trajectories.spline(t, np.stack([t**2, t**3], axis=1))
+    >>> path(0.55)[1].round(6).tolist()
+    [1.1, 0.9075]
+    """
+
+    t: Array
+    q: Array
+    degree: int
+    _derivatives: tuple[Callable[[Array], Array], ...] = field(repr=False)
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at given times.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times within the samples [s]. An array whose last axis has length one holds one time per state, as in
+            control laws; any other array is an array of times.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2].
+
+        Raises
+        ------
+        ValueError
+            If `t` is not real, not finite or outside the samples.
+        TypeError
+            If `t` is traced: a law that follows a spline is called.
+        """
+        if is_traced(np.asarray(t)):
+            raise TypeError("a spline through samples is evaluated with numbers and cannot be traced")
+        times = broadcast_times(t)
+        start, end = float(self.t[0]), float(self.t[-1])
+        outside = times[np.abs(times - np.clip(times, start, end)) > ROUNDING * max(abs(start), abs(end))]
+        if outside.size:
+            raise ValueError(f"`t` must be within the samples, {start:g} to {end:g} s, got {outside.flat[0]:g}")
+        inside = np.clip(times, start, end)
+        inside = inside[..., 0] if inside.ndim else inside
+        q, qd, qdd = (derivative(inside) for derivative in self._derivatives)
+        return q, qd, qdd
+
+
+def spline(t: ArrayLike, q: ArrayLike) -> Spline:
+    """A smooth motion through samples of joint positions.
+
+    Parameters
+    ----------
+    t : array_like, shape (K,)
+        Times, ascending; at least two [s].
+    q : array_like, shape (K, n)
+        Joint positions [rad or m].
+
+    Returns
+    -------
+    Spline
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time, (T, n) for an array of T times; a reference
+        for `rne.control.computed_torque`, where it is called, not traced. Outside the samples it raises ValueError:
+        what the motion does there is not known, and rest is not assumed.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not match, there are fewer than two samples, a number is not finite, the times do not ascend,
+        or the times are spaced so unevenly that the spline does not pass through the samples.
+
+    Notes
+    -----
+    The interpolating spline of `scipy.interpolate.make_interp_spline` of fifth degree with not-a-knot ends; with fewer
+    than six samples one polynomial of degree K - 1, so that two samples give a constant rate. For samples at intervals
+    h of a smooth motion, errors of q, qd and qdd decrease as h^6, h^5 and h^4; intervals of similar length are best.
+    The spline passes through every sample, noise included, which its second derivative amplifies: filter measured
+    positions first.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> t = np.linspace(0.0, 2.0, 41)
+    >>> path = rne.trajectories.spline(t, np.stack([np.sin(t), t**2], axis=-1))
+    >>> [x.round(6).tolist() for x in path(1.0)]
+    [[0.841471, 1.0], [0.540302, 2.0], [-0.841471, 2.0]]
+    >>> path.degree
+    5
+    """
+    from scipy.interpolate import make_interp_spline
+
+    times, positions = (real_array(name, x, s).astype(float) for name, x, s in (("t", t, "(K,)"), ("q", q, "(K, n)")))
+    _check_samples(times, positions)
+    degree = min(DEGREE, len(times) - 1)
+    unit = times[-1] - times[0]
+    # From 0 to 1: the collocation matrix is then as well conditioned as the spacing of the times allows.
+    try:
+        curve = make_interp_spline((times - times[0]) / unit, positions, k=degree)
+    except (ValueError, np.linalg.LinAlgError):
+        raise ValueError(_uneven(times)) from None
+    miss = np.abs(curve((times - times[0]) / unit) - positions).max(initial=0.0)
+    if not miss <= MISMATCH * np.abs(positions).max(initial=0.0):
+        raise ValueError(_uneven(times))
+    for array in (times, positions):
+        array.flags.writeable = False
+    return Spline(times, positions, degree, tuple(_Derivative(curve, times[0], unit, k) for k in range(3)))
+
+
+class _Derivative:
+    """A derivative with respect to time of a curve over (t - start) / unit."""
+
+    def __init__(self, curve: Callable[..., Array], start: float, unit: float, order: int) -> None:
+        self.curve, self.start, self.unit, self.order = curve, start, unit, order
+
+    def __call__(self, t: Array) -> Array:
+        return self.curve((t - self.start) / self.unit, nu=self.order) / self.unit**self.order
+
+
+def _check_samples(t: Array, q: Array) -> None:
+    if t.ndim != 1 or len(t) < 2:
+        raise ValueError(f"`t` must have shape (K,) with two times at least, got {t.shape}")
+    if q.ndim != 2 or len(q) != len(t):
+        raise ValueError(f"`q` must have shape ({len(t)}, n), a row for each time, got {q.shape}")
+    late = np.flatnonzero(np.diff(t) <= 0)
+    if len(late):
+        k = int(late[0])
+        raise ValueError(f"`t` must ascend, got {t[k + 1]:.10g} after {t[k]:.10g} at index {k + 1}")
+
+
+def _uneven(t: Array) -> str:
+    steps = np.diff(t)
+    return (
+        f"`t` is spaced too unevenly for a spline through the samples: intervals from {steps.min():.3g} to "
+        f"{steps.max():.3g} s; sample the motion at equal intervals"
+    )
+
+
+def is_traced(times: Array) -> bool:
+    """True for an array of traced numbers, which stand for times that are not known yet."""
+    return times.dtype == object and all(hasattr(x, "__truediv__") for x in times.flat)
+
+
+def broadcast_times(t: ArrayLike) -> Array:
+    """Times in a shape that broadcasts against (n,); traced numbers are passed on unchecked."""
+    times = np.asarray(t)
+    if not is_traced(times):
+        times = real_array("t", times, "(T,)")
+    return times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None]
