@@ -10,7 +10,7 @@ from benchmarks import batch_sizes
 from benchmarks.cases import title
 from benchmarks.evaluation import is_batch
 from benchmarks.pictures import NUMBA, OTHER, OURS, PINOCCHIO, label_points, lay_out
-from rne.plotting.figures import blank_figure
+from rne.plotting.plots import blank_figure
 
 MARKERS = {"float32": "s", "float64": "o", "longdouble": "^"}
 BATCHES, SINGLES = (3e-21, 1e-5), (3e-17, 3e-14)  # errors shown

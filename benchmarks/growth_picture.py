@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.cases import QUANTITIES, title
 from benchmarks.pictures import OURS, PINOCCHIO
-from rne.plotting.figures import blank_figure
+from rne.plotting.plots import blank_figure
 
 LINES = {"straight": "-", "crooked": "--"}
 COLORS = dict(zip(QUANTITIES, (OURS, "#2f8a4a", "#7d4bb0"), strict=True))

@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.pictures import OTHER, OURS, PINOCCHIO
 from benchmarks.runs import WAYS
-from rne.plotting.figures import blank_figure
+from rne.plotting.plots import blank_figure
 
 COLORS = {"rne": OURS, "simulate": OURS, "pinocchio": PINOCCHIO, "mujoco": OTHER}
 MARKERS = {

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.motions import EXPLICIT, STIFF, TOPS
-from rne.plotting.figures import blank_figure
+from rne.plotting.plots import blank_figure
 
 STYLES = {"rk4": "o", "semi-implicit-euler": "s", "sampled": "^"}
 QUANTITIES = {"inverse dynamics": "#0b62a4", "mass matrix": "#3f9b6e", "forward dynamics": "#c8501e"}

@@ -19,7 +19,7 @@ from benchmarks.pages import table, three
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.pictures import OURS, PINOCCHIO
 from rne.model.topology import end_link
-from rne.plotting.figures import blank_figure
+from rne.plotting.plots import blank_figure
 
 
 def ladder(robot: rne.Robot) -> dict[str, rne.Scene]:

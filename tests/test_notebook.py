@@ -215,7 +215,7 @@ def test_motion_page_has_a_picture_for_each_quantity_and_the_solver_message(irb1
     motion = rne.simulate(irb140, [0] * 6, [0] * 6, 0.1, torque=[1.0] * 6)
     page = parsed(motion._repr_html_())
     labels = [image.get("alt") for image in page.iter("img")]
-    assert labels == ["position [rad]", "rate [rad/s]", "torque [N m]", "energy [J]", "energy error [J]"]
+    assert labels == ["position [rad]", "velocity [rad/s]", "torque [N m]", "energy [J]", "energy error [J]"]
     assert motion.message in shown(page)
     assert all(len(np.unique(np.asarray(picture.convert("L")))) > 20 for picture in pictures(page))
 

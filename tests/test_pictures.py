@@ -51,10 +51,13 @@ def limits(ax):
     return np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
 
 
-def test_import_of_report_loads_no_heavy_package():
-    code = "import sys, rne; rne.plotting.plot; print(*sorted({'matplotlib', 'PIL', 'pinocchio', 'scipy'} & set(sys.modules)))"
+def test_a_page_for_a_notebook_loads_plotting_and_no_heavy_package():
+    code = (
+        "import sys, rne; page = rne.load('irb140').recursion([0] * 6, [0] * 6, [0] * 6)._repr_html_();"
+        "print(page[:4], *{'matplotlib', 'PIL', 'pinocchio', 'scipy'} & set(sys.modules))"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert run.stdout == "\n"
+    assert run.stdout == "<div\n"
 
 
 @pytest.mark.parametrize("name", rne.plotting.__all__)

@@ -14,14 +14,13 @@ from PIL import Image
 
 import rne
 from rne.model.generators import random_tree, straight_chain
-from rne.plotting.figures import MAX_POINTS, thinned
-from rne.plotting.plots import DASHED
+from rne.plotting.plots import DASHED, MAX_POINTS, thinned
 
 from .helpers import kept
 
 SAME = 1e-12  # relative to the largest value of a curve: polynomials through samples round
 UNITS = {"q": ("rad", "m"), "qd": ("rad/s", "m/s"), "qdd": ("rad/s²", "m/s²"), "tau": ("N m", "N")}
-WORDS = {"q": ("position",) * 2, "qd": ("rate",) * 2, "qdd": ("acceleration",) * 2, "tau": ("torque", "force")}
+WORDS = {"q": ("position",) * 2, "qd": ("velocity",) * 2, "qdd": ("acceleration",) * 2, "tau": ("torque", "force")}
 
 
 @pytest.fixture(scope="module")
@@ -178,11 +177,11 @@ def test_arrays_are_drawn_as_they_are(swing):
     for curve, column in zip(ax.lines, swing.qdd.T, strict=True):
         np.testing.assert_array_equal(curve.get_data(), (swing.t, column))
     (ax,) = rne.plotting.plot((swing.t, None, swing.qd)).axes
-    assert ax.get_ylabel() == "rate [rad/s or m/s]"
+    assert ax.get_ylabel() == "velocity [rad/s or m/s]"
 
 
 def test_default_panels(swing, sampled):
-    labels = ["position [rad]", "rate [rad/s]", "torque [N m]", "energy [J]", "energy error [J]"]
+    labels = ["position [rad]", "velocity [rad/s]", "torque [N m]", "energy [J]", "energy error [J]"]
     figure = rne.plotting.plot(sampled)
     assert isinstance(figure, Figure)
     assert [ax.get_ylabel() for ax in figure.axes] == labels
@@ -217,7 +216,7 @@ def test_plots_on_given_axes(swing):
     assert [len(ax.lines) for ax in axes] == [6, 6]
     part = figure.subfigures(1, 2)[0].subplots()
     assert rne.plotting.plot(swing, quantities=["qd"], axes=part) is figure
-    assert part.get_ylabel() == "rate [rad/s]"
+    assert part.get_ylabel() == "velocity [rad/s]"
 
 
 @pytest.mark.parametrize("n", kept([1, 6, 30], [6]))
@@ -416,7 +415,7 @@ WRONG = {
     "few axes": (
         lambda s, e: rne.plotting.plot(s, quantities=["q", "qd"], axes=Figure().subplots()),
         ValueError,
-        "`axes` must have 2 axes, for position [rad], rate [rad/s]; got 1",
+        "`axes` must have 2 axes, for position [rad], velocity [rad/s]; got 1",
     ),
     "no axes": (
         lambda s, e: rne.plotting.plot(s, quantities=["q"], axes=[3]),

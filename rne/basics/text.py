@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from functools import singledispatch
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -176,14 +176,9 @@ def _at_the_point(text: str) -> tuple[str, str]:
     return (text[: match.start()], match.group()) if match else (text, "")
 
 
-@singledispatch
-def html(thing: Any) -> str | None:
-    """The object as a fragment of HTML; None for a class that has none, which notebooks show as text."""
-    return None
-
-
 class InNotebooks:
-    """Base of the classes that notebooks show as HTML."""
+    """Base of the classes that notebooks show as HTML, by `rne.plotting.notebook`, which is above all of them."""
 
-    def _repr_html_(self) -> str | None:
-        return html(self)
+    def _repr_html_(self) -> str:
+        page: str = importlib.import_module("rne.plotting.notebook").html(self)  # loaded for the first page
+        return page

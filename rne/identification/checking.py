@@ -9,7 +9,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..basics.text import Row, aligned, short, wrapped
-from ..plotting.figures import HIDDEN, curves, dress, figure_of, legend_beside, literal, stacked_panels
+from ..plotting.plots import HIDDEN, curves, dress, figure_of, legend_beside, literal, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,18 +119,18 @@ class Check:
         6
         """
         n = self.measured.shape[1]
-        panels = stacked_panels(n, f"Torques of {self.name}", height=1.5) if axes is None else list(axes)
+        where = panels(n, f"Torques of {self.name}", height=1.5) if axes is None else list(axes)
         t, measured, predicted = without_gaps(self.t, self.measured, self.predicted)
         shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
-        for j, ax in enumerate(panels):
+        for j, ax in enumerate(where):
             for (label, values), (color, width) in zip(shown.items(), LOOK, strict=True):
                 names = [label if j == 0 else HIDDEN]
                 curves(ax, t, values[:, [j]], names, [color], linewidth=width)
             dress(ax, f"[{self.units[j]}]")
             ax.set_title(literal(short(self.joint_names[j])), loc="left", fontsize="small", pad=2)
-        legend_beside(panels[0])
-        figure = figure_of(panels)
-        figure.align_ylabels(panels)
+        legend_beside(where[0])
+        figure = figure_of(where)
+        figure.align_ylabels(where)
         return figure
 
 

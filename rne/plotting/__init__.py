@@ -2,8 +2,7 @@
 
 from . import notebook as _notebook  # noqa: F401  registers what notebooks show
 from .animation import animate
-from .fans import fan
-from .plots import plot
+from .plots import fan, plot
 from .robot_picture import draw
 
 __all__ = ["animate", "draw", "fan", "plot"]

@@ -15,8 +15,8 @@ from ..basics.paths import output_file
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
-from .figures import literal
 from .motions import motion_argument
+from .plots import literal
 from .robot_picture import Picture, blank_axes, check_robot
 
 MIN_FPS = 0.01  # [1/s]; GIF stores at most 655 s per frame

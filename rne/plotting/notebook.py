@@ -1,7 +1,8 @@
-"""What notebooks show of a robot, a motion, a recursion and a kernel: HTML without scripts or style sheets.
+"""HTML pages of robots, motions, recursions and kernels for notebooks, without scripts or style sheets.
 
-Colours are those of the notebook, light or dark; wide tables scroll in their own boxes, so that a page on a phone does
-not. All text passes through `html.escape`, since names come from files.
+Jupyter asks an object for `_repr_html_`, which calls `html`. Colours are those of the notebook, light or dark; wide
+tables scroll in their own boxes, so that a page on a phone does not. All text passes through `html.escape`, since names
+come from files.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ import importlib.util
 import io
 import math
 from collections.abc import Iterable, Sequence
+from functools import singledispatch
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.text import counted, html, short, six_digits
+from ..basics.text import counted, short, six_digits
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.record import BRANCHED, LEGEND, VECTORS, Recursion
 from ..kernels.heading import UNITS
@@ -26,9 +28,8 @@ from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot
 from ..simulation.summary import trajectory_lines
 from ..simulation.trajectory import Trajectory
-from .figures import COLORS, blank_figure, literal
-from .motions import joint_labels, motion_argument
-from .plots import QUANTITIES, Panel, draw_panel, panels_of
+from .motions import Motion, joint_labels, motion_argument
+from .plots import COLORS, HIDDEN, Panel, blank_figure, draw_panel, literal, panels_of
 from .robot_picture import draw
 
 if TYPE_CHECKING:
@@ -46,8 +47,14 @@ LINE = 100  # characters of a line of source
 ACROSS, HIGH = 4.4, 2.6  # size of a small plot [inch], as wide as a phone
 
 
+@singledispatch
+def html(thing: object) -> str:
+    """The page of an object of one of the classes below, as a fragment of HTML."""
+    raise TypeError(f"there is no page for {type(thing).__name__}")
+
+
 @html.register
-def robot_page(robot: Robot) -> str:
+def _(robot: Robot) -> str:
     """A picture of the robot at q = 0, its joints and its bodies; without matplotlib the tables alone."""
     model, parts = robot.model, at_links(disassemble(robot.model))
     pieces = [_text(repr(robot))]
@@ -59,78 +66,66 @@ def robot_page(robot: Robot) -> str:
     return _page(
         *pieces,
         _table(("joint", "type", "parent → child", "range", "speed", "effort"), joints),
-        _text("Masses with the links on fixed joints included, in the axes of the link:"),
-        _table(heads, bodies),
+        _table(heads, bodies, title="Masses with the links on fixed joints included, in the axes of the link:"),
     )
 
 
 @html.register
-def trajectory_page(motion: Trajectory) -> str:
-    """Small plots of positions, rates, torques and energies, and how the run ended."""
+def _(motion: Trajectory) -> str:
+    """Small plots of positions, velocities, torques and energies, and how the run ended."""
     pieces = [_text("\n".join(trajectory_lines(motion)))]
     if has_matplotlib() and len(motion.t):
         shown = motion_argument("motion", motion)
-        labels, rotating = joint_labels(shown, None)
-        figures = (_small_plot(shown, panel) for panel in panels_of(shown, labels, rotating, None))
-        images = "".join(_image(figure, label) for label, figure in figures)
-        pieces.append(f'<div style="display:flex;flex-wrap:wrap;gap:.4em">{images}</div>')
-    if motion.dissipated:
-        lost = ", ".join(
-            f"{name} {six_digits(energy[-1])} J" for name, energy in motion.dissipated.items() if len(energy)
-        )
-        pieces.append(_text(f"Dissipated by friction: {lost}"))
-    return _page(*pieces)
+        images = [_image(_small_plot(shown, x), x.label) for x in panels_of(shown, *joint_labels(shown, None), None)]
+        pieces.append(f'<div style="display:flex;flex-wrap:wrap;gap:.4em">{"".join(images)}</div>')
+    lost = [f"{name} {six_digits(energy[-1])} J" for name, energy in (motion.dissipated or {}).items() if len(energy)]
+    return _page(*pieces, *([_text(f"Dissipated by friction: {', '.join(lost)}")] if lost else []))
 
 
 @html.register
-def recursion_page(record: Recursion) -> str:
+def _(record: Recursion) -> str:
     """The table of a recursion, or of the first state of its batch."""
     if 0 in record.batch or not record.joints:
         return _page(_text(repr(record)))
-    pieces = [_text(f"Recursion of {counted(len(record.joints), 'joint')}")]
+    title = f"Recursion of {counted(len(record.joints), 'joint')}"
     if record.batch:
-        pieces.append(_text(f"The first of the states of leading shape {record.batch}:"))
+        title += f"\nThe first of the states of leading shape {record.batch}:"
         record = record.state((0,) * len(record.batch))
     rows = [row for i in range(len(record.joints)) for row in _record_rows(record, i)]
     notes = LEGEND if record.a_e is not None else (*LEGEND, BRANCHED)
     heads = ("joint", "quantity", "equation", "unit", "x", "y", "z")
-    return _page(*pieces, _table(heads, rows, numbers=4), _text(" ".join(notes)))
+    return _page(_table(heads, rows, numbers=4, title=title), _text(" ".join(notes)))
 
 
 @html.register
-def kernel_page(kernel: Kernel) -> str:
+def _(kernel: Kernel) -> str:
     """Inputs, output and operations of a kernel, and the beginning of its source."""
-    pieces = [_text(repr(kernel))]
-    n = kernel.model.n
+    title, heads = repr(kernel), ("array", "shape", "unit")
     rows = [
         (name, f"(..., {width})", _units(name, kernel.model))
         for name, width in zip(kernel.names, kernel.widths, strict=True)
     ]
     if not kernel.is_unrolled:
-        return _page(
-            *pieces, _table(("input", "shape", "unit"), rows), _text(f"Too large to be written out: {n} joints.")
-        )
+        return _page(_table(heads, rows, title=title), _text(f"Too large to be written out: {kernel.model.n} joints."))
     source = kernel.source().splitlines()
     unit = next(line.split(" - ", 1)[1] for line in source if line.startswith("# Unit of the result"))
     rows.append(("result", f"({', '.join(['...', *map(str, kernel.traced.shape)])})", unit))
-    operations = kernel.operations
-    counts = [tuple(str(count) for count in (*operations.values(), sum(operations.values())))]
+    counts = kernel.operations | {"all operations": sum(kernel.operations.values())}
     lines = [line if len(line) <= LINE else f"{line[: LINE - 3]}..." for line in source[:SOURCE_LINES]]
-    left = len(source) - len(lines)
-    end = [f"    ... {left} more lines: kernel.source()"] if left > 0 else []
+    if len(source) > SOURCE_LINES:
+        lines.append(f"    ... {len(source) - SOURCE_LINES} more lines: kernel.source()")
     return _page(
-        *pieces,
-        _table(("array", "shape", "unit"), rows),
-        _table((*operations, "all operations"), counts, numbers=0),
-        f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(chr(10).join([*lines, *end]))}</pre></div>',
+        _table(heads, rows, title=title),
+        _table(tuple(counts), [tuple(map(str, counts.values()))], numbers=0),
+        f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(chr(10).join(lines))}</pre></div>',
     )
 
 
 @html.register
-def base_parameters_page(base: BaseParameters) -> str:
+def _(base: BaseParameters) -> str:
     """The combinations of parameters that torques depend on, and their values."""
     rows = [(text, six_digits(value)) for text, value in zip(base.formulas, base.values, strict=True)]
-    return _page(_text(repr(base)), _table(("base parameter", "value [SI]"), rows, numbers=1))
+    return _page(_table(("base parameter", "value [SI]"), rows, numbers=1, title=repr(base)))
 
 
 def has_matplotlib() -> bool:
@@ -148,18 +143,16 @@ def _robot_figure(robot: Robot) -> Figure:
     return figure
 
 
-def _small_plot(motion: Any, panel: Panel) -> tuple[str, Figure]:
+def _small_plot(motion: Motion, panel: Panel) -> Figure:
     figure = blank_figure(ACROSS, HIGH)
     ax = figure.add_subplot()
     draw_panel(ax, panel, motion)
     ax.set_xlabel("time [s]")
-    if 1 < len(panel.columns) <= COLORS:
-        figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
-    elif len(panel.columns) == 1 and panel.quantity in QUANTITIES:
-        ax.set_title(literal(short(panel.names[0])), fontsize="small")
-    elif len(panel.columns) > COLORS:
+    if len(panel.columns) > COLORS:
         ax.set_title(literal(f"{short(panel.names[0])} (blue) to {short(panel.names[-1])} (red)"), fontsize="small")
-    return panel.label, figure
+    elif panel.columns and panel.names[0] != HIDDEN:
+        figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
+    return figure
 
 
 def _joint_row(part: Part, parts: Sequence[Part]) -> tuple[str, ...]:
@@ -181,10 +174,9 @@ def _limit(value: float, unit: str) -> str:
 
 
 def _body_row(part: Part) -> tuple[str, ...]:
-    I = np.asarray(part.inertia, dtype=float)
-    entries = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
-    centre = ", ".join(f"{float(x) + 0.0:.4g}" for x in part.com)
-    return short(part.link), f"{float(part.mass):.6g}", centre, ", ".join(f"{float(x) + 0.0:.4g}" for x in entries)
+    entries = np.asarray(part.inertia, dtype=float)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    centre, inertia = (", ".join(f"{float(x) + 0.0:.4g}" for x in numbers) for numbers in (part.com, entries))
+    return short(part.link), f"{float(part.mass):.6g}", centre, inertia
 
 
 def _record_rows(record: Recursion, i: int) -> Iterable[tuple[str, ...]]:
@@ -202,6 +194,7 @@ def _record_rows(record: Recursion, i: int) -> Iterable[tuple[str, ...]]:
 
 
 def _number(x: Any) -> str:
+    """A number of any type that the dynamics take, real or complex."""
     text = six_digits(x.real)
     return text if not (np.iscomplexobj(x) or x.imag != 0) else f"{text} + {six_digits(x.imag)} i"
 
@@ -209,9 +202,8 @@ def _number(x: Any) -> str:
 def _units(name: str, model: Model) -> str:
     if name not in UNITS:
         return "N m, N" if name.startswith("external") else "s" if name == "t" else ""
-    units = UNITS[name]
     rotating = model.is_revolute[list(model.independent_joints)]
-    return " or ".join(dict.fromkeys(units[0] if turns else units[1] for turns in rotating))
+    return " or ".join(dict.fromkeys(UNITS[name][0 if turns else 1] for turns in rotating))
 
 
 def _page(*pieces: str) -> str:
@@ -223,19 +215,17 @@ def _text(text: str) -> str:
     return f'<p style="margin:.3em 0;overflow-wrap:anywhere">{lines}</p>'
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: int = 99) -> str:
-    """A table that scrolls within its box; columns from `numbers` on are aligned to the right."""
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: int = 99, title: str = "") -> str:
+    """A titled table that scrolls within its box; columns from `numbers` on are aligned to the right."""
     sides = [CELL.format("right" if k >= numbers else "left") for k in range(len(heads))]
 
     def line(tag: str, cells: Sequence[str]) -> str:
-        inside = "".join(
-            f'<{tag} style="{side}">{escape(cell)}</{tag}>' for cell, side in zip(cells, sides, strict=True)
-        )
-        return f"<tr>{inside}</tr>"
+        inside = [f'<{tag} style="{x}">{escape(cell)}</{tag}>' for cell, x in zip(cells, sides, strict=True)]
+        return f"<tr>{''.join(inside)}</tr>"
 
     body = "".join(line("td", row) for row in rows)
     table = f'<table style="{TABLE}"><thead>{line("th", heads)}</thead><tbody>{body}</tbody></table>'
-    return f'<div style="{BOX}">{table}</div>'
+    return f'{_text(title) if title else ""}<div style="{BOX}">{table}</div>'
 
 
 def _image(figure: Figure, title: str) -> str:

@@ -1,54 +1,66 @@
-"""Plots of a motion over time, or of two to compare them."""
+"""Plots of motions and ensembles over time, without pyplot's global state."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..robot import Robot
+from ..simulation.ensembles import Ensemble
 from ..simulation.trajectory import Trajectory
-from .figures import check_axes, curves, dress, figure_of, joint_colors, legend_beside, stacked_panels
 from .motions import Motion, joint_labels, motion_argument
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.typing import ColorType
 
-QUANTITIES = {  # what it is called and its unit, of rotating and of sliding joints
+HIDDEN = "_nolegend_"  # label of curves that legends leave out
+QUANTITIES = {  # name and unit, of rotating and of sliding joints
     "q": (("position", "rad"), ("position", "m")),
-    "qd": (("rate", "rad/s"), ("rate", "m/s")),
+    "qd": (("velocity", "rad/s"), ("velocity", "m/s")),
     "qdd": (("acceleration", "rad/s²"), ("acceleration", "m/s²")),
     "tau": (("torque", "N m"), ("force", "N")),
 }
-ENERGIES = {"energy": ("kinetic", "potential", "total"), "energy error": ("_nolegend_",)}
+ENERGIES = {"energy": ("kinetic", "potential", "total"), "energy error": (HIDDEN,)}
 DEFAULT = ("q", "qd", "tau", "energy", "energy error")
 ENDINGS = {1: ", stopped by an event", -1: ", failed"}
 DASHED = (0, (4, 2))
 SEPARATE = 120  # samples whose points can still be told apart
+PALE, DARK = 0.18, 0.5  # opacity of the outermost and of the innermost band of a fan
+MAX_POINTS = 20000  # per curve; of longer ones the smallest and largest values of short spans are drawn
+LEGEND_ROWS = 12  # that fit beside one panel
+COLORS = 10  # in matplotlib's cycle
+MANY = ("turbo", 0.02, 0.96)  # colour map of more curves, from the first to the last
 
 
 class Panel(NamedTuple):
-    """One quantity with one unit."""
+    """One quantity in one unit: columns of its array, with their names and colours."""
 
     quantity: str
     columns: list[int]
     names: tuple[str, ...]
-    colors: list[Any]
+    colors: Sequence[ColorType]
     label: str
 
 
 def plot(
-    motion: Trajectory | Sequence[Any],
+    motion: Trajectory | Sequence[ArrayLike | None],
     names: Robot | Sequence[str] | None = None,
     *,
-    other: Trajectory | Sequence[Any] | None = None,
+    other: Trajectory | Sequence[ArrayLike | None] | None = None,
     quantities: Sequence[str] | None = None,
-    axes: Any = None,
+    axes: Axes | Sequence[Axes] | None = None,
 ) -> Figure:
-    """Joint positions, rates and torques, energies and the energy error over time.
+    """Joint positions, velocities and torques, energies and the energy error over time.
 
     Parameters
     ----------
@@ -95,7 +107,7 @@ def plot(
     >>> robot = rne.load("irb140")
     >>> swing = rne.simulate(robot, [0] * 6, [0] * 6, 0.1)
     >>> [ax.get_ylabel() for ax in rne.plotting.plot(swing).axes]
-    ['position [rad]', 'rate [rad/s]', 'energy [J]', 'energy error [J]']
+    ['position [rad]', 'velocity [rad/s]', 'energy [J]', 'energy error [J]']
     >>> stiffer = rne.simulate(robot, [0] * 6, [0] * 6, 0.1, torque=rne.control.pd(robot, [9] * 6, [1] * 6, [0] * 6))
     >>> figure = rne.plotting.plot(swing, other=stiffer, quantities=["q"])
     """
@@ -105,14 +117,111 @@ def plot(
         raise ValueError(f"`other` must have {shown.n} joints as `motion` has, got {second.n}")
     labels, rotating = joint_labels(shown, names)
     wanted = panels_of(shown, labels, rotating, quantities)
-    if axes is None:
-        where = stacked_panels(len(wanted), _title(shown, second))
-    else:
-        where = check_axes(axes, [panel.label for panel in wanted])
+    title = _title(shown, second)
+    where = panels(len(wanted), title) if axes is None else check_axes(axes, [panel.label for panel in wanted])
     for panel, ax in zip(wanted, where, strict=True):
         draw_panel(ax, panel, shown, second)
         legend_beside(ax)
     return figure_of(where)
+
+
+def fan(
+    ensemble: Ensemble,
+    joints: Sequence[str] | None = None,
+    probabilities: ArrayLike = (0.05, 0.25, 0.5, 0.75, 0.95),
+    of: Literal["q", "qd", "tau"] = "q",
+    *,
+    axes: Axes | Sequence[Axes] | None = None,
+) -> Figure:
+    """Bands between quantiles of an ensemble over time, one panel for each joint.
+
+    Parameters
+    ----------
+    ensemble : Ensemble
+        With enough stored times: `keep` of `rne.ensemble`.
+    joints : sequence of str, optional
+        Names of the joints to show; by default all.
+    probabilities : array_like, shape (P,)
+        Of the quantiles, rising, from 0 to 1. Each one and its opposite number bound a band: the first and the last,
+        the second and the last but one, and so on; of an odd number the one in the middle is a line.
+    of : {"q", "qd", "tau"}
+        Positions, velocities or torques.
+    axes : matplotlib axes or sequence of them, optional
+        Where to draw, one for each joint; by default a new figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel for each joint; `figure.savefig("fan.png")` writes it to a file.
+
+    Raises
+    ------
+    TypeError
+        If `ensemble` is no Ensemble, or `axes` are no axes.
+    ValueError
+        If a joint is unknown, the probabilities are not rising numbers from 0 to 1, or there are no motions.
+    ImportError
+        If matplotlib is not installed.
+
+    Notes
+    -----
+    Quantiles are known at the stored times only, and joined by straight lines. They are quantiles of each joint alone:
+    no single motion need follow any of them.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> starts = np.random.default_rng(0).uniform(-0.1, 0.1, (50, 6))
+    >>> swings = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.2, step=2e-3, keep=11)
+    >>> [ax.get_ylabel() for ax in rne.plotting.fan(swings, ["joint_2", "joint_3"]).axes]
+    ['position [rad]', 'position [rad]']
+    """
+    if not isinstance(ensemble, Ensemble):
+        raise TypeError(f"`ensemble` must be an rne.Ensemble, got {type(ensemble).__name__}")
+    model = ensemble.model
+    chosen = _chosen(model.joint_names, joints)
+    levels = real_array("probabilities", probabilities, "(P,)")
+    if levels.ndim != 1 or not len(levels) or (np.diff(levels) <= 0).any():
+        raise ValueError(
+            f"`probabilities` must be rising numbers from 0 to 1, got {np.asarray(probabilities).tolist()}"
+        )
+    values = ensemble.quantiles(levels, of)
+    names = [model.joint_names[k] for k in chosen]
+    title = f"{ensemble.q.shape[1]} motions of {model.name}"
+    where = panels(len(chosen), title, min(len(chosen), 3), 2.4) if axes is None else check_axes(axes, names)
+    for ax, k, joint in zip(where, chosen, names, strict=True):
+        _bands(ax, ensemble.t, values[..., k], levels)
+        name, unit = QUANTITIES[of][not model.is_revolute[model.independent_joints[k]]]
+        dress(ax, f"{name} [{unit}]")
+        ax.set_title(literal(joint), fontsize="medium")
+    figure = figure_of(where)
+    if axes is None:
+        handles, labels = where[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
+    return figure
+
+
+def _chosen(names: Sequence[str], joints: Sequence[str] | None) -> list[int]:
+    if joints is None:
+        joints = names
+    elif isinstance(joints, str):
+        raise TypeError("`joints` must be a sequence of str, got str")
+    for joint in joints:
+        if joint not in names:
+            raise ValueError(f"`joints` must be from {list(names)}, got {joint!r}")
+    if not len(joints):
+        raise ValueError("`joints` must name at least one joint, got none")
+    return [names.index(joint) for joint in joints]
+
+
+def _bands(ax: Axes, t: Array, values: Array, levels: Array) -> None:
+    """The bands of one joint, the outermost first; values of shape (P, S)."""
+    pairs = len(levels) // 2
+    for k, shade in enumerate(np.linspace(PALE, DARK, pairs)):
+        label = f"{100 * levels[k]:.4g} to {100 * levels[-1 - k]:.4g} %"
+        ax.fill_between(t, values[k], values[-1 - k], color="C0", alpha=shade, linewidth=0, label=label)
+    if len(levels) % 2:
+        ax.plot(t, values[pairs], color="C0", linewidth=1.4, label=f"{100 * levels[pairs]:.4g} %")
 
 
 def panels_of(
@@ -134,21 +243,20 @@ def panels_of(
             shades = joint_colors(len(names)) if len(names) > 1 else ["0.5"]
             found.append(Panel(quantity, list(range(len(names))), names, shades, f"{quantity} [J]"))
             continue
-        for columns, label in _units(quantity, motion.n, rotating):
+        for columns, label in _by_unit(quantity, motion.n, rotating):
             chosen = tuple(labels[k] for k in columns)
             found.append(Panel(quantity, columns, chosen, [colors[k] for k in columns], label))
     return found
 
 
-def _units(quantity: str, n: int, rotating: Array | None) -> list[tuple[list[int], str]]:
+def _by_unit(quantity: str, n: int, rotating: Array | None) -> list[tuple[list[int], str]]:
     """Columns that share a unit, with their label."""
-    kinds = QUANTITIES[quantity]
+    (name, unit), (name_sliding, unit_sliding) = QUANTITIES[quantity]
     if rotating is None or not n:
-        return [(list(range(n)), f"{kinds[0][0]} [{kinds[0][1]} or {kinds[1][1]}]")]
-    groups = [
-        (np.flatnonzero(rotating == (kind == 0)).tolist(), f"{kinds[kind][0]} [{kinds[kind][1]}]") for kind in (0, 1)
-    ]
-    return [(columns, label) for columns, label in groups if columns]
+        return [(list(range(n)), f"{name} [{unit} or {unit_sliding}]")]
+    turning, sliding = np.flatnonzero(rotating).tolist(), np.flatnonzero(~rotating).tolist()
+    groups = [(turning, f"{name} [{unit}]"), (sliding, f"{name_sliding} [{unit_sliding}]")]
+    return [group for group in groups if group[0]]
 
 
 def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = None) -> None:
@@ -157,7 +265,7 @@ def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = No
         if drawn is None or panel.quantity not in drawn.quantities:
             continue
         t, values = drawn.curve(panel.quantity)
-        names = panel.names if drawn is motion else ("_nolegend_",) * len(panel.names)
+        names = panel.names if drawn is motion else (HIDDEN,) * len(panel.names)
         at_samples = panel.quantity == "energy error" and len(t) <= SEPARATE
         marks = {"marker": ".", "linewidth": 0.6} if at_samples else {}
         curves(ax, t, values[:, panel.columns], names, panel.colors, linestyle=style, **marks)
@@ -173,3 +281,97 @@ def _title(motion: Motion, other: Motion | None) -> str:
 def _origin(motion: Motion) -> str:
     run = motion.trajectory
     return "as given" if run is None else f"by {run.method}{ENDINGS.get(run.status, '')}"
+
+
+def blank_figure(width: float, height: float) -> Figure:
+    """An empty figure of the given size [inch]; without matplotlib an ImportError says how to install it."""
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError:
+        raise ImportError("pictures need matplotlib, which is not installed: pip install 'rne[plot]'") from None
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=120)
+    figure.__dict__["_repr_png_"] = partial(_png, figure)  # notebooks show it, whether or not pyplot is imported
+    return figure
+
+
+def _png(figure: Figure) -> bytes:
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
+
+
+def panels(count: int, title: str, columns: int = 1, height: float = 2.1) -> list[Axes]:
+    """The panels of a new figure over time, row by row; those of one column share the time axis."""
+    rows = -(-count // columns)
+    figure = blank_figure(8 if columns == 1 else 3.2 * columns, height * rows)
+    grid = list(figure.subplots(rows, columns, sharex=columns == 1, squeeze=False).flat)
+    figure.suptitle(literal(title))
+    for ax in grid[count:]:
+        ax.remove()
+    for ax in grid[:count][-columns:]:
+        ax.set_xlabel("time [s]")
+    return grid[:count]
+
+
+def figure_of(axes: Sequence[Axes]) -> Figure:
+    """The figure that axes are on, that of the first if they are on several."""
+    return axes[0].figure.canvas.figure  # also of axes on a part of a figure
+
+
+def check_axes(axes: Any, labels: Sequence[str]) -> list[Axes]:
+    """The given axes as a list, one for each label."""
+    given = [axes] if hasattr(axes, "plot") else list(np.ravel(np.asarray(axes, dtype=object)))
+    for ax in given:
+        if not hasattr(ax, "plot"):
+            raise TypeError(f"`axes` must be matplotlib axes, got {type(ax).__name__}")
+    if len(given) != len(labels):
+        raise ValueError(f"`axes` must have {len(labels)} axes, for {', '.join(labels)}; got {len(given)}")
+    return given
+
+
+def joint_colors(n: int) -> list[ColorType]:
+    """A colour for each of n curves: those of matplotlib's cycle, or of a colour map if there are more."""
+    if n <= COLORS:
+        return [f"C{k}" for k in range(n)]
+    from matplotlib import colormaps
+
+    name, first, last = MANY
+    return list(colormaps[name](np.linspace(first, last, n)))
+
+
+def curves(ax: Axes, t: Array, values: Array, names: Sequence[str], colors: Sequence[ColorType], **style: Any) -> None:
+    """Plot the columns of `values` over time."""
+    look = {"linewidth": 1.2, "marker": "." if len(t) == 1 else ""} | style
+    for column, name, color in zip(values.T, names, colors, strict=True):
+        shown = thinned(column)
+        ax.plot(t[shown], column[shown], label=literal(name), color=color, **look)
+
+
+def thinned(column: Array) -> Array:
+    """Indices of the values to draw: all, or the smallest and the largest of each of many short spans."""
+    if len(column) <= MAX_POINTS:
+        return np.arange(len(column))
+    edges = np.linspace(0, len(column), MAX_POINTS // 2 + 1).astype(int)
+    extremes = [a + int(pick(column[a:b])) for a, b in pairwise(edges) for pick in (np.argmin, np.argmax)]
+    return np.unique([0, *extremes, len(column) - 1])
+
+
+def literal(name: str) -> str:
+    """A name as matplotlib shows it: "$" begins no formula, and a leading "_" does not hide it from legends."""
+    text = name.replace("$", r"\$")
+    return f"\u200b{text}" if text.startswith("_") and text != HIDDEN else text
+
+
+def dress(ax: Axes, label: str) -> None:
+    """Grid and label of a panel."""
+    ax.grid(True, alpha=0.3)
+    ax.set_ylabel(label)
+    ax.ticklabel_format(axis="y", scilimits=(-3, 4))
+
+
+def legend_beside(ax: Axes) -> None:
+    """A legend to the right of a panel, in as many columns as needed; none if no curve is named."""
+    _, labels = ax.get_legend_handles_labels()
+    if labels:
+        columns = -(-len(labels) // LEGEND_ROWS)
+        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False, ncols=columns)

@@ -12,7 +12,7 @@ from ..basics.spatial import Array, cross, rotate
 from ..model.builder import disassemble
 from ..model.model import Model
 from ..robot import Robot
-from .figures import COLORS, blank_figure, literal
+from .plots import COLORS, blank_figure, literal
 from .shapes import link_shapes
 from .surfaces import surface
 

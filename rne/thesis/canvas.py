@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..plotting.figures import blank_figure
+from ..plotting.plots import blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,7 +23,7 @@ SMALLEST = 1e-8  # [rad], lower end of the axis of errors
 
 def plot_robot(robot: Robot, q: ArrayLike) -> Any:
     """The robot at q, with its legend below."""
-    from ..plotting.figures import blank_figure
+    from ..plotting.plots import blank_figure
 
     figure = blank_figure(WIDTH, 5.6)
     figure.set_layout_engine("none")
