@@ -118,11 +118,17 @@ def rotation_from_rpy(rpy: Array) -> Array:
 
 
 def rpy_from_rotation(R: Array) -> Array:
-    """The roll, pitch and yaw of one rotation matrix; at pitch = +-pi/2, where they are not unique, roll is 0."""
-    pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
-    if math.hypot(R[0, 0], R[1, 0]) <= SNAP:
+    """The roll, pitch and yaw of one rotation matrix; at pitch = +-pi/2, where they are not unique, roll is 0.
+
+    Roll is that of Rz(yaw)^T R: near pitch = +-pi/2 yaw has few digits, but the sum or difference of both has all.
+    """
+    across = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], across)
+    if across <= SNAP:
         return np.array([0.0, pitch, math.atan2(-R[0, 1], R[1, 1])])
-    return np.array([math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])])
+    c, s = R[0, 0] / across, R[1, 0] / across  # of yaw
+    roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return np.array([roll, pitch, math.atan2(s, c)])
 
 
 def point_mass_inertia(mass: Array, c: Array) -> Array:
