@@ -1,64 +1,65 @@
 """Elementwise functions for control laws and friction that can be traced, where NumPy's own would need values.
 
-A branch written with `where` remains a branch in the kernel.
+They take numbers and traced numbers, and are NumPy's functions of the same names. A branch written with `where` remains
+a branch in the kernel: both its values are computed.
 """
 
 from __future__ import annotations
 
-import operator
-from typing import Any
+import inspect
+from collections.abc import Callable
+from functools import partial
+from typing import Any, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .basics.arrays import plain_array
 from .basics.spatial import Array
 
-
-def _on_objects(name: str, inputs: int) -> Any:
-    """The method `name` of traced numbers, the NumPy function of any others, entry by entry."""
-    plain = getattr(np, name)
-
-    def apply(*x: Any) -> Any:
-        for k, first in enumerate(x[:2] if name != "where" else x[:1]):
-            if hasattr(first, name):
-                return getattr(first, name)(*x[:k], *x[k + 1 :])
-        return plain(*x)[()]
-
-    return np.frompyfunc(apply, inputs, 1)
-
-
-def _arctan2(y: Any, x: Any) -> Any:
-    """The angle of one vector, of which either component may be traced."""
-    if hasattr(x, "arctan2") and not hasattr(y, "arctan2"):
-        y = y + 0 * x
-    return y.arctan2(x) if hasattr(y, "arctan2") else np.arctan2(y, x)
-
-
-_OBJECTS = {name: _on_objects(name, 1) for name in ("exp", "tanh", "sign")}
-_OBJECTS |= {name: _on_objects(name, 2) for name in ("minimum", "maximum")}
-_OBJECTS["where"] = _on_objects("where", 3)
-_object_arctan2 = np.frompyfunc(_arctan2, 2, 1)
-_object_less = np.frompyfunc(operator.lt, 2, 1)
-
-
-def _apply(name: str, *x: ArrayLike) -> Array:
-    arrays = [np.asarray(a) for a in x]
-    function = _OBJECTS[name] if any(a.dtype == object for a in arrays) else getattr(np, name)
-    return np.asarray(function(*arrays))
-
-
-def tanh(x: ArrayLike) -> Array:
-    """Hyperbolic tangent, elementwise.
-
-    Parameters
+P = ParamSpec("P")
+SECTIONS = """Parameters
     ----------
-    x : array_like
-        Numbers or traced numbers.
+    {names} : array_like
+        Numbers or traced numbers, broadcast against each other.
 
     Returns
     -------
-    ndarray, shape of x
-        Between -1 and 1; a smooth replacement of `sign`, tanh(x / width).
+    ndarray
+        Of the broadcast shape.
+
+    Examples
+"""
+
+
+def _entry(name: str, *x: Any) -> Any:
+    """One entry of a result: the method of a traced number, or NumPy's function of numbers."""
+    if name == "less":
+        return x[0] < x[1]
+    if name in ("minimum", "maximum") and not hasattr(x[0], name):
+        x = x[::-1]
+    if name == "arctan2" and hasattr(x[1], name):
+        x = x[0] + 0 * x[1], x[1]
+    return getattr(x[0], name)(*x[1:]) if hasattr(x[0], name) else getattr(np, name)(*x)[()]
+
+
+def _apply(name: str, **x: ArrayLike) -> Array:
+    arrays = [plain_array(argument, value) for argument, value in x.items()]
+    if any(array.dtype == object for array in arrays):
+        return np.asarray(np.frompyfunc(partial(_entry, name), len(arrays), 1)(*arrays))
+    return np.asarray(getattr(np, name)(*arrays))
+
+
+def _documented(function: Callable[P, Array]) -> Callable[P, Array]:
+    """Put the sections on parameters and result, which all these functions share, before the example."""
+    names = ", ".join(inspect.signature(function).parameters)
+    function.__doc__ = (function.__doc__ or "").replace("Examples\n", SECTIONS.format(names=names))
+    return function
+
+
+@_documented
+def tanh(x: ArrayLike) -> Array:
+    """Hyperbolic tangent: tanh(x / width) is a smooth replacement of `sign`.
 
     Examples
     --------
@@ -66,21 +67,12 @@ def tanh(x: ArrayLike) -> Array:
     >>> tanh([-100.0, 0.0, 100.0]).tolist()
     [-1.0, 0.0, 1.0]
     """
-    return _apply("tanh", x)
+    return _apply("tanh", x=x)
 
 
+@_documented
 def exp(x: ArrayLike) -> Array:
-    """Exponential function, elementwise.
-
-    Parameters
-    ----------
-    x : array_like
-        Numbers or traced numbers.
-
-    Returns
-    -------
-    ndarray, shape of x
-        Positive numbers.
+    """Exponential function.
 
     Examples
     --------
@@ -88,22 +80,12 @@ def exp(x: ArrayLike) -> Array:
     >>> exp([0.0, 1.0]).round(6).tolist()
     [1.0, 2.718282]
     """
-    return _apply("exp", x)
+    return _apply("exp", x=x)
 
 
+@_documented
 def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
-    """Angle of the vector (x, y), entry by entry.
-
-    Parameters
-    ----------
-    y, x : array_like
-        Numbers or traced numbers, broadcast against each other.
-
-    Returns
-    -------
-    ndarray
-        Of the broadcast shape, from -pi to pi [rad]. On the cut itself, where y is 0 and x negative, a kernel may give
-        either of both.
+    """Angle of the vector (x, y), from -pi to pi; where y is 0 and x negative, a kernel may give either [rad].
 
     Examples
     --------
@@ -111,23 +93,12 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
     >>> arctan2([0.0, 1.0], [1.0, 0.0]).round(6).tolist()
     [0.0, 1.570796]
     """
-    if any(np.asarray(a).dtype == object for a in (y, x)):
-        return np.asarray(_object_arctan2(y, x))
-    return np.asarray(np.arctan2(y, x))
+    return _apply("arctan2", y=y, x=x)
 
 
+@_documented
 def sign(x: ArrayLike) -> Array:
-    """Sign of each entry.
-
-    Parameters
-    ----------
-    x : array_like
-        Numbers or traced numbers.
-
-    Returns
-    -------
-    ndarray, shape of x
-        -1, 0 or 1.
+    """Sign of each entry: -1, 0 or 1.
 
     Examples
     --------
@@ -135,21 +106,12 @@ def sign(x: ArrayLike) -> Array:
     >>> sign([-3.0, 0.0, 2.0]).tolist()
     [-1.0, 0.0, 1.0]
     """
-    return _apply("sign", x)
+    return _apply("sign", x=x)
 
 
+@_documented
 def minimum(a: ArrayLike, b: ArrayLike) -> Array:
     """The smaller of two arrays, entry by entry.
-
-    Parameters
-    ----------
-    a, b : array_like
-        Numbers or traced numbers, broadcast against each other.
-
-    Returns
-    -------
-    ndarray
-        Of the broadcast shape.
 
     Examples
     --------
@@ -157,21 +119,12 @@ def minimum(a: ArrayLike, b: ArrayLike) -> Array:
     >>> minimum([1.0, 5.0], 3.0).tolist()
     [1.0, 3.0]
     """
-    return _apply("minimum", a, b)
+    return _apply("minimum", a=a, b=b)
 
 
+@_documented
 def maximum(a: ArrayLike, b: ArrayLike) -> Array:
     """The larger of two arrays, entry by entry.
-
-    Parameters
-    ----------
-    a, b : array_like
-        Numbers or traced numbers, broadcast against each other.
-
-    Returns
-    -------
-    ndarray
-        Of the broadcast shape.
 
     Examples
     --------
@@ -179,21 +132,12 @@ def maximum(a: ArrayLike, b: ArrayLike) -> Array:
     >>> maximum([1.0, 5.0], 3.0).tolist()
     [3.0, 5.0]
     """
-    return _apply("maximum", a, b)
+    return _apply("maximum", a=a, b=b)
 
 
+@_documented
 def less(a: ArrayLike, b: ArrayLike) -> Array:
-    """True where a < b, for the condition of `where`.
-
-    Parameters
-    ----------
-    a, b : array_like
-        Numbers or traced numbers, broadcast against each other.
-
-    Returns
-    -------
-    ndarray
-        Of the broadcast shape: booleans, or traced conditions.
+    """True where a < b, or traced conditions, for `where`.
 
     Examples
     --------
@@ -201,27 +145,12 @@ def less(a: ArrayLike, b: ArrayLike) -> Array:
     >>> less([1.0, 5.0], 3.0).tolist()
     [True, False]
     """
-    if any(np.asarray(x).dtype == object for x in (a, b)):
-        return np.asarray(_object_less(a, b))
-    return np.less(a, b)
+    return _apply("less", a=a, b=b)
 
 
+@_documented
 def where(condition: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
-    """Choose between two arrays, entry by entry; both are computed, and the branch remains in a kernel.
-
-    Parameters
-    ----------
-    condition : array_like
-        What `less` returns, or booleans.
-    a : array_like
-        Values where the condition holds.
-    b : array_like
-        Values elsewhere.
-
-    Returns
-    -------
-    ndarray
-        Of the broadcast shape.
+    """Entries of a where the condition holds, which `less` returns, and of b elsewhere.
 
     Examples
     --------
@@ -229,23 +158,12 @@ def where(condition: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
     >>> where(less([1.0, 5.0], 3.0), 0.0, [7.0, 8.0]).tolist()
     [0.0, 8.0]
     """
-    return _apply("where", condition, a, b)
+    return _apply("where", condition=condition, a=a, b=b)
 
 
+@_documented
 def clip(x: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
-    """Limit an array to a range, entry by entry.
-
-    Parameters
-    ----------
-    x : array_like
-        Numbers or traced numbers.
-    lower, upper : array_like
-        The range, broadcast against `x`.
-
-    Returns
-    -------
-    ndarray
-        Of the broadcast shape.
+    """Entries limited to the range from lower to upper.
 
     Examples
     --------

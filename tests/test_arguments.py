@@ -255,3 +255,51 @@ def test_one_number_stands_for_every_joint():
 def test_what_is_no_number_per_joint_is_refused(value, message):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         per_joint_array("kp", value, 3)
+
+
+HIDDEN = np.ma.masked_array([0.1, 0.2, 0.3], mask=[False, True, False])
+MASKED = "must have no masked entries, got 1 of 3; fill them or leave their rows out"
+
+
+@pytest.fixture(scope="module")
+def small():
+    return rne.Robot(TREE)
+
+
+@pytest.mark.parametrize(
+    "method",
+    ["inverse_dynamics", "forward_dynamics", "bias_torque", "coriolis_torque", "kinetic_energy", "recursion", "kernel"],
+)
+def test_numbers_behind_a_mask_are_not_used(small, method):
+    """At the first call, which runs the recursion, and at the next ones, which run the kernel."""
+    count = 2 if method in ("bias_torque", "coriolis_torque", "kinetic_energy") else 3
+    call = small.kernel(rne.dynamics.inverse_dynamics) if method == "kernel" else getattr(small, method)
+    names = ("q", "qd", "tau" if method == "forward_dynamics" else "qdd")[:count]
+    for k, name in enumerate(names):
+        arrays = [HIDDEN if j == k else np.zeros(3) for j in range(count)]
+        for _ in range(2):
+            refused(lambda arrays=arrays: call(*arrays), f"`{name}` {MASKED}")
+    batch = np.ma.stack([HIDDEN, HIDDEN])
+    text = "`q` must have no masked entries, got 2 of 6; fill them or leave their rows out"
+    refused(lambda: call(batch, *[np.zeros(3)] * (count - 1)), text)
+    refused(lambda: call(list(batch), *[np.zeros(3)] * (count - 1)), f"`q` {MASKED}")
+
+
+def test_masked_entries_of_other_arrays_are_refused(small):
+    eye = np.broadcast_to(np.eye(3), (3, 3, 3))
+    refused(lambda: rne.simulate(small, HIDDEN, np.zeros(3), 0.1), f"`q0` {MASKED}")
+    refused(lambda: rne.model.chain(eye, np.zeros((3, 3)), lower=HIDDEN), f"`lower` {MASKED}")
+    refused(lambda: rne.dh_chain(a=HIDDEN, alpha=[0] * 3, d=[0] * 3, theta=[0] * 3), f"`a` {MASKED}")
+    refused(lambda: replace(TREE, mass=HIDDEN), f"`mass` {MASKED}")
+    refused(lambda: rne.load("irb140", gravity=HIDDEN), f"`gravity` {MASKED}")
+    refused(lambda: rne.trajectories.quintic(HIDDEN, HIDDEN, 1.0), f"`start` {MASKED}")
+    refused(lambda: rne.trajectories.quintic([0], [1], 1.0)(HIDDEN), f"`t` {MASKED}")
+    refused(lambda: rne.trajectories.spline(HIDDEN, np.zeros((3, 1))), f"`t` {MASKED}")
+    refused(lambda: rne.trajectories.spline([0, 1, 2], np.zeros((3, 1)))(HIDDEN), f"`t` {MASKED}")
+    refused(lambda: small.with_payload(1.0, com=HIDDEN), f"`com` {MASKED}")
+    refused(lambda: rne.elementwise.tanh(HIDDEN), f"`x` {MASKED}")
+
+
+def test_a_mask_that_hides_nothing_is_no_mistake(small):
+    shown = np.ma.masked_array([0.1, 0.2, 0.3])
+    np.testing.assert_allclose(small.gravity_torque(shown), small.gravity_torque(shown.data), rtol=1e-12)

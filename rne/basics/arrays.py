@@ -26,7 +26,7 @@ def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> f
     """One finite real number above zero."""
     if np.ndim(value):
         raise ValueError(f"`{name}` must be one number, got shape {np.shape(value)}")
-    if not isinstance(value, Number) and np.asarray(value).dtype.kind not in "fiu":
+    if not isinstance(value, Number) and plain_array(name, value).dtype.kind not in "fiu":
         raise ValueError(f"`{name}` must be one number, got {type(value).__name__}")
     number = float(real_array(name, value, "()"))
     if number < 0 or (number == 0 and not zero_allowed):
@@ -72,8 +72,23 @@ def per_joint_array(
     return vector(name, array if array.ndim else np.full(n, array), n, sign=sign)
 
 
+def refuse_masked(name: str, value: ArrayLike) -> None:
+    """Raise ValueError if entries are masked: np.asarray would take the numbers behind the mask."""
+    for part in value if isinstance(value, list | tuple) else (value,):
+        if isinstance(part, np.ndarray) and np.any(mask := getattr(part, "mask", False)):
+            hidden = f"got {np.sum(mask)} of {part.size}; fill them or leave their rows out"
+            raise ValueError(f"`{name}` must have no masked entries, {hidden}")
+
+
+def plain_array(name: str, value: ArrayLike) -> Array:
+    """The value as an array of any type, without masked entries."""
+    refuse_masked(name, value)
+    return np.asarray(value)
+
+
 def convert_numbers(name: str, value: ArrayLike, shape: str) -> Array:
     """An array of numbers of a type that the dynamics take, finite or not; integers become float64."""
+    refuse_masked(name, value)
     try:
         array = np.asarray(value)
     except ValueError:

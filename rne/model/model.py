@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..basics.arrays import convert_array, convert_numbers, is_equal, number_array
+from ..basics.arrays import convert_array, convert_numbers, is_equal, number_array, plain_array
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import brief_array, counted, listed, short, wrapped
 from .checks import check_model
@@ -149,7 +149,7 @@ class Model:
         values |= {name: default for name, default in defaults.items() if values[name] is None}
         for name in ARRAY_FIELDS & values.keys():
             if values[name] is not None:
-                values[name] = np.array(values[name], dtype=np.float64)
+                values[name] = np.array(plain_array(name, values[name]), dtype=np.float64)
         self._freeze(values)
         check_model({f.name: getattr(self, f.name) for f in fields(self)})
 

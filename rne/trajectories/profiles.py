@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import plain_array, positive_number, real_array
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
@@ -268,7 +268,7 @@ class Spline:
         TypeError
             If `t` is traced: a law that follows a spline is called.
         """
-        if is_traced(np.asarray(t)):
+        if is_traced(plain_array("t", t)):
             raise TypeError("a spline through samples is evaluated with numbers and cannot be traced")
         times = broadcast_times(t)
         start, end = float(self.t[0]), float(self.t[-1])
@@ -377,7 +377,7 @@ def is_traced(times: Array) -> bool:
 
 def broadcast_times(t: ArrayLike) -> Array:
     """Times in a shape that broadcasts against (n,); traced numbers are passed on unchecked."""
-    times = np.asarray(t)
+    times = plain_array("t", t)
     if not is_traced(times):
         times = real_array("t", times, "(T,)")
     return times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None]
