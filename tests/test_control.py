@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.model.generators import random_tree
 
 from .helpers import relative, states
 
@@ -85,9 +86,57 @@ def test_pulse_of_torque_is_not_stepped_over(irb140):
     assert relative(after, impulse) <= 0.02
 
 
+NUMBERS = {
+    "pd": lambda r, x, path: rne.control.pd(r, x(50), x(20), x(0.5)),
+    "pd_gravity": lambda r, x, path: rne.control.pd_gravity(r, x(50), x(20), x(0.5)),
+    "computed_torque": lambda r, x, path: rne.control.computed_torque(r, x(50), x(20), path),
+    "robust": lambda r, x, path: rne.control.robust(r, x(10), x(0.1), path, 5.0),
+    "robust_passive": lambda r, x, path: rne.control.robust_passive([r, r], x(20), x(10), path, boundary=0.1),
+    "sliding_mode": lambda r, x, path: rne.control.sliding_mode([r, r], x(10), x(0.1), path),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_one_number_is_meant_for_all_joints(irb140, name):
+    path = rne.trajectories.quintic([0] * 6, [1] * 6, 1.0)
+    one, six = (NUMBERS[name](irb140, x, path) for x in (lambda a: a, lambda a: [a] * 6))
+    q, qd, _ = states(6)
+    np.testing.assert_allclose(one(0.3, q, qd), six(0.3, q, qd), rtol=1e-12)  # recursion, then kernel
+
+
+def test_one_number_is_meant_for_all_joints_of_laws_with_states(irb140):
+    path, q, qd = rne.trajectories.quintic([0] * 6, [1] * 6, 1.0), *states(6)[:2]
+    for make in (
+        lambda x: rne.control.pid(irb140, x(50), x(10), x(20), x(0.5), windup=x(3)),
+        lambda x: rne.control.adaptive(irb140, x(20), x(10), path, viscous=x(2), coulomb=x(1), torque_limit=x(99)),
+    ):
+        one, six = make(lambda a: a), make(lambda a: [a] * 6)
+        for single, several in zip(
+            one(0.3, q, qd, np.ones(one.states)), six(0.3, q, qd, np.ones(six.states)), strict=True
+        ):
+            np.testing.assert_allclose(single, several, rtol=1e-12)  # recursion, then kernel
+
+
+def test_a_law_for_other_joints_is_refused(irb140):
+    other = rne.Robot(random_tree(6, 0))
+    text = (
+        "`controller` is for a robot with the joints joint_1, joint_2, joint_3, joint_4, joint_5, joint_6; "
+        "the scene has joint0, joint1, joint2, joint3, joint4, joint5"
+    )
+    with pytest.raises(ValueError, match=rf"^{re.escape(text)}"):
+        rne.Scene(other, controller=rne.control.pd(irb140, 50, 20, 0))
+
+
 @pytest.mark.parametrize(
     ("make", "text"),
     [
+        (lambda r: rne.control.pd(r, [1] * 5 + [-1], 1, 0), "`kp` must not be negative, got -1.0"),
+        (lambda r: rne.control.pd_gravity(r, 1, -2, 0), "`kd` must not be negative, got -2.0"),
+        (lambda r: rne.control.pid(r, 1, -3, 1, 0), "`ki` must not be negative, got -3.0"),
+        (
+            lambda r: rne.control.computed_torque(r, 1, -4, lambda t: [[0] * 6] * 3),
+            "`kd` must not be negative, got -4.0",
+        ),
         (
             lambda r: rne.control.pd(r, [1], [1] * 6, [0] * 6),
             "`kp` must have shape (6,), got (1,)",

@@ -108,7 +108,10 @@ def test_loop_with_the_right_sign_is_stable(irb140, scene):
 
 def test_arm_leaves_the_reference_under_the_printed_sign(irb140):
     reference = np.array(CLOSED_LOOPS[0].reference)
-    wrong = pd_gravity(irb140, np.negative(KP), KD, reference)
+
+    def wrong(t, q, qd):
+        return irb140.gravity_torque(q) + KP * (q - reference) - np.multiply(KD, qd)
+
     motion = rne.simulate(irb140, reference + 1e-3, np.zeros(6), 2.0, torque=wrong)
     assert np.abs(motion.q[-1] - reference).max() > 0.2
 

@@ -212,7 +212,7 @@ def test_condition_of_the_book_fails_for_a_payload_that_outweighs_the_wrist(irb1
                 lambda r, samples=samples: rne.control.uncertainty_bound(
                     r, [r, r], [1] * 6, [1] * 6, circle, 1.0, samples=samples
                 ),
-                f"`samples` must be a whole number, at least 16, got {samples}",
+                f"`samples` must be a whole number of at least 16, got {samples}",
             )
             for samples in (15, 100.5)
         ),

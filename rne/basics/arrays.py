@@ -34,10 +34,11 @@ def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> f
     return number
 
 
-def whole_number(name: str, value: Any) -> int:
-    """One whole number above zero, of Python or NumPy."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"`{name}` must be a whole number above zero, got {value!r}")
+def whole_number(name: str, value: Any, *, least: int = 1) -> int:
+    """One whole number above zero, or of at least `least`, of Python or NumPy."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        wanted = "above zero" if least == 1 else f"of at least {least}"
+        raise ValueError(f"`{name}` must be a whole number {wanted}, got {value!r}")
     return int(value)
 
 

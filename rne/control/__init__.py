@@ -1,12 +1,9 @@
 """Control laws: functions of (t, q, qd) that return joint torques; and the stability of PD gains."""
 
-from .adaptive import adaptive
-from .adaptive_law import Adaptive
-from .laws import PD, PID, pd, pd_gravity, pid, traceable
-from .passivity import RobustPassive, SlidingMode, robust_passive, sliding_mode
+from .adaptive_law import Adaptive, adaptive
+from .laws import PD, PID, ComputedTorque, computed_torque, pd, pd_gravity, pid, traceable
 from .reference import Reference
-from .robust import Robust, robust
-from .tracking import ComputedTorque, computed_torque
+from .robust_laws import Robust, RobustPassive, SlidingMode, robust, robust_passive, sliding_mode
 from .uncertainty import Cases, uncertainty_bound
 
 __all__ = [

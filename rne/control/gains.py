@@ -8,22 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, vector
+from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
+from .laws import checked_vectors
 
 SAMPLES, REFINED = 4096, 4  # configurations drawn for symmetric eigenvalues, and the best of them that are refined
 SAMPLED_LOOPS = 2048  # configurations drawn for the eigenvalues of the sampled loop, which cost more
 DIFFERENCE = 1e-6  # step of the derivatives in the refinement: eigenvalues have noise of 1e-15
+SHORTEST = 1e-8  # sample time that is tried, of the longest
+PRECISION = 1e-12  # of the sample time limit, relative
 ROUNDS = 20  # of lowering the sample time and searching again
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
 class Gains:
-    """What `check_gains` found.
+    """Stability of PD gains, as found by `check_gains`.
 
     Attributes
     ----------
@@ -49,7 +52,7 @@ class Gains:
     Examples
     --------
     >>> import rne
-    >>> gains = rne.check_gains(rne.load("irb140"), [50] * 6, [20] * 6)
+    >>> gains = rne.check_gains(rne.load("irb140"), 50, 20)
     >>> gains.beats_gravity, gains.stable is None
     (False, True)
     """
@@ -83,7 +86,7 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     ----------
     robot : Robot
         The robot.
-    kp, kd : array_like, shape (n,)
+    kp, kd : float or array_like, shape (n,)
         Gains of each joint, positive [N m/rad, N m s/rad].
     sample_time : float, optional
         Time between samples, over which torques are held [s].
@@ -114,15 +117,13 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     >>> round(gains.sample_time_limit * 1e4, 3), gains.stable
     (1.308, True)
     """
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
-    p, d = (vector(name, gain, robot.n, sign="positive") for name, gain in (("kp", kp), ("kd", kd)))
+    p, d = checked_vectors(robot, sign="positive", kp=kp, kd=kd)
     if sample_time is not None:
         positive_number("sample_time", sample_time)
-    if robot.n == 0:
-        return Gains(
-            0.0, np.zeros(0), 0.0, np.inf, np.zeros(0), 0.0, True, sample_time, None if sample_time is None else True
-        )
+    n = robot.n
+    if n == 0:
+        stable = None if sample_time is None else True
+        return Gains(0.0, np.zeros(0), 0.0, np.inf, np.zeros(0), 0.0, True, sample_time, stable)
     lower, upper = workspace(robot)
     half = np.sqrt(d)
 
@@ -133,7 +134,6 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     largest, worst = largest_over(fastest, lower, upper)
     stiffness, _ = largest_over(lambda q: np.linalg.norm(slope(q), 2, axis=(-2, -1)), lower, upper)
     inverse = np.linalg.inv(robot.mass_matrix(worst))
-    n = robot.n
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse * p, -inverse * d]])
     limit, limit_q = SampledLoop(robot, p, d).limit(2 / largest, worst)
     return Gains(
@@ -198,29 +198,27 @@ class SampledLoop:
         self.robot, self.kp, self.kd = robot, kp, kd
         self.slope = robot.kernel(gravity_torque, "q")
 
-    def radius(self, q: Array, T: float) -> Array:
+    def radius(self, q: Array, T: float | Array) -> Array:
         """Spectral radius of `step` for configurations q, shape (...)."""
         radius: Array = np.abs(np.linalg.eigvals(self.step(q, T))).max(axis=-1)
         return radius
 
-    def step(self, q: Array, T: float) -> Array:
+    def step(self, q: Array, T: float | Array) -> Array:
         """The matrix of the map of (e, qd) over one sample time T, for configurations q, shape (..., 2 n, 2 n)."""
         inverse = np.linalg.inv(self.robot.mass_matrix(q))
         W = inverse @ self.slope(q) * T * T  # gravity's stiffness: y'' = -(W / T^2) y + a while torques are held
         one = np.broadcast_to(np.eye(len(self.kp)), W.shape)
-        position, rate, force = one, one, one / 2  # series of y(T) = force a T^2, y'(T) = rate a T, e(T) = position e
+        position, velocity, force = one, one, one / 2  # y(T) = force a T^2, y'(T) = velocity a T, e(T) = position e
         term = one
-        for k in range(1, 12):
+        for k in range(1, 12):  # their power series
             term = -term @ W / ((2 * k - 1) * (2 * k))
-            position, rate, force = (
-                position + term,
-                rate + term / (2 * k + 1),
-                force + term / ((2 * k + 1) * (2 * k + 2)),
-            )
+            position = position + term
+            velocity = velocity + term / (2 * k + 1)
+            force = force + term / ((2 * k + 1) * (2 * k + 2))
         P, D = inverse * self.kp, inverse * self.kd
-        by_rate = [T * rate - T * T * force @ D, position - T * rate @ D]
-        by_error = [one - T * T * force @ P, -T * rate @ P]
-        return np.concatenate([np.concatenate(by_error, -2), np.concatenate(by_rate, -2)], -1)
+        by_error = [one - T * T * force @ P, -T * velocity @ P]
+        by_velocity = [T * velocity - T * T * force @ D, position - T * velocity @ D]
+        return np.concatenate([np.concatenate(by_error, -2), np.concatenate(by_velocity, -2)], -1)
 
     def limit(self, upper: float, start: Array) -> tuple[float, Array]:
         """The smallest sample time, at most about `upper`, that is unstable in some configuration, and where.
@@ -235,20 +233,23 @@ class SampledLoop:
             radii = self.radius(drawn, tried)
             spread = float(np.ptp(radii)) or 1.0  # lightly damped loops differ in the fifth digit only
             largest, q = largest_over(lambda x: (self.radius(x, tried) - 1) / spread, low, high, drawn)  # noqa: B023
-            if largest < 0:
+            if largest < 0 or T == 0:
                 break
             T, where = self.first_unstable(q, T), q
         return T, where
 
     def first_unstable(self, q: Array, upper: float) -> float:
-        """The smallest sample time up to `upper` at which configuration q is unstable; `upper` if there is none."""
-        tried = upper * np.concatenate([np.geomspace(1e-3, 0.5, 60, endpoint=False), np.linspace(0.5, 1.0, 61)])
-        unstable = [T for T in tried if self.radius(q, float(T)) >= 1]
-        if not unstable:
+        """The smallest sample time up to `upper` at which configuration q is unstable; `upper` if there is none.
+
+        Boundaries between neighbouring samples of this scan are not seen.
+        """
+        from scipy.optimize import brentq
+
+        tried = upper * np.concatenate([np.geomspace(SHORTEST, 0.5, 180, endpoint=False), np.linspace(0.5, 1.0, 61)])
+        unstable = self.radius(q[None], tried[:, None, None]) >= 1
+        k = int(unstable.argmax())
+        if not unstable[k]:
             return upper
-        above = float(unstable[0])
-        below = float(tried[np.searchsorted(tried, above) - 1]) if above > tried[0] else 0.0
-        for _ in range(50):
-            middle = (below + above) / 2
-            below, above = (middle, above) if self.radius(q, middle) < 1 else (below, middle)
-        return below
+        if k == 0:
+            return 0.0
+        return float(brentq(lambda T: self.radius(q[None], T)[0] - 1, *tried[k - 1 : k + 1], xtol=PRECISION * tried[k]))

@@ -1,15 +1,15 @@
-"""Control laws: functions of (t, q, qd) that give joint torques, plain or traced."""
+"""Control laws: functions of (t, q, qd) that give joint torques. PD, PID and computed torque."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, convert_numbers, vector
+from ..basics.arrays import UNBOUNDED, convert_numbers, per_joint_array
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip
@@ -26,13 +26,13 @@ def traceable(law: F) -> F:
     ----------
     law : callable
         A function f(t, q, qd) -> torques, for one state: t a number, arrays of shape (n,). It may call methods of a
-        Robot. What has memory, noise, tables or branches on values (use `rne.elementwise.where`) cannot be traced: it
+        Robot. A law with memory, noise, tables or branches on values (use `rne.elementwise.where`) cannot be traced: it
         is called all the same, and a line on the logger "rne" says why. A law that is not marked is called.
 
     Returns
     -------
     callable
-        The same law.
+        The law itself.
 
     Examples
     --------
@@ -45,25 +45,30 @@ def traceable(law: F) -> F:
     return law
 
 
+def checked_vectors(
+    robot: Robot, *, sign: Literal["any", "not negative", "positive"] = "any", **values: ArrayLike
+) -> list[Array]:
+    """Read-only arrays with one number per joint, or an error that names the argument."""
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    return [per_joint_array(name, value, robot.n, sign=sign) for name, value in values.items()]
+
+
 @dataclass(frozen=True, eq=False)
 class PD:
     """Proportional and derivative feedback, with or without gravity compensation, made by `pd` and `pd_gravity`.
 
     Attributes
     ----------
-    robot : Robot
-        The controller's model.
-    kp, kd : ndarray, shape (n,)
-        Gains of each joint [N m/rad, N m s/rad].
-    reference : ndarray, shape (n,), or callable
-        Positions to hold [rad or m], or a motion to follow, f(t) -> (q, qd, qdd).
+    robot, kp, kd, reference
+        Arguments of the function; gains and positions to hold as ndarrays of shape (n,).
     gravity : bool
         True if gravity is compensated by the model.
 
     Examples
     --------
     >>> import rne
-    >>> law = rne.control.pd(rne.load("irb140"), [50] * 6, [20] * 6, [1] * 6)
+    >>> law = rne.control.pd(rne.load("irb140"), 50, 20, 1)
     >>> law(0.0, [0] * 6, [0] * 6).tolist()
     [50.0, 50.0, 50.0, 50.0, 50.0, 50.0]
     """
@@ -78,20 +83,7 @@ class PD:
     __repr__ = summary
 
     def __call__(self, t: float, q: Array, qd: Array) -> Array:
-        """Torques in one state, or in many.
-
-        Parameters
-        ----------
-        t : float
-            Time, which only a moving reference uses [s].
-        q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
-
-        Returns
-        -------
-        ndarray, shape (..., n)
-            Torques of the drives [N m or N].
-        """
+        """Torques [N m or N] at time t [s] for positions and velocities q, qd, shape (..., n)."""
         q_ref, qd_ref = self.reference, np.zeros(self.robot.n)
         if callable(self.reference):
             q_ref, qd_ref, _ = reference_values(self.robot, self.reference(t))
@@ -107,9 +99,9 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Refere
     ----------
     robot : Robot
         The robot, for the number of its joints.
-    kp, kd : array_like, shape (n,)
-        Gains of each joint [N m/rad, N m s/rad].
-    reference : array_like, shape (n,), or callable
+    kp, kd : float or array_like, shape (n,)
+        Gains of each joint, not negative [N m/rad, N m s/rad].
+    reference : float or array_like, shape (n,), or callable
         Positions to hold [rad or m], or a function f(t) -> (q, qd, qdd).
 
     Returns
@@ -120,12 +112,12 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Refere
     Raises
     ------
     ValueError
-        If an array has the wrong shape or is not finite.
+        If an array has the wrong shape or is not finite, or a gain is negative.
 
     Examples
     --------
     >>> import rne
-    >>> rne.control.pd(rne.load("irb140"), [50] * 6, [20] * 6, [1] * 6)(0.0, [0] * 6, [0] * 6)[0].item()
+    >>> rne.control.pd(rne.load("irb140"), 50, 20, [1] * 6)(0.0, [0] * 6, [0] * 6)[0].item()
     50.0
     """
     return _pd(robot, kp, kd, reference, gravity=False)
@@ -138,9 +130,9 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike 
     ----------
     robot : Robot
         The controller's model, whose gravity torque is compensated; it need not be the robot that is simulated.
-    kp, kd : array_like, shape (n,)
-        Gains of each joint [N m/rad, N m s/rad].
-    reference : array_like, shape (n,), or callable
+    kp, kd : float or array_like, shape (n,)
+        Gains of each joint, not negative [N m/rad, N m s/rad].
+    reference : float or array_like, shape (n,), or callable
         Positions to hold [rad or m], or a function f(t) -> (q, qd, qdd).
 
     Returns
@@ -151,7 +143,7 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike 
     Raises
     ------
     ValueError
-        If an array has the wrong shape or is not finite.
+        If an array has the wrong shape or is not finite, or a gain is negative.
 
     Notes
     -----
@@ -161,7 +153,7 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike 
     --------
     >>> import numpy as np, rne
     >>> robot = rne.load("irb140")
-    >>> law = rne.control.pd_gravity(robot, [50] * 6, [20] * 6, [0] * 6)
+    >>> law = rne.control.pd_gravity(robot, [50] * 5 + [60], 20, 0)
     >>> np.allclose(law(0.0, [0] * 6, [0] * 6), robot.gravity_torque([0] * 6))
     True
     """
@@ -169,11 +161,11 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike 
 
 
 def _pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Any, *, gravity: bool) -> PD:
-    p, d = checked_vectors(robot, kp=kp, kd=kd)
+    p, d = checked_vectors(robot, sign="not negative", kp=kp, kd=kd)
     if callable(reference):
         check_reference(robot, reference)
         return PD(robot, p, d, reference, gravity)
-    return PD(robot, p, d, vector("reference", reference, robot.n), gravity)
+    return PD(robot, p, d, per_joint_array("reference", reference, robot.n), gravity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,23 +174,15 @@ class PID:
 
     Attributes
     ----------
-    robot : Robot
-        The controller's model.
-    kp, ki, kd : ndarray, shape (n,)
-        Gains of each joint [N m/rad, N m/(rad s), N m s/rad].
-    reference : ndarray, shape (n,)
-        Positions to hold [rad or m].
-    gravity : bool
-        True if gravity is compensated by the model.
-    windup : ndarray, shape (n,)
-        Largest torque of the integral part [N m or N].
+    robot, kp, ki, kd, reference, gravity, windup
+        Arguments of `pid`; numbers per joint as ndarrays of shape (n,).
 
     Examples
     --------
     >>> import numpy as np, rne
-    >>> law = rne.control.pid(rne.load("irb140"), [50] * 6, [10] * 6, [20] * 6, [0] * 6)
-    >>> torques, rates = law(0.0, np.full(6, 0.1), np.zeros(6), np.zeros(6))
-    >>> torques[0].item(), rates[0].item()
+    >>> law = rne.control.pid(rne.load("irb140"), 50, 10, 20, 0)
+    >>> torques, derivative = law(0.0, np.full(6, 0.1), np.zeros(6), np.zeros(6))
+    >>> torques[0].item(), derivative[0].item()
     (-5.0, 0.1)
     """
 
@@ -220,22 +204,7 @@ class PID:
         return self.robot.n
 
     def __call__(self, t: float, q: Array, qd: Array, z: Array) -> tuple[Array, Array]:
-        """Torques in one state, and the rates of the integrals.
-
-        Parameters
-        ----------
-        t : float
-            Time, which this law does not use [s].
-        q, qd, z : array_like, shape (n,)
-            Joint positions and rates, and the integrals of the errors [rad or m; rad/s or m/s; rad s or m s].
-
-        Returns
-        -------
-        torques : ndarray, shape (n,)
-            Of the drives [N m or N].
-        rates : ndarray, shape (n,)
-            The errors, dz/dt [rad or m].
-        """
+        """Torques [N m or N] and dz/dt, the errors [rad or m], for integrals z of the errors, shape (..., n) each."""
         error = q - self.reference
         held = self.ki * z if (self.windup == UNBOUNDED).all() else clip(self.ki * z, -self.windup, self.windup)
         feedback = -self.kp * error - held - self.kd * qd
@@ -258,13 +227,13 @@ def pid(
     ----------
     robot : Robot
         The controller's model.
-    kp, ki, kd : array_like, shape (n,)
-        Gains of each joint [N m/rad, N m/(rad s), N m s/rad].
-    reference : array_like, shape (n,)
+    kp, ki, kd : float or array_like, shape (n,)
+        Gains of each joint, not negative [N m/rad, N m/(rad s), N m s/rad].
+    reference : float or array_like, shape (n,)
         Positions to hold [rad or m].
     gravity : bool
         True to compensate gravity by the model as well.
-    windup : array_like, shape (n,) or a number
+    windup : float or array_like, shape (n,)
         Largest torque of the integral part [N m or N].
 
     Returns
@@ -275,22 +244,90 @@ def pid(
     Raises
     ------
     ValueError
-        If an array has the wrong shape or is not finite, or `windup` is not positive.
+        If an array has the wrong shape or is not finite, a gain is negative, or `windup` is not positive.
 
     Examples
     --------
     >>> import rne
-    >>> rne.control.pid(rne.load("irb140"), [50] * 6, [10] * 6, [20] * 6, [0] * 6).states
+    >>> rne.control.pid(rne.load("irb140"), 50, 10, 20, [0] * 6).states
     6
     """
-    p, i, d, q_ref = checked_vectors(robot, kp=kp, ki=ki, kd=kd, reference=reference)
-    bound = convert_numbers("windup", windup, f"({robot.n},)")
-    bounded = np.minimum(bound if bound.ndim else np.full(robot.n, bound), UNBOUNDED)
-    return PID(robot, p, i, d, q_ref, gravity, vector("windup", bounded, robot.n, sign="positive"))
+    p, i, d = checked_vectors(robot, sign="not negative", kp=kp, ki=ki, kd=kd)
+    bound = np.minimum(convert_numbers("windup", windup, f"({robot.n},)"), UNBOUNDED)
+    (windup,) = checked_vectors(robot, sign="positive", windup=bound)
+    return PID(robot, p, i, d, per_joint_array("reference", reference, robot.n), gravity, windup)
 
 
-def checked_vectors(robot: Robot, **values: ArrayLike) -> list[Array]:
-    """Arrays with one number per joint, or an error that names the argument."""
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
-    return [vector(name, value, robot.n) for name, value in values.items()]
+@dataclass(frozen=True, eq=False)
+class ComputedTorque:
+    """Inverse dynamics of the commanded acceleration, made by `computed_torque`.
+
+    Attributes
+    ----------
+    robot, kp, kd, reference
+        Arguments of `computed_torque`; the gains as ndarrays of shape (n,).
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
+    >>> law = rne.control.computed_torque(robot, 100, 20, path)
+    >>> np.allclose(law(0.0, np.zeros(6), np.zeros(6)), robot.gravity_torque([0] * 6))
+    True
+    """
+
+    robot: Robot
+    kp: Array
+    kd: Array
+    reference: Reference
+    traceable = True
+
+    __repr__ = summary
+
+    def __call__(self, t: float, q: Array, qd: Array) -> Array:
+        """Torques [N m or N] at time t [s] for positions and velocities q, qd, shape (..., n)."""
+        q_ref, qd_ref, qdd_ref = reference_values(self.robot, self.reference(t))
+        commanded = qdd_ref - self.kd * (qd - qd_ref) - self.kp * (q - q_ref)
+        return self.robot.inverse_dynamics(q, qd, commanded)
+
+
+def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Reference) -> ComputedTorque:
+    """Tracking by inverse dynamics: u = M (qdd_ref - Kd (qd - qd_ref) - Kp (q - q_ref)) + C qd + g.
+
+    Parameters
+    ----------
+    robot : Robot
+        The controller's model.
+    kp, kd : float or array_like, shape (n,)
+        Gains of the error, not negative, which then obeys e'' + Kd e' + Kp e = 0 [1/s^2, 1/s].
+    reference : callable
+        A function f(t) -> (q, qd, qdd); `rne.trajectories` has motions from rest to rest, and
+        splines through samples.
+
+    Returns
+    -------
+    ComputedTorque
+        The law f(t, q, qd) -> torques, shape (..., n).
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or a gain is negative.
+
+    Notes
+    -----
+    Siciliano et al. 2009, (8.57)-(8.60); what Høifødt 2011 recommends for tracking.
+
+    Examples
+    --------
+    >>> import rne
+    >>> arm = rne.load("irb140")
+    >>> path = rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
+    >>> law = rne.control.computed_torque(arm, 100, 20, path)
+    >>> motion = rne.simulate(rne.Scene(arm, controller=law), [0] * 6, [0] * 6, 2.0)
+    >>> motion.q[-1].round(6).tolist()
+    [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+    """
+    p, d = checked_vectors(robot, sign="not negative", kp=kp, kd=kd)
+    check_reference(robot, reference)
+    return ComputedTorque(robot, p, d, reference)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -11,31 +11,20 @@ from ..robot import Robot
 
 
 class Reference(Protocol):
-    """A reference motion: any function of time that gives positions, rates and accelerations.
+    """A reference motion: any function of time that gives positions, velocities and accelerations.
 
-    Those of `rne.trajectories` are references, and so is a `Trajectory`.
+    The motions of `rne.trajectories` are references, and so is a `Trajectory`.
 
     Examples
     --------
     >>> import numpy as np, rne
     >>> def sway(t):
     ...     return np.sin([t] * 6), np.cos([t] * 6), -np.sin([t] * 6)
-    >>> law = rne.control.computed_torque(rne.load("irb140"), [100] * 6, [20] * 6, sway)
+    >>> law = rne.control.computed_torque(rne.load("irb140"), 100, 20, sway)
     """
 
     def __call__(self, t: float, /) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at a time.
-
-        Parameters
-        ----------
-        t : float
-            Time [s].
-
-        Returns
-        -------
-        q, qd, qdd : array_like, shape (n,)
-            Of all joints [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-        """
+        """Positions, velocities and accelerations of all joints at time t, shape (n,) each."""
 
 
 def check_reference(robot: Robot, reference: Any) -> None:
@@ -46,7 +35,7 @@ def check_reference(robot: Robot, reference: Any) -> None:
 
 
 def reference_values(robot: Robot, given: Any) -> tuple[Any, Any, Any]:
-    """What a reference gave, as (q, qd, qdd)."""
+    """The values that a reference gave, as (q, qd, qdd)."""
     try:
         shapes = [np.shape(part) for part in given]
     except TypeError:
@@ -59,32 +48,14 @@ def reference_values(robot: Robot, given: Any) -> tuple[Any, Any, Any]:
     return q, qd, qdd
 
 
-class Composite(NamedTuple):
-    """Error of a law after Slotine and Li, and the motion that its model is to follow, shape (..., n) each.
-
-    Attributes
-    ----------
-    s : ndarray
-        qd - qdr; the tracking error e = q - q_ref obeys de/dt + bandwidth e = s [rad/s or m/s].
-    qdr, qddr : ndarray
-        Rates and accelerations qd_ref - bandwidth e and its derivative [rad/s or m/s; rad/s^2 or m/s^2].
-    e : ndarray
-        The tracking error [rad or m].
-    """
-
-    s: Array
-    qdr: Array
-    qddr: Array
-    e: Array
-
-
-def composite(robot: Robot, reference: Reference, bandwidth: Array, t: Any, q: Any, qd: Any) -> Composite:
-    """The composite error in one state, or in many."""
+def composite_error(
+    robot: Robot, reference: Reference, bandwidth: Array, t: Any, q: Any, qd: Any
+) -> tuple[Array, Array, Array]:
+    """s = qd - qdr with qdr = qd_ref - bandwidth e, e = q - q_ref (Slotine and Li 1987); returns s, qdr, qddr."""
     q_ref, qd_ref, qdd_ref = reference_values(robot, reference(t))
-    e = np.asarray(q) - q_ref
-    qdr = qd_ref - bandwidth * e
+    qdr = qd_ref - bandwidth * (np.asarray(q) - q_ref)
     qddr = qdd_ref - bandwidth * (np.asarray(qd) - qd_ref)
-    return Composite(qd - qdr, qdr, qddr, e)
+    return qd - qdr, qdr, qddr
 
 
 def model_torques(robot: Robot, Y: Array, parameters: Array, qddr: Array) -> Array:

@@ -1,45 +1,29 @@
-"""What a robust law is robust against: a set of robots, and the bounds that follow from it."""
+"""Uncertain parameters of robust laws: a set of robots, and the bounds that follow from it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import is_equal, positive_number, vector
+from ..basics.arrays import is_equal, positive_number, whole_number
 from ..basics.spatial import Array
-from ..model.parameters import with_parameters
 from ..robot import Robot
+from .gains import random_configurations, workspace
+from .laws import checked_vectors
 from .reference import Reference, check_reference, reference_values
 
 SAMPLES = 2000  # configurations drawn for bounds on inertias
 MARGIN = 1.1  # on bounds found by sampling
-FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 SHARED = (  # fields of a Model in which all cases agree
     *("moving_joints", "joint_types", "parent", "axis", "rotation", "translation", "joint_origin"),
     *("gravity", "armature", "coordinate", "multiplier", "offset"),
 )
 MIXTURES = 16  # robots drawn for the bound of an uncertainty
 RANK = 1e-10  # singular values below this, of the largest, are rounding
-
-
-class InertiaBounds(NamedTuple):
-    """Bounds on the mass matrices of some robots, in coordinates scaled by `scale`: D M D with D = diag(scale).
-
-    Attributes
-    ----------
-    largest : float
-        Largest eigenvalue of D M D.
-    inverse_diagonal : ndarray, shape (n,)
-        Largest entries of the diagonal of M^-1.
-    """
-
-    largest: float
-    inverse_diagonal: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +39,7 @@ class Cases:
     --------
     >>> import rne
     >>> arm, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-    >>> law = rne.control.robust_passive([arm, arm.with_payload(3.0)], [20] * 6, [10] * 6, path, boundary=0.1)
+    >>> law = rne.control.robust_passive([arm, arm.with_payload(3.0)], 20, 10, path, boundary=0.1)
     >>> len(law.cases.robots), law.cases.ball.shape
     (2, (60, 1))
     """
@@ -65,8 +49,7 @@ class Cases:
     @cached_property
     def centre(self) -> Robot:
         """The robot with the mean of the parameters."""
-        mean = np.mean([robot.parameters for robot in self.robots], axis=0)
-        return Robot(with_parameters(self.robots[0].model, mean), self.robots[0].engine)
+        return self.robots[0].with_parameters(np.mean([robot.parameters for robot in self.robots], axis=0))
 
     @cached_property
     def deviations(self) -> Array:
@@ -83,19 +66,16 @@ class Cases:
         radius = np.sqrt((V[:k] ** 2).sum(axis=0).max(initial=0.0))
         return np.asarray(size * U[:, :k] * singular[:k] * radius)
 
-    def inertia_bounds(self, scale: Array) -> InertiaBounds:
-        """Bounds over the joints' ranges, by sampling; both are convex in the parameters, so that the cases suffice."""
-        n = self.centre.n
-        lower, upper = (np.where(np.isfinite(x), x, f) for x, f in zip(self._range, (-FREE, FREE), strict=True))
-        q = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, n))
+    def inertia_bounds(self, scale: Array) -> tuple[float, Array]:
+        """Largest eigenvalue of D M D, D = diag(scale), and largest diagonal entries of M^-1, by sampling.
+
+        Both are convex in the parameters, so that the cases suffice; a margin covers what lies between the samples.
+        """
+        q = random_configurations(*workspace(self.centre), SAMPLES)
         M = np.concatenate([robot.mass_matrix(q) for robot in self.robots])
         largest = np.linalg.eigvalsh(M * np.outer(scale, scale))[:, -1].max()
         inverse = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1).max(axis=0)
-        return InertiaBounds(MARGIN * float(largest), MARGIN * inverse)
-
-    @property
-    def _range(self) -> tuple[Array, Array]:
-        return self.centre.lower, self.centre.upper
+        return MARGIN * float(largest), MARGIN * inverse
 
 
 def checked_cases(cases: Sequence[Robot]) -> Cases:
@@ -112,13 +92,6 @@ def _check_shared(what: str, first: Robot, robot: Robot) -> None:
     for name in SHARED:
         if not is_equal(getattr(first.model, name), getattr(robot.model, name)):
             raise ValueError(f"{what} in masses, centres of mass and inertias alone, not in {name}")
-
-
-def _checked_samples(samples: int) -> int:
-    """A number of states that leaves one for each mixture."""
-    if not isinstance(samples, (int, np.integer)) or isinstance(samples, bool) or samples < MIXTURES:
-        raise ValueError(f"`samples` must be a whole number, at least {MIXTURES}, got {samples!r}")
-    return int(samples)
 
 
 def uncertainty_bound(
@@ -141,8 +114,8 @@ def uncertainty_bound(
         The controller's model, which differs from the cases in its bodies' parameters alone.
     cases : sequence of Robot
         Robots of which the one that moves is a mixture, such as the arm without and with its largest payload.
-    bandwidth, boundary : array_like, shape (n,)
-        Of the law.
+    bandwidth, boundary : float or array_like, shape (n,)
+        Arguments of the law [1/s; rad/s or m/s].
     reference : callable
         A function f(t) -> (q, qd, qdd).
     duration : float
@@ -152,7 +125,7 @@ def uncertainty_bound(
     margin : float
         Factor on the largest value found, for what lies between the samples.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
@@ -177,15 +150,15 @@ def uncertainty_bound(
     >>> import rne
     >>> arm, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
     >>> cases, layer = [arm, arm.with_payload(3.0)], [0.1, 0.1, 0.1, 0.5, 0.5, 2.0]
-    >>> rho = rne.control.uncertainty_bound(arm.with_payload(1.5), cases, [10] * 6, layer, path, 2.0)
+    >>> rho = rne.control.uncertainty_bound(arm.with_payload(1.5), cases, 10, layer, path, 2.0)
     >>> 0 < rho < 100
     True
     """
     hull, n = checked_cases(cases), robot.n
     _check_shared("`robot` must differ from `cases`", hull.centre, robot)
-    rate, D = (vector(k, x, n, sign="positive") for k, x in (("bandwidth", bandwidth), ("boundary", boundary)))
+    rate, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
     check_reference(robot, reference)
-    count = _checked_samples(samples)
+    count = whole_number("samples", samples, least=MIXTURES)
     rng = np.random.default_rng(seed)
     times = rng.uniform(0, positive_number("duration", duration, zero_allowed=True), count)
     q_ref, qd_ref, qdd_ref = (
@@ -199,8 +172,7 @@ def uncertainty_bound(
     needed = robot.inverse_dynamics(q, qd, y)
     for k, weights in enumerate(_mixtures(rng, len(hull.robots))):
         part = slice(k * count // MIXTURES, (k + 1) * count // MIXTURES)
-        pi = hull.centre.parameters + hull.deviations @ weights
-        moving = Robot(with_parameters(hull.centre.model, pi))
+        moving = hull.centre.with_parameters(hull.centre.parameters + hull.deviations @ weights)
         f = D * (needed[part] - moving.inverse_dynamics(q[part], qd[part], y[part]))
         M = moving.mass_matrix(q[part]) * np.outer(D, D)
         acceleration = np.linalg.solve(M, f[..., None])[..., 0]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import convert_numbers, positive_number, vector
 from ..basics.spatial import Array
-from ..basics.text import summary
+from ..basics.text import listed, summary
 from ..kernels.kernel import Kernel
 from ..robot import Robot
 from .equations_of_motion import AppliedTorques, RightHandSide, Terms
@@ -114,6 +114,9 @@ class Scene:
         meant_for = getattr(self.controller, "robot", None)
         if isinstance(meant_for, Robot) and meant_for.n != self.n:
             raise ValueError(f"`controller` is for a robot of {meant_for.n} joints, the scene has {self.n}")
+        if isinstance(meant_for, Robot) and meant_for.joint_names != self.resolved.robot.joint_names:
+            names = (listed(robot.joint_names) for robot in (meant_for, self.resolved.robot))
+            raise ValueError("`controller` is for a robot with the joints {}; the scene has {}".format(*names))
 
     @cached_property
     def resolved(self) -> ResolvedScene:
