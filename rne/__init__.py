@@ -4,6 +4,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from . import dynamics, elementwise, kernels, model
+from .dynamics.recursion_record import BearingPeaks, bearing_peaks
 from .errors import (
     IdentificationError,
     ModelError,
@@ -24,7 +25,6 @@ from .urdf.loading import load, robots
 
 if TYPE_CHECKING:
     from . import control, identification, plotting, trajectories
-    from .analysis.bearings import BearingPeaks, bearing_peaks
     from .control.gains import Gains, check_gains
     from .control.laws import traceable
     from .identification import (
@@ -99,7 +99,6 @@ __all__ = [
 ]
 
 _ON_FIRST_USE = {
-    "analysis.bearings": ("BearingPeaks", "bearing_peaks"),
     "control.gains": ("Gains", "check_gains"),
     "control.laws": ("traceable",),
     "identification": (

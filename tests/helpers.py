@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import rne
-from rne.analysis.pinocchio import Oracle, each
 from rne.model.builder import Part, assemble
 from rne.urdf.loading import urdf_files
+from rne.validation.oracle import Oracle, each
 
 __all__ = [
     "EPS",

@@ -273,7 +273,7 @@ class TestWarnings:
             assert len(said) == 1
             assert str(said[0].message).startswith("forward dynamics keep about 0 digits at state (")
             assert str(said[0].message).endswith(
-                "the torques and C qd + g cancel at rates of 1.0e+08 rad/s or m/s; see Robot.diagnose"
+                "the torques and C qd + g cancel at joint velocities of 1.0e+08 rad/s or m/s; see Robot.diagnose"
             )
             assert said[0].filename == __file__
 

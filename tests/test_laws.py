@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.analysis.validation import euler_lagrange
+from rne.validation.agreement import euler_lagrange
 
 from .helpers import EPS, relative, states
 

@@ -9,10 +9,10 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.analysis.validation import against_energies, validate
 from rne.commands.source import quantities
 from rne.simulation.simulator import simulate
 from rne.thesis import main_page as main_job
+from rne.validation.agreement import against_energies, validate
 
 from .helpers import ROOT
 
@@ -168,7 +168,7 @@ def test_validation_keeps_every_bound_against_pinocchio(irb140):
 
 
 def test_validation_without_pinocchio_keeps_every_bound(irb140, monkeypatch):
-    monkeypatch.setattr("rne.analysis.validation.has_pinocchio", lambda: False)
+    monkeypatch.setattr("rne.validation.agreement.has_pinocchio", lambda: False)
     source, rows = validate(irb140, samples=50)
     assert source == "energy and Lagrange identities (package pin is not installed)"
     assert [row.quantity for row in rows] == [row.quantity for row in against_energies(irb140, 1)]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.dynamics.conditioning import pivot_grade
+from rne.dynamics.precision import pivot_grade
 from rne.model.builder import Part, assemble
 from rne.simulation.equations_of_motion import RightHandSide
 

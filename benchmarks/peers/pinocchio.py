@@ -13,7 +13,7 @@ import pinocchio as pin
 
 import rne
 from benchmarks.peers.registry import Call, Case, Point, peer
-from rne.analysis.pinocchio import Oracle
+from rne.validation.oracle import Oracle
 
 LOOP = 2000  # states of a Python loop over single calls
 SINGLE: dict[str, tuple[Any, int]] = {

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.validation import ROUNDING, random_states, validate
 from ..basics.arrays import UNBOUNDED
 from ..basics.spatial import Array
 from ..errors import SimulationError, SingularMassMatrixError
@@ -16,6 +15,7 @@ from ..plotting import draw, plot
 from ..robot import Robot
 from ..simulation.simulator import simulate
 from ..thesis.page import Page
+from ..validation.agreement import ROUNDING, random_states, validate
 
 SAMPLES = 1000  # random states
 DURATION = 2.0  # of the swing [s]

@@ -2,16 +2,13 @@
 
 from .aba import articulated_forward_dynamics
 from .base_inertial_parameters import BaseParameters, base_parameters
-from .coriolis import coriolis_matrix
 from .crba import mass_matrix
-from .diagnosis import Diagnosis, diagnose
 from .energy import kinetic_energy, link_kinetic_energies, momentum, potential_energy
 from .forward import forward_dynamics
-from .jacobians import jacobian, jacobian_rate
-from .kinematics import link_poses
-from .lagrange import christoffel_symbols, lagrange_inverse_dynamics
-from .lagrange_forward import lagrange_forward_dynamics
-from .record import Recursion, bearing_loads, recursion
+from .kinematics import jacobian, jacobian_rate, link_poses
+from .lagrange import christoffel_symbols, coriolis_matrix, lagrange_forward_dynamics, lagrange_inverse_dynamics
+from .precision import Diagnosis, diagnose
+from .recursion_record import Recursion, bearing_loads, recursion
 from .regressors import control_regressor, kinetic_energy_regressor, potential_energy_regressor, regressor
 from .rnea import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 

@@ -19,10 +19,10 @@ from typing import NamedTuple
 from ..basics.spatial import IDENTITY, Array, cross, cross_matrix, dot, outer, rotate, rotate_back, transpose, zeros
 from ..errors import ModelError
 from ..model.model import Model
-from .conditioning import judge_accelerations
 from .crba import composite_inertias, mass_diagonal
 from .kinematics import BASE, joint_transforms, velocities
-from .quantity import judged_quantity
+from .precision import check_accelerations
+from .quantity import checked_quantity
 from .rnea import External, applied_wrenches
 
 
@@ -95,7 +95,7 @@ def move_to_parent(inertia: Inertia, force: Force, R: Array, p: Array) -> tuple[
     return Inertia(I - H @ P + P @ transpose(H_p), H_p, M), Force(rotate(R, force.n) + cross(p, f), f)
 
 
-@judged_quantity(judge_accelerations)
+@checked_quantity(check_accelerations)
 def articulated_forward_dynamics(
     model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
 ) -> tuple[Array, Array, Array]:
@@ -127,7 +127,7 @@ def articulated_forward_dynamics(
     Warns
     -----
     PrecisionWarning
-        If fewer than 3 digits are left, M nearly singular or the torques cancelled by great rates.
+        If fewer than 3 digits are left, M nearly singular or the torques cancelled at high joint velocities.
 
     Notes
     -----

@@ -113,3 +113,44 @@ def reduce_to_coordinates(model: Model, M: Array) -> Array:
     lower_rows, lower_columns = np.tril_indices(model.n, -1)
     reduced[..., lower_columns, lower_rows] = reduced[..., lower_rows, lower_columns]
     return reduced
+
+
+def ancestors(parent: tuple[int, ...], k: int) -> list[int]:
+    """The coordinates above k in the tree, from the base outwards."""
+    chain: list[int] = []
+    while parent[k] >= 0:
+        k = parent[k]
+        chain.insert(0, k)
+    return chain
+
+
+def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
+    """L (unit lower triangular) and pivots D with M = L^T D L, no fill-in between branches of the tree.
+
+    Featherstone 2008, section 6.5, without square roots: joints are eliminated from the tips inwards, the order
+    that loses no digits of a light tip.
+    """
+    L = M.copy()
+    D = zeros(M.shape[:-1], like=M)
+    for k in reversed(range(len(parent))):
+        above = np.array(ancestors(parent, k), dtype=int)
+        row = L[..., k, above]
+        D[..., k] = L[..., k, k]
+        scaled = row / D[..., k, None]
+        L[..., above[:, None], above] = L[..., above[:, None], above] - scaled[..., :, None] * row[..., None, :]
+        L[..., k, above] = scaled
+    return L, D
+
+
+def solve_factored(L: Array, D: Array, parent: tuple[int, ...], y: Array) -> Array:
+    """Solve L^T D L x = y, shape (..., n)."""
+    x = np.zeros_like(y + D)
+    x[...] = y
+    for k in reversed(range(len(parent))):  # L^T z = y
+        above = ancestors(parent, k)
+        x[..., above] = x[..., above] - L[..., k, above] * x[..., k, None]
+    x = x / D
+    for k in range(len(parent)):  # L x = z
+        above = ancestors(parent, k)
+        x[..., k] = x[..., k] - (L[..., k, above] * x[..., above]).sum(-1)
+    return x

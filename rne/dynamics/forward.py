@@ -4,56 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..basics.spatial import Array, zeros
+from ..basics.spatial import Array
 from ..model.model import Model
-from .conditioning import judge_accelerations, judge_singularity
-from .crba import mass_matrix
-from .quantity import judged_quantity
+from .crba import factorise, mass_matrix, solve_factored
+from .precision import check_accelerations, check_singularity
+from .quantity import checked_quantity
 from .rnea import External, bias_torque
 
 
-def ancestors(parent: tuple[int, ...], k: int) -> list[int]:
-    """The coordinates above k in the tree, from the base outwards."""
-    chain: list[int] = []
-    while parent[k] >= 0:
-        k = parent[k]
-        chain.insert(0, k)
-    return chain
-
-
-def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
-    """L (unit lower triangular) and pivots D with M = L^T D L, no fill-in between branches of the tree.
-
-    Featherstone 2008, section 6.5, without square roots: joints are eliminated from the tips inwards, the order
-    that loses no digits of a light tip.
-    """
-    L = M.copy()
-    D = zeros(M.shape[:-1], like=M)
-    for k in reversed(range(len(parent))):
-        above = np.array(ancestors(parent, k), dtype=int)
-        row = L[..., k, above]
-        D[..., k] = L[..., k, k]
-        scaled = row / D[..., k, None]
-        L[..., above[:, None], above] = L[..., above[:, None], above] - scaled[..., :, None] * row[..., None, :]
-        L[..., k, above] = scaled
-    return L, D
-
-
-def solve_factored(L: Array, D: Array, parent: tuple[int, ...], y: Array) -> Array:
-    """Solve L^T D L x = y, shape (..., n)."""
-    x = np.zeros_like(y + D)
-    x[...] = y
-    for k in reversed(range(len(parent))):  # L^T z = y
-        above = ancestors(parent, k)
-        x[..., above] = x[..., above] - L[..., k, above] * x[..., k, None]
-    x = x / D
-    for k in range(len(parent)):  # L x = z
-        above = ancestors(parent, k)
-        x[..., k] = x[..., k] - (L[..., k, above] * x[..., above]).sum(-1)
-    return x
-
-
-@judged_quantity(judge_singularity)
+@checked_quantity(check_singularity)
 def solve_mass_matrix(model: Model, q: Array, tau: Array) -> tuple[Array, Array, Array]:
     """M^-1 tau: the accelerations that torques add, or the rates of the momenta p = M qd, shape (..., n)."""
     M = mass_matrix.core(model, q)
@@ -61,7 +20,7 @@ def solve_mass_matrix(model: Model, q: Array, tau: Array) -> tuple[Array, Array,
     return solve_factored(L, D, model.coordinate_parent, tau), D, np.diagonal(M, axis1=-2, axis2=-1)
 
 
-@judged_quantity(judge_accelerations)
+@checked_quantity(check_accelerations)
 def forward_dynamics(
     model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
 ) -> tuple[Array, Array, Array]:
@@ -91,7 +50,7 @@ def forward_dynamics(
     Warns
     -----
     PrecisionWarning
-        If fewer than 3 digits are left, M nearly singular or the torques cancelled by great rates.
+        If fewer than 3 digits are left, M nearly singular or the torques cancelled at high joint velocities.
 
     Notes
     -----

@@ -1,13 +1,16 @@
-"""Joint transforms, poses and velocities.
+"""Joint transforms, poses, velocities and Jacobians.
 
 R[i] takes coordinates of frame i to its parent body's frame, p[i] is the origin of frame i seen from there
 (the thesis's R_i^{i-1} and r_{i-2,i-1}). The initial values of a recursion are stored under the key BASE, the parent
-of the first bodies.
+of the first bodies. A Jacobian is stored as rows: row j is the velocity per unit velocity of
+joint j.
 """
 
 from __future__ import annotations
 
-from ..basics.spatial import IDENTITY, Array, cross, rotate, rotate_back, rotation_about, zeros
+import numpy as np
+
+from ..basics.spatial import IDENTITY, Array, cross, rotate, rotate_back, rotation_about, transpose, zeros
 from ..model.model import Model
 from .quantity import quantity
 
@@ -21,7 +24,7 @@ def joint_positions(model: Model, q: Array) -> Array:
     return q[..., model.coordinate] * model.multiplier + model.offset
 
 
-def joint_rates(model: Model, qd: Array) -> Array:
+def joint_velocities(model: Model, qd: Array) -> Array:
     """Rates (or accelerations) of the moving joints, mimics included, shape (..., nb)."""
     if not model.has_mimics:
         return qd
@@ -91,7 +94,7 @@ def link_poses(model: Model, q: Array) -> Array:
 
 def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple[dict[int, Array], dict[int, Array]]:
     """Angular velocity of every body and velocity of its frame's origin, in its own axes."""
-    rates = joint_rates(model, qd)
+    rates = joint_velocities(model, qd)
     zero = zeros((*rates.shape[:-1], 3), like=qd)
     omega, v = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):
@@ -99,3 +102,135 @@ def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple
         v_p = v[parent] + cross(omega[parent], p[i])
         v[i] = rotate_back(R[i], v_p) + model.linear_axis[i] * rates[..., i, None]
     return omega, v
+
+
+def body_jacobians(model: Model, R: list[Array], p: list[Array]) -> tuple[dict[int, Array], dict[int, Array]]:
+    """Jw[i], Jv[i], shape (..., nb, 3): row j is body i's angular velocity, and its origin's velocity, per qd_j.
+
+    Everything in the axes of body i.
+    """
+    like = np.zeros((), dtype=np.result_type(*R, *p)) if R else np.zeros(())
+    leading = np.broadcast_shapes(*(x.shape[:-2] for x in R), *(x.shape[:-1] for x in p))
+    zero = zeros((*leading, model.nb, 3), like=like)
+    Jw, Jv = {BASE: zero}, {BASE: zero}
+    for i, parent in enumerate(model.parent):
+        Jw[i] = Jw[parent] @ R[i]  # rows: (R^T w)^T
+        Jv[i] = (Jv[parent] + cross(Jw[parent], p[i][..., None, :])) @ R[i]
+        Jw[i][..., i, :] = model.angular_axis[i]
+        Jv[i][..., i, :] = model.linear_axis[i]
+    return Jw, Jv
+
+
+def body_jacobian_rates(
+    model: Model, R: list[Array], p: list[Array], qd: Array, Jw: dict[int, Array], Jv: dict[int, Array]
+) -> tuple[dict[int, Array], dict[int, Array]]:
+    """Rates of `body_jacobians`' components in the axes of body i, for joint rates qd, shape (..., nb)."""
+    zero = np.zeros_like(Jw[BASE])
+    dJw, dJv = {BASE: zero}, {BASE: zero}
+    for i, parent in enumerate(model.parent):
+        p_i = p[i][..., None, :]
+        Jw_p, Jv_p = Jw[parent] @ R[i], (Jv[parent] + cross(Jw[parent], p_i)) @ R[i]
+        dJv_p = (dJv[parent] + cross(dJw[parent], p_i)) @ R[i]
+        s_qd, t_qd = ((axis[i] * qd[..., i, None])[..., None, :] for axis in (model.angular_axis, model.linear_axis))
+        dJw[i] = dJw[parent] @ R[i] - cross(s_qd, Jw_p)  # d/dt R^T = -[s qd]x R^T
+        dJv[i] = dJv_p - cross(s_qd, Jv_p) + cross(Jw_p, t_qd)  # dp/dt = R t qd
+    return dJw, dJv
+
+
+def _columns(model: Model, Jw: Array, Jv: Array, R0: Array) -> Array:
+    """[angular; linear] parts in the root link's axes, one column per coordinate."""
+    rows = np.concatenate([Jw @ transpose(R0), Jv @ transpose(R0)], axis=-1)
+    J = np.swapaxes(rows, -1, -2)
+    return J @ model.coordinate_map if model.has_mimics else J
+
+
+@quantity()
+def jacobian(model: Model, q: Array, link: str) -> Array:
+    """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint rate.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    q : ndarray, shape (..., n)
+        Joint positions [rad or m].
+    link : str
+        One of `model.link_names`.
+
+    Returns
+    -------
+    ndarray, shape (..., 6, n)
+        [omega; v] = J qd in the axes of the root link [1, m].
+
+    Raises
+    ------
+    ValueError
+        If `q` has the wrong shape or is not finite, or there is no such link.
+
+    Notes
+    -----
+    Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008; Pinocchio's and Corke's
+    Jacobians have the linear rows first.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.dynamics.jacobian(rne.irb140(), [0] * 6, "link_1")[:, 0].round(3).tolist()
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    """
+    index = model.link_index(link)
+    body, offset = model.link_body[index], model.link_translation[index]
+    if body < 0:
+        return zeros((*q.shape[:-1], 6, model.n), like=q)
+    Jw, Jv = (J[body] for J in body_jacobians(model, *joint_transforms(model, q)))
+    R0, _ = body_poses(model, q)
+    return _columns(model, Jw, Jv + cross(Jw, offset), R0[body])
+
+
+@quantity()
+def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
+    """Time derivative of `jacobian` along the motion (q, qd).
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    q, qd : ndarray, shape (..., n)
+        Joint positions and rates [rad or m; rad/s or m/s].
+    link : str
+        One of `model.link_names`.
+
+    Returns
+    -------
+    ndarray, shape (..., 6, n)
+        The matrix dJ/dt in the axes of the root link [1/s, m/s]: the link's acceleration is J qdd + (dJ/dt) qd.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or there is no such link.
+
+    Notes
+    -----
+    Featherstone 2008, section 2.10: derivatives in moving coordinates.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.dynamics.jacobian_rate(rne.irb140(), [0] * 6, [0] * 6, "link_6").any().item()
+    False
+    """
+    index = model.link_index(link)
+    body, offset = model.link_body[index], model.link_translation[index]
+    if body < 0:
+        return zeros((*q.shape[:-1], 6, model.n), like=q)
+    R, p = joint_transforms(model, q)
+    rates = joint_velocities(model, qd)
+    all_Jw, all_Jv = body_jacobians(model, R, p)
+    all_dJw, all_dJv = body_jacobian_rates(model, R, p, rates, all_Jw, all_Jv)
+    Jw, Jv = all_Jw[body], all_Jv[body] + cross(all_Jw[body], offset)
+    dJw, dJv = all_dJw[body], all_dJv[body] + cross(all_dJw[body], offset)
+    omega = (Jw * rates[..., :, None]).sum(-2)[..., None, :]
+    R0, _ = body_poses(model, q)
+    # from the rate of components in moving axes to the rate of the vector: + omega x
+    return _columns(model, dJw + cross(omega, Jw), dJv + cross(omega, Jv), R0[body])

@@ -21,11 +21,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array, cross, rotate, rotate_back, transpose, zeros
+from ..basics.spatial import Array, cross, cross_matrix, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
-from .jacobians import body_jacobians
-from .kinematics import BASE, joint_rates, joint_transforms
-from .quantity import quantity
+from ..model.parameters import ModelWithMoments
+from .crba import factorise, solve_factored
+from .kinematics import BASE, body_jacobian_rates, body_jacobians, joint_transforms, joint_velocities
+from .precision import check_accelerations
+from .quantity import checked_quantity, quantity
 
 
 class Body(NamedTuple):
@@ -176,8 +178,8 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
     >>> rne.dynamics.lagrange_inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
     -22.499
     """
-    M, bias = equations(model, q, joint_rates(model, qd))
-    tau = rotate(M, joint_rates(model, qdd)) + bias
+    M, bias = equations(model, q, joint_velocities(model, qd))
+    tau = rotate(M, joint_velocities(model, qdd)) + bias
     return tau @ model.coordinate_map if model.has_mimics else tau
 
 
@@ -187,3 +189,121 @@ def equations(model: Model, q: Array, qd: Array) -> tuple[Array, Array]:
     c = christoffel(inertia_derivatives(model, terms, q))
     C = (c * qd[..., :, None, None]).sum(-3)  # C_jk = sum of c_ijk qd_i: transposed
     return inertia_matrix(model, terms, q), rotate_back(C, qd) + gravity_terms(model, terms, q)
+
+
+@checked_quantity(check_accelerations, moments=False)
+def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> tuple[Array, Array, Array]:
+    """Joint accelerations by the Euler-Lagrange formulation; equal to those of `forward_dynamics`.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    q, qd, tau : ndarray, shape (..., n)
+        Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        Accelerations [rad/s^2 or m/s^2].
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or the acceleration overflows.
+    SingularMassMatrixError
+        If M is singular to working precision; names the joints whose combination moves no inertia.
+
+    Warns
+    -----
+    PrecisionWarning
+        If fewer than 3 digits are left, M nearly singular or the torques cancelled at high joint velocities.
+
+    Notes
+    -----
+    Høifødt 2011, (7.4), with the terms of Siciliano et al. 2009, section 7.1. O(n^4).
+    `lagrange_forward_dynamics.core` returns (qdd, pivots, diagonal of M).
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.dynamics.lagrange_forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).round(2)[5].item()
+    0.0
+    """
+    M, bias = equations(model, q, joint_velocities(model, qd))
+    if model.has_mimics:
+        G = model.coordinate_map
+        M, bias = G.T @ M @ G, bias @ G
+    L, D = factorise(M, model.coordinate_parent)
+    return solve_factored(L, D, model.coordinate_parent, tau - bias), D, np.diagonal(M, axis1=-2, axis2=-1)
+
+
+@quantity(moments=True)
+def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
+    """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    q, qd : ndarray, shape (..., n)
+        Joint positions and rates [rad or m; rad/s or m/s].
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+        Torque i per rate j [N m s/rad, N s or N s/m].
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not finite, or C overflows.
+
+    Notes
+    -----
+    A rigid body is a sum of point masses, and for a point mass C = m J^T dJ/dt gives the Christoffel symbols. Summed
+    over the body, with rates of components in its own axes:
+    C = m Jc^T (dJc + [omega]x Jc) + Jw^T (I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw).
+    dM/dt - 2C is skew: Siciliano et al. 2009, (7.49).
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.dynamics.coriolis_matrix(rne.irb140(), [0] * 6, [0] * 6).any().item()
+    False
+    """
+    R, p = joint_transforms(model, q)
+    rates = joint_velocities(model, qd)
+    all_Jw, all_Jv = body_jacobians(model, R, p)
+    all_dJw, all_dJv = body_jacobian_rates(model, R, p, rates, all_Jw, all_Jv)
+    C = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
+    for i in range(model.nb):
+        omega = (all_Jw[i] * rates[..., :, None]).sum(-2)
+        C = C + body_coriolis_matrix(model, i, omega, all_Jw[i], all_Jv[i], all_dJw[i], all_dJv[i])
+    if model.has_mimics:
+        C = model.coordinate_map.T @ C @ model.coordinate_map
+    return C
+
+
+def body_coriolis_matrix(model: Model, i: int, omega: Array, Jw: Array, Jv: Array, dJw: Array, dJv: Array) -> Array:
+    """Share of a body in C, from Jacobians of its frame's origin; rows are joints: J^T of the docstring."""
+    if isinstance(model, ModelWithMoments):  # bodies without mass have no centre
+        m, h, I = model.body_moments(i)
+        m, h = m[..., None], h[..., None, :]
+        a = dJv + cross(omega[..., None, :], Jv)
+        f = m * a + cross(dJw, h) + cross(omega[..., None, :], cross(Jw, h))
+        by_moments: Array = Jv @ transpose(f) + Jw @ transpose(cross(h, a) + angular_part(I, omega, Jw, dJw))
+        return by_moments
+    m, c, I = model.mass[i], model.com[i], model.inertia[i]
+    Jc, dJc = Jv + cross(Jw, c), dJv + cross(dJw, c)
+    f = m * (dJc + cross(omega[..., None, :], Jc))
+    C: Array = Jc @ transpose(f) + Jw @ transpose(angular_part(I, omega, Jw, dJw))
+    return C
+
+
+def angular_part(I: Array, omega: Array, Jw: Array, dJw: Array) -> Array:
+    """I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw, rows are joints."""
+    trace = I[..., :1, :1] + I[..., 1:2, 1:2] + I[..., 2:, 2:]
+    spin = trace / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
+    n: Array = dJw @ I + Jw @ transpose(spin)
+    return n

@@ -12,25 +12,73 @@ from __future__ import annotations
 
 import functools
 import inspect
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
 
 from ..basics.arrays import is_finite, number_array
 from ..basics.spatial import Array
-from ..errors import NotFiniteError
+from ..errors import NotFiniteError, PrecisionWarning, SingularMassMatrixError
 from ..model.model import Model, joint_array, model_argument
 from ..model.parameters import PARAMETERS, at_parameters
-from .verdict import SOUND, Verdict
+
+BatchIndex = tuple[int, ...]  # of a state in a batch; empty for a single state
+
+
+class PrecisionLoss(NamedTuple):
+    """The state of a call with the fewest decimal digits left, and why."""
+
+    digits: float
+    state: BatchIndex
+    cause: str
+
+    def __str__(self) -> str:
+        where = f" at state {self.state}" if self.state else ""
+        return f"forward dynamics keep about {self.digits:.0f} digits{where}: {self.cause}; see Robot.diagnose"
+
+
+class PrecisionStatus(NamedTuple):
+    """The error or the warning that belongs to a result; neither for a sound one.
+
+    `raise_or_warn` raises or warns. It is called once, by the function that the user called.
+    """
+
+    error: SingularMassMatrixError | None = None
+    loss: PrecisionLoss | None = None
+
+    def raise_or_warn(self, stacklevel: int) -> None:
+        """Raise the error or warn of the loss; `stacklevel` counts frames up from the caller of this method."""
+        if self.error is not None:
+            raise self.error
+        if self.loss is not None:
+            warnings.warn(str(self.loss), PrecisionWarning, stacklevel=stacklevel + 1)
+
+    def with_state(self, place: Callable[[BatchIndex], BatchIndex]) -> PrecisionStatus:
+        """The same status with the state's index replaced, such as by that in the batch that a block is part of."""
+        error = None if self.error is None else self.error.at(place(self.error.state))
+        loss = None if self.loss is None else self.loss._replace(state=place(self.loss.state))
+        return PrecisionStatus(error, loss)
+
+    def worse(self, other: PrecisionStatus) -> PrecisionStatus:
+        """The worse of two: an error before a loss, fewer digits before more."""
+
+        def rank(status: PrecisionStatus) -> tuple[bool, float]:
+            return status.error is None, float("inf") if status.loss is None else status.loss.digits
+
+        return min(self, other, key=rank)
+
+
+OK = PrecisionStatus()
 
 P = ParamSpec("P")
 R = TypeVar("R")
 T_co = TypeVar("T_co", covariant=True)
 
-# (model, arguments, result, pivots, diagonal of M) -> Verdict
-Judge = Callable[[Model, Mapping[str, Any], Array, Array, Array], Verdict]
+# (model, arguments, result, pivots, diagonal of M) -> PrecisionStatus
+Check = Callable[[Model, Mapping[str, Any], Array, Array, Array], PrecisionStatus]
 
 JOINT_ARGUMENTS = ("q", "qd", "qdd", "qdr", "qddr", "tau")
 OPTIONS = ("external", "link")
@@ -44,13 +92,13 @@ class Quantity:
     ----------
     name : str
     core : callable
-        core(model, *arrays, **options) -> result, or (result, pivots of M, diagonal of M) if there is a `judge`.
+        core(model, *arrays, **options) -> result, or (result, pivots of M, diagonal of M) if there is a `check`.
     widths : mapping of str to int or None
         The arrays it takes, in order, each with its length along the last axis; None for one entry per coordinate.
-    judge : callable, optional
-        Turns the pivots into a Verdict on the result.
-    rates : (str, slice), optional
-        The argument, and its entries, that are joint rates whose squares may cost digits.
+    check : callable, optional
+        Turns the pivots into a PrecisionStatus on the result.
+    velocities : (str, slice), optional
+        The argument, and its entries, that are joint velocities, whose squares may cost digits.
     moments : bool
         True if the result depends on the inertial parameters, and through `model.moments` alone, so that they may be
         inputs: `rne.kernels.parameter_inputs`.
@@ -66,8 +114,8 @@ class Quantity:
     name: str
     core: Callable[..., Any]
     widths: Mapping[str, int | None]
-    judge: Judge | None = None
-    rates: tuple[str, slice] | None = None
+    check: Check | None = None
+    velocities: tuple[str, slice] | None = None
     moments: bool = False
     base_parameters: bool = False
     returns_array: bool = True
@@ -85,7 +133,7 @@ class Declared(Protocol):
     @property
     def quantity(self) -> Quantity: ...
 
-    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]: ...
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]: ...
 
 
 class QuantityFunction(Protocol[P, T_co]):
@@ -97,7 +145,7 @@ class QuantityFunction(Protocol[P, T_co]):
     @property
     def quantity(self) -> Quantity: ...
 
-    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]: ...
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]: ...
 
     def __call__(self, model: Model, *args: P.args, **kwargs: P.kwargs) -> T_co: ...
 
@@ -118,23 +166,23 @@ def quantity(
     return decorate
 
 
-def judged_quantity(
-    judge: Judge, *, moments: bool = True
+def checked_quantity(
+    check: Check, *, moments: bool = True
 ) -> Callable[[Callable[Concatenate[Model, P], tuple[Array, Array, Array]]], QuantityFunction[P, Array]]:
     """Declare a core that returns (result, pivots of M, diagonal of M) as a public function of the result.
 
-    `judge` turns pivots and arguments into the Verdict on the result. Such results depend on base parameters only.
+    `check` turns pivots and arguments into a PrecisionStatus. Such results depend on base parameters only.
     """
 
     def decorate(core: Callable[Concatenate[Model, P], tuple[Array, Array, Array]]) -> QuantityFunction[P, Array]:
-        declared = _declare(core, judge, moments=moments, base_parameters=True, returns_array=True)
+        declared = _declare(core, check, moments=moments, base_parameters=True, returns_array=True)
         return cast("QuantityFunction[P, Array]", declared)
 
     return decorate
 
 
 def _declare(
-    core: Callable[..., Any], judge: Judge | None, *, moments: bool, base_parameters: bool, returns_array: bool
+    core: Callable[..., Any], check: Check | None, *, moments: bool, base_parameters: bool, returns_array: bool
 ) -> Any:
     """The public function of a core, with its Quantity."""
     signature = inspect.signature(core)
@@ -143,7 +191,7 @@ def _declare(
     if unknown:
         raise TypeError(f"{name}: arguments must be named {[*JOINT_ARGUMENTS, *OPTIONS]}, got {sorted(unknown)}")
 
-    def evaluate(model: Model, *args: Any, parameters: Any = None, **kwargs: Any) -> tuple[Any, Verdict]:
+    def evaluate(model: Model, *args: Any, parameters: Any = None, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
         model_argument(model)
         arguments = signature.bind(model, *args, **kwargs).arguments
         given = {key: value for key, value in arguments.items() if key != "model"}
@@ -155,18 +203,18 @@ def _declare(
             checked_model = at_parameters(checked_model, given.pop("parameters"))
         with np.errstate(all="ignore"):  # what goes wrong is named below
             result = core(checked_model, **given)
-            verdict = SOUND
-            if judge is not None:
+            status = OK
+            if check is not None:
                 result, pivots, diagonal = result
-                verdict = judge(checked_model, given, result, pivots, diagonal)
-        if verdict.error is None:
+                status = check(checked_model, given, result, pivots, diagonal)
+        if status.error is None:
             check_result(name, result)
-        return result, verdict
+        return result, status
 
     @functools.wraps(core)
     def function(model: Model, *args: Any, **kwargs: Any) -> Any:
-        result, verdict = evaluate(model, *args, **kwargs)
-        verdict.raise_or_warn(stacklevel=2)
+        result, status = evaluate(model, *args, **kwargs)
+        status.raise_or_warn(stacklevel=2)
         return result
 
     public = cast("Any", function)
@@ -176,8 +224,8 @@ def _declare(
         name=name,
         core=core,
         widths={key: None for key in signature.parameters if key in JOINT_ARGUMENTS},
-        judge=judge,
-        rates=("qd", slice(None)) if judge is not None and "qd" in signature.parameters else None,
+        check=check,
+        velocities=("qd", slice(None)) if check is not None and "qd" in signature.parameters else None,
         moments=moments,
         base_parameters=base_parameters,
         returns_array=returns_array,

@@ -14,7 +14,7 @@ import numpy as np
 from ..basics.spatial import Array, cross, cross_matrix, dot, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
 from ..model.parameters import PARAMETERS, PRODUCTS
-from .kinematics import BASE, body_poses, joint_rates, joint_transforms, velocities
+from .kinematics import BASE, body_poses, joint_transforms, joint_velocities, velocities
 from .quantity import quantity
 
 # BASIS[k] is the symmetric matrix that belongs to entry k
@@ -79,7 +79,7 @@ def joint_motions(
     The reference moves its joints at rates qdr through the positions of the motion; its acceleration is the derivative
     of its velocity along the motion, less gravity.
     """
-    rate, rate_r, rate_rd = (joint_rates(model, x)[..., None] for x in (qd, qdr, qddr))
+    rate, rate_r, rate_rd = (joint_velocities(model, x)[..., None] for x in (qd, qdr, qddr))
     zero = zeros((*qd.shape[:-1], 3), like=qd)
     rest = Motion(zero, zero)
     found = {BASE: (Motion(zero, zero - model.gravity), rest, rest)}

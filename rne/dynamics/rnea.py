@@ -33,7 +33,7 @@ import numpy as np
 
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, spin_matrix, zeros
 from ..model.model import Model
-from .kinematics import BASE, joint_rates, joint_transforms
+from .kinematics import BASE, joint_transforms, joint_velocities
 from .quantity import quantity
 
 External = Mapping[str, Array]
@@ -56,7 +56,7 @@ def newton_euler(
 ) -> NewtonEuler:
     """The recursion. Accelerating the base by -gravity accounts for the weight of all bodies (Luh et al. 1980)."""
     R, p = joint_transforms(model, q)
-    qd, qdd = joint_rates(model, qd), joint_rates(model, qdd)
+    qd, qdd = joint_velocities(model, qd), joint_velocities(model, qdd)
     s, t = model.angular_axis, model.linear_axis
     zero = zeros((*qd.shape[:-1], 3), like=qd)
     omega, alpha, a, U = {BASE: zero}, {BASE: zero}, {BASE: zero - gravity}, {BASE: spin_matrix(zero, zero)}

@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..dynamics.aba import articulated_forward_dynamics
-from ..dynamics.crba import mass_matrix
-from ..dynamics.forward import factorise, forward_dynamics, solve_factored
-from ..dynamics.quantity import Declared
+from ..dynamics.crba import factorise, mass_matrix, solve_factored
+from ..dynamics.forward import forward_dynamics
+from ..dynamics.quantity import OK, Declared, PrecisionStatus
 from ..dynamics.rnea import External, inverse_dynamics
-from ..dynamics.verdict import SOUND, Verdict
 from ..model.model import Model
 from .compilation import compile, derivative
 from .complex_step import complex_step
@@ -69,7 +68,7 @@ class KernelCache:
         return kernel
 
     def value(self, function: Declared, *arrays: ArrayLike) -> Array:
-        """A quantity that has no Verdict and no other arguments, for one state or a batch."""
+        """A quantity that has no PrecisionStatus and no other arguments, for one state or a batch."""
         plain = self._plain.get(function)
         result = None if plain is None else plain(*arrays)
         return self.evaluate(function, *arrays)[0] if result is None else result
@@ -81,7 +80,7 @@ class KernelCache:
         external: External | None = None,
         parameters: ArrayLike | None = None,
     ) -> Array:
-        """A quantity that has no Verdict, under external wrenches by link, or at other inertial parameters."""
+        """A quantity that has no PrecisionStatus, under external wrenches by link, or at other inertial parameters."""
         inputs, arrays = self._with_inputs(function, arrays, external, parameters)
         if not inputs:
             return self.value(function, *arrays)
@@ -97,7 +96,7 @@ class KernelCache:
 
     def evaluate(
         self, function: Declared, *arrays: ArrayLike, wrt: Sequence[str] = (), **fixed: Any
-    ) -> tuple[Array, Verdict]:
+    ) -> tuple[Array, PrecisionStatus]:
         """A quantity, or its derivatives by some arguments, for one state or a batch."""
         key = (function, *wrt, *fixed.items())
         kernel = self._kernels.get(key)
@@ -157,7 +156,7 @@ class KernelCache:
         tau: ArrayLike,
         external: External | None = None,
         parameters: ArrayLike | None = None,
-    ) -> tuple[Array, Verdict]:
+    ) -> tuple[Array, PrecisionStatus]:
         """Forward dynamics by the method that suits the model."""
         inputs: Inputs = ()
         arrays: tuple[ArrayLike, ...] = (q, qd, tau)
@@ -167,7 +166,7 @@ class KernelCache:
         if kernel is not None and kernel.is_unrolled:
             result = kernel.plain_state(*arrays)
             if result is not None:
-                return result, SOUND
+                return result, OK
         if kernel is None and self._mark_first_state(("forward dynamics", *inputs), arrays):
             method, _ = inputs_as_arrays(self._forward_methods()[-1], self.model, dict(inputs))
             return method.evaluate(self.model, *arrays)
@@ -211,20 +210,20 @@ class KernelCache:
         M = self.value(mass_matrix, np.asarray(q).astype(slopes.dtype, copy=False))
         return dq, dqd, np.broadcast_to(M, dq.shape).copy()
 
-    def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Verdict]:
+    def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, PrecisionStatus]:
         """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n).
 
         From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
         """
-        qdd, verdict = self.accelerations(q, qd, tau)
-        if verdict.error is not None:
-            return qdd, verdict
+        qdd, status = self.accelerations(q, qd, tau)
+        if status.error is not None:
+            return qdd, status
         dq, dqd, M = self.inverse_derivatives(q, qd, qdd)
         identity = np.broadcast_to(np.eye(self.model.n, dtype=qdd.dtype), dq.shape)
         right = np.concatenate([-dq, -dqd, identity], axis=-1)
         if M.dtype.char in "fdFD":
-            return np.linalg.solve(M, right), verdict
+            return np.linalg.solve(M, right), status
         parent = self.model.coordinate_parent  # LAPACK has no other types
         L, D = factorise(M, parent)
         rows = solve_factored(L[..., None, :, :], D[..., None, :], parent, np.swapaxes(right, -1, -2))
-        return np.swapaxes(rows, -1, -2), verdict
+        return np.swapaxes(rows, -1, -2), status

@@ -7,18 +7,18 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from ..basics.spatial import Array
-from ..dynamics.verdict import Verdict
+from ..dynamics.quantity import PrecisionStatus
 
 ENGINES = ("numpy", "numba")
 
 # The recursion's answer for states begin to end, counted in the whole batch, where the program has none.
-Fallback = Callable[[int, int], tuple[Array, Verdict]]
+Fallback = Callable[[int, int], tuple[Array, PrecisionStatus]]
 
 
 class Batches(Protocol):
     """A program that runs on arrays of states."""
 
-    def run(self, states: Sequence[Array], results: Array, fallback: Fallback) -> Verdict: ...
+    def run(self, states: Sequence[Array], results: Array, fallback: Fallback) -> PrecisionStatus: ...
 
 
 class Engine(NamedTuple):

@@ -11,8 +11,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, wrapped
-from ..dynamics.quantity import Declared, common_dtype, common_leading_shape
-from ..dynamics.verdict import SOUND, BatchIndex, Verdict
+from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
 from ..model.model import Model, joint_array, joint_shaped, model_argument
 from .complex_step import complex_step
 from .elements import entry_of_element
@@ -117,9 +116,9 @@ class Kernel(InNotebooks):
     @cached_property
     def _rates(self) -> range:
         """Inputs that are joint rates whose squares may cost digits."""
-        if self.quantity.rates is None:
+        if self.quantity.velocities is None:
             return range(0)
-        name, entries = self.quantity.rates
+        name, entries = self.quantity.velocities
         k = self.names.index(name)
         start = sum(self.widths[:k])
         return range(start, start + self.widths[k])[entries]
@@ -135,14 +134,14 @@ class Kernel(InNotebooks):
         return self._state_function(range(0))
 
     def _state_function(self, rates: range) -> Callable[..., Array]:
-        guard = None if self.quantity.judge is None else Guard.of(self.model.n, rates, FLOAT64)
+        guard = None if self.quantity.check is None else Guard.of(self.model.n, rates, FLOAT64)
         make = engine_of(self.engine).state_function
         return make(self.traced.program, self.widths, self.traced.shape, guard)
 
     @cached_property
     def blocks(self) -> Any:
         """The program on batches."""
-        pivots = None if self.quantity.judge is None else self.model.n
+        pivots = None if self.quantity.check is None else self.model.n
         entries = prod(self.traced.shape)
         batches: Batches = engine_of(self.engine).batches(
             self.traced.program, self.widths, entries, pivots, self._rates
@@ -180,19 +179,19 @@ class Kernel(InNotebooks):
         >>> kernel(np.zeros((1000, 6)), out=result) is result
         True
         """
-        result, verdict = self.evaluate(*arguments, out=out, workers=workers)
-        if verdict is not SOUND:
-            verdict.raise_or_warn(stacklevel=2)
+        result, status = self.evaluate(*arguments, out=out, workers=workers)
+        if status is not OK:
+            status.raise_or_warn(stacklevel=2)
         return result
 
-    def evaluate(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> tuple[Array, Verdict]:
-        """The result and its Verdict, not yet announced; see `__call__` for the arguments."""
+    def evaluate(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> tuple[Array, PrecisionStatus]:
+        """The result and its PrecisionStatus, not yet announced; see `__call__` for the arguments."""
         if out is None and workers == 1 and self._trace is not None and len(arguments) == len(self.names):
             result = self.plain_state(*arguments)
             if result is not None:
-                return result, SOUND
+                return result, OK
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
-            return within_a_trace(self.quantity, self.model, arguments, self.fixed), SOUND
+            return within_a_trace(self.quantity, self.model, arguments, self.fixed), OK
         check_workers(workers)
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
@@ -201,7 +200,9 @@ class Kernel(InNotebooks):
         except ValueError as error:
             raise named_by_function(self.quantity, self.model, arguments, error) from None
 
-    def _evaluate_arrays(self, arguments: Sequence[Any], out: Array | None, workers: int) -> tuple[Array, Verdict]:
+    def _evaluate_arrays(
+        self, arguments: Sequence[Any], out: Array | None, workers: int
+    ) -> tuple[Array, PrecisionStatus]:
         arrays = [
             joint_shaped(name, a, self.model, width)
             for name, a, width in zip(self.names, arguments, self.widths, strict=True)
@@ -211,11 +212,11 @@ class Kernel(InNotebooks):
             if out is None and dtype == FLOAT64 and all(a.ndim == 1 for a in arrays):
                 return self._evaluate_one_state([a.astype(FLOAT64, copy=False) for a in arrays])
             return self._batch(arrays, dtype, out, workers)
-        result, verdict = self._by_function(arrays)
-        if out is None or verdict.error is not None:
-            return result, verdict
+        result, status = self._by_function(arrays)
+        if out is None or status.error is not None:
+            return result, status
         check_out(out, result.shape, result.dtype, self.names, arrays)[...] = result
-        return out, verdict
+        return out, status
 
     def source(self, language: str = "python", element: str | None = None) -> str:
         """The kernel as source text of a function of one state; it does not check its arguments, nor M's pivots.
@@ -256,37 +257,37 @@ class Kernel(InNotebooks):
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced.program, title, self.names, self.widths, traced.shape, lines), language)
 
-    def _by_function(self, arguments: Sequence[Any]) -> tuple[Array, Verdict]:
+    def _by_function(self, arguments: Sequence[Any]) -> tuple[Array, PrecisionStatus]:
         """The function itself, or its derivatives by complex step."""
         if self.wrt:
             return complex_step(self.function, self.model, arguments, self.wrt, self.fixed)
         return self.function.evaluate(self.model, *arguments, **self.fixed)
 
-    def _evaluate_one_state(self, arrays: Sequence[Array]) -> tuple[Array, Verdict]:
+    def _evaluate_one_state(self, arrays: Sequence[Array]) -> tuple[Array, PrecisionStatus]:
         try:
-            return self.state_function(*arrays), SOUND
+            return self.state_function(*arrays), OK
         except Refused:
             return self._by_function(arrays)
 
     def _batch(
         self, arrays: Sequence[Array], dtype: np.dtype[Any], out: Array | None, workers: int
-    ) -> tuple[Array, Verdict]:
+    ) -> tuple[Array, PrecisionStatus]:
         leading = common_leading_shape(dict(zip(self.names, arrays, strict=True)))
         shape = leading + self.traced.shape
         out = np.empty(shape, dtype=dtype) if out is None else check_out(out, shape, dtype, self.names, arrays)
         count = prod(leading)
         states = [self._rows(a, leading, count) for a in arrays]
 
-        def by_function(begin: int, end: int) -> tuple[Array, Verdict]:
+        def by_function(begin: int, end: int) -> tuple[Array, PrecisionStatus]:
             for name, array, width in zip(self.names, arrays, self.widths, strict=True):
                 joint_array(name, array, self.model, width)  # names NaN by its index
-            result, verdict = self._by_function([array[begin:end].astype(dtype) for array in states])
+            result, status = self._by_function([array[begin:end].astype(dtype) for array in states])
 
             def place(state: BatchIndex) -> BatchIndex:
                 k = begin + (state[0] if state else 0)
                 return tuple(int(i) for i in np.unravel_index(k, leading))
 
-            return np.asarray(result).reshape(end - begin, -1), verdict.with_state(place)
+            return np.asarray(result).reshape(end - begin, -1), status.with_state(place)
 
         rows = out.reshape(count, prod(self.traced.shape))
         return out, run_in_threads(self.blocks, states, rows, by_function, workers)

@@ -21,7 +21,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from ..basics.spatial import Array
-from ..dynamics.verdict import SOUND, Verdict
+from ..dynamics.quantity import OK, PrecisionStatus
 from .engines import Fallback
 from .machine_code import Emitter, Rows
 from .machine_sine import LARGEST
@@ -97,7 +97,7 @@ class Section:
             conditions.append(builder.fcmp_ordered("<=", emitter.intrinsic("fabs", angle), emitter.constant(LARGEST)))
         if self.guard is not None:
             rates = [builder.fmul(inputs[k], inputs[k]) for k in self.guard.rates]
-            bound = emitter.constant(self.guard.rate_bound**2)
+            bound = emitter.constant(self.guard.velocity_bound**2)
             conditions.append(builder.fcmp_ordered("<=", emitter.total(rates), bound))
             factor = emitter.constant(self.guard.pivot_factor)
             behind = n + self.guard.n
@@ -201,26 +201,26 @@ class BatchProgram:
         kinds = [*[_vector(2, number)] * len(self.widths), types.Array(number, 2, "C"), types.int64, types.int64]
         return _compiled(text, kinds, {"lanes": lanes}, releases_lock=True)
 
-    def run(self, states: Sequence[Array], results: Array, fallback: Fallback) -> Verdict:
+    def run(self, states: Sequence[Array], results: Array, fallback: Fallback) -> PrecisionStatus:
         """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
 
         States that need a closer look are left to `fallback`: few at first, more where they follow one another. An
         error among the verdicts ends the run.
         """
-        function, count, verdict, stretch = self.function(results.dtype), len(results), SOUND, FEW
+        function, count, status, stretch = self.function(results.dtype), len(results), OK, FEW
         with np.errstate(all="ignore"):
             arrays = [a.astype(results.dtype, copy=False) for a in states]
             begin = function(*arrays, results, 0, count)
             while begin < count:
                 end = min(begin + stretch, count)
                 block, found = fallback(begin, end)
-                verdict = verdict.worse(found)
-                if verdict.error is not None:
+                status = status.worse(found)
+                if status.error is not None:
                     break
                 results[begin:end] = block
                 begin = function(*arrays, results, end, count)
                 stretch = min(2 * stretch, MANY) if begin == end else FEW
-        return verdict
+        return status
 
 
 def _vector(ndim: int, number: Any) -> Any:

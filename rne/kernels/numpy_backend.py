@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.conditioning import NEARLY_SINGULAR, pivots_below, rate_bound
-from ..dynamics.verdict import SOUND, Verdict
+from ..dynamics.precision import NEARLY_SINGULAR, pivots_below, velocity_bound
+from ..dynamics.quantity import OK, PrecisionStatus
 from .engines import Fallback
 from .program import Operand, Program
 from .registers import Layout, Step, allocate
@@ -67,7 +67,7 @@ class BlockProgram:
         """Registers of the program."""
         return allocate(self.program)
 
-    def run(self, states: Sequence[Array], results: Array, fallback: Fallback) -> Verdict:
+    def run(self, states: Sequence[Array], results: Array, fallback: Fallback) -> PrecisionStatus:
         """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
 
         A block with an input or output that is not finite, or a result that may have lost digits, is left to
@@ -75,17 +75,17 @@ class BlockProgram:
         """
         count, dtype = len(results), results.dtype
         length = min(block_length(self.layout.registers, dtype.itemsize), max(count, 1))
-        verdict = SOUND
+        status = OK
         with np.errstate(all="ignore"), _Borrowed(self, length, dtype) as workspace:
             for begin in range(0, count, length):
                 end = min(begin + length, count)
                 if not self._run_block(workspace, [a[begin:end] for a in states], results[begin:end]):
                     block, found = fallback(begin, end)
-                    verdict = verdict.worse(found)
-                    if verdict.error is not None:
-                        return verdict
+                    status = status.worse(found)
+                    if status.error is not None:
+                        return status
                     results[begin:end] = block
-        return verdict
+        return status
 
     def _run_block(self, workspace: Workspace, states: Sequence[Array], results: Array) -> bool:
         """Run one block; False if its results need a closer look."""
@@ -96,7 +96,7 @@ class BlockProgram:
         if not all([all_finite(rows[k]) for k in self.program.unchecked_inputs]):
             return False
         rates = rows[self.rates.start : self.rates.stop]
-        bound = rate_bound(results.dtype)
+        bound = velocity_bound(results.dtype)
         if rates.size and not (rates.max() <= bound and rates.min() >= -bound):
             return False
         for call, arguments in workspace.calls(m):

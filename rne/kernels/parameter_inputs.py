@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..dynamics.quantity import Declared, Quantity
-from ..dynamics.verdict import Verdict
+from ..dynamics.quantity import Declared, PrecisionStatus, Quantity
 from ..model.model import Model, model_argument
 from ..model.parameters import PARAMETERS, at_parameters
 from .trace import quantity_of
@@ -41,7 +40,7 @@ class AtParameters:
         given = self._by_name(arrays, named)
         return self.function.quantity.core(at_parameters(model, given.pop("parameters")), **given)
 
-    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]:
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
         """The function itself at the parameters."""
         return self.function.evaluate(model, **self._by_name(args, kwargs))
 

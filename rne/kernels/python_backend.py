@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.conditioning import NEARLY_SINGULAR, rate_bound
+from ..dynamics.precision import NEARLY_SINGULAR, velocity_bound
 from .program import Instruction, Operand, Program
 
 SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
@@ -49,19 +49,19 @@ class Guard(NamedTuple):
         Number of pivots; they stand behind the result's entries, the diagonal behind them.
     rates : range
         Inputs that are joint rates.
-    rate_bound : float
+    velocity_bound : float
         Largest norm of the rates.
     """
 
     pivot_factor: float
     n: int
     rates: range
-    rate_bound: float
+    velocity_bound: float
 
     @classmethod
     def of(cls, n: int, rates: range, dtype: np.dtype[Any]) -> Guard:
         """That of computations in a dtype."""
-        return cls(NEARLY_SINGULAR * n * float(np.finfo(dtype).eps), n, rates, rate_bound(dtype))
+        return cls(NEARLY_SINGULAR * n * float(np.finfo(dtype).eps), n, rates, velocity_bound(dtype))
 
 
 def sign(x: float) -> float:
@@ -146,7 +146,7 @@ def source(program: Program, widths: Sequence[int], shape: tuple[int, ...], guar
     results = [f"r{k}" for k in range(size)]
     body = [f"if not isfinite({_total([f'x{k}' for k in range(start)])}): raise Refused"]
     if guard is not None and guard.rates:
-        body.append(f"if {_total([f'x{k} * x{k}' for k in guard.rates])} > {guard.rate_bound**2!r}: raise Refused")
+        body.append(f"if {_total([f'x{k} * x{k}' for k in guard.rates])} > {guard.velocity_bound**2!r}: raise Refused")
     body += lines
     if guard is not None:
         body += [f"d{k} = {outputs[size + k]}" for k in range(guard.n)]

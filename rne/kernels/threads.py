@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.verdict import Verdict
+from ..dynamics.quantity import PrecisionStatus
 from .engines import Batches, Fallback
 
 
@@ -21,7 +21,7 @@ def check_workers(workers: int) -> None:
 
 def run_in_threads(
     batches: Batches, states: Sequence[Array], results: Array, fallback: Fallback, workers: int
-) -> Verdict:
+) -> PrecisionStatus:
     """Fill `results` as `batches.run` does, in `workers` threads."""
     count = len(results)
     workers = min(workers, count)
@@ -29,7 +29,7 @@ def run_in_threads(
         return batches.run(states, results, fallback)
     edges = [count * k // workers for k in range(workers + 1)]
 
-    def run(stretch: tuple[int, int]) -> Verdict:
+    def run(stretch: tuple[int, int]) -> PrecisionStatus:
         first, last = stretch
         arrays = [a[first:last] for a in states]
         return batches.run(arrays, results[first:last], lambda i, j: fallback(first + i, first + j))
@@ -37,8 +37,8 @@ def run_in_threads(
     own, *others = itertools.pairwise(edges)
     with ThreadPoolExecutor(workers - 1) as pool:
         futures = [pool.submit(run, stretch) for stretch in others]
-        verdict = run(own)
+        status = run(own)
         for future in futures:
-            if verdict.error is None:  # of several errors that of the first state is told
-                verdict = verdict.worse(future.result())
-    return verdict
+            if status.error is None:  # of several errors that of the first state is told
+                status = status.worse(future.result())
+    return status

@@ -72,7 +72,7 @@ def trace(
 
 
 def _parts(quantity: Quantity, core_result: Any) -> tuple[Any, ...]:
-    return (core_result,) if quantity.judge is None else core_result
+    return (core_result,) if quantity.check is None else core_result
 
 
 def within_a_trace(quantity: Quantity, model: Model, arguments: Sequence[Any], fixed: Mapping[str, Any]) -> Array:

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..dynamics.quantity import Declared, Quantity, check_arguments
-from ..dynamics.verdict import Verdict
+from ..dynamics.quantity import Declared, PrecisionStatus, Quantity, check_arguments
 from ..model.model import Model, model_argument
 from .trace import quantity_of
 
@@ -40,7 +39,7 @@ class UnderWrenches:
         """The core of the function, which takes wrenches by link."""
         return self.function.quantity.core(model, **by_link(self.quantity, arrays, named))
 
-    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]:
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
         """The function itself, which takes wrenches by link."""
         return self.function.evaluate(model, **by_link(self.quantity, args, kwargs))
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..basics.text import counted, short, six_digits
 from ..dynamics.base_inertial_parameters import BaseParameters
-from ..dynamics.record import BRANCHED, LEGEND, VECTORS, Recursion
+from ..dynamics.recursion_record import BRANCHED, LEGEND, VECTORS, Recursion
 from ..kernels.heading import UNITS
 from ..kernels.kernel import Kernel
 from ..model.builder import Part, at_links, disassemble

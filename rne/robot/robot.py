@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
+from .. import dynamics
+from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
+from ..dynamics.base_inertial_parameters import TOLERANCE, BaseParameters
+from ..dynamics.precision import Diagnosis
+from ..dynamics.quantity import Declared
+from ..dynamics.recursion_record import Recursion
+from ..dynamics.rnea import External
+from ..kernels.cache import KernelCache
+from ..kernels.kernel import Kernel
 from ..model import modify
-from ..model.parameters import with_parameters
-from .bias_terms import BiasTerms
-from .derivatives import Derivatives
-from .dynamics import Dynamics
-from .inertial import Inertial
-from .kinematics import Kinematics
+from ..model.model import Model
+from ..model.parameters import parameters_of, with_parameters
+from ..model.topology import pinocchio_order
+
+# compiled by Robot.compile without arguments, beside forward dynamics
+COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
 
 
-class Robot(Dynamics, BiasTerms, Derivatives, Kinematics, Inertial, InNotebooks):
+class Robot(InNotebooks):
     """A robot whose quantities are methods.
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
@@ -51,8 +62,932 @@ class Robot(Dynamics, BiasTerms, Derivatives, Kinematics, Inertial, InNotebooks)
     (6,)
     """
 
+    def __init__(self, model: Model, engine: str = "numpy") -> None:
+        if not isinstance(model, Model):
+            raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
+        self._model = model
+        self._kernels = KernelCache(model, engine)
+
+    @property
+    def model(self) -> Model:
+        """The robot's parameters: a frozen record of masses, centres of mass, inertias, axes and placements."""
+        return self._model
+
+    @property
+    def engine(self) -> str:
+        """What runs its kernels: "numpy" or "numba"."""
+        return self._kernels.engine
+
+    @property
+    def n(self) -> int:
+        """Number of joint coordinates: moving joints, without those that mimic others."""
+        return self._model.n
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints in the order of q."""
+        return self._model.joint_names
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """The links in the order of `link_poses`, the root first."""
+        return self._model.link_names
+
+    @property
+    def lower(self) -> Array:
+        """Lower ends of the joints' ranges, -inf where unknown, shape (n,) [rad or m]."""
+        return self._of_coordinates(self._model.lower)
+
+    @property
+    def upper(self) -> Array:
+        """Upper ends of the joints' ranges, inf where unknown, shape (n,) [rad or m]."""
+        return self._of_coordinates(self._model.upper)
+
+    @property
+    def velocity_limit(self) -> Array:
+        """Largest rates of the joints, inf where unknown, shape (n,) [rad/s or m/s]."""
+        return self._of_coordinates(self._model.velocity_limit)
+
+    @property
+    def effort_limit(self) -> Array:
+        """Largest torques of the drives, inf where unknown, shape (n,) [N m or N]."""
+        return self._of_coordinates(self._model.effort_limit)
+
+    def _of_coordinates(self, limits: Array) -> Array:
+        """Those of the joints in `joint_names`; a model also has those of joints that mimic others."""
+        return limits[list(self._model.independent_joints)]
+
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self._model, self.engine)
+
+    def __copy__(self) -> Robot:
+        twin = object.__new__(Robot)  # with the same kernels: neither model nor kernels ever change
+        twin._model, twin._kernels = self._model, self._kernels
+        return twin
+
+    def __repr__(self) -> str:
+        model = self._model
+        lines = [
+            f"Robot '{short(model.name)}': {counted(model.n, 'joint')}, {counted(len(model.link_names), 'link')}, "
+            f"{model.mass.sum():.6g} kg moving, gravity {model.gravity.tolist()} m/s^2"
+        ]
+        if model.has_mimics:
+            further = model.nb - model.n
+            lines.append(f"  {counted(further, 'further joint')} mimic{'s' * (further == 1)} these")
+        if model.damping.any() or model.friction.any():
+            lines.append("  damping and friction of its <dynamics> are on record, not applied")
+        return "\n".join(lines)
+
+    def joint_order(self, library: str) -> Array:
+        """Indices that bring joint arrays into another library's order.
+
+        Parameters
+        ----------
+        library : {"pinocchio"}
+            Pinocchio visits the tree depth first, siblings in alphabetical order of their joints' names. Here the next
+            joint is always the first one in the file whose parent link has been placed.
+
+        Returns
+        -------
+        ndarray of int, shape (n,)
+            `q[..., order]` is in that library's order, and `q_other[..., np.argsort(order)]` is in this one's.
+            Joints that mimic others are not coordinates here, but they are in Pinocchio unless it is told otherwise.
+
+        Raises
+        ------
+        ValueError
+            For any other library.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").joint_order("pinocchio").tolist()
+        [0, 1, 2, 3, 4, 5]
+        """
+        if library != "pinocchio":
+            raise ValueError(f"`library` must be 'pinocchio', got {library!r}")
+        return pinocchio_order(self._model)
+
+    def compile(self, *functions: Declared) -> None:
+        """Trace quantities now, instead of at the second call or the first batch.
+
+        Parameters
+        ----------
+        *functions : callable
+            Functions of a model and joint arrays, such as `rne.dynamics.mass_matrix`. Without any: inverse dynamics,
+            M, bias and gravity torques, and forward dynamics.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140")
+        >>> robot.compile(rne.dynamics.mass_matrix)
+        >>> robot.mass_matrix([0] * 6).shape  # already by the kernel
+        (6, 6)
+        """
+        for function in functions or COMPILED:
+            self.kernel(function)
+        if not functions:
+            self._kernels.forward_kernel()
+
+    def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
+        """The function traced on this robot, on first use, and kept.
+
+        Parameters
+        ----------
+        function : callable
+            One of this package's functions of a model, such as `rne.dynamics.mass_matrix`.
+        *wrt : str
+            Arguments to differentiate by; none for the function itself.
+        **fixed
+            Arguments other than joint arrays, such as `link="link_6"`, or `external=["link_6"]` for its wrench, or
+            `parameters=True` for the inertial parameters as a further argument.
+
+        Returns
+        -------
+        Kernel
+            Called with the joint arrays, it returns the function, as `rne.compile` gives it, or its exact derivatives,
+            as `rne.kernels.derivative` gives them.
+
+        Raises
+        ------
+        TypeError
+            If the function is not one of this package's, or an argument is not one of its.
+        ValueError
+            If there is no such link.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140")
+        >>> robot.kernel(rne.dynamics.gravity_torque, "q")([0] * 6).shape  # its derivative by q
+        (6, 6)
+        """
+        return self._kernels.kernel(function, *wrt, **fixed)
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        external: External | None = None,
+        parameters: ArrayLike | None = None,
+    ) -> Array:
+        """Joint torques for given accelerations: tau = M qdd + C qd + g.
+
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+        external : mapping of str to array_like, shape (..., 6), optional
+            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N]. The torques
+            are less by what the wrenches supply.
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own, in the order of `Robot.parameters`. They broadcast against
+            the states: many variants of the robot are one batch. Any finite numbers will do, possible bodies or not.
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torques of revolute joints, forces of prismatic ones [N m or N].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, there is no such link, or the torque overflows.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot = rne.load("irb140")
+        >>> robot.inverse_dynamics([0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
+        -22.499
+        >>> pull = {"link_6": [0, 0, 0, 0, 0, -10.0]}  # 10 N along -z of link 6
+        >>> robot.inverse_dynamics([0] * 6, [0] * 6, [0] * 6, external=pull).shape
+        (6,)
+        >>> scales = np.random.default_rng(0).uniform(0.9, 1.1, (5000, 1))  # all masses up to 10 % off
+        >>> robot.inverse_dynamics([0] * 6, [0] * 6, [0] * 6, parameters=scales * robot.parameters).shape
+        (5000, 6)
+        """
+        if external is None and parameters is None:
+            return self._kernels.value(dynamics.inverse_dynamics, q, qd, qdd)
+        return self._kernels.value_with(dynamics.inverse_dynamics, q, qd, qdd, external=external, parameters=parameters)
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        external: External | None = None,
+        parameters: ArrayLike | None = None,
+    ) -> Array:
+        """Joint accelerations that the torques tau give: qdd = M^-1 (tau - C qd - g).
+
+        Parameters
+        ----------
+        q, qd, tau : array_like, shape (..., n)
+            Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+        external : mapping of str to array_like, shape (..., 6), optional
+            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`. Of bodies that are not possible,
+            those are refused that make M singular or not positive definite.
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Accelerations [rad/s^2 or m/s^2].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, there is no such link, or the acceleration overflows.
+        SingularMassMatrixError
+            If M is singular to working precision; names the joints whose combination moves no inertia.
+
+        Warns
+        -----
+        PrecisionWarning
+            If fewer than 3 digits are left, M nearly singular or the torques cancelled at high joint velocities.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140")
+        >>> tau = robot.inverse_dynamics([0.1] * 6, [0] * 6, [1] * 6)
+        >>> robot.forward_dynamics([0.1] * 6, [0] * 6, tau).round(9).tolist()
+        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+        """
+        qdd, status = self._kernels.accelerations(q, qd, tau, external, parameters)
+        status.raise_or_warn(stacklevel=2)
+        return qdd
+
+    def mass_matrix(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """Joint-space inertia matrix M(q): column j is the torques for a unit acceleration of joint j.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
+
+        Returns
+        -------
+        ndarray, shape (..., n, n)
+            Full and exactly symmetric, the rotors' `armature` included [kg m^2, kg m or kg].
+
+        Raises
+        ------
+        ValueError
+            If `q` has the wrong shape or is not finite, or M overflows.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").mass_matrix([0] * 6)[5, 5].round(6).item()
+        0.001458
+        """
+        if parameters is None:
+            return self._kernels.value(dynamics.mass_matrix, q)
+        return self._kernels.value_with(dynamics.mass_matrix, q, parameters=parameters)
+
+    def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
+        """Inverse dynamics with all intermediate vectors of every link.
+
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+        external : mapping of str to array_like, shape (..., 6), optional
+            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
+
+        Returns
+        -------
+        Recursion
+            Angular velocities and accelerations, accelerations, forces and moments of every link, in its own axes;
+            for one state, `print` shows them as a table with units and the thesis's equation numbers.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, there is no such link, or a result overflows.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").recursion([0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6).omega[0].tolist()
+        [0.0, -1.0, 0.0]
+        """
+        record: Recursion = dynamics.recursion.evaluate(self._model, q, qd, qdd, external=external)[0]
+        return record
+
+    def diagnose(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        tau: ArrayLike | None = None,
+        *,
+        dtype: DTypeLike | None = None,
+    ) -> Diagnosis:
+        """Digits that forward dynamics keep in given states, and the motion that limits them.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        qd, tau : array_like, shape (..., n), optional
+            Joint rates and torques, both or neither [rad/s or m/s; N m or N].
+        dtype : real floating data type, optional
+            The arithmetic to diagnose for; by default that of `q`.
+
+        Returns
+        -------
+        Diagnosis
+            Condition of M scaled to unit diagonal, digits left, and the joints whose motion limits them.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite and real, `dtype` is not real floating point, or only one
+            of `qd` and `tau` is given.
+
+        Examples
+        --------
+        >>> import rne
+        >>> print(rne.load("irb140").diagnose([0] * 6).digits.round())
+        15.0
+        """
+        return dynamics.diagnose(self._model, q, qd, tau, dtype=dtype)
+
+    def bias_torque(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        external: External | None = None,
+        parameters: ArrayLike | None = None,
+    ) -> Array:
+        """Joint torques at zero acceleration: C qd + g, less the torques that external wrenches supply.
+
+        Parameters
+        ----------
+        q, qd : array_like, shape (..., n)
+            Joint positions and rates [rad or m; rad/s or m/s].
+        external : mapping of str to array_like, shape (..., 6), optional
+            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torques [N m or N].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, there is no such link, or the torque overflows.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").bias_torque([0] * 6, [1, 0, 0, 0, 0, 0]).shape
+        (6,)
+        """
+        if external is None and parameters is None:
+            return self._kernels.value(dynamics.bias_torque, q, qd)
+        return self._kernels.value_with(dynamics.bias_torque, q, qd, external=external, parameters=parameters)
+
+    def gravity_torque(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """Joint torques g(q) that balance gravity at rest.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torques [N m or N]; the gradient of the potential energy.
+
+        Raises
+        ------
+        ValueError
+            If `q` has the wrong shape or is not finite.
+
+        Examples
+        --------
+        >>> import math, rne
+        >>> rne.load("irb140").gravity_torque([0, math.pi / 2, -math.pi / 2, 0, 0, 0]).round(3)[[1, 2, 4]].tolist()
+        [-158.834, -23.632, -0.284]
+        """
+        if parameters is None:
+            return self._kernels.value(dynamics.gravity_torque, q)
+        return self._kernels.value_with(dynamics.gravity_torque, q, parameters=parameters)
+
+    def coriolis_torque(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """Centrifugal and Coriolis joint torques C(q, qd) qd.
+
+        Parameters
+        ----------
+        q, qd : array_like, shape (..., n)
+            Joint positions and rates [rad or m; rad/s or m/s].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            Torques [N m or N]; quadratic in the rates.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or the torque overflows.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q, qd = rne.load("irb140"), np.full(6, 0.3), np.full(6, 0.5)
+        >>> np.allclose(robot.coriolis_torque(q, 2 * qd), 4 * robot.coriolis_torque(q, qd))
+        True
+        """
+        if parameters is None:
+            return self._kernels.value(dynamics.coriolis_torque, q, qd)
+        return self._kernels.value_with(dynamics.coriolis_torque, q, qd, parameters=parameters)
+
+    def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
+
+        Parameters
+        ----------
+        q, qd : array_like, shape (..., n)
+            Joint positions and rates [rad or m; rad/s or m/s].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
+
+        Returns
+        -------
+        ndarray, shape (..., n, n)
+            Torque i per rate j [N m s/rad, N s or N s/m].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or C overflows.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q, qd = rne.load("irb140"), np.full(6, 0.3), np.full(6, 0.5)
+        >>> np.allclose(robot.coriolis_matrix(q, qd) @ qd, robot.coriolis_torque(q, qd))
+        True
+        """
+        if parameters is None:
+            return self._kernels.value(dynamics.coriolis_matrix, q, qd)
+        return self._kernels.value_with(dynamics.coriolis_matrix, q, qd, parameters=parameters)
+
+    def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the inverse dynamics.
+
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+
+        Returns
+        -------
+        dtau_dq : ndarray, shape (..., n, n)
+            Row i is of torque i, column j by position j.
+        dtau_dqd : ndarray, shape (..., n, n)
+            By the rates.
+        M : ndarray, shape (..., n, n)
+            By the accelerations: the mass matrix.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or a derivative overflows.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q, zero = rne.load("irb140"), np.full(6, 0.3), np.zeros(6)
+        >>> dtau_dq, dtau_dqd, M = robot.inverse_dynamics_derivatives(q, zero, zero)
+        >>> bool(dtau_dqd.any()), np.allclose(M, robot.mass_matrix(q))  # at rest, no torque depends on the rates
+        (False, True)
+        """
+        return self._kernels.inverse_derivatives(q, qd, qdd)
+
+    def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the forward dynamics.
+
+        Parameters
+        ----------
+        q, qd, tau : array_like, shape (..., n)
+            Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+
+        Returns
+        -------
+        dqdd_dq : ndarray, shape (..., n, n)
+            Row i is of acceleration i, column j by position j.
+        dqdd_dqd : ndarray, shape (..., n, n)
+            By the rates.
+        dqdd_dtau : ndarray, shape (..., n, n)
+            By the torques: the inverse of M.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or a derivative overflows.
+        SingularMassMatrixError
+            If M is singular to working precision.
+
+        Warns
+        -----
+        PrecisionWarning
+            If fewer than 3 digits are left.
+
+        Notes
+        -----
+        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, q = rne.load("irb140"), np.full(6, 0.3)
+        >>> _, _, dqdd_dtau = robot.forward_dynamics_derivatives(q, np.zeros(6), np.zeros(6))
+        >>> np.allclose(dqdd_dtau @ robot.mass_matrix(q), np.eye(6))
+        True
+        """
+        slopes, status = self._kernels.forward_derivatives(q, qd, tau)
+        status.raise_or_warn(stacklevel=2)
+        n = self.n
+        return slopes[..., :n], slopes[..., n : 2 * n], slopes[..., 2 * n :]
+
+    def linearize(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
+        """The linearisation at a state: the derivative of (q, qd) changes by A d(q, qd) + B dtau.
+
+        Parameters
+        ----------
+        q, qd, tau : array_like, shape (..., n)
+            Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+
+        Returns
+        -------
+        A : ndarray, shape (..., 2 n, 2 n)
+            Rows: derivatives of the rates and of the accelerations; columns: by positions and rates.
+        B : ndarray, shape (..., 2 n, n)
+            By the torques: zero, and the inverse of M.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or a derivative overflows.
+        SingularMassMatrixError
+            If M is singular to working precision.
+
+        Warns
+        -----
+        PrecisionWarning
+            If fewer than 3 digits are left.
+
+        Examples
+        --------
+        About an equilibrium, accelerations do not depend on the rates.
+
+        >>> import numpy as np, rne
+        >>> robot, q = rne.load("irb140"), np.array([0, np.pi, 0, 0, 0, 0])
+        >>> A, B = robot.linearize(q, np.zeros(6), robot.gravity_torque(q))
+        >>> A.shape, B.shape, bool(A[6:, 6:].any())
+        ((12, 12), (12, 6), False)
+        """
+        slopes, status = self._kernels.forward_derivatives(q, qd, tau)
+        status.raise_or_warn(stacklevel=2)
+        n = self.n
+        system = np.zeros((*slopes.shape[:-2], 2 * n, 3 * n), dtype=slopes.dtype)
+        system[..., :n, n : 2 * n] = np.eye(n)
+        system[..., n:, :] = slopes
+        return system[..., : 2 * n], system[..., 2 * n :]
+
+    def link_poses(self, q: ArrayLike) -> Array:
+        """Pose of every link, as homogeneous matrices.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+
+        Returns
+        -------
+        ndarray, shape (..., n_links, 4, 4)
+            Takes coordinates of a link's frame to those of the root link; links in `link_names` order [1, m].
+
+        Raises
+        ------
+        ValueError
+            If `q` has the wrong shape or is not finite.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140")
+        >>> robot.link_poses([0] * 6)[robot.link_names.index("link_2"), :3, 3].tolist()
+        [0.07, 0.0, 0.352]
+        """
+        return self._kernels.value(dynamics.link_poses, q)
+
+    def jacobian(self, q: ArrayLike, link: str) -> Array:
+        """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint rate.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        link : str
+            One of `link_names`.
+
+        Returns
+        -------
+        ndarray, shape (..., 6, n)
+            [omega; v] = J qd in the axes of the root link [1, m]. Pinocchio and Corke's toolbox have v first.
+
+        Raises
+        ------
+        ValueError
+            If `q` has the wrong shape or is not finite, or there is no such link.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").jacobian([0] * 6, "link_1")[:, 0].round(3).tolist()
+        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+        """
+        self._model.link_index(link)
+        return self._kernels.evaluate(dynamics.jacobian, q, link=link)[0]
+
+    def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str) -> Array:
+        """Time derivative of `jacobian` along the motion (q, qd).
+
+        Parameters
+        ----------
+        q, qd : array_like, shape (..., n)
+            Joint positions and rates [rad or m; rad/s or m/s].
+        link : str
+            One of `link_names`.
+
+        Returns
+        -------
+        ndarray, shape (..., 6, n)
+            The matrix dJ/dt in the axes of the root link [1/s, m/s]: the link's acceleration is J qdd + (dJ/dt) qd.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or there is no such link.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").jacobian_rate([0] * 6, [0] * 6, "link_6").any().item()
+        False
+        """
+        self._model.link_index(link)
+        return self._kernels.evaluate(dynamics.jacobian_rate, q, qd, link=link)[0]
+
+    def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
+
+        Parameters
+        ----------
+        q, qd : array_like, shape (..., n)
+            Joint positions and rates [rad or m; rad/s or m/s].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
+
+        Returns
+        -------
+        ndarray, shape (...)
+            The energy [J].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or the energy overflows.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").kinetic_energy([0] * 6, [0, 0, 0, 0, 0, 2]).round(6).item()
+        0.002916
+        """
+        if parameters is None:
+            return self._kernels.value(dynamics.kinetic_energy, q, qd)
+        return self._kernels.value_with(dynamics.kinetic_energy, q, qd, parameters=parameters)
+
+    def potential_energy(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """Potential energy of the moving bodies in gravity, zero at the height of the root link's origin.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
+
+        Returns
+        -------
+        ndarray, shape (...)
+            The sum of -m g.c over the bodies [J].
+
+        Raises
+        ------
+        ValueError
+            If `q` has the wrong shape or is not finite.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").potential_energy([0] * 6).round(5).item()
+        370.87686
+        """
+        if parameters is None:
+            return self._kernels.value(dynamics.potential_energy, q)
+        return self._kernels.value_with(dynamics.potential_energy, q, parameters=parameters)
+
+    def momentum(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """Momentum of the moving bodies about the root link's origin.
+
+        Parameters
+        ----------
+        q, qd : array_like, shape (..., n)
+            Joint positions and rates [rad or m; rad/s or m/s].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters in place of the robot's own; see `inverse_dynamics`.
+
+        Returns
+        -------
+        ndarray, shape (..., 6)
+            [angular; linear] in the axes of the root link [kg m^2/s, kg m/s].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or the momentum overflows.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").momentum([0] * 6, [0] * 6).tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        """
+        if parameters is None:
+            return self._kernels.value(dynamics.momentum, q, qd)
+        return self._kernels.value_with(dynamics.momentum, q, qd, parameters=parameters)
+
+    @property
+    def parameters(self) -> Array:
+        """Inertial parameters of the moving bodies, ten each, shape (10 nb,).
+
+        In the order of `model.moving_joints`: m [kg], m cx, m cy, m cz [kg m], Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2],
+        about the origin of the body's joint frame in the URDF and in its axes. The order is Pinocchio's.
+        """
+        return parameters_of(self._model)
+
+    def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """The matrix Y of tau = Y pi: joint torques per unit of each inertial parameter of each body.
+
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+
+        Returns
+        -------
+        ndarray, shape (..., n, 10 nb)
+            Columns in the order of `parameters`. The torque of `armature` is not among them.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or an entry overflows.
+
+        Notes
+        -----
+        Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot = rne.load("irb140")
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 100, 6))
+        >>> tau = robot.regressor(q, qd, qdd) @ robot.parameters
+        >>> np.allclose(tau, robot.inverse_dynamics(q, qd, qdd))
+        True
+        """
+        return self._kernels.value(dynamics.regressor, q, qd, qdd)
+
+    def control_regressor(self, q: ArrayLike, qd: ArrayLike, qdr: ArrayLike, qddr: ArrayLike) -> Array:
+        """The matrix Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew: what adaptive control needs.
+
+        Parameters
+        ----------
+        q, qd : array_like, shape (..., n)
+            Joint positions and rates [rad or m; rad/s or m/s].
+        qdr, qddr : array_like, shape (..., n)
+            Rates and accelerations of the reference [rad/s or m/s; rad/s^2 or m/s^2].
+
+        Returns
+        -------
+        ndarray, shape (..., n, 10 nb)
+            Columns in the order of `parameters`. C is the matrix of the Christoffel symbols, as `coriolis_matrix`.
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or an entry overflows.
+
+        Notes
+        -----
+        Slotine and Li 1987; body by body as in Echeandia and Wensing 2021.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot = rne.load("irb140")
+        >>> q, qd, qdr, qddr = np.random.default_rng(0).normal(size=(4, 6))
+        >>> torques = robot.control_regressor(q, qd, qdr, qddr) @ robot.parameters
+        >>> M, C, g = robot.mass_matrix(q), robot.coriolis_matrix(q, qd), robot.gravity_torque(q)
+        >>> np.allclose(torques, M @ qddr + C @ qdr + g)
+        True
+        """
+        return self._kernels.value(dynamics.control_regressor, q, qd, qdr, qddr)
+
+    def base_parameters(
+        self,
+        *,
+        rotor: bool = False,
+        friction: str | None = None,
+        offset: bool = False,
+        shafts: ArrayLike | None = None,
+        smoothing: float = 0.0,
+        tolerance: float = TOLERANCE,
+    ) -> BaseParameters:
+        """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
+
+        Parameters
+        ----------
+        rotor : bool
+            True for the inertia Ia of each drive's rotor, reflected to its joint.
+        friction : {None, "viscous", "coulomb", "viscous+coulomb"}
+            Fv, Fc or both of each drive.
+        offset : bool
+            True for a constant torque tau0 of each drive.
+        shafts : array_like, shape (s, n), optional
+            Rows a of further shafts, which turn at a^T qd, with rotor and friction if the joints have them.
+        smoothing : float
+            Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
+        tolerance : float
+            Angles [rad] and distances, divided by the longest one between two joints, that differ by less are taken as
+            the same.
+
+        Returns
+        -------
+        BaseParameters
+            Their names, formulas, and the matrices to and from the standard parameters.
+
+        Raises
+        ------
+        ValueError
+            If an option has a wrong value or shape.
+
+        Notes
+        -----
+        Gautier and Khalil 1990; see `rne.dynamics.base_parameters`.
+
+        Examples
+        --------
+        >>> import rne
+        >>> base = rne.load("irb140").base_parameters(rotor=True, friction="viscous+coulomb")
+        >>> base.count, base.standard.count, base.names[-1]
+        (52, 78, 'Fc_6')
+        """
+        found = dynamics.base_parameters(
+            self._model,
+            rotor=rotor,
+            friction=friction,
+            offset=offset,
+            shafts=shafts,
+            smoothing=smoothing,
+            tolerance=tolerance,
+        )
+        return replace(found, body_regressor=self.regressor)
 
     def with_payload(
         self,
@@ -178,16 +1113,3 @@ class Robot(Dynamics, BiasTerms, Derivatives, Kinematics, Inertial, InNotebooks)
         [0.0, 0.0, 9.81]
         """
         return Robot(modify.mounted(self._model, rpy), self.engine)
-
-    def __repr__(self) -> str:
-        model = self._model
-        lines = [
-            f"Robot '{short(model.name)}': {counted(model.n, 'joint')}, {counted(len(model.link_names), 'link')}, "
-            f"{model.mass.sum():.6g} kg moving, gravity {model.gravity.tolist()} m/s^2"
-        ]
-        if model.has_mimics:
-            further = model.nb - model.n
-            lines.append(f"  {counted(further, 'further joint')} mimic{'s' * (further == 1)} these")
-        if model.damping.any() or model.friction.any():
-            lines.append("  damping and friction of its <dynamics> are on record, not applied")
-        return "\n".join(lines)

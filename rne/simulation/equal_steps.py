@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.verdict import SOUND, Verdict
+from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..kernels.kernel import Kernel
 from .equations_of_motion import RightHandSide
@@ -52,7 +52,7 @@ class Plan:
         """dx/dt, of the chunk's inertial parameters where it has some."""
         return self.rhs.kernel_at_parameters if self.with_parameters else self.rhs.kernel
 
-    def run(self, chunk: Chunk, tick: Progress | None = None) -> tuple[Array, Verdict]:
+    def run(self, chunk: Chunk, tick: Progress | None = None) -> tuple[Array, PrecisionStatus]:
         """States at the stored times, shape (spans + 1, N, size), and the worst loss of precision."""
         if self.kernel.engine == "numba" and self.kernel.is_unrolled:
             return self._run_compiled(chunk, tick)
@@ -67,13 +67,13 @@ class Plan:
                 tick(len(x), 0)
         return np.array(kept), work.verdict
 
-    def _run_compiled(self, chunk: Chunk, tick: Progress | None) -> tuple[Array, Verdict]:
+    def _run_compiled(self, chunk: Chunk, tick: Progress | None) -> tuple[Array, PrecisionStatus]:
         """The same by compiled loops over blocks of initial states."""
         from .compiled_steps import BLOCK, compiled_steps
 
         x = chunk.x
         steps = compiled_steps(self.kernel, self.method, x.dtype)
-        kept, verdict, length = np.empty((self.spans + 1, *x.shape), x.dtype), SOUND, self.steps // self.spans
+        kept, verdict, length = np.empty((self.spans + 1, *x.shape), x.dtype), OK, self.steps // self.spans
         kept[0] = x
         for begin in range(0, len(x), BLOCK):
             work = _Work(self, chunk.part(begin, begin + BLOCK))
@@ -102,7 +102,7 @@ class _Work:
         self.further = (self.p,) if plan.with_parameters else ()
         self.t = np.zeros((len(self.x), 1), self.x.dtype)
         self.k, self.sum, self.stage = (np.empty_like(self.x) for _ in range(3))
-        self.verdict = SOUND
+        self.verdict = OK
 
     def slope(self, t: float, x: Array) -> Array:
         self.t.fill(t)
@@ -110,7 +110,7 @@ class _Work:
             rates, verdict = self.kernel.evaluate(self.t, x, *self.further, out=self.k)
         except NotFiniteError as error:
             raise self._located(error, t, x) from None
-        if verdict is not SOUND:
+        if verdict is not OK:
             if verdict.error is not None:
                 (start,) = verdict.error.state
                 raise SingularMassMatrixError(
@@ -167,7 +167,7 @@ STEPPERS = {"rk4": _rk4, "semi-implicit-euler": _semi_implicit}
 
 def run_all(
     plan: Plan, starts: Chunk, progress: Progress | None, executor: Executor | None
-) -> list[tuple[Array, Verdict]]:
+) -> list[tuple[Array, PrecisionStatus]]:
     """The results of `plan.run` for chunks of the initial states, in their order."""
     size = len(starts.x)
     edges = [*range(0, size, CHUNK), size]
@@ -191,7 +191,7 @@ def run_all(
     if in_threads:
         _ = plan.kernel  # traced before several threads ask for it at once
     run = plan.run if in_threads else partial(run_pickled, _pickled(plan))
-    futures: list[Future[tuple[Array, Verdict]]] = [executor.submit(run, chunk) for chunk in chunks]
+    futures: list[Future[tuple[Array, PrecisionStatus]]] = [executor.submit(run, chunk) for chunk in chunks]
     for future, chunk in zip(futures, chunks, strict=True):
         wait([future])
         tick(len(chunk.x) * plan.steps, 0)
@@ -216,6 +216,6 @@ def _plan(pickled: bytes) -> Plan:
     return plan
 
 
-def run_pickled(pickled: bytes, chunk: Chunk) -> tuple[Array, Verdict]:
+def run_pickled(pickled: bytes, chunk: Chunk) -> tuple[Array, PrecisionStatus]:
     """Plan.run in another process."""
     return _plan(pickled).run(chunk)

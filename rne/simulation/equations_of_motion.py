@@ -25,11 +25,10 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.conditioning import judge_accelerations
-from ..dynamics.lagrange_forward import lagrange_forward_dynamics
-from ..dynamics.quantity import Quantity, check_result
+from ..dynamics.lagrange import lagrange_forward_dynamics
+from ..dynamics.precision import check_accelerations
+from ..dynamics.quantity import OK, PrecisionStatus, Quantity, check_result
 from ..dynamics.rnea import inverse_dynamics
-from ..dynamics.verdict import SOUND, Verdict
 from ..elementwise import clip
 from ..kernels.kernel import Kernel
 from ..model.model import Model
@@ -150,12 +149,12 @@ class AppliedTorques:
         net, rates, powers = self.parts(t, x, u)
         return np.concatenate([net, *rates, *powers], axis=-1)
 
-    def evaluate(self, model: Model, t: Array, x: Array, u: Array | None = None) -> tuple[Array, Verdict]:
+    def evaluate(self, model: Model, t: Array, x: Array, u: Array | None = None) -> tuple[Array, PrecisionStatus]:
         """The same, with numbers."""
         with np.errstate(all="ignore"):
             result = self.core(model, np.asarray(t), np.asarray(x), u)
         check_result("the torques", result)
-        return result, SOUND
+        return result, OK
 
     @cached_property
     def kernel(self) -> Kernel:
@@ -190,7 +189,9 @@ class Residual(AppliedTorques):
         needed = inverse_dynamics.core(model, x[..., :n], x[..., n : 2 * n], a)
         return np.concatenate([needed - net, *rates], axis=-1)
 
-    def evaluate(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> tuple[Array, Verdict]:  # type: ignore[override]
+    def evaluate(  # type: ignore[override]
+        self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None
+    ) -> tuple[Array, PrecisionStatus]:
         """The same, with numbers."""
         arrays = [np.asarray(v) for v in (t, x, a, *(() if u is None else (u,)))]
         leading = np.broadcast_shapes(*(v.shape[:-1] for v in arrays))  # a complex step moves one of them alone
@@ -199,7 +200,7 @@ class Residual(AppliedTorques):
         with np.errstate(all="ignore"):
             result = self.core(model, *arrays)
         check_result("the equations of motion", result)
-        return result, SOUND
+        return result, OK
 
     @cached_property
     def slopes(self) -> Kernel:
@@ -235,13 +236,13 @@ class RightHandSide(AppliedTorques):
     def quantity(self) -> Quantity:
         """What is traced: as for the torques, with M's pivots behind the rates."""
         n = self.robot.n
-        rates = ("x", slice(n, 2 * n))
+        velocities = ("x", slice(n, 2 * n))
         return Quantity(
             name=self.name,
             core=self.core,
             widths=self._widths,
-            judge=self._judge,
-            rates=rates,
+            check=self._check,
+            velocities=velocities,
             moments=self.formulation == "newton-euler",
             base_parameters=True,
         )
@@ -252,27 +253,27 @@ class RightHandSide(AppliedTorques):
         q, qd = x[..., :n], x[..., n : 2 * n]
         net, further, powers = self.parts(t, x, u)
         lagrange = self.formulation == "euler-lagrange"
-        forward = lagrange_forward_dynamics if lagrange else self.robot.kernels.forward_method()
+        forward = lagrange_forward_dynamics if lagrange else self.robot._kernels.forward_method()
         qdd, pivots, diagonal = forward.quantity.core(model, q, qd, net)
         rates = [qd, qdd, *further, *(powers if self.with_energies else [])]
         return np.concatenate(rates, axis=-1), pivots, diagonal
 
-    def _judge(self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array) -> Verdict:
+    def _check(self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array) -> PrecisionStatus:
         n, t, x = self.robot.n, arguments["t"], arguments["x"]
         net, _, _ = self.parts(t, x, arguments.get("u"))
         state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
-        return judge_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
+        return check_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
 
     def evaluate(
         self, model: Model, t: Array, x: Array, u: Array | None = None, parameters: Array | None = None
-    ) -> tuple[Array, Verdict]:
-        """dx/dt with numbers, by the recursion, with the Verdict on M; NotFiniteError where it overflows."""
+    ) -> tuple[Array, PrecisionStatus]:
+        """dx/dt with numbers, by the recursion, with the PrecisionStatus on M; NotFiniteError where it overflows."""
         t, x = np.asarray(t), np.asarray(x)
         typed = model if x.dtype == model.mass.dtype else model.astype(x.dtype)
         typed = typed if parameters is None else at_parameters(typed, np.asarray(parameters))
         with np.errstate(all="ignore"):
             rates, pivots, diagonal = self.core(typed, t, x, u)
-            verdict = self._judge(typed, {"t": t, "x": x, "u": u}, rates, pivots, diagonal)
+            verdict = self._check(typed, {"t": t, "x": x, "u": u}, rates, pivots, diagonal)
         if verdict.error is None:
             check_result("the right-hand side", rates)
         return np.asarray(rates), verdict

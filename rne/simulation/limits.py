@@ -15,7 +15,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..basics.text import short, summary
-from ..dynamics.kinematics import joint_positions, joint_rates
+from ..dynamics.kinematics import joint_positions, joint_velocities
 from ..model.model import Model
 
 ROUNDING = 1e-9  # of a joint's larger limit: a stop or a saturated drive that is exceeded by less is met
@@ -111,7 +111,7 @@ def _limited(
     model: Model, q: Array, qd: Array, tau: Array
 ) -> Iterator[tuple[int, Literal["position", "rate", "torque"], Array, float, float]]:
     """Joint, quantity, its values over time, and its lower and upper limit."""
-    positions, rates = joint_positions(model, q), joint_rates(model, qd)
+    positions, rates = joint_positions(model, q), joint_velocities(model, qd)
     for i in range(model.nb):
         speed, effort = float(model.velocity_limit[i]), float(model.effort_limit[i])
         yield i, "position", positions[:, i], float(model.lower[i]), float(model.upper[i])

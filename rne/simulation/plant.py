@@ -10,7 +10,7 @@ import numpy as np
 
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
-from ..dynamics.verdict import SOUND, Verdict
+from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
 from .equations_of_motion import RightHandSide
@@ -37,7 +37,7 @@ class Plant(Unswitched):
         The torques held since the last sample, of a sampled controller.
     span : (float, float)
         Times within which torques are evaluated: just inside the segment, on this side of the breaks at its ends.
-    verdict : Verdict
+    verdict : PrecisionStatus
         The loss of precision in the worst state evaluated so far.
     """
 
@@ -49,7 +49,7 @@ class Plant(Unswitched):
         self.span = (-np.inf, np.inf)
         self.evaluations = 0
         self._time = np.zeros(1)  # t as an argument of the kernel
-        self.verdict = SOUND
+        self.verdict = OK
         self.kernel = rhs.kernel
         self._state_function = self.kernel.state_function_at_any_rate if self.kernel.is_unrolled else None
 
@@ -57,7 +57,7 @@ class Plant(Unswitched):
         """Evaluate torques within the segment that begins here."""
         self.span = span
 
-    def note(self, verdict: Verdict) -> None:
+    def note(self, verdict: PrecisionStatus) -> None:
         """Raise an error; keep a loss if it is the worst so far."""
         if verdict.error is not None:
             raise verdict.error

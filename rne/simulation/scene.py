@@ -6,6 +6,7 @@ import logging
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -296,10 +297,14 @@ class Scene:
         return costs | {"law": law}
 
 
+_SCENES: weakref.WeakKeyDictionary[Robot, Scene] = weakref.WeakKeyDictionary()
+
+
 def scene_of_robot(robot: Robot) -> Scene:
-    """The scene of the robot alone, cached with the robot so that its kernel is compiled once."""
-    scene: Scene = robot.cache.setdefault("scene", Scene(robot))
-    return scene
+    """The scene of the robot alone, kept as long as the robot so that its kernel is compiled once."""
+    if robot not in _SCENES:
+        _SCENES[robot] = Scene(copy(robot))  # a copy has the same kernels and does not keep the robot alive
+    return _SCENES[robot]
 
 
 _announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -233,12 +234,14 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
     return replace(scene, controller=lambda t, q, qd: constant)
 
 
+_DRIVEN: WeakKeyDictionary[Robot, RightHandSide] = WeakKeyDictionary()
+
+
 def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
-    """The scene's right-hand side; a robot caches one for all torque laws."""
+    """The scene's right-hand side; for a robot one for all torque laws, kept as long as the robot."""
     if isinstance(given, Scene) or scene.controller is None:
         return scene.current_right_hand_side()
-    cached: RightHandSide = given.cache.setdefault("driven", scene.right_hand_side)
-    return cached
+    return _DRIVEN.setdefault(given, scene.right_hand_side)
 
 
 def _check_free(scene: Scene, method: str) -> None:

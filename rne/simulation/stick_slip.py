@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.conditioning import SINGULAR, pivots_below, singular_error
+from ..dynamics.precision import SINGULAR, pivots_below, singular_error
 from ..errors import NotFiniteError
 from .events import Event
 from .friction import Friction

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.bearings import bearing_peaks
 from ..dynamics.crba import mass_matrix
+from ..dynamics.recursion_record import bearing_peaks
 from ..model.abb_irb140 import DATA_SHEET, LINKS
 from ..simulation.limits import Violation
 from ..simulation.trajectory import Trajectory

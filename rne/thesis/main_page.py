@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.validation import validate
 from ..basics.spatial import Array
 from ..control.laws import pd_gravity
 from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
@@ -17,6 +16,7 @@ from ..model.model import Model
 from ..robot import Robot
 from ..simulation.simulator import simulate
 from ..urdf.loading import load
+from ..validation.agreement import validate
 from .chapter6 import figure_of_the_thesis
 from .closed_loop import fine_grid, settling_time
 from .figures import plot_errors, plot_free_motion, plot_robot

@@ -13,7 +13,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..analysis.validation import Row
+from ..validation.agreement import Row
 
 STYLE = """
 :root { color-scheme: light dark; }

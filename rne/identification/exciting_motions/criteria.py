@@ -9,9 +9,8 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
-from ...dynamics.quantity import Quantity
+from ...dynamics.quantity import PrecisionStatus, Quantity
 from ...dynamics.regressors import regressor
-from ...dynamics.verdict import Verdict
 from ...model.model import Model
 from ...robot import Robot
 
@@ -47,7 +46,7 @@ class RegressorColumns:
         columns: Array = regressor.core(model, q, qd, qdd)[..., list(self.columns)]
         return columns
 
-    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, Verdict]:
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
         """The columns of the function itself."""
         Y, verdict = regressor.evaluate(model, *args, **kwargs)
         return Y[..., list(self.columns)], verdict

@@ -13,7 +13,7 @@ from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
 from ..robot import Robot
 from ..urdf import to_urdf
-from .pinocchio import Oracle, each
+from .oracle import Oracle, each
 
 ROUNDING = 1e-13  # relative to the largest entry: some hundred rounding errors
 STEP = 1e-30  # of the complex-step derivative
@@ -82,7 +82,7 @@ def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tu
     Examples
     --------
     >>> import rne
-    >>> from rne.analysis.validation import validate
+    >>> from rne.validation.agreement import validate
     >>> source, rows = validate(rne.load("irb140"), samples=10)
     >>> all(row.worst <= row.bound for row in rows)
     True

@@ -1,1 +1,0 @@
-"""Analyses of motions and models: bearing loads, comparison with Pinocchio and with the energies."""
