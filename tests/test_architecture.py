@@ -28,7 +28,6 @@ FLOORS = [
     ["simulation", "validation"],
     ["plotting"],
     ["identification"],
-    ["thesis"],
     ["commands"],
     ["__init__", "__main__"],
 ]

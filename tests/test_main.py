@@ -7,11 +7,12 @@ import sys
 import numpy as np
 import pytest
 
+import examples.thesis.__main__ as thesis
 import rne
 from rne.__main__ import main
+from rne.commands import main_page
 from rne.commands.source import quantities
 from rne.simulation.simulator import simulate
-from rne.thesis import main_page as main_job
 from rne.validation.agreement import against_energies, validate
 
 from .helpers import ROOT
@@ -21,9 +22,9 @@ IRB140 = str(ROOT / "robots" / "irb140.urdf")
 
 @pytest.fixture
 def unused(monkeypatch):
-    """Neither page is made: a wrong folder is refused before anything is computed."""
-    for module in ("main_page", "experiments_page"):
-        monkeypatch.setattr(f"rne.thesis.{module}.run", lambda *_: pytest.fail("the page was made"))
+    """No page is made: a wrong folder is refused before anything is computed."""
+    for run in ("rne.commands.main_page.run", "rne.commands.report.write_robot_page", "examples.thesis.__main__.run"):
+        monkeypatch.setattr(run, lambda *_: pytest.fail("the page was made"))
 
 
 def test_check_of_a_sound_file(capsys):
@@ -86,7 +87,7 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"rne {rne.__version__}\n"
 
 
-@pytest.mark.parametrize("command", [[], ["report"]])
+@pytest.mark.parametrize("command", [[], ["report", "irb140"]])
 def test_out_on_a_file_is_refused_in_one_line(command, unused, tmp_path, capsys):
     file = tmp_path / "file"
     file.touch()
@@ -95,7 +96,7 @@ def test_out_on_a_file_is_refused_in_one_line(command, unused, tmp_path, capsys)
         assert capsys.readouterr().err == f"error: --out: cannot write into {str(folder)!r}: Not a directory\n"
 
 
-@pytest.mark.parametrize("command", [[], ["report"]])
+@pytest.mark.parametrize("command", [[], ["report", "irb140"]])
 def test_out_in_a_place_without_permission_is_refused_in_one_line(command, unused, tmp_path, capsys, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
@@ -105,28 +106,35 @@ def test_out_in_a_place_without_permission_is_refused_in_one_line(command, unuse
     assert capsys.readouterr().err == f"error: --out: cannot write into {str(tmp_path)!r}: Permission denied\n"
 
 
-@pytest.mark.parametrize("order", [["--out", "{}", "report"], ["report", "--out", "{}"]])
+@pytest.mark.parametrize("order", [["--out", "{}", "report", "irb140"], ["report", "irb140", "--out", "{}"]])
 def test_out_stands_before_or_after_the_command(order, tmp_path, monkeypatch):
     seen = []
-    monkeypatch.setattr("rne.thesis.experiments_page.run", lambda folder, say, markdown: seen.append(folder))
+    monkeypatch.setattr(
+        "rne.commands.report.write_robot_page", lambda robot, text, folder, say: seen.append(folder) or 1
+    )
     assert main([word.format(tmp_path / "page") for word in order]) == 0
     assert seen == [tmp_path / "page"]
 
 
-def test_markdown_makes_no_folders(unused, tmp_path, capsys):
+def test_page_of_the_experiments_makes_no_folders(unused, tmp_path, capsys, monkeypatch):
+    def refused(markdown):
+        monkeypatch.setattr(
+            sys, "argv", ["examples.thesis", "--out", str(tmp_path / "page"), "--markdown", str(markdown)]
+        )
+        assert thesis.main() == 2
+        assert not list(tmp_path.iterdir())
+        return capsys.readouterr().err
+
     target = tmp_path / "docs" / "thesis.md"
-    assert main(["--out", str(tmp_path / "page"), "report", "--markdown", str(target)]) == 2
-    assert capsys.readouterr().err == f"error: --markdown: there is no folder {str(target.parent)!r}\n"
-    assert not list(tmp_path.iterdir())
-    assert main(["--out", str(tmp_path / "page"), "report", "--markdown", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f"error: --markdown: {str(tmp_path)!r} is a folder, not a file\n"
+    assert refused(target) == f"error: --markdown: there is no folder {str(target.parent)!r}\n"
+    assert refused(tmp_path) == f"error: --markdown: {str(tmp_path)!r} is a folder, not a file\n"
 
 
 def test_an_error_of_the_system_is_one_line(tmp_path, monkeypatch, capsys):
     def fail(*_):
         raise OSError(28, "No space left on device", "page/index.html")
 
-    monkeypatch.setattr("rne.thesis.main_page.run", fail)
+    monkeypatch.setattr("rne.commands.main_page.run", fail)
     assert main(["--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == "error: page/index.html: No space left on device\n"
 
@@ -158,7 +166,7 @@ def test_carried_mass_is_that_of_everything_beyond_the_joint(tree):
         beyond = (k for k in range(tree.nb) if tree.parent[k] == joint)
         return tree.mass[joint] + sum(map(carried_by, beyond))
 
-    np.testing.assert_allclose(main_job.carried_masses(tree), [carried_by(i) for i in range(tree.nb)], rtol=1e-14)
+    np.testing.assert_allclose(main_page.carried_masses(tree), [carried_by(i) for i in range(tree.nb)], rtol=1e-14)
 
 
 def test_validation_keeps_every_bound_against_pinocchio(irb140):
@@ -179,7 +187,7 @@ def test_validation_without_pinocchio_keeps_every_bound(irb140, monkeypatch):
 def short(monkeypatch):
     """The main job with a tenth of its free swing; everything else as it is."""
     monkeypatch.setattr(
-        main_job, "simulate", lambda r, q, qd, T, **k: simulate(r, q, qd, T / 10 if T == 10 else T, **k)
+        main_page, "simulate", lambda r, q, qd, T, **k: simulate(r, q, qd, T / 10 if T == 10 else T, **k)
     )
 
 
@@ -203,7 +211,7 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
 
 
 def test_main_job_without_matplotlib_says_so(tmp_path, short, monkeypatch, capsys):
-    monkeypatch.setattr("rne.thesis.page.has_matplotlib", lambda: False)
+    monkeypatch.setattr("rne.plotting.html_page.has_matplotlib", lambda: False)
     assert main(["--out", str(tmp_path)]) == 0
     assert "matplotlib is not installed: no pictures" in capsys.readouterr().out
     assert [p.name for p in tmp_path.iterdir()] == ["index.html"]

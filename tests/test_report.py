@@ -7,9 +7,10 @@ from concurrent.futures import Future
 
 import pytest
 
-from rne.thesis import closed_loop, experiments, formulations
-from rne.thesis import experiments_page as thesis
-from rne.thesis.page import DARK_COLORS, Page
+from examples.thesis import __main__ as thesis
+from examples.thesis import closed_loop, experiments, formulations
+from examples.thesis.markdown import write_markdown
+from rne.plotting.html_page import DARK_COLORS, Page
 
 from .helpers import FIGURES
 
@@ -82,10 +83,10 @@ def test_every_contents_entry_of_the_markdown_has_its_heading(tmp_path):
     page = Page("Title", lambda _: None, tmp_path)
     page.text("Before the contents.")
     page.heading("6.5: PD control (thesis)")
-    page.subheading("Figure 6.12: control inputs of run 6.5-1")
+    page.heading("Figure 6.12: control inputs of run 6.5-1", 3)
     page.heading("The same")
     page.heading("The same")
-    page.write_markdown(tmp_path / "page.md")
+    write_markdown(page, tmp_path / "page.md")
     assert (tmp_path / "page.md").read_text(encoding="utf-8") == (
         "# Title\n\nBefore the contents.\n\n"
         "- [6.5: PD control (thesis)](#65-pd-control-thesis)\n"
@@ -98,7 +99,7 @@ def test_every_contents_entry_of_the_markdown_has_its_heading(tmp_path):
 def test_contents_of_the_html_are_nested(tmp_path):
     page = Page("Title", lambda _: None, tmp_path)
     page.heading("One")
-    page.subheading("Part")
+    page.heading("Part", 3)
     page.heading("Two")
     html = page.write().read_text(encoding="utf-8")
     contents = (

@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 import rne
+from examples.thesis import closed_loop, figures, formulations, machine
+from examples.thesis import numbered_figures as numbered
+from examples.thesis.closed_loop import IDEAL, REST, VARIATIONS, loop_scene, outcome, vary
+from rne.commands.main_page import fine_grid, inputs, plot_errors, plot_free_motion, plot_robot
 from rne.model.abb_irb140 import CLOSED_LOOPS
-from rne.thesis import canvas, closed_loop, figures, formulations, machine
-from rne.thesis import numbered_figures as numbered
-from rne.thesis.closed_loop import IDEAL, REST, VARIATIONS, fine_grid, inputs, loop_scene, outcome, vary
+from rne.plotting import html_page
 
 from .helpers import FIGURES, kept
 
@@ -31,7 +33,7 @@ def pairs():
 
 @pytest.fixture(autouse=True)
 def style():
-    with matplotlib.style.context([canvas.STYLE]):
+    with matplotlib.style.context([html_page.STYLE]):
         yield
 
 
@@ -49,9 +51,9 @@ def test_sixteen_figures_are_titled_by_the_thesis_numbers():
 
 
 DRAWN = {  # of the closed loops, a swing and the IRB 140
-    "errors": lambda motions, swing, robot: figures.plot_errors(motions[0], 0),
-    "robot": lambda motions, swing, robot: figures.plot_robot(robot, np.zeros(6)),
-    "swing": lambda motions, swing, robot: figures.plot_free_motion(swing, "Free swing"),
+    "errors": lambda motions, swing, robot: plot_errors("Errors of run 6.5-1", motions[0], CLOSED_LOOPS[0].reference),
+    "robot": lambda motions, swing, robot: plot_robot(robot, np.zeros(6)),
+    "swing": lambda motions, swing, robot: plot_free_motion(swing, "Free swing"),
     "V": lambda motions, swing, robot: figures.plot_lyapunov(motions),
     "energies": lambda motions, swing, robot: figures.plot_energies(swing),
     "6.11": lambda motions, swing, robot: numbered.loop_positions("6.11", motions[0], 0),
@@ -60,9 +62,9 @@ DRAWN = {  # of the closed loops, a swing and the IRB 140
 
 
 def check_text(figure):
-    assert figure.get_figwidth() == canvas.WIDTH
+    assert figure.get_figwidth() == html_page.WIDTH
     for text in texts(figure):
-        assert text.get_fontsize() / 72 / canvas.WIDTH * PHONE >= READABLE, text.get_text()
+        assert text.get_fontsize() / 72 / html_page.WIDTH * PHONE >= READABLE, text.get_text()
         assert "^" not in text.get_text()  # exponents are small print
 
 
@@ -79,7 +81,7 @@ def test_text_of_figure_7_2_is_readable_on_a_phone(pairs):
 def test_inputs_are_those_of_the_thesis_and_with_gravity_those_of_the_drives(motions, irb140):
     """Run 6.5-3 starts joint_2 at 78.5 N m in the thesis, at -80.3 N m with gravity, and ends at 0 and at -23.6."""
     motion = motions[2]
-    u = inputs(motion, 2)
+    u = inputs(motion, CLOSED_LOOPS[2].reference)
     np.testing.assert_allclose(u + irb140.gravity_torque(motion.q), motion.tau, rtol=0, atol=1e-11)
     assert (u[0, 1], motion.tau[0, 1]) == (pytest.approx(78.54, abs=0.01), pytest.approx(-80.3, abs=0.1))
     assert u[-1, 1:3] == pytest.approx(0, abs=0.05)
@@ -118,11 +120,11 @@ def test_positions_are_drawn_as_they_are(motions):
     ],
 )
 def test_a_joint_that_turns_much_farther_has_its_own_axis(sizes, groups):
-    assert canvas.apart(np.array([sizes, np.zeros(3)])) == groups
+    assert numbered.apart(np.array([sizes, np.zeros(3)])) == groups
 
 
 def test_powers_of_ten_have_no_exponents_in_small_print():
-    assert [canvas.power(10.0**k) for k in (-9, -2, 0, 3, 6)] == ["1e-9", "0.01", "1", "1000", "1e6"]
+    assert [html_page.power(10.0**k) for k in (-9, -2, 0, 3, 6)] == ["1e-9", "0.01", "1", "1000", "1e6"]
 
 
 def test_both_formulations_give_one_motion(pairs):

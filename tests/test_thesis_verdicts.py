@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rne.thesis import verdicts as v
+from examples.thesis import verdicts as v
 
 NEVER = np.inf
 BOTH_SIDES = [  # a verdict, figures with which it holds, figures with which it does not

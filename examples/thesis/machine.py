@@ -1,20 +1,16 @@
 """Sections of the page on the machine itself: what the data sheet allows, loads on bearings, printed equations."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 
-from ..dynamics.crba import mass_matrix
-from ..dynamics.recursion_record import bearing_peaks
-from ..model.abb_irb140 import DATA_SHEET, LINKS
-from ..simulation.limits import Violation
-from ..simulation.trajectory import Trajectory
-from ..urdf.loading import load
+import rne
+from rne.model.abb_irb140 import DATA_SHEET, LINKS
+from rne.plotting.html_page import Page
+from rne.simulation.limits import Violation
+
 from . import figures, verdicts
-from .page import Page
 
 STATED_DENSITY = 1500.0  # [kg/m^3]
 ELEMENT = "m23"
@@ -62,9 +58,9 @@ def violation_row(violation: Violation) -> list[str]:
     ]
 
 
-def flange_speed(motion: Trajectory) -> tuple[float, float]:
+def flange_speed(motion: rne.Trajectory) -> tuple[float, float]:
     """The largest speed of the flange [m/s] and its time [s]."""
-    velocity = (load("irb140").jacobian(motion.q, "tool0") @ motion.qd[..., None])[:, 3:, 0]
+    velocity = (rne.load("irb140").jacobian(motion.q, "tool0") @ motion.qd[..., None])[:, 3:, 0]
     speed = np.linalg.norm(velocity, axis=1)
     k = int(speed.argmax())
     return float(speed[k]), float(motion.t[k])
@@ -88,7 +84,7 @@ def printed(page: Page, _: dict[str, Any]) -> None:
         "c3 an entry of C q', g2 of g, tau4 a torque, with --language matlab or c if wanted. Two labels of appendix "
         "C are wrong (errata.md, entry 14)."
     )
-    page.verbatim(load("irb140").kernel(mass_matrix).source("python", ELEMENT).rstrip())
+    page.text(rne.load("irb140").kernel(rne.dynamics.mass_matrix).source("python", ELEMENT).rstrip(), "pre")
 
 
 def long_swing(page: Page, found: dict[str, Any]) -> None:
@@ -112,4 +108,4 @@ def long_swing(page: Page, found: dict[str, Any]) -> None:
 def bearings(page: Page, found: dict[str, Any]) -> None:
     """Loads on the bearings in the free swing."""
     page.heading("Loads on the bearings during the free swing 6.4-1")
-    page.verbatim(str(bearing_peaks(load("irb140"), found["swings"][0])))
+    page.text(str(rne.bearing_peaks(rne.load("irb140"), found["swings"][0])), "pre")

@@ -1,17 +1,16 @@
 """Sections of the page on chapter 7: equilibria, and Newton-Euler beside Euler-Lagrange."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from rne.plotting.html_page import Page
+
 from . import figures, verdicts
 from . import numbered_figures as numbered
 from .chapter6 import BEYOND, figure_of_the_thesis
 from .formulations import RUNS, TABLE, Motion, Pair, slower, torque_difference
-from .page import Page
 
 NUMBERS = dict(zip(("7.1", "7.2", "7.3", "7.4", "7.5"), RUNS, strict=True))
 
@@ -34,7 +33,7 @@ def equilibria(page: Page, found: dict[str, Any]) -> None:
     for number, run in NUMBERS.items():
         figure_of_the_thesis(page, number, partial(numbered.formulations, number, pairs[run]))
     tipped, lagrange = found["equilibrium 7.1-2"], found["equilibrium 7.1-2, Euler-Lagrange"]
-    page.subheading(f"{BEYOND}: how fast 7.1-2 tips over")
+    page.heading(f"{BEYOND}: how fast 7.1-2 tips over", 3)
     page.text(
         "When 7.1-2 leaves its equilibrium depends on the errors of the solver. How fast a deviation grows does not: "
         f"{verdicts.grows(tipped.measured, tipped.rate)} By Euler-Lagrange: "

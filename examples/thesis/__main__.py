@@ -1,17 +1,24 @@
-"""The page of the thesis's experiments: what it claims, what is measured here, and why they differ."""
+"""The page of the thesis's experiments: what it claims, what is measured here, and why they differ.
 
-from __future__ import annotations
+python -m examples.thesis [--out DIR] [--markdown FILE]
+"""
 
+import sys
 import time
+from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 
-from ..urdf.loading import load
-from . import chapter6, chapter7, machine, stiff
-from .experiments import UPRIGHT, run_all
-from .figures import plot_robot
-from .page import Page
+import rne
+from rne.commands.main_page import UPRIGHT, plot_robot
+from rne.commands.shared import CommandError, check_file, check_folder, fail, say
+from rne.plotting.html_page import Page
 
+from . import chapter6, chapter7, machine, stiff
+from .experiments import run_all
+from .markdown import write_markdown
+
+FOLDER = Path("thesis-report")
 SECTIONS = (
     chapter6.holding,
     chapter6.swings,
@@ -41,7 +48,6 @@ def run(folder: Path, say: Callable[[str], None], markdown: Path | None = None) 
         Also write the page as Markdown, with its pictures in the folder `pictures` beside it.
     """
     started = time.perf_counter()
-    folder.mkdir(parents=True, exist_ok=True)
     page = Page("The thesis's experiments, measured", say, folder)
     page.text(
         "Høifødt 2011 simulated the ABB IRB 140 with ode45 at a relative tolerance of 1e-6. Each section says what "
@@ -50,12 +56,30 @@ def run(folder: Path, say: Callable[[str], None], markdown: Path | None = None) 
         "where each of its equations and figures is in the code. Joints are called joint_1 to joint_6 as in the "
         "model; the thesis writes q_1 to q_6."
     )
-    page.figure("robot", lambda: plot_robot(load("irb140"), UPRIGHT), "The arm at (0, π/2, -π/2, 0, 0, 0)")
+    page.figure("robot", lambda: plot_robot(rne.load("irb140"), UPRIGHT), "The arm at (0, π/2, -π/2, 0, 0, 0)")
     say("simulating in parallel processes")
     found = run_all(say)
     for section in SECTIONS:
         section(page, found)
-    page.end()
     if markdown is not None:
-        page.write_markdown(markdown)
+        write_markdown(page, markdown)
     say(f"page: {page.write()}, in {time.perf_counter() - started:.0f} s")
+
+
+def main() -> int:
+    """Read the arguments, and write the page."""
+    parser = ArgumentParser(prog="python -m examples.thesis", description="Simulate the thesis's experiments: 2 min.")
+    parser.add_argument("--out", metavar="DIR", type=Path, default=FOLDER, help=f"folder of the page ({FOLDER})")
+    parser.add_argument("--markdown", metavar="FILE", type=Path, help="also write the page there, such as thesis.md")
+    arguments = parser.parse_args()
+    try:
+        check_file(arguments.markdown, "--markdown")
+        check_folder(arguments.out)
+        run(arguments.out, say, arguments.markdown)
+    except (CommandError, OSError) as error:
+        return fail(str(error))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

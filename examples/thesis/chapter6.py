@@ -1,17 +1,16 @@
 """Sections of the page on chapter 6: constant torque, free swings, closed loops, and what 6.5.3 mentions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
-from ..simulation.trajectory import Trajectory
-from ..urdf.loading import load
+import rne
+from rne.commands.main_page import UPRIGHT, plot_errors, settling_time
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.plotting.html_page import Page
+
 from . import figures, verdicts
 from . import numbered_figures as numbered
 from .closed_loop import (
@@ -22,10 +21,8 @@ from .closed_loop import (
     gravity_on_the_way,
     lyapunov,
     lyapunov_deviation,
-    settling_time,
 )
-from .experiments import HANGING, UPRIGHT, gravity_slope, wrong_height
-from .page import Page
+from .experiments import HANGING, gravity_slope, wrong_height
 
 BEYOND = "What the figures do not show"
 _, VISCOUS, MORE_VISCOUS, COULOMB, LIMITED, WEAK, RATE, LAGGING = (variation.name for variation in VARIATIONS)
@@ -35,13 +32,13 @@ RUNS = tuple(f"6.5-{k + 1}" for k in range(3))
 def figure_of_the_thesis(page: Page, number: str, draw: Callable[[], Any]) -> None:
     """Add one of the thesis's figures under a heading with its number."""
     figure = numbered.BY_NUMBER[number]
-    page.subheading(figure.title)
+    page.heading(figure.title, 3)
     page.figure(figure.file, draw, figure.title)
     if figure.note:
         page.text(figure.note)
 
 
-def first_time(motion: Trajectory, centre: Array, distance: float) -> float:
+def first_time(motion: rne.Trajectory, centre: np.ndarray, distance: float) -> float:
     """The first sample at which some joint is farther than `distance` from `centre` [s]; infinity if there is none."""
     far = np.flatnonzero(np.abs(motion.q - centre).max(axis=1) > distance)
     return float(motion.t[far[0]]) if len(far) else np.inf
@@ -72,7 +69,7 @@ def holding(page: Page, found: dict[str, Any]) -> None:
     page.text(f"6.3-4: {verdicts.collapses(*times[3])}")
     for number, motion in zip(("6.2", "6.3", "6.4", "6.5"), runs, strict=True):
         figure_of_the_thesis(page, number, partial(numbered.holding, number, motion))
-    page.subheading(f"{BEYOND}: how the deviation grows")
+    page.heading(f"{BEYOND}: how the deviation grows", 3)
     page.text(
         "At the pose of (6.21) the derivative of the gravity torque vanishes "
         f"(norm {gravity_slope():.0e} N m/rad; it would be zero but for rounding). A small deviation meets neither a "
@@ -106,7 +103,7 @@ def swings(page: Page, found: dict[str, Any]) -> None:
     page.text(f"Energy: {verdicts.energy_is_constant(spread, float(one.energy[0]))}")
     page.text(f"Two swings: {verdicts.swings_part(parted, float(one.t[-1]))}")
     figure_of_the_thesis(page, "6.9", lambda: numbered.swings(one, other))
-    page.subheading(f"{BEYOND}: the difference, and the energy")
+    page.heading(f"{BEYOND}: the difference, and the energy", 3)
     page.figure("swings", lambda: figures.plot_swings(one, other), "Difference between the two free swings")
     page.text(verdicts.height_of_wrist(printed, spread))
     page.figure("energies", lambda: figures.plot_energies(loose), "Energies with the correct height and with (6.38)")
@@ -120,7 +117,7 @@ def loops(page: Page, found: dict[str, Any]) -> None:
     energies = [lyapunov(m, k)[0] for k, m in enumerate(motions)]
     rises = [max(0.0, float(np.diff(V).max()) / float(V[0])) for V in energies]
     deviations = [lyapunov_deviation(m, k) for k, m in enumerate(motions)]
-    settled = [settling_time(m, np.array(CLOSED_LOOPS[k].reference)) for k, m in enumerate(motions)]
+    settled = [settling_time(m, CLOSED_LOOPS[k].reference) for k, m in enumerate(motions)]
     page.table(
         ["run", "claimed", "within 0.01 rad after", "method", "V at the start", "largest rise of V / V at the start"],
         [
@@ -142,9 +139,10 @@ def loops(page: Page, found: dict[str, Any]) -> None:
         figure_of_the_thesis(page, number, partial(numbered.loop_positions, number, m, k))
         number = f"6.{12 + 2 * k}"
         figure_of_the_thesis(page, number, partial(numbered.loop_inputs, number, m, k))
-    page.subheading(f"{BEYOND}: small errors, and the Lyapunov function")
+    page.heading(f"{BEYOND}: small errors, and the Lyapunov function", 3)
     for k, m in enumerate(motions):
-        page.figure(f"loop_{k + 1}", partial(figures.plot_errors, m, k), f"Errors of {RUNS[k]} on a log axis")
+        draw = partial(plot_errors, f"Errors of run {RUNS[k]}", m, CLOSED_LOOPS[k].reference)
+        page.figure(f"loop_{k + 1}", draw, f"Errors of {RUNS[k]} on a log axis")
     page.figure("lyapunov", lambda: figures.plot_lyapunov(motions), "The Lyapunov function and its decrease")
 
 
@@ -176,7 +174,7 @@ def settling(outcome: Outcome) -> str:
     return f"not in {outcome.duration:g} s, {outcome.error:.2g} rad off"
 
 
-def reasons(outcomes: list[dict[str, Outcome]], gravity: Array) -> list[str]:
+def reasons(outcomes: list[dict[str, Outcome]], gravity: np.ndarray) -> list[str]:
     """Why each addition does to the settling what it does, with the figures of the runs."""
 
     def slowest(name: str) -> float:
@@ -213,7 +211,7 @@ def wrist_settling(viscous: float) -> float:
 
 def wrist_peak(rate: float) -> float:
     """Rate that joint_6 gains while its first torque falls at `rate` [rad/s]."""
-    inertia = load("irb140").mass_matrix(np.zeros(6))[5, 5]
+    inertia = rne.load("irb140").mass_matrix(np.zeros(6))[5, 5]
     return float((KP[5] * np.pi) ** 2 / (2 * rate * inertia))
 
 

@@ -1,67 +1,35 @@
-"""The closed loops of section 6.5: inputs, settling, the Lyapunov function, and what the proof leaves out (6.5.3)."""
-
-from __future__ import annotations
+"""The closed loops of section 6.5: settling, the Lyapunov function, and what the proof leaves out (6.5.3)."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..control.laws import pd_gravity
-from ..errors import SimulationError
-from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
-from ..simulation.friction import Friction
-from ..simulation.scene import Scene
-from ..simulation.simulator import simulate
-from ..simulation.trajectory import Trajectory
-from ..urdf.loading import load
+import rne
+from rne.commands.main_page import fine_grid, settling_time
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 REST = np.zeros(6)
-FIRST = 0.02  # [s], in which the wrist's torques fall from their peak
-SETTLED = 0.01  # [rad], every joint
 SAMPLE_TIME = 1e-4  # of the controller whose torques are limited in rate [s]
 RATE_DURATION = 4.0  # simulated with such a controller [s]
 DIVERGING = 0.05  # simulated where the loop diverges, which takes ever smaller steps [s]
 
 
-def loop_scene(k: int, **parts: Any) -> Scene:
+def loop_scene(k: int, **parts: Any) -> rne.Scene:
     """The arm with the thesis's controller of 6.5-(k+1)."""
-    robot = load("irb140")
-    return Scene(robot, controller=pd_gravity(robot, KP, KD, CLOSED_LOOPS[k].reference), **parts)
+    robot = rne.load("irb140")
+    return rne.Scene(robot, controller=rne.control.pd_gravity(robot, KP, KD, CLOSED_LOOPS[k].reference), **parts)
 
 
-def fine_grid(duration: float) -> Array:
-    """Times 5e-5 s apart at first, then 1e-3 s [s]."""
-    first = min(FIRST, duration)
-    later = np.linspace(first, duration, 1 + round((duration - first) / 1e-3))
-    times: Array = np.r_[np.linspace(0, first, 401)[:-1], later]
-    return times
-
-
-def settling_time(trajectory: Trajectory, reference: Array) -> float:
-    """First sample from which on every joint stays within 0.01 rad of its reference [s]; infinity if there is none."""
-    outside = np.nonzero((np.abs(trajectory.q - reference) > SETTLED).any(axis=1))[0]
-    if not len(outside):
-        return float(trajectory.t[0])
-    return float(trajectory.t[outside[-1] + 1]) if outside[-1] + 1 < len(trajectory.t) else float("inf")
-
-
-def inputs(motion: Trajectory, k: int) -> Array:
-    """The inputs u = -Kp q~ - Kd qd of (6.57)-(6.58), without gravity's share, shape (T, 6) [N m]."""
-    u: Array = -np.array(KP) * (motion.q - CLOSED_LOOPS[k].reference) - np.array(KD) * motion.qd
-    return u
-
-
-def lyapunov(motion: Trajectory, k: int) -> tuple[Array, Array]:
+def lyapunov(motion: rne.Trajectory, k: int) -> tuple[np.ndarray, np.ndarray]:
     """V of (6.50) and its derivative of (6.55) along a closed loop [J, W]."""
     error = motion.q - CLOSED_LOOPS[k].reference
     V = motion.kinetic + (np.array(KP) * error**2).sum(-1) / 2
     return V, -(np.array(KD) * motion.qd**2).sum(-1)
 
 
-def lyapunov_deviation(motion: Trajectory, k: int) -> float:
+def lyapunov_deviation(motion: rne.Trajectory, k: int) -> float:
     """Largest difference of dV/dt by the simulated accelerations from (6.55), relative to the powers in it."""
-    robot = load("irb140")
+    robot = rne.load("irb140")
     M, C = robot.mass_matrix(motion.q), robot.coriolis_matrix(motion.q, motion.qd)
     inertial = ((M @ motion.qdd[..., None] + C @ motion.qd[..., None])[..., 0] * motion.qd).sum(-1)
     spring = (np.array(KP) * (motion.q - CLOSED_LOOPS[k].reference) * motion.qd).sum(-1)
@@ -80,9 +48,9 @@ class Variation(NamedTuple):
 IDEAL = Variation("none", {})
 VARIATIONS = (
     IDEAL,
-    Variation("viscous friction 5 N m s", {"friction": Friction(viscous=5)}),
-    Variation("viscous friction 20 N m s", {"friction": Friction(viscous=20)}),
-    Variation("Coulomb friction 5 N m", {"friction": Friction(coulomb=5)}),
+    Variation("viscous friction 5 N m s", {"friction": rne.Friction(viscous=5)}),
+    Variation("viscous friction 20 N m s", {"friction": rne.Friction(viscous=20)}),
+    Variation("Coulomb friction 5 N m", {"friction": rne.Friction(coulomb=5)}),
     Variation("torque limit 100 N m", {"torque_limit": (100,) * 6}),
     Variation("torque limit 60 N m", {"torque_limit": (60,) * 6}),
     Variation("rate limit 1e5 N m/s", {"torque_rate": (1e5,) * 6, "sample_time": SAMPLE_TIME}),
@@ -115,13 +83,13 @@ def vary(k: int, variation: Variation) -> Outcome:
         duration = min(duration, DIVERGING if diverges else RATE_DURATION)
     how: dict[str, Any] = {"method": "RK23"} if is_sampled else {"t_eval": fine_grid(duration)}
     try:
-        motion = simulate(scene, run.start, REST, duration, **how)
-    except SimulationError as error:
+        motion = rne.simulate(scene, run.start, REST, duration, **how)
+    except rne.SimulationError as error:
         motion = error.trajectory
     return outcome(motion, k, scene)
 
 
-def outcome(motion: Trajectory, k: int, scene: Scene) -> Outcome:
+def outcome(motion: rne.Trajectory, k: int, scene: rne.Scene) -> Outcome:
     """The figures of a motion of 6.5-(k+1)."""
     reference = np.array(CLOSED_LOOPS[k].reference)
     limit = scene.resolved.torque_limit
@@ -146,7 +114,7 @@ def variations(k: int) -> dict[str, Outcome]:
     return {variation.name: vary(k, variation) for variation in VARIATIONS}
 
 
-def gravity_on_the_way(motion: Trajectory) -> Array:
+def gravity_on_the_way(motion: rne.Trajectory) -> np.ndarray:
     """The largest gravity torque of each joint along a motion, shape (6,) [N m]."""
-    worst: Array = np.abs(load("irb140").gravity_torque(motion.q)).max(axis=0)
+    worst: np.ndarray = np.abs(rne.load("irb140").gravity_torque(motion.q)).max(axis=0)
     return worst

@@ -1,7 +1,5 @@
 """The simulations of Høifødt 2011, as independent jobs that run in parallel processes."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -11,19 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..dynamics.rnea import gravity_torque
-from ..errors import SimulationError
-from ..model.abb_irb140 import CLOSED_LOOPS
-from ..simulation.scene import Scene
-from ..simulation.simulator import simulate
-from ..simulation.trajectory import Trajectory
-from ..urdf.loading import load
-from .closed_loop import REST, fine_grid, loop_scene, variations
+import rne
+from rne.commands.main_page import UPRIGHT, fine_grid
+from rne.model.abb_irb140 import CLOSED_LOOPS
+
+from .closed_loop import REST, loop_scene, variations
 from .formulations import RUNS, STARTS, both, costs
 
 PI = np.pi
-UPRIGHT = np.array([0, PI / 2, -PI / 2, 0, 0, 0])
 HANGING = np.array([0, PI, -PI / 2, 0, 0, 0])
 TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 SOLVERS = ("RK45", "LSODA", "Radau", "BDF")
@@ -35,7 +28,7 @@ LONG, LONG_STEP, LONG_RTOL = 1000.0, 5e-3, 1e-4  # [s, s, 1]
 class Timed(NamedTuple):
     """A motion and the wall time of its simulation [s]."""
 
-    motion: Trajectory
+    motion: rne.Trajectory
     seconds: float
 
 
@@ -43,36 +36,36 @@ def timed(*arguments: Any, **how: Any) -> Timed:
     """Simulate and measure the wall time; if the simulation fails, return the motion up to the failure."""
     start = time.perf_counter()
     try:
-        motion = simulate(*arguments, **how)
-    except SimulationError as error:
+        motion = rne.simulate(*arguments, **how)
+    except rne.SimulationError as error:
         motion = error.trajectory
     return Timed(motion, time.perf_counter() - start)
 
 
-def holding() -> list[Trajectory]:
+def holding() -> list[rne.Trajectory]:
     """6.3-1 to 6.3-4: motions under the constant torque of (6.21)."""
-    robot = load("irb140")
+    robot = rne.load("irb140")
     torque = robot.gravity_torque(UPRIGHT)
     runs = ((REST, 2.0), (HANGING, 2.0), (UPRIGHT, 10.0), (UPRIGHT + [0, 0.05, 0, 0, 0, 0], 6.0))
     return [
-        simulate(robot, start, REST, end, torque=torque, t_eval=np.linspace(0, end, 6001), **TIGHT)
+        rne.simulate(robot, start, REST, end, torque=torque, t_eval=np.linspace(0, end, 6001), **TIGHT)
         for start, end in runs
     ]
 
 
-def swings() -> list[Trajectory]:
+def swings() -> list[rne.Trajectory]:
     """Free motions 6.4-1 and 6.4-2 with tight tolerances, and 6.4-1 with the thesis's."""
-    robot = load("irb140")
+    robot = rne.load("irb140")
     times = np.linspace(0, 10, 4001)
-    tight = [simulate(robot, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
-    return [*tight, simulate(robot, REST, REST, 10.0, method="RK45", rtol=1e-6, atol=1e-6)]
+    tight = [rne.simulate(robot, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
+    return [*tight, rne.simulate(robot, REST, REST, 10.0, method="RK45", rtol=1e-6, atol=1e-6)]
 
 
 def closed_loop(k: int) -> dict[str, Timed]:
     """6.5-(k+1) by every solver, by "auto", and by "auto" sampled finely at first and then every millisecond."""
     scene = loop_scene(k)
     run = CLOSED_LOOPS[k]
-    simulate(scene, run.start, REST, 1e-3)  # traces the kernels before time is measured
+    rne.simulate(scene, run.start, REST, 1e-3)  # traces the kernels before time is measured
     found = {method: timed(scene, run.start, REST, run.duration, method=method) for method in SOLVERS}
     found["auto"] = timed(scene, run.start, REST, run.duration)
     found["grid"] = timed(scene, run.start, REST, run.duration, t_eval=fine_grid(run.duration))
@@ -90,8 +83,8 @@ def sampled(k: int) -> list[Timed]:
 class Tipping(NamedTuple):
     """7.1-2 from 1e-6 rad along its unstable mode."""
 
-    motion: Trajectory
-    distance: Array  # of the joints from the equilibrium, (T,) [rad]
+    motion: rne.Trajectory
+    distance: np.ndarray  # of the joints from the equilibrium, (T,) [rad]
     rate: float  # of the linearised equations [1/s]
 
     @property
@@ -103,7 +96,7 @@ class Tipping(NamedTuple):
 
 def tipping(formulation: str = "newton-euler") -> Tipping:
     """How fast a small deviation from the unstable equilibrium 7.1-2 grows, by one formulation."""
-    robot = load("irb140")
+    robot = rne.load("irb140")
     start = np.array(STARTS["7.1-2"])
     A, _ = robot.linearize(start, REST, REST)
     squares, modes = np.linalg.eig(A[6:, :6])  # of the whole A, which is defective, LAPACK's modes are wrong
@@ -111,14 +104,14 @@ def tipping(formulation: str = "newton-euler") -> Tipping:
     rate = float(np.sqrt(squares[k].real))
     mode = modes[:, k].real * 1e-6 / np.abs(modes[:, k]).max()
     times = np.linspace(0, 1.6, 801)
-    scene = Scene(robot, formulation=formulation)
-    motion = simulate(scene, start + mode, rate * mode, 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
+    scene = rne.Scene(robot, formulation=formulation)
+    motion = rne.simulate(scene, start + mode, rate * mode, 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
     return Tipping(motion, np.abs(motion.q - start).max(axis=1), rate)
 
 
 def still() -> float:
     """Largest distance of 7.1-1 from its start in 10 s, with tight tolerances [rad]."""
-    motion = simulate(load("irb140"), HANGING, REST, 10.0, t_eval=np.linspace(0, 10, 1001), **TIGHT)
+    motion = rne.simulate(rne.load("irb140"), HANGING, REST, 10.0, t_eval=np.linspace(0, 10, 1001), **TIGHT)
     return float(np.abs(motion.q - HANGING).max())
 
 
@@ -126,20 +119,20 @@ def long_swing(method: str) -> Timed:
     """6.4-1 for 1000 s."""
     times = np.arange(0, LONG + 0.25, 0.5)
     step = LONG_STEP if method == "gauss-4" else None
-    return timed(load("irb140"), REST, REST, LONG, method=method, step=step, rtol=LONG_RTOL, t_eval=times)
+    return timed(rne.load("irb140"), REST, REST, LONG, method=method, step=step, rtol=LONG_RTOL, t_eval=times)
 
 
-def wrong_height(swing: Trajectory) -> Array:
+def wrong_height(swing: rne.Trajectory) -> np.ndarray:
     """The energy with the height of the wrist's 1 kg as in (6.38), which omits q4, shape (T,) [J]."""
     _, q2, q3, q4, q5, _ = swing.q.T
     lost = np.cos(q2 + q3) * np.sin(q5) * (np.cos(q4) - 1)
-    energy: Array = swing.energy + 9.81 * 0.029 * lost
+    energy: np.ndarray = swing.energy + 9.81 * 0.029 * lost
     return energy
 
 
 def gravity_slope() -> float:
     """Norm of dg/dq at the upright pose of 6.3-3, where it vanishes [N m/rad]."""
-    return float(np.linalg.norm(load("irb140").kernel(gravity_torque, "q")(UPRIGHT), 2))
+    return float(np.linalg.norm(rne.load("irb140").kernel(rne.dynamics.gravity_torque, "q")(UPRIGHT), 2))
 
 
 JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {

@@ -1,7 +1,5 @@
 """Chapter 7: the same motions by the Euler-Lagrange formulation, of an arm whose q3 counts the other way."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -9,15 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.spatial import Array
-from ..control.laws import pd_gravity
-from ..dynamics.lagrange import lagrange_inverse_dynamics
-from ..dynamics.rnea import inverse_dynamics
-from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
-from ..robot import Robot
-from ..simulation.scene import Scene
-from ..simulation.simulator import simulate
-from ..urdf.loading import load
+import rne
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
 
 PI = np.pi
 REST = np.zeros(6)
@@ -40,8 +31,8 @@ TABLE = {
 class Motion(NamedTuple):
     """Joint positions over time, the evaluations of the right-hand side and the wall time of a simulation."""
 
-    t: Array  # (T,) [s]
-    q: Array  # (T, 6), in the coordinates of `rne.irb140` [rad]
+    t: np.ndarray  # (T,) [s]
+    q: np.ndarray  # (T, 6), in the coordinates of `rne.irb140` [rad]
     evaluations: int
     seconds: float
 
@@ -64,27 +55,33 @@ def closed_by_open() -> float:
     return TABLE["6.5-1"][0][0] / TABLE["7.1-2"][0][0]
 
 
-def newton_euler(start: ArrayLike, duration: float, t: Array, reference: ArrayLike | None, **how: Any) -> Motion:
+def newton_euler(start: ArrayLike, duration: float, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
     """A run by Newton-Euler, from rest, under the thesis's controller if there is a reference."""
-    return _simulated(load("irb140"), "newton-euler", start, duration, t, reference, **how)
+    return _simulated(rne.load("irb140"), "newton-euler", start, duration, t, reference, **how)
 
 
-def euler_lagrange(start: ArrayLike, duration: float, t: Array, reference: ArrayLike | None, **how: Any) -> Motion:
+def euler_lagrange(start: ArrayLike, duration: float, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
     """The same by Euler-Lagrange, of the mirrored arm; positions are mirrored back."""
     mirrored = None if reference is None else MIRROR * np.asarray(reference)
     start = MIRROR * np.asarray(start, dtype=float)
-    motion = _simulated(Robot(irb140_mirrored()), "euler-lagrange", start, duration, t, mirrored, **how)
+    motion = _simulated(rne.Robot(irb140_mirrored()), "euler-lagrange", start, duration, t, mirrored, **how)
     return motion._replace(q=motion.q * MIRROR)
 
 
 def _simulated(
-    robot: Robot, formulation: str, start: ArrayLike, duration: float, t: Array, reference: ArrayLike | None, **how: Any
+    robot: rne.Robot,
+    formulation: str,
+    start: ArrayLike,
+    duration: float,
+    t: np.ndarray,
+    reference: ArrayLike | None,
+    **how: Any,
 ) -> Motion:
-    law = None if reference is None else pd_gravity(robot, KP, KD, reference)
-    scene = Scene(robot, controller=law, formulation=formulation)
-    simulate(scene, start, REST, 0.0)  # traces the kernels
+    law = None if reference is None else rne.control.pd_gravity(robot, KP, KD, reference)
+    scene = rne.Scene(robot, controller=law, formulation=formulation)
+    rne.simulate(scene, start, REST, 0.0)  # traces the kernels
     begun = time.perf_counter()
-    motion = simulate(scene, start, REST, duration, t_eval=t, **how)
+    motion = rne.simulate(scene, start, REST, duration, t_eval=t, **how)
     return Motion(motion.t, motion.q, motion.evaluations, time.perf_counter() - begun)
 
 
@@ -112,13 +109,17 @@ class Cost(NamedTuple):
 
 def costs() -> list[Cost]:
     """Operations and time per evaluation of each formulation, for Table 7.1."""
-    robot = load("irb140")
+    robot = rne.load("irb140")
     q = np.linspace(0.1, 0.6, 6)
+    newton, lagrange = rne.dynamics.inverse_dynamics, rne.dynamics.lagrange_inverse_dynamics
     rows: list[tuple[str, int, Callable[[], Any]]] = [
-        ("Euler-Lagrange as written", 0, lambda: lagrange_inverse_dynamics(robot.model, q, q, q)),
-        ("Newton-Euler as written", 0, lambda: inverse_dynamics(robot.model, q, q, q)),
+        ("Euler-Lagrange as written", 0, lambda: lagrange(robot.model, q, q, q)),
+        ("Newton-Euler as written", 0, lambda: newton(robot.model, q, q, q)),
     ]
-    for name, function in (("Euler-Lagrange expanded", lagrange_inverse_dynamics), ("Newton-Euler", inverse_dynamics)):
+    for name, function in (
+        ("Euler-Lagrange expanded", rne.dynamics.lagrange_inverse_dynamics),
+        ("Newton-Euler", rne.dynamics.inverse_dynamics),
+    ):
         kernel = robot.kernel(function)
         rows.append((f"{name}, kernel", sum(kernel.operations.values()), lambda k=kernel: k(q, q, q)))  # type: ignore[misc]
     seconds: dict[str, list[float]] = {name: [] for name, _, _ in rows}
@@ -133,8 +134,8 @@ def costs() -> list[Cost]:
 
 def torque_difference(states: int = 1000) -> float:
     """Largest difference of the torques of both formulations at random states, relative to the largest torque."""
-    robot = load("irb140")
+    robot = rne.load("irb140")
     q, qd, qdd = np.random.default_rng(0).normal(size=(3, states, 6))
     newton = robot.inverse_dynamics(q, qd, qdd)
-    lagrange = robot.kernel(lagrange_inverse_dynamics)(q, qd, qdd)
+    lagrange = robot.kernel(rne.dynamics.lagrange_inverse_dynamics)(q, qd, qdd)
     return float(np.abs(newton - lagrange).max() / np.abs(newton).max())

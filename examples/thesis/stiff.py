@@ -1,19 +1,16 @@
 """Sections of the page on the stiffness of the closed loop, which the thesis does not mention."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 
-from ..control.gains import check_gains
-from ..model.abb_irb140 import KD, KP
-from ..simulation.trajectory import Trajectory
-from ..urdf.loading import load
+import rne
+from rne.model.abb_irb140 import KD, KP
+from rne.plotting.html_page import Page
+
 from . import figures, verdicts
 from .experiments import SAMPLE_TIMES, SOLVERS
 from .formulations import closed_by_open
-from .page import Page
 
 
 def stiffness(page: Page, found: dict[str, Any]) -> None:
@@ -26,7 +23,7 @@ def stiffness(page: Page, found: dict[str, Any]) -> None:
         "on 1.4e-3 kg m², so that M⁻¹Kd has a mode thousands of times faster than the motion, and the step of an "
         "explicit method is limited by it at any tolerance."
     )
-    page.verbatim(str(check_gains(load("irb140"), KP, KD, SAMPLE_TIMES[0])))
+    page.text(str(rne.check_gains(rne.load("irb140"), KP, KD, SAMPLE_TIMES[0])), "pre")
     loops = [found[f"loop {k}"] for k in range(3)]
     rows = []
     for method in (*SOLVERS, "auto"):
@@ -47,13 +44,13 @@ def stiffness(page: Page, found: dict[str, Any]) -> None:
     page.figure("stiffness", lambda: figures.plot_stiffness(loops), "Evaluations of the right-hand side by each solver")
 
 
-def _apart(one: Trajectory, other: Trajectory) -> float:
+def _apart(one: rne.Trajectory, other: rne.Trajectory) -> float:
     return float(np.abs(one.q[-1] - other.q[-1]).max())
 
 
 def sampled(page: Page, found: dict[str, Any]) -> None:
     """The same gains with torques held between samples."""
-    limit = 2 / check_gains(load("irb140"), KP, KD).largest_mode
+    limit = 2 / rne.check_gains(rne.load("irb140"), KP, KD).largest_mode
     page.heading("Sampled control: the same gains, with torques held between samples")
     page.text(
         "The thesis's controller is continuous in time. With torques held between samples the loop should be stable "

@@ -1,20 +1,19 @@
 """The figures of the thesis by its numbers, drawn from our runs as the thesis draws them."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..model.abb_irb140 import CLOSED_LOOPS
-from ..simulation.trajectory import Trajectory
-from .canvas import DASHED, FLOOR, apart, column, heading, joint_grid, legend, lines, log_lines
-from .closed_loop import FIRST, inputs
+import rne
+from rne.commands.main_page import GRAVITY, JOINTS, REFERENCE, plot_loop_inputs
+from rne.model.abb_irb140 import CLOSED_LOOPS
+from rne.plotting.html_page import BELOW, FLOOR, column, joint_grid, lines, log_lines
+
 from .formulations import Pair
 
 NOTHING = 1e-14  # [rad], some roundings
-JOINTS = tuple(f"joint_{k}" for k in range(1, 7))
+APART = 4.0  # times larger than the others: a joint gets a panel of its own
+DASHED = (0, (4, 3))  # over a solid line that it may cover
 
 
 class Numbered(NamedTuple):
@@ -37,12 +36,6 @@ class Numbered(NamedTuple):
 
 
 OWN_AXIS = "A joint that turns much farther than the others has a panel of its own."
-REFERENCE = "Dotted: the references."
-GRAVITY = (
-    "The thesis plots u = -Kp q̃ - Kd q̇ of (6.57)-(6.58), with gravity taken out of the model: the first two "
-    "panels, the first 20 ms on a time axis of their own because of the wrist's peak. Below them what the drives of "
-    "an arm with gravity must give, τ = u + g(q)."
-)
 BOTH = "Both formulations, positions in the coordinates of our arm; at the bottom the difference between them."
 POSITIONS = "joint positions"
 FIGURES = (
@@ -66,7 +59,7 @@ FIGURES = (
 BY_NUMBER = {figure.number: figure for figure in FIGURES}
 
 
-def positions(title: str, t: Array, q: Array, reference: Array | None = None) -> Any:
+def positions(title: str, t: np.ndarray, q: np.ndarray, reference: np.ndarray | None = None) -> Any:
     """q(t) of all joints, those that turn much farther on panels of their own."""
     groups = apart(q)
     figure, axes = column(title, [2.8] + [1.5] * (len(groups) - 1))
@@ -75,57 +68,53 @@ def positions(title: str, t: Array, q: Array, reference: Array | None = None) ->
             lines(ax, t, q[:, [k]], JOINTS[k : k + 1], first=k)
             if reference is not None:
                 ax.axhline(reference[k], color=f"C{k}", linestyle=":", linewidth=1)
-        heading(ax, "q [rad]" if len(group) > 1 else f"q of {JOINTS[group[0]]} [rad]")
-    handles = [axes[[k in group for group in groups].index(True)] for k in range(6)]
-    _joint_legend(figure, handles)
+        ax.set_title("q [rad]" if len(group) > 1 else f"q of {JOINTS[group[0]]} [rad]")
+    figure.legend(handles=_by_joint(axes), **BELOW)
     return figure
 
 
-def _joint_legend(figure: Any, panels: list[Any]) -> None:
-    """A legend of the joints in their order, whichever panel each is in."""
-    named: dict[str, Any] = {}
-    for ax in panels:
-        handles, labels = ax.get_legend_handles_labels()
-        named |= dict(zip(labels, handles, strict=True))
-    shown = [name for name in JOINTS if name in named]
-    figure.legend([named[name] for name in shown], shown, loc="outside lower center", ncols=3)
+def apart(values: np.ndarray) -> list[list[int]]:
+    """Columns that can share an axis, and each that is so much larger than the rest that it needs its own."""
+    size = np.abs(values).max(axis=0)
+    rest, alone = list(range(values.shape[1])), []
+    while len(rest) > 1:
+        largest = max(rest, key=lambda k: float(size[k]))
+        if size[largest] <= APART * max(size[k] for k in rest if k != largest):
+            break
+        rest.remove(largest)
+        alone.append([largest])
+    return [rest, *alone]
 
 
-def holding(number: str, motion: Trajectory) -> Any:
+def _by_joint(panels: list[Any]) -> list[Any]:
+    """A curve of each joint in their order, whichever panel it is in."""
+    curves = {curve.get_label(): curve for ax in panels for curve in ax.lines}
+    return [curves[name] for name in JOINTS]
+
+
+def holding(number: str, motion: rne.Trajectory) -> Any:
     """6.2 to 6.5: q(t) under the constant torque."""
     return positions(BY_NUMBER[number].title, motion.t, motion.q)
 
 
-def swings(one: Trajectory, other: Trajectory) -> Any:
+def swings(one: rne.Trajectory, other: rne.Trajectory) -> Any:
     """6.9: q(t) of the free swing, joint by joint, with that of the second one."""
-    figure, small, _ = joint_grid(BY_NUMBER["6.9"].title, JOINTS, "rad")
+    figure, small, _ = joint_grid(BY_NUMBER["6.9"].title, JOINTS)
     for k, ax in enumerate(small):
-        lines(ax, one.t, one.q[:, [k]], ["6.4-1"])
-        lines(ax, other.t, other.q[:, [k]], ["6.4-2"], first=1, linestyle=DASHED)
-    legend(figure, small[0])
+        solid = lines(ax, one.t, one.q[:, [k]], ["6.4-1"])
+        dashed = lines(ax, other.t, other.q[:, [k]], ["6.4-2"], first=1, linestyle=DASHED)
+    figure.legend(handles=solid + dashed, **BELOW)
     return figure
 
 
-def loop_positions(number: str, motion: Trajectory, k: int) -> Any:
+def loop_positions(number: str, motion: rne.Trajectory, k: int) -> Any:
     """6.11, 6.13, 6.15: q(t) of a closed loop."""
     return positions(BY_NUMBER[number].title, motion.t, motion.q, np.array(CLOSED_LOOPS[k].reference))
 
 
-def loop_inputs(number: str, motion: Trajectory, k: int) -> Any:
+def loop_inputs(number: str, motion: rne.Trajectory, k: int) -> Any:
     """6.12, 6.14, 6.16: inputs of a closed loop, without gravity's share as in the thesis, and with it."""
-    u = inputs(motion, k)
-    figure, axes = column(BY_NUMBER[number].title, [1.9, 2.3, 2.3], share=False)
-    later = motion.t >= min(FIRST, motion.t[-1])
-    for ax, values, part, scale, text in (
-        (axes[0], u, ~later, 1e3, "u without gravity's share, at first [N m]"),
-        (axes[1], u, later, 1, "u without gravity's share, (6.58) [N m]"),
-        (axes[2], motion.tau, later, 1, "τ = u + g(q), with gravity's share [N m]"),
-    ):
-        lines(ax, scale * motion.t[part], values[part], JOINTS)
-        heading(ax, text)
-    axes[0].set_xlabel("time [ms]")
-    _joint_legend(figure, axes)
-    return figure
+    return plot_loop_inputs(BY_NUMBER[number].title, motion, CLOSED_LOOPS[k].reference)
 
 
 def formulations(number: str, pair: Pair) -> Any:
@@ -139,13 +128,13 @@ def formulations(number: str, pair: Pair) -> Any:
     for ax, group, (motion, name) in zip(axes, panels, [h for h in halves for _ in groups], strict=False):
         for k in group:
             lines(ax, motion.t, motion.q[:, [k]], JOINTS[k : k + 1], first=k)
-        heading(ax, f"{name}: q [rad]" if len(group) > 1 else f"{name}: q of {JOINTS[group[0]]} [rad]")
+        ax.set_title(f"{name}: q [rad]" if len(group) > 1 else f"{name}: q of {JOINTS[group[0]]} [rad]")
     difference = np.abs(lagrange.q - newton.q).max(axis=1)
     log_lines(axes[-1], newton.t, difference[:, None], [""], color="0.5")
     if difference.max() < NOTHING:
         axes[-1].set_ylim(FLOOR, 1)
         text = f"at most {difference.max():.0e} rad"
         axes[-1].text(0.5, 0.5, text, transform=axes[-1].transAxes, ha="center", va="center")
-    heading(axes[-1], "largest difference of any joint [rad]")
-    _joint_legend(figure, axes[:-1])
+    axes[-1].set_title("largest difference of any joint [rad]")
+    figure.legend(handles=_by_joint(axes[:-1]), **BELOW)
     return figure

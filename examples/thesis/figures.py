@@ -1,116 +1,66 @@
 """Figures that the thesis does not have: what its figures do not show."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..basics.spatial import Array
-from ..model.abb_irb140 import CLOSED_LOOPS
-from ..plotting.robot_picture import draw
-from ..robot import Robot
-from ..simulation.trajectory import Trajectory
-from .canvas import DASHED, FLOOR, WIDTH, column, heading, joint_grid, legend, lines, log_axis, log_lines
-from .closed_loop import SETTLED, lyapunov
+import rne
+from rne.commands.main_page import JOINTS
+from rne.plotting.html_page import BELOW, FLOOR, column, lines, log_axis, log_lines
+
+from .closed_loop import lyapunov
 from .experiments import SAMPLE_TIMES, SOLVERS, Timed, wrong_height
-from .numbered_figures import JOINTS
-
-SMALLEST = 1e-8  # [rad], lower end of the axis of errors
+from .numbered_figures import DASHED
 
 
-def plot_robot(robot: Robot, q: ArrayLike) -> Any:
-    """The robot at q, with its legend below."""
-    from ..plotting.plots import blank_figure
-
-    figure = blank_figure(WIDTH, 5.6)
-    figure.set_layout_engine("none")
-    ax = figure.add_axes((0.0, 0.24, 0.96, 0.76), projection="3d")
-    draw(robot, q, ax=ax)
-    beside: Any = ax.get_legend()
-    handles, labels = beside.legend_handles, [text.get_text() for text in beside.get_texts()]
-    beside.remove()
-    figure.legend(handles, labels, loc="lower center", ncols=2)
-    return figure
-
-
-def plot_holding(runs: Sequence[Trajectory]) -> Any:
+def plot_holding(runs: Sequence[rne.Trajectory]) -> Any:
     """Distance of the joints from their start under a constant torque, for each run."""
     title = "Distance from the start, constant torque"
     figure, axes = column(title, [1.9] * 4, share=False)
     for ax, run, k in zip(axes, runs, range(1, 5), strict=True):
-        log_lines(ax, run.t, run.q - run.q[0], JOINTS)
+        drawn = log_lines(ax, run.t, run.q - run.q[0], JOINTS)
         if not (run.q - run.q[0]).any():
             ax.set_xlim(0, run.t[-1])
             ax.set_ylim(FLOOR, 1)
             ax.text(0.5, 0.5, "no joint moves by a single bit", transform=ax.transAxes, ha="center", va="center")
-        heading(ax, f"6.3-{k}: |q - start| [rad]")
-    legend(figure, axes[0])
+        ax.set_title(f"6.3-{k}: |q - start| [rad]")
+    figure.legend(handles=drawn, **BELOW)
     return figure
 
 
-def plot_swings(one: Trajectory, other: Trajectory) -> Any:
+def plot_swings(one: rne.Trajectory, other: rne.Trajectory) -> Any:
     """The distance between two free swings that start 1e-6 rad apart."""
     figure, (ax,) = column("Difference of the swings 6.4-1 and 6.4-2", [2.4], legend_rows=0)
     log_lines(ax, one.t, np.abs(one.q - other.q).max(axis=1)[:, None], [""])
-    heading(ax, "largest difference of any joint [rad]")
+    ax.set_title("largest difference of any joint [rad]")
     return figure
 
 
-def plot_energies(swing: Trajectory) -> Any:
+def plot_energies(swing: rne.Trajectory) -> Any:
     """Energy of 6.4-1 at the thesis's tolerance, with the correct height of the wrist and with that of (6.38)."""
     figure, axes = column("Energy of the free swing 6.4-1, RK45 at the thesis's tolerance", [2.2, 1.7, 1.7])
     parts = np.stack([swing.kinetic, swing.potential, swing.energy], axis=1)
-    lines(axes[0], swing.t, parts, ("kinetic", "potential", "total"))
-    heading(axes[0], "energy [J]")
+    drawn = lines(axes[0], swing.t, parts, ("kinetic", "potential", "total"))
+    axes[0].set_title("energy [J]")
     lines(axes[1], swing.t, (wrong_height(swing) - swing.energy[0])[:, None], [""], first=3)
-    heading(axes[1], "change of the total, height of (6.38) [J]")
+    axes[1].set_title("change of the total, height of (6.38) [J]")
     lines(axes[2], swing.t, (swing.energy - swing.energy[0])[:, None], [""], first=2)
-    heading(axes[2], "change of the total, correct height [J]")
-    legend(figure, axes[0])
+    axes[2].set_title("change of the total, correct height [J]")
+    figure.legend(handles=drawn, **BELOW)
     return figure
 
 
-def plot_free_motion(swing: Trajectory, title: str) -> Any:
-    """Joint positions, energies and the energy error of a motion without drives."""
-    figure, small, (upper, lower) = joint_grid(title, JOINTS, "rad", [2.0, 1.6])
-    for k, ax in enumerate(small):
-        lines(ax, swing.t, swing.q[:, [k]], [""])
-    upper.set_xlabel("")
-    lines(
-        upper, swing.t, np.stack([swing.kinetic, swing.potential, swing.energy], 1), ("kinetic", "potential", "total")
-    )
-    heading(upper, "energy [J]")
-    lines(lower, swing.t, swing.balance[:, None], [""], color="0.5")
-    heading(lower, "energy error [J]")
-    legend(figure, upper)
-    return figure
-
-
-def plot_errors(motion: Trajectory, k: int) -> Any:
-    """Errors of a closed loop on a log axis."""
-    figure, (ax,) = column(f"Errors of run 6.5-{k + 1}", [2.8])
-    error = np.abs(motion.q - CLOSED_LOOPS[k].reference)
-    log_lines(ax, motion.t, np.maximum(error, SMALLEST), JOINTS)
-    ax.set_ylim(SMALLEST, 10)
-    ax.axhline(SETTLED, color="0.5", linestyle="--", linewidth=1)
-    heading(ax, "|q - reference| [rad]; dashed: 0.01 rad")
-    legend(figure, ax)
-    return figure
-
-
-def plot_lyapunov(motions: Sequence[Trajectory]) -> Any:
+def plot_lyapunov(motions: Sequence[rne.Trajectory]) -> Any:
     """V and its rate of decrease in the three closed loops."""
     figure, axes = column("Lyapunov function of the closed loops", [2.2, 2.2], legend_rows=1)
     pairs = [lyapunov(motion, k) for k, motion in enumerate(motions)]
     names = [f"6.5-{k + 1}" for k in range(len(motions))]
-    log_lines(axes[0], motions[0].t, np.stack([V for V, _ in pairs], axis=1), names)
-    heading(axes[0], "V of (6.50) [J]")
+    drawn = log_lines(axes[0], motions[0].t, np.stack([V for V, _ in pairs], axis=1), names)
+    axes[0].set_title("V of (6.50) [J]")
     log_lines(axes[1], motions[0].t, np.stack([-rate for _, rate in pairs], axis=1), names)
-    heading(axes[1], "-dV/dt of (6.55) [W]")
-    legend(figure, axes[0])
+    axes[1].set_title("-dV/dt of (6.55) [W]")
+    figure.legend(handles=drawn, **BELOW)
     return figure
 
 
@@ -126,8 +76,8 @@ def plot_stiffness(loops: Sequence[Mapping[str, Timed]]) -> Any:
     ax.set_ylim(300, 6e6)
     ax.grid(visible=False, axis="x")
     ax.set_xlabel("")
-    heading(ax, "evaluations for the run")
-    legend(figure, ax)
+    ax.set_title("evaluations for the run")
+    figure.legend(**BELOW)
     return figure
 
 
@@ -140,26 +90,26 @@ def plot_sampled(runs: Sequence[Sequence[Timed]], limit: float) -> Any:
             motion, style = pair[j].motion, DASHED if k == 2 else "-"
             rate = np.abs(motion.qd).max(axis=1)[:, None]
             log_lines(ax, motion.t, rate, [f"6.5-{k + 1}"], first=k, linestyle=style)
-        heading(ax, f"sample time {SAMPLE_TIMES[j]:.3g} s: largest rate [rad/s]")
-    legend(figure, axes[0])
+        ax.set_title(f"sample time {SAMPLE_TIMES[j]:.3g} s: largest rate [rad/s]")
+    figure.legend(*axes[0].get_legend_handles_labels(), **BELOW)
     return figure
 
 
-def plot_tipping(motion: Trajectory, distance: Array, rate: float) -> Any:
+def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> Any:
     """7.1-2 from 1e-6 rad along its unstable mode, and the exponential growth of its linearisation."""
     figure, (ax,) = column("7.1-2 started 1e-6 rad off its equilibrium", [2.4], legend_rows=1)
     growth = 1e-6 * np.exp(rate * motion.t)
     log_lines(ax, motion.t, distance[:, None], ["simulated"])
     log_lines(ax, motion.t, np.where(growth < 3, growth, np.nan)[:, None], [f"exp({rate:.3f} t)"], 1, linestyle=DASHED)
-    heading(ax, "distance from the equilibrium [rad]")
-    legend(figure, ax)
+    ax.set_title("distance from the equilibrium [rad]")
+    figure.legend(**BELOW)
     return figure
 
 
-def plot_long(symplectic: Trajectory, explicit: Trajectory) -> Any:
+def plot_long(symplectic: rne.Trajectory, explicit: rne.Trajectory) -> Any:
     """Energy error over a long run by a symplectic method and by RK45."""
     figure, axes = column(f"Free swing for {symplectic.t[-1]:g} s: energy error", [1.8, 1.8], legend_rows=0)
     for ax, run, name in ((axes[0], symplectic, "gauss-4, 5 ms"), (axes[1], explicit, "RK45, rtol 1e-4")):
         lines(ax, run.t, (run.energy - run.energy[0])[:, None], [""], color="0.5")
-        heading(ax, f"{name}: energy error [J]")
+        ax.set_title(f"{name}: energy error [J]")
     return figure

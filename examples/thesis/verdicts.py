@@ -1,7 +1,5 @@
 """Verdicts on the thesis's claims: each compares figures of a run with a criterion, and says what was found."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

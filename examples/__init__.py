@@ -1,0 +1,1 @@
+"""Programs on top of `rne` that run in a clone; they are not installed with it."""

@@ -1,0 +1,282 @@
+"""Pages: text, tables and pictures that are printed while they grow and written as HTML, and panels one column wide.
+
+The HTML is written out here because no template engine is among the dependencies. Pictures have no small print and log
+axes plain numbers, so that they can be read on a phone.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import textwrap
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..validation.agreement import Row
+from .plots import blank_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+CSS = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 46rem; margin: 1rem auto; padding: 0 1rem;
+  overflow-wrap: break-word; }
+.scroll { overflow-x: auto; margin: 1rem 0; }
+table { border-collapse: collapse; font-size: .9375rem; }
+th, td { border-bottom: 1px solid #8886; padding: .25rem .6rem; text-align: left; vertical-align: top; }
+td { white-space: nowrap; }
+pre { overflow-x: auto; font-size: .875rem; }
+img { display: block; width: 100%; max-width: 35rem; height: auto; border-radius: .25rem; }
+th { vertical-align: bottom; }
+@media (max-width: 40rem) { table { width: max-content; } th { max-width: 10rem; } }
+h3 { margin: 2rem 0 .5rem; }
+nav ul { padding-left: 1.25rem; }
+@media (prefers-color-scheme: dark) { body { background: #121212; color: #ddd; } a { color: #7ab8f5; } }
+"""
+WIDTH = 4.9  # of every figure [inch]
+FONT = 11.0  # smallest text [pt]; 11.2 px where the figure is 358 px wide, on a screen of 390 px
+DPI = 150
+STYLE: dict[str, Any] = {  # matplotlib's parameters for the figures of pages
+    "font.size": FONT,
+    "axes.titlesize": FONT,
+    "axes.titlelocation": "left",
+    "figure.titlesize": FONT + 1,
+    "legend.fontsize": FONT,
+    "legend.frameon": False,
+    "legend.columnspacing": 1.2,
+    "legend.handlelength": 1.4,
+    "lines.linewidth": 1.3,
+    "axes.grid": True,
+    "figure.constrained_layout.w_pad": 0.08,  # [inch]
+    "grid.alpha": 0.3,
+}
+DARK: dict[str, Any] = {  # added to matplotlib's style of this name
+    **{f"{part}.facecolor": "#121212" for part in ("figure", "axes", "savefig")},
+    **{f"axes3d.{axis}axis.panecolor": (0.2, 0.2, 0.2, 0.5) for axis in "xyz"},
+    "grid.color": "0.6",
+}
+DARK_COLORS = (  # matplotlib's ten, of the same hues
+    *("#4fa3e0", "#ff9d47", "#5fcf5f", "#ff6b6b", "#b794e8"),
+    *("#c08a7a", "#f09ad8", "#a8a8a8", "#d6d84a", "#42d6e6"),
+)
+MAX_POINTS = 2400  # per curve; a picture shows no more
+LINE = 46  # characters of a title that fit
+FLOOR = 1e-16  # smallest value on a log axis
+LEGEND_ROW, TITLE_ROW = 0.22, 0.25  # heights [inch]
+BELOW: dict[str, Any] = {"loc": "outside lower center", "ncols": 3}  # the place of a legend for all panels
+
+
+def has_matplotlib() -> bool:
+    """True if matplotlib is installed."""
+    return importlib.util.find_spec("matplotlib") is not None
+
+
+class Block(NamedTuple):
+    """A piece of a page: its HTML tag, and its text, the rows of a table, or the name and caption of a picture."""
+
+    tag: str
+    content: Any
+
+
+class Page:
+    """Headings, text, tables and pictures, in order.
+
+    Parameters
+    ----------
+    title : str
+    say : callable
+        Called with each line of text as it is added.
+    folder : Path
+        Where the pictures and the HTML page are written; made if it does not exist.
+    """
+
+    def __init__(self, title: str, say: Callable[[str], None], folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.title, self.say, self.folder = title, say, folder
+        self.blocks: list[Block] = []
+
+    def heading(self, text: str, level: int = 2) -> None:
+        """Add a section's heading, or with level 3 that of its part."""
+        self.say(f"\n{text}")
+        self.blocks.append(Block(f"h{level}", text))
+
+    def text(self, text: str, tag: str = "p") -> None:
+        """Add a paragraph, or with the tag `pre` lines in a fixed-width font."""
+        self.say(text)
+        self.blocks.append(Block(tag, text))
+
+    def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Add a table of strings, which scrolls in its own box where it is wider than the page."""
+        lines = [header, *rows]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        for line in lines:
+            self.say("  " + "  ".join(map(str.ljust, line, widths)).rstrip())
+        self.blocks.append(Block("table", lines))
+
+    def comparison(self, rows: Sequence[Row], relative_to: str) -> bool:
+        """Add a table of compared quantities; True if all differences are within their bounds."""
+        difference = f"largest difference, relative to the largest {relative_to}"
+        self.table(
+            ["quantity", "symbol", difference, "bound", "within bound"],
+            [
+                [r.quantity, r.symbol, f"{r.worst:.1e}", f"{r.bound:.1e}", "yes" if r.worst <= r.bound else "NO"]
+                for r in rows
+            ],
+        )
+        return all(r.worst <= r.bound for r in rows)
+
+    def figure(self, name: str, draw: Callable[[], Figure], caption: str) -> None:
+        """Add a picture, drawn once for light pages and once for dark ones; without matplotlib none."""
+        if not has_matplotlib():
+            return
+        import matplotlib.style
+        from cycler import cycler
+
+        with matplotlib.style.context([STYLE]):
+            draw().savefig(self.folder / f"{name}.png", dpi=DPI)
+        dark = DARK | {"axes.prop_cycle": cycler(color=DARK_COLORS)} | STYLE
+        with matplotlib.style.context(["dark_background", dark]):
+            draw().savefig(self.folder / f"{name}-dark.png", dpi=DPI)
+        self.blocks.append(Block("picture", (name, caption)))
+
+    def write(self) -> Path:
+        """Write the page as HTML into its folder, with a table of contents before the first heading."""
+        if not has_matplotlib():
+            self.text("matplotlib is not installed: no pictures (pip install 'rne[plot]').")
+        numbers = iter(range(1, len(self.blocks) + 1))
+        anchors = [f"s{next(numbers)}" if is_heading(block) else "" for block in self.blocks]
+        first = anchors.index("s1") if "s1" in anchors else len(anchors)
+        pieces = [_html(block, anchor) for block, anchor in zip(self.blocks, anchors, strict=True)]
+        before, after = "\n".join(pieces[:first]), "\n".join(pieces[first:])
+        head = (
+            '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+            f"<title>{escape(self.title)}</title><style>{CSS}</style>"
+        )
+        body = f"<h1>{escape(self.title)}</h1>{before}{self._contents()}{after}"
+        path = self.folder / "index.html"
+        path.write_text(
+            f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n', encoding="utf-8"
+        )
+        return path
+
+    def _contents(self) -> str:
+        sections: list[list[str]] = []  # links, each to a section and to its parts
+        for k, (tag, text) in enumerate(filter(is_heading, self.blocks), 1):
+            link = f'<li><a href="#s{k}">{escape(text)}</a>'
+            if tag == "h2":
+                sections.append([link])
+            else:
+                sections[-1].append(f"{link}</li>")
+        items = [link + (f"<ul>{''.join(parts)}</ul>" if parts else "") + "</li>" for link, *parts in sections]
+        return f"<nav><ul>{''.join(items)}</ul></nav>" if items else ""
+
+
+def is_heading(block: Block) -> bool:
+    """True if the contents of a page list the block."""
+    return block.tag in ("h2", "h3")
+
+
+def _html(block: Block, anchor: str) -> str:
+    tag, content = block
+    if tag == "picture":
+        name, caption = content
+        dark = f'<source srcset="{name}-dark.png" media="(prefers-color-scheme: dark)">'
+        return f'<picture>{dark}<img src="{name}.png" alt="{escape(caption)}"></picture>'
+    if tag == "table":
+        header, *rows = [[escape(cell) for cell in line] for line in content]
+        head = "".join(f"<th>{cell}</th>" for cell in header)
+        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+        return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    attribute = f' id="{anchor}"' if anchor else ""
+    return f"<{tag}{attribute}>{escape(content)}</{tag}>"
+
+
+def column(
+    title: str, heights: Sequence[float], *, share: bool = True, legend_rows: int = 2
+) -> tuple[Figure, list[Axes]]:
+    """A figure of panels below each other.
+
+    Parameters
+    ----------
+    title : str
+        Wrapped to the width of the figure.
+    heights : sequence of float
+        Of the panels [inch].
+    share : bool
+        True for one time axis below all panels, False for one below each.
+    legend_rows : int
+        Rows of the legend below the panels, for which there must be room.
+
+    Returns
+    -------
+    matplotlib.figure.Figure, list of matplotlib.axes.Axes
+    """
+    text = textwrap.fill(title, LINE)
+    axis = 0.55 if share else 0.45 * len(heights)
+    height = sum(heights) + axis + LEGEND_ROW * legend_rows + TITLE_ROW * (1 + text.count("\n"))
+    figure = blank_figure(WIDTH, height)
+    axes = list(figure.subplots(len(heights), 1, sharex=share, height_ratios=list(heights), squeeze=False)[:, 0])
+    figure.suptitle(text)
+    for ax in axes if not share else axes[-1:]:
+        ax.set_xlabel("time [s]")
+    return figure, axes
+
+
+def joint_grid(title: str, names: Sequence[str], below: Sequence[float] = ()) -> tuple[Figure, list[Axes], list[Axes]]:
+    """A figure with a small panel for each joint angle, two in a row, and wide panels of given heights below them."""
+    rows = -(-len(names) // 2)
+    heights = [1.25] * rows + list(below)
+    figure = blank_figure(WIDTH, sum(heights) + 1.2)
+    figure.suptitle(textwrap.fill(title, LINE))
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+    small = [figure.add_subplot(grid[k // 2, k % 2]) for k in range(len(names))]
+    wide = [figure.add_subplot(grid[rows + k, :]) for k in range(len(below))]
+    for ax, name in zip(small, names, strict=True):
+        ax.set_title(f"{name} [rad]")
+    for ax in wide[-1:] or small[-2:]:
+        ax.set_xlabel("time [s]")
+    return figure, small, wide
+
+
+def lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 0, **style: Any) -> list[Line2D]:
+    """Plot the columns of `values` over time; `first` is the number of the first one's colour."""
+    shown = np.unique(np.linspace(0, len(t) - 1, min(len(t), MAX_POINTS)).astype(int))
+    drawn = [
+        ax.plot(t[shown], values_k[shown], label=name, **{"color": f"C{k}"} | style)[0]
+        for k, (values_k, name) in enumerate(zip(values.T, names, strict=True), first)
+    ]
+    if ax.get_yscale() == "linear":
+        ax.ticklabel_format(axis="y", scilimits=(-3, 4))
+    return drawn
+
+
+def log_lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 0, **style: Any) -> list[Line2D]:
+    """Plot the sizes of the columns of `values` on a log axis; zeros leave gaps."""
+    size = np.abs(values)
+    drawn = lines(ax, t, np.where(size > FLOOR, size, np.nan), names, first, **style)
+    log_axis(ax)
+    return drawn
+
+
+def log_axis(ax: Axes) -> None:
+    """A log axis whose labels have no exponents in small print."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(numticks=6))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: power(value)))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def power(value: float) -> str:
+    """A power of ten in figures, such as 1e-4, 0.1 or 100."""
+    exponent = round(math.log10(value)) if value > 0 else 0
+    return f"{10.0**exponent:g}" if -2 <= exponent <= 3 else f"1e{exponent}"
