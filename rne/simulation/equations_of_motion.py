@@ -41,7 +41,7 @@ TRIALS = 3  # random states on which a traced law must agree with a call of it
 
 
 @dataclass(frozen=True, eq=False)
-class Terms:
+class SceneDynamics:
     """What the equations of motion of a scene contain.
 
     Attributes
@@ -75,15 +75,15 @@ class AppliedTorques:
 
     name = "applied_torques"
 
-    def __init__(self, terms: Terms) -> None:
-        self.terms = terms
-        self.robot, self.friction, self.torque_limit = terms.robot, terms.friction, terms.torque_limit
-        self.law, self.torque_given = terms.law, terms.torque_given
-        self._traced_law = None if terms.law is None else TracedLaw(terms.law, terms.robot.n)
-        self.controller_states = terms.states if self._traced_law is None else self._traced_law.states
-        has_drives = terms.law is not None or terms.torque_given
-        self.with_impulses = terms.with_impulses and terms.torque_limit is not None and has_drives
-        f = terms.friction
+    def __init__(self, dynamics: SceneDynamics) -> None:
+        self.dynamics = dynamics
+        self.robot, self.friction, self.torque_limit = dynamics.robot, dynamics.friction, dynamics.torque_limit
+        self.law, self.torque_given = dynamics.law, dynamics.torque_given
+        self._traced_law = None if dynamics.law is None else TracedLaw(dynamics.law, dynamics.robot.n)
+        self.controller_states = dynamics.states if self._traced_law is None else self._traced_law.states
+        has_drives = dynamics.law is not None or dynamics.torque_given
+        self.with_impulses = dynamics.with_impulses and dynamics.torque_limit is not None and has_drives
+        f = dynamics.friction
         ledger = {
             "drives": has_drives,
             "viscous": f is not None and bool(np.any(f.viscous) or np.any(f.viscous_back)),
@@ -214,7 +214,7 @@ class RightHandSide(AppliedTorques):
 
     Parameters
     ----------
-    terms : Terms
+    dynamics : SceneDynamics
     with_energies : bool
         True to append the energies of the ledger to the state.
     formulation : {"newton-euler", "euler-lagrange"}
@@ -223,8 +223,8 @@ class RightHandSide(AppliedTorques):
 
     name = "right_hand_side"
 
-    def __init__(self, terms: Terms, with_energies: bool = False, formulation: str = "newton-euler") -> None:
-        super().__init__(terms)
+    def __init__(self, dynamics: SceneDynamics, with_energies: bool = False, formulation: str = "newton-euler") -> None:
+        super().__init__(dynamics)
         self.with_energies, self.formulation = with_energies, formulation
 
     @property
@@ -290,12 +290,12 @@ class RightHandSide(AppliedTorques):
     @cached_property
     def torques(self) -> AppliedTorques:
         """The torques alone, for reports."""
-        return AppliedTorques(self.terms)
+        return AppliedTorques(self.dynamics)
 
     @cached_property
     def residual(self) -> Residual:
         """The equations of motion, for Jacobians."""
-        return Residual(self.terms)
+        return Residual(self.dynamics)
 
 
 def _difference(torques: AppliedTorques, kernel: Kernel) -> float:

@@ -226,7 +226,7 @@ class Loop:
         """How the run went, for the message."""
         if self.stop is not None:
             return self.stop.message(self.t)
-        parts = [self.watch.told, self.system.told]
+        parts = [self.watch.note, self.system.note]
         if isinstance(self.solver, GaussSolver):
             parts.append(f"{self.solver.count} steps of {self.solver.h:.6g} s")
         if self.hold is not None:

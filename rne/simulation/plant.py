@@ -15,10 +15,10 @@ from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
 from .equations_of_motion import RightHandSide
 from .law import torques_and_rates
-from .system import Unswitched
+from .system import SmoothSystem
 
 
-class Plant(Unswitched):
+class Plant(SmoothSystem):
     """f(t, x) for a solver, counting its calls; an untraced law is called for the drives' torques.
 
     Nothing in it switches by itself; see `DryPlant` for what does.

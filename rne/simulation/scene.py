@@ -19,7 +19,7 @@ from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..kernels.kernel import Kernel
 from ..robot import Robot
-from .equations_of_motion import AppliedTorques, RightHandSide, Terms
+from .equations_of_motion import AppliedTorques, RightHandSide, SceneDynamics
 from .friction import Friction
 from .parts import Payload, ResolvedScene, bounds_of, resolved_friction, resolved_limit
 
@@ -168,16 +168,18 @@ class Scene:
         law, given = self._traced_law, self.controller is not None and self._traced_law is None
         states = int(getattr(self.controller, "states", 0)) if given and self.sample_time is None else 0
         is_limited = parts.torque_limit is not None and self.sample_time is None and not with_energies
-        terms = Terms(parts.robot, parts.friction, parts.torque_limit, law, given, states, with_impulses=is_limited)
-        return RightHandSide(terms, with_energies, self.formulation)
+        dynamics = SceneDynamics(
+            parts.robot, parts.friction, parts.torque_limit, law, given, states, with_impulses=is_limited
+        )
+        return RightHandSide(dynamics, with_energies, self.formulation)
 
     @cached_property
     def _traced_law(self) -> Any:
         """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
         if self.sample_time is not None or not getattr(self.controller, "traceable", False):
             return None
-        terms = Terms(self.resolved.robot, None, None, self.controller, torque_given=False)
-        reason = AppliedTorques(terms).why_not_traced()
+        dynamics = SceneDynamics(self.resolved.robot, None, None, self.controller, torque_given=False)
+        reason = AppliedTorques(dynamics).why_not_traced()
         if reason is None:
             return self.controller
         _announce(self.controller, reason)

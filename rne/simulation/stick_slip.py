@@ -18,7 +18,7 @@ from ..errors import NotFiniteError
 from .events import Event
 from .friction import Friction
 from .plant import Plant
-from .system import Unswitched
+from .system import SmoothSystem
 
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
 AT_REST = 1e-12  # of the largest rate so far: rates below it count as zero
@@ -50,7 +50,7 @@ class Overload:
         return float(-self.dry.margins(t, x)[self.joint])
 
 
-class DryPlant(Unswitched):
+class DryPlant(SmoothSystem):
     """The equations of motion for given modes of the joints: +1 and -1 slip, 0 sticks.
 
     A sticking joint stays at rest. In its place in the state the solver integrates the rate that its load would give
@@ -90,7 +90,7 @@ class DryPlant(Unswitched):
         self.overloaded = []
         self.has_changed = not np.array_equal(before, self.mode)
         self.at_rest = self.n + np.flatnonzero(self.mode == 0)
-        self.told = f"{self.changes} changes between sticking and slipping"
+        self.note = f"{self.changes} changes between sticking and slipping"
         moving = [i for i in range(self.n) if not self.frictionless[i]]
         self.events = [self._event(i) for i in moving]
 

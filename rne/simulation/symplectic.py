@@ -19,7 +19,7 @@ from ..errors import NotFiniteError
 from ..kernels.python_backend import Refused
 from ..model.model import Model
 from .plant import Plant
-from .system import Unswitched
+from .system import SmoothSystem
 
 METHOD = "gauss-4"
 NODES = np.array([0.5 - sqrt(3) / 6, 0.5 + sqrt(3) / 6])  # the weights b are 1/2 and 1/2
@@ -37,7 +37,7 @@ def lagrangian(model: Model, q: Array, qd: Array) -> Array:
     return difference
 
 
-class Hamilton(Unswitched):
+class Hamilton(SmoothSystem):
     """dx/dt of x = (q, p) for a robot without drives and friction, in which nothing switches."""
 
     def __init__(self, plant: Plant) -> None:

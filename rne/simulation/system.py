@@ -23,14 +23,14 @@ class System(Protocol):
         Entries of the state that are held at zero.
     has_changed : bool
         True if the equations changed at the beginning of the segment, so that the solver starts anew.
-    told : str
+    note : str
         For the message of a run.
     """
 
     events: Sequence[Event]
     at_rest: Array | None
     has_changed: bool
-    told: str
+    note: str
 
     def start(self, x: Array) -> Array:
         """The solver's state at the start of a run, of (q, qd, z)."""
@@ -54,13 +54,13 @@ class System(Protocol):
         """All reported states, shape (T, size), as (q, qd, z)."""
 
 
-class Unswitched:
+class SmoothSystem:
     """What a System answers in which nothing switches by itself."""
 
     events: Sequence[Event] = ()
     at_rest: Array | None = None
     has_changed = False
-    told = ""
+    note = ""
 
     def start(self, x: Array) -> Array:
         """The solver's state is (q, qd, z)."""

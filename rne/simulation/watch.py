@@ -33,12 +33,12 @@ class Watch:
     ----------
     method : str
         The method to go on with.
-    told : str
+    note : str
         What has been changed, for the run's message.
     """
 
     def __init__(self, plant: Plant, task: Task) -> None:
-        self.plant, self.task, self.method, self.told = plant, task, task.method, ""
+        self.plant, self.task, self.method, self.note = plant, task, task.method, ""
         self.recent: deque[tuple[float, Array]] = deque(maxlen=CHECKED + 1)
         self.count, self.next_suspicion = 0, CHECKED
         self.changes: deque[float] = deque(maxlen=MAX_CHANGES)
@@ -76,7 +76,7 @@ class Watch:
         decay = fastest_decay(self.plant, t, x)
         remaining = self.task.duration - t if self.plant.held is None else 0.0
         if decay * remaining > STIFF and decay * h > HELD_BACK:
-            self.told = (
+            self.note = (
                 f"LSODA from t = {t:.4g} s on, where the fastest mode decays at {decay:.4g} 1/s and {self.method} was "
                 "held to short steps"
             )
