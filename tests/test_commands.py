@@ -85,7 +85,7 @@ def test_a_falling_mass_is_at_its_closed_form(lift, tmp_path, capsys):
     assert said[7:10] == [
         "limits exceeded: 2",
         "  up: position -2.25 m below 0 m, worst at 1 s, first at 0 s",
-        "  up: rate -2.5 m/s below -2 m/s, worst at 1 s, first at 1 s",
+        "  up: velocity -2.5 m/s below -2 m/s, worst at 1 s, first at 1 s",
     ]
     assert said[10:] == [f"{out}: 5 samples from 0 to 1 s"]
 

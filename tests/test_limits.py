@@ -41,7 +41,7 @@ def test_each_side_of_a_range_has_its_own_first_and_worst_time():
 
 
 @pytest.mark.parametrize(
-    ("name", "quantity", "limit", "unit"), [("qd", "rate", 3, "rad/s"), ("tau", "torque", 4, "N m")]
+    ("name", "quantity", "limit", "unit"), [("qd", "velocity", 3, "rad/s"), ("tau", "torque", 4, "N m")]
 )
 def test_rates_and_torques_have_one_limit_for_both_directions(name, quantity, limit, unit):
     values = np.where(T < 2, 0.0, np.where(T < 5, limit + 1.0, -limit - 2.0))
@@ -71,13 +71,13 @@ def test_a_joint_that_mimics_another_is_examined_at_its_own_position_and_rate():
     assert [(v.joint, v.quantity, v.value, v.unit) for v in found] == [
         ("j1", "torque", 5.0, "N m"),
         ("j2", "position", -1.5, "m"),
-        ("j2", "rate", -4.0, "m/s"),
+        ("j2", "velocity", -4.0, "m/s"),
     ]
 
 
 def test_a_violation_is_a_line_of_text():
     (rate,) = violations(qd=np.where(T < 1, 0.0, 3.5))
-    assert str(rate) == "j1: rate 3.5 rad/s (200.5 deg/s) above 3 rad/s (171.9 deg/s), worst at 1 s, first at 1 s"
+    assert str(rate) == "j1: velocity 3.5 rad/s (200.5 deg/s) above 3 rad/s (171.9 deg/s), worst at 1 s, first at 1 s"
     _, slider, _ = violations(PAIR, q=np.ones_like(T), qd=2 * np.ones_like(T), tau=5 * np.ones_like(T))
     assert str(slider) == "j2: position -1.5 m below -1 m, worst at 0 s, first at 0 s"
 
@@ -100,14 +100,14 @@ def closed_loop(irb140, k):
 
 def fastest(motion):
     """Joint to its largest rate beyond the limit, in degrees per second."""
-    return {v.joint: np.degrees(abs(v.value)) for v in motion.check_limits() if v.quantity == "rate"}
+    return {v.joint: np.degrees(abs(v.value)) for v in motion.check_limits() if v.quantity == "velocity"}
 
 
 def test_run_6_5_1_exceeds_the_speeds_of_joints_4_and_6(irb140):
     motion = closed_loop(irb140, 1)
     rates = fastest(motion)
     assert rates == {"joint_4": pytest.approx(429, abs=1), "joint_6": pytest.approx(495, abs=1)}  # of 360, of 450
-    assert {v.quantity for v in motion.check_limits()} == {"rate"}
+    assert {v.quantity for v in motion.check_limits()} == {"velocity"}
 
 
 def test_run_6_5_2_exceeds_the_speeds_of_joints_1_to_4_and_two_ranges(irb140):

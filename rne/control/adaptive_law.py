@@ -295,7 +295,7 @@ def adaptive(
     >>> law.states, law.parameters(np.zeros(10))[50].item()  # the mass of link 6
     (10, 1.0)
     """
-    d, rate = checked_vectors(robot, sign="positive", kd=kd, bandwidth=bandwidth)
+    d, decay = checked_vectors(robot, sign="positive", kd=kd, bandwidth=bandwidth)
     check_reference(robot, reference)
     given = {"viscous": viscous, "coulomb": coulomb, "torque_limit": torque_limit}
     options = {
@@ -305,7 +305,7 @@ def adaptive(
     return Adaptive(
         robot,
         d,
-        rate,
+        decay,
         reference,
         positive_number("gain", gain),
         _adapted_bodies(robot, bodies, required=viscous is None and coulomb is None),

@@ -132,9 +132,9 @@ def robust(robot: Robot, bandwidth: ArrayLike, boundary: ArrayLike, reference: R
     >>> rne.Scene(robot, controller=law).cost()["law"]
     'traced'
     """
-    rate, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
+    decay, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
     check_reference(robot, reference)
-    return Robust(robot, rate, reference, D, positive_number("rho", rho))
+    return Robust(robot, decay, reference, D, positive_number("rho", rho))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -234,9 +234,9 @@ def robust_passive(
     True
     """
     hull = checked_cases(cases)
-    d, rate = checked_vectors(hull.centre, sign="positive", kd=kd, bandwidth=bandwidth)
+    d, decay = checked_vectors(hull.centre, sign="positive", kd=kd, bandwidth=bandwidth)
     check_reference(hull.centre, reference)
-    return RobustPassive(hull.centre, rate, reference, d, positive_number("boundary", boundary), hull)
+    return RobustPassive(hull.centre, decay, reference, d, positive_number("boundary", boundary), hull)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -331,6 +331,6 @@ def sliding_mode(
     True
     """
     hull = checked_cases(cases)
-    rate, D = checked_vectors(hull.centre, sign="positive", bandwidth=bandwidth, boundary=boundary)
+    decay, D = checked_vectors(hull.centre, sign="positive", bandwidth=bandwidth, boundary=boundary)
     check_reference(hull.centre, reference)
-    return SlidingMode(hull.centre, rate, reference, D, positive_number("reaching", reaching), hull)
+    return SlidingMode(hull.centre, decay, reference, D, positive_number("reaching", reaching), hull)

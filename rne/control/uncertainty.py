@@ -156,7 +156,7 @@ def uncertainty_bound(
     """
     hull, n = checked_cases(cases), robot.n
     _check_shared("`robot` must differ from `cases`", hull.centre, robot)
-    rate, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
+    decay, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
     check_reference(robot, reference)
     count = whole_number("samples", samples, least=MIXTURES)
     rng = np.random.default_rng(seed)
@@ -165,9 +165,9 @@ def uncertainty_bound(
         np.array(x) for x in zip(*(reference_values(robot, reference(float(t))) for t in times), strict=True)
     )
     s = D * _in_unit_ball(rng, count, n)
-    e = D / rate * rng.uniform(-1, 1, (count, n))
-    q, qd = q_ref + e, qd_ref + s - rate * e
-    y = qdd_ref - rate * (qd - qd_ref) - rate * s
+    e = D / decay * rng.uniform(-1, 1, (count, n))
+    q, qd = q_ref + e, qd_ref + s - decay * e
+    y = qdd_ref - decay * (qd - qd_ref) - decay * s
     short = np.empty(count)
     needed = robot.inverse_dynamics(q, qd, y)
     for k, weights in enumerate(_mixtures(rng, len(hull.robots))):

@@ -35,7 +35,7 @@ class Ensemble:
     t : ndarray, shape (S,)
         Stored times [s].
     q, qd : ndarray, shape (S, N, n)
-        Positions and rates of each motion at these times [rad or m; rad/s or m/s].
+        Positions and velocities of each motion at these times [rad or m; rad/s or m/s].
     tau : ndarray, shape (S, N, n)
         Torques of the drives at these times, zero without a controller [N m or N].
     energies : ndarray, shape (S, N, k)
@@ -82,7 +82,7 @@ class Ensemble:
         probabilities : float or array_like, shape (P,)
             From 0 to 1.
         of : {"q", "qd", "tau"}
-            Positions, rates or torques.
+            Positions, velocities or torques.
 
         Returns
         -------
@@ -142,7 +142,7 @@ def ensemble(
     scene_or_robot : Scene or Robot
         Its controller, if any, must be traceable and not sampled; stops and sticking friction are refused.
     q0, qd0 : array_like, shape (N, n)
-        Initial positions and rates [rad or m; rad/s or m/s]. If both are float32, so is the computation; see
+        Initial positions and velocities [rad or m; rad/s or m/s]. If both are float32, so is the computation; see
         docs/stability.md.
     duration, step : float
         Time to simulate, and the longest step; steps are equal [s].

@@ -13,7 +13,7 @@ from ..basics.text import summary
 from ..elementwise import less, tanh, where
 from ..model.model import Model, joint_array
 
-SMOOTHING = 0.01  # [rad/s or m/s]: rate at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
+SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +23,12 @@ class Friction:
     Attributes
     ----------
     viscous, viscous_back : ndarray, shape (n,) or a number
-        Torque per unit rate in the positive and negative direction; the negative one defaults to the positive one
+        Torque per unit velocity in the positive and negative direction; the negative one defaults to the positive one
         [N m s/rad or N s/m].
     coulomb, coulomb_back : ndarray, shape (n,) or a number
         Magnitude of Coulomb friction; the negative direction defaults to the positive one [N m or N].
     smoothing : float
-        Coulomb friction is smoothed to tanh(rate / smoothing), 0.01 if not given; 0 for dry friction that sticks and
+        Coulomb friction is smoothed to tanh(qd / smoothing), 0.01 if not given; 0 for dry friction that sticks and
         slips by events [rad/s or m/s].
     static : ndarray, shape (n,), or a number, optional
         Torque at which a sticking joint breaks away, at least `coulomb`, which is its default [N m or N].
@@ -114,17 +114,17 @@ class Friction:
                 raise ValueError(f"`{name}` of the friction must be a number or of shape {shape}, got {array.shape}")
 
     def viscous_torque(self, qd: Array) -> Array:
-        """Viscous friction at given rates.
+        """Viscous friction at given joint velocities.
 
         Parameters
         ----------
         qd : ndarray, shape (..., n)
-            Joint rates [rad/s or m/s].
+            Joint velocities [rad/s or m/s].
 
         Returns
         -------
         ndarray, shape (..., n)
-            Torque that the drive must supply, with the sign of the rate [N m or N].
+            Torque that the drive must supply, with the sign of the velocity [N m or N].
 
         Examples
         --------
@@ -137,17 +137,17 @@ class Friction:
         return where(less(qd, 0), np.asarray(self.viscous_back) * qd, np.asarray(self.viscous) * qd)
 
     def coulomb_torque(self, qd: Array) -> Array:
-        """Coulomb friction at given rates, smoothed around zero; dry friction as when slipping, zero at rest.
+        """Coulomb friction at joint velocities, smoothed around zero; dry friction as when slipping, zero at rest.
 
         Parameters
         ----------
         qd : ndarray, shape (..., n)
-            Joint rates [rad/s or m/s].
+            Joint velocities [rad/s or m/s].
 
         Returns
         -------
         ndarray, shape (..., n)
-            Torque that the drive must supply, with the sign of the rate [N m or N].
+            Torque that the drive must supply, with the sign of the velocity [N m or N].
 
         Examples
         --------
@@ -171,12 +171,12 @@ class Friction:
         model : Model
             The robot, for the number of its joints.
         qd : array_like, shape (..., n)
-            Joint rates [rad/s or m/s].
+            Joint velocities [rad/s or m/s].
 
         Returns
         -------
         ndarray, shape (..., n)
-            Torque that the drives must supply, with the sign of the rates [N m or N].
+            Torque that the drives must supply, with the sign of the velocity [N m or N].
 
         Raises
         ------

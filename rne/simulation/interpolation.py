@@ -1,8 +1,8 @@
 """A motion between its samples.
 
-Positions are polynomials of fifth degree through the positions, rates and accelerations of both samples of a step, so
-that rates and accelerations are their derivatives. Torques are monotone cubic polynomials, which show no peak that the
-samples do not have. Neither reaches across a jump.
+Positions are polynomials of fifth degree through the positions, velocities and accelerations of both samples of a step,
+so that velocities and accelerations are their derivatives. Torques are monotone cubic polynomials, which show no peak
+that the samples do not have. Neither reaches across a jump.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Interpolant:
             self.torque = self._monotone()
 
     def state(self, t: Array) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at times of shape (T,), each of shape (T, n)."""
+        """Positions, velocities and accelerations at times of shape (T,), each of shape (T, n)."""
         if len(self.t) == 1:
             return tuple(np.repeat(x, len(t), axis=0) for x in (self.q, self.qd, self.qdd))  # type: ignore[return-value]
         return self.positions(t), self.rates(t), self.accelerations(t)

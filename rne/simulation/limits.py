@@ -22,7 +22,7 @@ ROUNDING = 1e-9  # of a joint's larger limit: a stop or a saturated drive that i
 
 UNITS = {
     "position": ("rad", "m"),
-    "rate": ("rad/s", "m/s"),
+    "velocity": ("rad/s", "m/s"),
     "torque": ("N m", "N"),
 }
 
@@ -34,7 +34,7 @@ class Violation:
     Attributes
     ----------
     joint : str
-    quantity : {"position", "rate", "torque"}
+    quantity : {"position", "velocity", "torque"}
     value, limit : float
         The value farthest beyond the limit, and the limit on that side [`unit`].
     unit : str
@@ -44,7 +44,7 @@ class Violation:
     """
 
     joint: str
-    quantity: Literal["position", "rate", "torque"]
+    quantity: Literal["position", "velocity", "torque"]
     value: float
     limit: float
     unit: str
@@ -75,13 +75,13 @@ def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) ->
     t : ndarray, shape (T,)
         Times of the samples; what happens between them is not seen here [s].
     q, qd, tau : ndarray, shape (T, n)
-        Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+        Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
 
     Returns
     -------
     list of Violation
-        In the order of the joints, for each its position (each side), rate and torque. A limit counts as exceeded by
-        more than 1e-9 of it, so that a motion that ends at a stop, or with saturated torque, does not.
+        In the order of the joints, for each its position (each side), velocity and torque. A limit counts as exceeded
+        by more than 1e-9 of it, so that a motion that ends at a stop, or with saturated torque, does not.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) ->
     >>> from rne.simulation.limits import limit_violations
     >>> fast = np.array([[4.0, 0, 0, 0, 0, 0]])
     >>> print(*limit_violations(rne.irb140(), np.zeros(1), 0 * fast, fast, 0 * fast))
-    joint_1: rate 4 rad/s (229.2 deg/s) above 3.491 rad/s (200 deg/s), worst at 0 s, first at 0 s
+    joint_1: velocity 4 rad/s (229.2 deg/s) above 3.491 rad/s (200 deg/s), worst at 0 s, first at 0 s
     """
     found = []
     for joint, quantity, values, lower, upper in _limited(model, q, qd, tau):
@@ -109,12 +109,12 @@ def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) ->
 
 def _limited(
     model: Model, q: Array, qd: Array, tau: Array
-) -> Iterator[tuple[int, Literal["position", "rate", "torque"], Array, float, float]]:
+) -> Iterator[tuple[int, Literal["position", "velocity", "torque"], Array, float, float]]:
     """Joint, quantity, its values over time, and its lower and upper limit."""
-    positions, rates = joint_positions(model, q), joint_velocities(model, qd)
+    positions, velocities = joint_positions(model, q), joint_velocities(model, qd)
     for i in range(model.nb):
         speed, effort = float(model.velocity_limit[i]), float(model.effort_limit[i])
         yield i, "position", positions[:, i], float(model.lower[i]), float(model.upper[i])
-        yield i, "rate", rates[:, i], -speed, speed
+        yield i, "velocity", velocities[:, i], -speed, speed
         if i in model.independent_joints:
             yield i, "torque", tau[:, model.coordinate[i]], -effort, effort

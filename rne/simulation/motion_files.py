@@ -107,7 +107,7 @@ class MotionFiles:
         return motion
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write times, positions, rates, accelerations and torques as comma-separated values.
+        """Write times, positions, velocities, accelerations and torques as comma-separated values.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class MotionFiles:
         return write_columns(path, self.t, self._columns())
 
     def to_dataframe(self) -> Any:
-        """Times, positions, rates, accelerations and torques as a table of pandas.
+        """Times, positions, velocities, accelerations and torques as a table of pandas.
 
         Returns
         -------

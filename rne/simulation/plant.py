@@ -57,7 +57,7 @@ class Plant(SmoothSystem):
         """Evaluate torques within the segment that begins here."""
         self.span = span
 
-    def note(self, verdict: PrecisionStatus) -> None:
+    def note_loss(self, verdict: PrecisionStatus) -> None:
         """Raise an error; keep a loss if it is the worst so far."""
         if verdict.error is not None:
             raise verdict.error
@@ -127,7 +127,7 @@ class Plant(SmoothSystem):
             rates, verdict = self.rhs.evaluate(self.robot.model, np.array([t]), x, u)
         except NotFiniteError as error:
             raise self._named(error, t, x) from None
-        self.note(verdict)
+        self.note_loss(verdict)
         return rates
 
     def _named(self, error: NotFiniteError, t: float, x: Array) -> NotFiniteError:
@@ -141,7 +141,7 @@ class Plant(SmoothSystem):
     def all_rates(self, t: Array, X: Array, u: Array | None = None) -> Array:
         """dx/dt at many times, shapes (T,) and (T, size), for laws that are traced or torques that are given."""
         rates, verdict = self.kernel.evaluate(t[:, None], X) if u is None else self.kernel.evaluate(t[:, None], X, u)
-        self.note(verdict)
+        self.note_loss(verdict)
         return rates
 
     @property

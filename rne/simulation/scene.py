@@ -208,7 +208,7 @@ class Scene:
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
         Returns
         -------
@@ -237,7 +237,7 @@ class Scene:
         Parameters
         ----------
         q, qd, tau : array_like, shape (..., n)
-            Joint positions, rates and the drives' torques [rad or m; rad/s or m/s; N m or N].
+            Joint positions, velocities and the drives' torques [rad or m; rad/s or m/s; N m or N].
 
         Returns
         -------

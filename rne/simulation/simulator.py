@@ -63,7 +63,7 @@ def simulate(
     scene_or_robot : Scene or Robot
         What moves.
     q0, qd0 : array_like, shape (n,)
-        Initial joint positions and rates [rad or m; rad/s or m/s].
+        Initial joint positions and velocities [rad or m; rad/s or m/s].
     duration : float
         Time to simulate [s].
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional

@@ -31,7 +31,7 @@ class Trajectory(MotionFiles, InNotebooks):
     t : ndarray, shape (T,)
         [s]; exactly `t_eval` if it was given, otherwise the solver's steps.
     q, qd, qdd, tau : ndarray, shape (T, n)
-        Joint positions, rates, accelerations and drive torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
+        Positions, velocities, accelerations and drive torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     kinetic, potential, energy, work : ndarray, shape (T,)
         Energies, their sum, and the work the drives have done since the start [J].
     energy_drift : float
@@ -109,7 +109,7 @@ class Trajectory(MotionFiles, InNotebooks):
         return replace(self)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations between the samples, so that the motion can serve as a reference.
+        """Positions, velocities and accelerations between the samples, so that the motion can serve as a reference.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class Trajectory(MotionFiles, InNotebooks):
 
         Notes
         -----
-        In each step the polynomial of fifth degree through the positions, rates and accelerations of both samples.
+        In each step the polynomial of fifth degree through the positions, velocities and accelerations of both samples.
         Between the solver's own steps its error is some times the tolerance; between distant times of `t_eval` it may
         be any.
 
@@ -251,7 +251,7 @@ class Trajectory(MotionFiles, InNotebooks):
         --------
         >>> import rne
         >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 2.0)
-        >>> [v.joint for v in swing.check_limits() if v.quantity == "rate"][:2]
+        >>> [v.joint for v in swing.check_limits() if v.quantity == "velocity"][:2]
         ['joint_2', 'joint_3']
         """
         if self.model is None:

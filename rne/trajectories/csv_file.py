@@ -26,7 +26,7 @@ class Samples(NamedTuple):
     t : ndarray, shape (K,)
         Times, ascending [s].
     q, qd, qdd, tau : ndarray, shape (K, n), or None
-        Joint positions, rates, accelerations and torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
+        Joint positions, velocities, accelerations and torques [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
 
     Examples
     --------

@@ -39,7 +39,7 @@ class Quintic:
     __repr__ = summary
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at given times.
+        """Positions, velocities and accelerations at given times.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
 
     Notes
     -----
-    Siciliano et al. 2009, section 4.2.1. The peak rate is 15/8 times distance / duration, the peak acceleration
+    Siciliano et al. 2009, section 4.2.1. The peak velocity is 15/8 times distance / duration, the peak acceleration
     10 / sqrt(3) times distance / duration^2.
 
     Examples
@@ -105,7 +105,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
 
 @dataclass(frozen=True, eq=False)
 class Trapezoidal:
-    """Constant acceleration, constant rate, constant deceleration, made by `trapezoidal`.
+    """Constant acceleration, constant velocity, constant deceleration, made by `trapezoidal`.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class Trapezoidal:
         return 0.0, self.ramp, self.duration - self.ramp, self.duration
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at given times.
+        """Positions, velocities and accelerations at given times.
 
         Parameters
         ----------
@@ -155,17 +155,17 @@ class Trapezoidal:
             If `t` is not real or not finite.
         """
         t, T, r = broadcast_times(t), self.duration, self.ramp
-        rate = (self.end - self.start) / (T - r)
+        velocity = (self.end - self.start) / (T - r)
         up, level, down = clip(t, 0.0, r), clip(t, r, T - r) - r, clip(t, T - r, T) - (T - r)
-        q = self.start + rate * (up * up / (2 * r) + level + down - down * down / (2 * r))
-        qd = rate * ((up - down) / r)
+        q = self.start + velocity * (up * up / (2 * r) + level + down - down * down / (2 * r))
+        qd = velocity * ((up - down) / r)
         rising = where(less(0.0, t), 1.0, 0.0) * where(less(t, r), 1.0, 0.0)
         falling = where(less(T - r, t), 1.0, 0.0) * where(less(t, T), 1.0, 0.0)
-        return q, qd, rate * ((rising - falling) / r)
+        return q, qd, velocity * ((rising - falling) / r)
 
 
 def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) -> Trapezoidal:
-    """A motion from rest to rest with a trapezoidal profile of the rate.
+    """A motion from rest to rest with a trapezoidal profile of the velocity.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ class Spline:
     _derivatives: tuple[Callable[[Array], Array], ...] = field(repr=False)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at given times.
+        """Positions, velocities and accelerations at given times.
 
         Parameters
         ----------
@@ -307,10 +307,10 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     Notes
     -----
     The interpolating spline of `scipy.interpolate.make_interp_spline` of fifth degree with not-a-knot ends; with fewer
-    than six samples one polynomial of degree K - 1, so that two samples give a constant rate. For samples at intervals
-    h of a smooth motion, errors of q, qd and qdd decrease as h^6, h^5 and h^4; intervals of similar length are best.
-    The spline passes through every sample, noise included, which its second derivative amplifies: filter measured
-    positions first.
+    than six samples one polynomial of degree K - 1, so that two samples give a constant velocity. For samples at
+    intervals h of a smooth motion, errors of q, qd and qdd decrease as h^6, h^5 and h^4; intervals of similar length
+    are best. The spline passes through every sample, noise included, which its second derivative amplifies: filter
+    measured positions first.
 
     Examples
     --------
