@@ -510,7 +510,7 @@ def test_a_simulated_motion_and_its_file_are_the_same_record(scene, tmp_path):
 def test_short_rows_of_a_file_are_named(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("t,q.a,tau.a\n0,1,2\n0.1,1\n")
-    with exactly(f"{file}, row 3: must have 3 entries as row 1 has, got 2"):
+    with exactly(f"{file}, row 3: must have 3 entries as the heading has, got 2"):
         Record.from_csv(file, ["a"])
 
 

@@ -136,6 +136,20 @@ def test_marks_of_windows_do_no_harm(write):
     assert read_csv(path, JOINTS).q.tolist() == [[1.0, 2.0]]
 
 
+@pytest.mark.parametrize("comment", ["", "arm of 2026\nsampled at 2 Hz\n"])
+def test_a_heading_that_numpy_writes_as_a_comment_is_read(comment, tmp_path):
+    table = np.array([[0.0, 1.0, 0.1], [0.5, 1.5, 0.2]])
+    np.savetxt(tmp_path / "m.csv", table, delimiter=",", header=f"{comment}t, q.turn, q.lift")
+    samples = read_csv(tmp_path / "m.csv", JOINTS)
+    np.testing.assert_array_equal(np.column_stack([samples.t, samples.q]), table[:, [0, 2, 1]])
+
+
+def test_rows_are_counted_from_the_first_comment(tmp_path):
+    (tmp_path / "m.csv").write_text("# two\n# t,q.lift\n0,1\n")
+    with pytest.raises(ValueError, match=r"m.csv, row 2: no column 'q.turn'"):
+        read_csv(tmp_path / "m.csv", JOINTS)
+
+
 def test_a_motion_is_read_back_to_the_last_bit(irb140, tmp_path):
     motion = rne.simulate(irb140, [0.1] * 6, [0] * 6, 0.2)
     motion.to_csv(tmp_path / "motion.csv")
@@ -158,7 +172,11 @@ CSV_ERRORS = {
         ", row 1: no column 'qd.lift'; the qd of all joints or of none are needed",
     ),
     "column twice": ("t,q.lift,q.lift,q.turn\n0,1,2,3\n", ", row 1: column 'q.lift' is there twice"),
-    "short row": ("t,q.lift,q.turn\n0,1,2\n1,2\n", ", row 3: must have 3 entries as row 1 has, got 2"),
+    "short row": ("t,q.lift,q.turn\n0,1,2\n1,2\n", ", row 3: must have 3 entries as the heading has, got 2"),
+    "no heading": (
+        "0.000e+00,0.000e+00,1.0\n0.5,0.1,1.5\n",
+        ", row 1: the names of the columns are missing; above the numbers is needed, for example, 't,q.lift,q.turn'",
+    ),
     "no number": ("t,q.lift,q.turn\n0,1,2\n1,up,2\n", ", row 3, column 'q.lift': must be a finite number, got 'up'"),
     "nothing": ("t,q.lift,q.turn\n0,1,\n", ", row 2, column 'q.turn': must be a finite number, got ''"),
     "nan": ("t,q.lift,q.turn\n0,1,nan\n", ", row 2, column 'q.turn': must be a finite number, got 'nan'"),

@@ -49,8 +49,9 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
     Parameters
     ----------
     path : path-like
-        A text file in UTF-8. Its first row names the columns: `t` [s] and, for each joint, `q.<joint>`, `qd.<joint>`,
-        `qdd.<joint>` or `tau.<joint>` [rad or m and their rates; N m or N], in any order. Other columns are ignored.
+        A text file in UTF-8. Its first row, the heading, names the columns: `t` [s] and, for each joint, `q.<joint>`,
+        `qd.<joint>`, `qdd.<joint>` or `tau.<joint>` [rad or m and their rates; N m or N], in any order. Other columns
+        are ignored. The heading may begin with "#", below other such rows, as `numpy.savetxt` writes it.
     joint_names : sequence of str
         The joints in the order of the arrays, such as `robot.joint_names`.
 
@@ -64,9 +65,9 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
     TypeError
         If `joint_names` is no sequence of str.
     ValueError
-        If the file is empty or no text; a column is missing, there for some joints only, or there twice; an entry is
-        not a finite decimal number; or the times do not ascend. Names the file, the row (the heading is row 1) and the
-        column.
+        If the file is empty or no text; the heading or a column is missing, or there for some joints only, or twice;
+        an entry is not a finite decimal number; or the times do not ascend. Names the file, the row (counted from 1)
+        and the column.
     OSError
         If the file cannot be read.
 
@@ -95,12 +96,11 @@ def read_samples(
     rows = _rows(name, _text(Path(path)))
     if not rows:
         raise ValueError(f"{name}: the file is empty")
-    (_, heading), *body = rows
-    columns = [column.strip() for column in heading]
-    twice = [column for k, column in enumerate(columns) if column and column in columns[:k]]
-    if twice:
-        raise ValueError(f"{name}, row 1: column {twice[0]!r} is there twice")
-    wanted = _wanted(name, columns, joint_names, needed)
+    while rows[1:] and rows[1][1][0].lstrip().startswith("#"):
+        rows.pop(0)  # a comment above the heading
+    (row, heading), *body = rows
+    columns = [column.strip() for column in (heading[0].strip().lstrip("#"), *heading[1:])]
+    wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed)
     if not body:
         raise ValueError(f"{name}: there are no rows below the names of the columns")
     table = np.array([_numbers(name, row, fields, columns, wanted, gaps) for row, fields in body])
@@ -134,11 +134,19 @@ def _rows(name: str, text: str) -> list[tuple[int, list[str]]]:
         raise ValueError(f"{name}, row {reader.line_num}: is not CSV ({error})") from None
 
 
-def _wanted(name: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str]) -> list[str]:
+def _wanted(place: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str]) -> list[str]:
     """The columns to read: t, and every quantity that is there for all joints."""
+    if all(math.isfinite(_as_number(column)) for column in columns):
+        example = ",".join(["t", *(f"q.{joint}" for joint in joint_names)])
+        raise ValueError(
+            f"{place}: the names of the columns are missing; above the numbers is needed, for example, {example!r}"
+        )
+    twice = [column for k, column in enumerate(columns) if column and column in columns[:k]]
+    if twice:
+        raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     if "t" not in columns:
         hint = "; separate columns by commas" if len(columns) == 1 else ""
-        raise ValueError(f"{name}, row 1: there is no column 't'; there are {_listed(columns)}{hint}")
+        raise ValueError(f"{place}: there is no column 't'; there are {_listed(columns)}{hint}")
     wanted = ["t"]
     for quantity in QUANTITIES:
         own = [f"{quantity}.{joint}" for joint in joint_names]
@@ -146,12 +154,12 @@ def _wanted(name: str, columns: Sequence[str], joint_names: Sequence[str], neede
         if missing and quantity in needed:
             alike = [column for column in columns if column.startswith(f"{quantity}.")]
             raise ValueError(
-                f"{name}, row 1: there is no column {_listed(missing)}, which is needed; there are "
+                f"{place}: there is no column {_listed(missing)}, which is needed; there are "
                 f"{_listed(alike or columns)}"
             )
         if missing and len(missing) < len(own):
             raise ValueError(
-                f"{name}, row 1: no column {_listed(missing)}; the {quantity} of all joints or of none are needed"
+                f"{place}: no column {_listed(missing)}; the {quantity} of all joints or of none are needed"
             )
         wanted += own if not missing else []
     return wanted
@@ -161,7 +169,7 @@ def _numbers(
     name: str, row: int, fields: Sequence[str], columns: Sequence[str], wanted: Sequence[str], gaps: bool
 ) -> list[float]:
     if len(fields) != len(columns):
-        raise ValueError(f"{name}, row {row}: must have {len(columns)} entries as row 1 has, got {len(fields)}")
+        raise ValueError(f"{name}, row {row}: must have {len(columns)} entries as the heading has, got {len(fields)}")
     entry = dict(zip(columns, fields, strict=True))
     return [
         math.nan
@@ -175,11 +183,16 @@ def _is_left_out(text: str) -> bool:
     return text.strip().lower() in ("", "nan")
 
 
-def _number(name: str, row: int, column: str, text: str) -> float:
+def _as_number(text: str) -> float:
+    """The number that a text is, NaN if it is none."""
     try:
-        number = float(text) if text.isascii() and "_" not in text else math.nan
+        return float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
-        number = math.nan
+        return math.nan
+
+
+def _number(name: str, row: int, column: str, text: str) -> float:
+    number = _as_number(text)
     if not math.isfinite(number):
         shown = repr(text) if len(text) <= 40 else f"{text[:40]!r}..."
         raise ValueError(f"{name}, row {row}, column {column!r}: must be a finite number, got {shown}")
