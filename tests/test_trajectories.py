@@ -108,3 +108,61 @@ def test_what_is_no_time_is_refused(path, t, text):
 def test_wrong_arguments_are_named(make, text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         make()
+
+
+MAKERS = {
+    "quintic": lambda start, end, T: rne.trajectories.quintic(start, end, T),
+    "trapezoidal": lambda start, end, T: rne.trajectories.trapezoidal(start, end, T, T / 4),
+    "spline": lambda start, end, T: rne.trajectories.spline(
+        np.linspace(0, T, 9), np.linspace(start, end, 9) * (1 + 0.1 * np.sin(np.arange(9.0))[:, None])
+    ),
+}
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize("duration", [1e-130, 1e-200, 1e150, 1e300])
+def test_a_motion_takes_any_duration_that_its_numbers_hold(maker, duration):
+    """Time is a unit: velocities and accelerations scale with one and two powers of it, and no power is formed first.
+
+    Over 1e-200 s, a motion of 1e-160 has accelerations of 1e240.
+    """
+    size = 1e-160 if duration < 1 else 1e200
+    start, end = np.array([1.0, -2.0]), np.array([3.0, 5.0])
+    once, scaled = MAKERS[maker](start, end, 1.0), MAKERS[maker](size * start, size * end, duration)
+    s = np.array([0.1, 0.3, 0.5, 0.9])
+    for order, (one, other) in enumerate(zip(once(s), scaled(s * duration), strict=True)):
+        expected = one * size
+        for _ in range(order):
+            expected = expected / duration
+        np.testing.assert_allclose(other, expected, rtol=1e-9, atol=1e-13 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: rne.trajectories.quintic([0.0], [1.0], 1e-200),
+            "`duration` is too short for the way from `start` to `end`: accelerations exceed the range of float64, "
+            "got 1e-200 s",
+        ),
+        (
+            lambda: rne.trajectories.trapezoidal([0.0], [1.0], 1.0, 1e-310),
+            "`duration` or `ramp` is too short for the way from `start` to `end`: accelerations exceed the range of "
+            "float64, got 1 and 1e-310 s",
+        ),
+        (
+            lambda: rne.trajectories.spline([0.0, 1e-200, 3e-200], [[0.0], [1.0], [-1.0]]),
+            "`t` is spaced too closely for `q`: accelerations exceed the range of float64 within 3e-200 s",
+        ),
+    ],
+)
+def test_accelerations_beyond_double_are_refused(make, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        make()
+
+
+def test_a_short_ramp_keeps_the_way():
+    """The square of a ramp of 1e-200 s is zero; the motion still ends where it should."""
+    short = rne.trajectories.trapezoidal([0.0], [1e-150], 1.0, 1e-200)
+    assert short(1.0)[0].tolist() == [1e-150]
+    assert short(0.5)[0].tolist() == [5e-151]

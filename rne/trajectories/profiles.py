@@ -13,9 +13,44 @@ from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
 
+DEGREE = 5  # of a spline: continuous third derivatives of q, so that accelerations have no corners
+ROUNDING = 1e-12  # of the times: by so much the stages of a solver's last step may lie beyond the end
+MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample before it is refused
+
+
+class _ReferenceMotion:
+    """Base of the motions: a function of time."""
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations of the joints at given times.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
+            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2]. A motion from rest to rest is at rest before its start and
+            after its end.
+
+        Raises
+        ------
+        ValueError
+            If `t` is not real or not finite, or outside the samples of a spline.
+        TypeError
+            If `t` is traced and the motion is a spline: a law that follows it is called.
+        """
+        return self._at(broadcast_times(t))
+
+    def _at(self, t: Array) -> tuple[Array, Array, Array]:
+        raise NotImplementedError
+
 
 @dataclass(frozen=True, eq=False)
-class Quintic:
+class Quintic(_ReferenceMotion):
     """A motion along a polynomial of fifth degree, made by `quintic`.
 
     Attributes
@@ -38,31 +73,12 @@ class Quintic:
 
     __repr__ = summary
 
-    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at given times.
-
-        Parameters
-        ----------
-        t : float or array_like, shape (T,) or (..., 1)
-            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
-            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
-
-        Returns
-        -------
-        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
-            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2]. At rest before the start and after the end.
-
-        Raises
-        ------
-        ValueError
-            If `t` is not real or not finite.
-        """
-        s = clip(broadcast_times(t) / self.duration, 0.0, 1.0)
-        distance = self.end - self.start
+    def _at(self, t: Array) -> tuple[Array, Array, Array]:
+        T, distance = self.duration, self.end - self.start
+        s = clip(t / T, 0.0, 1.0)
         q = self.start + distance * (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s))
-        qd = distance * (s * s * (30.0 - 60.0 * s + 30.0 * s * s)) / self.duration
-        qdd = distance * (s * (60.0 - 180.0 * s + 120.0 * s * s)) / self.duration**2
-        return q, qd, qdd
+        qd = distance / T * (s * s * (30.0 - 60.0 * s + 30.0 * s * s))
+        return q, qd, distance / T / T * (s * (60.0 - 180.0 * s + 120.0 * s * s))
 
 
 def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
@@ -83,7 +99,8 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     Raises
     ------
     ValueError
-        If the shapes differ, a number is not finite, or `duration` is not positive.
+        If the shapes differ, a number is not finite, `duration` is not positive, or so short that accelerations exceed
+        the range of float64.
 
     Notes
     -----
@@ -99,12 +116,13 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     >>> path([0.0, 2.0, 4.0])[0].tolist()
     [[0.0], [1.0], [2.0]]
     """
-    a, b = _ends(start, end)
-    return Quintic(a, b, positive_number("duration", duration))
+    motion = Quintic(*_ends(start, end), positive_number("duration", duration))
+    _refuse_overflow(motion, motion.duration * (0.5 - np.sqrt(3) / 6))
+    return motion
 
 
 @dataclass(frozen=True, eq=False)
-class Trapezoidal:
+class Trapezoidal(_ReferenceMotion):
     """Constant acceleration, constant velocity, constant deceleration, made by `trapezoidal`.
 
     Attributes
@@ -135,33 +153,15 @@ class Trapezoidal:
         """Times at which the acceleration jumps [s]."""
         return 0.0, self.ramp, self.duration - self.ramp, self.duration
 
-    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at given times.
-
-        Parameters
-        ----------
-        t : float or array_like, shape (T,) or (..., 1)
-            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
-            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
-
-        Returns
-        -------
-        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
-            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2]. At rest before the start and after the end.
-
-        Raises
-        ------
-        ValueError
-            If `t` is not real or not finite.
-        """
-        t, T, r = broadcast_times(t), self.duration, self.ramp
-        velocity = (self.end - self.start) / (T - r)
+    def _at(self, t: Array) -> tuple[Array, Array, Array]:
+        T, r = self.duration, self.ramp
+        cruise = (self.end - self.start) / (T - r)
         up, level, down = clip(t, 0.0, r), clip(t, r, T - r) - r, clip(t, T - r, T) - (T - r)
-        q = self.start + velocity * (up * up / (2 * r) + level + down - down * down / (2 * r))
-        qd = velocity * ((up - down) / r)
+        q = self.start + cruise * (up * (up / (2 * r)) + level + down - down * (down / (2 * r)))
+        qd = cruise * ((up - down) / r)
         rising = where(less(0.0, t), 1.0, 0.0) * where(less(t, r), 1.0, 0.0)
         falling = where(less(T - r, t), 1.0, 0.0) * where(less(t, T), 1.0, 0.0)
-        return q, qd, velocity * ((rising - falling) / r)
+        return q, qd, cruise / r * (rising - falling)
 
 
 def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) -> Trapezoidal:
@@ -186,7 +186,8 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     Raises
     ------
     ValueError
-        If the shapes differ, a number is not finite or a time is out of range.
+        If the shapes differ, a number is not finite, a time is out of range, or so short that accelerations exceed the
+        range of float64.
 
     Notes
     -----
@@ -201,11 +202,12 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     >>> path.breaks
     (0.0, 1.0, 3.0, 4.0)
     """
-    a, b = _ends(start, end)
     T, r = positive_number("duration", duration), positive_number("ramp", ramp)
     if 2 * r > T:
         raise ValueError(f"`ramp` must be at most half the duration of {T:g} s, got {r:g}")
-    return Trapezoidal(a, b, T, r)
+    motion = Trapezoidal(*_ends(start, end), T, r)
+    _refuse_overflow(motion, r / 2)
+    return motion
 
 
 def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
@@ -215,13 +217,19 @@ def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     return a, b
 
 
-DEGREE = 5  # continuous third derivatives of q, so that accelerations have no corners
-ROUNDING = 1e-12  # of the times: by so much the stages of a solver's last step may lie beyond the end
-MISMATCH = 1e-6  # of the largest |q|: by so much the spline may miss a sample before it is refused
+def _refuse_overflow(motion: Quintic | Trapezoidal, t: float) -> None:
+    """Raise ValueError if the motion is not finite at a time, that of its largest acceleration."""
+    with np.errstate(all="ignore"):
+        finite = all(np.isfinite(x).all() for x in motion(t))
+    if not finite:
+        times = "`duration`" if isinstance(motion, Quintic) else "`duration` or `ramp`"
+        got = f"{motion.duration:g}" if isinstance(motion, Quintic) else f"{motion.duration:g} and {motion.ramp:g}"
+        need = "is too short for the way from `start` to `end`: accelerations exceed the range of float64"
+        raise ValueError(f"{times} {need}, got {got} s")
 
 
 @dataclass(frozen=True, eq=False)
-class Spline:
+class Spline(_ReferenceMotion):
     """A motion through samples, made by `spline`.
 
     Attributes
@@ -245,40 +253,25 @@ class Spline:
     t: Array
     q: Array
     degree: int
-    _derivatives: tuple[Callable[[Array], Array], ...] = field(repr=False)
+    _curve: Callable[..., Array] = field(repr=False)  # over times from 0 to 1
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at given times.
-
-        Parameters
-        ----------
-        t : float or array_like, shape (T,) or (..., 1)
-            Times within the samples [s]. An array whose last axis has length one holds one time per state, as in
-            control laws; any other array is an array of times.
-
-        Returns
-        -------
-        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
-            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2].
-
-        Raises
-        ------
-        ValueError
-            If `t` is not real, not finite or outside the samples.
-        TypeError
-            If `t` is traced: a law that follows a spline is called.
-        """
         if is_traced(plain_array("t", t)):
             raise TypeError("a spline through samples is evaluated with numbers and cannot be traced")
-        times = broadcast_times(t)
+        return super().__call__(t)
+
+    __call__.__doc__ = _ReferenceMotion.__call__.__doc__
+
+    def _at(self, t: Array) -> tuple[Array, Array, Array]:
         start, end = float(self.t[0]), float(self.t[-1])
-        outside = times[np.abs(times - np.clip(times, start, end)) > ROUNDING * max(abs(start), abs(end))]
+        inside = np.clip(t, start, end)
+        outside = t[np.abs(t - inside) > ROUNDING * max(abs(start), abs(end))]
         if outside.size:
             raise ValueError(f"`t` must be within the samples, {start:g} to {end:g} s, got {outside.flat[0]:g}")
-        inside = np.clip(times, start, end)
-        inside = inside[..., 0] if inside.ndim else inside
-        q, qd, qdd = (derivative(inside) for derivative in self._derivatives)
-        return q, qd, qdd
+        unit = end - start
+        s = ((inside[..., 0] if inside.ndim else inside) - start) / unit
+        q, by_s, by_s_twice = (self._curve(s, nu=order) for order in range(3))
+        return q, by_s / unit, by_s_twice / unit / unit
 
 
 def spline(t: ArrayLike, q: ArrayLike) -> Spline:
@@ -302,7 +295,8 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     ------
     ValueError
         If the shapes do not match, there are fewer than two samples, a number is not finite, the times do not ascend,
-        or the times are spaced so unevenly that the spline does not pass through the samples.
+        are spaced so unevenly that the spline does not pass through the samples, or so closely that accelerations
+        exceed the range of float64.
 
     Notes
     -----
@@ -327,28 +321,24 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     times, positions = (real_array(name, x, s).astype(float) for name, x, s in (("t", t, "(K,)"), ("q", q, "(K, n)")))
     _check_samples(times, positions)
     degree = min(DEGREE, len(times) - 1)
-    unit = times[-1] - times[0]
     # From 0 to 1: the collocation matrix is then as well conditioned as the spacing of the times allows.
+    s = (times - times[0]) / (times[-1] - times[0])
     try:
-        curve = make_interp_spline((times - times[0]) / unit, positions, k=degree)
+        curve = make_interp_spline(s, positions, k=degree)
     except (ValueError, np.linalg.LinAlgError):
         raise ValueError(_uneven(times)) from None
-    miss = np.abs(curve((times - times[0]) / unit) - positions).max(initial=0.0)
+    miss = np.abs(curve(s) - positions).max(initial=0.0)
     if not miss <= MISMATCH * np.abs(positions).max(initial=0.0):
         raise ValueError(_uneven(times))
     for array in (times, positions):
         array.flags.writeable = False
-    return Spline(times, positions, degree, tuple(_Derivative(curve, times[0], unit, k) for k in range(3)))
-
-
-class _Derivative:
-    """A derivative with respect to time of a curve over (t - start) / unit."""
-
-    def __init__(self, curve: Callable[..., Array], start: float, unit: float, order: int) -> None:
-        self.curve, self.start, self.unit, self.order = curve, start, unit, order
-
-    def __call__(self, t: Array) -> Array:
-        return self.curve((t - self.start) / self.unit, nu=self.order) / self.unit**self.order
+    motion = Spline(times, positions, degree, curve)
+    with np.errstate(all="ignore"):
+        finite = all(np.isfinite(x).all() for x in motion(times))
+    if not finite:
+        span = f"accelerations exceed the range of float64 within {times[-1] - times[0]:g} s"
+        raise ValueError(f"`t` is spaced too closely for `q`: {span}")
+    return motion
 
 
 def _check_samples(t: Array, q: Array) -> None:
