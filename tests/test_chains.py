@@ -286,6 +286,11 @@ def test_no_joints_and_no_masses_are_legal():
     )
 
 
+def test_one_limit_may_stand_for_all_joints():
+    arm = rne.model.chain([np.eye(3)] * 2, np.zeros((2, 3)), lower=-1, upper=[1, 2], effort=5)
+    assert (arm.lower.tolist(), arm.upper.tolist(), arm.effort_limit.tolist()) == ([-1, -1], [1, 2], [5, 5])
+
+
 def test_names_types_and_limits_are_taken_over():
     arm = rne.model.chain(
         [np.eye(3)] * 2, np.zeros((2, 3)), types=["continuous", "prismatic"], name="two", base="world", tip="tcp",
@@ -347,7 +352,7 @@ def bad(**changes):
         ),
         ({"types": ["revolute"]}, "`types` must be one type or 2 of them, got 1"),
         ({"lower": [0, np.nan]}, "`lower[1]` of joint 'joint_2' must be a number, got nan"),
-        ({"upper": 1.0}, "`upper` must have shape (2,), got ()"),
+        ({"upper": [1.0]}, "`upper` must have shape (2,), got (1,)"),
         ({"upper": [1j, 0]}, "`upper` must be real, got dtype complex128"),
         (
             {"types": "continuous", "upper": [np.inf, 1]},
@@ -377,6 +382,14 @@ def test_what_load_would_refuse_is_refused(changes, text):
         ({"a": 0.1}, "`a` must have shape (n,), got ()"),
         ({"alpha": [0.0]}, "`alpha` must have shape (6,), got (1,)"),
         ({"theta": [np.inf] * 6}, "`theta` must be finite, got inf at index (0,)"),
+        (
+            {"alpha": [90, 0, 0, 0, 0, 0]},
+            "`alpha` looks like degrees; pass np.deg2rad(alpha), got 90 at index (0,)",
+        ),
+        (
+            {"theta": [0, 0, 0, -180, 0, 0]},
+            "`theta` looks like degrees; pass np.deg2rad(theta), got -180 at index (3,)",
+        ),
         ({"masses": np.ones(6)}, "`centres` must be given too: masses, centres and inertias belong together"),
         ({"link_names": ["tool0"] * 6}, "`link_names` must differ, got the link 'tool0' twice"),
     ],
@@ -384,6 +397,15 @@ def test_what_load_would_refuse_is_refused(changes, text):
 def test_a_wrong_table_is_refused(changes, text):
     with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
         rne.dh_chain(**TABLE | changes)
+
+
+def test_a_range_in_degrees_is_warned_of():
+    text = "the range of joint 'joint_2', -170 to 170, looks like degrees; pass np.deg2rad of it"
+    with pytest.warns(UserWarning, match=f"^{re.escape(text)}$") as caught:
+        assert bad(lower=[-1, -170], upper=[1, 170]).upper.tolist() == [1, 170]
+    assert caught[0].filename == __file__  # the line of the call
+    arm = bad(types=["continuous", "prismatic"], upper=[np.inf, 170])  # metres
+    assert arm.upper[1] == 170
 
 
 def test_an_inertia_turned_by_a_rotation_is_taken_as_symmetric():

@@ -142,3 +142,70 @@ class TestModel:
 
         with pytest.raises(rne.ModelError, match="^" + re.escape(text) + "$"):
             replace(random_tree(3, seed=1), **changes)
+
+
+# Limits
+
+PAIR = random_tree(2, seed=4, mimics=1)
+FIRST, SECOND = PAIR.joint_names
+
+
+@pytest.mark.parametrize("name", ["effort", "velocity", "acceleration", "jerk"])
+def test_limits_are_one_for_all_or_one_for_each_or_some_by_name(name):
+    def of(value, model=PAIR):
+        limits = getattr(rne.model.with_limits(model, **{name: value}), f"{name}_limit")
+        return limits[list(PAIR.independent_joints)].tolist()
+
+    assert of(3) == [3.0, 3.0]
+    assert of([1, np.inf]) == [1.0, np.inf]
+    assert of({SECOND: 5}) == [np.inf, 5.0]
+    assert of({FIRST: 0}, rne.model.with_limits(PAIR, **{name: 2})) == [0.0, 2.0]
+
+
+def test_other_limits_and_those_of_joints_that_mimic_stay():
+    changed = rne.model.with_limits(PAIR, velocity=2)
+    (mimic,) = set(range(3)) - set(PAIR.independent_joints)
+    assert changed.velocity_limit[mimic] == np.inf
+    assert changed == rne.model.with_limits(changed, effort=None)
+    for name in ("lower", "upper", "effort_limit", "acceleration_limit", "jerk_limit", "mass", "parent"):
+        assert np.array_equal(getattr(changed, name), getattr(PAIR, name))
+    assert changed != PAIR
+    assert PAIR.velocity_limit.tolist() == [np.inf] * 3
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ([1.0], "`{}` must have shape (2,), got (1,)"),
+        ([1.0, -2.0], f"`{{}}[1]` of joint {SECOND!r} must not be negative, got -2.0"),
+        ({SECOND: np.nan}, f"`{{}}[1]` of joint {SECOND!r} must be a number, got nan"),
+        (-1, f"`{{}}[0]` of joint {FIRST!r} must not be negative, got -1.0"),
+        ({"elbow": 1}, f"`{{}}` must name joints of {[FIRST, SECOND]}, got 'elbow'"),
+        (1j, "`{}` must be real, got dtype complex128"),
+        ("strong", "`{}` must be an array of numbers of shape (2,), got dtype <U6"),
+    ],
+)
+def test_limits_that_are_none_are_refused(value, text, tmp_path):
+    file = tmp_path / "pair.urdf"
+    file.write_text(rne.to_urdf(PAIR))
+    with pytest.raises(ValueError, match=f"^{re.escape(text.format('jerk'))}$"):
+        rne.model.with_limits(PAIR, jerk=value)
+    with pytest.raises(ValueError, match=f"^{re.escape(text.format('effort_limit'))}$"):
+        rne.load(file, effort_limit=value)
+
+
+def test_limits_given_at_load_are_those_of_the_robot(tmp_path):
+    given = {"effort": 300, "velocity": [1, 2, 3, 4, 5, 6], "acceleration": {"joint_2": 7}, "jerk": 80.0}
+    arm = rne.load("irb140", **{f"{name}_limit": value for name, value in given.items()})
+    assert arm.model == rne.model.with_limits(rne.irb140(), **given)
+    file = tmp_path / "arm.urdf"
+    file.write_text(rne.to_urdf(arm.model))
+    assert rne.read_urdf(file) == arm.model
+    assert rne.load(file, jerk_limit=np.inf).model.jerk_limit.tolist() == [np.inf] * 6
+
+
+def test_degrees_of_a_mounting_are_refused():
+    text = "`rpy` looks like degrees; pass np.deg2rad(rpy), got 180 at index (0,)"
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        rne.model.mounted(PAIR, [180, 0, 0])
+    assert rne.model.mounted(PAIR, [2 * np.pi, -2 * np.pi, 0]).n == 2

@@ -70,3 +70,16 @@ def test_without_the_package_the_built_in_robots_are_there(without_package):
         "'ur5' is neither a file nor a built-in robot; some 60 more, such as 'ur5', come with pip install 'rne[robots]'"
     )
     assert str(caught.value) == told
+
+
+def test_check_takes_the_names_that_load_takes(capsys):
+    assert rne.check("irb140") == []
+    assert capsys.readouterr().out == "irb140: no findings\n"
+    with pytest.raises(FileNotFoundError, match=r"^'irb1400' is neither a file nor one of rne.robots\(\)"):
+        rne.check("irb1400")
+
+
+def test_check_of_a_name_reads_its_file(capsys):
+    file = str(urdf_files()["panda_description/panda"])
+    assert [str(x) for x in rne.check("panda")] == [str(x) for x in rne.check(file)]
+    assert len(set(capsys.readouterr().out.split("loads as written\n")[:2])) == 1

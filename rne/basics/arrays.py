@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from .spatial import Array
 
+FULL_TURN = 6.3  # rad
 UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
 
 
@@ -71,6 +72,15 @@ def per_joint_array(
     """A read-only float64 array of n finite real numbers: one per joint, or one number that is meant for all joints."""
     array = real_array(name, value, f"({n},)")
     return vector(name, array if array.ndim else np.full(n, array), n, sign=sign)
+
+
+def refuse_degrees(name: str, angles: Array) -> None:
+    """Raise ValueError if an angle of a placement is more than a full turn, which none needs to be."""
+    large = np.abs(angles) > FULL_TURN
+    if large.any():
+        index = tuple(int(k) for k in np.argwhere(large)[0])
+        got = f"got {float(angles[index]):g} at index {index}"
+        raise ValueError(f"`{name}` looks like degrees; pass np.deg2rad({name}), {got}")
 
 
 def refuse_masked(name: str, value: ArrayLike) -> None:

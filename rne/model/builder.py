@@ -13,9 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array, combine_bodies, rotate, snap, transpose
+from .checks import LIMITS
 from .model import STANDARD_GRAVITY, Model
 from .solids import Cylinder
 
+LIMITS_AND_DRIVES = ("lower", "upper", *LIMITS, "damping", "friction", "armature")
 Extended = np.longdouble  # no wider than double on some platforms
 
 
@@ -71,6 +73,8 @@ class Part:
     upper: float = np.inf
     velocity: float = np.inf
     effort: float = np.inf
+    acceleration: float = np.inf
+    jerk: float = np.inf
     damping: float = 0.0
     friction: float = 0.0
     armature: float = 0.0
@@ -145,9 +149,9 @@ def assemble(
 
 def _limits_and_drives(joints: Sequence[Part]) -> dict[str, Array]:
     """Limits, friction and drives of the moving joints, by the names of the Model's fields."""
-    names = {"velocity_limit": "velocity", "effort_limit": "effort"}
-    columns = ("lower", "upper", "velocity_limit", "effort_limit", "damping", "friction", "armature")
-    return {column: np.array([getattr(joint, names.get(column, column)) for joint in joints]) for column in columns}
+    return {
+        name: np.array([getattr(joint, name.removesuffix("_limit")) for joint in joints]) for name in LIMITS_AND_DRIVES
+    }
 
 
 def _independent(k: int, part: Part) -> int:
@@ -205,13 +209,7 @@ def _moving_part(model: Model, i: int, link: str, carrier: Mapping[int, int]) ->
         mass=float(model.mass[i]),
         com=model.com[i],
         inertia=model.inertia[i],
-        lower=float(model.lower[i]),
-        upper=float(model.upper[i]),
-        velocity=float(model.velocity_limit[i]),
-        effort=float(model.effort_limit[i]),
-        damping=float(model.damping[i]),
-        friction=float(model.friction[i]),
-        armature=float(model.armature[i]),
+        **{name.removesuffix("_limit"): float(getattr(model, name)[i]) for name in LIMITS_AND_DRIVES},
         mimic=None if independent == i else mimic,
     )
 

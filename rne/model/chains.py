@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers, real_array
+from ..basics.arrays import real_array, refuse_degrees
 from ..basics.spatial import Array, rotate, rotate_back, rotation_about, snap
-from .builder import Extended, Part, Pose, assemble, pose
-from .checks import JOINT_TYPES, inertia_error, is_rotation, symmetric_up_to_rounding
+from .builder import Extended, Part, assemble, pose
+from .checks import JOINT_TYPES, inertia_error, is_rotation, looks_like_degrees, symmetric_up_to_rounding
 from .model import STANDARD_GRAVITY, Model
+from .modify import limit_array
+
+FLANGE = "flange"  # the fixed joint in front of the last frame
+X, _, Z = np.eye(3, dtype=Extended)
 
 
 def chain(
@@ -94,36 +99,18 @@ def chain(
     R = rows("rotations", rotations, (-1, 3, 3))
     n = len(R)
     ends = rows("positions", positions, (n, 3))
-    given = Given(
+    given = Links(
         masses, centres, inertias, types, lower, upper, velocity, effort, gravity,
         name, joint_names, link_names, base, tip,
     )  # fmt: skip
-    names = checked_names(given, n)
-    for i, joint in enumerate(names.joints):
+    joints, _ = names_of(given, n)
+    for i, joint in enumerate(joints):
         if not is_rotation(R[i].astype(np.float64)):
             need = "must be a rotation: orthogonal with determinant +1"
             raise ValueError(f"`rotations[{i}]` of joint {joint!r} {need}")
     R = snap(R)
-    b = R[:, 2, :] if axes is None else _directions(axes, names.joints)
-    origins = np.concatenate([np.zeros((1, 3), dtype=Extended), ends])
-    placements = [pose(R[i], origins[i]) for i in range(n)]
-    geometry = Geometry(placements, list(b), [np.zeros(3)] * n, origins[-1])
-    return chain_model(given, names, checked_types(given, names.joints), geometry)
-
-
-def _directions(axes: ArrayLike, joints: tuple[str, ...]) -> Array:
-    """Unit vectors of the axes."""
-    directions = rows("axes", axes, (len(joints), 3))
-    for i, joint in enumerate(joints):
-        largest = np.abs(directions[i]).max()
-        if largest == 0:
-            raise ValueError(f"`axes[{i}]` of joint {joint!r} is zero; give the direction of the joint's axis")
-        directions[i] /= largest  # squares of very large or small numbers are not finite or zero
-        directions[i] /= np.sqrt((directions[i] * directions[i]).sum())
-    return snap(directions)
-
-
-X, _, Z = np.eye(3, dtype=Extended)
+    b = R[:, 2, :] if axes is None else _directions(axes, joints)
+    return _chain_model(given, R, np.concatenate([np.zeros((1, 3)), ends]), b, np.zeros((n, 3)))
 
 
 def dh_chain(
@@ -205,44 +192,25 @@ def dh_chain(
     """
     if convention not in ("standard", "modified"):
         raise ValueError(f"`convention` must be 'standard' or 'modified', got {convention!r}")
-    lengths = rows("a", a, (-1,))
-    n = len(lengths)
-    table = lengths, rows("alpha", alpha, (n,)), rows("d", d, (n,)), rows("theta", theta, (n,))
-    given = Given(
+    length = rows("a", a, (-1,))
+    n = len(length)
+    twist, offset, angle = (rows(column, x, (n,)) for column, x in (("alpha", alpha), ("d", d), ("theta", theta)))
+    refuse_degrees("alpha", twist)
+    refuse_degrees("theta", angle)
+    given = Links(
         masses, centres, inertias, types, lower, upper, velocity, effort, gravity,
         name, joint_names, link_names, base, tip,
     )  # fmt: skip
-    names = checked_names(given, n)
-    kinds = checked_types(given, names.joints)
-    geometry = _standard(*table) if convention == "standard" else _modified(*table)
-    return chain_model(given, names, kinds, geometry)
+    Rx, Rz = snap(rotation_about(X, twist)), snap(rotation_about(Z, angle))
+    along_x, along_z, none = length[:, None] * X, offset[:, None] * Z, np.zeros((n, 3), dtype=Extended)
+    if convention == "modified":  # frame i is the joint's frame
+        origins = along_x + rotate(Rx, along_z)
+        return _chain_model(given, Rx @ Rz, np.concatenate([origins, np.zeros((1, 3))]), none + Z, none)
+    ends = rotate_back(Rx, along_x + along_z)  # r_{i-1,i} in frame i; the joint's frame has the origin of frame i-1
+    return _chain_model(given, Rz @ Rx, np.concatenate([np.zeros((1, 3)), ends]), Rx[:, 2, :], ends)
 
 
-def _rotations(angle: Array, axis: Array) -> Array:
-    """Rotations by each of some angles; those by right angles are exact."""
-    return snap(rotation_about(axis, angle))
-
-
-def _standard(a: Array, alpha: Array, d: Array, theta: Array) -> Geometry:
-    """Frame i at the far end of link i: a joint's frame has its orientation, and the origin of DH frame i-1."""
-    n, Rx, Rz = len(a), _rotations(alpha, X), _rotations(theta, Z)
-    end = [rotate_back(Rx[i], a[i] * X + d[i] * Z) for i in range(n)]  # r_{i-1,i}, seen from frame i
-    start = [np.zeros(3, dtype=Extended), *end]
-    placements = [pose(snap(Rz[i] @ Rx[i]), start[i]) for i in range(n)]
-    return Geometry(placements, [Rx[i].T @ Z for i in range(n)], end, start[-1])
-
-
-def _modified(a: Array, alpha: Array, d: Array, theta: Array) -> Geometry:
-    """Frame i on the axis of joint i: it is the joint's frame."""
-    n, Rx, Rz = len(a), _rotations(alpha, X), _rotations(theta, Z)
-    placements = [Pose(snap(Rx[i] @ Rz[i]), a[i] * X + rotate(Rx[i], d[i] * Z)) for i in range(n)]
-    return Geometry(placements, [Z] * n, [np.zeros(3)] * n, np.zeros(3))
-
-
-FLANGE = "flange"  # the fixed joint in front of the last frame
-
-
-class Given(NamedTuple):
+class Links(NamedTuple):
     """Arguments of `chain` and `dh_chain` that describe links and joints, as the user gave them."""
 
     masses: ArrayLike | None
@@ -261,20 +229,26 @@ class Given(NamedTuple):
     tip: str
 
 
-class Names(NamedTuple):
-    """Of the joints, and of all links: the base, those behind the joints, the last frame."""
+def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Array) -> Model:
+    """The Model of an unbranched chain; raises ValueError for what `load` would refuse in a file.
 
-    joints: tuple[str, ...]
-    links: tuple[str, ...]
-
-
-class Geometry(NamedTuple):
-    """Placement of each joint's frame in the one before it, its axis, where centres count from, and the last frame."""
-
-    placements: Sequence[Pose]
-    axes: Sequence[Array]
-    offsets: Sequence[Array]
-    tip: Array
+    Joint i has orientation R[i] and origin origins[i] in the frame before it, and the last frame is at origins[n];
+    centres of mass count from shifts[i] in the joint's frame.
+    """
+    n = len(R)
+    joints, links = names_of(given, n)
+    types = _types(given, joints)
+    bodies = _bodies(given, links[1:-1])
+    limits = _limits(given, joints, types)
+    gravity = rows("gravity", given.gravity, (3,)).astype(np.float64)
+    parts = [Part(link=links[0])]
+    for i, (mass, centre, inertia) in enumerate(bodies):
+        body = {"mass": mass, "com": centre + shifts[i], "inertia": inertia}
+        joint = {"joint": joints[i], "kind": types[i], "axis": axes[i], "placement": pose(snap(R[i]), origins[i])}
+        own_limits = {field: values[i] for field, values in limits.items()}
+        parts.append(Part(link=links[i + 1], parent=i, **joint, **body, **own_limits))
+    parts.append(Part(link=links[-1], joint=FLANGE, parent=n, placement=pose(np.eye(3), origins[-1])))
+    return assemble(given.name, parts, gravity=gravity)
 
 
 def rows(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -286,59 +260,20 @@ def rows(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     return array.astype(Extended)
 
 
-def checked_names(given: Given, n: int) -> Names:
-    """All names, none of them empty or given twice."""
+def names_of(given: Links, n: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the joints, and of all links from the base to the last frame, none of them empty or given twice."""
     joints = _names("joint_names", given.joint_names, [f"joint_{i}" for i in range(1, n + 1)])
     links = _names("link_names", given.link_names, [f"link_{i}" for i in range(1, n + 1)])
-    whole = {"name": given.name, "base": given.base, "tip": given.tip}
-    for argument, value in whole.items():
+    for argument in ("name", "base", "tip"):
+        value = getattr(given, argument)
         if not isinstance(value, str) or not value:
             raise ValueError(f"`{argument}` must be a name, got {value!r}")
-    names = Names(joints, (given.base, *links, given.tip))
-    for argument, all_names in (("joint_names", (*names.joints, FLANGE)), ("link_names", names.links)):
+    links = (given.base, *links, given.tip)
+    for kind, all_names in (("joint", (*joints, FLANGE)), ("link", links)):
         for k, name in enumerate(all_names):
             if name in all_names[:k]:
-                kind = argument.removesuffix("_names")
-                raise ValueError(f"`{argument}` must differ, got the {kind} {name!r} twice")
-    return names
-
-
-def checked_types(given: Given, joints: tuple[str, ...]) -> list[str]:
-    """The type of every joint; one string is the type of all."""
-    types = [given.types] * len(joints) if isinstance(given.types, str) else list(given.types)
-    if len(types) != len(joints):
-        raise ValueError(f"`types` must be one type or {len(joints)} of them, got {len(types)}")
-    for i, kind in enumerate(types):
-        if kind not in JOINT_TYPES:
-            raise ValueError(f"`types[{i}]` of joint {joints[i]!r} must be one of {list(JOINT_TYPES)}, got {kind!r}")
-    return types
-
-
-def chain_model(given: Given, names: Names, types: list[str], geometry: Geometry) -> Model:
-    """The Model of an unbranched chain; raises ValueError for what `load` would refuse in a file."""
-    n = len(names.joints)
-    bodies = _bodies(given, names)
-    limits = _limits(given, names.joints, types)
-    gravity = rows("gravity", given.gravity, (3,)).astype(np.float64)
-    parts = [Part(link=names.links[0])]
-    for i, joint in enumerate(names.joints):
-        mass, centre, inertia = bodies[i]
-        parts.append(
-            Part(
-                link=names.links[i + 1],
-                joint=joint,
-                kind=types[i],
-                parent=i,
-                placement=geometry.placements[i],
-                axis=geometry.axes[i],
-                mass=mass,
-                com=centre + geometry.offsets[i],
-                inertia=inertia,
-                **{field: values[i] for field, values in limits.items()},
-            )
-        )
-    parts.append(Part(link=names.links[-1], joint=FLANGE, parent=n, placement=pose(np.eye(3), geometry.tip)))
-    return assemble(given.name, parts, gravity=gravity)
+                raise ValueError(f"`{kind}_names` must differ, got the {kind} {name!r} twice")
+    return joints, links
 
 
 def _names(argument: str, given: Sequence[str] | None, default: list[str]) -> tuple[str, ...]:
@@ -351,9 +286,32 @@ def _names(argument: str, given: Sequence[str] | None, default: list[str]) -> tu
     return names
 
 
-def _bodies(given: Given, names: Names) -> list[tuple[Any, Array, Array]]:
+def _types(given: Links, joints: tuple[str, ...]) -> list[str]:
+    """The type of every joint; one string is the type of all."""
+    types = [given.types] * len(joints) if isinstance(given.types, str) else list(given.types)
+    if len(types) != len(joints):
+        raise ValueError(f"`types` must be one type or {len(joints)} of them, got {len(types)}")
+    for i, kind in enumerate(types):
+        if kind not in JOINT_TYPES:
+            raise ValueError(f"`types[{i}]` of joint {joints[i]!r} must be one of {list(JOINT_TYPES)}, got {kind!r}")
+    return types
+
+
+def _directions(axes: ArrayLike, joints: tuple[str, ...]) -> Array:
+    """Unit vectors of the axes."""
+    directions = rows("axes", axes, (len(joints), 3))
+    for i, joint in enumerate(joints):
+        largest = np.abs(directions[i]).max()
+        if largest == 0:
+            raise ValueError(f"`axes[{i}]` of joint {joint!r} is zero; give the direction of the joint's axis")
+        directions[i] /= largest  # squares of very large or small numbers are not finite or zero
+        directions[i] /= np.sqrt((directions[i] * directions[i]).sum())
+    return snap(directions)
+
+
+def _bodies(given: Links, links: Sequence[str]) -> list[tuple[Any, Array, Array]]:
     """Mass, centre and inertia of each link; all zero if none is given."""
-    n = len(names.joints)
+    n = len(links)
     shapes = {"masses": (n,), "centres": (n, 3), "inertias": (n, 3, 3)}
     missing = [name for name in shapes if getattr(given, name) is None]
     if len(missing) == len(shapes):
@@ -363,7 +321,7 @@ def _bodies(given: Given, names: Names) -> list[tuple[Any, Array, Array]]:
     masses, centres, inertias = (rows(name, getattr(given, name), shape) for name, shape in shapes.items())
     bodies = []
     for i, (mass, centre, inertia) in enumerate(zip(masses, centres, inertias, strict=True)):
-        link = names.links[i + 1]
+        link = links[i]
         if mass < 0:
             raise ValueError(f"`masses[{i}]` of link {link!r} must be 0 or positive, got {float(mass)!r}")
         even = symmetric_up_to_rounding(inertia)
@@ -374,33 +332,17 @@ def _bodies(given: Given, names: Names) -> list[tuple[Any, Array, Array]]:
     return bodies
 
 
-def _limits(given: Given, joints: tuple[str, ...], types: list[str]) -> dict[str, Any]:
+def _limits(given: Links, joints: tuple[str, ...], types: list[str]) -> dict[str, Array]:
     """Limits by the names of a Part's fields, infinite where not given."""
-    limits: dict[str, Any] = {}
+    limits = {}
     for name, default in (("lower", -np.inf), ("upper", np.inf), ("velocity", np.inf), ("effort", np.inf)):
-        value = getattr(given, name)
-        limits[name] = values = np.full(len(joints), default)
-        if value is None:
-            continue
-        values[:] = _limit(name, value, joints)
+        limits[name] = values = limit_array(name, getattr(given, name), joints, np.full(len(joints), default))
         for i, joint in enumerate(joints):
             if name in ("lower", "upper") and types[i] == "continuous" and values[i] != default:
                 need = f"must be {default}, as a continuous joint has no range, got {float(values[i])!r}"
                 raise ValueError(f"`{name}[{i}]` of joint {joint!r} {need}")
-            if name in ("velocity", "effort") and values[i] < 0:
-                raise ValueError(f"`{name}[{i}]` of joint {joint!r} must not be negative, got {float(values[i])!r}")
+    for i, (low, high) in enumerate(zip(limits["lower"].tolist(), limits["upper"].tolist(), strict=True)):
+        if types[i] == "revolute" and looks_like_degrees(low, high):
+            text = f"the range of joint {joints[i]!r}, {low:g} to {high:g}, looks like degrees; pass np.deg2rad of it"
+            warnings.warn(text, stacklevel=4)
     return limits
-
-
-def _limit(name: str, value: ArrayLike, joints: tuple[str, ...]) -> Array:
-    """One number per joint, infinite ones allowed."""
-    array = convert_numbers(name, value, f"({len(joints)},)")
-    if array.shape != (len(joints),):
-        raise ValueError(f"`{name}` must have shape ({len(joints)},), got {array.shape}")
-    if array.dtype.kind != "f":
-        raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
-    bad = np.isnan(array)
-    if bad.any():
-        i = int(np.argmax(bad))
-        raise ValueError(f"`{name}[{i}]` of joint {joints[i]!r} must be a number, got nan")
-    return array

@@ -12,7 +12,9 @@ from ..basics.spatial import Array
 from ..errors import ModelError
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic")
+LIMITS = ("velocity_limit", "effort_limit", "acceleration_limit", "jerk_limit")  # besides `lower` and `upper`
 UNIT_TOLERANCE = 1e-12  # an axis or rotation off by more was never normalised
+RANGE_IN_DEGREES = (12.6, 720.0)  # joints that turn 1e3 rad or more are wheels; real ranges end at two turns
 SYMMETRY = 1e-12  # of the largest entry: asymmetry of an inertia that is rounding error
 INERTIA_TOLERANCE = 1e-12  # of trace + m |c|^2: rounding of a file's decimals, not a negative inertia
 
@@ -61,6 +63,12 @@ def inertia_error(mass: float, com: Array, inertia: Array) -> str | None:
     return None
 
 
+def looks_like_degrees(*bounds: float) -> bool:
+    """True if the range of a revolute joint ends where a range in radians hardly does."""
+    smallest, largest = RANGE_IN_DEGREES
+    return any(smallest < abs(bound) <= largest for bound in bounds)
+
+
 def symmetric_up_to_rounding(inertia: Array) -> Array:
     """The symmetric part of an inertia that differs from it by rounding only, such as R I R^T; others unchanged."""
     half: Array = (inertia + inertia.T) / 2
@@ -81,43 +89,21 @@ def triangle_excess(inertia: Array) -> float:
 
 def _check_shapes(model: SimpleNamespace) -> None:
     nb, links = len(model.moving_joints), len(model.link_names)
-    shapes: dict[str, tuple[int, ...]] = {
-        "axis": (nb, 3),
-        "rotation": (nb, 3, 3),
-        "translation": (nb, 3),
-        "mass": (nb,),
-        "com": (nb, 3),
-        "inertia": (nb, 3, 3),
-        "lower": (nb,),
-        "upper": (nb,),
-        "velocity_limit": (nb,),
-        "effort_limit": (nb,),
-        "damping": (nb,),
-        "friction": (nb,),
-        "armature": (nb,),
-        "multiplier": (nb,),
-        "offset": (nb,),
-        "base_com": (3,),
-        "base_inertia": (3, 3),
-        "gravity": (3,),
-        "link_rotation": (links, 3, 3),
-        "link_translation": (links, 3),
-    }
+    bodies = ("mass", "lower", "upper", *LIMITS, "damping", "friction", "armature", "multiplier", "offset")
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("axis", "translation", "com"), (nb, 3))
+    shapes |= dict.fromkeys(("rotation", "inertia"), (nb, 3, 3)) | dict.fromkeys(bodies, (nb,))
+    shapes |= dict.fromkeys(("base_com", "gravity"), (3,)) | {"base_inertia": (3, 3)}
+    shapes |= {"link_rotation": (links, 3, 3), "link_translation": (links, 3)}
     for name, shape in shapes.items():
         got = getattr(model, name).shape
         if got != shape:
             raise ModelError(f"`{name}` must have shape {shape}, got {got}")
-    for name, length in {
-        "joint_types": nb,
-        "parent": nb,
-        "coordinate": nb,
-        "link_joints": links,
-        "link_body": links,
-    }.items():
-        if len(getattr(model, name)) != length:
-            raise ModelError(f"`{name}` must have {length} entries, got {len(getattr(model, name))}")
-    if model.link_parent is not None and len(model.link_parent) != links:
-        raise ModelError(f"`link_parent` must have {links} entries, got {len(model.link_parent)}")
+    lengths = dict.fromkeys(("joint_types", "parent", "coordinate"), nb)
+    lengths |= dict.fromkeys(("link_joints", "link_body", "link_parent"), links)
+    for name, length in lengths.items():
+        value = getattr(model, name)
+        if value is not None and len(value) != length:
+            raise ModelError(f"`{name}` must have {length} entries, got {len(value)}")
 
 
 def _check_names(model: SimpleNamespace) -> None:
@@ -160,7 +146,7 @@ def _check_mimics(model: SimpleNamespace) -> None:
 
 
 def _check_finite(model: SimpleNamespace) -> None:
-    may_be_infinite = {"lower", "upper", "velocity_limit", "effort_limit"}
+    may_be_infinite = {"lower", "upper", *LIMITS}
     for name, value in vars(model).items():
         if isinstance(value, np.ndarray) and value.dtype == np.float64:
             bad = np.isnan(value) if name in may_be_infinite else ~np.isfinite(value)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from ..basics.arrays import convert_array, convert_numbers, is_equal, number_array, plain_array
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import brief_array, counted, listed, short, wrapped
-from .checks import check_model
+from .checks import LIMITS, check_model
 from .solids import Cylinder, Moments
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
@@ -48,9 +48,9 @@ class Model:
         Of body i; the inertia is about the centre of mass, in the axes of frame i [kg, m, kg m^2].
     base_mass, base_com, base_inertia
         The same for the bodies fixed to the base; not used by dynamics.
-    lower, upper, velocity_limit, effort_limit : ndarray, shape (nb,)
+    lower, upper, velocity_limit, effort_limit, acceleration_limit, jerk_limit : ndarray, shape (nb,)
         Infinite where unknown. Dynamics ignore them; a Scene can apply ranges and efforts
-        [rad or m; rad/s or m/s; N m or N].
+        [rad or m; rad/s or m/s; N m or N; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
     damping, friction : ndarray, shape (nb,)
         From the URDF's <dynamics>. Dynamics ignore them; a Scene can apply them [N m s/rad or N s/m; N m or N].
     armature : ndarray, shape (nb,)
@@ -115,6 +115,8 @@ class Model:
     upper: Array = UNSET
     velocity_limit: Array = UNSET
     effort_limit: Array = UNSET
+    acceleration_limit: Array = UNSET
+    jerk_limit: Array = UNSET
     damping: Array = UNSET
     friction: Array = UNSET
     armature: Array = UNSET
@@ -132,19 +134,10 @@ class Model:
 
     def __post_init__(self) -> None:
         nb = len(self.moving_joints)
-        defaults: dict[str, Any] = {
-            "lower": np.full(nb, -np.inf),
-            "upper": np.full(nb, np.inf),
-            "velocity_limit": np.full(nb, np.inf),
-            "effort_limit": np.full(nb, np.inf),
-            "damping": np.zeros(nb),
-            "friction": np.zeros(nb),
-            "armature": np.zeros(nb),
-            "coordinate": tuple(range(nb)),
-            "independent_joints": tuple(range(nb)),
-            "multiplier": np.ones(nb),
-            "offset": np.zeros(nb),
-        }
+        defaults: dict[str, Any] = {"lower": np.full(nb, -np.inf), "multiplier": np.ones(nb)}
+        defaults |= dict.fromkeys(("upper", *LIMITS), np.full(nb, np.inf))
+        defaults |= dict.fromkeys(("damping", "friction", "armature", "offset"), np.zeros(nb))
+        defaults |= dict.fromkeys(("coordinate", "independent_joints"), tuple(range(nb)))
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         values |= {name: default for name, default in defaults.items() if values[name] is None}
         for name in ARRAY_FIELDS & values.keys():

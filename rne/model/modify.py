@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array
+from ..basics.arrays import convert_numbers, real_array, refuse_degrees
 from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose
 from .builder import Part, Pose, assemble, disassemble, pose
 from .checks import inertia_error, symmetric_up_to_rounding, triangle_excess
 from .model import Model, model_argument
 from .topology import end_link
 
+LimitValues = ArrayLike | Mapping[str, float] | None
 TRIANGLE = 1e-12  # of the trace: rounding error of principal moments
 
 
@@ -171,7 +172,7 @@ def mounted(model: Model, rpy: ArrayLike) -> Model:
     Raises
     ------
     ValueError
-        If `rpy` has not shape (3,) or is not finite.
+        If `rpy` has not shape (3,), is not finite, or has an angle of more than a full turn, as degrees have.
 
     Examples
     --------
@@ -183,4 +184,79 @@ def mounted(model: Model, rpy: ArrayLike) -> Model:
     angles = real_array("rpy", rpy, "(3,)")
     if angles.shape != (3,):
         raise ValueError(f"`rpy` must have shape (3,), got {angles.shape}")
+    refuse_degrees("rpy", angles)
     return replace(model, gravity=rotate_back(rotation_from_rpy(angles), model.gravity) + 0.0)
+
+
+def with_limits(
+    model: Model,
+    *,
+    effort: LimitValues = None,
+    velocity: LimitValues = None,
+    acceleration: LimitValues = None,
+    jerk: LimitValues = None,
+) -> Model:
+    """The robot with other limits of its joints and drives, such as those of a data sheet.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    effort, velocity, acceleration, jerk : float, array_like of shape (n,), or mapping of str to float, optional
+        One number for all joints, one for each of `model.joint_names`, or some by name, inf for none; limits that are
+        not given stay [N m or N; rad/s or m/s; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
+
+    Returns
+    -------
+    Model
+        With these limits. Dynamics ignore them.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many numbers as joints, a limit is negative or NaN, or a name is no joint's.
+
+    Examples
+    --------
+    >>> import rne
+    >>> strong = rne.model.with_limits(rne.irb140(), effort=300, jerk={"joint_2": 50})
+    >>> strong.effort_limit[0].item(), strong.jerk_limit[:2].tolist()
+    (300.0, [inf, 50.0])
+    """
+    return limited(model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
+
+
+def limited(model: Model, **limits: LimitValues) -> Model:
+    """The robot with limits by the names that errors mention: "effort" or "effort_limit", ..."""
+    coordinates = list(model_argument(model).independent_joints)
+    changed = {}
+    for name, value in limits.items():
+        if value is not None:
+            field = f"{name.removesuffix('_limit')}_limit"
+            changed[field] = array = getattr(model, field).copy()
+            array[coordinates] = limit_array(name, value, model.joint_names, array[coordinates])
+    return replace(model, **changed) if changed else model
+
+
+def limit_array(name: str, value: LimitValues, joints: Sequence[str], present: Array) -> Array:
+    """One number per joint, infinite ones allowed, from one for all joints, one each, or some by name."""
+    n = len(joints)
+    if value is None:
+        return present
+    if isinstance(value, Mapping):
+        unknown = [joint for joint in value if joint not in joints]
+        if unknown:
+            raise ValueError(f"`{name}` must name joints of {list(joints)}, got {unknown[0]!r}")
+        value = [value.get(joint, limit) for joint, limit in zip(joints, present.tolist(), strict=True)]
+    array = convert_numbers(name, value, f"({n},)")
+    if array.shape not in ((), (n,)):
+        raise ValueError(f"`{name}` must have shape ({n},), got {array.shape}")
+    if array.dtype.kind != "f":
+        raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
+    array = np.full(n, array, dtype=np.float64)
+    for i, (joint, limit) in enumerate(zip(joints, array.tolist(), strict=True)):
+        if np.isnan(limit):
+            raise ValueError(f"`{name}[{i}]` of joint {joint!r} must be a number, got nan")
+        if limit < 0 and name not in ("lower", "upper"):
+            raise ValueError(f"`{name}[{i}]` of joint {joint!r} must not be negative, got {limit!r}")
+    return array

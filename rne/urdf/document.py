@@ -159,7 +159,7 @@ RULES = {
     "parent": _rule("link"),
     "child": _rule("link"),
     "axis": _rule("xyz"),
-    "limit": _rule("lower upper effort velocity"),
+    "limit": _rule("lower upper effort velocity acceleration jerk"),
     "dynamics": _rule("damping friction"),
     "mimic": _rule("joint multiplier offset"),
     "visual": _rule("name", once="origin geometry", many="material"),

@@ -1,22 +1,31 @@
-"""Robots by name or from a file."""
+"""Robots by name or from a file: which there are, loaded, checked."""
 
 from __future__ import annotations
 
 import difflib
 import os
+import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import TextIO
 
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
+from ..errors import ModelError
 from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
+from ..model.modify import LimitValues, limited
 from ..robot import Robot
-from .read import read_urdf
+from .document import parse, read_bytes
+from .findings import Finding, Report, written
+from .plausibility import check_bodies, check_elements
+from .read import model_of, read_urdf, validated
+from .strict import remove_default_namespace
+from .write import to_urdf
 
 PACKAGE = "example-robot-data"
 BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}  # the built-in robots, for which no file is read
@@ -64,6 +73,21 @@ def robots() -> tuple[str, ...]:
     return (*BUILDERS, *(name for name in library() if name not in BUILDERS))
 
 
+def resolve(source: str | os.PathLike[str]) -> Model | str:
+    """The built-in robot of a name, or the path of a URDF file, which goes before a name of example-robot-data.
+
+    Raises FileNotFoundError if it is neither a file nor a robot's name.
+    """
+    name = os.fspath(source)
+    if isinstance(source, str) and source in BUILDERS:
+        return BUILDERS[source]()
+    if not os.path.isfile(source) and name in library():
+        return str(library()[name])
+    if not os.path.exists(source):
+        raise FileNotFoundError(unknown(name))
+    return name
+
+
 def unknown(name: str) -> str:
     """The error about a name that is neither a file nor a robot."""
     near = [x for x in robots() if x.lower() == name.lower()] or difflib.get_close_matches(name, robots(), n=3)
@@ -74,7 +98,16 @@ def unknown(name: str) -> str:
     return f"{name!r} is neither a file nor one of rne.robots(){hint}"
 
 
-def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY, engine: str = "numpy") -> Robot:
+def load(
+    source: str | os.PathLike[str],
+    *,
+    gravity: ArrayLike = STANDARD_GRAVITY,
+    engine: str = "numpy",
+    effort_limit: LimitValues = None,
+    velocity_limit: LimitValues = None,
+    acceleration_limit: LimitValues = None,
+    jerk_limit: LimitValues = None,
+) -> Robot:
     """Load a robot by name or from a URDF file.
 
     Parameters
@@ -86,6 +119,9 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
         In the axes of the root link [m/s^2].
     engine : {"numpy", "numba"}
         What runs the robot's kernels; see `rne.compile`.
+    effort_limit, velocity_limit, acceleration_limit, jerk_limit : float, array_like of shape (n,), or mapping, optional
+        Limits in place of those of the file: one number for all joints, one for each, or some by the joint's name
+        [N m or N; rad/s or m/s; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
 
     Returns
     -------
@@ -99,24 +135,91 @@ def load(source: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVIT
     FileNotFoundError
         If it is neither a file nor a robot's name; suggests names that are near.
     ValueError
-        If `gravity` is not three finite numbers, or there is no such engine.
+        If `gravity` is not three finite numbers, a limit is negative or not one per joint, or there is no such engine.
     ImportError
         If the engine is "numba" and Numba is not installed.
 
     Examples
     --------
     >>> import rne
-    >>> rne.load("irb140").joint_names[0]
-    'joint_1'
+    >>> robot = rne.load("irb140", effort_limit=300)
+    >>> robot.joint_names[0], robot.effort_limit[0].item()
+    ('joint_1', 300.0)
     """
     g = real_array("gravity", gravity, "(3,)")
     if g.shape != (3,):
         raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
-    if isinstance(source, str) and source in BUILDERS:
-        return Robot(replace(BUILDERS[source](), gravity=g), engine)
-    name = os.fspath(source)
-    if not os.path.isfile(source) and name in library():
-        return Robot(read_urdf(library()[name], gravity=g), engine)
-    if not os.path.exists(source):
-        raise FileNotFoundError(unknown(name))
-    return Robot(read_urdf(source, gravity=g), engine)
+    found = resolve(source)
+    model = replace(found, gravity=g) if isinstance(found, Model) else read_urdf(found, gravity=g)
+    limits = {"effort_limit": effort_limit, "velocity_limit": velocity_limit}
+    limits |= {"acceleration_limit": acceleration_limit, "jerk_limit": jerk_limit}
+    return Robot(limited(model, **limits), engine)
+
+
+def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped: bool = True) -> list[Finding]:
+    """Print all errors and warnings about a URDF file, and return them.
+
+    Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
+    in place of radians, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
+    torque or speed.
+
+    Parameters
+    ----------
+    source : str or path-like
+        The path of a URDF file, or a name of `rne.robots()`; of a built-in robot the file that `to_urdf` writes.
+    out : text stream, optional
+        Where to print; standard output by default.
+    grouped : bool
+        True to print findings of one kind in one line that names the links or joints.
+
+    Returns
+    -------
+    list of Finding
+        Every finding, in the order of the lines. A file with errors does not load; warnings change nothing.
+
+    Raises
+    ------
+    FileNotFoundError
+        If it is neither a file nor a robot's name.
+
+    Notes
+    -----
+    What probably is not meant: angles of an `<origin>` above 6.3 rad; ranges of revolute joints that end between 12.6
+    and 720 rad; a centre of mass farther from its link's origin than five times the robot's size; a radius of gyration
+    larger than twice that size. The size is the longest way along the joints' origins, with the strokes of sliding
+    joints and the boxes, cylinders and spheres of the links; meshes are not read. Mass and inertia belong to a body
+    denser than any metal if the solid ellipsoid with both has more than 23 000 kg/m^3: every other body with both has
+    a larger density somewhere. Sizes and densities of links of 1 g or less are not examined: they often are
+    there for their frame alone.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.check("robots/irb140.urdf")
+    robots/irb140.urdf: no findings
+    []
+    """
+    found = resolve(source)
+    report = Report(os.fspath(source if isinstance(found, Model) else found))
+    data = to_urdf(found).encode() if isinstance(found, Model) else read_bytes(found, report)
+    root = validated(data, report)
+    if root is not None and not report.errors:
+        try:
+            model_of(root, STANDARD_GRAVITY)
+        except ModelError as error:
+            report.error(None, "robot", str(error), "fix the file")
+    if data is not None and root is not None:
+        _check_plausibility(data, report)
+    findings = report.in_line_order()
+    stream = sys.stdout if out is None else out
+    stream.write("\n".join(written(findings, report.file, grouped=grouped)) + "\n")
+    return findings
+
+
+def _check_plausibility(data: bytes, report: Report) -> None:
+    """The file is read again, as validation removes what is not used for the dynamics."""
+    whole = parse(data, Report(report.file))
+    remove_default_namespace(whole)
+    check_elements(whole, report)
+    if not report.errors:
+        check_bodies(whole, report)

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..basics.arrays import FULL_TURN
 from ..basics.spatial import Array, rotation_from_rpy
+from ..model.checks import looks_like_degrees
 from .document import NUMBER, describe
 from .findings import Report, echo
 from .strict import ENTRIES, MOVING, link_of
 
-FULL_TURN = 6.3  # rad: no angle of an origin needs more
-LIMITS_IN_DEGREES = (12.6, 720.0)  # joints that turn 1e3 rad or more are wheels; real ranges end at two turns
 FAR = 5  # times the robot's size: a centre of mass farther out is outside any plausible place
 LARGE = 2  # times the robot's size: no body of the robot has a larger radius of gyration
 DENSEST = 23e3  # kg/m^3, a little above osmium
@@ -48,8 +48,7 @@ def plain_numbers(element: Any, attribute: str) -> list[float]:
 def _check_limit(joint: Any, limit: Any, report: Report) -> None:
     kind, owner = joint.get("type"), describe(joint)
     bounds = plain_numbers(limit, "lower") + plain_numbers(limit, "upper")
-    smallest, largest = LIMITS_IN_DEGREES
-    if kind == "revolute" and any(smallest < abs(bound) <= largest for bound in bounds):
+    if kind == "revolute" and looks_like_degrees(*bounds):
         detail = f"{limit.get('lower', '0')} to {limit.get('upper', '0')}"
         cure = "give radians: degrees times pi/180"
         report.warning(limit, owner, "the range of <limit> looks like degrees", cure, detail=detail)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import heapq
 import os
-import sys
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +16,8 @@ from ..model.model import STANDARD_GRAVITY, Model
 from ..model.solids import Cylinder
 from .document import LARGEST, parse, read_bytes
 from .far_origins import Unrounded, slide_far_origins
-from .findings import Finding, Report, written
-from .plausibility import check_bodies, check_elements
-from .strict import link_of, remove_default_namespace, validate
+from .findings import Report
+from .strict import link_of, validate
 
 
 def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Model:
@@ -59,90 +57,23 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     True
     """
     report = Report(os.fspath(path))
-    root = _validated(read_bytes(path, report), report)
+    root = validated(read_bytes(path, report), report)
     report.raise_first_error()
     try:
-        return _model(root, gravity, os.path.abspath(path))
+        return model_of(root, gravity, os.path.abspath(path))
     except UrdfError:
         raise
     except ModelError as error:
         raise UrdfError(f"{report.file}: {error}") from error
 
 
-def check(path: str | os.PathLike[str], *, out: TextIO | None = None, grouped: bool = True) -> list[Finding]:
-    """Print all errors and warnings about a URDF file, and return them.
-
-    Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
-    in place of radians, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
-    torque or speed.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    out : text stream, optional
-        Where to print; standard output by default.
-    grouped : bool
-        True to print findings of one kind in one line that names the links or joints.
-
-    Returns
-    -------
-    list of Finding
-        Every finding, in the order of the lines. A file with errors does not load; warnings change nothing.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-
-    Notes
-    -----
-    What probably is not meant: angles of an `<origin>` above 6.3 rad; ranges of revolute joints that end between 12.6
-    and 720 rad; a centre of mass farther from its link's origin than five times the robot's size; a radius of gyration
-    larger than twice that size. The size is the longest way along the joints' origins, with the strokes of sliding
-    joints and the boxes, cylinders and spheres of the links; meshes are not read. Mass and inertia belong to a body
-    denser than any metal if the solid ellipsoid with both has more than 23 000 kg/m^3: every other body with both has
-    a larger density somewhere. Sizes and densities of links of 1 g or less are not examined: they often are
-    there for their frame alone.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.check("robots/irb140.urdf")
-    robots/irb140.urdf: no findings
-    []
-    """
-    report = Report(os.fspath(path))
-    data = read_bytes(path, report)
-    root = _validated(data, report)
-    if root is not None and not report.errors:
-        try:
-            _model(root, STANDARD_GRAVITY)
-        except ModelError as error:
-            report.error(None, "robot", str(error), "fix the file")
-    if data is not None and root is not None:
-        _check_plausibility(data, report)
-    findings = report.in_line_order()
-    stream = sys.stdout if out is None else out
-    stream.write("\n".join(written(findings, report.file, grouped=grouped)) + "\n")
-    return findings
-
-
-def _validated(data: bytes | None, report: Report) -> Any | None:
+def validated(data: bytes | None, report: Report) -> Any | None:
+    """The <robot> of a file's bytes with only what was validated, or None with a finding."""
     root = None if data is None else parse(data, report)
     return root if root is not None and validate(root, report) else None
 
 
-def _check_plausibility(data: bytes, report: Report) -> None:
-    """The file is read again, as validation removes what is not used for the dynamics."""
-    whole = parse(data, Report(report.file))
-    remove_default_namespace(whole)
-    check_elements(whole, report)
-    if not report.errors:
-        check_bodies(whole, report)
-
-
-def _model(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
+def model_of(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
     """The Model of a validated <robot>."""
     links = {link.get("name"): link for link in root.findall("link")}
     root_link, joints = _in_tree_order(links, root.findall("joint"))
@@ -235,7 +166,7 @@ def _limits(joint: Any) -> dict[str, Any]:
     limit = joint.find("limit")
     if limit is None:
         return {}
-    values = {name: _number(limit, name, np.inf) for name in ("effort", "velocity")}
+    values = {name: _number(limit, name, np.inf) for name in ("effort", "velocity", "acceleration", "jerk")}
     if joint.get("type") in ("revolute", "prismatic"):
         values |= {name: _number(limit, name, 0.0) for name in ("lower", "upper")}
     return {name: float(np.copysign(np.inf, x)) if abs(x) == LARGEST else x for name, x in values.items()}

@@ -177,6 +177,8 @@ def _check_limit(joint: Any, kind: str | None, owner: str, report: Report) -> No
             report.warning(limit, owner, f"attribute {attribute!r} of <limit> is missing", "give it; none is assumed")
         else:
             number(limit, attribute, owner, report)
+    for attribute in ("acceleration", "jerk"):  # of URDF 1.2
+        number(limit, attribute, owner, report, default="0")
     lower, upper = bounds
     if kind not in ("revolute", "prismatic") or lower is None or upper is None:
         return

@@ -129,6 +129,7 @@ def _joint(root: Any, parts: list[Part], part: Part) -> None:
     etree.SubElement(joint, "axis", xyz=_text(part.axis))
     bounds = {"lower": part.lower, "upper": part.upper} if part.kind != "continuous" else {}
     limits = bounds | {"effort": part.effort, "velocity": part.velocity}
+    limits |= {name: x for name in ("acceleration", "jerk") if np.isfinite(x := getattr(part, name))}
     etree.SubElement(joint, "limit", {name: _number(x) for name, x in limits.items()})
     if part.damping or part.friction:
         etree.SubElement(joint, "dynamics", damping=_number(part.damping), friction=_number(part.friction))
