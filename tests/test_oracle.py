@@ -140,7 +140,7 @@ class TestEveryDataRobot:
     def test_kinetic_energy_is_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, qd, _ = states(robot.n)
-        kinetic = pin.computeKineticEnergy(oracle.theirs, oracle.data, oracle.q(q), oracle.rates(qd))
+        kinetic = pin.computeKineticEnergy(oracle.theirs, oracle.data, oracle.q(q), oracle.velocities(qd))
         assert rne.dynamics.kinetic_energy(robot.model, q, qd) == pytest.approx(kinetic, rel=DATA, abs=1e-300)
 
     def test_jacobians_and_their_rates_are_pinocchios(self, data_arm):
@@ -156,7 +156,7 @@ class TestEveryDataRobot:
             return
         frame = oracle.theirs.getFrameId(link, pin.FrameType.BODY)
         data, world = oracle.theirs.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        pin.computeJointJacobiansTimeVariation(oracle.theirs, data, oracle.q(q), oracle.rates(qd))
+        pin.computeJointJacobiansTimeVariation(oracle.theirs, data, oracle.q(q), oracle.velocities(qd))
         pin.updateFramePlacements(oracle.theirs, data)
         G, order = robot.model.coordinate_map, [3, 4, 5, 0, 1, 2]
         J = pin.getFrameJacobian(oracle.theirs, data, frame, world)[np.ix_(order, oracle.v)] @ G

@@ -52,7 +52,7 @@ def test_regressor_is_pinocchios(data_arm):
     oracle = Oracle(model, xml)
     columns = np.concatenate([np.arange(10) + 10 * (k - 1) for k in oracle.joint_ids] or [np.zeros(0, int)])
     for q, qd, qdd in zip(*random_states(robot, count=2), strict=True):
-        arguments = oracle.q(q), oracle.rates(qd), oracle.rates(qdd)
+        arguments = oracle.q(q), oracle.velocities(qd), oracle.velocities(qdd)
         theirs = oracle.pin.computeJointTorqueRegressor(oracle.theirs, oracle.data, *arguments)
         theirs = model.coordinate_map.T @ theirs[oracle.v][:, columns]
         close(robot.regressor(q, qd, qdd), theirs, 1e-12 if model.nb > 12 else SAME)

@@ -47,7 +47,7 @@ class Pinocchio:
         self.data = self.oracle.data = self.model.createData()
         self.pool = pin.ModelPool(self.model, 1)
         q = np.array([self.oracle.q(x) for x in states[0]])
-        rates = [np.array([self.oracle.rates(x) for x in array]) for array in states[1:]]
+        rates = [np.array([self.oracle.velocities(x) for x in array]) for array in states[1:]]
         self.arrays = [np.asfortranarray(a.T) for a in (q, *rates)]
         self.count = len(q)
         self.out = np.asfortranarray(np.zeros((self.model.nv, self.count)))

@@ -101,44 +101,9 @@ def articulated_forward_dynamics(
 ) -> tuple[Array, Array, Array]:
     """Joint accelerations that the torques tau give, without forming M.
 
-    Parameters
-    ----------
-    model : Model
-        Without mimic joints.
-    q, qd, tau : ndarray, shape (..., n)
-        Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
-    external : mapping of str to ndarray, shape (..., 6), optional
-        Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Accelerations [rad/s^2 or m/s^2].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the acceleration overflows.
-    ModelError
-        If a joint mimics another: its articulated inertia is not that of one joint. Use `forward_dynamics`.
-    SingularMassMatrixError
-        If M is singular to working precision; names the joints whose combination moves no inertia.
-
-    Warns
-    -----
-    PrecisionWarning
-        If fewer than 3 digits are left, M nearly singular or the torques cancelled at high joint velocities.
-
-    Notes
-    -----
-    Featherstone 2008, table 7.1, in blocks of three. O(n). `articulated_forward_dynamics.core` returns
-    (qdd, pivots, diagonal of M).
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.articulated_forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).shape
-    (6,)
+    Featherstone 2008, table 7.1, in blocks of three. O(n). Mimic joints are a ModelError: their articulated inertia
+    is not that of one joint. `articulated_forward_dynamics.core` returns (qdd, pivots, diagonal of M). Parameters,
+    result and errors are those of `rne.Robot.forward_dynamics`, with the model first.
     """
     if model.has_mimics:
         raise ModelError(f"robot {model.name!r} has mimic joints; use forward_dynamics, which reduces M to q")

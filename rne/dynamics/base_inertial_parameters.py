@@ -180,7 +180,7 @@ class BaseParameters(InNotebooks):
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
         Returns
         -------
@@ -227,50 +227,10 @@ def base_parameters(
 ) -> BaseParameters:
     """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    rotor : bool
-        True for the inertia Ia of each drive's rotor, reflected to its joint.
-    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
-        Fv, Fc or both of each drive.
-    offset : bool
-        True for a constant torque tau0 of each drive.
-    shafts : array_like, shape (s, n), optional
-        Rows a of further shafts, which turn at a^T qd, with rotor and friction if the joints have them.
-    smoothing : float
-        Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
-    tolerance : float
-        Angles [rad] and distances, divided by the longest one between two joints, that differ by less are taken as the
-        same. 1e-5 suits a file that has 1.5708 in place of pi / 2: what only such roundings make observable, no
-        measurement finds. It must be below 0.01.
-
-    Returns
-    -------
-    BaseParameters
-        Their names, formulas, and the matrices to and from the standard parameters.
-
-    Raises
-    ------
-    TypeError
-        If `model` is no Model.
-    ValueError
-        If an option has a wrong value or shape.
-
-    Notes
-    -----
-    They follow from the axes and places of the joints and the direction of gravity, not from its size, the masses or
-    the limits, and no states are sampled at random, except for several coordinates that joints in different branches
-    share. Gautier and Khalil 1990; Wensing, Niemeyer and Slotine 2024.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.base_parameters(rne.irb140()).count
-    36
-    >>> rne.dynamics.base_parameters(rne.irb140(), rotor=True).count
-    40
+    Gautier and Khalil 1990; Wensing, Niemeyer and Slotine 2024. They follow from the axes and places of the joints
+    and the direction of gravity, not from its size, the masses or the limits. No states are sampled at random,
+    except for several coordinates that joints in different branches share. Parameters, result and errors are those
+    of `rne.Robot.base_parameters`, with the model first.
     """
     standard = StandardParameters(model_argument(model), rotor, friction, offset, shafts, smoothing)
     if positive_number("tolerance", tolerance) >= COARSEST:
@@ -305,10 +265,10 @@ def _combinations(standard: StandardParameters, tolerance: float) -> tuple[Array
 
 
 def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
-    """Combinations of the drives' and further shafts' friction that torques depend on; it is odd in the rates.
+    """Combinations of the drives' and further shafts' friction that torques depend on; it is odd in the velocities.
 
     Torques of viscous friction are the matrix sum of Fv a a^T times qd. Those of Coulomb friction are independent
-    unless shafts turn at the same rate; a factor between rates counts only if friction is smooth.
+    unless shafts turn at the same velocity; a factor between velocities counts only if friction is smooth.
     """
     if symbol not in standard.groups:
         return np.zeros((0, standard.count))
@@ -366,7 +326,7 @@ class Reach(NamedTuple):
     """What a body meets in all motions: bases of the spans of its energies and velocities, as rows."""
 
     energies: Array  # Phi, flat, then 1 for gravity's, shape (..., 17)
-    velocities: Array  # xi, flat, then the rates of the further shafts, shape (..., 16 + s)
+    velocities: Array  # xi, flat, then the velocities of the further shafts, shape (..., 16 + s)
 
 
 class Group(NamedTuple):
@@ -377,7 +337,7 @@ class Group(NamedTuple):
     coordinates: list[int]
     q: Array  # shape (samples, coordinates)
     T: Array  # pose of each body against the parent, shape (bodies, samples, 4, 4)
-    xi: Array  # velocity of each body per unit rate of each coordinate, shape (bodies, samples, coordinates, 4, 4)
+    xi: Array  # velocity of each body per unit of qd, shape (bodies, samples, coordinates, 4, 4)
 
 
 class Drives(NamedTuple):
@@ -478,9 +438,9 @@ def _energies_of_group(group: Group, reach: Reach, drives: Drives) -> tuple[Arra
     """Rows on the group's bodies and on drives that torques depend on, and what each body meets."""
     samples, K = len(group.q), len(group.coordinates)
     Phi, falls = reach.energies[:, :FLAT].reshape(-1, 4, 4), reach.energies[:, FLAT]
-    xi, rates = reach.velocities[:, :FLAT].reshape(-1, 4, 4), reach.velocities[:, FLAT:]
+    xi, turning = reach.velocities[:, :FLAT].reshape(-1, 4, 4), reach.velocities[:, FLAT:]
     T, own, shafts = group.T[:, :, None], group.xi, drives.shafts[:, group.coordinates].T
-    # M and potential energy of the parent's motions, of its motions with the group's rates, and of these rates
+    # M and potential energy of the parent's motions, of its motions with the group's own, and of these
     moved = transpose(T) @ Phi @ T
     seen = inverse(T) @ xi @ T
     mixed = kinetic(seen[:, :, :, None], own[:, :, None])
@@ -496,14 +456,14 @@ def _energies_of_group(group: Group, reach: Reach, drives: Drives) -> tuple[Arra
             columns[2][:, place, place, drives.places["Ia"] + k] = drives.units[k] ** 2
     if len(drives.shafts):
         place = drives.places["Ia of shafts"]
-        columns[1][..., place : place + len(drives.shafts)] = rates[:, None] * shafts
+        columns[1][..., place : place + len(drives.shafts)] = turning[:, None] * shafts
         columns[2][..., place : place + len(drives.shafts)] = shafts[:, None] * shafts
     changed = moved - moved[:, :1]
     rows = [_joined(x, c) for x, c in zip((changed, mixed, within), columns, strict=True)]
     met = {}
     for b, i in enumerate(group.bodies):
         energies = [_with(moved[b], falls[:, None]), _with(mixed[b], np.zeros(1)), _with(within[b], np.zeros(1))]
-        met[i] = np.concatenate(energies), np.concatenate([_with(seen[b], rates), _with(own[b], shafts)])
+        met[i] = np.concatenate(energies), np.concatenate([_with(seen[b], turning), _with(own[b], shafts)])
     return np.concatenate(rows), met
 
 

@@ -28,8 +28,7 @@ def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> dict[int
     }
     for i in reversed(range(model.nb)):
         parent = model.parent[i]
-        moved = move_to_parent(composites[i], R[i], p[i])
-        composites[parent] = Moments(*(a + b for a, b in zip(composites[parent], moved, strict=True)))
+        composites[parent] = composites[parent].plus(move_to_parent(composites[i], R[i], p[i]))
     return composites
 
 
@@ -54,32 +53,8 @@ def unit_acceleration(body: Moments, s: Array, t: Array) -> tuple[Array, Array]:
 def mass_matrix(model: Model, q: Array) -> Array:
     """Joint-space inertia matrix M(q): the torques per unit acceleration of each joint.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q : ndarray, shape (..., n)
-        Joint positions [rad or m].
-
-    Returns
-    -------
-    ndarray, shape (..., n, n)
-        Full and exactly symmetric, `model.armature` included [kg m^2, kg m or kg].
-
-    Raises
-    ------
-    ValueError
-        If `q` has the wrong shape or is not finite, or M overflows.
-
-    Notes
-    -----
-    Composite-rigid-body algorithm: Featherstone 2008, table 6.2. O(n d), d the depth of the tree.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.mass_matrix(rne.irb140(), [0] * 6)[5, 5].round(6).item()
-    0.001458
+    Composite-rigid-body algorithm, Featherstone 2008, table 6.2. O(n d), d the depth of the tree. Parameters,
+    result and errors are those of `rne.Robot.mass_matrix`, with the model first.
     """
     R, p = joint_transforms(model, q)
     s, t = model.angular_axis, model.linear_axis

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..basics.spatial import Array, cross, dot, rotate, zeros
 from ..model.model import Model
 from ..model.parameters import ModelWithMoments
-from .kinematics import body_poses, joint_transforms, velocities
+from .kinematics import body_poses, joint_transforms, joint_velocities, velocities
 from .quantity import quantity
 
 
@@ -18,7 +18,7 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     model : Model
         The robot's parameters.
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
+        Joint positions and velocities [rad or m; rad/s or m/s].
 
     Returns
     -------
@@ -62,35 +62,11 @@ def body_kinetic_energy(model: Model, i: int, omega: Array, v: Array) -> Array:
 def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
-
-    Returns
-    -------
-    ndarray, shape (...)
-        The energy [J].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the energy overflows.
-
-    Notes
-    -----
-    Høifødt 2011, (6.30), summed over the bodies.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.kinetic_energy(rne.irb140(), [0] * 6, [0, 0, 0, 0, 0, 2]).round(6).item()  # 1.458e-3 kg m^2
-    0.002916
+    Høifødt 2011, (6.30), summed over the bodies. Parameters, result and errors are those of
+    `rne.Robot.kinetic_energy`, with the model first.
     """
-    rates = qd[..., model.coordinate] * model.multiplier if model.has_mimics else qd
-    T: Array = link_kinetic_energies.core(model, q, qd).sum(-1) + (model.armature * rates * rates).sum(-1) / 2
+    of_bodies, qd = link_kinetic_energies.core(model, q, qd), joint_velocities(model, qd)
+    T: Array = of_bodies.sum(-1) + (model.armature * qd * qd).sum(-1) / 2
     return T
 
 
@@ -98,32 +74,8 @@ def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
 def potential_energy(model: Model, q: Array) -> Array:
     """Potential energy of the moving bodies in gravity, zero at the height of the root link's origin.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q : ndarray, shape (..., n)
-        Joint positions [rad or m].
-
-    Returns
-    -------
-    ndarray, shape (...)
-        The sum of -m g.c [J].
-
-    Raises
-    ------
-    ValueError
-        If `q` has the wrong shape or is not finite.
-
-    Notes
-    -----
-    Høifødt 2011, (6.32), with the heights from the kinematics.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.potential_energy(rne.irb140(), [0] * 6).round(5).item()
-    370.87686
+    Høifødt 2011, (6.32), with the heights from the kinematics. Parameters, result and errors are those of
+    `rne.Robot.potential_energy`, with the model first.
     """
     R0, p0 = body_poses(model, q)
     U = zeros(q.shape[:-1], like=q)
@@ -137,33 +89,8 @@ def potential_energy(model: Model, q: Array) -> Array:
 def momentum(model: Model, q: Array, qd: Array) -> Array:
     """Momentum of the moving bodies about the root link's origin.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
-
-    Returns
-    -------
-    ndarray, shape (..., 6)
-        [angular; linear] in the axes of the root link [kg m^2/s, kg m/s].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the momentum overflows.
-
-    Notes
-    -----
-    Featherstone 2008, (2.61), summed over the bodies. Its rate is the sum of the wrenches of
-    base, gravity and environment.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.momentum(rne.irb140(), [0] * 6, [0] * 6).tolist()
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    Featherstone 2008, (2.61), summed over the bodies. Parameters, result and errors are those of
+    `rne.Robot.momentum`, with the model first.
     """
     omega, v = velocities(model, *joint_transforms(model, q), qd)
     R0, p0 = body_poses(model, q)

@@ -55,32 +55,8 @@ def body_poses(model: Model, q: Array) -> tuple[dict[int, Array], dict[int, Arra
 def link_poses(model: Model, q: Array) -> Array:
     """Pose of every link, as homogeneous matrices.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q : ndarray, shape (..., n)
-        Joint positions [rad or m].
-
-    Returns
-    -------
-    ndarray, shape (..., n_links, 4, 4)
-        Takes coordinates of a link's frame to those of the root link; links in `link_names` order [1, m].
-
-    Raises
-    ------
-    ValueError
-        If `q` has the wrong shape or is not finite.
-
-    Notes
-    -----
-    Siciliano et al. 2009, (2.50): products of the joints' transforms.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.link_poses(rne.irb140(), [0, 0, 0, 0, 0, 0])[2, :3, 3].tolist()
-    [0.07, 0.0, 0.352]
+    Siciliano et al. 2009, (2.50): products of the joints' transforms. Parameters, result and errors are those of
+    `rne.Robot.link_poses`, with the model first.
     """
     R0, p0 = body_poses(model, q)
     T = zeros((*q.shape[:-1], len(model.link_names), 4, 4), like=q)
@@ -94,13 +70,13 @@ def link_poses(model: Model, q: Array) -> Array:
 
 def velocities(model: Model, R: list[Array], p: list[Array], qd: Array) -> tuple[dict[int, Array], dict[int, Array]]:
     """Angular velocity of every body and velocity of its frame's origin, in its own axes."""
-    rates = joint_velocities(model, qd)
-    zero = zeros((*rates.shape[:-1], 3), like=qd)
+    qd = joint_velocities(model, qd)
+    zero = zeros((*qd.shape[:-1], 3), like=qd)
     omega, v = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):
-        omega[i] = rotate_back(R[i], omega[parent]) + model.angular_axis[i] * rates[..., i, None]
+        omega[i] = rotate_back(R[i], omega[parent]) + model.angular_axis[i] * qd[..., i, None]
         v_p = v[parent] + cross(omega[parent], p[i])
-        v[i] = rotate_back(R[i], v_p) + model.linear_axis[i] * rates[..., i, None]
+        v[i] = rotate_back(R[i], v_p) + model.linear_axis[i] * qd[..., i, None]
     return omega, v
 
 
@@ -121,10 +97,10 @@ def body_jacobians(model: Model, R: list[Array], p: list[Array]) -> tuple[dict[i
     return Jw, Jv
 
 
-def body_jacobian_rates(
+def body_jacobian_derivatives(
     model: Model, R: list[Array], p: list[Array], qd: Array, Jw: dict[int, Array], Jv: dict[int, Array]
 ) -> tuple[dict[int, Array], dict[int, Array]]:
-    """Rates of `body_jacobians`' components in the axes of body i, for joint rates qd, shape (..., nb)."""
+    """Time derivatives of `body_jacobians`' components in the axes of body i, at joint velocities qd, (..., nb)."""
     zero = np.zeros_like(Jw[BASE])
     dJw, dJv = {BASE: zero}, {BASE: zero}
     for i, parent in enumerate(model.parent):
@@ -146,37 +122,10 @@ def _columns(model: Model, Jw: Array, Jv: Array, R0: Array) -> Array:
 
 @quantity()
 def jacobian(model: Model, q: Array, link: str) -> Array:
-    """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint rate.
+    """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint velocity.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q : ndarray, shape (..., n)
-        Joint positions [rad or m].
-    link : str
-        One of `model.link_names`.
-
-    Returns
-    -------
-    ndarray, shape (..., 6, n)
-        [omega; v] = J qd in the axes of the root link [1, m].
-
-    Raises
-    ------
-    ValueError
-        If `q` has the wrong shape or is not finite, or there is no such link.
-
-    Notes
-    -----
-    Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008; Pinocchio's and Corke's
-    Jacobians have the linear rows first.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.jacobian(rne.irb140(), [0] * 6, "link_1")[:, 0].round(3).tolist()
-    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008. Parameters, result and
+    errors are those of `rne.Robot.jacobian`, with the model first.
     """
     index = model.link_index(link)
     body, offset = model.link_body[index], model.link_translation[index]
@@ -191,46 +140,20 @@ def jacobian(model: Model, q: Array, link: str) -> Array:
 def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
     """Time derivative of `jacobian` along the motion (q, qd).
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
-    link : str
-        One of `model.link_names`.
-
-    Returns
-    -------
-    ndarray, shape (..., 6, n)
-        The matrix dJ/dt in the axes of the root link [1/s, m/s]: the link's acceleration is J qdd + (dJ/dt) qd.
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or there is no such link.
-
-    Notes
-    -----
-    Featherstone 2008, section 2.10: derivatives in moving coordinates.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.jacobian_rate(rne.irb140(), [0] * 6, [0] * 6, "link_6").any().item()
-    False
+    Featherstone 2008, section 2.10: derivatives in moving coordinates. Parameters, result and errors are those of
+    `rne.Robot.jacobian_rate`, with the model first.
     """
     index = model.link_index(link)
     body, offset = model.link_body[index], model.link_translation[index]
     if body < 0:
         return zeros((*q.shape[:-1], 6, model.n), like=q)
     R, p = joint_transforms(model, q)
-    rates = joint_velocities(model, qd)
+    qd = joint_velocities(model, qd)
     all_Jw, all_Jv = body_jacobians(model, R, p)
-    all_dJw, all_dJv = body_jacobian_rates(model, R, p, rates, all_Jw, all_Jv)
+    all_dJw, all_dJv = body_jacobian_derivatives(model, R, p, qd, all_Jw, all_Jv)
     Jw, Jv = all_Jw[body], all_Jv[body] + cross(all_Jw[body], offset)
     dJw, dJv = all_dJw[body], all_dJv[body] + cross(all_dJw[body], offset)
-    omega = (Jw * rates[..., :, None]).sum(-2)[..., None, :]
+    omega = (Jw * qd[..., :, None]).sum(-2)[..., None, :]
     R0, _ = body_poses(model, q)
-    # from the rate of components in moving axes to the rate of the vector: + omega x
+    # from the derivative of components in moving axes to that of the vector: + omega x
     return _columns(model, dJw + cross(omega, Jw), dJv + cross(omega, Jv), R0[body])

@@ -25,7 +25,7 @@ from ..basics.spatial import Array, cross, cross_matrix, rotate, rotate_back, tr
 from ..model.model import Model
 from ..model.parameters import ModelWithMoments
 from .crba import factorise, solve_factored
-from .kinematics import BASE, body_jacobian_rates, body_jacobians, joint_transforms, joint_velocities
+from .kinematics import BASE, body_jacobian_derivatives, body_jacobians, joint_transforms, joint_velocities
 from .precision import check_accelerations
 from .quantity import checked_quantity, quantity
 
@@ -155,7 +155,7 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
     model : Model
         The robot's parameters.
     q, qd, qdd : ndarray, shape (..., n)
-        Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+        Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
     Returns
     -------
@@ -184,7 +184,7 @@ def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> 
 
 
 def equations(model: Model, q: Array, qd: Array) -> tuple[Array, Array]:
-    """M and C qd + g of the moving joints, at their rates qd, shapes (..., nb, nb) and (..., nb)."""
+    """M and C qd + g of the moving joints, at their velocities qd, shapes (..., nb, nb) and (..., nb)."""
     terms = bodies(model, q)
     c = christoffel(inertia_derivatives(model, terms, q))
     C = (c * qd[..., :, None, None]).sum(-3)  # C_jk = sum of c_ijk qd_i: transposed
@@ -200,7 +200,7 @@ def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> 
     model : Model
         The robot's parameters.
     q, qd, tau : ndarray, shape (..., n)
-        Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+        Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
 
     Returns
     -------
@@ -242,43 +242,19 @@ def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> 
 def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
-
-    Returns
-    -------
-    ndarray, shape (..., n, n)
-        Torque i per rate j [N m s/rad, N s or N s/m].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or C overflows.
-
-    Notes
-    -----
     A rigid body is a sum of point masses, and for a point mass C = m J^T dJ/dt gives the Christoffel symbols. Summed
-    over the body, with rates of components in its own axes:
+    over the body, with derivatives of components in its own axes:
     C = m Jc^T (dJc + [omega]x Jc) + Jw^T (I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw).
     dM/dt - 2C is skew: Siciliano et al. 2009, (7.49).
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.coriolis_matrix(rne.irb140(), [0] * 6, [0] * 6).any().item()
-    False
+    Parameters, result and errors are those of `rne.Robot.coriolis_matrix`, with the model first.
     """
     R, p = joint_transforms(model, q)
-    rates = joint_velocities(model, qd)
+    qd = joint_velocities(model, qd)
     all_Jw, all_Jv = body_jacobians(model, R, p)
-    all_dJw, all_dJv = body_jacobian_rates(model, R, p, rates, all_Jw, all_Jv)
+    all_dJw, all_dJv = body_jacobian_derivatives(model, R, p, qd, all_Jw, all_Jv)
     C = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
     for i in range(model.nb):
-        omega = (all_Jw[i] * rates[..., :, None]).sum(-2)
+        omega = (all_Jw[i] * qd[..., :, None]).sum(-2)
         C = C + body_coriolis_matrix(model, i, omega, all_Jw[i], all_Jv[i], all_dJw[i], all_dJv[i])
     if model.has_mimics:
         C = model.coordinate_map.T @ C @ model.coordinate_map

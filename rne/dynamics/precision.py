@@ -196,7 +196,7 @@ class Diagnosis:
         The smallest ratio of a pivot of M = L^T D L to M's diagonal entry: 1 for a joint that no other joint
         moves, a few eps where forward dynamics raise an error.
     digits : ndarray, shape (...)
-        Decimal digits left in forward dynamics, at least 0: -log10(eps condition), or with rates and torques given
+        Decimal digits left in forward dynamics, at least 0: -log10(eps condition), or with velocities and torques given
         -log10(eps amplification), which includes the cancellation in tau - C qd - g.
     worst_state : tuple of int
         The state with the fewest digits; empty for a single one.
@@ -243,13 +243,10 @@ def diagnose(
 ) -> Diagnosis:
     """Digits that forward dynamics keep in given states, and the motion that limits them.
 
-    Parameters, result and errors are those of `rne.Robot.diagnose`, with the model first.
-
-    Notes
-    -----
-    Scaling M to unit diagonal comes within a factor n of the smallest condition number that any scaling of the joints
-    gives (van der Sluis 1969). The amplification is Skeel's (1979) for M qdd = tau - C qd - g with relative errors in
-    M, tau and C qd + g.
+    Scaling M to unit diagonal comes within a factor n of the smallest condition number that any scaling of the
+    joints gives (van der Sluis 1969). The amplification is Skeel's (1979) for M qdd = tau - C qd - g with relative
+    errors in M, tau and C qd + g. Parameters, result and errors are those of `rne.Robot.diagnose`, with the model
+    first.
     """
     positions = joint_array("q", q, model_argument(model))
     arithmetic = np.dtype(positions.dtype if dtype is None else dtype)

@@ -30,7 +30,7 @@ VECTORS = (
 )
 LEGEND = (
     "Each vector in the axes of its own link; in brackets the equations of Høifødt 2011.",
-    "omega, alpha: spin and its rate. a_c, a_e: true accelerations of centre of mass and end.",
+    "omega, alpha: angular velocity, acceleration. a_c, a_e: true accelerations of mass centre and end.",
     "f, tau: of the joint on its link, at the joint. u: the drive's share of them.",
 )
 BRANCHED = "The links of a branched robot have no single end: a_o, the origin's acceleration, stands for a_e."
@@ -149,34 +149,8 @@ class Recursion(InNotebooks):
 def recursion(model: Model, q: Array, qd: Array, qdd: Array, *, external: External | None = None) -> Recursion:
     """Inverse dynamics with all intermediate vectors of every link.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd, qdd : ndarray, shape (..., n)
-        Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-    external : mapping of str to ndarray, shape (..., 6), optional
-        Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
-
-    Returns
-    -------
-    Recursion
-        Angular velocities and accelerations, accelerations, forces and moments of every link, in its own axes.
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or a result overflows.
-
-    Notes
-    -----
-    Høifødt 2011, (3.24)-(3.38) and (5.33).
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.recursion(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6).omega[0].tolist()
-    [0.0, -1.0, 0.0]
+    Høifødt 2011, (3.24)-(3.38) and (5.33). Parameters, result and errors are those of `rne.Robot.recursion`, with
+    the model first.
     """
     at_rest = 0 * model.gravity  # without gravity's upward acceleration of the base the accelerations are the true ones
     loaded = newton_euler(model, q, qd, qdd, model.gravity, external)

@@ -76,18 +76,18 @@ def joint_motions(
 ) -> dict[int, tuple[Motion, Motion, Motion]]:
     """Acceleration of the reference, velocity, and velocity of the reference of each body.
 
-    The reference moves its joints at rates qdr through the positions of the motion; its acceleration is the derivative
-    of its velocity along the motion, less gravity.
+    The reference moves its joints at velocities qdr through the positions of the motion; its acceleration is the
+    derivative of its velocity along the motion, less gravity.
     """
-    rate, rate_r, rate_rd = (joint_velocities(model, x)[..., None] for x in (qd, qdr, qddr))
-    zero = zeros((*qd.shape[:-1], 3), like=qd)
+    qd, qdr, qddr = (joint_velocities(model, x)[..., None] for x in (qd, qdr, qddr))
+    zero = zeros((*qd.shape[:-2], 3), like=qd)
     rest = Motion(zero, zero)
     found = {BASE: (Motion(zero, zero - model.gravity), rest, rest)}
     for i, parent in enumerate(model.parent):
         a, v, u = (seen_from_body(w, R[i], p[i]) for w in found[parent])
-        v, u = (along_axis(model, i, x[..., i, :], w) for x, w in ((rate, v), (rate_r, u)))
-        turning = cross_motion(v, along_axis(model, i, rate_r[..., i, :], rest))
-        a = along_axis(model, i, rate_rd[..., i, :], Motion(a.angular + turning.angular, a.linear + turning.linear))
+        v, u = (along_axis(model, i, x[..., i, :], w) for x, w in ((qd, v), (qdr, u)))
+        turning = cross_motion(v, along_axis(model, i, qdr[..., i, :], rest))
+        a = along_axis(model, i, qddr[..., i, :], Motion(a.angular + turning.angular, a.linear + turning.linear))
         found[i] = a, v, u
     return found
 
@@ -131,37 +131,8 @@ def _control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Arra
 def regressor(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
     """The matrix Y of tau = Y pi: joint torques per unit of each inertial parameter of each body.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd, qdd : ndarray, shape (..., n)
-        Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-
-    Returns
-    -------
-    ndarray, shape (..., n, 10 nb)
-        Ten columns per body, in the order of `model.moving_joints`: m [kg], m cx, m cy, m cz [kg m], Ixx, Ixy, Iyy,
-        Ixz, Iyz, Izz [kg m^2], about the origin of the body's joint frame in the URDF and in its axes. The torque of
-        `armature` is not among them.
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or an entry overflows.
-
-    Notes
-    -----
-    Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2. The order of the parameters is Pinocchio's.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot = rne.load("irb140")
-    >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 6))
-    >>> Y = rne.dynamics.regressor(robot.model, q, qd, qdd)
-    >>> Y.shape, np.allclose(Y @ robot.parameters, robot.inverse_dynamics(q, qd, qdd))
-    ((6, 60), True)
+    Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2. Parameters, result and errors are those of
+    `rne.Robot.regressor`, with the model first.
     """
     return _control_regressor(model, q, qd, qd, qdd)
 
@@ -170,38 +141,8 @@ def regressor(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
 def control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Array) -> Array:
     """The matrix Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew: what adaptive control needs.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
-    qdr, qddr : ndarray, shape (..., n)
-        Rates and accelerations of the reference [rad/s or m/s; rad/s^2 or m/s^2].
-
-    Returns
-    -------
-    ndarray, shape (..., n, 10 nb)
-        Columns as of `rne.dynamics.regressor`. C is that of the Christoffel symbols, `rne.dynamics.coriolis_matrix`.
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or an entry overflows.
-
-    Notes
-    -----
-    Slotine and Li 1987; body by body as in Echeandia and Wensing 2021.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot = rne.load("irb140")
-    >>> q, qd, qdr, qddr = np.random.default_rng(0).normal(size=(4, 6))
-    >>> torques = rne.dynamics.control_regressor(robot.model, q, qd, qdr, qddr) @ robot.parameters
-    >>> M, C, g = robot.mass_matrix(q), robot.coriolis_matrix(q, qd), robot.gravity_torque(q)
-    >>> np.allclose(torques, M @ qddr + C @ qdr + g)
-    True
+    Slotine and Li 1987; body by body as in Echeandia and Wensing 2021. Parameters, result and errors are those of
+    `rne.Robot.control_regressor`, with the model first.
     """
     return _control_regressor(model, q, qd, qdr, qddr)
 
@@ -215,7 +156,7 @@ def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
     model : Model
         The robot's parameters.
     q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
+        Joint positions and velocities [rad or m; rad/s or m/s].
 
     Returns
     -------

@@ -105,34 +105,8 @@ def applied_wrenches(model: Model, external: External | None) -> dict[int, tuple
 def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external: External | None = None) -> Array:
     """Joint torques for given accelerations: tau = M qdd + C qd + g.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd, qdd : ndarray, shape (..., n)
-        Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-    external : mapping of str to ndarray, shape (..., 6), optional
-        Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Torques [N m or N].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the torque overflows.
-
-    Notes
-    -----
-    Recursive Newton-Euler, Høifødt 2011, (3.24)-(3.38); Featherstone 2008, table 5.1. O(n).
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
-    -22.499
+    Recursive Newton-Euler, Høifødt 2011, (3.24)-(3.38); Featherstone 2008, table 5.1. O(n). Parameters, result and
+    errors are those of `rne.Robot.inverse_dynamics`, with the model first.
     """
     return newton_euler(model, q, qd, qdd, model.gravity, external).tau
 
@@ -141,34 +115,8 @@ def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external:
 def bias_torque(model: Model, q: Array, qd: Array, *, external: External | None = None) -> Array:
     """Joint torques at zero acceleration: C qd + g, less the torques that external wrenches supply.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
-    external : mapping of str to ndarray, shape (..., 6), optional
-        Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Torques [N m or N].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the torque overflows.
-
-    Notes
-    -----
-    Inverse dynamics at qdd = 0, Høifødt 2011, appendix B; Featherstone 2008, (6.2).
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.bias_torque(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0]).shape
-    (6,)
+    Inverse dynamics at qdd = 0, Høifødt 2011, appendix B; Featherstone 2008, (6.2). Parameters, result and errors
+    are those of `rne.Robot.bias_torque`, with the model first.
     """
     return newton_euler(model, q, qd, np.zeros_like(qd), model.gravity, external).tau
 
@@ -177,33 +125,8 @@ def bias_torque(model: Model, q: Array, qd: Array, *, external: External | None 
 def gravity_torque(model: Model, q: Array) -> Array:
     """Joint torques g(q) that balance gravity at rest.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q : ndarray, shape (..., n)
-        Joint positions [rad or m].
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Torques [N m or N]; the gradient of the potential energy.
-
-    Raises
-    ------
-    ValueError
-        If `q` has the wrong shape or is not finite.
-
-    Notes
-    -----
-    Inverse dynamics at qd = qdd = 0, Høifødt 2011, (3.1) and appendix B.
-
-    Examples
-    --------
-    >>> import math, rne
-    >>> g = rne.dynamics.gravity_torque(rne.irb140(), [0, math.pi / 2, -math.pi / 2, 0, 0, 0])
-    >>> (g / 9.81).round(3)[[1, 2, 4]].tolist()
-    [-16.191, -2.409, -0.029]
+    Inverse dynamics at qd = qdd = 0, Høifødt 2011, (3.1) and appendix B. Parameters, result and errors are those of
+    `rne.Robot.gravity_torque`, with the model first.
     """
     still = np.zeros_like(q)
     return newton_euler(model, q, still, still, model.gravity).tau
@@ -213,31 +136,7 @@ def gravity_torque(model: Model, q: Array) -> Array:
 def coriolis_torque(model: Model, q: Array, qd: Array) -> Array:
     """Centrifugal and Coriolis joint torques C(q, qd) qd.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd : ndarray, shape (..., n)
-        Joint positions and rates [rad or m; rad/s or m/s].
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Torques [N m or N].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the torque overflows.
-
-    Notes
-    -----
-    Inverse dynamics at qdd = 0 without gravity, Høifødt 2011, (3.1) and appendix B.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.coriolis_torque(rne.irb140(), [0] * 6, [0] * 6).any().item()
-    False
+    Inverse dynamics at qdd = 0 without gravity, Høifødt 2011, (3.1) and appendix B. Parameters, result and errors
+    are those of `rne.Robot.coriolis_torque`, with the model first.
     """
     return newton_euler(model, q, qd, np.zeros_like(qd), np.zeros_like(model.gravity)).tau

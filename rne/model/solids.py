@@ -48,6 +48,10 @@ class Moments(NamedTuple):
     first_moment: Array
     inertia: Array
 
+    def plus(self, other: Moments) -> Moments:
+        """Moments of two bodies in the same frame together."""
+        return Moments(*(a + b for a, b in zip(self, other, strict=True)))
+
 
 def cylinder_inertia(mass: float, radius: float, length: float, axis: Literal["x", "y", "z"]) -> Array:
     """Inertia of a solid cylinder about its centre of mass, in axes parallel and perpendicular to it.

@@ -105,7 +105,7 @@ class Robot(InNotebooks):
 
     @property
     def velocity_limit(self) -> Array:
-        """Largest rates of the joints, inf where unknown, shape (n,) [rad/s or m/s]."""
+        """Largest joint velocities, inf where unknown, shape (n,) [rad/s or m/s]."""
         return self._of_coordinates(self._model.velocity_limit)
 
     @property
@@ -114,7 +114,7 @@ class Robot(InNotebooks):
         return self._of_coordinates(self._model.effort_limit)
 
     def _of_coordinates(self, limits: Array) -> Array:
-        """Those of the joints in `joint_names`; a model also has those of joints that mimic others."""
+        """Limits of the joints in `joint_names`; a model also has limits of joints that mimic others."""
         return limits[list(self._model.independent_joints)]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -156,7 +156,7 @@ class Robot(InNotebooks):
         Raises
         ------
         ValueError
-            For any other library.
+            If `library` is another one.
 
         Examples
         --------
@@ -236,10 +236,12 @@ class Robot(InNotebooks):
     ) -> Array:
         """Joint torques for given accelerations: tau = M qdd + C qd + g.
 
+        Recursive Newton-Euler algorithm: Høifødt 2011, (3.24)-(3.38).
+
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
         external : mapping of str to array_like, shape (..., 6), optional
             Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N]. The torques
             are less by what the wrenches supply.
@@ -285,10 +287,12 @@ class Robot(InNotebooks):
     ) -> Array:
         """Joint accelerations that the torques tau give: qdd = M^-1 (tau - C qd - g).
 
+        By M = L^T D L, Featherstone 2008, section 6.5, or for many joints by articulated bodies, table 7.1.
+
         Parameters
         ----------
         q, qd, tau : array_like, shape (..., n)
-            Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+            Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
         external : mapping of str to array_like, shape (..., 6), optional
             Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
         parameters : array_like, shape (..., 10 nb), optional
@@ -327,6 +331,8 @@ class Robot(InNotebooks):
     def mass_matrix(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Joint-space inertia matrix M(q): column j is the torques for a unit acceleration of joint j.
 
+        Composite-rigid-body algorithm: Featherstone 2008, table 6.2.
+
         Parameters
         ----------
         q : array_like, shape (..., n)
@@ -357,10 +363,12 @@ class Robot(InNotebooks):
     def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
         """Inverse dynamics with all intermediate vectors of every link.
 
+        Høifødt 2011, (3.24)-(3.38) and (5.33).
+
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
         external : mapping of str to array_like, shape (..., 6), optional
             Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
 
@@ -394,12 +402,14 @@ class Robot(InNotebooks):
     ) -> Diagnosis:
         """Digits that forward dynamics keep in given states, and the motion that limits them.
 
+        A singular M is not an error here: its condition number is infinite and its digits are 0.
+
         Parameters
         ----------
         q : array_like, shape (..., n)
             Joint positions [rad or m].
         qd, tau : array_like, shape (..., n), optional
-            Joint rates and torques, both or neither [rad/s or m/s; N m or N].
+            Joint velocities and torques, both or neither [rad/s or m/s; N m or N].
         dtype : real floating data type, optional
             The arithmetic to diagnose for; by default that of `q`.
 
@@ -432,10 +442,12 @@ class Robot(InNotebooks):
     ) -> Array:
         """Joint torques at zero acceleration: C qd + g, less the torques that external wrenches supply.
 
+        Inverse dynamics at qdd = 0: Høifødt 2011, appendix B.
+
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
+            Joint positions and velocities [rad or m; rad/s or m/s].
         external : mapping of str to array_like, shape (..., 6), optional
             Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
         parameters : array_like, shape (..., 10 nb), optional
@@ -463,6 +475,8 @@ class Robot(InNotebooks):
 
     def gravity_torque(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Joint torques g(q) that balance gravity at rest.
+
+        Inverse dynamics at qd = qdd = 0: Høifødt 2011, (3.1).
 
         Parameters
         ----------
@@ -494,17 +508,19 @@ class Robot(InNotebooks):
     def coriolis_torque(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Centrifugal and Coriolis joint torques C(q, qd) qd.
 
+        Inverse dynamics at qdd = 0 without gravity: Høifødt 2011, (3.1).
+
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
+            Joint positions and velocities [rad or m; rad/s or m/s].
         parameters : array_like, shape (..., 10 nb), optional
             Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
         ndarray, shape (..., n)
-            Torques [N m or N]; quadratic in the rates.
+            Torques [N m or N]; quadratic in the velocities.
 
         Raises
         ------
@@ -525,17 +541,19 @@ class Robot(InNotebooks):
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
 
+        dM/dt - 2 C is skew: Siciliano et al. 2009, (7.49).
+
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
+            Joint positions and velocities [rad or m; rad/s or m/s].
         parameters : array_like, shape (..., 10 nb), optional
             Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
         Returns
         -------
         ndarray, shape (..., n, n)
-            Torque i per rate j [N m s/rad, N s or N s/m].
+            Torque i per velocity j [N m s/rad, N s or N s/m].
 
         Raises
         ------
@@ -554,19 +572,19 @@ class Robot(InNotebooks):
         return self._kernels.value_with(dynamics.coriolis_matrix, q, qd, parameters=parameters)
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
-        """Exact derivatives of the inverse dynamics.
+        """Exact derivatives of the inverse dynamics: of the traced program, without differences.
 
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
         Returns
         -------
         dtau_dq : ndarray, shape (..., n, n)
             Row i is of torque i, column j by position j.
         dtau_dqd : ndarray, shape (..., n, n)
-            By the rates.
+            By the velocities.
         M : ndarray, shape (..., n, n)
             By the accelerations: the mass matrix.
 
@@ -580,7 +598,7 @@ class Robot(InNotebooks):
         >>> import numpy as np, rne
         >>> robot, q, zero = rne.load("irb140"), np.full(6, 0.3), np.zeros(6)
         >>> dtau_dq, dtau_dqd, M = robot.inverse_dynamics_derivatives(q, zero, zero)
-        >>> bool(dtau_dqd.any()), np.allclose(M, robot.mass_matrix(q))  # at rest, no torque depends on the rates
+        >>> bool(dtau_dqd.any()), np.allclose(M, robot.mass_matrix(q))  # at rest
         (False, True)
         """
         return self._kernels.inverse_derivatives(q, qd, qdd)
@@ -588,17 +606,19 @@ class Robot(InNotebooks):
     def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the forward dynamics.
 
+        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
+
         Parameters
         ----------
         q, qd, tau : array_like, shape (..., n)
-            Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+            Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
 
         Returns
         -------
         dqdd_dq : ndarray, shape (..., n, n)
             Row i is of acceleration i, column j by position j.
         dqdd_dqd : ndarray, shape (..., n, n)
-            By the rates.
+            By the velocities.
         dqdd_dtau : ndarray, shape (..., n, n)
             By the torques: the inverse of M.
 
@@ -613,10 +633,6 @@ class Robot(InNotebooks):
         -----
         PrecisionWarning
             If fewer than 3 digits are left.
-
-        Notes
-        -----
-        From M qdd + h = tau: M dqdd = -d(M qdd + h) at constant qdd. Carpentier and Mansard 2018.
 
         Examples
         --------
@@ -637,12 +653,12 @@ class Robot(InNotebooks):
         Parameters
         ----------
         q, qd, tau : array_like, shape (..., n)
-            Joint positions, rates and torques [rad or m; rad/s or m/s; N m or N].
+            Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
 
         Returns
         -------
         A : ndarray, shape (..., 2 n, 2 n)
-            Rows: derivatives of the rates and of the accelerations; columns: by positions and rates.
+            Rows: derivatives of velocities and accelerations; columns: by positions and velocities.
         B : ndarray, shape (..., 2 n, n)
             By the torques: zero, and the inverse of M.
 
@@ -660,7 +676,7 @@ class Robot(InNotebooks):
 
         Examples
         --------
-        About an equilibrium, accelerations do not depend on the rates.
+        About an equilibrium, accelerations do not depend on the velocities.
 
         >>> import numpy as np, rne
         >>> robot, q = rne.load("irb140"), np.array([0, np.pi, 0, 0, 0, 0])
@@ -678,6 +694,8 @@ class Robot(InNotebooks):
 
     def link_poses(self, q: ArrayLike) -> Array:
         """Pose of every link, as homogeneous matrices.
+
+        Products of the joints' transforms: Siciliano et al. 2009, (2.50).
 
         Parameters
         ----------
@@ -704,7 +722,9 @@ class Robot(InNotebooks):
         return self._kernels.value(dynamics.link_poses, q)
 
     def jacobian(self, q: ArrayLike, link: str) -> Array:
-        """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint rate.
+        """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint velocity.
+
+        Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008.
 
         Parameters
         ----------
@@ -735,10 +755,12 @@ class Robot(InNotebooks):
     def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str) -> Array:
         """Time derivative of `jacobian` along the motion (q, qd).
 
+        Featherstone 2008, section 2.10.
+
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
+            Joint positions and velocities [rad or m; rad/s or m/s].
         link : str
             One of `link_names`.
 
@@ -764,10 +786,12 @@ class Robot(InNotebooks):
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
 
+        Høifødt 2011, (6.30), summed over the bodies.
+
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
+            Joint positions and velocities [rad or m; rad/s or m/s].
         parameters : array_like, shape (..., 10 nb), optional
             Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
@@ -793,6 +817,8 @@ class Robot(InNotebooks):
 
     def potential_energy(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Potential energy of the moving bodies in gravity, zero at the height of the root link's origin.
+
+        Høifødt 2011, (6.32).
 
         Parameters
         ----------
@@ -824,10 +850,12 @@ class Robot(InNotebooks):
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Momentum of the moving bodies about the root link's origin.
 
+        Its derivative is the sum of the wrenches of base, gravity and environment. Featherstone 2008, (2.61).
+
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
+            Joint positions and velocities [rad or m; rad/s or m/s].
         parameters : array_like, shape (..., 10 nb), optional
             Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
@@ -863,10 +891,12 @@ class Robot(InNotebooks):
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """The matrix Y of tau = Y pi: joint torques per unit of each inertial parameter of each body.
 
+        Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2.
+
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
         Returns
         -------
@@ -877,10 +907,6 @@ class Robot(InNotebooks):
         ------
         ValueError
             If an array has the wrong shape or is not finite, or an entry overflows.
-
-        Notes
-        -----
-        Høifødt 2011, (3.2); Siciliano et al. 2009, section 7.2.2.
 
         Examples
         --------
@@ -896,12 +922,14 @@ class Robot(InNotebooks):
     def control_regressor(self, q: ArrayLike, qd: ArrayLike, qdr: ArrayLike, qddr: ArrayLike) -> Array:
         """The matrix Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew: what adaptive control needs.
 
+        Slotine and Li 1987; body by body as in Echeandia and Wensing 2021.
+
         Parameters
         ----------
         q, qd : array_like, shape (..., n)
-            Joint positions and rates [rad or m; rad/s or m/s].
+            Joint positions and velocities [rad or m; rad/s or m/s].
         qdr, qddr : array_like, shape (..., n)
-            Rates and accelerations of the reference [rad/s or m/s; rad/s^2 or m/s^2].
+            Velocities and accelerations of the reference [rad/s or m/s; rad/s^2 or m/s^2].
 
         Returns
         -------
@@ -912,10 +940,6 @@ class Robot(InNotebooks):
         ------
         ValueError
             If an array has the wrong shape or is not finite, or an entry overflows.
-
-        Notes
-        -----
-        Slotine and Li 1987; body by body as in Echeandia and Wensing 2021.
 
         Examples
         --------
@@ -941,6 +965,8 @@ class Robot(InNotebooks):
     ) -> BaseParameters:
         """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
 
+        They follow from the axes and places of the joints and the direction of gravity: Gautier and Khalil 1990.
+
         Parameters
         ----------
         rotor : bool
@@ -955,7 +981,8 @@ class Robot(InNotebooks):
             Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
         tolerance : float
             Angles [rad] and distances, divided by the longest one between two joints, that differ by less are taken as
-            the same.
+            the same. 1e-5 suits a file that has 1.5708 in place of pi / 2: what only such roundings make observable, no
+            measurement finds. It must be below 0.01.
 
         Returns
         -------
@@ -966,10 +993,6 @@ class Robot(InNotebooks):
         ------
         ValueError
             If an option has a wrong value or shape.
-
-        Notes
-        -----
-        Gautier and Khalil 1990; see `rne.dynamics.base_parameters`.
 
         Examples
         --------

@@ -34,7 +34,7 @@ def has_pinocchio() -> bool:
 
 
 def random_states(n: int, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
-    """Positions within +-pi, rates within +-10, accelerations within +-50 [SI], shape (samples, n) each."""
+    """Positions within +-pi, velocities within +-10, accelerations within +-50 [SI], shape (samples, n) each."""
     rng = np.random.default_rng(seed)
     return tuple(rng.uniform(-x, x, (samples, n)) for x in (np.pi, 10.0, 50.0))  # type: ignore[return-value]
 
@@ -131,9 +131,9 @@ def euler_lagrange(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
         p: Array = (T(model, q, qd + e) - T(model, q, qd - e)) / 2
         return p
 
-    rate = momenta(q + 1j * STEP * qd, qd + 1j * STEP * qdd).imag
+    force = momenta(q + 1j * STEP * qd, qd + 1j * STEP * qdd).imag
     shifted = q[..., None, :] + 1j * STEP * e
-    tau: Array = (rate - T(model, shifted, qd[..., None, :]).imag + U(model, shifted).imag) / STEP
+    tau: Array = (force - T(model, shifted, qd[..., None, :]).imag + U(model, shifted).imag) / STEP
     return tau
 
 

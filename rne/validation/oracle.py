@@ -46,8 +46,8 @@ class Oracle:
             theirs[joint.idx_q : joint.idx_q + joint.nq] = [x] if joint.nq == 1 else [np.cos(x), np.sin(x)]
         return theirs
 
-    def rates(self, x: Array) -> Array:
-        """Joint rates or accelerations in Pinocchio's order, shape (nv,)."""
+    def velocities(self, x: Array) -> Array:
+        """Joint velocities or accelerations in Pinocchio's order, shape (nv,)."""
         theirs = np.zeros(self.theirs.nv)
         theirs[self.v] = self.model.coordinate_map @ x
         return theirs
@@ -65,7 +65,9 @@ class Oracle:
 
     def inverse_dynamics(self, q: Array, qd: Array, qdd: Array, *forces: Any) -> Array:
         """Joint torques by `rnea`."""
-        return self.torque(self.pin.rnea(self.theirs, self.data, self.q(q), self.rates(qd), self.rates(qdd), *forces))
+        return self.torque(
+            self.pin.rnea(self.theirs, self.data, self.q(q), self.velocities(qd), self.velocities(qdd), *forces)
+        )
 
     def mass_matrix(self, q: Array) -> Array:
         """Mass matrix by `crba`."""
@@ -77,17 +79,17 @@ class Oracle:
 
     def bias_torque(self, q: Array, qd: Array) -> Array:
         """Bias torques by `nonLinearEffects`."""
-        return self.torque(self.pin.nonLinearEffects(self.theirs, self.data, self.q(q), self.rates(qd)))
+        return self.torque(self.pin.nonLinearEffects(self.theirs, self.data, self.q(q), self.velocities(qd)))
 
     def coriolis_matrix(self, q: Array, qd: Array) -> Array:
         """Coriolis matrix by `computeCoriolisMatrix`."""
-        return self.matrix(self.pin.computeCoriolisMatrix(self.theirs, self.data, self.q(q), self.rates(qd)))
+        return self.matrix(self.pin.computeCoriolisMatrix(self.theirs, self.data, self.q(q), self.velocities(qd)))
 
     def forward_dynamics(self, q: Array, qd: Array, tau: Array) -> Array:
         """Joint accelerations by `aba`; for robots without mimic joints."""
         theirs = np.zeros(self.theirs.nv)
         theirs[self.v] = tau
-        qdd: Array = self.pin.aba(self.theirs, self.data, self.q(q), self.rates(qd), theirs)[self.v]
+        qdd: Array = self.pin.aba(self.theirs, self.data, self.q(q), self.velocities(qd), theirs)[self.v]
         return qdd
 
 
