@@ -202,7 +202,7 @@ def test_adaptation_pauses_at_the_limits(arm):
     for used, share in ((0.8, 1.0), (0.95, 0.5), (1.3, 0.0)):
         limit = np.full(3, 2 * np.abs(torques).max())
         limit[1] = abs(torques[1]) / used
-        same, slowed = law_of(arm, torque_limit=limit)(*state)
+        same, slowed = law_of(arm, effort_limit=limit)(*state)
         np.testing.assert_array_equal(same, torques)
         np.testing.assert_allclose(slowed, share * rates, rtol=1e-9, atol=1e-12)
 
@@ -211,11 +211,11 @@ def test_adaptation_pauses_at_the_limits(arm):
 def test_saturated_drives_let_the_estimates_escape_unless_adaptation_pauses(irb140):
     limit = [30, 150, 50, 5, 3, 1]
     options = {"bodies": ["joint_6"], "gain": 30.0, "consistent": True}
-    scene = {"payload": 3.0, "torque_limit": limit}
+    scene = {"payload": 3.0, "effort_limit": limit}
     law = rne.control.adaptive(irb140, KD, [BANDWIDTH] * 6, circle, **options)
     with pytest.raises(rne.SimulationError), np.errstate(over="ignore"):
         rne.simulate(rne.Scene(irb140, controller=law, **scene), *circle(0)[:2], 1.0)
-    pausing = rne.control.adaptive(irb140, KD, [BANDWIDTH] * 6, circle, torque_limit=limit, **options)
+    pausing = rne.control.adaptive(irb140, KD, [BANDWIDTH] * 6, circle, effort_limit=limit, **options)
     times = np.linspace(8, 10, 201)
     motion = rne.simulate(rne.Scene(irb140, controller=pausing, **scene), *circle(0)[:2], 10.0, t_eval=times)
     assert np.abs(motion.q - circle(times[:, None])[0]).max() < 2e-3
@@ -225,7 +225,7 @@ def test_saturated_drives_let_the_estimates_escape_unless_adaptation_pauses(irb1
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"torque_limit": [1, 1, 0]}, "`torque_limit` must be positive, got 0.0"),
+        ({"effort_limit": [1, 1, 0]}, "`effort_limit` must be positive, got 0.0"),
         (
             {"bodies": ["joint_9"]},
             "`bodies` must name joints of ['joint_1', 'joint_2', 'joint_3'], got 'joint_9'",

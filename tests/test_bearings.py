@@ -96,15 +96,13 @@ def empty(trajectory):
 
 
 def test_empty_trajectory_is_refused(irb140, swing):
-    with pytest.raises(ValueError, match=r"^`trajectory` must have at least one sample, got none$"):
+    with pytest.raises(ValueError, match=r"^`motion` must have at least one sample, got none$"):
         rne.bearing_peaks(irb140, empty(swing))
 
 
 def test_trajectory_of_another_robot_is_refused(swing):
     other = rne.Robot(straight_chain(2))
-    with pytest.raises(
-        ValueError, match=r"^`trajectory.q` must have shape \(51, 2\) for robot 'chain2', got \(51, 6\)$"
-    ):
+    with pytest.raises(ValueError, match=r"^`motion.q` must have shape \(51, 2\) for robot 'chain2', got \(51, 6\)$"):
         rne.bearing_peaks(other, swing)
 
 
@@ -114,5 +112,5 @@ def test_model_for_robot_is_refused(irb140, swing):
 
 
 def test_array_for_trajectory_is_refused(irb140, swing):
-    with pytest.raises(TypeError, match=r"^`trajectory` must be an rne.Trajectory, got ndarray$"):
+    with pytest.raises(TypeError, match=r"^`motion` must be an rne.Trajectory, got ndarray$"):
         rne.bearing_peaks(irb140, swing.q)

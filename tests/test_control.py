@@ -108,7 +108,7 @@ def test_one_number_is_meant_for_all_joints_of_laws_with_states(irb140):
     path, q, qd = rne.trajectories.quintic([0] * 6, [1] * 6, 1.0), *states(6)[:2]
     for make in (
         lambda x: rne.control.pid(irb140, x(50), x(10), x(20), x(0.5), windup=x(3)),
-        lambda x: rne.control.adaptive(irb140, x(20), x(10), path, viscous=x(2), coulomb=x(1), torque_limit=x(99)),
+        lambda x: rne.control.adaptive(irb140, x(20), x(10), path, viscous=x(2), coulomb=x(1), effort_limit=x(99)),
     ):
         one, six = make(lambda a: a), make(lambda a: [a] * 6)
         for single, several in zip(

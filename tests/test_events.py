@@ -148,7 +148,7 @@ def test_a_drive_at_its_limit_is_not_stepped_over(method, marked, coulomb):
 
     friction = None if coulomb is None else rne.Friction(coulomb=coulomb, smoothing=0)
     controller = rne.traceable(law) if marked else law
-    scene = rne.Scene(slider(), torque_limit=[2.0], friction=friction, controller=controller)
+    scene = rne.Scene(slider(), effort_limit=[2.0], friction=friction, controller=controller)
     end = 2.0 if coulomb is None else 0.9  # before it would slip back
     motion = rne.simulate(scene, [0], [0], end, method=method, rtol=1e-9, atol=1e-12)
     t = np.linspace(0, end, 400_001)

@@ -407,7 +407,7 @@ def test_something_that_is_no_robot(arm):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ((0.0,), "`rate` must be positive, got 0.0"),
+        ((0.0,), "`sample_rate` must be positive, got 0.0"),
         ((50.0, 0), "`periods` must be a whole number above zero, got 0"),
         ((50.0, True), "`periods` must be a whole number above zero, got True"),
     ],

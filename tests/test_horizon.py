@@ -150,7 +150,7 @@ def test_where_something_switches_the_horizon_claims_no_more_than_is_true(kind):
         "called": {"controller": lambda t, q, qd: switching(t, q, qd)},
         "sampled": {"controller": switching, "sample_time": 0.01},
         "dry": {"friction": rne.Friction(coulomb=0.5, smoothing=0)},
-        "clipped": {"controller": rne.control.pd(robot, [50] * n, [1] * n, [0] * n), "torque_limit": [3.0] * n},
+        "clipped": {"controller": rne.control.pd(robot, [50] * n, [1] * n, [0] * n), "effort_limit": [3.0] * n},
     }
     scene = rne.Scene(robot, **parts[kind])
     t, q0 = np.linspace(0, 1, 401), np.array([0.5, 0.3])[:n]

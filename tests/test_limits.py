@@ -140,7 +140,7 @@ def test_saturated_drives_exceed_no_effort(irb140):
     law = pd_gravity(weak, KP, KD, CLOSED_LOOPS[0].reference)
     torques = [
         [v.joint for v in rne.simulate(scene, np.zeros(6), np.zeros(6), 0.3).check_limits() if v.quantity == "torque"]
-        for scene in (rne.Scene(weak, controller=law), rne.Scene(weak, controller=law, torque_limit="urdf"))
+        for scene in (rne.Scene(weak, controller=law), rne.Scene(weak, controller=law, effort_limit="urdf"))
     ]
     assert torques[1] == []
     assert "joint_1" in torques[0]

@@ -63,7 +63,7 @@ def objects(robot, motion):
         rne.trajectories.trapezoidal(z, ones, 2.0, 0.5),
         friction,
         payload,
-        rne.Scene(robot, payload=payload, friction=friction, controller=law, sample_time=0.01, torque_limit=list(ones)),
+        rne.Scene(robot, payload=payload, friction=friction, controller=law, sample_time=0.01, effort_limit=list(ones)),
         *dataclasses.replace(motion, q=100 * motion.q).check_limits()[:1],
         *([gains] if gains else []),
     ]

@@ -131,7 +131,7 @@ def test_draw_on_given_axes_adds_and_keeps_room_for_both(irb140):
     ax = figure.add_subplot(projection="3d")
     assert rne.plotting.draw(irb140, [0] * 6, ax) is figure
     before = limits(ax)
-    rne.plotting.draw(irb140, BENT, ax=ax)
+    rne.plotting.draw(irb140, BENT, axes=ax)
     assert (limits(ax)[:, 0] <= before[:, 0]).all()
     assert (limits(ax)[:, 1] >= before[:, 1]).all()
     assert len(ax.collections) == 2
@@ -233,7 +233,7 @@ WRONG = {
     "draw flat": (
         lambda r, s: rne.plotting.draw(r, [0] * 6, Figure().add_subplot()),
         TypeError,
-        "`ax` must be matplotlib axes of projection='3d', got Axes",
+        "`axes` must be matplotlib axes of projection='3d', got Axes",
     ),
     "animation model": (
         lambda r, s: rne.plotting.animate(r.model, s, "a.gif"),

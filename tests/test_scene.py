@@ -105,7 +105,7 @@ class TestCost:
 
     def test_a_sampled_scene_costs_what_its_held_torques_do(self, irb140):
         law = rne.control.pd(irb140, [50] * 6, [20] * 6, [0] * 6)
-        limits = {"sample_time": 1e-3, "torque_limit": [40.0] * 6, "torque_rate": [1e3] * 6}
+        limits = {"sample_time": 1e-3, "effort_limit": [40.0] * 6, "torque_rate": [1e3] * 6}
         costs = rne.Scene(irb140, controller=law, **limits).cost()
         assert costs["controller"] == costs["total"] - rne.Scene(irb140).cost()["total"] > 0
 
@@ -201,7 +201,7 @@ class TestTracing:
 
         law = rne.control.pid(irb140, [50] * 6, [5] * 6, [20] * 6, [0.1] * 6, gravity=True)
         scene = rne.Scene(
-            irb140, controller=law, friction=rne.Friction(1.0, 2.0, smoothing=0.5), torque_limit=[300] * 6
+            irb140, controller=law, friction=rne.Friction(1.0, 2.0, smoothing=0.5), effort_limit=[300] * 6
         )
         plant = Plant(scene.right_hand_side, None)
         x = np.random.default_rng(1).uniform(-1, 1, scene.right_hand_side.size)
@@ -220,10 +220,21 @@ class TestTracing:
         assert np.array_equal(again.kernel(np.zeros(1), x), full.kernel(np.zeros(1), x))
 
 
+def test_one_number_is_meant_for_all_joints_of_a_scene(irb140):
+    law = rne.control.pd(irb140, 50, 20, 0)
+    one, six = (
+        rne.Scene(irb140, controller=law, sample_time=1e-3, armature=x(2.0), effort_limit=x(40), torque_rate=x(np.inf))
+        for x in (lambda a: a, lambda a: [a] * 6)
+    )
+    for name in ("effort_limit", "torque_rate"):
+        np.testing.assert_array_equal(getattr(one.resolved, name), getattr(six.resolved, name))
+    np.testing.assert_array_equal(one.resolved.robot.model.armature, [2.0] * 6)
+
+
 class TestLimits:
     def test_torques_are_held_within_limits(self, irb140):
         law = rne.control.pd(irb140, [5000] * 6, [20] * 6, [1] * 6)
-        motion = rne.simulate(rne.Scene(irb140, controller=law, torque_limit=[40] * 6), [0] * 6, [0] * 6, 0.05)
+        motion = rne.simulate(rne.Scene(irb140, controller=law, effort_limit=[40] * 6), [0] * 6, [0] * 6, 0.05)
         assert np.abs(motion.tau).max() == 40.0
 
     def test_a_stop_ends_the_run_where_it_is(self, irb140):
@@ -254,7 +265,7 @@ class TestLimits:
         """Asked for +-100 N m, limited to 10 N m and 5 N m per sample: from 10 it comes back at once."""
         scene = rne.Scene(
             irb140, controller=lambda t, q, qd: np.full(6, 100.0 if t < 0.0015 else -100.0), sample_time=1e-3,
-            torque_limit=[10.0] * 6, torque_rate=[5000.0] * 6,
+            effort_limit=[10.0] * 6, torque_rate=[5000.0] * 6,
         )  # fmt: skip
         motion = rne.simulate(scene, [0] * 6, [0] * 6, 7e-3)
         assert motion.tau[:-1, 0] == pytest.approx([10, 10, 5, 0, -5, -10, -10])
@@ -291,8 +302,8 @@ class TestLimits:
         ),
         ({"armature": [1]}, ValueError, "`armature` must have shape (6,), got (1,)"),
         ({"armature": [-1] * 6}, ValueError, "`armature` must not be negative, got -1.0"),
-        ({"torque_limit": "file"}, ValueError, "`torque_limit` must be an array or 'urdf', got 'file'"),
-        ({"torque_limit": True}, ValueError, "`torque_limit` must be an array or 'urdf', got True"),
+        ({"effort_limit": "file"}, ValueError, "`effort_limit` must be an array or 'urdf', got 'file'"),
+        ({"effort_limit": True}, ValueError, "`effort_limit` must be an array or 'urdf', got True"),
         ({"controller": 3}, TypeError, "`controller` must be a function of (t, q, qd), got int"),
         ({"sample_time": 1.0}, ValueError, "`sample_time` needs a `controller`"),
         (
@@ -479,7 +490,7 @@ class TestDryFrictionOfSeveralJoints:
         law = rne.control.pid(two, [50, 20], [30, 10], [10, 4], [0.3, -0.2], gravity=True)
         friction = rne.Friction(viscous=0.1, coulomb=[0.5, 0.2], smoothing=0)
         motion = rne.simulate(
-            rne.Scene(two, friction=friction, torque_limit=[8, 3], controller=law), [0, 0], [0, 0], 3.0
+            rne.Scene(two, friction=friction, effort_limit=[8, 3], controller=law), [0, 0], [0, 0], 3.0
         )
         assert motion.status == 0
         assert motion.energy_drift <= 1e-6
@@ -675,15 +686,15 @@ class TestTorqueLimits:
     def test_unlimited_efforts_of_the_file_cost_nothing(self, irb140):
         """The IRB 140's efforts are unknown, infinite on record: the kernel stays written out."""
         law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0] * 6)
-        limited = rne.Scene(irb140, controller=law, torque_limit="urdf")
-        assert limited.resolved.torque_limit is None
+        limited = rne.Scene(irb140, controller=law, effort_limit="urdf")
+        assert limited.resolved.effort_limit is None
         assert limited.cost()["total"] == rne.Scene(irb140, controller=law).cost()["total"]
 
     def test_drives_are_limited_each_by_itself(self, irb140):
         model = replace(irb140.model, effort_limit=np.array([40.0, np.inf, np.inf, np.inf, np.inf, np.inf]))
         robot = rne.Robot(model)
         law = rne.control.pd_gravity(robot, [500] * 6, [20] * 6, [1] * 6)
-        scene = rne.Scene(robot, controller=law, torque_limit="urdf")
+        scene = rne.Scene(robot, controller=law, effort_limit="urdf")
         motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.02)
         assert scene.kernel.is_unrolled
         assert np.abs(motion.tau[:, 0]).max() == 40.0

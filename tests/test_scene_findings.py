@@ -95,8 +95,8 @@ def test_complex_torques_keep_their_imaginary_part(irb140):
 
 def test_infinite_limits_are_no_limits(irb140):
     law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0] * 6)
-    free = rne.Scene(irb140, controller=law, torque_limit=np.full(6, np.inf))
-    assert free.resolved.torque_limit is None
+    free = rne.Scene(irb140, controller=law, effort_limit=np.full(6, np.inf))
+    assert free.resolved.effort_limit is None
     rate = rne.Scene(irb140, controller=law, sample_time=1e-3, torque_rate=[np.inf] * 5 + [1.0]).resolved.torque_rate
     assert rate[5] == 1.0
 

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 import rne
 
 robot = rne.load("ur5").with_payload(3.0, com=[0, 0, 0.08], link="tool0")
-torque_limit = robot.effort_limit  # as in the URDF [N m]
+effort_limit = robot.effort_limit  # as in the URDF [N m]
 speed_limit = robot.velocity_limit  # [rad/s]
-for name, torque, speed in zip(robot.joint_names, torque_limit, speed_limit):
+for name, torque, speed in zip(robot.joint_names, effort_limit, speed_limit):
     print(f"{name:20} at most {torque:.0f} N m, {speed:.2f} rad/s")
 
 # %%
@@ -54,7 +54,7 @@ figure = Figure(figsize=(9, 4), layout="constrained")
 axes = figure.subplots(1, 2, sharey=True)
 for ax, (name, tau) in zip(axes, torques.items()):
     ax.axhspan(-1, 1, color="0.93")
-    ax.plot(t, tau / torque_limit, label=robot.joint_names)
+    ax.plot(t, tau / effort_limit, label=robot.joint_names)
     ax.set(title=f"{name} reference", xlabel="time [s]")
 axes[0].set_ylabel("torque / limit of the joint")
 axes[1].legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
@@ -67,7 +67,7 @@ figure
 # can follow the reference.
 
 for name, tau in torques.items():
-    used = abs(tau).max(axis=0) / torque_limit
+    used = abs(tau).max(axis=0) / effort_limit
     print(f"{name}: bottleneck {robot.joint_names[used.argmax()]}")
     for joint, peak, ratio in zip(robot.joint_names, abs(tau).max(axis=0), used):
         print(f"    {joint:20} peak {peak:6.2f} N m, {ratio:4.0%} of the limit")
@@ -94,7 +94,7 @@ for name, reference in references.items():
     g = robot.gravity_torque(q)
     factor = (duration / T[:, None, None]) ** 2
     scaled = g + factor * (torques[name] - g)  # durations, samples, joints
-    torque_use = (abs(scaled) / torque_limit).max(axis=(1, 2))
+    torque_use = (abs(scaled) / effort_limit).max(axis=(1, 2))
     speed_use = duration / T * (abs(qd) / speed_limit).max()
     (line,) = ax.plot(T, torque_use, label=f"{name}: torque")
     ax.plot(T, speed_use, "--", color=line.get_color(), label=f"{name}: speed")
@@ -120,6 +120,6 @@ figure
 by_torque, _ = shortest["quintic"]
 fastest = rne.trajectories.quintic(start, end, by_torque)
 tau = robot.inverse_dynamics(*fastest(t * by_torque / duration))
-use = (abs(tau) / torque_limit).max()
+use = (abs(tau) / effort_limit).max()
 print(f"quintic in {by_torque:.3f} s: largest torque / limit = {use:.4f}")
 assert abs(use - 1) < 1e-3

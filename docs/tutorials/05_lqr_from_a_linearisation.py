@@ -68,7 +68,7 @@ def lqr(t, q, qd):
 
 
 drives = [50.0, 0.0, 0.0]  # largest force of the cart's drive [N]; free hinges
-scene = rne.Scene(robot, controller=lqr, torque_limit=drives)
+scene = rne.Scene(robot, controller=lqr, effort_limit=drives)
 
 # %%
 # A push

@@ -51,8 +51,8 @@ VARIATIONS = (
     Variation("viscous friction 5 N m s", {"friction": rne.Friction(viscous=5)}),
     Variation("viscous friction 20 N m s", {"friction": rne.Friction(viscous=20)}),
     Variation("Coulomb friction 5 N m", {"friction": rne.Friction(coulomb=5)}),
-    Variation("torque limit 100 N m", {"torque_limit": (100,) * 6}),
-    Variation("torque limit 60 N m", {"torque_limit": (60,) * 6}),
+    Variation("torque limit 100 N m", {"effort_limit": (100,) * 6}),
+    Variation("torque limit 60 N m", {"effort_limit": (60,) * 6}),
     Variation("rate limit 1e5 N m/s", {"torque_rate": (1e5,) * 6, "sample_time": SAMPLE_TIME}),
     Variation("rate limit 3e3 N m/s", {"torque_rate": (3e3,) * 6, "sample_time": SAMPLE_TIME}),
 )
@@ -92,7 +92,7 @@ def vary(k: int, variation: Variation) -> Outcome:
 def outcome(motion: rne.Trajectory, k: int, scene: rne.Scene) -> Outcome:
     """The figures of a motion of 6.5-(k+1)."""
     reference = np.array(CLOSED_LOOPS[k].reference)
-    limit = scene.resolved.torque_limit
+    limit = scene.resolved.effort_limit
     at_limit = np.zeros(6)
     if limit is not None:
         full = np.abs(motion.tau) >= limit * (1 - 1e-9)

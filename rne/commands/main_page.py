@@ -152,7 +152,7 @@ def plot_robot(robot: Robot, q: ArrayLike) -> Figure:
     figure = blank_figure(WIDTH, 5.6)
     figure.set_layout_engine("none")
     ax = figure.add_axes((0.0, 0.24, 0.96, 0.76), projection="3d")
-    draw(robot, q, ax=ax)
+    draw(robot, q, axes=ax)
     beside: Any = ax.get_legend()
     beside.remove()
     labels = [text.get_text() for text in beside.get_texts()]

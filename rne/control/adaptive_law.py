@@ -33,7 +33,7 @@ class Adaptive:
 
     Attributes
     ----------
-    robot, kd, bandwidth, reference, gain, bodies, consistent, viscous, coulomb, smoothing, torque_limit
+    robot, kd, bandwidth, reference, gain, bodies, consistent, viscous, coulomb, smoothing, effort_limit
         Arguments of `adaptive`; numbers per joint as ndarrays of shape (n,), `bodies` as the tuple of all that adapt.
 
     Examples
@@ -56,7 +56,7 @@ class Adaptive:
     viscous: Array | None = None
     coulomb: Array | None = None
     smoothing: float = SMOOTHING
-    torque_limit: Array | None = None
+    effort_limit: Array | None = None
     traceable = True
 
     __repr__ = summary
@@ -115,9 +115,9 @@ class Adaptive:
 
     def _share(self, u: Array) -> Array | float:
         """1 as long as every torque is within its limit by the margin, falling to 0 at the limit."""
-        if self.torque_limit is None:
+        if self.effort_limit is None:
             return 1.0
-        used = np.abs(u) / self.torque_limit
+        used = np.abs(u) / self.effort_limit
         share: Array = np.asarray(1.0)
         for joint in range(self.robot.n):
             share = minimum(share, (1.0 - used[..., joint : joint + 1]) / FADING)
@@ -232,7 +232,7 @@ def adaptive(
     viscous: ArrayLike | None = None,
     coulomb: ArrayLike | None = None,
     smoothing: float = SMOOTHING,
-    torque_limit: ArrayLike | None = None,
+    effort_limit: ArrayLike | None = None,
 ) -> Adaptive:
     """Tracking with parameters that adapt: u = Y pi - Kd s, with s = e' + bandwidth e and d(pi)/dt = -Gamma Y^T s.
 
@@ -260,7 +260,7 @@ def adaptive(
         given is not modelled [N m s/rad or N s/m; N m or N].
     smoothing : float
         Coulomb friction is modelled as Fc tanh(qdr / smoothing), qdr = qd_ref - bandwidth e [rad/s or m/s].
-    torque_limit : float or array_like, shape (n,), optional
+    effort_limit : float or array_like, shape (n,), optional
         The drives' limits. The adaptation slows down where a torque comes within 10 % of them, and pauses beyond: a
         torque that the drives do not deliver would pass for an error of the parameters [N m or N].
 
@@ -281,9 +281,9 @@ def adaptive(
     s, dP/dt = -gain P0 S P0, which is a constant Gamma; the consistent law is dP/dt = -gain P S P, Lee, Kwon and Park
     2018. Both make V = s^T M s / 2 + distance / gain fall, V' = -s^T Kd s, so that the tracking error goes to zero for
     any gains, if the robot that moves differs from the model in the parameters that are adapted alone. With
-    `torque_limit` this holds while every torque is below 90 % of its limit; beyond, adaptation slows down and V may
+    `effort_limit` this holds while every torque is below 90 % of its limit; beyond, adaptation slows down and V may
     grow. The proof fails with saturated drives, by which the estimates of the consistent law can grow without bound in
-    finite time if `torque_limit` is not given; with friction or disturbances that are not modelled, which let estimates
+    finite time if `effort_limit` is not given; with friction or disturbances that are not modelled, which let estimates
     drift; and with a sampled controller whose sample time is long. The parameters themselves converge if the reference
     excites all of them persistently; combinations that do not act on the torques never do.
 
@@ -297,7 +297,7 @@ def adaptive(
     """
     d, decay = checked_vectors(robot, sign="positive", kd=kd, bandwidth=bandwidth)
     check_reference(robot, reference)
-    given = {"viscous": viscous, "coulomb": coulomb, "torque_limit": torque_limit}
+    given = {"viscous": viscous, "coulomb": coulomb, "effort_limit": effort_limit}
     options = {
         name: None if value is None else checked_vectors(robot, sign="positive", **{name: value})[0]
         for name, value in given.items()

@@ -272,14 +272,14 @@ class BearingPeaks:
         return "\n".join([title, *aligned(rows)])
 
 
-def bearing_peaks(robot: Any, trajectory: Any) -> BearingPeaks:
+def bearing_peaks(robot: Any, motion: Any) -> BearingPeaks:
     """Largest force and torque on every joint's bearing during a motion, and when they occur.
 
     Parameters
     ----------
     robot : Robot or Scene
         What moved; of a Scene, its robot with mounting, payload and locked joints.
-    trajectory : Trajectory
+    motion : Trajectory
         A motion of this robot. Loads are computed at its samples only: give `simulate` a fine `t_eval`.
 
     Returns
@@ -290,14 +290,14 @@ def bearing_peaks(robot: Any, trajectory: Any) -> BearingPeaks:
     Raises
     ------
     TypeError
-        If `robot` is no Robot or Scene, or `trajectory` no Trajectory.
+        If `robot` is no Robot or Scene, or `motion` no Trajectory.
     ValueError
-        If the trajectory has no samples or is of a robot with another number of joints, or a load overflows.
+        If the motion has no samples or is of a robot with another number of joints, or a load overflows.
 
     Notes
     -----
     Høifødt 2011, (3.24), (3.27) and (5.3): the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
-    Accelerations are those recorded in the trajectory.
+    Accelerations are those recorded in the motion.
 
     Examples
     --------
@@ -311,16 +311,16 @@ def bearing_peaks(robot: Any, trajectory: Any) -> BearingPeaks:
     moved = getattr(moved, "robot", moved)
     if not hasattr(moved, "recursion"):
         raise TypeError(f"`robot` must be an rne.Robot or rne.Scene, got {type(robot).__name__}")
-    if not hasattr(trajectory, "qdd"):
-        raise TypeError(f"`trajectory` must be an rne.Trajectory, got {type(trajectory).__name__}")
-    t, q = trajectory.t, trajectory.q
+    if not hasattr(motion, "qdd"):
+        raise TypeError(f"`motion` must be an rne.Trajectory, got {type(motion).__name__}")
+    t, q = motion.t, motion.q
     if not len(t):
-        raise ValueError("`trajectory` must have at least one sample, got none")
+        raise ValueError("`motion` must have at least one sample, got none")
     if q.shape != (len(t), moved.n):
         raise ValueError(
-            f"`trajectory.q` must have shape ({len(t)}, {moved.n}) for robot {moved.model.name!r}, got {q.shape}"
+            f"`motion.q` must have shape ({len(t)}, {moved.n}) for robot {moved.model.name!r}, got {q.shape}"
         )
-    force, torque = bearing_loads(moved.recursion(q, trajectory.qd, trajectory.qdd), moved.model)
+    force, torque = bearing_loads(moved.recursion(q, motion.qd, motion.qdd), moved.model)
     return BearingPeaks(
         joints=moved.model.moving_joints,
         force=force.max(axis=0),

@@ -137,7 +137,7 @@ def _robot_figure(robot: Robot) -> Figure:
     figure = blank_figure(4.4, 3.9)
     figure.set_layout_engine("none")
     ax: Any = figure.add_axes((0.02, 0.1, 0.86, 0.9), projection="3d")
-    draw(robot, np.zeros(robot.n), ax=ax)
+    draw(robot, np.zeros(robot.n), axes=ax)
     if ax.get_legend() is not None:
         ax.get_legend().remove()
     return figure

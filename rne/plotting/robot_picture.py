@@ -26,7 +26,7 @@ MAX_NAME = 24  # characters of a link's name in the legend
 ABOVE = 100  # zorder above the surfaces, for which matplotlib uses small numbers
 
 
-def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
+def draw(robot: Robot, q: ArrayLike, axes: Any = None) -> Figure:
     """Draw a robot at one position.
 
     Parameters
@@ -35,7 +35,7 @@ def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
         The robot.
     q : array_like, shape (n,)
         Joint positions [rad or m].
-    ax : matplotlib 3-D axes, optional
+    axes : matplotlib 3-D axes, optional
         Axes to add the robot to; those of a new figure if not given.
 
     Returns
@@ -46,7 +46,7 @@ def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
     Raises
     ------
     TypeError
-        If `robot` is no Robot, or `ax` no 3-D axes.
+        If `robot` is no Robot, or `axes` no 3-D axes.
     ValueError
         If `q` has the wrong shape or is not finite.
     ImportError
@@ -74,12 +74,12 @@ def draw(robot: Robot, q: ArrayLike, ax: Any = None) -> Figure:
     poses = robot.link_poses(real_array("q", q, f"({robot.n},)"))
     if poses.ndim != 3:
         raise ValueError(f"`q` must have shape ({robot.n},), one position, got {np.shape(q)}")
-    if ax is None:
-        ax = blank_axes(robot.model.name)
-    elif getattr(ax, "name", None) != "3d":
-        raise TypeError(f"`ax` must be matplotlib axes of projection='3d', got {type(ax).__name__}")
-    Picture(ax, robot.model, poses[None]).place(0)
-    figure: Figure = ax.figure
+    if axes is None:
+        axes = blank_axes(robot.model.name)
+    elif getattr(axes, "name", None) != "3d":
+        raise TypeError(f"`axes` must be matplotlib axes of projection='3d', got {type(axes).__name__}")
+    Picture(axes, robot.model, poses[None]).place(0)
+    figure: Figure = axes.figure
     return figure
 
 
@@ -103,7 +103,7 @@ class Picture:
 
     Parameters
     ----------
-    ax : matplotlib 3-D axes
+    axes : matplotlib 3-D axes
     model : Model
         The robot's parameters.
     poses : ndarray, shape (frames, n_links, 4, 4)

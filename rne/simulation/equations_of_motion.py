@@ -49,7 +49,7 @@ class SceneDynamics:
     robot : Robot
         The scene's robot, with payload and locked joints.
     friction : Friction or None
-    torque_limit : ndarray, shape (n,), or None
+    effort_limit : ndarray, shape (n,), or None
         Largest torque of each drive.
     law : callable or None
         A traceable law.
@@ -63,7 +63,7 @@ class SceneDynamics:
 
     robot: Robot
     friction: Friction | None
-    torque_limit: Array | None
+    effort_limit: Array | None
     law: Any
     torque_given: bool
     states: int = 0
@@ -77,12 +77,12 @@ class AppliedTorques:
 
     def __init__(self, dynamics: SceneDynamics) -> None:
         self.dynamics = dynamics
-        self.robot, self.friction, self.torque_limit = dynamics.robot, dynamics.friction, dynamics.torque_limit
+        self.robot, self.friction, self.effort_limit = dynamics.robot, dynamics.friction, dynamics.effort_limit
         self.law, self.torque_given = dynamics.law, dynamics.torque_given
         self._traced_law = None if dynamics.law is None else TracedLaw(dynamics.law, dynamics.robot.n)
         self.controller_states = dynamics.states if self._traced_law is None else self._traced_law.states
         has_drives = dynamics.law is not None or dynamics.torque_given
-        self.with_impulses = dynamics.with_impulses and dynamics.torque_limit is not None and has_drives
+        self.with_impulses = dynamics.with_impulses and dynamics.effort_limit is not None and has_drives
         f = dynamics.friction
         ledger = {
             "drives": has_drives,
@@ -122,12 +122,12 @@ class AppliedTorques:
             u, rates = self._traced_law(t, x)
         elif u is not None and self.controller_states:
             u, rates = u[..., :n], u[..., n:]
-        if u is None or self.torque_limit is None:
+        if u is None or self.effort_limit is None:
             return u, rates
         if self.with_impulses:
             impulses = u * (1 / self.typical_inertia)
             rates = impulses if rates is None else np.concatenate([rates, impulses], axis=-1)
-        return clip(u, -self.torque_limit, self.torque_limit), rates
+        return clip(u, -self.effort_limit, self.effort_limit), rates
 
     def parts(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array], list[Array]]:
         """Net torques, the rates of the controller's states, and the powers of the ledger."""

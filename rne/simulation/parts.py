@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, convert_numbers, vector
+from ..basics.arrays import UNBOUNDED, convert_numbers, per_joint_array
 from ..basics.spatial import Array
 from ..robot import Robot
 from .friction import Friction, urdf_friction
@@ -52,7 +52,7 @@ class ResolvedScene:
     robot : Robot
         Mounted, with payload, joints locked, the drives' inertia added.
     friction : Friction or None
-    torque_limit : ndarray, shape (n,), or None
+    effort_limit : ndarray, shape (n,), or None
         Largest torque of each drive; None if none is limited [N m or N].
     torque_rate : ndarray, shape (n,), or None
         Largest change of a held torque per second [N m/s or N/s].
@@ -60,7 +60,7 @@ class ResolvedScene:
 
     robot: Robot
     friction: Friction | None
-    torque_limit: Array | None
+    effort_limit: Array | None
     torque_rate: Array | None
 
 
@@ -84,14 +84,14 @@ def resolved_limit(limit: ArrayLike | str | None, robot: Robot) -> Array | None:
         return None
     if isinstance(limit, str | bool):
         if limit != "urdf":
-            raise ValueError(f"`torque_limit` must be an array or 'urdf', got {limit!r}")
+            raise ValueError(f"`effort_limit` must be an array or 'urdf', got {limit!r}")
         bounds = np.asarray(robot.effort_limit, dtype=float)
     else:
-        bounds = bounds_of("torque_limit", limit, robot.n)
+        bounds = bounds_of("effort_limit", limit, robot.n)
     return None if (bounds >= UNBOUNDED).all() else np.minimum(bounds, UNBOUNDED)
 
 
 def bounds_of(name: str, value: ArrayLike, n: int) -> Array:
     """Largest absolute values, one per joint; an infinite one is no bound."""
     array = convert_numbers(name, value, f"({n},)")
-    return vector(name, np.where(np.isposinf(array), UNBOUNDED, array), n, sign="not negative")
+    return per_joint_array(name, np.where(np.isposinf(array), UNBOUNDED, array), n, sign="not negative")

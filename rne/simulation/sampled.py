@@ -37,8 +37,8 @@ class ZeroOrderHold:
         parts, held = self.scene.resolved, np.asarray(self.plant.held)
         self.state = self.next_state
         u = np.asarray(self._caller.torque(t, x))
-        if parts.torque_limit is not None:
-            u = np.clip(u, -parts.torque_limit, parts.torque_limit)
+        if parts.effort_limit is not None:
+            u = np.clip(u, -parts.effort_limit, parts.effort_limit)
         if parts.torque_rate is not None and not self.is_first:
             step = parts.torque_rate * self.period
             u = np.clip(u, held - step, held + step)

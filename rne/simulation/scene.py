@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers, positive_number, vector
+from ..basics.arrays import convert_numbers, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..kernels.kernel import Kernel
@@ -45,11 +45,11 @@ class Scene:
         Joints held at a position, by name; they are not coordinates of the scene [rad or m].
     friction : Friction or "urdf", optional
         "urdf" takes the damping and friction of the file's `<dynamics>`.
-    armature : array_like, shape (n,), optional
+    armature : float or array_like, shape (n,), optional
         Inertia of the drives reflected to the joints [kg m^2 or kg].
-    torque_limit : array_like, shape (n,), or "urdf", optional
+    effort_limit : float or array_like, shape (n,), or "urdf", optional
         Largest torque of each drive; "urdf" takes the file's `effort`, as far as it limits any [N m or N].
-    torque_rate : array_like, shape (n,), optional
+    torque_rate : float or array_like, shape (n,), optional
         Largest change of a drive's torque per second, from one sample to the next [N m/s or N/s].
     stops : bool
         True to end a run, with status 1, when a joint reaches a limit of its range.
@@ -82,7 +82,7 @@ class Scene:
     locked: Mapping[str, float] | None = None
     friction: Friction | str | None = None
     armature: ArrayLike | None = None
-    torque_limit: ArrayLike | str | None = None
+    effort_limit: ArrayLike | str | None = None
     torque_rate: ArrayLike | None = None
     stops: bool = False
     controller: Any = None
@@ -104,7 +104,7 @@ class Scene:
             raise ValueError(
                 "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next"
             )
-        for name in ("mounting", "gravity", "armature", "torque_limit", "torque_rate"):
+        for name in ("mounting", "gravity", "armature", "effort_limit", "torque_rate"):
             if isinstance(getattr(self, name), np.ndarray):  # the caller may change the array later
                 object.__setattr__(self, name, getattr(self, name).copy())
         if self.formulation not in FORMULATIONS:
@@ -126,7 +126,7 @@ class Scene:
         return ResolvedScene(
             robot,
             resolved_friction(self.friction, robot),
-            resolved_limit(self.torque_limit, robot),
+            resolved_limit(self.effort_limit, robot),
             None if self.torque_rate is None else bounds_of("torque_rate", self.torque_rate, robot.n),
         )
 
@@ -144,7 +144,7 @@ class Scene:
         if self.armature is not None:
             if robot.model.has_mimics:
                 raise ValueError("`armature` of a robot with mimicking joints belongs to its Model, joint by joint")
-            armature = vector("armature", self.armature, robot.n, sign="not negative")
+            armature = per_joint_array("armature", self.armature, robot.n, sign="not negative")
             robot = Robot(replace(robot.model, armature=armature), robot.engine)
         return robot
 
@@ -167,9 +167,9 @@ class Scene:
         parts = self.resolved
         law, given = self._traced_law, self.controller is not None and self._traced_law is None
         states = int(getattr(self.controller, "states", 0)) if given and self.sample_time is None else 0
-        is_limited = parts.torque_limit is not None and self.sample_time is None and not with_energies
+        is_limited = parts.effort_limit is not None and self.sample_time is None and not with_energies
         dynamics = SceneDynamics(
-            parts.robot, parts.friction, parts.torque_limit, law, given, states, with_impulses=is_limited
+            parts.robot, parts.friction, parts.effort_limit, law, given, states, with_impulses=is_limited
         )
         return RightHandSide(dynamics, with_energies, self.formulation)
 
@@ -272,7 +272,7 @@ class Scene:
         Returns
         -------
         dict
-            "total"; for payload, friction, armature, torque_limit, controller (where given) and gravity, the operations
+            "total"; for payload, friction, armature, effort_limit, controller (where given) and gravity, the operations
             saved without it; "law", whether the controller is "traced", "called" or "none". The cost of a called
             controller is not known, nor that of a robot too large to be written out: then "total" is None.
 
@@ -287,12 +287,12 @@ class Scene:
             return {"total": None, "law": law}
         total = _operations(self)
         costs: dict[str, int | str | None] = {"total": total}
-        parts = ("payload", "friction", "armature", "torque_limit", "controller")
+        parts = ("payload", "friction", "armature", "effort_limit", "controller")
         for part in parts:
             if getattr(self, part) is not None:
                 without: dict[str, Any] = {part: None}
                 if part == "controller":
-                    without |= {"sample_time": None, "torque_rate": None, "torque_limit": None}
+                    without |= {"sample_time": None, "torque_rate": None, "effort_limit": None}
                 costs[part] = total - _operations(replace(self, **without))
         if np.any(self.resolved.robot.model.gravity):
             costs["gravity"] = total - _operations(replace(self, gravity=np.zeros(3)))

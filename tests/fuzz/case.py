@@ -62,7 +62,7 @@ class Case:
     locked: dict[int, float] = field(default_factory=dict)
     armature: list[float] | None = None
     friction: dict[str, Any] | None = None
-    torque_limit: list[float] | None = None
+    effort_limit: list[float] | None = None
     torque_rate: list[float] | None = None
     stops: bool = False
     law: dict[str, Any] | None = None
@@ -121,7 +121,7 @@ class Case:
             words += f", payload=rne.Payload({mass}, {com}, {inertia}, 'l{link}')"
         if self.friction is not None:
             words += f", friction=rne.Friction({', '.join(f'{k}={v}' for k, v in self.friction.items())})"
-        for name in ("armature", "torque_limit", "torque_rate", "sample_time"):
+        for name in ("armature", "effort_limit", "torque_rate", "sample_time"):
             if getattr(self, name) is not None:
                 words += f", {name}={getattr(self, name)}"
         if self.stops:

@@ -25,7 +25,7 @@ class Dynamics:
         self.plant = Plant(case)
         self.n = n = self.plant.n
         self.law, self.states = law_of(case)
-        self.limit = np.broadcast_to(np.inf if case.torque_limit is None else np.array(case.torque_limit), (n,))
+        self.limit = np.broadcast_to(np.inf if case.effort_limit is None else np.array(case.effort_limit), (n,))
         self._set_friction(case.friction or {})
         self.mode = np.ones(n, dtype=int)
         self.held = None  # the torques of a sampled controller

@@ -169,14 +169,14 @@ def _drives(rng, case, scale):
     """A control law, sampled or not, and the limits of the drives."""
     kind = rng.choice(["none", "plain", "library", "filter"], p=[0.12, 0.45, 0.35, 0.08])
     if kind == "none":
-        return replace(case, torque_limit=_significant(scale.torque(rng, 1, 9)) if rng.random() < 0.1 else None)
+        return replace(case, effort_limit=_significant(scale.torque(rng, 1, 9)) if rng.random() < 0.1 else None)
     T = _significant(10 ** rng.uniform(-3, -1.3))[0] if kind == "filter" or rng.random() < 0.4 else None
     name = str(rng.choice(LAWS)) if kind == "plain" else str(rng.choice(LIBRARY)) if kind == "library" else "filter"
     if T is not None:
         case = replace(case, sample_time=T, duration=_round(min(case.duration, max(SHORTEST, SAMPLES * T)), 2))
     law = {"kind": name} | _numbers(rng, name, case, scale, T)
     if rng.random() < 0.3:
-        case = replace(case, torque_limit=_significant(scale.torque(rng, 1, 12, 1.0)))
+        case = replace(case, effort_limit=_significant(scale.torque(rng, 1, 12, 1.0)))
     if T is not None and rng.random() < 0.4:
         case = replace(case, torque_rate=_significant(scale.torque(rng, 2, 20) / rng.uniform(0.05, 0.5)))
     return replace(case, law=law)

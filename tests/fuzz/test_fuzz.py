@@ -57,7 +57,7 @@ def test_a_seed_is_a_case():
 
 def test_every_part_is_drawn():
     cases = [draw(seed) for seed in range(400)]
-    parts = ("scene_gravity", "mounting", "payload", "locked", "armature", "friction", "torque_limit", "torque_rate")
+    parts = ("scene_gravity", "mounting", "payload", "locked", "armature", "friction", "effort_limit", "torque_rate")
     for part in (*parts, "stops", "law", "sample_time"):
         assert 10 < sum(bool(getattr(case, part)) for case in cases) < 390, part
     assert {case.method for case in cases} == {"auto", "DOP853", "RK45", "LSODA", "Radau", "BDF"}
@@ -132,7 +132,7 @@ class TestOracle:
 
     def test_a_block_meets_its_stop(self):
         joint = replace(self.block.joints[0], upper=0.25)
-        end = self.end(joints=[joint], stops=True, law={"kind": "constant", "u": [-1.0]}, torque_limit=[1.0])
+        end = self.end(joints=[joint], stops=True, law={"kind": "constant", "u": [-1.0]}, effort_limit=[1.0])
         assert (end.status, end.joint) == (1, 0)
         assert end.end == pytest.approx(1 - np.sqrt(0.5), abs=CLOSED_FORM)
 

@@ -117,12 +117,12 @@ class Excitation:
         qdd = c @ (self.b * w).T - s @ (self.a * w).T
         return q, qd, qdd
 
-    def sample(self, rate: float, periods: int = 1) -> Samples:
+    def sample(self, sample_rate: float, periods: int = 1) -> Samples:
         """The motion at equal intervals, as a robot's controller takes it.
 
         Parameters
         ----------
-        rate : float
+        sample_rate : float
             Samples per second [Hz].
         periods : int
             How often the motion is repeated.
@@ -145,19 +145,19 @@ class Excitation:
         >>> motion.sample(100.0).q.shape
         (401, 3)
         """
-        step = 1 / positive_number("rate", rate)
+        step = 1 / positive_number("sample_rate", sample_rate)
         count = int(whole_number("periods", periods) * self.duration / step * (1 + 1e-12)) + 1
         t = np.arange(count) * step
         return Samples(t, *self(t))
 
-    def to_csv(self, path: str | PathLike[str], rate: float, periods: int = 1) -> Path:
+    def to_csv(self, path: str | PathLike[str], sample_rate: float, periods: int = 1) -> Path:
         """Write the motion at equal intervals as comma-separated values.
 
         Parameters
         ----------
         path : str or path-like
             In an existing folder.
-        rate : float
+        sample_rate : float
             Samples per second [Hz].
         periods : int
             How often the motion is repeated.
@@ -179,7 +179,7 @@ class Excitation:
         >>> motion = rne.excitation(rne.load("irb140"), 10.0, 5)  # doctest: +SKIP
         >>> file = motion.to_csv("motion.csv", 250.0)  # doctest: +SKIP
         """
-        samples, names = self.sample(rate, periods), self.robot.joint_names
+        samples, names = self.sample(sample_rate, periods), self.robot.joint_names
         parts = {"q": samples.q, "qd": samples.qd, "qdd": samples.qdd}
         columns = {f"{part}.{name}": np.asarray(x)[:, k] for part, x in parts.items() for k, name in enumerate(names)}
         return write_columns(path, samples.t, columns)
