@@ -204,6 +204,13 @@ def test_limits_given_at_load_are_those_of_the_robot(tmp_path):
     assert rne.load(file, jerk_limit=np.inf).model.jerk_limit.tolist() == [np.inf] * 6
 
 
+def test_limits_of_a_robot_are_those_of_its_coordinates():
+    robot = rne.Robot(PAIR).with_limits(effort=1, velocity=2, acceleration=3, jerk=4)
+    names = ("effort_limit", "velocity_limit", "acceleration_limit", "jerk_limit")
+    assert [getattr(robot, name).tolist() for name in names] == [[k, k] for k in (1.0, 2.0, 3.0, 4.0)]
+    assert robot.model == rne.model.with_limits(PAIR, effort=1, velocity=2, acceleration=3, jerk=4)
+
+
 def test_degrees_of_a_mounting_are_refused():
     text = "`rpy` looks like degrees; pass np.deg2rad(rpy), got 180 at index (0,)"
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):

@@ -21,6 +21,7 @@ from ..kernels.cache import KernelCache
 from ..kernels.kernel import Kernel
 from ..model import modify
 from ..model.model import Model
+from ..model.modify import LimitValues
 from ..model.parameters import parameters_of, with_parameters
 from ..model.topology import pinocchio_order
 
@@ -112,6 +113,16 @@ class Robot(InNotebooks):
     def effort_limit(self) -> Array:
         """Largest torques of the drives, inf where unknown, shape (n,) [N m or N]."""
         return self._of_coordinates(self._model.effort_limit)
+
+    @property
+    def acceleration_limit(self) -> Array:
+        """Largest accelerations of the joints, inf where unknown, shape (n,) [rad/s^2 or m/s^2]."""
+        return self._of_coordinates(self._model.acceleration_limit)
+
+    @property
+    def jerk_limit(self) -> Array:
+        """Largest jerks of the joints, inf where unknown, shape (n,) [rad/s^3 or m/s^3]."""
+        return self._of_coordinates(self._model.jerk_limit)
 
     def _of_coordinates(self, limits: Array) -> Array:
         """Limits of the joints in `joint_names`; a model also has limits of joints that mimic others."""
@@ -1082,6 +1093,43 @@ class Robot(InNotebooks):
         44.0
         """
         return Robot(with_parameters(self._model, parameters), self.engine)
+
+    def with_limits(
+        self,
+        *,
+        effort: LimitValues = None,
+        velocity: LimitValues = None,
+        acceleration: LimitValues = None,
+        jerk: LimitValues = None,
+    ) -> Robot:
+        """The robot with other limits of its joints and drives, such as those of a data sheet.
+
+        Parameters
+        ----------
+        effort, velocity, acceleration, jerk : float, array_like of shape (n,), or mapping of str to float, optional
+            One number for all joints, one for each of `joint_names`, or some by name, inf for none; limits that are
+            not given stay [N m or N; rad/s or m/s; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
+
+        Returns
+        -------
+        Robot
+            With these limits as `effort_limit`, `velocity_limit`, `acceleration_limit` and `jerk_limit`. Dynamics ignore
+            them.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many numbers as joints, a limit is negative or NaN, or a name is no joint's.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20], velocity={"joint_6": 5.0})
+        >>> robot.effort_limit[5].item(), robot.velocity_limit[5].item()
+        (20.0, 5.0)
+        """
+        model = modify.with_limits(self._model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
+        return Robot(model, self.engine)
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.
