@@ -1113,8 +1113,7 @@ class Robot(InNotebooks):
         Returns
         -------
         Robot
-            With these limits as `effort_limit`, `velocity_limit`, `acceleration_limit` and `jerk_limit`. Dynamics ignore
-            them.
+            With these as `effort_limit`, `velocity_limit`, `acceleration_limit` and `jerk_limit`. Dynamics ignore them.
 
         Raises
         ------
