@@ -28,7 +28,7 @@ STIFF_TIGHT = {"method": "LSODA", "rtol": 1e-12, "atol": 1e-14}
 
 def bare_side(scene: rne.Scene) -> Side:
     """The compiled right-hand side of a scene, and its Jacobian, without anything around them."""
-    rates, now = scene.kernel.state_function_at_any_rate, np.zeros(1)
+    rates, now = scene.kernel.state_function_unguarded, np.zeros(1)
 
     def slope(t: float, x: np.ndarray) -> np.ndarray:
         now[0] = t

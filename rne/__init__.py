@@ -15,7 +15,7 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .kernels.compilation import compile
+from .kernels.kernel import compile
 from .model.abb_irb140 import irb140
 from .model.chains import dh_chain
 from .model.model import Model

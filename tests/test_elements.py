@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.kernels.elements import LETTERS, entry_of_element, quantity_of_element
+from rne.kernels.source import LETTERS, entry_of_element, quantity_of_element
 from rne.kernels.trace import trace
 from rne.model.generators import straight_chain
 

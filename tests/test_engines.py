@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 import rne
-from rne.kernels import engines, numba_backend
+from rne.kernels import kernel as kernel_module
+from rne.kernels import numba_backend
 from rne.kernels.graph import Graph
 from rne.kernels.program import lower
 from rne.kernels.scalar import inputs, references
+from rne.kernels.trace import Trace
 from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, data_robot, gimbal, kept, relative, states
@@ -65,14 +67,14 @@ class TestNumbers:
     @pytest.mark.parametrize("method", kept(["inverse_dynamics", "forward_dynamics"], ["forward_dynamics"]))
     @pytest.mark.parametrize("kind", kept(TREES, ["mixed"]))
     def test_of_trees(self, kind, method):
-        self.check([rne.Robot(TREES[kind], engine) for engine in engines.ENGINES], method, CALLS[method])
+        self.check([rne.Robot(TREES[kind], engine) for engine in kernel_module.ENGINES], method, CALLS[method])
 
     @pytest.mark.long
     @pytest.mark.parametrize("method", CALLS)
     @pytest.mark.parametrize("name", ["ur_description/ur5_robot", "panda_description/panda"])
     def test_of_arms(self, name, method):
         model = data_robot(name).model
-        self.check([rne.Robot(model, engine) for engine in engines.ENGINES], method, CALLS[method])
+        self.check([rne.Robot(model, engine) for engine in kernel_module.ENGINES], method, CALLS[method])
 
     def check(self, pair, method, count):
         s = states(pair[0].n, 37)[:count]
@@ -99,7 +101,7 @@ class TestNumbers:
     def test_derivatives(self, name):
         own = {"chain": straight_chain(3), "irb140": rne.irb140()}
         model = own[name] if name in own else data_robot(name).model
-        pair = [rne.Robot(model, engine) for engine in engines.ENGINES]
+        pair = [rne.Robot(model, engine) for engine in kernel_module.ENGINES]
         s = states(model.n, 5)
         for expected, got in zip(*(robot.inverse_dynamics_derivatives(*s) for robot in pair), strict=True):
             assert relative(got, expected) <= 50 * model.n * EPS
@@ -137,15 +139,15 @@ class TestSines:
 
     def test_error_is_below_one_unit_in_the_last_place(self, program, exact):
         got = np.empty((len(self.ANGLES), 2))
-        numba_backend.BatchProgram(program, [1], 2, None, range(0)).run([self.ANGLES[:, None]], got, None)
+        numba_backend.BatchProgram(Trace(program, (1,), (2,))).run([self.ANGLES[:, None]], got, None)
         assert self.units(got, exact) <= 1
-        single = numba_backend.compiled_function(program, [1], (2,))
+        single = numba_backend.state_function(Trace(program, (1,), (2,)))
         assert self.units(np.array([single(np.array([a])) for a in self.ANGLES]), exact) <= 1
 
     def test_float32_is_rounded_once(self, program):
         angles = self.ANGLES[np.abs(self.ANGLES) < 1e30].astype(np.float32)
         got = np.empty((len(angles), 2), np.float32)
-        numba_backend.BatchProgram(program, [1], 2, None, range(0)).run([angles[:, None]], got, None)
+        numba_backend.BatchProgram(Trace(program, (1,), (2,))).run([angles[:, None]], got, None)
         exact = np.stack([np.sin(angles.astype(float)), np.cos(angles.astype(float))], axis=1)
         assert self.units(got, exact.astype(np.float32).astype(float)) <= 2**29  # one unit of float32
 
@@ -171,10 +173,10 @@ class TestOperations:
         X = np.stack([x.ravel(), y.ravel()], axis=1)
         for dtype, eps in (("float64", EPS), ("float32", float(np.finfo(np.float32).eps))):
             got = np.empty((len(X), len(traced)), dtype)
-            numba_backend.BatchProgram(program, [2], len(traced), None, range(0)).run([X], got, None)
+            numba_backend.BatchProgram(Trace(program, (2,), (len(traced),))).run([X], got, None)
             expected = self.by_numpy(*X.astype(dtype).T)
             np.testing.assert_allclose(got, expected, rtol=4 * eps, atol=0)
-        single = numba_backend.compiled_function(program, [2], (len(traced),))
+        single = numba_backend.state_function(Trace(program, (2,), (len(traced),)))
         np.testing.assert_allclose(np.array([single(x) for x in X]), self.by_numpy(*X.T), rtol=4 * EPS, atol=0)
 
     def by_numpy(self, a, b):
@@ -276,7 +278,7 @@ class TestErrors:
         heavy = rne.irb140()
         heavy = replace(heavy, mass=heavy.mass * 1e40, inertia=heavy.inertia * 1e40)
         q = states(6, 9)[0].astype(np.float32)
-        expected, got = (outcome(lambda e=e: rne.Robot(heavy, e).mass_matrix(q)) for e in engines.ENGINES)
+        expected, got = (outcome(lambda e=e: rne.Robot(heavy, e).mass_matrix(q)) for e in kernel_module.ENGINES)
         assert expected[0] is rne.NotFiniteError
         assert got == expected
 
@@ -288,7 +290,7 @@ class TestErrors:
 
     @pytest.mark.parametrize("case", kept(["nearly singular", "singular", "great rates"], ["singular"]))
     def test_losses_of_digits(self, case):
-        pair = [rne.Robot(gimbal(), engine) for engine in engines.ENGINES]
+        pair = [rne.Robot(gimbal(), engine) for engine in kernel_module.ENGINES]
         q, qd, tau = (np.ones((20, 3)) for _ in range(3))
         if case == "great rates":
             q, (qd,) = states(3, 20)[0], with_entry([qd], 0, (7, 2), 1e10)
@@ -308,7 +310,7 @@ class TestErrors:
                 call()
 
     def test_without_numba_the_error_says_what_to_install(self, monkeypatch):
-        monkeypatch.setattr(engines.importlib.util, "find_spec", lambda name: None)
+        monkeypatch.setattr(kernel_module.importlib.util, "find_spec", lambda name: None)
         with pytest.raises(
             ImportError, match=r"^engine 'numba' needs Numba, which is not installed: pip install 'rne\[numba\]'$"
         ):
@@ -348,7 +350,7 @@ class TestWhatKeepsItsEngine:
 @pytest.fixture(scope="module")
 def arms():
     """Three links on both engines."""
-    return [rne.Robot(straight_chain(3), engine) for engine in engines.ENGINES]
+    return [rne.Robot(straight_chain(3), engine) for engine in kernel_module.ENGINES]
 
 
 class TestMotions:

@@ -9,11 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
-from rne.kernels import numpy_backend, registers, sine_cosine
+from rne.kernels import numpy_backend, registers
 from rne.kernels.graph import Graph
 from rne.kernels.program import lower
-from rne.kernels.python_backend import compiled_function
+from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs, references
+from rne.kernels.trace import Trace
 from rne.model.generators import random_tree, straight_chain
 
 from .conftest import TREES
@@ -319,19 +320,19 @@ class TestTrigonometry:
         ]
     )
 
-    @pytest.mark.parametrize("method", sine_cosine.METHODS)
+    @pytest.mark.parametrize("method", numpy_backend.METHODS)
     @pytest.mark.parametrize("dtype", [np.float64, np.float32])
     def test_absolute_error_is_two_eps(self, method, dtype):
         angles = self.ANGLES[np.abs(self.ANGLES) < (1e300 if dtype is np.float64 else 1e4)].astype(dtype)
         sin, cos = np.empty_like(angles), np.empty_like(angles)
-        for call, arguments in sine_cosine.METHODS[method](angles, sin, cos, lambda x: np.array(x, dtype)):
+        for call, arguments in numpy_backend.METHODS[method](angles, sin, cos, lambda x: np.array(x, dtype)):
             call(*arguments)
         exact = angles.astype(np.longdouble)
         eps = float(np.finfo(dtype).eps)
         assert np.abs(sin - np.sin(exact)).max() <= 2 * eps
         assert np.abs(cos - np.cos(exact)).max() <= 2 * eps
 
-    @pytest.mark.parametrize("method", sine_cosine.METHODS)
+    @pytest.mark.parametrize("method", numpy_backend.METHODS)
     def test_either_gives_the_same_torque(self, method):
         kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140(), engine="numpy")
         workspace = numpy_backend.Workspace(kernel.blocks.layout, 300, np.dtype("float64"), method)
@@ -423,7 +424,7 @@ class TestRandomGraphs:
         if not np.isfinite(expected).all() or np.abs(expected).max() > 1e6:
             return
         scale = 1e-12 * max(1.0, float(np.abs(expected).max()) ** 2)
-        single = compiled_function(program, [n], (len(outputs),))(x)
+        single = state_function(Trace(program, (n,), (len(outputs),)))(x)
         np.testing.assert_allclose(single, expected, atol=scale, rtol=0)
         workspace = numpy_backend.Workspace(registers.allocate(program), 3, np.dtype("float64"))
         workspace.rows[:n, :3] = x[:, None]
@@ -477,7 +478,7 @@ class TestScalars:
         x, y = inputs(graph, (2,), 0)
         results = [(x < y).where(x, y), (x >= y).where(-x, -y), x.maximum(-y), x.sign(), abs(-x), (x * x).sqrt()]
         program = lower(graph, references(graph, objects(results)), 2)
-        single = compiled_function(program, [2], (6,))
+        single = state_function(Trace(program, (2,), (6,)))
         for a, b in ((1.0, 2.0), (2.0, -1.0), (-3.0, -3.0)):
             expected = [min(a, b), -max(a, b), max(a, -b), np.sign(a), abs(a), abs(a)]
             assert single(np.array([a, b])).tolist() == expected

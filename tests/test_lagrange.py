@@ -9,7 +9,7 @@ import pytest
 
 import rne
 from rne.dynamics.lagrange import bodies, gravity_terms, inertia_derivatives, inertia_matrix
-from rne.kernels.complex_step import complex_step
+from rne.kernels.differentiation import complex_step
 from rne.model.abb_irb140 import irb140_mirrored
 from rne.model.builder import Part, assemble
 from rne.model.generators import random_tree

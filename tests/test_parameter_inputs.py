@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.kernels.parameter_inputs import AtParameters
+from rne.kernels.array_inputs import OfArrays
 from rne.model.generators import random_tree
 from rne.model.parameters import at_parameters
 
@@ -201,7 +201,7 @@ def test_complex_steps_are_the_traced_derivatives(irb140):
     (q, qd), pi = random_states(irb140, 2), variants(irb140)
     cache = rne.Robot(irb140.model)._kernels
     first, again = (
-        cache.evaluate(rne.dynamics.bias_torque, q[0], qd[0], pi[0], wrt=("parameters",), parameters=True)[0]
+        cache.evaluate_quantity(rne.dynamics.bias_torque, q[0], qd[0], wrt=("parameters",), parameters=pi[0])
         for _ in range(2)
     )
     close(first, again)
@@ -241,7 +241,7 @@ def test_threads_give_the_same_bits(irb140):
 def test_pickling(irb140):
     kernel = irb140.kernel(rne.dynamics.inverse_dynamics, parameters=True)
     again, arrays, pi = pickle.loads(pickle.dumps(kernel)), random_states(irb140), variants(irb140)
-    assert isinstance(again.function, AtParameters)
+    assert isinstance(again.function, OfArrays)
     assert again.names == kernel.names == ("q", "qd", "qdd", "parameters")
     assert (again(*arrays, pi) == kernel(*arrays, pi)).all()
     assert "at parameters given" in repr(again)

@@ -10,8 +10,8 @@ import pytest
 
 import rne
 from rne.kernels import kernel as kernel_module
-from rne.kernels.complex_step import complex_step
-from rne.kernels.wrenches import UnderWrenches
+from rne.kernels.array_inputs import OfArrays
+from rne.kernels.differentiation import complex_step
 from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, relative, states
@@ -160,7 +160,7 @@ def test_derivatives_are_the_complex_step_of_the_recursion(name, wrt):
     links = (model.link_names[-1], model.link_names[2])
     arguments = (*states(model.n, 3), *wrenches_on(links, 3))
     kernel = rne.kernels.derivative(rne.dynamics.inverse_dynamics, model, *wrt, external=links)
-    expected, _ = complex_step(UnderWrenches(rne.dynamics.inverse_dynamics, links), model, arguments, wrt, {})
+    expected, _ = complex_step(OfArrays(rne.dynamics.inverse_dynamics, links, None), model, arguments, wrt, {})
     assert relative(kernel(*arguments), expected) <= 1e-12
     assert relative(kernel(*(a[1] for a in arguments)), expected[1]) <= 1e-12
 
@@ -169,7 +169,7 @@ def test_derivatives_of_forward_dynamics_are_the_complex_step_of_the_recursion()
     model = random_tree(3, seed=2)
     links, wrt = (model.link_names[-1],), ("q", "tau", "external_1")
     arguments = (*states(model.n, 3), *wrenches_on(links, 3))
-    expected, _ = complex_step(UnderWrenches(rne.dynamics.forward_dynamics, links), model, arguments, wrt, {})
+    expected, _ = complex_step(OfArrays(rne.dynamics.forward_dynamics, links, None), model, arguments, wrt, {})
     got = rne.kernels.derivative(rne.dynamics.forward_dynamics, model, *wrt, external=links)(*arguments)
     assert relative(got, expected) <= 1e-12 * np.linalg.cond(rne.dynamics.mass_matrix(model, arguments[0])).max()
 

@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the source."""
     import rne
 
-    from ..kernels.elements import quantity_of_element
+    from ..kernels.source import quantity_of_element
 
     try:
         quantity = arguments.quantity or "inverse_dynamics"

@@ -7,7 +7,6 @@ languages). The engine "numpy" is python_backend (one state as Python floats) an
 registers, schedule, sine_cosine); "numba" is numba_backend (both, compiled, with machine_code and machine_sine).
 """
 
-from .compilation import compile, derivative
-from .kernel import Kernel
+from .kernel import Kernel, compile, derivative
 
 __all__ = ["Kernel", "compile", "derivative"]

@@ -1,11 +1,16 @@
-"""A traced function: the same call and the same results, as straight-line arithmetic."""
+"""A traced function: called like the function itself, with its checks, but run as straight-line arithmetic."""
 
 from __future__ import annotations
 
+import builtins
+import importlib.util
+import itertools
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, cached_property
 from math import prod
-from typing import Any
+from types import CodeType
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,22 +18,44 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, wrapped
 from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
 from ..model.model import Model, joint_array, joint_shaped, model_argument
-from .complex_step import complex_step
-from .elements import entry_of_element
-from .engines import Batches, engine_argument, engine_of
+from .array_inputs import inputs_as_arrays, named_by_function
+from .differentiation import complex_step
 from .graph import TooLarge
-from .heading import heading
-from .numpy_backend import check_out
-from .parameter_inputs import inputs_as_arrays
-from .plain_state import plain_state_call
-from .python_backend import Guard, Refused
+from .numpy_backend import BlockProgram, check_out
+from .python_backend import state_function
 from .scalar import is_traced
-from .source import Printable, to_source
-from .threads import check_workers, run_in_threads
-from .trace import Trace, argument_widths, quantity_of, trace, within_a_trace
-from .wrenches import named_by_function
+from .source import Printable, entry_of_element, heading, to_source
+from .trace import NeedsRecursion, Recursion, Trace, argument_widths, quantity_of, trace, within_a_trace
 
+ENGINES = ("numpy", "numba")
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
+
+
+class Batches(Protocol):
+    """A trace that runs on arrays of states."""
+
+    def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus: ...
+
+
+def engine_argument(engine: str) -> str:
+    """The engine's name, checked, and that what it needs is installed."""
+    if engine not in ENGINES:
+        raise ValueError(f"`engine` must be one of {list(ENGINES)}, got {engine!r}")
+    if engine == "numba" and importlib.util.find_spec("numba") is None:
+        raise ImportError("engine 'numba' needs Numba, which is not installed: pip install 'rne[numba]'")
+    return engine
+
+
+def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Callable[[Trace], Any]]:
+    """What makes a function of one state of a trace, and what runs it on batches: NumPy, or machine code by Numba.
+
+    Numba is imported when its first kernel is compiled.
+    """
+    if engine == "numba":
+        from . import numba_backend
+
+        return numba_backend.state_function, numba_backend.BatchProgram
+    return state_function, BlockProgram
 
 
 class Kernel(InNotebooks):
@@ -74,7 +101,7 @@ class Kernel(InNotebooks):
                 self._trace: Trace | None = trace(self.quantity, model, self.fixed, self.wrt)
         except TooLarge:
             self._trace = None
-        self.plain_state = plain_state_call(self.widths, lambda: self.state_function)
+        self.fast_single_state = _fast_single_state(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine)
@@ -92,7 +119,7 @@ class Kernel(InNotebooks):
     @property
     def _compiled_in(self) -> str:
         """How long compilations took so far."""
-        forms = ("state_function", "state_function_at_any_rate", "blocks")
+        forms = ("state_function", "state_function_unguarded", "blocks")
         seconds = sum(getattr(self.__dict__[name], "seconds", 0.0) for name in forms if name in self.__dict__)
         return f", compiled in {seconds:.2g} s" if seconds else ""
 
@@ -114,39 +141,19 @@ class Kernel(InNotebooks):
         return self._trace
 
     @cached_property
-    def _rates(self) -> range:
-        """Inputs that are joint rates whose squares may cost digits."""
-        if self.quantity.velocities is None:
-            return range(0)
-        name, entries = self.quantity.velocities
-        k = self.names.index(name)
-        start = sum(self.widths[:k])
-        return range(start, start + self.widths[k])[entries]
-
-    @cached_property
     def state_function(self) -> Callable[..., Array]:
-        """The program on one float64 vector per argument; raises Refused where the recursion must look closer."""
-        return self._state_function(self._rates)
+        """The program on one float64 vector per argument; raises NeedsRecursion where the recursion must compute it."""
+        return backends(self.engine)[0](self.traced)
 
     @cached_property
-    def state_function_at_any_rate(self) -> Callable[..., Array]:
-        """The same without the check of joint rates, for simulations, which check them at their samples."""
-        return self._state_function(range(0))
-
-    def _state_function(self, rates: range) -> Callable[..., Array]:
-        guard = None if self.quantity.check is None else Guard.of(self.model.n, rates, FLOAT64)
-        make = engine_of(self.engine).state_function
-        return make(self.traced.program, self.widths, self.traced.shape, guard)
+    def state_function_unguarded(self) -> Callable[..., Array]:
+        """`state_function` without the check of joint velocities, which simulations make at their samples."""
+        return backends(self.engine)[0](self.traced.unguarded())
 
     @cached_property
     def blocks(self) -> Any:
         """The program on batches."""
-        pivots = None if self.quantity.check is None else self.model.n
-        entries = prod(self.traced.shape)
-        batches: Batches = engine_of(self.engine).batches(
-            self.traced.program, self.widths, entries, pivots, self._rates
-        )
-        return batches
+        return backends(self.engine)[1](self.traced)
 
     def __call__(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> Array:
         """Run the kernel.
@@ -186,13 +193,13 @@ class Kernel(InNotebooks):
 
     def evaluate(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> tuple[Array, PrecisionStatus]:
         """The result and its PrecisionStatus, not yet announced; see `__call__` for the arguments."""
-        if out is None and workers == 1 and self._trace is not None and len(arguments) == len(self.names):
-            result = self.plain_state(*arguments)
+        if out is None and workers == 1 and len(arguments) == len(self.names):
+            result = self.fast_single_state(*arguments)
             if result is not None:
                 return result, OK
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
             return within_a_trace(self.quantity, self.model, arguments, self.fixed), OK
-        check_workers(workers)
+        _check_workers(workers)
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
         try:
@@ -210,7 +217,10 @@ class Kernel(InNotebooks):
         dtype = common_dtype(arrays)
         if self._trace is not None and dtype in (FLOAT64, FLOAT32):
             if out is None and dtype == FLOAT64 and all(a.ndim == 1 for a in arrays):
-                return self._evaluate_one_state([a.astype(FLOAT64, copy=False) for a in arrays])
+                try:
+                    return self.state_function(*(a.astype(FLOAT64, copy=False) for a in arrays)), OK
+                except NeedsRecursion:
+                    return self._by_function(arrays)
             return self._batch(arrays, dtype, out, workers)
         result, status = self._by_function(arrays)
         if out is None or status.error is not None:
@@ -263,12 +273,6 @@ class Kernel(InNotebooks):
             return complex_step(self.function, self.model, arguments, self.wrt, self.fixed)
         return self.function.evaluate(self.model, *arguments, **self.fixed)
 
-    def _evaluate_one_state(self, arrays: Sequence[Array]) -> tuple[Array, PrecisionStatus]:
-        try:
-            return self.state_function(*arrays), OK
-        except Refused:
-            return self._by_function(arrays)
-
     def _batch(
         self, arrays: Sequence[Array], dtype: np.dtype[Any], out: Array | None, workers: int
     ) -> tuple[Array, PrecisionStatus]:
@@ -290,7 +294,7 @@ class Kernel(InNotebooks):
             return np.asarray(result).reshape(end - begin, -1), status.with_state(place)
 
         rows = out.reshape(count, prod(self.traced.shape))
-        return out, run_in_threads(self.blocks, states, rows, by_function, workers)
+        return out, _run_in_threads(self.blocks, states, rows, by_function, workers)
 
     def _rows(self, array: Array, leading: tuple[int, ...], count: int) -> Array:
         """One row for each state of a batch."""
@@ -298,3 +302,158 @@ class Kernel(InNotebooks):
         if array.shape[:-1] != leading:
             array = np.broadcast_to(array, (*leading, width))
         return array.reshape(count, width)
+
+
+def _fast_single_state(kernel: Kernel) -> Callable[..., Array | None]:
+    """The shortest way to the result for one state: a function of float64 vectors, which returns None for all else.
+
+    None is also the answer where the recursion must compute the state. The checks are written out, because a loop over
+    the arguments would cost as much as the kernel, which is compiled at the first call.
+    """
+
+    def first(*arrays: Array) -> Array:
+        namespace["state"] = kernel.state_function
+        return kernel.state_function(*arrays)
+
+    if not kernel.is_unrolled:
+        return lambda *_: None
+    namespace: dict[str, Any] = {f"s{k}": (width,) for k, width in enumerate(kernel.widths)}
+    namespace |= {"ndarray": np.ndarray, "float64": FLOAT64, "NeedsRecursion": NeedsRecursion, "state": first}
+    exec(_checked_call(len(kernel.widths)), namespace)
+    call: Callable[..., Array | None] = namespace["call"]
+    return call
+
+
+@cache
+def _checked_call(count: int) -> CodeType:
+    arguments = ", ".join(f"a{k}" for k in range(count))
+    checks = [f"type(a{k}) is ndarray and a{k}.dtype is float64 and a{k}.shape == s{k}" for k in range(count)]
+    lines = [
+        f"def call({arguments}):",
+        f"    if {' and '.join(checks)}:",
+        "        try:",
+        f"            return state({arguments})",
+        "        except NeedsRecursion:",
+        "            return None",
+        "    return None",
+    ]
+    code: CodeType = builtins.compile("\n".join(lines) + "\n", "<rne call>", "exec")
+    return code
+
+
+def _check_workers(workers: int) -> None:
+    if isinstance(workers, bool) or not isinstance(workers, int | np.integer) or workers < 1:
+        raise ValueError(f"`workers` must be a positive whole number, got {workers!r}")
+
+
+def _run_in_threads(
+    batches: Batches, states: Sequence[Array], results: Array, recursion: Recursion, workers: int
+) -> PrecisionStatus:
+    """Fill `results` as `batches.run` does, in threads that take a stretch of the states each."""
+    count = len(results)
+    workers = min(workers, count)
+    if workers <= 1:
+        return batches.run(states, results, recursion)
+
+    def run(first: int, last: int) -> PrecisionStatus:
+        arrays = [a[first:last] for a in states]
+        return batches.run(arrays, results[first:last], lambda i, j: recursion(first + i, first + j))
+
+    own, *others = itertools.pairwise(count * k // workers for k in range(workers + 1))
+    with ThreadPoolExecutor(workers - 1) as pool:
+        futures = [pool.submit(run, *stretch) for stretch in others]
+        status = run(*own)
+        for future in futures:
+            if status.error is None:  # of several errors that of the first state is told
+                status = status.worse(future.result())
+    return status
+
+
+def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed: Any) -> Kernel:
+    """Trace a function of (model, q, ...) on one model and return its kernel.
+
+    Parameters
+    ----------
+    function : callable
+        One of this package's functions of a model and joint arrays, such as `rne.dynamics.inverse_dynamics`.
+    model : Model
+        The robot's parameters.
+    engine : {"numpy", "numba"}
+        What runs the kernel. "numba" is machine code, compiled at the first call of one state and at the first batch:
+        0.2 to 1 s each for an arm; of thousands of operations each takes some 0.3 ms for one state and 1 to 3 ms for
+        batches. The code of a kernel, 1 to 2 MB, stays until the process ends. It needs `pip install 'rne[numba]'`.
+    **fixed
+        Arguments other than joint arrays, such as `link="link_6"` for `rne.dynamics.jacobian`. Of `external` the names
+        of the links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in order.
+        With `parameters=True` the inertial parameters, (..., 10 nb) in the order of `Robot.parameters`, are the last
+        argument, in place of the model's; they are not checked to be those of possible bodies.
+
+    Returns
+    -------
+    Kernel
+        Called like the function, without the model: `kernel(q, qd, qdd)`, or `kernel(q, qd, qdd, wrench)`, or
+        `kernel(q, qd, qdd, parameters)`.
+
+    Raises
+    ------
+    TypeError
+        If the function is not one that can be traced, a fixed argument is missing, or `parameters` are asked of a
+        function that does not depend on them.
+    ValueError, ImportError
+        If there is no such engine, or Numba is not installed.
+
+    Examples
+    --------
+    >>> import rne
+    >>> kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140())
+    >>> sum(kernel.operations.values()) <= 320
+    True
+    """
+    return Kernel(function, model, fixed, engine=engine)
+
+
+def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy", **fixed: Any) -> Kernel:
+    """Trace a function and differentiate it exactly by some of its joint arrays.
+
+    Parameters
+    ----------
+    function : callable
+        One of this package's functions of a model and joint arrays, such as `rne.dynamics.inverse_dynamics`.
+    model : Model
+        The robot's parameters.
+    *wrt : str
+        Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`;
+        "parameters" for the inertial parameters, with `parameters=True`.
+    engine : {"numpy", "numba"}
+        What runs the kernel; see `compile`.
+    **fixed
+        Arguments other than joint arrays, as in `compile`.
+
+    Returns
+    -------
+    Kernel
+        Returns the derivatives along a further last axis: by the entries of the first argument, then of the second ...
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of the function's joint arrays.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.kernels.derivative(rne.dynamics.gravity_torque, rne.irb140(), "q")([0.0] * 6).shape
+    (6, 6)
+    >>> slopes = rne.kernels.derivative(rne.dynamics.gravity_torque, rne.irb140(), "parameters", parameters=True)
+    >>> slopes.names
+    ('q', 'parameters')
+    """
+    function, fixed = inputs_as_arrays(function, model, fixed)
+    names = tuple(quantity_of(function).widths)
+    for name in wrt:
+        if name not in names:
+            cure = "; `parameters=True` makes them one" if name == "parameters" else ""
+            raise ValueError(f"`wrt` must name arguments of {list(names)}, got {name!r}{cure}")
+    if not wrt:
+        raise ValueError(f"`wrt` must name at least one argument of {list(names)}")
+    return Kernel(function, model, fixed, wrt, engine)

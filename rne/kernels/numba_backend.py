@@ -22,11 +22,8 @@ from numba.extending import intrinsic
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
-from .engines import Fallback
-from .machine_code import Emitter, Rows
-from .machine_sine import LARGEST
-from .program import Program
-from .python_backend import Guard, Refused
+from .machine_code import LARGEST, Emitter, Rows
+from .trace import NeedsRecursion, Recursion, Trace
 
 LOGGER = logging.getLogger("rne")
 LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once
@@ -49,26 +46,14 @@ class Section:
 
     Parameters
     ----------
-    program, widths, entries
-        As of `numpy_backend.BlockProgram`.
-    guard : Guard or None
-        Which results need no examination by the recursion.
+    trace : Trace
     dtype : {"float64", "float32"}
     lanes : int
         States in a group.
     """
 
-    def __init__(
-        self,
-        program: Program,
-        widths: Sequence[int],
-        entries: int,
-        guard: Guard | None,
-        dtype: str = "float64",
-        lanes: int = 1,
-    ) -> None:
-        self.program, self.widths, self.entries, self.guard = program, tuple(widths), entries, guard
-        self.dtype, self.lanes = dtype, lanes
+    def __init__(self, trace: Trace, dtype: str, lanes: int) -> None:
+        self.trace, self.dtype, self.lanes = trace, dtype, lanes
         self.key = next(KEYS)
         SECTIONS[self.key] = self
 
@@ -76,34 +61,19 @@ class Section:
         """Append the section to a function that Numba is building; true if the results are sound."""
         _, given, out_type, _ = signature.args
         _, arguments, out, row = args
-        emitter = Emitter(builder, self.dtype, self.lanes)
+        emitter, trace = Emitter(builder, self.dtype, self.lanes), self.trace
         inputs = []
-        for k, (kind, width) in enumerate(zip(given, self.widths, strict=True)):
+        for k, (kind, width) in enumerate(zip(given, trace.widths, strict=True)):
             array = context.make_array(kind)(context, builder, builder.extract_value(arguments, k))
             rows = Rows(emitter, array, kind.ndim, row)
             inputs += [rows.load(column) for column in range(width)]
-        outputs, angles = emitter.outputs(self.program, inputs)
+        outputs, angles = emitter.outputs(trace.program, inputs)
         rows = Rows(emitter, context.make_array(out_type)(context, builder, out), out_type.ndim, row)
-        for column, result in enumerate(outputs[: self.entries]):
+        for column, result in enumerate(outputs[: trace.entries]):
             rows.store(column, result)
-        return emitter.all(self._conditions(emitter, inputs, outputs, angles))
-
-    def _conditions(self, emitter: Emitter, inputs: list[Any], outputs: list[Any], angles: list[Any]) -> list[Any]:
-        """When a group needs no closer look: finite inputs and results, moderate angles and rates, sound pivots."""
-        builder, n = emitter.builder, self.entries
-        unchecked = [inputs[k] for k in self.program.unchecked_inputs]
-        conditions = [emitter.is_finite(emitter.total([*unchecked, *outputs[:n]]))]
-        for angle in angles:
-            conditions.append(builder.fcmp_ordered("<=", emitter.intrinsic("fabs", angle), emitter.constant(LARGEST)))
-        if self.guard is not None:
-            rates = [builder.fmul(inputs[k], inputs[k]) for k in self.guard.rates]
-            bound = emitter.constant(self.guard.velocity_bound**2)
-            conditions.append(builder.fcmp_ordered("<=", emitter.total(rates), bound))
-            factor = emitter.constant(self.guard.pivot_factor)
-            behind = n + self.guard.n
-            for pivot, diagonal in zip(outputs[n:behind], outputs[behind:], strict=True):
-                conditions.append(builder.fcmp_ordered(">", pivot, builder.fmul(factor, diagonal)))
-        return conditions
+        sound = trace.sound_inputs(inputs, self.dtype, emitter) + trace.sound_results(outputs, self.dtype, emitter)
+        moderate = [emitter.at_most(emitter.intrinsic("fabs", angle), emitter.constant(LARGEST)) for angle in angles]
+        return emitter.all(sound + moderate)
 
 
 # Numba keeps every intrinsic for ever. There is one, which finds its section by a number that is constant in the text.
@@ -121,18 +91,17 @@ def run_section(typing_context: Any, key: Any, arguments: Any, out: Any, row: An
     return types.boolean(key, arguments, out, row), _codegen
 
 
-def compiled_function(
-    program: Program, widths: Sequence[int], shape: tuple[int, ...], guard: Guard | None = None
-) -> Callable[..., Array]:
-    """A function of one float64 vector per argument, as `python_backend.compiled_function`."""
-    single = Section(program, widths, int(np.prod(shape, dtype=np.int64)), guard)
+def state_function(trace: Trace) -> Callable[..., Array]:
+    """A function of one float64 vector per argument, as `python_backend.state_function`."""
+    shape, widths = trace.shape, trace.widths
+    single = Section(trace, "float64", 1)
     kinds = [*[_vector(1, types.float64)] * len(widths), types.Array(types.float64, max(len(shape), 1), "C")]
-    _announce(program)
+    _announce(trace)
     arguments = ", ".join(f"a{k}" for k in range(len(widths)))
     compiled = _compiled(STATE.format(arguments=arguments, single=single.key), kinds, {}, releases_lock=False)
     # An array that Python makes costs less than one that compiled code hands over.
     text = CALL.format(arguments=arguments, result="out" if shape else "out[0]")
-    namespace = {"compiled": compiled, "empty": np.empty, "shape": shape or (1,), "Refused": Refused}
+    namespace = {"compiled": compiled, "empty": np.empty, "shape": shape or (1,), "NeedsRecursion": NeedsRecursion}
     exec(text, namespace)
     function: Any = namespace["function"]
     function.seconds = compiled.seconds
@@ -145,7 +114,7 @@ STATE = """def function({arguments}, out):
 CALL = """def function({arguments}):
     out = empty(shape)
     if not compiled({arguments}, out):
-        raise Refused
+        raise NeedsRecursion
     return {result}
 """
 # The last group overlaps the one before it, so that bits do not depend on the number of states.
@@ -164,10 +133,10 @@ BATCH = """def function({arguments}, out, begin, end):
 
 
 class BatchProgram:
-    """A program that runs on arrays of states, with the parameters of `numpy_backend.BlockProgram`."""
+    """A trace that runs on arrays of states, as `numpy_backend.BlockProgram`."""
 
-    def __init__(self, program: Program, widths: Sequence[int], entries: int, pivots: int | None, rates: range) -> None:
-        self.program, self.widths, self.entries, self.pivots, self.rates = program, widths, entries, pivots, rates
+    def __init__(self, trace: Trace) -> None:
+        self.trace = trace
         self._functions: dict[np.dtype[Any], Any] = {}
         self._loops: dict[Any, Any] = {}
 
@@ -191,21 +160,20 @@ class BatchProgram:
         return self._loops[key]
 
     def _function(self, dtype: str) -> Any:
-        guard = None if self.pivots is None else Guard.of(self.pivots, self.rates, np.dtype(dtype))
-        _announce(self.program)
-        lanes = lanes_of(dtype)
-        group, single = (Section(self.program, self.widths, self.entries, guard, dtype, n) for n in (lanes, 1))
-        arguments = ", ".join(f"a{k}" for k in range(len(self.widths)))
+        _announce(self.trace)
+        lanes, widths = lanes_of(dtype), self.trace.widths
+        group, single = (Section(self.trace, dtype, n) for n in (lanes, 1))
+        arguments = ", ".join(f"a{k}" for k in range(len(widths)))
         text = BATCH.format(arguments=arguments, group=group.key, single=single.key)
         number = TYPES[dtype]
-        kinds = [*[_vector(2, number)] * len(self.widths), types.Array(number, 2, "C"), types.int64, types.int64]
+        kinds = [*[_vector(2, number)] * len(widths), types.Array(number, 2, "C"), types.int64, types.int64]
         return _compiled(text, kinds, {"lanes": lanes}, releases_lock=True)
 
-    def run(self, states: Sequence[Array], results: Array, fallback: Fallback) -> PrecisionStatus:
+    def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus:
         """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
 
-        States that need a closer look are left to `fallback`: few at first, more where they follow one another. An
-        error among the verdicts ends the run.
+        States that are not known to be sound are left to the recursion: few at first, more where they follow one
+        another. Its first error ends the run.
         """
         function, count, status, stretch = self.function(results.dtype), len(results), OK, FEW
         with np.errstate(all="ignore"):
@@ -213,7 +181,7 @@ class BatchProgram:
             begin = function(*arrays, results, 0, count)
             while begin < count:
                 end = min(begin + stretch, count)
-                block, found = fallback(begin, end)
+                block, found = recursion(begin, end)
                 status = status.worse(found)
                 if status.error is not None:
                     break
@@ -228,9 +196,10 @@ def _vector(ndim: int, number: Any) -> Any:
     return types.Array(number, ndim, "A", readonly=True, aligned=False)
 
 
-def _announce(program: Program) -> None:
-    if len(program.instructions) > LONG:
-        LOGGER.info("Numba compiles a kernel of %d operations, which takes some seconds", len(program.instructions))
+def _announce(trace: Trace) -> None:
+    count = len(trace.program.instructions)
+    if count > LONG:
+        LOGGER.info("Numba compiles a kernel of %d operations, which takes some seconds", count)
 
 
 def _compiled(text: str, kinds: Sequence[Any], names: Mapping[str, Any], *, releases_lock: bool) -> Any:

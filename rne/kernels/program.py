@@ -10,10 +10,6 @@ from typing import NamedTuple
 
 from .graph import Graph
 
-# Operations whose result is not finite if an operand is not. (x / infinity is finite, but a denominator here is a pivot
-# of M, which is checked separately.)
-PROPAGATING = frozenset({"add", "subtract", "multiply", "divide", "negative", "sin", "cos", "sqrt", "abs"})
-
 
 class Operand(NamedTuple):
     """An operand of an instruction: input k, a constant, or the result of instruction k."""
@@ -58,12 +54,10 @@ class Program:
         return all(math.isfinite(arg.value) for arg in (*args, *self.outputs) if arg.kind == "constant")
 
     @cached_property
-    def unchecked_inputs(self) -> list[int]:
-        """Inputs whose NaN or infinity might not reach an output: unused ones, or all if some operation can hide it."""
-        if not self.operations.keys() <= PROPAGATING:
-            return list(range(self.inputs))
-        used = {arg.value for i in self.instructions for arg in i.args if arg.kind == "input"}
-        used |= {output.value for output in self.outputs if output.kind == "input"}
+    def unused_inputs(self) -> list[int]:
+        """Inputs that no operation and no output reads."""
+        read = [arg for instruction in self.instructions for arg in instruction.args]
+        used = {arg.value for arg in (*read, *self.outputs) if arg.kind == "input"}
         return [k for k in range(self.inputs) if k not in used]
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.precision import NEARLY_SINGULAR, velocity_bound
 from .program import Instruction, Operand, Program
+from .trace import NeedsRecursion, Trace
 
 SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
 FUNCTIONS = {
@@ -32,36 +32,6 @@ FUNCTIONS = {
 }
 LONGEST_SUM = 64  # terms in one written-out sum
 DEEPEST = 12  # nested parentheses in one expression
-
-
-class Refused(Exception):
-    """Raised for a state whose inputs, result or pivots of M must be examined by the recursion."""
-
-
-class Guard(NamedTuple):
-    """Conditions under which a state needs no examination by the recursion.
-
-    Attributes
-    ----------
-    pivot_factor : float
-        Each pivot of M must exceed this times M's diagonal entry.
-    n : int
-        Number of pivots; they stand behind the result's entries, the diagonal behind them.
-    rates : range
-        Inputs that are joint rates.
-    velocity_bound : float
-        Largest norm of the rates.
-    """
-
-    pivot_factor: float
-    n: int
-    rates: range
-    velocity_bound: float
-
-    @classmethod
-    def of(cls, n: int, rates: range, dtype: np.dtype[Any]) -> Guard:
-        """That of computations in a dtype."""
-        return cls(NEARLY_SINGULAR * n * float(np.finfo(dtype).eps), n, rates, velocity_bound(dtype))
 
 
 def sign(x: float) -> float:
@@ -117,47 +87,45 @@ def _expression(
     return functions[instruction.kind].format(*(a for a, _ in args)), depth
 
 
-def source(program: Program, widths: Sequence[int], shape: tuple[int, ...], guard: Guard | None = None) -> str:
-    """A Python function of one float64 vector per argument that returns the result as an array.
+class _Text:
+    """Conditions of soundness as Python text on names."""
 
-    Parameters
-    ----------
-    program : Program
-    widths : sequence of int
-        Number of inputs of each argument.
-    shape : tuple of int
-        Of the result.
-    guard : Guard, optional
+    def finite(self, values: Sequence[str]) -> str:
+        return f"isfinite({_total(values)})"
 
-    Returns
-    -------
-    str
-        The function raises Refused for inputs or a result that are not finite and for a guard that fails.
+    def within(self, values: Sequence[str], bound: float) -> str:
+        return f"{_total([f'{value} * {value}' for value in values])} <= {bound**2!r}"
+
+    def above(self, values: Sequence[str], factor: float, others: Sequence[str]) -> str:
+        return " and ".join(f"{a} > {factor!r} * {b}" for a, b in zip(values, others, strict=True))
+
+
+def state_source(trace: Trace) -> str:
+    """A Python function of one float64 vector per argument, which returns the result as an array.
+
+    It raises NeedsRecursion for a state whose inputs or result are not known to be sound.
     """
-    lines, outputs = expressions(program)
-    groups, start = [], 0
-    for k, width in enumerate(widths):
-        names = [f"x{start + j}" for j in range(width)]
-        groups.append(
-            f"{', '.join(names)}{',' if width == 1 else ''} = a{k}.tolist()" if width else f"() = a{k}.tolist()"
-        )
-        start += width
-    size = math.prod(shape)
-    results = [f"r{k}" for k in range(size)]
-    body = [f"if not isfinite({_total([f'x{k}' for k in range(start)])}): raise Refused"]
-    if guard is not None and guard.rates:
-        body.append(f"if {_total([f'x{k} * x{k}' for k in guard.rates])} > {guard.velocity_bound**2!r}: raise Refused")
-    body += lines
-    if guard is not None:
-        body += [f"d{k} = {outputs[size + k]}" for k in range(guard.n)]
-        holds = [f"d{k} > {guard.pivot_factor!r} * {outputs[size + guard.n + k]}" for k in range(guard.n)]
-        body.append(f"if not ({' and '.join(holds) or 'True'}): raise Refused")
-    body += [f"{result} = {output}" for result, output in zip(results, outputs, strict=False)]
-    body.append(f"if not isfinite({_total(results)}): raise Refused")
-    arguments = ", ".join(f"a{k}" for k in range(len(widths)))
-    text = [f"def kernel({arguments}):", *groups, "try:", *(f"    {line}" for line in body)]
-    text += ["except (ValueError, ArithmeticError): raise Refused from None", f"return {_array(results, shape)}"]
-    return "\n    ".join(text) + "\n"
+    lines, outputs = expressions(trace.program)
+    names = iter([f"x{k}" for k in range(trace.program.inputs)])
+    taken = [[next(names) for _ in range(width)] for width in trace.widths]
+    unpacked = [f"[{', '.join(group)}] = a{k}.tolist()" for k, group in enumerate(taken)]
+    results = [f"r{k}" for k in range(trace.entries)]
+    before = trace.sound_inputs([name for group in taken for name in group], np.float64, _Text())
+    after = trace.sound_results([*results, *outputs[len(results) :]], np.float64, _Text())
+    body = [
+        *_unless(before),
+        *lines,
+        *(f"{result} = {output}" for result, output in zip(results, outputs, strict=False)),
+        *_unless(after),
+    ]
+    arguments = ", ".join(f"a{k}" for k in range(len(taken)))
+    text = [f"def kernel({arguments}):", *unpacked, "try:", *(f"    {line}" for line in body)]
+    text.append("except (ValueError, ArithmeticError): raise NeedsRecursion from None")
+    return "\n    ".join([*text, f"return {_array(results, trace.shape)}"]) + "\n"
+
+
+def _unless(conditions: Sequence[str]) -> list[str]:
+    return [f"if not ({' and '.join(conditions)}): raise NeedsRecursion"] if conditions else []
 
 
 def _total(names: Sequence[str]) -> str:
@@ -174,12 +142,10 @@ def _array(results: Sequence[str], shape: tuple[int, ...]) -> str:
     return flat if len(shape) == 1 else f"{flat}.reshape({shape})"
 
 
-def compiled_function(
-    program: Program, widths: Sequence[int], shape: tuple[int, ...], guard: Guard | None = None
-) -> Callable[..., Array]:
-    """The compiled function of `source`, which holds nothing but numbers and generated names."""
-    names: dict[str, Any] = {"isfinite": math.isfinite, "array": np.array, "float64": np.float64, "Refused": Refused}
-    namespace = FUNCTION_NAMES | names
-    exec(compile(source(program, widths, shape, guard), "<rne kernel>", "exec"), namespace)
+def state_function(trace: Trace) -> Callable[..., Array]:
+    """The function of `state_source`, compiled; its text holds nothing but numbers and generated names."""
+    names = {"isfinite": math.isfinite, "array": np.array, "float64": np.float64, "NeedsRecursion": NeedsRecursion}
+    namespace: dict[str, Any] = FUNCTION_NAMES | names
+    exec(compile(state_source(trace), "<rne kernel>", "exec"), namespace)
     compiled: Callable[..., Array] = namespace["kernel"]
     return compiled

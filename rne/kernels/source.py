@@ -1,15 +1,59 @@
-"""A program as source text: Python, NumPy, MATLAB (and Octave) or C. Joints are numbers; names are in comments only."""
+"""A program as source text in Python, NumPy, MATLAB (and Octave) or C, below a comment on robot, joints and units.
+
+Joints are numbers in the program. Names come from a file, and the file may be anybody's: in the comment they are plain
+ASCII of a few harmless characters, so that no name can end the comment or continue its line, in any of the languages.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
+from math import prod
 from typing import NamedTuple
 
+from ..model.model import Model
 from .program import Program
 from .python_backend import FUNCTIONS, expressions
 
-LANGUAGES = ("python", "numpy", "matlab", "c")
+MAX_NAME = 60  # characters
+WIDTH = 100
+
+# Letters of single entries, as in the thesis's appendix C: m23 of M, c3 of C q', g2 of g, tau4.
+LETTERS = {
+    "mass_matrix": "m",
+    "coriolis_torque": "c",
+    "gravity_torque": "g",
+    "bias_torque": "h",
+    "inverse_dynamics": "tau",
+    "forward_dynamics": "qdd",
+}
+# Of joint arrays, and of results with an entry for each joint: for a rotating and for a sliding joint.
+UNITS = {
+    "q": ("rad", "m"),
+    "qd": ("rad/s", "m/s"),
+    "qdd": ("rad/s^2", "m/s^2"),
+    "qdr": ("rad/s", "m/s"),
+    "qddr": ("rad/s^2", "m/s^2"),
+    "tau": ("N m", "N"),
+}
+PER_JOINT = {
+    "inverse_dynamics": "tau",
+    "bias_torque": "tau",
+    "gravity_torque": "tau",
+    "coriolis_torque": "tau",
+    "forward_dynamics": "qdd",
+    "articulated_forward_dynamics": "qdd",
+}
+MASS = ("kg m^2", "kg m", "kg")  # of an entry of M with none, one or two sliding joints
+SCALAR = {"kinetic_energy": "J", "potential_energy": "J"}
+# Quantities with a column for each inertial parameter.
+REGRESSORS = ("regressor", "control_regressor", "kinetic_energy_regressor", "potential_energy_regressor")
+TEN = (
+    "ten per body: m kg, m cx, m cy, m cz kg m, Ixx, Ixy, Iyy, Ixz, Iyz, Izz kg m^2, about the origin of the body's "
+    "joint frame in the URDF, in its axes"
+)
 
 
 class Printable(NamedTuple):
@@ -20,7 +64,17 @@ class Printable(NamedTuple):
     arguments: tuple[str, ...]
     widths: tuple[int, ...]
     shape: tuple[int, ...]
-    heading: Sequence[str] = ()
+    heading: Sequence[str]
+
+    @property
+    def names(self) -> str:
+        """The arguments, separated by commas."""
+        return ", ".join(self.arguments)
+
+    @property
+    def entries(self) -> list[tuple[int, ...]]:
+        """The place of each entry of the result, row by row."""
+        return list(product(*(range(size) for size in self.shape)))
 
 
 def to_source(printable: Printable, language: str) -> str:
@@ -40,33 +94,23 @@ def to_source(printable: Printable, language: str) -> str:
     ValueError
         For any other language.
     """
-    printers = {"python": _python, "numpy": _numpy, "matlab": _matlab, "c": _c}
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
-    return printers[language](printable)
+    entry, functions, text = LANGUAGES[language]
+    pairs = zip(printable.arguments, printable.widths, strict=True)
+    inputs = [entry(name, k) for name, width in pairs for k in range(width)]
+    lines, outputs = expressions(printable.program, inputs.__getitem__, FUNCTIONS | functions)
+    return "\n".join(text(printable, lines, outputs[: prod(printable.shape)])) + "\n"
 
 
-def _lines(
-    printable: Printable, index: Callable[[str, int], str], functions: dict[str, str]
-) -> tuple[list[str], list[str]]:
-    entries = [index(name, k) for name, w in zip(printable.arguments, printable.widths, strict=True) for k in range(w)]
-    return expressions(printable.program, entries.__getitem__, functions)
-
-
-def _entries(shape: tuple[int, ...]) -> list[tuple[int, ...]]:
-    return list(product(*(range(size) for size in shape)))
-
-
-def _python(p: Printable) -> str:
-    lines, outputs = _lines(p, lambda name, k: f"{name}[{k}]", FUNCTIONS)
-    flat = ", ".join(outputs[: len(_entries(p.shape))])
+def _python(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
+    flat = ", ".join(outputs)
     body = [*lines, f"return [{flat}]" if p.shape else f"return {flat}"]
     doc = f'"""Entries of the result, shape {p.shape}, row by row."""'
     head = [*(f"# {line}" for line in p.heading), f"from math import {_imported(body)}", "", ""]
     if any("sign(" in line for line in body):
         head += ["def sign(x):", "    return float(x > 0) - float(x < 0)", "", ""]
-    head += [f"def {p.name}({', '.join(p.arguments)}):", f"    {doc}"]
-    return "\n".join([*head, *(f"    {line}" for line in body)]) + "\n"
+    return [*head, f"def {p.name}({p.names}):", f"    {doc}", *_indented(body)]
 
 
 def _imported(lines: Sequence[str]) -> str:
@@ -75,77 +119,187 @@ def _imported(lines: Sequence[str]) -> str:
     return ", ".join(sorted({"cos", "sin", "sqrt", "tanh"} | rarer))
 
 
-def _numpy(p: Printable) -> str:
-    functions = FUNCTIONS | {
-        **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")},
-        **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")},
-        "less": "np.less({}, {}).astype(float)",
-        "less_equal": "np.less_equal({}, {}).astype(float)",
-        "where": "np.where({} != 0, {}, {})",
-    }
-    lines, outputs = _lines(p, lambda name, k: f"{name}[..., {k}]", functions)
-    stores = [
-        f"result[{', '.join(['...', *map(str, entry)])}] = {output}"
-        for entry, output in zip(_entries(p.shape), outputs, strict=False)
-    ]
-    names = ", ".join(p.arguments)
+def _numpy(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
+    pairs = zip(p.entries, outputs, strict=True)
+    stores = [f"result[{', '.join(['...', *map(str, entry)])}] = {output}" for entry, output in pairs]
     leading = f"np.broadcast_shapes({', '.join(f'{name}.shape[:-1]' for name in p.arguments)})"
-    body = [
-        *lines,
-        f"result = np.zeros({leading} + {p.shape}, dtype=np.result_type({names}))",
-        *stores,
-        "return result",
-    ]
-    comments = [f"# {line}" for line in p.heading]
-    head = [*comments, "import numpy as np", "", "", f"def {p.name}({', '.join(p.arguments)}):"]
-    return "\n".join([*head, *(f"    {line}" for line in body)]) + "\n"
+    result = f"result = np.zeros({leading} + {p.shape}, dtype=np.result_type({p.names}))"
+    head = [*(f"# {line}" for line in p.heading), "import numpy as np", "", ""]
+    return [*head, f"def {p.name}({p.names}):", *_indented([*lines, result, *stores, "return result"])]
 
 
-def _matlab(p: Printable) -> str:
-    functions = FUNCTIONS | {
-        "minimum": "min({}, {})",
-        "maximum": "max({}, {})",
-        "less": "double({} < {})",
-        "less_equal": "double({} <= {})",
-        "where": "(({0} ~= 0) * {1} + ({0} == 0) * {2})",
-    }
-    lines, outputs = _lines(p, lambda name, k: f"{name}({k + 1})", functions)
-    stores = [
-        f"result({', '.join(str(k + 1) for k in entry) or '1'}) = {output}"
-        for entry, output in zip(_entries(p.shape), outputs, strict=False)
-    ]
+def _matlab(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
+    pairs = zip(p.entries, outputs, strict=True)
+    stores = [f"result({', '.join(str(k + 1) for k in entry) or '1'}) = {output}" for entry, output in pairs]
     size = ", ".join(map(str, p.shape if len(p.shape) > 1 else (*p.shape, 1) if p.shape else (1, 1)))
-    body = [*lines, f"result = zeros({size})", *stores]
-    head = f"function result = {p.name}({', '.join(p.arguments)})"
-    comments = [f"% {line}" for line in p.heading]
-    return "\n".join([head, *comments, *(f"  {line};" for line in body), "end"]) + "\n"
+    head = [f"function result = {p.name}({p.names})", *(f"% {line}" for line in p.heading)]
+    return [*head, *(f"  {line};" for line in [*lines, f"result = zeros({size})", *stores]), "end"]
 
 
-def _c(p: Printable) -> str:
-    functions = FUNCTIONS | {
-        "abs": "fabs({})",
-        "sign": "(({0} > 0.0) - ({0} < 0.0))",
-        "minimum": "fmin({}, {})",
-        "maximum": "fmax({}, {})",
-        "less": "(double)({} < {})",
-        "less_equal": "(double)({} <= {})",
-        "where": "({} != 0.0 ? {} : {})",
-    }
-    lines, outputs = _lines(p, lambda name, k: f"{name}[{k}]", functions)
-    stores = [f"result[{k}] = {output}" for k, output in enumerate(outputs[: len(_entries(p.shape))])]
+def _c(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
+    size = f"{' x '.join(map(str, p.shape))} entries, row by row" if p.shape else "1 entry"
+    head = [*(f"/* {line} */" for line in p.heading), "#include <math.h>", "", f"/* {size}. */"]
     arguments = ", ".join([f"const double *{name}" for name in p.arguments] + ["double *result"])
-    body = [*(f"const double {line};" for line in lines), *(f"{store};" for store in stores)]
-    comments = [f"/* {line} */" for line in p.heading]
-    head = [
-        *comments,
-        "#include <math.h>",
-        "",
-        f"/* {_size(p.shape)} {'entries, row by row' if p.shape else 'entry'}. */",
-        f"void {p.name}({arguments})",
-        "{",
-    ]
-    return "\n".join([*head, *(f"    {line}" for line in body), "}"]) + "\n"
+    body = [f"const double {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
+    return [*head, f"void {p.name}({arguments})", "{", *_indented(body), "}"]
 
 
-def _size(shape: Sequence[int]) -> str:
-    return " x ".join(map(str, shape)) or "1"
+def _indented(lines: Sequence[str]) -> list[str]:
+    return [f"    {line}" for line in lines]
+
+
+class Language(NamedTuple):
+    """Text of an argument's entry, of functions that differ from Python's, and of the whole function."""
+
+    entry: Callable[[str, int], str]
+    functions: dict[str, str]
+    text: Callable[[Printable, list[str], list[str]], list[str]]
+
+
+LANGUAGES = {
+    "python": Language("{}[{}]".format, {}, _python),
+    "numpy": Language(
+        "{}[..., {}]".format,
+        {
+            **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")},
+            **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")},
+            "less": "np.less({}, {}).astype(float)",
+            "less_equal": "np.less_equal({}, {}).astype(float)",
+            "where": "np.where({} != 0, {}, {})",
+        },
+        _numpy,
+    ),
+    "matlab": Language(
+        lambda name, k: f"{name}({k + 1})",
+        {
+            "minimum": "min({}, {})",
+            "maximum": "max({}, {})",
+            "less": "double({} < {})",
+            "less_equal": "double({} <= {})",
+            "where": "(({0} ~= 0) * {1} + ({0} == 0) * {2})",
+        },
+        _matlab,
+    ),
+    "c": Language(
+        "{}[{}]".format,
+        {
+            "abs": "fabs({})",
+            "sign": "(({0} > 0.0) - ({0} < 0.0))",
+            "minimum": "fmin({}, {})",
+            "maximum": "fmax({}, {})",
+            "less": "(double)({} < {})",
+            "less_equal": "(double)({} <= {})",
+            "where": "({} != 0.0 ? {} : {})",
+        },
+        _c,
+    ),
+}
+
+
+def quantity_of_element(element: str) -> str:
+    """The quantity that an entry belongs to, by the letters of its name; ValueError if there is none."""
+    letters = re.sub(r"[0-9_]*$", "", element)
+    for quantity, known in LETTERS.items():
+        if letters == known:
+            return quantity
+    raise ValueError(f"`element` must start with one of {list(LETTERS.values())}, got {element!r}")
+
+
+def entry_of_element(element: str, quantity: str, shape: Sequence[int]) -> tuple[int, ...]:
+    """The place of an entry in a result of some shape, from 0.
+
+    Parameters
+    ----------
+    element : str
+        Letters of the quantity and the joints' numbers from 1, such as "m23", "c3" or, beyond nine joints, "m2_13".
+    quantity : str
+    shape : sequence of int
+        Of the quantity's result: (n,) or (n, n).
+
+    Raises
+    ------
+    ValueError
+        If the quantity's entries have no names, or there is no such entry.
+
+    Examples
+    --------
+    >>> from rne.kernels.source import entry_of_element
+    >>> entry_of_element("m23", "mass_matrix", (6, 6))
+    (1, 2)
+    """
+    if quantity not in LETTERS:
+        raise ValueError(f"`element` is for {', '.join(LETTERS)}; entries of {quantity} have no names")
+    letters = LETTERS[quantity]
+    one, two = r"([1-9][0-9]*)", r"([1-9])([1-9])|([1-9][0-9]*)_([1-9][0-9]*)"
+    match = re.fullmatch(f"{letters}(?:{one if len(shape) == 1 else two})", str(element))
+    entry = tuple(int(number) - 1 for number in match.groups() if number) if match else ()
+    if not entry or any(k >= size for k, size in zip(entry, shape, strict=True)):
+        between = "_" if max(shape) > 9 else ""
+        first, last = (letters + between.join(str(number(size)) for size in shape) for number in (lambda _: 1, int))
+        raise ValueError(f"`element` of {quantity} must be one of {first} ... {last}, got {element!r}")
+    return entry
+
+
+def heading(
+    model: Model,
+    quantity: str,
+    arguments: Sequence[str],
+    entry: tuple[int, ...] | None,
+    wrenches: Mapping[str, str],
+) -> list[str]:
+    """Lines of the comment, without the language's comment signs.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+    quantity : str
+        What is printed, with "by" and the arguments of a derivative.
+    arguments : sequence of str
+    entry : tuple of int, or None
+        The place of the only entry that is printed.
+    wrenches : mapping of str to str
+        The arguments that are wrenches, each with its link.
+    """
+    sliding = [not model.is_revolute[i] for i in model.independent_joints]
+    what = f"{quantity} of robot {harmless(model.name)}"
+    if entry is not None:
+        what = f"Entry {', '.join(str(k + 1) for k in entry)} of {what}"
+    names = ", ".join(f"{k} {harmless(name)}" for k, name in enumerate(model.joint_names, 1))
+    texts = [f"Joints in order - {names or 'none'}"]
+    for title, kind in (("rotating", 0), ("sliding", 1)):
+        joints = [k for k, slides in enumerate(sliding) if slides == bool(kind)]
+        units = [f"{name} {UNITS[name][kind]}" for name in arguments if name in UNITS]
+        if joints and units:
+            which = "" if len(joints) == len(sliding) else f" of {title} joints {', '.join(str(k + 1) for k in joints)}"
+            texts.append(f"Units{which} - {', '.join(units)}")
+    for name, link in wrenches.items():
+        where = f"on link {harmless(link)} at its origin, in its axes"
+        texts.append(f"{name} - moment N m, then force N, {where}")
+    ordered = {"parameters": "parameters" in arguments, "Columns of the result": quantity in REGRESSORS}
+    texts += [f"{of_what} - {TEN}" for of_what, there in ordered.items() if there]
+    if any(ordered.values()):
+        bodies = ", ".join(f"{k} {harmless(name)}" for k, name in enumerate(model.moving_joints, 1))
+        texts.append(f"Bodies by their joints - {bodies or 'none'}")
+    wrapped = [line for text in texts for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
+    return [what, *wrapped, f"Unit of the result - {_unit(quantity, sliding, entry)}"]
+
+
+def harmless(name: str) -> str:
+    """A name in which every character but ASCII letters, digits, spaces and _.+- is written as its number."""
+    return re.sub(r"[^A-Za-z0-9_.+ -]", lambda match: f"<U+{ord(match.group()):04X}>", name[:MAX_NAME])
+
+
+def _unit(quantity: str, sliding: Sequence[bool], entry: tuple[int, ...] | None) -> str:
+    places: Iterable[int] = range(len(sliding))
+    if quantity in SCALAR:
+        return SCALAR[quantity]
+    if quantity in PER_JOINT:
+        units = UNITS[PER_JOINT[quantity]]
+        found = [units[sliding[k]] for k in (places if entry is None else entry)]
+    elif quantity == "mass_matrix":
+        pairs = [(i, j) for i in places for j in places] if entry is None else [(entry[0], entry[1])]
+        found = [MASS[sliding[i] + sliding[j]] for i, j in pairs]
+    else:
+        return "SI"
+    return " or ".join(dict.fromkeys(found)) or "none"

@@ -1,14 +1,18 @@
-"""From a function of a model to a program: its core, run on traced numbers."""
+"""From a function of a model to a program: its core run on traced numbers, and when the program's results are sound."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import prod
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.quantity import Declared, Quantity
+from ..dynamics.precision import NEARLY_SINGULAR, velocity_bound
+from ..dynamics.quantity import Declared, PrecisionStatus, Quantity
 from ..model.fewest_terms import with_fewest_terms
 from ..model.model import Model
 from .differentiation import differentiate
@@ -17,16 +21,90 @@ from .program import Program, lower
 from .scalar import inputs, references
 
 LIMIT = 50_000  # operations that are written out at most
+# Operations whose result is not finite if an operand is not. So is x / y if y is a pivot of M, which is checked.
+PROPAGATING = frozenset({"add", "subtract", "multiply", "negative", "sin", "cos", "sqrt", "abs"})
+# What the recursion finds for states begin to end, counted in the whole batch.
+Recursion = Callable[[int, int], tuple[Array, PrecisionStatus]]
 
 
-class Trace(NamedTuple):
-    """A quantity traced on one model.
+class NeedsRecursion(Exception):
+    """Raised for a state that the recursion must compute, since the program's result is not known to be sound."""
 
-    The program's outputs are the entries of the result and, of a judged quantity, pivots and diagonal of M.
+
+class Conditions(Protocol):
+    """How an engine writes the conditions of soundness: on text, on registers of NumPy, in machine code."""
+
+    def finite(self, values: Any) -> Any:
+        """Every value is finite."""
+
+    def within(self, values: Any, bound: float) -> Any:
+        """No value exceeds the bound in size; an engine may also refuse values up to its n-th part."""
+
+    def above(self, values: Any, factor: float, others: Any) -> Any:
+        """Each value exceeds the factor times its partner."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A quantity traced on one model, as the engines run it.
+
+    Attributes
+    ----------
+    program : Program
+        Its outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots.
+    widths : tuple of int
+        Number of inputs of each argument.
+    shape : tuple of int
+        Of the result for one state.
+    velocities : range
+        Inputs that are joint velocities whose squares may cost digits.
+    pivots : int
+        Number of pivots of M.
     """
 
     program: Program
-    shape: tuple[int, ...]  # of the result, without the batch axis
+    widths: tuple[int, ...]
+    shape: tuple[int, ...]
+    velocities: range = range(0)
+    pivots: int = 0
+
+    @property
+    def entries(self) -> int:
+        """Number of entries of the result."""
+        return prod(self.shape)
+
+    def unguarded(self) -> Trace:
+        """The trace without the condition on joint velocities."""
+        return replace(self, velocities=range(0))
+
+    @cached_property
+    def unchecked_inputs(self) -> list[int]:
+        """Inputs whose NaN or infinity might not reach an output: unused ones, or all if some operation can hide it."""
+        hiding = self.program.operations.keys() - PROPAGATING
+        if hiding - {"divide"} or (hiding and not self.pivots):
+            return list(range(self.program.inputs))
+        return self.program.unused_inputs
+
+    def sound_inputs(self, inputs: Any, dtype: Any, write: Conditions) -> list[Any]:
+        """What must hold for the inputs of a state, or of several at once; see `sound_results`."""
+        unchecked = [inputs[k] for k in self.unchecked_inputs]
+        conditions = [write.finite(unchecked)] if unchecked else []
+        if self.velocities:
+            velocities = inputs[self.velocities.start : self.velocities.stop]
+            conditions.append(write.within(velocities, velocity_bound(np.dtype(dtype))))
+        return conditions
+
+    def sound_results(self, outputs: Any, dtype: Any, write: Conditions) -> list[Any]:
+        """What must hold for the outputs, so that the recursion need not compute the state as well.
+
+        This is the only statement of it; each engine writes it in its own form. A NaN fulfils no condition.
+        """
+        first, n = self.entries, self.pivots
+        conditions = [write.finite(outputs[:first])]
+        if n:
+            pivots, diagonal = outputs[first : first + n], outputs[first + n : first + 2 * n]
+            conditions.append(write.above(pivots, NEARLY_SINGULAR * n * float(np.finfo(dtype).eps), diagonal))
+        return conditions
 
 
 def quantity_of(function: Declared) -> Quantity:
@@ -68,7 +146,12 @@ def trace(
     program = lower(graph, outputs, sum(widths.values()))
     if len(program.instructions) > LIMIT or not program.is_finite:
         raise TooLarge("operations or constants")  # the recursion runs, and names what is wrong
-    return Trace(program, shape)
+    velocities = range(0)
+    if quantity.velocities is not None:
+        name, entries = quantity.velocities
+        velocities = range(starts[name], starts[name] + widths[name])[entries]
+    pivots = model.n if judged and entry is None else 0
+    return Trace(program, tuple(widths.values()), shape, velocities, pivots)
 
 
 def _parts(quantity: Quantity, core_result: Any) -> tuple[Any, ...]:

@@ -21,8 +21,8 @@ import numpy as np
 from ..basics.text import counted, short, six_digits
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.recursion_record import BRANCHED, LEGEND, VECTORS, Recursion
-from ..kernels.heading import UNITS
 from ..kernels.kernel import Kernel
+from ..kernels.source import UNITS
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot

@@ -283,9 +283,9 @@ class Robot(InNotebooks):
         >>> robot.inverse_dynamics([0] * 6, [0] * 6, [0] * 6, parameters=scales * robot.parameters).shape
         (5000, 6)
         """
-        if external is None and parameters is None:
-            return self._kernels.value(dynamics.inverse_dynamics, q, qd, qdd)
-        return self._kernels.value_with(dynamics.inverse_dynamics, q, qd, qdd, external=external, parameters=parameters)
+        return self._kernels.evaluate_quantity(
+            dynamics.inverse_dynamics, q, qd, qdd, external=external, parameters=parameters
+        )
 
     def forward_dynamics(
         self,
@@ -335,7 +335,7 @@ class Robot(InNotebooks):
         >>> robot.forward_dynamics([0.1] * 6, [0] * 6, tau).round(9).tolist()
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
         """
-        qdd, status = self._kernels.accelerations(q, qd, tau, external, parameters)
+        qdd, status = self._kernels.forward_dynamics(q, qd, tau, external, parameters)
         status.raise_or_warn(stacklevel=2)
         return qdd
 
@@ -367,9 +367,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").mass_matrix([0] * 6)[5, 5].round(6).item()
         0.001458
         """
-        if parameters is None:
-            return self._kernels.value(dynamics.mass_matrix, q)
-        return self._kernels.value_with(dynamics.mass_matrix, q, parameters=parameters)
+        return self._kernels.evaluate_quantity(dynamics.mass_matrix, q, parameters=parameters)
 
     def recursion(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, external: External | None = None) -> Recursion:
         """Inverse dynamics with all intermediate vectors of every link.
@@ -480,9 +478,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").bias_torque([0] * 6, [1, 0, 0, 0, 0, 0]).shape
         (6,)
         """
-        if external is None and parameters is None:
-            return self._kernels.value(dynamics.bias_torque, q, qd)
-        return self._kernels.value_with(dynamics.bias_torque, q, qd, external=external, parameters=parameters)
+        return self._kernels.evaluate_quantity(dynamics.bias_torque, q, qd, external=external, parameters=parameters)
 
     def gravity_torque(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Joint torques g(q) that balance gravity at rest.
@@ -512,9 +508,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").gravity_torque([0, math.pi / 2, -math.pi / 2, 0, 0, 0]).round(3)[[1, 2, 4]].tolist()
         [-158.834, -23.632, -0.284]
         """
-        if parameters is None:
-            return self._kernels.value(dynamics.gravity_torque, q)
-        return self._kernels.value_with(dynamics.gravity_torque, q, parameters=parameters)
+        return self._kernels.evaluate_quantity(dynamics.gravity_torque, q, parameters=parameters)
 
     def coriolis_torque(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Centrifugal and Coriolis joint torques C(q, qd) qd.
@@ -545,9 +539,7 @@ class Robot(InNotebooks):
         >>> np.allclose(robot.coriolis_torque(q, 2 * qd), 4 * robot.coriolis_torque(q, qd))
         True
         """
-        if parameters is None:
-            return self._kernels.value(dynamics.coriolis_torque, q, qd)
-        return self._kernels.value_with(dynamics.coriolis_torque, q, qd, parameters=parameters)
+        return self._kernels.evaluate_quantity(dynamics.coriolis_torque, q, qd, parameters=parameters)
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
@@ -578,9 +570,7 @@ class Robot(InNotebooks):
         >>> np.allclose(robot.coriolis_matrix(q, qd) @ qd, robot.coriolis_torque(q, qd))
         True
         """
-        if parameters is None:
-            return self._kernels.value(dynamics.coriolis_matrix, q, qd)
-        return self._kernels.value_with(dynamics.coriolis_matrix, q, qd, parameters=parameters)
+        return self._kernels.evaluate_quantity(dynamics.coriolis_matrix, q, qd, parameters=parameters)
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
         """Exact derivatives of the inverse dynamics: of the traced program, without differences.
@@ -730,7 +720,7 @@ class Robot(InNotebooks):
         >>> robot.link_poses([0] * 6)[robot.link_names.index("link_2"), :3, 3].tolist()
         [0.07, 0.0, 0.352]
         """
-        return self._kernels.value(dynamics.link_poses, q)
+        return self._kernels.evaluate_quantity(dynamics.link_poses, q)
 
     def jacobian(self, q: ArrayLike, link: str) -> Array:
         """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint velocity.
@@ -761,7 +751,7 @@ class Robot(InNotebooks):
         [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
         """
         self._model.link_index(link)
-        return self._kernels.evaluate(dynamics.jacobian, q, link=link)[0]
+        return self._kernels.evaluate_quantity(dynamics.jacobian, q, link=link)
 
     def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str) -> Array:
         """Time derivative of `jacobian` along the motion (q, qd).
@@ -792,7 +782,7 @@ class Robot(InNotebooks):
         False
         """
         self._model.link_index(link)
-        return self._kernels.evaluate(dynamics.jacobian_rate, q, qd, link=link)[0]
+        return self._kernels.evaluate_quantity(dynamics.jacobian_rate, q, qd, link=link)
 
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
@@ -822,9 +812,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").kinetic_energy([0] * 6, [0, 0, 0, 0, 0, 2]).round(6).item()
         0.002916
         """
-        if parameters is None:
-            return self._kernels.value(dynamics.kinetic_energy, q, qd)
-        return self._kernels.value_with(dynamics.kinetic_energy, q, qd, parameters=parameters)
+        return self._kernels.evaluate_quantity(dynamics.kinetic_energy, q, qd, parameters=parameters)
 
     def potential_energy(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Potential energy of the moving bodies in gravity, zero at the height of the root link's origin.
@@ -854,9 +842,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").potential_energy([0] * 6).round(5).item()
         370.87686
         """
-        if parameters is None:
-            return self._kernels.value(dynamics.potential_energy, q)
-        return self._kernels.value_with(dynamics.potential_energy, q, parameters=parameters)
+        return self._kernels.evaluate_quantity(dynamics.potential_energy, q, parameters=parameters)
 
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Momentum of the moving bodies about the root link's origin.
@@ -886,9 +872,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").momentum([0] * 6, [0] * 6).tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        if parameters is None:
-            return self._kernels.value(dynamics.momentum, q, qd)
-        return self._kernels.value_with(dynamics.momentum, q, qd, parameters=parameters)
+        return self._kernels.evaluate_quantity(dynamics.momentum, q, qd, parameters=parameters)
 
     @property
     def parameters(self) -> Array:
@@ -928,7 +912,7 @@ class Robot(InNotebooks):
         >>> np.allclose(tau, robot.inverse_dynamics(q, qd, qdd))
         True
         """
-        return self._kernels.value(dynamics.regressor, q, qd, qdd)
+        return self._kernels.evaluate_quantity(dynamics.regressor, q, qd, qdd)
 
     def control_regressor(self, q: ArrayLike, qd: ArrayLike, qdr: ArrayLike, qddr: ArrayLike) -> Array:
         """The matrix Y of M qddr + C qdr + g = Y pi, with dM/dt - 2 C skew: what adaptive control needs.
@@ -962,7 +946,7 @@ class Robot(InNotebooks):
         >>> np.allclose(torques, M @ qddr + C @ qdr + g)
         True
         """
-        return self._kernels.value(dynamics.control_regressor, q, qd, qdr, qddr)
+        return self._kernels.evaluate_quantity(dynamics.control_regressor, q, qd, qdr, qddr)
 
     def base_parameters(
         self,

@@ -12,7 +12,7 @@ from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError
-from ..kernels.python_backend import Refused
+from ..kernels.trace import NeedsRecursion
 from .equations_of_motion import RightHandSide
 from .law import torques_and_rates
 from .system import SmoothSystem
@@ -51,7 +51,7 @@ class Plant(SmoothSystem):
         self._time = np.zeros(1)  # t as an argument of the kernel
         self.verdict = OK
         self.kernel = rhs.kernel
-        self._state_function = self.kernel.state_function_at_any_rate if self.kernel.is_unrolled else None
+        self._state_function = self.kernel.state_function_unguarded if self.kernel.is_unrolled else None
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Evaluate torques within the segment that begins here."""
@@ -120,7 +120,7 @@ class Plant(SmoothSystem):
                 if u is None:
                     return self._state_function(self._time, x)
                 return self._state_function(self._time, x, u)
-            except Refused:
+            except NeedsRecursion:
                 pass  # examined below, by the recursion
         self._check_state(t, x)
         try:

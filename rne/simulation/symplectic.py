@@ -16,7 +16,7 @@ from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.quantity import quantity
 from ..errors import NotFiniteError
-from ..kernels.python_backend import Refused
+from ..kernels.trace import NeedsRecursion
 from ..model.model import Model
 from .plant import Plant
 from .system import SmoothSystem
@@ -57,7 +57,7 @@ class Hamilton(SmoothSystem):
                     qd = self.rates.state_function(q, x[n:])
                     parts += [qd, self.slopes.state_function(q, qd)]
                 return np.array(parts).reshape(X.shape)
-            except Refused:
+            except NeedsRecursion:
                 pass  # named below
         rates = self.rates(X[:, :n], X[:, n:])
         return np.concatenate([rates, self.slopes(X[:, :n], rates)], axis=1)

@@ -1,0 +1,136 @@
+"""External wrenches and inertial parameters as arrays, which a kernel takes behind the joint arrays.
+
+A function takes wrenches as a mapping of links, and its model has the parameters. A kernel takes arrays alone, so that
+many loads, or many variants of a robot, are one batch.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..dynamics.quantity import Declared, PrecisionStatus, Quantity, check_arguments
+from ..model.model import Model, model_argument
+from ..model.parameters import PARAMETERS, at_parameters
+from .trace import quantity_of
+
+
+@dataclass(frozen=True)
+class OfArrays:
+    """A function of a model with wrenches, or the inertial parameters, as arrays behind its joint arrays.
+
+    Attributes
+    ----------
+    function : Declared
+    links : tuple of str
+        Links of the wrenches, in the order of their arrays.
+    bodies : int or None
+        Number of moving bodies if the inertial parameters are the last array; None if they are the model's.
+    """
+
+    function: Declared
+    links: tuple[str, ...]
+    bodies: int | None
+
+    @property
+    def quantity(self) -> Quantity:
+        """The function's quantity with further arrays: external_k of shape (..., 6), parameters (..., 10 bodies)."""
+        declared = self.function.quantity
+        wrenches = {f"external_{k}": link for k, link in enumerate(self.links, 1)}
+        widths = {**declared.widths, **dict.fromkeys(wrenches, 6)}
+        if self.bodies is None:
+            return replace(declared, core=self.core, widths=widths, wrenches=wrenches)
+        widths["parameters"] = PARAMETERS * self.bodies
+        return replace(declared, core=self.core, widths=widths, wrenches=wrenches, base_parameters=False)
+
+    def core(self, model: Model, *arrays: Any, **named: Any) -> Any:
+        """The function's core, with wrenches by link, on the model at the parameters."""
+        given = by_link(self.quantity, arrays, named)
+        if self.bodies is not None:
+            model = at_parameters(model, given.pop("parameters"))
+        return self.function.quantity.core(model, **given)
+
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
+        """The function itself, with wrenches by link and `parameters`."""
+        return self.function.evaluate(model, **by_link(self.quantity, args, kwargs))
+
+
+def by_link(quantity: Quantity, arrays: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments by name, the wrenches among them in one mapping `external` by link."""
+    given = {**dict(zip(quantity.widths, arrays, strict=False)), **named}
+    external = {link: given.pop(name) for name, link in quantity.wrenches.items()}
+    return given | {"external": external} if external else given
+
+
+def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any]) -> tuple[Declared, dict[str, Any]]:
+    """Turn the fixed arguments `external` and `parameters` into arrays of the function.
+
+    Parameters
+    ----------
+    function : Declared
+    model : Model
+        The robot's parameters.
+    fixed : mapping of str to object
+        May have `external`, a sequence of link names, and `parameters`, True or False.
+
+    Returns
+    -------
+    function : Declared
+        Takes the joint arrays, then the wrenches, then the inertial parameters.
+    fixed : dict of str to object
+        Without these two.
+
+    Raises
+    ------
+    TypeError
+        If the function takes no external wrenches or does not depend on inertial parameters, or an argument is of
+        another type.
+    ValueError
+        If a link is unknown or named twice.
+    """
+    rest = dict(fixed)
+    external, parameters = rest.pop("external", None), rest.pop("parameters", False)
+    links: tuple[str, ...] = ()
+    if external is not None:
+        quantity = quantity_of(function)
+        if "external" not in inspect.signature(quantity.core).parameters:
+            raise TypeError(f"rne.dynamics.{quantity.name} takes no external wrenches")
+        links = wrench_links(model_argument(model), external)
+    if not isinstance(parameters, bool):
+        raise TypeError(
+            f"`parameters` of a kernel must be True or False, got {type(parameters).__name__}; the parameters "
+            "themselves are an argument of its calls"
+        )
+    if parameters:
+        quantity_of(function).require_moments()
+    if not links and not parameters:
+        return function, rest
+    return OfArrays(function, links, model_argument(model).nb if parameters else None), rest
+
+
+def wrench_links(model: Model, external: Any) -> tuple[str, ...]:
+    """The links on which wrenches of a kernel act: known ones, each named once."""
+    if isinstance(external, str) or not isinstance(external, Sequence):
+        raise TypeError(
+            f"`external` of a kernel must be a sequence of link names, such as ['link_6'], got "
+            f"{type(external).__name__}; the wrenches are arguments of its calls"
+        )
+    for k, link in enumerate(external):
+        if link not in model.link_names:
+            raise ValueError(f"`external` must name links of {list(model.link_names)}, got {link!r}")
+        if link in external[:k]:
+            raise ValueError(f"`external` must name each link once, got {link!r} again")
+    return tuple(external)
+
+
+def named_by_function(quantity: Quantity, model: Model, arguments: Sequence[Any], error: ValueError) -> ValueError:
+    """The function's own error for these arguments, which names wrenches by their links, or else the kernel's."""
+    if not quantity.wrenches:
+        return error
+    try:
+        check_arguments(model, by_link(quantity, arguments, {}))
+    except ValueError as same:
+        return same
+    return error
