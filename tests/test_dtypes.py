@@ -7,29 +7,12 @@ import pytest
 import rne
 
 from .helpers import EPS, data_robot, kept, relative, states
-
-CALLS = {
-    "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),
-    "mass_matrix": (rne.dynamics.mass_matrix, 1),
-    "regressor": (rne.dynamics.regressor, 3),
-    "bias_torque": (rne.dynamics.bias_torque, 2),
-    "gravity_torque": (rne.dynamics.gravity_torque, 1),
-    "coriolis_torque": (rne.dynamics.coriolis_torque, 2),
-    "coriolis_matrix": (rne.dynamics.coriolis_matrix, 2),
-    "kinetic_energy": (rne.dynamics.kinetic_energy, 2),
-    "potential_energy": (rne.dynamics.potential_energy, 1),
-    "kinetic_energy_regressor": (rne.dynamics.kinetic_energy_regressor, 2),
-    "potential_energy_regressor": (rne.dynamics.potential_energy_regressor, 1),
-    "momentum": (rne.dynamics.momentum, 2),
-    "link_poses": (rne.dynamics.link_poses, 1),
-    "forward_dynamics": (rne.dynamics.forward_dynamics, 3),
-    "articulated_forward_dynamics": (rne.dynamics.articulated_forward_dynamics, 3),
-}
+from .quantities import QUANTITIES, arguments_of
 
 
-@pytest.fixture(params=CALLS)
-def call(request):
-    return CALLS[request.param]
+@pytest.fixture(params=QUANTITIES)
+def function(request):
+    return QUANTITIES[request.param]
 
 
 def exact(model, function, arguments):
@@ -41,10 +24,10 @@ def exact(model, function, arguments):
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.longdouble])
-def test_result_is_in_the_dtype_of_the_arguments_and_exact_to_it(call, dtype):
-    function, count = call
+def test_result_is_in_the_dtype_of_the_arguments_and_exact_to_it(function, dtype):
     model = rne.irb140().astype(dtype).astype(np.float64)  # the same rounded robot for both
-    arguments = [np.asarray(x, dtype=dtype) for x in states(6, 3, seed=1, rate=2.0, acceleration=5.0)[:count]]
+    given = arguments_of(function, 6, 3, seed=1, rate=2.0, acceleration=5.0)
+    arguments = [np.asarray(x, dtype=dtype) for x in given]
     got = function(rne.irb140(), *arguments)
     assert got.dtype == dtype
     solved = "forward" in function.__name__

@@ -19,23 +19,9 @@ from rne.model.generators import random_tree, straight_chain
 
 from .conftest import TREES
 from .helpers import EPS, data_robot, gimbal, kept, relative, states
+from .quantities import QUANTITIES, arguments_of
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
-FUNCTIONS = {
-    "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),
-    "bias_torque": (rne.dynamics.bias_torque, 2),
-    "gravity_torque": (rne.dynamics.gravity_torque, 1),
-    "coriolis_torque": (rne.dynamics.coriolis_torque, 2),
-    "coriolis_matrix": (rne.dynamics.coriolis_matrix, 2),
-    "mass_matrix": (rne.dynamics.mass_matrix, 1),
-    "regressor": (rne.dynamics.regressor, 3),
-    "kinetic_energy": (rne.dynamics.kinetic_energy, 2),
-    "potential_energy": (rne.dynamics.potential_energy, 1),
-    "momentum": (rne.dynamics.momentum, 2),
-    "link_poses": (rne.dynamics.link_poses, 1),
-    "forward_dynamics": (rne.dynamics.forward_dynamics, 3),
-    "articulated_forward_dynamics": (rne.dynamics.articulated_forward_dynamics, 3),
-}
 ARMS = ["irb140", "ur_description/ur5_robot", "panda_description/panda", "double_pendulum_description/double_pendulum"]
 
 
@@ -50,17 +36,17 @@ def apart(a, b, size=1e-300):
     return float(np.abs(a - b).max(initial=0) / max(np.abs(b).max(initial=0), size))
 
 
-@pytest.fixture(params=FUNCTIONS)
-def call(request):
-    return FUNCTIONS[request.param]
+@pytest.fixture(params=QUANTITIES)
+def function(request):
+    return QUANTITIES[request.param]
 
 
-def check_same(model, function, count, dtype=np.float64):
+def check_same(model, function, dtype=np.float64):
     if model.has_mimics and function is rne.dynamics.articulated_forward_dynamics:
         with pytest.raises(rne.ModelError):
             rne.compile(function, model)
         return
-    arguments = [x.astype(dtype) for x in states(model.n, 9)[:count]]
+    arguments = [x.astype(dtype) for x in arguments_of(function, model.n, 9)]
     kernel = rne.compile(function, model)
     expected = function(model, *(x.astype(np.float64) for x in arguments))
     bound = tolerance(model.n, model, arguments[0], function, float(np.finfo(dtype).eps))
@@ -77,18 +63,18 @@ def check_same(model, function, count, dtype=np.float64):
 
 
 @pytest.mark.parametrize("tree", kept(TREES, ["single", "sliders", "mimics"]), indirect=True)
-def test_kernel_is_the_recursion_on_trees(tree, call):
-    check_same(tree, *call)
+def test_kernel_is_the_recursion_on_trees(tree, function):
+    check_same(tree, function)
 
 
 @pytest.mark.parametrize("name", kept(ARMS, ["irb140", "double_pendulum_description/double_pendulum"]))
-def test_kernel_is_the_recursion_on_arms(name, call):
+def test_kernel_is_the_recursion_on_arms(name, function):
     model = rne.irb140() if name == "irb140" else data_robot(name).model
-    check_same(model, *call)
+    check_same(model, function)
 
 
-def test_kernel_in_float32_is_the_recursion(call):
-    check_same(rne.irb140(), *call, dtype=np.float32)
+def test_kernel_in_float32_is_the_recursion(function):
+    check_same(rne.irb140(), function, dtype=np.float32)
 
 
 @pytest.mark.parametrize("name", kept(LOADABLE, ONE_OF_EACH_KIND))
