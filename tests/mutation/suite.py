@@ -87,17 +87,16 @@ def start(tree, log, *, order=None, cpu, coverage=None):
     sys.path[:] = [str(tree), *(p for p in sys.path if p != str(tree))]
     for name in [m for m in sys.modules if m.split(".")[0] in ("rne", "tests", "benchmarks")]:
         del sys.modules[name]
-    if coverage is None:
-        sys.dont_write_bytecode = True
-        os.environ["PYTHONDONTWRITEBYTECODE"] = "1"  # two mutants of one second would share it
-    else:
+    sys.dont_write_bytecode = coverage is None  # two mutants of one second would share it
+    os.environ["PYTHONDONTWRITEBYTECODE"] = "1" if coverage is None else ""
+    if coverage:
         coverage.start()
     code = 70
     with contextlib.suppress(BaseException):
         files = sorted({test.split("::")[0] for test in order or ()})
-        options = ["-x", "-p", "no:cacheprovider", "--basetemp", f"{home}/tests", *files] if coverage is None else []
-        code = pytest.main(options or ["-p", "no:cacheprovider"], plugins=[Watch(log, order, coverage)])
-    if coverage is not None:
+        options = ["-p", "no:cacheprovider", "--basetemp", f"{home}/tests", *(["-x"] if order else [])]
+        code = pytest.main([*options, *files], plugins=[Watch(log, order, coverage)])
+    if coverage:
         coverage.stop()
         coverage.save()
     shutil.rmtree(home, ignore_errors=True)
