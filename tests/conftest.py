@@ -2,6 +2,8 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads cost more than matrices of six joints give
 
+import gc
+
 import pytest
 
 import rne
@@ -30,6 +32,13 @@ def pytest_configure(config):
         function.__kwdefaults__["engine"] = engine
     rne.Robot.__init__.__defaults__ = (engine,)
     assert {rne.load("irb140").engine, rne.Robot(rne.irb140()).engine} == {engine}
+
+
+def pytest_collection_finish():
+    """What is imported stays: collections of garbage need not visit it again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.fixture(params=TREES, scope="session")

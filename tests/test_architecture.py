@@ -12,9 +12,11 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 import rne
 
-from .helpers import ROOT
+from .helpers import ROOT, kept
 
 PACKAGE = ROOT / "rne"
 # Each entry of rne/ imports only from floors below its own, and within itself.
@@ -143,17 +145,30 @@ def test_exported_names_exist():
 MODULES = [m.name for m in pkgutil.walk_packages([str(PACKAGE)], "rne.") if not m.name.endswith("__main__")]
 
 
-def test_examples_run(monkeypatch):
-    """Of all docstrings; the built-in robot is loaded once, so that it keeps the kernels that examples trace."""
+def is_diagnosis(module):
+    """Whether its examples first simulate and identify a robot."""
+    return module.startswith("rne.identification.") and module not in (
+        "rne.identification.fit",
+        "rne.identification.result",
+    )
+
+
+@pytest.mark.parametrize("diagnoses", kept([False, True], [False]))
+def test_examples_run(diagnoses, irb140, monkeypatch):
+    """The built-in robot is that of all tests, which keeps the kernels that examples trace."""
+    load = rne.load
+    monkeypatch.setattr(
+        rne, "load", lambda *args, **more: irb140 if (args, more) == (("irb140",), {}) else load(*args, **more)
+    )
     monkeypatch.chdir(ROOT)
-    failed = {}
+    failed = []
     for name in MODULES:
-        said = io.StringIO()
-        with contextlib.redirect_stdout(said):
-            result = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
-        if result.failed:
-            failed[name] = said.getvalue()
-    assert not failed, "\n".join(failed.values())
+        if is_diagnosis(name) == diagnoses:
+            said = io.StringIO()
+            with contextlib.redirect_stdout(said):
+                result = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
+            failed += [said.getvalue()] if result.failed else []
+    assert not failed, "\n".join(failed)
 
 
 def test_public_functions_are_documented():
