@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
+from rne.basics.spatial import rotation_about
 from rne.model.builder import Part, assemble
 from rne.model.fewest_terms import with_fewest_terms
 from rne.model.generators import random_tree
@@ -101,6 +102,24 @@ def test_robots_of_rounded_files(name, options):
         ranks = numeric_ranks(Y)
         assert (coarse.count, exact.count) == (ranks[0], ranks[-1])
         check_matrices(exact, Y, states)
+
+
+def arm_of_two_axes(angle):
+    """Two horizontal axes, apart by an angle; parallel ones leave two parameters fewer to be seen."""
+    turned = [np.eye(3), rotation_about(np.array([0.0, 1.0, 0.0]), np.array(angle))]
+    return rne.model.chain(turned, [[0, 0, 0], [0, 0, 0.5]], axes=[[1.0, 0, 0]] * 2)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "options"), [(1e-9, {}), (1e-7, {"tolerance": 1e-7}), (1e-5, {"tolerance": 1e-5})]
+)
+def test_axes_within_the_tolerance_are_parallel_and_others_are_not(tolerance, options):
+    """1e-9 rad where nothing is said: what a file's fifteen digits hold counts, their rounding does not."""
+    parallel = rne.dynamics.base_parameters(arm_of_two_axes(0.0)).count
+    counts = [
+        rne.dynamics.base_parameters(arm_of_two_axes(factor * tolerance), **options).count for factor in (0.25, 4.0)
+    ]
+    assert counts == [parallel, parallel + 2]
 
 
 @pytest.mark.parametrize("options", kept(OPTIONS, ["bodies", "all"]))
