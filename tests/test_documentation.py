@@ -60,7 +60,7 @@ NOT_ASKED = {
     "SA01": "links stand where they are needed",
     "SS05": "takes plural nouns, such as Torques, for verbs",
 }
-REFERENCE = re.compile(r"those of `rne\.(Robot\.\w+)`, with the model first")
+REFERENCE = re.compile(r"those of `rne\.(Robot\.\w+)`(?: without `(\w+)`)?, with the model first")
 IN_THE_REFERENCE = {"PR01", "RT01", "EX01"}  # parameters, result, example
 
 
@@ -78,7 +78,7 @@ def complaints(name):
         errors.pop("EX01", None)  # its class has an example
     thing = PUBLIC.resolve(name)
     method = REFERENCE.search(" ".join((inspect.getdoc(thing) or "").split()))
-    if method and call_of(thing) == call_of(PUBLIC.resolve(method[1])):
+    if method and call_of(thing) == call_of(PUBLIC.resolve(method[1]), without=method[2]):
         errors = {code: message for code, message in errors.items() if code not in IN_THE_REFERENCE}
     if inspect.isclass(thing) and "PR01" in errors:
         documented = documented_names(thing)
@@ -90,10 +90,10 @@ def complaints(name):
     return errors
 
 
-def call_of(function):
-    """Names, kinds and defaults of the arguments behind the model or the robot; its parameters are a Robot's to vary."""
+def call_of(function, without=None):
+    """Names, kinds and defaults of the arguments behind the model or the robot; `parameters` are a Robot's alone."""
     arguments = list(inspect.signature(function).parameters.values())[1:]
-    return [(a.name, a.kind, a.default) for a in arguments if a.name != "parameters"]
+    return [(a.name, a.kind, a.default) for a in arguments if a.name not in ("parameters", without)]
 
 
 def documented_names(owner):

@@ -150,33 +150,9 @@ def christoffel_symbols(model: Model, q: Array) -> Array:
 def lagrange_inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array) -> Array:
     """Joint torques M qdd + C qd + g by the Euler-Lagrange formulation; equal to those of `inverse_dynamics`.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd, qdd : ndarray, shape (..., n)
-        Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Torques [N m or N].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the torque overflows.
-
-    Notes
-    -----
-    Siciliano et al. 2009, section 7.1; Spong, Hutchinson and Vidyasagar 2006, sections 7.2 and 7.3. O(n^4),
-    where the recursion is O(n).
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.lagrange_inverse_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0, 0, 1, 0, 0, 0]).round(3)[2].item()
-    -22.499
+    Siciliano et al. 2009, section 7.1; Spong, Hutchinson and Vidyasagar 2006, sections 7.2 and 7.3. O(n^4), where the
+    recursion is O(n). Parameters, result and errors are those of `rne.Robot.inverse_dynamics` without `external`, with
+    the model first.
     """
     M, bias = equations(model, q, joint_velocities(model, qd))
     tau = rotate(M, joint_velocities(model, qdd)) + bias
@@ -195,40 +171,9 @@ def equations(model: Model, q: Array, qd: Array) -> tuple[Array, Array]:
 def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> tuple[Array, Array, Array]:
     """Joint accelerations by the Euler-Lagrange formulation; equal to those of `forward_dynamics`.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    q, qd, tau : ndarray, shape (..., n)
-        Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Accelerations [rad/s^2 or m/s^2].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not finite, or the acceleration overflows.
-    SingularMassMatrixError
-        If M is singular to working precision; names the joints whose combination moves no inertia.
-
-    Warns
-    -----
-    PrecisionWarning
-        If fewer than 3 digits are left, M nearly singular or the torques cancelled at high joint velocities.
-
-    Notes
-    -----
-    Høifødt 2011, (7.4), with the terms of Siciliano et al. 2009, section 7.1. O(n^4).
-    `lagrange_forward_dynamics.core` returns (qdd, pivots, diagonal of M).
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.dynamics.lagrange_forward_dynamics(rne.irb140(), [0] * 6, [0] * 6, [0] * 6).round(2)[5].item()
-    0.0
+    Høifødt 2011, (7.4), with the terms of Siciliano et al. 2009, section 7.1. O(n^4). Parameters, result and errors are
+    those of `rne.Robot.forward_dynamics` without `external`, with the model first. `lagrange_forward_dynamics.core`
+    returns (qdd, pivots, diagonal of M).
     """
     M, bias = equations(model, q, joint_velocities(model, qd))
     if model.has_mimics:
