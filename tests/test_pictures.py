@@ -14,7 +14,7 @@ from PIL import Image
 import rne
 from rne.model.generators import random_tree, straight_chain
 from rne.plotting.motions import motion_argument
-from rne.plotting.surfaces import cylinder_faces
+from rne.plotting.shapes import link_shapes, surface
 
 from .helpers import EPS, ROOT
 
@@ -121,6 +121,21 @@ def test_draw_of_a_rod_shows_its_centre_of_mass(rod):
     np.testing.assert_allclose(line(ax, "centre of mass"), [[-0.15, 0, 0]], atol=1e-15)
 
 
+def test_centres_of_mass_are_where_gravity_acts(tmp_path):
+    """U = -m g.c, in any direction of gravity, also where the loader has slid a far joint origin along its axis."""
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    file = tmp_path / "far.urdf"
+    file.write_text(
+        '<robot name="far"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 -300 0.2"/><mass value="2"/>'
+        f'{inertia}</inertial></link><joint name="j" type="continuous"><parent link="base"/><child link="arm"/>'
+        '<origin xyz="0 300 0.5"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+    (ax,) = rne.plotting.draw(rne.load(file), [0.3]).axes
+    assert rne.load(file).model.joint_origin.any()
+    expected = [[-rne.load(file, gravity=g).potential_energy([0.3]) / 2 for g in np.eye(3)]]
+    np.testing.assert_allclose(line(ax, "centre of mass"), expected, rtol=0, atol=300 * SAME_POSITION)
+
+
 def test_draw_of_nothing_but_a_base():
     (ax,) = rne.plotting.draw(rne.Robot(random_tree(0, seed=1)), []).axes
     assert [text.get_text() for text in ax.texts] == ["x", "y", "z"]
@@ -138,10 +153,11 @@ def test_draw_on_given_axes_adds_and_keeps_room_for_both(irb140):
     assert legend(ax).count("revolute joint") == 1
 
 
-def test_faces_of_a_cylinder_look_outwards():
-    faces = cylinder_faces(rne.model.Cylinder("link", 0.2, 0.5, (0, 0, 0), (0.3, 0.2, 0.1)))
+def test_faces_of_a_cylinder_look_outwards(irb140):
+    shape = link_shapes(irb140.model)[0]
+    faces = surface([shape])
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-    assert ((normals * faces.mean(axis=1)).sum(axis=1) > 0).all()
+    assert ((normals * (faces.mean(axis=1) - shape.pose[:3, 3])).sum(axis=1) > 0).all()
 
 
 def test_animation_has_its_frames_and_moves(irb140, swing, tmp_path):

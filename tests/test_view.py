@@ -22,10 +22,9 @@ import rne
 from rne.__main__ import main
 from rne.model.generators import random_tree
 from rne.plotting import viewer
-from rne.plotting.shapes import link_shapes
-from rne.plotting.surfaces import surface
-from rne.plotting.viewer_camera import FOV, aim
-from rne.plotting.viewer_motions import frame_times, other_motion, placed
+from rne.plotting.motions import motion_argument
+from rne.plotting.shapes import link_shapes, surface
+from rne.plotting.viewer import FOV, aim, frame_times, placed
 from rne.plotting.viewer_scene import ellipsoids
 
 from .helpers import EPS
@@ -218,6 +217,14 @@ class TestShapes:
             triple = (np.cross(a, b) * c).sum() + (np.cross(a, c) * d).sum()
             assert share * volume * (1 - 1e-9) <= triple / 6 <= volume * (1 + 1e-9)
 
+    @pytest.mark.parametrize("faces", ["f 1 2 3", "f 1 2 3\nf 2 3 4"])
+    def test_flat_meshes_have_faces_too(self, tmp_path, faces):
+        (tmp_path / "flat.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n{faces}\n")
+        mesh = '<visual><geometry><mesh filename="flat.obj"/></geometry></visual>'
+        robot = crane(tmp_path, text=f'<robot name="r"><link name="l">{mesh}</link></robot>')
+        corners = surface(link_shapes(robot.model)).reshape(-1, 3)
+        np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[0, 0, 0], [1, 1, 0]], atol=1e-12)
+
     def test_draw_shows_them(self, tmp_path):
         (ax,) = rne.plotting.draw(crane(tmp_path), [0.0, 0.0]).axes
         labels = [text.get_text() for text in ax.get_legend().get_texts()]
@@ -275,18 +282,19 @@ class TestRecording:
         robot = rne.Robot(random_tree(4, seed=2))
         _, messages = recording(rne.view(robot, q=[0.3, -0.2, 0.5, 0.1]))
         places = state(messages, 0.0)
-        poses = placed(other_motion([0.3, -0.2, 0.5, 0.1], robot), np.zeros(1)).poses[0]
+        still = motion_argument("still", ([0.0], [[0.3, -0.2, 0.5, 0.1]]))
+        origins = placed(robot, still, np.zeros(1)).p[0]
         names = robot.link_names
         lengths = {m["name"]: m["props"]["height"] for _, m in messages if m["type"] == "CylinderMessage"}
         checked = 0
         for child, parent in enumerate(robot.model.link_tree):
             name = f"/robot/{names[max(parent, 0)]}/line to {names[child]}"
             if name in lengths:
-                R, p = turned(places[f"/robot/{names[parent]}"]["wxyz"]), poses[parent, :3, 3]
+                R, p = turned(places[f"/robot/{names[parent]}"]["wxyz"]), origins[parent]
                 end = 2 * (R @ places[name]["position"])
                 assert lengths[name] == pytest.approx(np.linalg.norm(end), rel=1e-5)
                 if robot.model.is_revolute[robot.model.link_body[child]]:
-                    np.testing.assert_allclose(p + end, poses[child, :3, 3], atol=1e-5)
+                    np.testing.assert_allclose(p + end, origins[child], atol=1e-5)
                     checked += 1
         assert checked >= 2
 
@@ -309,8 +317,7 @@ class TestRecording:
     def test_up_is_against_gravity(self, irb140):
         for rpy, up in (([np.pi, 0, 0], [0, 0, -1]), ([np.pi / 2, 0, 0], None), ([0.3, -0.5, 0], None)):
             robot = irb140.mounted(rpy)
-            motion = placed(other_motion(np.zeros(6), robot), np.zeros(1))
-            R = motion.poses[0, 0, :3, :3]
+            R = placed(robot, motion_argument("still", ([0.0], np.zeros((1, 6)))), np.zeros(1)).R[0, 0]
             np.testing.assert_allclose(R @ robot.model.gravity, [0, 0, -9.81], atol=1e-14)
             if up is not None:
                 np.testing.assert_allclose(R[:, 2], up, atol=1e-15)
@@ -342,8 +349,7 @@ class TestRecording:
 
     def test_long_motions_have_fewer_frames(self, irb140):
         for duration, frames in ((1.0, 31), (10.0, 301), (1e4, 10_000 // 8 + 1)):
-            motion = other_motion((np.array([0.0, duration]), np.zeros((2, 6))), irb140)
-            t = frame_times([motion], 1.0)
+            t = frame_times([(irb140, motion_argument("slow", ([0.0, duration], np.zeros((2, 6)))))], 1.0)
             assert (len(t), t[0], t[-1]) == (frames, 0.0, duration)
 
     def test_robots_without_joints_or_gravity(self):
@@ -451,19 +457,33 @@ WRONG = {
     "q and t": (
         lambda r, s: rne.view(r, q=np.zeros((3, 6)), t=[0, 1]),
         ValueError,
-        "`q` must have shape (2, 6), got (3, 6)",
+        "`q` must have shape (2, n), got (3, 6)",
+    ),
+    "t and no q": (
+        lambda r, s: rne.view(r, t=[0, 1]),
+        ValueError,
+        "`q` must have shape (2, n), got (6,)",
+    ),
+    "few joints": (
+        lambda r, s: rne.view(r, q=np.zeros((2, 5)), t=[0, 1]),
+        ValueError,
+        "`q` must have 6 joints as robot 'irb140' has, got 5",
     ),
     "t back": (
-        lambda r, s: rne.view(r, q=np.zeros((3, 6)), t=[0, 1, 1]),
+        lambda r, s: rne.view(r, q=np.zeros((3, 6)), t=[0, 2, 1]),
         ValueError,
-        "`t` must increase from sample to sample",
+        "`t` must be ascending times, got 1 s after 2 s",
     ),
     "t nan": (
         lambda r, s: rne.view(r, q=np.zeros((2, 6)), t=[0, np.nan]),
         ValueError,
         "`t` must be finite, got nan at index (1,)",
     ),
-    "t flat": (lambda r, s: rne.view(r, q=np.zeros((2, 6)), t=3.0), ValueError, "`t` must have shape (T,), got ()"),
+    "t flat": (
+        lambda r, s: rne.view(r, q=np.zeros((2, 6)), t=3.0),
+        ValueError,
+        "`t` must be times of shape (T,), got ()",
+    ),
     "no samples": (
         lambda r, s: rne.view(dataclasses.replace(s, t=s.t[:0])),
         ValueError,
@@ -487,7 +507,7 @@ WRONG = {
     "other q": (
         lambda r, s: rne.view(r, other=([0, 1], np.zeros((2, 5)))),
         ValueError,
-        "`other[1]` must have shape (2, 6), got (2, 5)",
+        "`other` must have 6 joints as robot 'irb140' has, got 5",
     ),
     "labels": (lambda r, s: rne.view(s, labels="ab"), ValueError, "`labels` must be two str, got 'ab'"),
     "speed": (lambda r, s: rne.view(s, speed=0), ValueError, "`speed` must be positive, got 0.0"),

@@ -1,4 +1,4 @@
-"""What plots and animations take: a Trajectory, or measured times and joint arrays."""
+"""Motions to be drawn: a Trajectory, or times and joint arrays such as measured ones."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
@@ -114,10 +115,11 @@ def motion_argument(name: str, given: Any) -> Motion:
         If there are no samples, the shapes do not fit, times fall or a number is not finite; names the argument.
     """
     if isinstance(given, Trajectory):
-        samples = {key: getattr(given, key) for key in JOINT_ARRAYS}
-        motion = Motion(np.asarray(given.t), samples, given)
+        motion = Motion(np.asarray(given.t), {key: getattr(given, key) for key in JOINT_ARRAYS}, given)
     elif isinstance(given, tuple | list) and 2 <= len(given) <= 1 + len(JOINT_ARRAYS):
-        motion = _arrays(name, given)
+        motion = arrays_argument([f"{name}[{k}]" for k in range(len(given))], given[0], given[1:])
+        if not motion.samples:
+            raise ValueError(f"`{name}` must hold at least one array beside t, got none")
     else:
         raise TypeError(f"`{name}` must be {EXPECTED}, got {type(given).__name__}")
     if not len(motion.t):
@@ -125,25 +127,34 @@ def motion_argument(name: str, given: Any) -> Motion:
     return motion
 
 
-def _arrays(name: str, given: Sequence[Any]) -> Motion:
-    t = real_array(f"{name}[0]", given[0], "(T,)").astype(float)
+def arrays_argument(names: Sequence[str], times: ArrayLike, arrays: Sequence[ArrayLike | None]) -> Motion:
+    """The Motion of times and joint arrays, each an argument of its own name."""
+    t = real_array(names[0], times, "(T,)").astype(float)
     if t.ndim != 1:
-        raise ValueError(f"`{name}[0]` must be times of shape (T,), got {t.shape}")
+        raise ValueError(f"`{names[0]}` must be times of shape (T,), got {t.shape}")
     for k in np.flatnonzero(np.diff(t) < 0)[:1]:
-        raise ValueError(f"`{name}[0]` must be ascending times, got {t[k + 1]:.6g} s after {t[k]:.6g} s")
+        raise ValueError(f"`{names[0]}` must be ascending times, got {t[k + 1]:.6g} s after {t[k]:.6g} s")
     samples: dict[str, Array] = {}
-    for k, (key, values) in enumerate(zip(JOINT_ARRAYS, given[1:], strict=False), 1):
+    for key, name, values in zip(JOINT_ARRAYS, names[1:], arrays, strict=False):
         if values is None:
             continue
         n = next(iter(samples.values())).shape[1] if samples else "n"
-        array = real_array(f"{name}[{k}]", values, f"({len(t)}, {n})").astype(float)
+        array = real_array(name, values, f"({len(t)}, {n})").astype(float)
         if array.ndim != 2 or len(array) != len(t) or (samples and array.shape[1] != n):
             cure = ": transpose it" if array.ndim == 2 and array.shape[1] == len(t) else ""
-            raise ValueError(f"`{name}[{k}]`, {key}, must have shape ({len(t)}, {n}), got {array.shape}{cure}")
+            what = f"`{name}`" if name == key else f"`{name}`, {key},"
+            raise ValueError(f"{what} must have shape ({len(t)}, {n}), got {array.shape}{cure}")
         samples[key] = array
-    if not samples:
-        raise ValueError(f"`{name}` must hold at least one array beside t, got none")
     return Motion(t, samples)
+
+
+def check_positions(name: str, motion: Motion, robot: Robot) -> Motion:
+    """The motion, if it has positions of all joints of a robot."""
+    if "q" not in motion.samples:
+        raise ValueError(f"`{name}` must hold positions, got None for them")
+    if motion.n != robot.n:
+        raise ValueError(f"`{name}` must have {robot.n} joints as robot {robot.model.name!r} has, got {motion.n}")
+    return motion
 
 
 def joint_labels(motion: Motion, names: Any) -> tuple[tuple[str, ...], Array | None]:

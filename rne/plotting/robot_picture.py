@@ -1,32 +1,44 @@
-"""A robot drawn on 3-D axes: its shapes, lines between link origins, joints and their axes."""
+"""A robot drawn on 3-D axes, at one position or along a motion: its shapes, link origins, joints and their axes."""
 
 from __future__ import annotations
 
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array
+from ..basics.arrays import positive_number, real_array
+from ..basics.paths import output_file
 from ..basics.spatial import Array, cross, rotate
-from ..model.builder import disassemble
 from ..model.model import Model
 from ..robot import Robot
-from .plots import COLORS, blank_figure, literal
-from .shapes import link_shapes
-from .surfaces import surface
+from ..simulation.trajectory import Trajectory
+from .motions import check_positions, motion_argument
+from .plots import COLORS, HIDDEN, blank_figure, figure_of, literal
+from .shapes import PosedRobot, surface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
+    from PIL.Image import Image
 
 LIGHT = np.array([0.3, -0.7, 0.65])  # direction towards the light
 ARROW, BASE = 0.16, 0.22  # lengths of a joint axis and of the base frame's axes, relative to the robot's extent
 ALPHA = 0.6  # opacity of the surfaces
 MAX_NAME = 24  # characters of a link's name in the legend
 ABOVE = 100  # zorder above the surfaces, for which matplotlib uses small numbers
+MIN_FPS = 0.01  # [1/s]; GIF stores at most 655 s per frame
+MAX_FPS = 50.0  # [1/s]; viewers slow down files that ask for more
+MAX_FRAMES = 2000  # all of them are kept in memory until the file is written
+DPI = 90  # of an animation
+NO_FACES = np.zeros((0, 4, 3))
 
 
-def draw(robot: Robot, q: ArrayLike, axes: Any = None) -> Figure:
+def draw(robot: Robot, q: ArrayLike, axes: Axes3D | None = None) -> Figure:
     """Draw a robot at one position.
 
     Parameters
@@ -75,12 +87,73 @@ def draw(robot: Robot, q: ArrayLike, axes: Any = None) -> Figure:
     if poses.ndim != 3:
         raise ValueError(f"`q` must have shape ({robot.n},), one position, got {np.shape(q)}")
     if axes is None:
-        axes = blank_axes(robot.model.name)
+        axes = _blank_axes(robot.model.name)
     elif getattr(axes, "name", None) != "3d":
         raise TypeError(f"`axes` must be matplotlib axes of projection='3d', got {type(axes).__name__}")
     Picture(axes, robot.model, poses[None]).place(0)
-    figure: Figure = axes.figure
-    return figure
+    return figure_of([axes])
+
+
+def animate(
+    robot: Robot,
+    motion: Trajectory | Sequence[ArrayLike | None],
+    path: str | os.PathLike[str],
+    fps: float = 20,
+    speed: float = 1.0,
+) -> Path:
+    """Write a motion as an animated GIF.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Trajectory or tuple of array_like
+        A motion of this robot, or arrays (t, q) of shapes (T,) and (T, n), such as measured ones.
+    path : str or path-like
+        The file to write, ending in .gif, in an existing folder.
+    fps : float
+        Frames per second, from 0.01 to 50. GIF stores the time of a frame in hundredths of a second, to which it is
+        rounded.
+    speed : float
+        Seconds of the motion per second of the animation.
+
+    Returns
+    -------
+    pathlib.Path
+        The file written.
+
+    Raises
+    ------
+    TypeError
+        If `robot`, `motion` or `path` is of another type.
+    ValueError
+        If `motion` has no samples or is not of this robot, an argument is out of range, or there would be more
+        than 2000 frames.
+    FileNotFoundError
+        If the folder of `path` does not exist.
+    ImportError
+        If matplotlib is not installed.
+
+    Notes
+    -----
+    The frames are evenly spaced in time, with the first and the last sample among them. A simulated motion is evaluated
+    at these times, and is smooth even where the solver took long steps; arrays are interpolated by straight lines.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> swing = rne.simulate(robot, [0] * 6, [0] * 6, 2.0)
+    >>> file = rne.plotting.animate(robot, swing, "swing.gif")  # doctest: +SKIP
+    """
+    check_robot(robot)
+    shown = check_positions("motion", motion_argument("motion", motion), robot)
+    file = output_file(path, ".gif")
+    delay = _hundredths(positive_number("fps", fps))
+    t = _frame_times(shown.t, delay, positive_number("speed", speed))
+    images = _images(robot, t, robot.link_poses(shown.positions(t)))
+    images[0].save(file, save_all=True, append_images=images[1:], duration=10 * delay, loop=0, disposal=1)
+    return file
 
 
 def check_robot(robot: Robot) -> None:
@@ -89,11 +162,53 @@ def check_robot(robot: Robot) -> None:
         raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
 
 
-def blank_axes(title: str) -> Any:
+def _hundredths(fps: float) -> int:
+    """Time of a frame [0.01 s]."""
+    if not MIN_FPS <= fps <= MAX_FPS:
+        raise ValueError(f"`fps` must be between {MIN_FPS:g} and {MAX_FPS:g}, got {fps:g}")
+    return round(100 / fps)
+
+
+def _frame_times(samples: Array, delay: int, speed: float) -> Array:
+    """Times of the frames [s], both ends of the motion among them."""
+    first, last = float(samples[0]), float(samples[-1])
+    frames = (last - first) / speed / (delay / 100)
+    if frames + 1 > MAX_FRAMES:
+        raise ValueError(
+            f"the animation would have {frames + 1:.6g} frames, at most {MAX_FRAMES}: raise `speed` or lower `fps`"
+        )
+    return np.linspace(first, last, max(round(frames), 1) + 1 if last > first else 1)
+
+
+def _images(robot: Robot, t: Array, poses: Array) -> list[Image]:
+    """The frames, all with the 256 colours of some: with own colours each, parts at rest would flicker."""
+    ax = _blank_axes("")
+    picture, figure = Picture(ax, robot.model, poses), figure_of([ax])
+    figure.set_dpi(DPI)
+
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    canvas: Any = FigureCanvasAgg(figure)
+    decimals = max(2, math.ceil(-math.log10(t[1] - t[0]))) if len(t) > 1 else 2
+
+    def pixels(frame: int) -> Array:
+        picture.place(frame)
+        ax.set_title(f"{literal(robot.model.name)}, t = {t[frame]:.{decimals}f} s")
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[..., :3]
+
+    some = np.concatenate([pixels(frame) for frame in sorted({0, len(t) // 2, len(t) - 1})])
+    palette = Image.fromarray(some).quantize(method=Image.Quantize.MAXCOVERAGE, kmeans=1)
+    frames = (Image.fromarray(pixels(frame)) for frame in range(len(t)))
+    return [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+
+
+def _blank_axes(title: str) -> Axes3D:
     """3-D axes on a new figure, with room for a legend beside them."""
     figure = blank_figure(7.4, 5.4)
     figure.set_layout_engine("none")
-    ax = figure.add_axes((0.0, 0.05, 0.72, 0.88), projection="3d")
+    ax: Any = figure.add_axes((0.0, 0.05, 0.72, 0.88), projection="3d")
     ax.set_title(literal(title))
     return ax
 
@@ -110,89 +225,69 @@ class Picture:
         Pose of every link in every frame [1, m].
     """
 
-    def __init__(self, ax: Any, model: Model, poses: Array) -> None:
-        R, p = poses[..., :3, :3].astype(np.float64), poses[..., :3, 3].astype(np.float64)
-        before = np.stack([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1) if ax.has_data() else None
-        self.ax, self.origins = ax, p
-        self.parent = [part.parent for part in disassemble(model)]
-        shapes = link_shapes(model)
-        links = [k for k, link in enumerate(model.link_names) if any(shape.link == link for shape in shapes)]
-        surfaces = [surface([shape for shape in shapes if shape.link == model.link_names[k]]) for k in links]
-        owner = np.repeat(np.array(links, dtype=int), [len(faces) for faces in surfaces])
-        faces = np.concatenate([np.zeros((0, 4, 3)), *surfaces])
-        self.faces = rotate(R[:, owner, None], faces) + p[:, owner, None]
-        colors = np.array([_color(k) for k in range(len(links))]).reshape(-1, 3)
-        self.colors = np.repeat(colors, [len(faces) for faces in surfaces], axis=0)
-        carriers = [model.link_joints.index(joint) for joint in model.moving_joints]
-        shaped = {model.link_body[k] for k in links}
-        self.bare = [i for i in range(model.nb) if i not in shaped and model.mass[i] > 0]
-        self.hosts = [carriers[i] for i in self.bare]
-        self.centres = rotate(R[:, self.hosts], model.com[self.bare].astype(np.float64)) + p[:, self.hosts]
-        points = np.concatenate([x.reshape(len(p), -1, 3) for x in (p, self.faces, self.centres)], axis=1)
-        extent = float(np.ptp(points, axis=1).max()) or 1.0
-        self.joints, self.is_revolute = carriers, model.is_revolute
-        self.arrows = _arrows(p[:, carriers], rotate(R[:, carriers], model.axis.astype(np.float64)), ARROW * extent)
-        self._make_artists()
-        self._base(BASE * extent)
-        room = [points.reshape(-1, 3), self.arrows.reshape(-1, 3), BASE * extent * np.eye(3)]
-        _make_room(ax, np.concatenate(room), before)
-        _legend(ax, [model.link_names[k] for k in links], colors)
-
-    def _make_artists(self) -> None:
-        from matplotlib import rcParams
+    def __init__(self, ax: Axes3D, model: Model, poses: Array) -> None:
+        from matplotlib.colors import to_rgb
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-        line, face = rcParams["axes.edgecolor"], rcParams["axes.facecolor"]  # those of the style in use
-
+        before = np.stack([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1) if ax.has_data() else None
+        robot = PosedRobot.at(model, poses)
+        links = sorted({model.link_index(shape.link) for shape in robot.shapes})
+        surfaces = [surface([x for x in robot.shapes if x.link == model.link_names[k]]) for k in links]
+        counts = [len(faces) for faces in surfaces]
+        owner = np.repeat(np.array(links, dtype=int), counts)
+        colors = np.array([to_rgb(f"C{k % COLORS}") for k in range(len(links))]).reshape(-1, 3)
+        self.colors = np.repeat(colors, counts, axis=0)
+        self.faces = rotate(robot.R[:, owner, None], np.concatenate([NO_FACES, *surfaces])) + robot.p[:, owner, None]
         self.surface = Poly3DCollection([], alpha=ALPHA)
-        self.ax.add_collection3d(self.surface)
-        fixed = [k for k in range(1, len(self.parent)) if k not in self.joints]
-        joints = np.array(self.joints, dtype=int)
-        revolute, prismatic = joints[self.is_revolute], joints[~self.is_revolute]
-        self.fixed, self.revolute, self.prismatic = fixed, revolute, prismatic
-        self.lines = self._line(self.parent, color=line, linewidth=2, zorder=ABOVE)
-        self.to_centres = self._line(self.bare, color="0.5", linewidth=1, linestyle=":", zorder=ABOVE)
-        self.axes = self._line(self.joints, "joint axis", color="#b030b0", linewidth=1.3, zorder=ABOVE + 1)
+        ax.add_collection3d(self.surface)
+        shaped = {model.link_body[k] for k in links}
+        bare = [i for i in range(model.nb) if i not in shaped and model.mass[i] > 0]
+        solid = [x.reshape(len(poses), -1, 3) for x in (robot.p, self.faces, robot.centres[:, bare])]
+        extent = float(np.ptp(np.concatenate(solid, axis=1), axis=1).max()) or 1.0
+        arrows = _arrows(robot.p[:, robot.carried], robot.axes, ARROW * extent)
+        self.ax, self.lines = ax, list[tuple[Any, Array]]()  # each line with its points in every frame
+        self._add_lines(robot, bare, arrows)
+        base = BASE * extent * np.eye(3)
+        for end, color, name in zip(base, ("#d22", "#0a0", "#66f"), "xyz", strict=True):
+            ax.plot(*np.stack([np.zeros(3), end]).T, color=color, linewidth=2.5, alpha=0.7, zorder=ABOVE - 1)
+            ax.text(*(1.15 * end), name, color=color, ha="center", va="center", zorder=ABOVE + 3)
+        _make_room(ax, np.concatenate([x.reshape(-1, 3) for x in (*solid, arrows, base)]), before)
+        _legend(ax, [model.link_names[k] for k in links], colors)
+
+    def _add_lines(self, robot: PosedRobot, bare: list[int], arrows: Array) -> None:
+        from matplotlib import rcParams
+
+        line, face = rcParams["axes.edgecolor"], rcParams["axes.facecolor"]  # those of the style in use
+        p, carried, turning = robot.p, np.array(robot.carried, dtype=int), robot.model.is_revolute
+        parents = np.array(robot.model.link_tree[1:], dtype=int)
+        fixed = np.setdiff1d(np.arange(1, p.shape[1]), carried)
+        centres = robot.centres[:, bare]
+        to_centres = np.stack([p[:, carried[bare]], centres], axis=-2)
         dots = {"linestyle": "", "markeredgecolor": line, "markerfacecolor": face, "zorder": ABOVE + 2}
-        self.at_revolute = self._line(revolute, "revolute joint", marker="o", markersize=6, **dots)
-        self.at_prismatic = self._line(prismatic, "prismatic joint", marker="s", markersize=7, **dots)
-        self.at_fixed = self._line(fixed, "link on a fixed joint", marker=".", **dots | {"markerfacecolor": line})
-        self.at_centres = self._line(self.bare, "centre of mass", marker="+", **dots | {"markeredgecolor": "0.5"})
+        self._line(_broken(np.stack([p[:, parents], p[:, 1:]], axis=-2)), color=line, linewidth=2, zorder=ABOVE)
+        self._line(_broken(to_centres), color="0.5", linewidth=1, linestyle=":", zorder=ABOVE)
+        self._line(_broken(arrows), "joint axis", color="#b030b0", linewidth=1.3, zorder=ABOVE + 1)
+        self._line(p[:, carried[turning]], "revolute joint", marker="o", markersize=6, **dots)
+        self._line(p[:, carried[~turning]], "prismatic joint", marker="s", markersize=7, **dots)
+        self._line(p[:, fixed], "link on a fixed joint", marker=".", **dots | {"markerfacecolor": line})
+        self._line(centres, "centre of mass", marker="+", **dots | {"markeredgecolor": "0.5"})
 
-    def _line(self, shown: Any, label: str = "", **style: Any) -> Any:
-        """A line without points, which `place` sets; in the legend if anything is shown by it."""
-        return self.ax.plot([], [], [], label=label if label and len(shown) else "_nolegend_", **style)[0]
-
-    def _base(self, length: float) -> None:
-        for end, color, name in zip(length * np.eye(3), ("#d22", "#0a0", "#66f"), "xyz", strict=True):
-            self.ax.plot(*np.stack([np.zeros(3), end]).T, color=color, linewidth=2.5, alpha=0.7, zorder=ABOVE - 1)
-            self.ax.text(*(1.15 * end), name, color=color, ha="center", va="center", zorder=ABOVE + 3)
+    def _line(self, points: Array, label: str = "", **style: Any) -> None:
+        """A line through points of shape (frames, P, 3), in the legend if there are any."""
+        (line,) = self.ax.plot([], [], [], label=label if label and points.shape[1] else HIDDEN, **style)
+        self.lines.append((line, points))
 
     def place(self, frame: int) -> None:
         """Move all lines and surfaces to their places in one frame."""
-        p, centres = self.origins[frame], self.centres[frame]
-        children = range(1, len(self.parent))
-        _set(self.lines, _segments(p[[self.parent[k] for k in children]], p[1:]))
-        _set(self.to_centres, _segments(p[self.hosts], centres))
-        _set(self.axes, _broken(self.arrows[frame]))
-        _set(self.at_revolute, p[self.revolute])
-        _set(self.at_prismatic, p[self.prismatic])
-        _set(self.at_fixed, p[self.fixed])
-        _set(self.at_centres, centres)
+        for line, points in self.lines:
+            line.set_data_3d(*points[frame].T)
         faces = self.faces[frame]
         if len(faces):
             normals = cross(faces[..., 1, :] - faces[..., 0, :], faces[..., 2, :] - faces[..., 0, :])
             size = np.linalg.norm(normals, axis=-1) * np.linalg.norm(LIGHT)
             lit = normals @ LIGHT / np.where(size > 0, size, 1.0)  # flat cylinders have faces of no area
-            shades = (0.8 + 0.2 * lit)[..., None] * self.colors
-            self.surface.set_verts(faces.reshape(-1, 4, 3))
-            self.surface.set_facecolor(shades.reshape(-1, 3))
-
-
-def _color(k: int) -> tuple[float, ...]:
-    from matplotlib.colors import to_rgb
-
-    return to_rgb(f"C{k % COLORS}")
+            self.surface.set_verts(faces)
+            self.surface.set_facecolor((0.8 + 0.2 * lit)[..., None] * self.colors)
 
 
 def _arrows(origins: Array, axes: Array, length: float) -> Array:
@@ -201,26 +296,16 @@ def _arrows(origins: Array, axes: Array, length: float) -> Array:
     across = across / np.linalg.norm(across, axis=-1, keepdims=True)
     other = cross(axes, across)
     tips = origins + length * axes
-    path = [origins, tips]
-    for side in (across, -across, other, -other):
-        path += [tips + length * (0.08 * side - 0.22 * axes), tips]
-    return np.stack(path[:-1], axis=-2)
-
-
-def _segments(starts: Array, ends: Array) -> Array:
-    return _broken(np.stack([starts, ends], axis=-2))
+    barbs = [tips + length * (0.08 * side - 0.22 * axes) for side in (across, -across, other, -other)]
+    return np.stack([origins, *(x for barb in barbs for x in (tips, barb))], axis=-2)
 
 
 def _broken(paths: Array) -> Array:
-    """Paths of shape (k, points, 3) joined into one, with NaN between them, where matplotlib breaks the line."""
-    return np.concatenate([paths, np.full((len(paths), 1, 3), np.nan)], axis=1).reshape(-1, 3)
+    """Paths of shape (frames, k, points, 3) joined, with NaN between them, where matplotlib breaks the line."""
+    return np.pad(paths, [(0, 0), (0, 0), (0, 1), (0, 0)], constant_values=np.nan).reshape(len(paths), -1, 3)
 
 
-def _set(line: Any, points: Array) -> None:
-    line.set_data_3d(*points.T)
-
-
-def _make_room(ax: Any, points: Array, before: Array | None) -> None:
+def _make_room(ax: Axes3D, points: Array, before: Array | None) -> None:
     """Set limits of equal length that hold the points, and what the axes showed before."""
     from matplotlib.ticker import MaxNLocator
 
@@ -229,17 +314,15 @@ def _make_room(ax: Any, points: Array, before: Array | None) -> None:
         low, high = np.minimum(low, before[0]), np.maximum(high, before[1])
     half = 0.52 * float((high - low).max())
     for axis, middle in zip("xyz", (low + high) / 2, strict=True):
-        getattr(ax, f"set_{axis}lim")(middle - half, middle + half)
-        getattr(ax, f"set_{axis}label")(f"{axis} [m]", labelpad=9)
         ticks = MaxNLocator(6).tick_values(middle - half, middle + half)
-        getattr(ax, f"set_{axis}ticks")(
-            ticks[np.abs(ticks - middle) < 0.88 * half]
-        )  # at the corners they would collide
+        apart = ticks[np.abs(ticks - middle) < 0.88 * half]  # at the corners they would collide
+        ax.set(**{f"{axis}lim": (middle - half, middle + half), f"{axis}ticks": apart})
+        getattr(ax, f"set_{axis}label")(f"{axis} [m]", labelpad=9)
     ax.tick_params("z", pad=5)
     ax.set_box_aspect((1, 1, 1))
 
 
-def _legend(ax: Any, links: list[str], colors: Array) -> None:
+def _legend(ax: Axes3D, links: list[str], colors: Array) -> None:
     from matplotlib.patches import Patch
 
     handles, labels = ax.get_legend_handles_labels()
@@ -249,11 +332,5 @@ def _legend(ax: Any, links: list[str], colors: Array) -> None:
             name = link if len(link) <= MAX_NAME else link[: MAX_NAME - 3] + "..."
             entries[literal(name)] = Patch(color=color, alpha=ALPHA)
     if entries:
-        ax.legend(
-            entries.values(),
-            entries,
-            loc="center left",
-            bbox_to_anchor=(1.08, 0.5),
-            fontsize="small",
-            frameon=False,
-        )
+        place = {"loc": "center left", "bbox_to_anchor": (1.08, 0.5)}
+        ax.legend(entries.values(), entries, fontsize="small", frameon=False, **place)

@@ -8,24 +8,23 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.spatial import Array, rotation_from_rpy
+from ..basics.spatial import Array, rotate, rotation_from_rpy
 from ..model.model import Model
 from ..model.solids import Cylinder
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 INSTALL = "pip install 'rne[view]'"
 NAMED = 4  # shapes named in a warning; the others are counted
 SIZES = {"cylinder": ("radius", "length"), "box": ("size",), "sphere": ("radius",)}
-
-
-class Mesh(NamedTuple):
-    """Triangles: vertices in the shape's frame, shape (V, 3) [m], and their indices, shape (F, 3)."""
-
-    vertices: Array
-    faces: Array
+SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4
+RINGS = 8  # of a sphere, from pole to pole
+Color = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +41,72 @@ class Shape:
         Of the shape's frame, which is in the middle of a cylinder, box or sphere, in the link's frame [1, m].
     color : tuple of float, or None
         Red, green, blue and opacity from 0 to 1, where the file gives them.
-    mesh : Mesh or None
-        The triangles of a mesh.
+    mesh : trimesh.Trimesh or None
+        The triangles of a mesh, vertices in the shape's frame [m].
     """
 
     link: str
     kind: str
     size: tuple[float, ...]
     pose: Array
-    color: tuple[float, float, float, float] | None = None
-    mesh: Mesh | None = None
+    color: Color | None = None
+    mesh: Trimesh | None = None
+
+    def in_link(self, points: Array) -> Array:
+        """Points in the shape's frame as seen from the link's, shape (..., 3) [m]."""
+        return rotate(self.pose[:3, :3], points) + self.pose[:3, 3]
+
+    def box(self) -> Array:
+        """Corners of the box around the shape along its own axes, in the link's frame, shape (8, 3) [m]."""
+        points = FACES[self.kind](*self.size).reshape(-1, 3) if self.mesh is None else self.mesh.vertices
+        ends = np.stack([points.min(axis=0), points.max(axis=0)])
+        return self.in_link(np.stack(np.meshgrid(*ends.T), axis=-1).reshape(8, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class PosedRobot:
+    """A robot, its shapes, and where its links are in each frame of a picture.
+
+    Attributes
+    ----------
+    model : Model
+    shapes : list of Shape
+    R : ndarray, shape (frames, n_links, 3, 3)
+        Orientation of every link.
+    p : ndarray, shape (frames, n_links, 3)
+        Position of its origin [m].
+    """
+
+    model: Model
+    shapes: Sequence[Shape]
+    R: Array
+    p: Array
+
+    @classmethod
+    def at(cls, model: Model, poses: Array, shapes: Sequence[Shape] | None = None) -> PosedRobot:
+        """From poses of all links, shape (frames, n_links, 4, 4); without shapes, those of the model are read."""
+        T = poses.astype(np.float64)
+        return cls(model, link_shapes(model) if shapes is None else shapes, T[..., :3, :3], T[..., :3, 3])
+
+    @property
+    def carried(self) -> list[int]:
+        """The link that each moving joint carries."""
+        return [self.model.link_joints.index(joint) for joint in self.model.moving_joints]
+
+    @property
+    def axes(self) -> Array:
+        """Unit vectors along the joints' axes, shape (frames, nb, 3)."""
+        return rotate(self.R[:, self.carried], self.model.axis.astype(np.float64))
+
+    @property
+    def centres(self) -> Array:
+        """Centres of mass of the moving bodies, shape (frames, nb, 3) [m]."""
+        return rotate(self.R[:, self.carried], self.com) + self.p[:, self.carried]
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass of each moving body in the frame of the link that its joint carries, shape (nb, 3) [m]."""
+        return (self.model.com - self.model.joint_origin).astype(np.float64)
 
 
 def link_shapes(model: Model) -> list[Shape]:
@@ -133,20 +188,24 @@ def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str,
 
 
 def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence[Path]) -> Iterator[Shape]:
+    """The shapes of a <visual> element as yourdfpy reads it."""
     pose = np.eye(4) if visual.origin is None else np.array(visual.origin, dtype=float)
-    color = _color(visual.material, colors)
+    given = visual.material and (visual.material.color or colors.get(visual.material.name))
+    color = _rgba(given.rgba) if given else None
     for kind, names in SIZES.items():
-        given = getattr(visual.geometry, kind)
-        if given is not None:
-            size = np.hstack([getattr(given, name) for name in names]).astype(float)
+        geometry = getattr(visual.geometry, kind)
+        if geometry is not None:
+            size = np.hstack([getattr(geometry, name) for name in names]).astype(float)
             _check(f"<{kind}>", pose, size)
             yield Shape(link, kind, tuple(size.tolist()), pose, color)
     mesh = visual.geometry.mesh
     if mesh is not None:
         scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3).astype(float)
         _check(f"mesh {mesh.filename!r}", pose, np.abs(scale))
-        for part, own in _parts(_find(mesh.filename, folders), mesh.filename):
-            yield Shape(link, "mesh", (), pose, color or own, Mesh(part.vertices * scale, part.faces))
+        for part in _meshes(_find(mesh.filename, folders), mesh.filename):
+            yield Shape(
+                link, "mesh", (), pose, color or _own_color(part.visual), part.apply_transform(np.diag([*scale, 1.0]))
+            )
 
 
 def _check(what: str, pose: Array, size: Array) -> None:
@@ -154,55 +213,98 @@ def _check(what: str, pose: Array, size: Array) -> None:
         raise ValueError(f"{what} has a size or origin that is not positive and finite")
 
 
-def _color(material: Any, colors: dict[str, Any]) -> tuple[float, float, float, float] | None:
-    if material is None:
-        return None
-    color = material.color or colors.get(material.name)
-    return None if color is None else _rgba(color.rgba)
-
-
-def _rgba(values: Any) -> tuple[float, float, float, float]:
-    r, g, b, a = np.clip(np.array(values, dtype=float), 0, 1).tolist()
-    return r, g, b, a
-
-
 def _find(name: str, folders: Sequence[Path]) -> Path:
     """The file of a mesh in or above the URDF's folder, with the name of its package as a folder and without."""
     from yourdfpy import filename_handler_ignore_directive, filename_handler_ignore_directive_package
 
-    handlers: tuple[Callable[[str], str], ...] = (
-        filename_handler_ignore_directive,
-        filename_handler_ignore_directive_package,
-    )
-    for folder in folders:
-        for handler in handlers:
-            file = folder / handler(name)
-            if file.is_file():
-                return file
+    handlers = (filename_handler_ignore_directive, filename_handler_ignore_directive_package)
+    for file in (folder / str(handler(name)) for folder in folders for handler in handlers):
+        if file.is_file():
+            return file
     raise FileNotFoundError(f"mesh {name!r} is not found")
 
 
-def _parts(file: Path, name: str) -> Iterator[tuple[Mesh, tuple[float, float, float, float] | None]]:
-    """The meshes of a file in its own frame, each with its colour where it has one."""
+def _meshes(file: Path, name: str) -> list[Trimesh]:
+    """The meshes of a file, in its own frame."""
     import trimesh
 
     try:
-        scene = trimesh.load_scene(file)
+        parts = trimesh.load_scene(file).dump()
     except Exception as error:  # each of trimesh's readers raises its own
         raise ValueError(f"mesh {name!r} is not readable ({type(error).__name__}: {error})") from None
-    found = False
-    for part in scene.dump():
-        if isinstance(part, trimesh.Trimesh) and len(part.faces) and np.isfinite(part.vertices).all():
-            found = True
-            yield Mesh(np.array(part.vertices), np.array(part.faces)), _own_color(part.visual)
+    found = [x for x in parts if isinstance(x, trimesh.Trimesh) and len(x.faces) and np.isfinite(x.vertices).all()]
     if not found:
         raise ValueError(f"mesh {name!r} has no triangles")
+    return found
 
 
-def _own_color(visual: Any) -> tuple[float, float, float, float] | None:
+def _own_color(visual: Any) -> Color | None:
     """The main colour of a mesh, or None where it has none."""
-    if not visual.defined:
-        return None
-    material = getattr(visual, "material", None)
-    main = visual.main_color if material is None else material.main_color
-    return _rgba(np.array(main) / 255)
+    return _rgba(np.array(getattr(visual, "material", visual).main_color) / 255) if visual.defined else None
+
+
+def _rgba(values: Any) -> Color:
+    r, g, b, a = np.clip(np.array(values, dtype=float), 0, 1).tolist()
+    return r, g, b, a
+
+
+def surface(shapes: Sequence[Shape]) -> Array:
+    """Faces of a link's shapes, few enough for matplotlib: of its meshes those of their common convex hull.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        Of one link.
+
+    Returns
+    -------
+    ndarray, shape (faces, 4, 3)
+        Corners in the link's frame, anticlockwise seen from outside; triangles have their last corner twice [m].
+    """
+    parts = [shape.in_link(FACES[shape.kind](*shape.size)) for shape in shapes if shape.mesh is None]
+    meshes = [shape.in_link(shape.mesh.vertices) for shape in shapes if shape.mesh is not None]
+    if meshes:
+        parts.append(_hull(np.concatenate(meshes)))
+    return np.concatenate(parts)
+
+
+def _hull(points: Array) -> Array:
+    """Triangles of the convex hull of the points that are furthest in 162 directions."""
+    from trimesh.convex import convex_hull
+    from trimesh.creation import icosphere
+
+    rays = icosphere(subdivisions=2).vertices.T
+    kept: Array = points[np.unique((points @ rays).argmax(axis=0))]
+    if len(kept) < 4:  # of a single triangle
+        return kept[None, [0, len(kept) // 2, -1, -1]]
+    with np.errstate(invalid="ignore"):  # a flat mesh has no volume, of which trimesh takes the centre
+        triangles: Array = convex_hull(kept).triangles
+    return triangles[:, [0, 1, 2, 2]]
+
+
+def _cylinder(radius: float, length: float) -> Array:
+    angle = np.linspace(0, 2 * np.pi, SIDES + 1)
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(SIDES + 1)], axis=-1)
+    up = np.array([0, 0, length / 2])
+    sides = np.stack([ring[:-1] - up, ring[1:] - up, ring[1:] + up, ring[:-1] + up], axis=1)
+    centre = np.zeros((SIDES // 2, 3))
+    fan = np.stack([centre, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1)
+    return np.concatenate([sides, fan + up, fan[:, ::-1] - up])
+
+
+def _box(x: float, y: float, z: float) -> Array:
+    square = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])  # seen from +z
+    faces = [np.roll(square, shift, axis=-1) for shift in range(3)]  # cyclic: handedness stays
+    both: Array = np.array([*faces, *(-face[::-1] for face in faces)]) * np.array([x, y, z]) / 2
+    return both
+
+
+def _sphere(radius: float) -> Array:
+    polar, around = np.linspace(0, np.pi, RINGS + 1)[:, None], np.linspace(0, 2 * np.pi, 2 * RINGS + 1)
+    x, y, z = np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) + 0 * around
+    grid = radius * np.stack([x, y, z], axis=-1)
+    corners = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
+    return np.stack(corners, axis=2).reshape(-1, 4, 3)
+
+
+FACES: dict[str, Callable[..., Array]] = {"cylinder": _cylinder, "box": _box, "sphere": _sphere}

@@ -1,26 +1,47 @@
-"""A motion as one HTML page with a 3-D view that needs no network and no server."""
+"""A robot or its motion as one HTML page with a 3-D view that needs no network and no server."""
 
 from __future__ import annotations
 
+import html
+import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
+from ..basics.arrays import positive_number, real_array
 from ..basics.paths import output_file
+from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
-from .shapes import INSTALL
-from .viewer_camera import FOV, add_floor, aim
-from .viewer_motions import frame_times, motion, other_motion, placed, some_frames
-from .viewer_page import PAGE, Page, finished, legend
-from .viewer_scene import build, corners
+from .motions import Motion, arrays_argument, check_positions, motion_argument
+from .shapes import INSTALL, PosedRobot
+from .viewer_scene import GHOST, TONES, add_floor, build, corners
+
+if TYPE_CHECKING:
+    from viser import ViserServer
 
 HOLD = 0.5  # [s] that the last frame stands before the page starts again
+FPS = 30.0  # frames per second of the page
+MAX_POSES = 10_000  # of links in a page: of a long motion there are fewer frames per second
+FOV = np.radians(38)  # of the camera, vertical
+HEIGHT = 480  # [px] of the view in a notebook
+PAGE = (".html", ".htm")
+TITLE, ROOT = "<title>Viser</title>", '<div id="root"></div>'  # in viser's page
+STYLE = (
+    "#rne{position:fixed;bottom:3.6em;left:.9em;z-index:1;pointer-events:none;"
+    "font:13px/1.5 system-ui,sans-serif;color:#334}"
+    "#rne i{display:inline-block;width:.8em;height:.8em;margin-right:.5em;border:1px solid #667}"
+)
+# A window that is higher than wide sees less to the sides: the camera goes back. viser takes it from the address.
+CAMERA = (
+    "<script>try{const a=innerWidth/innerHeight,c=%s;if(a<1){const d=Math.max(c.distance,c.width/a+c.depth);"
+    'history.replaceState(null,"","?initialCameraPosition="+c.target.map((x,i)=>x+d*c.side[i]))}}catch(e){}</script>'
+)
 
 
 def view(
@@ -29,7 +50,7 @@ def view(
     *,
     q: ArrayLike | None = None,
     t: ArrayLike | None = None,
-    other: Any = None,
+    other: Trajectory | ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
     labels: Sequence[str] = ("motion", "other"),
     speed: float = 1.0,
     frames: bool = False,
@@ -97,15 +118,18 @@ def view(
     ...                 labels=["unloaded", "6 kg"])  # doctest: +SKIP
     """
     file = None if path is None else output_file(path, *PAGE)
-    names = _labels(labels)
+    if isinstance(labels, str) or len(labels) != 2 or not all(isinstance(label, str) for label in labels):
+        raise ValueError(f"`labels` must be two str, got {labels!r}")
     rate = positive_number("speed", speed)
-    first = motion(robot, q, t)
-    second = None if other is None else other_motion(other, first.robot)
-    times = frame_times([first] if second is None else [first, second], rate)
+    shown = [_first(robot, q, t)]
+    if other is not None:
+        shown.append(_second(other, shown[0][0]))
+    times = frame_times(shown, rate)
     with _scene_server() as server:
-        main = placed(first, times)
-        ghost = None if second is None else placed(second, times, main)
-        points = np.concatenate([corners(x, some_frames(len(times))) for x in (main, ghost) if x is not None])
+        main = placed(*shown[0], times)
+        ghost = placed(*shown[1], times, main) if other is not None else None
+        some = np.unique(np.linspace(0, len(times) - 1, 60).round().astype(int))
+        points = np.concatenate([corners(x, some) for x in (main, ghost) if x is not None])
         camera, seen = server.initial_camera, aim(points)
         camera.position, camera.look_at, camera.up, camera.fov = seen.position, seen.target, (0.0, 0.0, 1.0), FOV
         cell = add_floor(server.scene, points)
@@ -118,12 +142,126 @@ def view(
         if len(times) > 1:
             recording.insert_sleep(HOLD)
         text = recording.as_html()
-    key = legend(main, names if second else names[:1], cell, times, rate)
-    return Page(finished(text, main.model.name, key, seen), file)
+    key = _legend(main, labels if ghost else labels[:1], cell, times, rate)
+    return Page(_finished(text, main.model.name, key, seen), file)
+
+
+class Page:
+    """A viewer page; in a notebook the object shows itself.
+
+    Attributes
+    ----------
+    html : str
+        The page.
+    path : pathlib.Path or None
+        The file it was written to.
+    """
+
+    def __init__(self, text: str, path: Path | None = None) -> None:
+        self.html = text
+        self.path = path
+        if path is not None:
+            self.save(path)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page to a file, and return its path."""
+        self.path = output_file(path, *PAGE)
+        self.path.write_text(self.html, encoding="utf-8")
+        return self.path
+
+    def show(self) -> None:
+        """Show the page in the notebook, or elsewhere in the default browser, then from a temporary file if need be."""
+        import tempfile
+        import webbrowser
+
+        try:
+            from IPython import get_ipython
+            from IPython.display import HTML, display
+        except ModuleNotFoundError:
+            pass
+        else:
+            if get_ipython() is not None:
+                display(HTML(f"<div>{self._repr_html_()}</div>"))
+                return
+        if self.path is None:
+            with tempfile.NamedTemporaryFile(suffix=".html", delete=False) as file:
+                self.save(file.name)
+        webbrowser.open(Path(self.path or "").resolve().as_uri())
+
+    def _repr_html_(self) -> str:
+        style = "border:1px solid #ccc;display:block"
+        return f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="{HEIGHT}" style="{style}"></iframe>'
+
+    def __repr__(self) -> str:
+        where = "not saved" if self.path is None else repr(str(self.path))
+        return f"Page({where}, {len(self.html.encode()) / 1e6:.2f} MB)"
+
+
+def _first(robot: Robot | Trajectory, q: ArrayLike | None, t: ArrayLike | None) -> tuple[Robot, Motion]:
+    """The robot and motion that `view` is given first."""
+    if isinstance(robot, Trajectory):
+        for name, value in (("q", q), ("t", t)):
+            if value is not None:
+                raise ValueError(f"`{name}` is for a robot; a trajectory has its own")
+        motion = motion_argument("robot", robot)
+        if robot.model is None:
+            raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
+        return Robot(robot.model), motion
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot or rne.Trajectory, got {type(robot).__name__}")
+    q = np.zeros(robot.n) if q is None else q
+    return robot, _still("q", q, robot) if t is None else check_positions("q", arrays_argument("tq", t, [q]), robot)
+
+
+def _second(other: Any, robot: Robot) -> tuple[Robot, Motion]:
+    """The robot and motion that `view` is given as `other`, the first robot where it does not bring its own."""
+    if isinstance(other, str | Robot):
+        raise TypeError(f"`other` must be an rne.Trajectory, positions or a tuple (t, q), got {type(other).__name__}")
+    if isinstance(other, Trajectory) or (isinstance(other, tuple) and len(other) == 2 and np.ndim(other[1]) == 2):
+        motion = motion_argument("other", other)
+        robot = robot if motion.model is None else Robot(motion.model)
+        return robot, check_positions("other", motion, robot)
+    return robot, _still("other", other, robot)
+
+
+def _still(name: str, q: ArrayLike, robot: Robot) -> Motion:
+    """One position as a motion."""
+    positions = real_array(name, q, f"({robot.n},)")
+    if positions.shape != (robot.n,):
+        cure = "; motions need times `t`" if positions.ndim == 2 else ""
+        raise ValueError(f"`{name}` must have shape ({robot.n},), got {positions.shape}{cure}")
+    return Motion(np.zeros(1), {"q": positions[None]})
+
+
+def frame_times(shown: Sequence[tuple[Robot, Motion]], speed: float) -> Array:
+    """Times of the frames [s], from the first start to the last end of what moves."""
+    ends = np.array([(motion.t[0], motion.t[-1]) for _, motion in shown if motion.t[-1] > motion.t[0]])
+    if not len(ends):
+        return shown[0][1].t[:1]
+    start, end = ends[:, 0].min(), ends[:, 1].max()
+    links = sum(len(robot.link_names) for robot, _ in shown)
+    frames = min(round((end - start) / speed * FPS), MAX_POSES // links)
+    return np.linspace(start, end, max(frames, 1) + 1)
+
+
+def placed(robot: Robot, motion: Motion, times: Array, first: PosedRobot | None = None) -> PosedRobot:
+    """The links in all frames, in a world whose z axis is up; before and after its own time a motion stands still.
+
+    Shapes of the same file are those of the first motion: what is lost of them is told once.
+    """
+    from scipy.spatial.transform import Rotation
+
+    model = robot.model
+    up = np.eye(4)
+    if model.gravity.any():
+        up[:3, :3] = Rotation.align_vectors([0.0, 0.0, 1.0], -model.gravity.astype(float))[0].as_matrix()
+    poses = up @ robot.link_poses(motion.positions(np.clip(times, motion.t[0], motion.t[-1])))
+    same = first is not None and model.source is not None and model.source == first.model.source
+    return PosedRobot.at(model, poses, first.shapes if first is not None and same else None)
 
 
 @contextmanager
-def _scene_server() -> Iterator[Any]:
+def _scene_server() -> Iterator[ViserServer]:
     """A server of viser on 127.0.0.1, which is stopped in the end and prints nothing."""
     try:
         import fast_simplification  # noqa: F401
@@ -144,7 +282,56 @@ def _scene_server() -> Iterator[Any]:
         console.quiet = quiet
 
 
-def _labels(labels: Sequence[str]) -> tuple[str, str]:
-    if isinstance(labels, str) or len(labels) != 2 or not all(isinstance(label, str) for label in labels):
-        raise ValueError(f"`labels` must be two str, got {labels!r}")
-    return labels[0], labels[1]
+class Camera(NamedTuple):
+    """Where a camera looks at, from which side (a unit vector), and how far it must be away to see all points [m]."""
+
+    target: Array
+    side: Array
+    distance: float  # in a window as wide as high or wider
+    width: float  # in one of aspect ratio a < 1 it is width / a + depth
+    depth: float
+
+    @property
+    def position(self) -> Array:
+        """Of the camera in a wide window [m]."""
+        return self.target + self.distance * self.side
+
+
+def aim(points: Array) -> Camera:
+    """The camera that sees all points from the front, the right and above, with z upwards."""
+    side = np.array([0.72, -0.95, 0.55]) / np.linalg.norm([0.72, -0.95, 0.55])
+    right = np.cross([0.0, 0.0, 1.0], side)
+    axes = np.stack([right / np.linalg.norm(right), np.cross(side, right / np.linalg.norm(right)), side])
+    seen = points @ axes.T
+    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    x, y, z = np.abs(seen - middle).T[0], np.abs(seen - middle).T[1], (seen - middle).T[2]
+    tangent = 0.84 * np.tan(FOV / 2)  # leaves a margin
+    distance = float((np.maximum(x, y) / tangent + z).max()) or 1.0
+    return Camera(middle @ axes, side, distance, float(x.max() / tangent), float(z.max()))
+
+
+def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array, speed: float) -> str:
+    """What is not in the scene itself: names, colours, the grid, and how the slider's time is that of the motion."""
+    lines = [f"<b>{html.escape(robot.model.name)}</b>"]
+    if len(labels) > 1:
+        own = [shape.color[:3] for shape in robot.shapes if shape.color is not None]
+        main = "rgb({} {} {})".format(*(round(255 * x) for x in own[0])) if own else "rgb({} {} {})".format(*TONES[0])
+        marks = (main, "rgb({} {} {} / 60%)".format(*GHOST))
+        lines += [f'<i style="background:{c}"></i>{html.escape(x)}' for c, x in zip(marks, labels, strict=True)]
+    lines.append(f"grid: {cell:g} m")
+    if len(times) > 1 and (speed != 1 or times[0] != 0):
+        start = f"{times[0]:g} + " if times[0] else ""
+        factor = f"{speed:g} &times; " if speed != 1 else ""
+        lines.append(f"t = {start}{factor}time on the slider")
+    return "<br>".join([*lines, "<small>frames and masses: button of the scene tree</small>"])
+
+
+def _finished(text: str, name: str, key: str, camera: Camera) -> str:
+    """viser's page with a title, a legend, and a camera for narrow windows."""
+    numbers = {k: np.asarray(x).tolist() for k, x in camera._asdict().items()}
+    head = f"<title>{html.escape(name)}</title>{CAMERA % json.dumps(numbers)}<style>{STYLE}</style>"
+    for mark, ours in ((TITLE, head), (ROOT, f'{ROOT}<div id="rne">{key}</div>')):
+        if mark not in text:
+            raise RuntimeError(f"this version of viser writes other pages: {mark!r} is missing; pip install 'viser<2'")
+        text = text.replace(mark, ours, 1)
+    return text
