@@ -136,7 +136,7 @@ def test_locking_joints_one_by_one_or_together_keeps_the_end(irb140):
 
 def test_a_model_that_does_not_know_its_links_parents_has_the_same_end(irb140):
     unknown = replace(irb140.model, link_parent=None)
-    assert unknown.link_tree == irb140.model.link_parent
+    assert unknown.link_parent == irb140.model.link_parent
     assert end_link(unknown) == "tool0"
 
 

@@ -287,7 +287,7 @@ class TestRecording:
         names = robot.link_names
         lengths = {m["name"]: m["props"]["height"] for _, m in messages if m["type"] == "CylinderMessage"}
         checked = 0
-        for child, parent in enumerate(robot.model.link_tree):
+        for child, parent in enumerate(robot.model.link_parent):
             name = f"/robot/{names[max(parent, 0)]}/line to {names[child]}"
             if name in lengths:
                 R, p = turned(places[f"/robot/{names[parent]}"]["wxyz"]), origins[parent]

@@ -29,7 +29,6 @@ INTERNAL = {
     "Model.is_revolute",
     "Model.joint_origin",
     "Model.linear_axis",
-    "Model.link_tree",
     "Model.moments",
     "Scene.current_right_hand_side",
     "Scene.resolved",

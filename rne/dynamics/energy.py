@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from ..basics.spatial import Array, cross, dot, rotate, zeros
 from ..model.model import Model
-from ..model.parameters import ModelWithMoments
 from .kinematics import body_poses, joint_transforms, joint_velocities, velocities
 from .quantity import quantity
 
@@ -49,7 +48,7 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
 
 def body_kinetic_energy(model: Model, i: int, omega: Array, v: Array) -> Array:
     """(m v_c.v_c + omega.I omega) / 2, Høifødt 2011, (6.30), of a body whose frame's origin moves with v."""
-    if isinstance(model, ModelWithMoments):  # bodies without mass have no centre
+    if model.given_moments is not None:  # bodies without mass have no centre
         m, h, I = model.body_moments(i)
         twice = dot(v, m * v + 2 * cross(omega, h)) + dot(omega, rotate(I, omega))
     else:
@@ -104,7 +103,7 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
 
 def body_momentum(model: Model, i: int, omega: Array, v: Array) -> tuple[Array, Array]:
     """Linear momentum of a body, and angular momentum about its frame's origin, which moves with v."""
-    if isinstance(model, ModelWithMoments):  # bodies without mass have no centre
+    if model.given_moments is not None:  # bodies without mass have no centre
         m, h, I = model.body_moments(i)
         return m * v + cross(omega, h), rotate(I, omega) + cross(h, v)
     c = model.com[i]

@@ -23,7 +23,6 @@ import numpy as np
 
 from ..basics.spatial import Array, cross, cross_matrix, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
-from ..model.parameters import ModelWithMoments
 from .crba import factorise, solve_factored
 from .kinematics import BASE, body_jacobian_derivatives, body_jacobians, joint_transforms, joint_velocities
 from .precision import check_accelerations
@@ -208,7 +207,7 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
 
 def body_coriolis_matrix(model: Model, i: int, omega: Array, Jw: Array, Jv: Array, dJw: Array, dJv: Array) -> Array:
     """Share of a body in C, from Jacobians of its frame's origin; rows are joints: J^T of the docstring."""
-    if isinstance(model, ModelWithMoments):  # bodies without mass have no centre
+    if model.given_moments is not None:  # bodies without mass have no centre
         m, h, I = model.body_moments(i)
         m, h = m[..., None], h[..., None, :]
         a = dJv + cross(omega[..., None, :], Jv)

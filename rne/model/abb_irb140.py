@@ -6,7 +6,7 @@ NTNU, June 2011."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -25,50 +25,28 @@ class Datum(NamedTuple):
     source: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class DataSheet:
-    """What a manufacturer states about a robot; `print` shows it as a table. Dynamics do not use it.
+class DataSheet(NamedTuple):
+    """Numbers that a manufacturer states; `print` shows them as a table. Dynamics do not use them."""
 
-    Attributes
-    ----------
-    ranges, speeds : Datum
-        Working range as a total, and largest speed, of each axis.
-    fast_speeds : Datum
-        The largest speeds of the robot's faster variant.
-    payload, upper_arm_load, wrist_load : Datum
-        Load at the flange, and further loads on the upper arm or on the wrist, one of the two.
-    tcp_speed, tcp_acceleration : Datum
-        Largest speed and acceleration of the tool's centre point.
-    acceleration_time : Datum
-        From rest to 1 m/s.
-    repeatability : Datum
-        Of a position.
-    reach : Datum
-        Of axis 5 from axis 1.
-    cycle_time, fast_cycle_time : Datum
-        Of the pick cycle, and of the faster variant.
-    """
-
-    ranges: Datum
-    speeds: Datum
-    fast_speeds: Datum
-    payload: Datum
-    upper_arm_load: Datum
-    wrist_load: Datum
-    tcp_speed: Datum
+    ranges: Datum  # working range of each axis, as a total
+    speeds: Datum  # largest speed of each axis
+    fast_speeds: Datum  # of the robot's faster variant
+    payload: Datum  # at the flange
+    upper_arm_load: Datum  # a further load, on the upper arm or
+    wrist_load: Datum  # on the wrist
+    tcp_speed: Datum  # largest speed of the tool's centre point
     tcp_acceleration: Datum
-    acceleration_time: Datum
-    repeatability: Datum
-    reach: Datum
-    cycle_time: Datum
-    fast_cycle_time: Datum
+    acceleration_time: Datum  # from rest to 1 m/s
+    repeatability: Datum  # of a position
+    reach: Datum  # of axis 5 from axis 1
+    cycle_time: Datum  # of the pick cycle
+    fast_cycle_time: Datum  # of the faster variant
 
     def __str__(self) -> str:
         lines = []
-        for field in fields(self):
-            value, unit, source = getattr(self, field.name)
+        for field, (value, unit, source) in zip(self._fields, self, strict=True):
             numbers = ", ".join(f"{x:g}" for x in (value if isinstance(value, tuple) else (value,)))
-            lines.append(f"{field.name:<17} {numbers:<28} {unit:<6} {source}")
+            lines.append(f"{field:<17} {numbers:<28} {unit:<6} {source}")
         return "\n".join(lines)
 
 

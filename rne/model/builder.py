@@ -147,7 +147,7 @@ def assemble(
     )
 
 
-def _limits_and_drives(joints: Sequence[Part]) -> dict[str, Array]:
+def _limits_and_drives(joints: Sequence[Part]) -> dict[str, Any]:
     """Limits, friction and drives of the moving joints, by the names of the Model's fields."""
     return {
         name: np.array([getattr(joint, name.removesuffix("_limit")) for joint in joints]) for name in LIMITS_AND_DRIVES

@@ -21,7 +21,7 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
 
 UNSET: Any = None  # replaced in __post_init__ by a default of the right shape
-NOT_COMPARED = ("notes", "link_parent", "source")
+NOT_COMPARED = ("notes", "link_parent", "source", "given_moments")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,9 +65,9 @@ class Model:
         The root, then every link in tree order, those behind fixed joints included.
     link_joints : tuple of str
         The joint that carries each link; "" for the root.
-    link_parent : tuple of int, or None
-        The place in `link_names` of the link that each link is attached to by its joint, -1 for the root; None if not
-        known. Not compared.
+    link_parent : tuple of int, optional
+        The place in `link_names` of the link that each link is attached to by its joint, -1 for the root. If not given,
+        links on fixed joints are taken to be on their body's first link. Not compared.
     link_body : tuple of int
         The body that each link is part of, -1 for the base.
     link_rotation, link_translation : ndarray, shapes (n_links, 3, 3) and (n_links, 3)
@@ -79,6 +79,9 @@ class Model:
         Where the numbers of a link or joint come from. Not compared.
     source : str or None
         Absolute path of the URDF file it was read from, from which pictures read the visual shapes. Not compared.
+    given_moments : Moments or None
+        For dynamics at other parameters, which may differ from state to state: taken in place of the moments of `mass`,
+        `com` and `inertia`. Not compared.
 
     Raises
     ------
@@ -110,7 +113,7 @@ class Model:
     link_body: tuple[int, ...]
     link_rotation: Array
     link_translation: Array
-    link_parent: tuple[int, ...] | None = None
+    link_parent: tuple[int, ...] = UNSET
     lower: Array = UNSET
     upper: Array = UNSET
     velocity_limit: Array = UNSET
@@ -131,6 +134,7 @@ class Model:
     shapes: tuple[Cylinder, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
     source: str | None = None
+    given_moments: Moments | None = None
 
     def __post_init__(self) -> None:
         nb = len(self.moving_joints)
@@ -140,11 +144,17 @@ class Model:
         defaults |= dict.fromkeys(("coordinate", "independent_joints"), tuple(range(nb)))
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         values |= {name: default for name, default in defaults.items() if values[name] is None}
-        for name in ARRAY_FIELDS & values.keys():
-            if values[name] is not None:
-                values[name] = np.array(plain_array(name, values[name]), dtype=np.float64)
+        values |= {name: np.array(plain_array(name, values[name]), dtype=np.float64) for name in ARRAY_FIELDS}
         self._freeze(values)
         check_model({f.name: getattr(self, f.name) for f in fields(self)})
+        if self.link_parent is None:
+            object.__setattr__(self, "link_parent", self._likely_link_parents())
+
+    def _likely_link_parents(self) -> tuple[int, ...]:
+        place = {joint: k for k, joint in enumerate(self.link_joints)}
+        carrier = {i: place[joint] for i, joint in enumerate(self.moving_joints)} | {-1: 0}
+        above = {carrier[i]: carrier[parent] for i, parent in enumerate(self.parent)}
+        return tuple(-1 if k == 0 else above.get(k, carrier[body]) for k, body in enumerate(self.link_body))
 
     def __repr__(self) -> str:
         kinds = dict.fromkeys(self.joint_types)
@@ -212,18 +222,10 @@ class Model:
         return tuple(range(-1, self.n - 1)) if self.has_mimics else self.parent
 
     @cached_property
-    def link_tree(self) -> tuple[int, ...]:
-        """`link_parent`; where it is not known, links on fixed joints are taken to be on their body's first link."""
-        if self.link_parent is not None:
-            return self.link_parent
-        place = {joint: k for k, joint in enumerate(self.link_joints)}
-        carrier = {i: place[joint] for i, joint in enumerate(self.moving_joints)} | {-1: 0}
-        above = {carrier[i]: carrier[parent] for i, parent in enumerate(self.parent)}
-        return tuple(-1 if k == 0 else above.get(k, carrier[body]) for k, body in enumerate(self.link_body))
-
-    @cached_property
     def moments(self) -> Moments:
         """Mass, first moment and inertia of the bodies about their frames' origins: the inertial parameters."""
+        if self.given_moments is not None:
+            return self.given_moments
         m, c = self.mass, self.com
         return Moments(m, m[..., None] * c, self.inertia + point_mass_inertia(m[..., None, None], c))
 
@@ -305,11 +307,15 @@ class Model:
         >>> rne.irb140().astype(np.float32).mass.dtype
         dtype('float32')
         """
+
+        def converted(array: Array) -> Array:
+            return array.astype(dtype) if number is None else convert_array(array, number)
+
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        for name in ARRAY_FIELDS & values.keys():
-            array = values[name]
-            if array is not None:
-                values[name] = array.astype(dtype) if number is None else convert_array(array, number)
+        values |= {name: converted(values[name]) for name in ARRAY_FIELDS}
+        if self.given_moments is not None:  # complex steps and traced numbers keep their own
+            moments = (x if x.dtype.kind in "cO" else converted(x) for x in self.given_moments)
+            values["given_moments"] = Moments(*moments)
         return unchecked_model(values)
 
 
@@ -320,7 +326,7 @@ def unchecked_model(values: dict[str, Any]) -> Model:
     return model
 
 
-ARRAY_FIELDS = frozenset(f.name for f in fields(Model) if f.type in ("Array", "Array | None"))
+ARRAY_FIELDS = frozenset(f.name for f in fields(Model) if f.type == "Array")
 
 
 def model_argument(model: object) -> Model:

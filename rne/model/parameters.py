@@ -2,46 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_array, real_array
+from ..basics.arrays import real_array
 from ..basics.spatial import IDENTITY, Array, dot, outer, point_mass_inertia, zeros
-from .model import Model, model_argument
+from .model import Model, model_argument, unchecked_model
 from .solids import Moments
-
-
-class ModelWithMoments(Model):
-    """A Model for dynamics alone, which read its `moments`; its mass, com and inertia are still the robot's own."""
-
-    def astype(self, dtype: DTypeLike, number: Callable[[float], Any] | None = None) -> Model:
-        """The same with every array in another dtype, the moments too."""
-
-        def convert(moment: Array) -> Array:
-            if moment.dtype.kind in "cO":  # complex steps and traced numbers keep their own
-                return moment
-            return moment.astype(dtype) if number is None else convert_array(moment, number)
-
-        return with_moments(super().astype(dtype, number), Moments(*(convert(moment) for moment in self.moments)))
 
 
 def of_states(model: Model, states: Any) -> Model:
     """The robot of some states of a batch: with their moments, where every state has its own."""
-    if not isinstance(model, ModelWithMoments) or model.moments.mass.ndim == 1:
+    moments = model.given_moments
+    if moments is None or moments.mass.ndim == 1:
         return model
-    return with_moments(model, Moments(*(moment[states] for moment in model.moments)))
+    return with_moments(model, Moments(*(moment[states] for moment in moments)))
 
 
-def with_moments(model: Model, moments: Moments) -> ModelWithMoments:
-    """The same robot with other moments of mass."""
-    clone = object.__new__(ModelWithMoments)
-    clone.__dict__.update(model.__dict__)
-    clone.__dict__["moments"] = moments
-    return clone
+def with_moments(model: Model, moments: Moments) -> Model:
+    """The robot for dynamics alone, with other moments of mass: (..., nb), (..., nb, 3) and (..., nb, 3, 3)."""
+    return unchecked_model({f.name: getattr(model, f.name) for f in fields(model)} | {"given_moments": moments})
 
 
 PARAMETERS = 10  # of a body

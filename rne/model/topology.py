@@ -80,7 +80,7 @@ def _is_chain(model: Model) -> bool:
 
 def _leaves(model: Model) -> list[int]:
     """Links that no other link is attached to, by their places in `link_names`."""
-    carrying = set(model.link_tree)
+    carrying = set(model.link_parent)
     return [k for k in range(len(model.link_names)) if k not in carrying]
 
 
@@ -103,7 +103,7 @@ def pinocchio_order(model: Model) -> Array:
     `q[..., pinocchio_order(model)]` holds the positions of the independent joints in Pinocchio's order, shape (n,).
     """
     children: dict[int, list[int]] = {}
-    for k, parent in enumerate(model.link_tree):
+    for k, parent in enumerate(model.link_parent):
         children.setdefault(parent, []).append(k)
     joints, stack = [], [0]
     while stack:

@@ -259,7 +259,7 @@ class Picture:
 
         line, face = rcParams["axes.edgecolor"], rcParams["axes.facecolor"]  # those of the style in use
         p, carried, turning = robot.p, np.array(robot.carried, dtype=int), robot.model.is_revolute
-        parents = np.array(robot.model.link_tree[1:], dtype=int)
+        parents = np.array(robot.model.link_parent[1:], dtype=int)
         fixed = np.setdiff1d(np.arange(1, p.shape[1]), carried)
         centres = robot.centres[:, bare]
         to_centres = np.stack([p[:, carried[bare]], centres], axis=-2)

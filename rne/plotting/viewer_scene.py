@@ -180,13 +180,13 @@ def simplified(mesh: Trimesh, keep: float) -> Trimesh:
 def _add_lines(group: Group, bare: list[int], size: float, style: Style) -> None:
     """Tubes from each link without shapes to its children or, at an end, to its centre of mass; their joints."""
     robot, model, carried = group.robot, group.robot.model, group.robot.carried
-    for child, parent in enumerate(model.link_tree):
+    for child, parent in enumerate(model.link_parent):
         if parent in bare:
             _add_line_to(group, parent, child, size, style)
     for i, k in enumerate(carried):
-        if k in bare and k not in model.link_tree and model.mass[i] > 0:
+        if k in bare and k not in model.link_parent and model.mass[i] > 0:
             _add_tube(group, k, "line", np.zeros(3), robot.com[i], 0.012 * size, style, LINE)
-        if k in bare or model.link_tree[k] in bare:
+        if k in bare or model.link_parent[k] in bare:
             half = model.axis[i] * (0.03 if model.is_revolute[i] else 0.05) * size
             sides = 32 if model.is_revolute[i] else 4
             _add_tube(group, k, "joint", -half, half, 0.028 * size, style, JOINT, sides)
