@@ -8,10 +8,9 @@ import pytest
 import rne
 from rne.kernels.differentiation import complex_step, differentiate
 from rne.kernels.graph import Graph
-from rne.kernels.program import lower
+from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs
-from rne.kernels.trace import Trace
 from rne.model.generators import random_tree
 
 from .helpers import EPS, kept, relative, states

@@ -17,9 +17,8 @@ import rne
 from rne.kernels import kernel as kernel_module
 from rne.kernels import numba_backend
 from rne.kernels.graph import Graph
-from rne.kernels.program import lower
+from rne.kernels.program import Trace, lower
 from rne.kernels.scalar import inputs, references
-from rne.kernels.trace import Trace
 from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, data_robot, gimbal, kept, relative, states

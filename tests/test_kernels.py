@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 import rne
 from rne.kernels import numpy_backend, registers
 from rne.kernels.graph import Graph
-from rne.kernels.program import lower
+from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs, references
-from rne.kernels.trace import Trace
 from rne.model.generators import random_tree, straight_chain
 
 from .conftest import TREES

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.kernels.array_inputs import OfArrays
+from rne.kernels.trace import OfArrays
 from rne.model.generators import random_tree
 from rne.model.parameters import at_parameters
 

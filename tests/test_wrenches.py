@@ -10,8 +10,8 @@ import pytest
 
 import rne
 from rne.kernels import kernel as kernel_module
-from rne.kernels.array_inputs import OfArrays
 from rne.kernels.differentiation import complex_step
+from rne.kernels.trace import OfArrays
 from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, relative, states

@@ -4,7 +4,7 @@ A core is the bare recursion. It takes arrays that are finite, of one dtype and 
 branches on a value. `function.core` is that recursion, to be read, tested or traced on its own.
 
 Arguments named q, qd, qdd and tau are joint arrays, checked and traced; `external` (wrenches by link) and `link` are
-the other arguments that a quantity may have. For a kernel the wrenches become arrays too: `rne.kernels.array_inputs`.
+the other arguments that a quantity may have. For a kernel the wrenches become arrays too: `rne.kernels.trace`.
 `evaluate` also takes `parameters`, the inertial parameters in place of the model's.
 """
 
@@ -101,7 +101,7 @@ class Quantity:
         The argument, and its entries, that are joint velocities, whose squares may cost digits.
     moments : bool
         True if the result depends on the inertial parameters, and through `model.moments` alone, so that they may be
-        inputs: `rne.kernels.array_inputs`.
+        inputs: `rne.kernels.trace`.
     base_parameters : bool
         True if the result depends on the inertial parameters only through the base parameters, so that masses may be
         redistributed between bodies; see ``rne/model/fewest_terms.py``.

@@ -15,10 +15,10 @@ from ..dynamics.forward import forward_dynamics
 from ..dynamics.quantity import Declared, PrecisionStatus
 from ..dynamics.rnea import External, inverse_dynamics
 from ..model.model import Model
-from .array_inputs import inputs_as_arrays, wrench_links
 from .differentiation import complex_step
 from .kernel import Kernel, compile, derivative, engine_argument
 from .scalar import is_traced
+from .trace import inputs_as_arrays, wrench_links
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
 # joints, articulated bodies beyond the second.

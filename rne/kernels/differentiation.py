@@ -33,36 +33,19 @@ def differentiate(graph: Graph, outputs: list[int], inputs: list[int]) -> list[i
     list of int
         len(outputs) * len(inputs) references.
     """
-    operations = needed(graph, outputs)
+    operations = sorted(graph.needed(outputs))
     columns = [_column(graph, operations, outputs, k) for k in inputs]
     return [column[i] for i in range(len(outputs)) for column in columns]
-
-
-def needed(graph: Graph, outputs: list[int]) -> list[int]:
-    """The nodes that outputs depend on, each after its arguments."""
-    found: set[int] = set()
-    stack = [ref >> 1 for ref in outputs]
-    while stack:
-        k = stack.pop()
-        if k not in found:
-            found.add(k)
-            node = graph.nodes[k]
-            if node.kind not in ("input", "constant"):
-                stack.extend(ref >> 1 for ref in node.args)
-    return sorted(found)
 
 
 def _column(graph: Graph, operations: list[int], outputs: list[int], k: int) -> list[int]:
     """Derivatives of the outputs by input k."""
     zero = graph.constant(0.0)
-    slopes: dict[int, int] = {}  # of the nodes that depend on it
+    slopes = {graph.input(k) >> 1: graph.constant(1.0)}  # of the nodes that depend on it
     for index in operations:
-        node = graph.nodes[index]
-        if node.kind == "input":
-            if node.args[0] == k:
-                slopes[index] = graph.constant(1.0)
-        elif node.kind != "constant" and any(ref >> 1 in slopes for ref in node.args):
-            slope = _slope(graph, index, [_signed(graph, slopes.get(ref >> 1, zero), ref) for ref in node.args])
+        args = graph.nodes[index].args
+        if any(ref >> 1 in slopes for ref in args):
+            slope = _slope(graph, index, [_signed(graph, slopes.get(ref >> 1, zero), ref) for ref in args])
             if slope != zero:
                 slopes[index] = slope
     return [_signed(graph, slopes.get(ref >> 1, zero), ref) for ref in outputs]

@@ -73,6 +73,27 @@ class Graph:
             self._index[key] = index
         return 2 * index
 
+    def arguments(self, index: int) -> list[int]:
+        """The nodes of an operation's operands."""
+        node = self.nodes[index]
+        return [] if node.kind in ("input", "constant") else [ref >> 1 for ref in node.args]
+
+    def needed(self, outputs: list[int]) -> list[int]:
+        """Operations that outputs depend on, each after its operands and close before its first use."""
+        done: set[int] = set()
+        order = []
+        for output in outputs:
+            stack = [(output >> 1, False)]
+            while stack:
+                k, ready = stack.pop()
+                if ready:
+                    order.append(k)
+                elif k not in done:
+                    done.add(k)
+                    stack.append((k, True))
+                    stack.extend((a, False) for a in reversed(self.arguments(k)))
+        return [k for k in order if self.nodes[k].kind not in ("input", "constant")]
+
     def input(self, k: int) -> int:
         """The k-th input."""
         return self.node("input", k)

@@ -18,14 +18,14 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, wrapped
 from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
 from ..model.model import Model, joint_array, joint_shaped, model_argument
-from .array_inputs import inputs_as_arrays, named_by_function
 from .differentiation import complex_step
 from .graph import TooLarge
 from .numpy_backend import BlockProgram, check_out
+from .program import NeedsRecursion, Recursion, Trace
 from .python_backend import state_function
 from .scalar import is_traced
 from .source import Printable, entry_of_element, heading, to_source
-from .trace import NeedsRecursion, Recursion, Trace, argument_widths, quantity_of, trace, within_a_trace
+from .trace import argument_widths, inputs_as_arrays, named_by_function, quantity_of, trace, within_a_trace
 
 ENGINES = ("numpy", "numba")
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")

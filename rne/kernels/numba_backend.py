@@ -23,7 +23,7 @@ from numba.extending import intrinsic
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
 from .machine_code import LARGEST, Emitter, Rows
-from .trace import NeedsRecursion, Recursion, Trace
+from .program import NeedsRecursion, Recursion, Trace
 
 LOGGER = logging.getLogger("rne")
 LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
-from .program import Operand
+from .program import Operand, Recursion, Trace
 from .registers import Layout, Step, allocate
-from .trace import Recursion, Trace
 
-UFUNCS: dict[str, Callable[..., Any]] = {
-    "add": np.add,
-    "subtract": np.subtract,
-    "multiply": np.multiply,
-    "divide": np.divide,
-    "negative": np.negative,
-    "sin": np.sin,
-    "cos": np.cos,
-    "sqrt": np.sqrt,
-    "abs": np.absolute,
-    "tanh": np.tanh,
-    "exp": np.exp,
-    "arctan2": lambda y, x, out: np.arctan2(y, x, out=out),
-    "sign": np.sign,
-    "minimum": lambda a, b, out: np.minimum(a, b, out=out),
-    "maximum": lambda a, b, out: np.maximum(a, b, out=out),
-}
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 LINE = 64  # bytes of a cache line
 REGISTER_BYTES = 8 * 2**20  # of all registers: more no longer pay for fewer calls
@@ -60,7 +43,7 @@ class BlockProgram:
         count, dtype = len(results), results.dtype
         length = min(block_length(self.layout.registers, dtype.itemsize), max(count, 1))
         status = OK
-        with np.errstate(all="ignore"), _Borrowed(self, length, dtype) as workspace:
+        with np.errstate(all="ignore"), self._workspace(length, dtype) as workspace:
             for begin in range(0, count, length):
                 end = min(begin + length, count)
                 if not self._run_block(workspace, [a[begin:end] for a in states], results[begin:end]):
@@ -70,6 +53,21 @@ class BlockProgram:
                         return status
                     results[begin:end] = block
         return status
+
+    @contextmanager
+    def _workspace(self, length: int, dtype: np.dtype[Any]) -> Iterator[Workspace]:
+        """A workspace of the pool, returned when done, so that threads never share one."""
+        pool = self.workspaces.setdefault(dtype.name, [])
+        try:
+            workspace = pool.pop()
+        except IndexError:
+            workspace = Workspace(self.layout, length, dtype)
+        if workspace.rows.shape[1] < length:
+            workspace = Workspace(self.layout, length, dtype)
+        try:
+            yield workspace
+        finally:
+            pool.append(workspace)
 
     def _run_block(self, workspace: Workspace, states: Sequence[Array], results: Array) -> bool:
         """Run one block; False if the recursion must compute it."""
@@ -98,26 +96,6 @@ class _OfRows:
 
     def above(self, values: Array, factor: float, others: Array) -> bool:
         return bool((values > factor * others).all())
-
-
-class _Borrowed:
-    """A workspace of the program's pool, returned when done, so that threads never share one."""
-
-    def __init__(self, owner: BlockProgram, length: int, dtype: np.dtype[Any]) -> None:
-        self.pool = owner.workspaces.setdefault(dtype.name, [])
-        self.owner, self.length, self.dtype = owner, length, dtype
-
-    def __enter__(self) -> Workspace:
-        try:
-            self.workspace = self.pool.pop()
-        except IndexError:
-            self.workspace = Workspace(self.owner.layout, self.length, self.dtype)
-        if self.workspace.rows.shape[1] < self.length:
-            self.workspace = Workspace(self.owner.layout, self.length, self.dtype)
-        return self.workspace
-
-    def __exit__(self, *_: object) -> None:
-        self.pool.append(self.workspace)
 
 
 class Workspace:
@@ -153,13 +131,7 @@ class Workspace:
         out = [rows[k] for k in step.out]
         if step.kind == "sincos":
             return self.trig(args[0], out[0], out[1], lambda x: self._operand(Operand("constant", x), rows))
-        if step.kind == "less":
-            return [(_compare, (np.less, *args, out[0]))]
-        if step.kind == "less_equal":
-            return [(_compare, (np.less_equal, *args, out[0]))]
-        if step.kind == "where":
-            return [(_where, (*args, out[0]))]
-        return [(UFUNCS[step.kind], (*args, out[0]))]
+        return [(SPECIAL.get(step.kind) or getattr(np, step.kind), (*args, out[0]))]
 
 
 def aligned_zeros(rows: int, length: int, dtype: np.dtype[Any]) -> Array:
@@ -171,13 +143,19 @@ def aligned_zeros(rows: int, length: int, dtype: np.dtype[Any]) -> Array:
     return flat[start : start + rows * stride].reshape(rows, stride)
 
 
-def _compare(ufunc: Callable[..., Any], a: Array, b: Array, out: Array) -> None:
-    ufunc(a, b, out=out, casting="unsafe")
-
-
 def _where(condition: Array, a: Array, b: Array, out: Array) -> None:
     np.copyto(out, b)
     np.copyto(out, a, where=condition != 0)
+
+
+# What NumPy's function of the name does not do: the others are called as np.add(a, b, out).
+SPECIAL: dict[str, Callable[..., Any]] = {
+    "minimum": lambda a, b, out: np.minimum(a, b, out=out),
+    "maximum": lambda a, b, out: np.maximum(a, b, out=out),
+    "less": partial(np.less, casting="unsafe"),
+    "less_equal": partial(np.less_equal, casting="unsafe"),
+    "where": _where,
+}
 
 
 def block_length(registers: int, itemsize: int) -> int:

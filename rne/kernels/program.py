@@ -1,14 +1,25 @@
-"""From a graph to a straight-line program: the operations that the outputs need, in order, signs written out."""
+"""Straight-line programs: from a graph the operations that the outputs need, in order; when the results are sound."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
+from ..basics.spatial import Array
+from ..dynamics.precision import NEARLY_SINGULAR, velocity_bound
+from ..dynamics.quantity import PrecisionStatus
 from .graph import Graph
+
+# Operations whose result is not finite if an operand is not. So is x / y if y is a pivot of M, which is checked.
+PROPAGATING = frozenset({"add", "subtract", "multiply", "negative", "sin", "cos", "sqrt", "abs"})
+# What the recursion finds for states begin to end, counted in the whole batch.
+Recursion = Callable[[int, int], tuple[Array, PrecisionStatus]]
 
 
 class Operand(NamedTuple):
@@ -61,6 +72,86 @@ class Program:
         return [k for k in range(self.inputs) if k not in used]
 
 
+class NeedsRecursion(Exception):
+    """Raised for a state that the recursion must compute, since the program's result is not known to be sound."""
+
+
+class Conditions(Protocol):
+    """How an engine writes the conditions of soundness: on text, on registers of NumPy, in machine code."""
+
+    def finite(self, values: Any) -> Any:
+        """Every value is finite."""
+
+    def within(self, values: Any, bound: float) -> Any:
+        """No value exceeds the bound in size; an engine may also refuse values up to its n-th part."""
+
+    def above(self, values: Any, factor: float, others: Any) -> Any:
+        """Each value exceeds the factor times its partner."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A quantity traced on one model, as the engines run it.
+
+    Attributes
+    ----------
+    program : Program
+        Its outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots.
+    widths : tuple of int
+        Number of inputs of each argument.
+    shape : tuple of int
+        Of the result for one state.
+    velocities : range
+        Inputs that are joint velocities whose squares may cost digits.
+    pivots : int
+        Number of pivots of M.
+    """
+
+    program: Program
+    widths: tuple[int, ...]
+    shape: tuple[int, ...]
+    velocities: range = range(0)
+    pivots: int = 0
+
+    @property
+    def entries(self) -> int:
+        """Number of entries of the result."""
+        return math.prod(self.shape)
+
+    def unguarded(self) -> Trace:
+        """The trace without the condition on joint velocities."""
+        return replace(self, velocities=range(0))
+
+    @cached_property
+    def unchecked_inputs(self) -> list[int]:
+        """Inputs whose NaN or infinity might not reach an output: unused ones, or all if some operation can hide it."""
+        hiding = self.program.operations.keys() - PROPAGATING
+        if hiding - {"divide"} or (hiding and not self.pivots):
+            return list(range(self.program.inputs))
+        return self.program.unused_inputs
+
+    def sound_inputs(self, inputs: Any, dtype: Any, write: Conditions) -> list[Any]:
+        """What must hold for the inputs of a state, or of several at once; see `sound_results`."""
+        unchecked = [inputs[k] for k in self.unchecked_inputs]
+        conditions = [write.finite(unchecked)] if unchecked else []
+        if self.velocities:
+            velocities = inputs[self.velocities.start : self.velocities.stop]
+            conditions.append(write.within(velocities, velocity_bound(np.dtype(dtype))))
+        return conditions
+
+    def sound_results(self, outputs: Any, dtype: Any, write: Conditions) -> list[Any]:
+        """What must hold for the outputs, so that the recursion need not compute the state as well.
+
+        This is the only statement of it; each engine writes it in its own form. A NaN fulfils no condition.
+        """
+        first, n = self.entries, self.pivots
+        conditions = [write.finite(outputs[:first])]
+        if n:
+            pivots, diagonal = outputs[first : first + n], outputs[first + n : first + 2 * n]
+            conditions.append(write.above(pivots, NEARLY_SINGULAR * n * float(np.finfo(dtype).eps), diagonal))
+        return conditions
+
+
 def lower(graph: Graph, outputs: list[int], inputs: int) -> Program:
     """The program of some outputs (references of the graph)."""
     return _Lowering(graph, outputs).program(inputs)
@@ -70,29 +161,9 @@ class _Lowering:
     def __init__(self, graph: Graph, outputs: list[int]) -> None:
         self.graph = graph
         self.outputs = outputs
-        self.order = self._needed()
-        self.uses = Counter(a for k in self.order for a in self._arguments(k))
+        self.order = graph.needed(outputs)
+        self.uses = Counter(a for k in self.order for a in self.graph.arguments(k))
         self.flipped = self._flipped()
-
-    def _arguments(self, k: int) -> list[int]:
-        node = self.graph.nodes[k]
-        return [] if node.kind in ("input", "constant") else [ref >> 1 for ref in node.args]
-
-    def _needed(self) -> list[int]:
-        """Operations the outputs need, each after its arguments and close before its first use."""
-        done: set[int] = set()
-        order = []
-        for output in self.outputs:
-            stack = [(output >> 1, False)]
-            while stack:
-                k, ready = stack.pop()
-                if ready:
-                    order.append(k)
-                elif k not in done:
-                    done.add(k)
-                    stack.append((k, True))
-                    stack.extend((a, False) for a in reversed(self._arguments(k)))
-        return [k for k in order if self.graph.nodes[k].kind not in ("input", "constant")]
 
     def _flipped(self) -> set[int]:
         """Operations used only with the opposite sign, and those that can be rewritten for it at no cost."""
@@ -112,7 +183,7 @@ class _Lowering:
             return {k}
         if node.kind in ("multiply", "divide", "add"):
             outputs = {output >> 1 for output in self.outputs}
-            for a in self._arguments(k):
+            for a in self.graph.arguments(k):
                 inner = self._flip(a) if self.uses[a] == 1 and a not in outputs else None
                 if inner is not None:
                     return inner | {k}

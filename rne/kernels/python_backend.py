@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .program import Instruction, Operand, Program
-from .trace import NeedsRecursion, Trace
+from .program import Instruction, NeedsRecursion, Operand, Program, Trace
 
 SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
 FUNCTIONS = {

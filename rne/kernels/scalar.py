@@ -27,6 +27,11 @@ def _operator(operation: Callable[[Scalar, int], Scalar]) -> Callable[[Scalar, A
     return method
 
 
+def _elementary(kind: str) -> Callable[[Scalar], Scalar]:
+    """An elementary function of a traced number."""
+    return lambda x: Scalar(x.graph, x.graph.unary(kind, x.ref))
+
+
 class Scalar:
     """A traced number: arithmetic on it adds operations to its graph.
 
@@ -73,9 +78,6 @@ class Scalar:
     def __pos__(self) -> Scalar:
         return self
 
-    def __abs__(self) -> Scalar:
-        return self._unary("abs")
-
     def __pow__(self, power: Any) -> Scalar:
         p = float(power) if isinstance(power, numbers.Real) else float("nan")
         if p.is_integer() and abs(p) <= MAX_POWER:
@@ -93,44 +95,11 @@ class Scalar:
             return self
         return half * half * self if k % 2 else half * half
 
-    def _unary(self, kind: str) -> Scalar:
-        return Scalar(self.graph, self.graph.unary(kind, self.ref))
-
-    def sin(self) -> Scalar:
-        """For np.sin on object arrays."""
-        return self._unary("sin")
-
-    def cos(self) -> Scalar:
-        """For np.cos on object arrays."""
-        return self._unary("cos")
-
-    def sqrt(self) -> Scalar:
-        """For np.sqrt on object arrays."""
-        return self._unary("sqrt")
-
-    def tanh(self) -> Scalar:
-        """For np.tanh on object arrays."""
-        return self._unary("tanh")
-
-    def exp(self) -> Scalar:
-        """For np.exp on object arrays."""
-        return self._unary("exp")
-
-    def arctan2(self, x: Any) -> Scalar:
-        """The angle of the vector (x, this number); for np.arctan2 on object arrays."""
-        return Scalar(self.graph, self.graph.arctan2(self.ref, self._other(x)))
-
-    def sign(self) -> Scalar:
-        """-1, 0 or 1."""
-        return self._unary("sign")
-
-    def minimum(self, other: Any) -> Scalar:
-        """The smaller of two numbers."""
-        return Scalar(self.graph, self.graph.binary("minimum", self.ref, self._other(other)))
-
-    def maximum(self, other: Any) -> Scalar:
-        """The larger of two numbers."""
-        return Scalar(self.graph, self.graph.binary("maximum", self.ref, self._other(other)))
+    # By these names NumPy's functions ask the entries of an object array.
+    __abs__, sin, cos, sqrt, tanh, exp, sign = map(_elementary, ("abs", "sin", "cos", "sqrt", "tanh", "exp", "sign"))
+    minimum = _operator(lambda x, y: x._new(x.graph.binary("minimum", x.ref, y)))
+    maximum = _operator(lambda x, y: x._new(x.graph.binary("maximum", x.ref, y)))
+    arctan2 = _operator(lambda y, x: y._new(y.graph.arctan2(y.ref, x)))
 
     def where(self, a: Any, b: Any) -> Scalar:
         """`a` where this number is not 0, `b` elsewhere."""

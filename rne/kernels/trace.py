@@ -1,110 +1,29 @@
-"""From a function of a model to a program: its core run on traced numbers, and when the program's results are sound."""
+"""From a function of a model to a program: its core run on traced numbers.
+
+A function takes wrenches as a mapping of links, and its model has the inertial parameters. A kernel takes arrays alone
+(`inputs_as_arrays`), so that many loads, or many variants of a robot, are one batch.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import inspect
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from math import prod
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.precision import NEARLY_SINGULAR, velocity_bound
-from ..dynamics.quantity import Declared, PrecisionStatus, Quantity
+from ..dynamics.quantity import Declared, PrecisionStatus, Quantity, check_arguments
 from ..model.fewest_terms import with_fewest_terms
-from ..model.model import Model
+from ..model.model import Model, model_argument
+from ..model.parameters import PARAMETERS, at_parameters
 from .differentiation import differentiate
 from .graph import Graph, TooLarge
-from .program import Program, lower
+from .program import Trace, lower
 from .scalar import inputs, references
 
 LIMIT = 50_000  # operations that are written out at most
-# Operations whose result is not finite if an operand is not. So is x / y if y is a pivot of M, which is checked.
-PROPAGATING = frozenset({"add", "subtract", "multiply", "negative", "sin", "cos", "sqrt", "abs"})
-# What the recursion finds for states begin to end, counted in the whole batch.
-Recursion = Callable[[int, int], tuple[Array, PrecisionStatus]]
-
-
-class NeedsRecursion(Exception):
-    """Raised for a state that the recursion must compute, since the program's result is not known to be sound."""
-
-
-class Conditions(Protocol):
-    """How an engine writes the conditions of soundness: on text, on registers of NumPy, in machine code."""
-
-    def finite(self, values: Any) -> Any:
-        """Every value is finite."""
-
-    def within(self, values: Any, bound: float) -> Any:
-        """No value exceeds the bound in size; an engine may also refuse values up to its n-th part."""
-
-    def above(self, values: Any, factor: float, others: Any) -> Any:
-        """Each value exceeds the factor times its partner."""
-
-
-@dataclass(frozen=True)
-class Trace:
-    """A quantity traced on one model, as the engines run it.
-
-    Attributes
-    ----------
-    program : Program
-        Its outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots.
-    widths : tuple of int
-        Number of inputs of each argument.
-    shape : tuple of int
-        Of the result for one state.
-    velocities : range
-        Inputs that are joint velocities whose squares may cost digits.
-    pivots : int
-        Number of pivots of M.
-    """
-
-    program: Program
-    widths: tuple[int, ...]
-    shape: tuple[int, ...]
-    velocities: range = range(0)
-    pivots: int = 0
-
-    @property
-    def entries(self) -> int:
-        """Number of entries of the result."""
-        return prod(self.shape)
-
-    def unguarded(self) -> Trace:
-        """The trace without the condition on joint velocities."""
-        return replace(self, velocities=range(0))
-
-    @cached_property
-    def unchecked_inputs(self) -> list[int]:
-        """Inputs whose NaN or infinity might not reach an output: unused ones, or all if some operation can hide it."""
-        hiding = self.program.operations.keys() - PROPAGATING
-        if hiding - {"divide"} or (hiding and not self.pivots):
-            return list(range(self.program.inputs))
-        return self.program.unused_inputs
-
-    def sound_inputs(self, inputs: Any, dtype: Any, write: Conditions) -> list[Any]:
-        """What must hold for the inputs of a state, or of several at once; see `sound_results`."""
-        unchecked = [inputs[k] for k in self.unchecked_inputs]
-        conditions = [write.finite(unchecked)] if unchecked else []
-        if self.velocities:
-            velocities = inputs[self.velocities.start : self.velocities.stop]
-            conditions.append(write.within(velocities, velocity_bound(np.dtype(dtype))))
-        return conditions
-
-    def sound_results(self, outputs: Any, dtype: Any, write: Conditions) -> list[Any]:
-        """What must hold for the outputs, so that the recursion need not compute the state as well.
-
-        This is the only statement of it; each engine writes it in its own form. A NaN fulfils no condition.
-        """
-        first, n = self.entries, self.pivots
-        conditions = [write.finite(outputs[:first])]
-        if n:
-            pivots, diagonal = outputs[first : first + n], outputs[first + n : first + 2 * n]
-            conditions.append(write.above(pivots, NEARLY_SINGULAR * n * float(np.finfo(dtype).eps), diagonal))
-        return conditions
 
 
 def quantity_of(function: Declared) -> Quantity:
@@ -175,3 +94,122 @@ def traced_model(quantity: Quantity, model: Model) -> Model:
 def argument_widths(quantity: Quantity, model: Model) -> dict[str, int]:
     """Length of each array argument along its last axis."""
     return {name: model.n if width is None else width for name, width in quantity.widths.items()}
+
+
+@dataclass(frozen=True)
+class OfArrays:
+    """A function of a model with wrenches, or the inertial parameters, as arrays behind its joint arrays.
+
+    Attributes
+    ----------
+    function : Declared
+    links : tuple of str
+        Links of the wrenches, in the order of their arrays.
+    bodies : int or None
+        Number of moving bodies if the inertial parameters are the last array; None if they are the model's.
+    """
+
+    function: Declared
+    links: tuple[str, ...]
+    bodies: int | None
+
+    @property
+    def quantity(self) -> Quantity:
+        """The function's quantity with further arrays: external_k of shape (..., 6), parameters (..., 10 bodies)."""
+        declared = self.function.quantity
+        wrenches = {f"external_{k}": link for k, link in enumerate(self.links, 1)}
+        widths = {**declared.widths, **dict.fromkeys(wrenches, 6)}
+        if self.bodies is None:
+            return replace(declared, core=self.core, widths=widths, wrenches=wrenches)
+        widths["parameters"] = PARAMETERS * self.bodies
+        return replace(declared, core=self.core, widths=widths, wrenches=wrenches, base_parameters=False)
+
+    def core(self, model: Model, *arrays: Any, **named: Any) -> Any:
+        """The function's core, with wrenches by link, on the model at the parameters."""
+        given = by_link(self.quantity, arrays, named)
+        if self.bodies is not None:
+            model = at_parameters(model, given.pop("parameters"))
+        return self.function.quantity.core(model, **given)
+
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
+        """The function itself, with wrenches by link and `parameters`."""
+        return self.function.evaluate(model, **by_link(self.quantity, args, kwargs))
+
+
+def by_link(quantity: Quantity, arrays: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments by name, the wrenches among them in one mapping `external` by link."""
+    given = {**dict(zip(quantity.widths, arrays, strict=False)), **named}
+    external = {link: given.pop(name) for name, link in quantity.wrenches.items()}
+    return given | {"external": external} if external else given
+
+
+def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any]) -> tuple[Declared, dict[str, Any]]:
+    """Turn the fixed arguments `external` and `parameters` into arrays of the function.
+
+    Parameters
+    ----------
+    function : Declared
+    model : Model
+        The robot's parameters.
+    fixed : mapping of str to object
+        May have `external`, a sequence of link names, and `parameters`, True or False.
+
+    Returns
+    -------
+    function : Declared
+        Takes the joint arrays, then the wrenches, then the inertial parameters.
+    fixed : dict of str to object
+        Without these two.
+
+    Raises
+    ------
+    TypeError
+        If the function takes no external wrenches or does not depend on inertial parameters, or an argument is of
+        another type.
+    ValueError
+        If a link is unknown or named twice.
+    """
+    rest = dict(fixed)
+    external, parameters = rest.pop("external", None), rest.pop("parameters", False)
+    links: tuple[str, ...] = ()
+    if external is not None:
+        quantity = quantity_of(function)
+        if "external" not in inspect.signature(quantity.core).parameters:
+            raise TypeError(f"rne.dynamics.{quantity.name} takes no external wrenches")
+        links = wrench_links(model_argument(model), external)
+    if not isinstance(parameters, bool):
+        raise TypeError(
+            f"`parameters` of a kernel must be True or False, got {type(parameters).__name__}; the parameters "
+            "themselves are an argument of its calls"
+        )
+    if parameters:
+        quantity_of(function).require_moments()
+    if not links and not parameters:
+        return function, rest
+    return OfArrays(function, links, model_argument(model).nb if parameters else None), rest
+
+
+def wrench_links(model: Model, external: Any) -> tuple[str, ...]:
+    """The links on which wrenches of a kernel act: known ones, each named once."""
+    if isinstance(external, str) or not isinstance(external, Sequence):
+        raise TypeError(
+            f"`external` of a kernel must be a sequence of link names, such as ['link_6'], got "
+            f"{type(external).__name__}; the wrenches are arguments of its calls"
+        )
+    for k, link in enumerate(external):
+        if link not in model.link_names:
+            raise ValueError(f"`external` must name links of {list(model.link_names)}, got {link!r}")
+        if link in external[:k]:
+            raise ValueError(f"`external` must name each link once, got {link!r} again")
+    return tuple(external)
+
+
+def named_by_function(quantity: Quantity, model: Model, arguments: Sequence[Any], error: ValueError) -> ValueError:
+    """The function's own error for these arguments, which names wrenches by their links, or else the kernel's."""
+    if not quantity.wrenches:
+        return error
+    try:
+        check_arguments(model, by_link(quantity, arguments, {}))
+    except ValueError as same:
+        return same
+    return error

@@ -12,7 +12,7 @@ from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError
-from ..kernels.trace import NeedsRecursion
+from ..kernels.program import NeedsRecursion
 from .equations_of_motion import RightHandSide
 from .law import torques_and_rates
 from .system import SmoothSystem

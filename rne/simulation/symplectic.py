@@ -16,7 +16,7 @@ from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.quantity import quantity
 from ..errors import NotFiniteError
-from ..kernels.trace import NeedsRecursion
+from ..kernels.program import NeedsRecursion
 from ..model.model import Model
 from .plant import Plant
 from .system import SmoothSystem
