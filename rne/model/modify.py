@@ -28,38 +28,7 @@ def with_payload(
 ) -> Model:
     """The robot with a further rigid body fixed to one of its links.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    mass : float
-        Mass of the body [kg].
-    com : array_like, shape (3,), optional
-        The payload's centre of mass in the link's frame; the link's origin if not given [m].
-    inertia : array_like, shape (3, 3), or None
-        About the payload's centre of mass, in the link's axes; None for a point mass [kg m^2].
-    link : str, optional
-        One of `model.link_names`. If not given, the last link of the chain, a fixed frame such as a flange behind the
-        last joint included.
-
-    Returns
-    -------
-    Model
-        A further model; the given one stays as it is.
-
-    Raises
-    ------
-    ValueError
-        If the link does not exist, is not given for a robot whose moving joints branch or mimic others or whose last
-        body ends at several points (or, with a `com` or `inertia`, in links with different axes), or the payload is not
-        a possible rigid body.
-
-    Examples
-    --------
-    >>> import rne
-    >>> loaded = rne.model.with_payload(rne.irb140(), 6.0)  # at the flange, link tool0
-    >>> loaded.mass[5].item(), round(loaded.com[5, 2].item(), 4)  # (1 kg at 0.029 m + 6 kg at 0.065 m) / 7 kg
-    (7.0, 0.0599)
+    The result is a Model; parameters and errors are those of `rne.Robot.with_payload`, with the model first.
     """
     model_argument(model)
     m = real_array("mass", mass, "()")
@@ -96,30 +65,7 @@ def _symmetric(I: Array) -> Array:
 def locked(model: Model, positions: Mapping[str, float]) -> Model:
     """The robot with some joints fixed at a position: a smaller robot with fewer coordinates.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    positions : mapping of str to float
-        Position of each joint to lock, by name; joints that mimic it are locked with it [rad or m].
-
-    Returns
-    -------
-    Model
-        With the remaining joints in the same order and all links.
-
-    Raises
-    ------
-    TypeError
-        If `positions` is no mapping.
-    ValueError
-        If a name is not one of `model.joint_names` or a position is not finite.
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.model.locked(rne.irb140(), {"joint_4": 0.0}).joint_names
-    ('joint_1', 'joint_2', 'joint_3', 'joint_5', 'joint_6')
+    The result is a Model; parameters and errors are those of `rne.Robot.locked`, with the model first.
     """
     model_argument(model)
     if not isinstance(positions, Mapping):
@@ -157,28 +103,7 @@ def _moved(part: Part, position: float) -> Pose:
 def mounted(model: Model, rpy: ArrayLike) -> Model:
     """The robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
 
-    Parameters
-    ----------
-    model : Model
-        Its `gravity` is taken as the world's, in the axes that the root link has before it is rotated.
-    rpy : array_like, shape (3,)
-        Roll, pitch and yaw of the root link [rad].
-
-    Returns
-    -------
-    Model
-        The same robot with gravity in the axes of the rotated root link; poses stay relative to the root link.
-
-    Raises
-    ------
-    ValueError
-        If `rpy` has not shape (3,), is not finite, or has an angle of more than a full turn, as degrees have.
-
-    Examples
-    --------
-    >>> import math, rne
-    >>> rne.model.mounted(rne.irb140(), [math.pi, 0, 0]).gravity.tolist()  # under the ceiling
-    [0.0, 0.0, 9.81]
+    The result is a Model; parameters and errors are those of `rne.Robot.mounted`, with the model first.
     """
     model_argument(model)
     angles = real_array("rpy", rpy, "(3,)")
@@ -198,30 +123,7 @@ def with_limits(
 ) -> Model:
     """The robot with other limits of its joints and drives, such as those of a data sheet.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    effort, velocity, acceleration, jerk : float, array_like of shape (n,), or mapping of str to float, optional
-        One number for all joints, one for each of `model.joint_names`, or some by name, inf for none; limits that are
-        not given stay [N m or N; rad/s or m/s; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
-
-    Returns
-    -------
-    Model
-        With these limits. Dynamics ignore them.
-
-    Raises
-    ------
-    ValueError
-        If there are not as many numbers as joints, a limit is negative or NaN, or a name is no joint's.
-
-    Examples
-    --------
-    >>> import rne
-    >>> strong = rne.model.with_limits(rne.irb140(), effort=300, jerk={"joint_2": 50})
-    >>> strong.effort_limit[0].item(), strong.jerk_limit[:2].tolist()
-    (300.0, [inf, 50.0])
+    The result is a Model; parameters and errors are those of `rne.Robot.with_limits`, with the model first.
     """
     return limited(model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
 

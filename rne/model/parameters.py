@@ -62,34 +62,9 @@ def at_parameters(model: Model, parameters: Array) -> Model:
 
 
 def with_parameters(model: Model, parameters: ArrayLike) -> Model:
-    """The same robot with other masses, centres of mass and inertias.
+    """The robot with other masses, centres of mass and inertias.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    parameters : array_like, shape (10 nb,)
-        Ten per body, in the order of `model.moving_joints`: m [kg], m cx, m cy, m cz [kg m], Ixx, Ixy, Iyy, Ixz, Iyz,
-        Izz [kg m^2], about the origin of the body's joint frame in the URDF and in its axes.
-
-    Returns
-    -------
-    Model
-        With these bodies; joints, links, limits and the base are the same.
-
-    Raises
-    ------
-    ValueError
-        If the shape is wrong or a number is not finite, or a body without mass has a first moment.
-    ModelError
-        If a body is not possible: a negative mass, or an inertia that no distribution of mass has.
-
-    Examples
-    --------
-    >>> import rne
-    >>> robot = rne.load("irb140")
-    >>> rne.model.with_parameters(robot.model, 2 * robot.parameters).mass[1].item()
-    44.0
+    The result is a Model; parameters and errors are those of `rne.Robot.with_parameters`, with the model first.
     """
     model_argument(model)
     pi = real_array("parameters", parameters, f"({PARAMETERS * model.nb},)").astype(np.float64)

@@ -1037,7 +1037,8 @@ class Robot(InNotebooks):
         ------
         ValueError
             If the link does not exist, is not given for a robot whose moving joints branch or mimic others or whose
-            last body ends at several points, or the payload is not a possible rigid body.
+            last body ends at several points (or, with a `com` or `inertia`, in links with different axes), or the
+            payload is not a possible rigid body.
 
         Examples
         --------
