@@ -15,9 +15,9 @@ TREES = {
     "single": random_tree(1, seed=1),
     "serial": random_tree(6, seed=2, prismatic=0, branching=0),
     "sliders": random_tree(5, seed=3, prismatic=1),
-    "mixed": random_tree(7, seed=4),
-    "bushy": random_tree(12, seed=5, branching=0.8),
-    "mimics": random_tree(5, seed=6, mimics=3),
+    "mixed": random_tree(4, seed=5, branching=0.4),
+    "bushy": random_tree(9, seed=5, branching=0.8),
+    "mimics": random_tree(3, seed=3, branching=0.4, mimics=2),
 }
 
 
