@@ -1159,7 +1159,7 @@ class Robot(InNotebooks):
         Raises
         ------
         ValueError
-            If `rpy` has not shape (3,) or is not finite.
+            If `rpy` has not shape (3,), is not finite, or has an angle above a full turn, as degrees have.
 
         Examples
         --------

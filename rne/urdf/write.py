@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import rpy_from_rotation
-from ..model.builder import Part, Pose, at_links, disassemble
+from ..model.builder import Part, at_links, disassemble
 from ..model.model import Model, model_argument
 from .document import LARGEST
 
@@ -47,97 +47,73 @@ def to_urdf(model: Model) -> str:
     from lxml import etree
 
     for name in (model_argument(model).name, *model.link_names, *model.joint_names):
-        _check_name(name)
+        if not all(c in "\t\n\r" or c >= " " for c in name) or any("\ud800" <= c <= "\udfff" for c in name):
+            raise ValueError(f"{name!r} cannot be written to XML, which has no control characters; rename it")
     root = etree.Element("robot", name=model.name)
-    _comment(root, model.notes.get("robot"))
+
+    def comment(text: str | None) -> None:
+        if text:
+            root.append(etree.Comment(f" {text.replace('--', '- -')} "))
+
+    comment(model.notes.get("robot"))
     if model.gravity.tolist() != [0.0, 0.0, -9.81]:
-        _comment(root, f"gravity is {_text(model.gravity)} m/s^2 in the axes of the root link")
+        comment(f"gravity is {_text(model.gravity)} m/s^2 in the axes of the root link")
     if model.armature.any():
-        _comment(root, f"armature of the joints is {_text(model.armature)}")
+        comment(f"armature of the joints is {_text(model.armature)}")
     parts = at_links(disassemble(model))
     for part in parts:
-        _comment(root, model.notes.get(part.link))
-        _link(root, model, part)
+        comment(model.notes.get(part.link))
+        _add_link(root, model, part)
         if part.joint:
-            _comment(root, model.notes.get(part.joint))
-            _joint(root, parts, part)
+            comment(model.notes.get(part.joint))
+            _add_joint(root, parts, part)
     etree.indent(root)
     text: str = etree.tostring(root, encoding="unicode", pretty_print=True)
     return '<?xml version="1.0"?>\n' + text
 
 
-def _check_name(name: str) -> None:
-    if not all(c in "\t\n\r" or c >= " " for c in name) or any("\ud800" <= c <= "\udfff" for c in name):
-        raise ValueError(f"{name!r} cannot be written to XML, which has no control characters; rename it")
+def _add(parent: Any, tag: str, **attributes: Any) -> Any:
+    """A new child of an element; numbers and vectors are written with all their digits."""
+    child = parent.makeelement(tag, {name: x if isinstance(x, str) else _text(x) for name, x in attributes.items()})
+    parent.append(child)
+    return child
 
 
-def _comment(root: Any, text: str | None) -> None:
-    from lxml import etree
-
-    if text:
-        root.append(etree.Comment(f" {text.replace('--', '- -')} "))
+def _text(numbers: Any) -> str:
+    values = np.clip(np.asarray(numbers, dtype=np.float64), -LARGEST, LARGEST).ravel() + 0.0  # no negative zeros
+    return " ".join(repr(x).removesuffix(".0") for x in values.tolist())
 
 
-def _number(x: Any) -> str:
-    value = float(np.clip(float(x), -LARGEST, LARGEST)) + 0.0
-    return repr(value).removesuffix(".0")
-
-
-def _text(vector: Any) -> str:
-    return " ".join(_number(x) for x in vector)
-
-
-def _origin(parent: Any, xyz: Any, rpy: Any) -> None:
-    from lxml import etree
-
-    etree.SubElement(parent, "origin", xyz=_text(xyz), rpy=_text(rpy))
-
-
-def _pose(parent: Any, place: Pose) -> None:
-    _origin(parent, place.p, rpy_from_rotation(place.R.astype(np.float64)))
-
-
-def _link(root: Any, model: Model, part: Part) -> None:
-    from lxml import etree
-
-    link = etree.SubElement(root, "link", name=part.link)
+def _add_link(root: Any, model: Model, part: Part) -> None:
+    link = _add(root, "link", name=part.link)
     if part.mass or np.any(part.inertia):
-        inertial = etree.SubElement(link, "inertial")
-        _origin(inertial, part.com, np.zeros(3))
-        etree.SubElement(inertial, "mass", value=_number(part.mass))
-        entries = {
-            f"i{a}{b}": part.inertia["xyz".index(a), "xyz".index(b)] for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
-        }
-        etree.SubElement(inertial, "inertia", {name: _number(x) for name, x in entries.items()})
+        inertial = _add(link, "inertial")
+        _add(inertial, "origin", xyz=part.com, rpy=np.zeros(3))
+        _add(inertial, "mass", value=part.mass)
+        entries = {f"i{'xyz'[i]}{'xyz'[j]}": part.inertia[i, j] for i in range(3) for j in range(i, 3)}
+        _add(inertial, "inertia", **entries)
     for shape in model.shapes:
         if shape.link == part.link:
-            visual = etree.SubElement(link, "visual")
-            _origin(visual, shape.position, shape.rpy)
-            geometry = etree.SubElement(visual, "geometry")
-            etree.SubElement(geometry, "cylinder", radius=_number(shape.radius), length=_number(shape.length))
+            visual = _add(link, "visual")
+            _add(visual, "origin", xyz=shape.position, rpy=shape.rpy)
+            _add(_add(visual, "geometry"), "cylinder", radius=shape.radius, length=shape.length)
 
 
-def _joint(root: Any, parts: list[Part], part: Part) -> None:
-    from lxml import etree
-
-    joint = etree.SubElement(root, "joint", name=part.joint, type=part.kind)
-    _pose(joint, part.placement)
-    etree.SubElement(joint, "parent", link=parts[part.parent].link)
-    etree.SubElement(joint, "child", link=part.link)
+def _add_joint(root: Any, parts: list[Part], part: Part) -> None:
+    joint = _add(root, "joint", name=part.joint, type=part.kind)
+    R, p = part.placement
+    _add(joint, "origin", xyz=p, rpy=rpy_from_rotation(R.astype(np.float64)))
+    _add(joint, "parent", link=parts[part.parent].link)
+    _add(joint, "child", link=part.link)
     if part.kind == "fixed":
         return
-    etree.SubElement(joint, "axis", xyz=_text(part.axis))
-    bounds = {"lower": part.lower, "upper": part.upper} if part.kind != "continuous" else {}
-    limits = bounds | {"effort": part.effort, "velocity": part.velocity}
+    _add(joint, "axis", xyz=part.axis)
+    limits = {"lower": part.lower, "upper": part.upper} if part.kind != "continuous" else {}
+    limits |= {"effort": part.effort, "velocity": part.velocity}
     limits |= {name: x for name in ("acceleration", "jerk") if np.isfinite(x := getattr(part, name))}
-    etree.SubElement(joint, "limit", {name: _number(x) for name, x in limits.items()})
+    _add(joint, "limit", **limits)
     if part.damping or part.friction:
-        etree.SubElement(joint, "dynamics", damping=_number(part.damping), friction=_number(part.friction))
+        _add(joint, "dynamics", damping=part.damping, friction=part.friction)
     if part.mimic:
-        etree.SubElement(
-            joint,
-            "mimic",
-            joint=parts[part.mimic.independent].joint,
-            multiplier=_number(part.mimic.multiplier),
-            offset=_number(part.mimic.offset),
-        )
+        independent, multiplier, offset = part.mimic
+        _add(joint, "mimic", joint=parts[independent].joint, multiplier=multiplier, offset=offset)
