@@ -40,15 +40,15 @@ def columns(data, quantity, robot):
     return np.column_stack([data[f"{quantity}.{joint}"] for joint in robot.joint_names])
 
 
-def names_of_commands():
-    return [command.__name__.rpartition(".")[2] for command in COMMANDS]
+NAMES = ("check", "view", "simulate", "torques", "source", "urdf", "report")
 
 
 def test_help_lists_every_command_in_a_line(capsys):
     with pytest.raises(SystemExit, match=r"^0$"):
         main(["--help"])
     said = capsys.readouterr().out
-    for name in names_of_commands():
+    assert len(COMMANDS) == len(NAMES)
+    for name in NAMES:
         assert len(re.findall(rf"^    {name} +\w.*$", said, re.MULTILINE)) == 1
 
 
@@ -58,7 +58,7 @@ def test_the_parser_loads_numpy_and_the_standard_library_only():
     assert {name.split(".")[0] for name in loaded.split()} <= {"rne", "numpy", *sys.stdlib_module_names}
 
 
-@pytest.mark.parametrize("name", names_of_commands())
+@pytest.mark.parametrize("name", NAMES)
 def test_help_of_every_command_has_an_example(name, capsys):
     with pytest.raises(SystemExit, match=r"^0$"):
         main([name, "--help"])
@@ -147,7 +147,7 @@ def test_torques_of_the_files_accelerations_are_those_of_the_drives(motion, tmp_
         f"robot irb140, joints {' '.join(robot.joint_names)}, gravity 0 0 -9.81 m/s^2",
         f"q, qd and qdd from {tmp_path / 'motion.csv'}",
         "tau in N m: rigid bodies alone, without friction and inertia of the drives",
-        "limits exceeded: none",
+        "limits exceeded: none; the model has no effort limits",
         f"{out}: 101 samples from 0 to 1 s",
     ]
 
@@ -180,7 +180,7 @@ def test_uneven_times_are_worth_a_warning(lift, tmp_path, capsys):
     assert main(["torques", lift, str(file)]) == 0
     assert capsys.readouterr().err.splitlines()[2] == (
         "warning: the times are 1e-06 to 0.1 s apart; where they are close, derivatives amplify the rounding of the samples: "
-        "give samples at even times, or rates and accelerations"
+        "give samples at even times, or velocities and accelerations"
     )
 
 
@@ -271,7 +271,7 @@ WRONG = {
     ),
     "another robot's motion": (
         ["torques", "irb140", "{motion}"],
-        "{motion}, row 1: there are no positions; needed are 'q.joint_1', 'q.joint_2', 'q.joint_3', 'q.joint_4', "
+        "{motion}: there are no positions; needed are 'q.joint_1', 'q.joint_2', 'q.joint_3', 'q.joint_4', "
         "'q.joint_5', 'q.joint_6'",
     ),
     "no motion": (["torques", "{lift}", "{dir}/none.csv"], "{dir}/none.csv: No such file or directory"),
@@ -287,7 +287,7 @@ WRONG = {
     "empty motion": (["torques", "{lift}", "{empty}"], "{empty}: the file is empty"),
     "one position alone": (
         ["torques", "{lift}", "{single}"],
-        "{single}: rates and accelerations are missing, and no spline gives them: "
+        "{single}: velocities and accelerations are missing, and no spline gives them: "
         "`t` must have shape (K,) with two times at least, got (1,)",
     ),
     "folder for a robot": (
@@ -298,10 +298,6 @@ WRONG = {
     "check of a picture": (["check", "{picture}"], "{picture}: is not an XML file; a URDF file is needed"),
     "check of an archive": (["check", "{archive}"], "{archive}: is not an XML file; a URDF file is needed"),
     "check of an empty file": (["check", "{empty}"], "{empty}: is not an XML file; a URDF file is needed"),
-    "check of a built-in robot": (
-        ["check", "irb140"],
-        "robot 'irb140' is built in and has no file; rne urdf irb140 prints it",
-    ),
 }
 
 
@@ -384,6 +380,15 @@ def test_an_interrupted_command_leaves_no_traceback(lift, tmp_path, capsys, monk
     monkeypatch.setattr("rne.simulate", interrupt)
     assert main(["simulate", lift, "--duration", "1", "--out", str(tmp_path / "m.csv")]) == 130
     assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_every_command_takes_the_names_of_robots(capsys):
+    assert main(["check", "irb140"]) == 0
+    assert capsys.readouterr().out == "irb140: no findings\n"
+    assert main(["check", "irb14"]) == 2
+    assert capsys.readouterr().err.startswith("error: 'irb14' is neither a file nor")
+    assert main(["urdf", "ur5"]) == 0
+    assert '<robot name="ur5">' in capsys.readouterr().out
 
 
 def test_a_robot_of_example_robot_data_goes_by_its_name(tmp_path, capsys):

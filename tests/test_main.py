@@ -11,7 +11,7 @@ import examples.thesis.__main__ as thesis
 import rne
 from rne.__main__ import main
 from rne.commands import main_page
-from rne.commands.source import quantities
+from rne.commands.printing import quantities
 from rne.simulation.simulator import simulate
 from rne.validation.agreement import against_energies, validate
 
@@ -41,7 +41,8 @@ def test_check_of_a_broken_file(tmp_path, capsys):
 
 def test_check_of_no_file(tmp_path, capsys):
     assert main(["check", str(tmp_path / "none.urdf")]) == 2
-    assert "error: no such file" in capsys.readouterr().err
+    message = f"error: {str(tmp_path / 'none.urdf')!r} is neither a file nor one of rne.robots()\n"
+    assert capsys.readouterr().err == message
 
 
 def test_check_of_several_files_looks_at_all_of_them(tmp_path, capsys):
@@ -51,7 +52,7 @@ def test_check_of_several_files_looks_at_all_of_them(tmp_path, capsys):
     assert capsys.readouterr().out.endswith("irb140.urdf: no findings\n")
     assert main(["check", str(tmp_path / "none.urdf"), str(broken), IRB140]) == 2
     said = capsys.readouterr()
-    assert "no such file" in said.err
+    assert "none.urdf' is neither a file" in said.err
     assert "is not well-formed XML" in said.out
     assert said.out.endswith("irb140.urdf: no findings\n")
 
@@ -63,7 +64,7 @@ def test_urdf_prints_the_file(capsys):
 
 def test_urdf_of_an_unknown_robot(capsys):
     assert main(["urdf", "irb"]) == 2
-    assert capsys.readouterr().err == "error: no robot 'irb'; there are irb140\n"
+    assert capsys.readouterr().err == "error: 'irb' is neither a file nor one of rne.robots(); did you mean 'irb140'?\n"
 
 
 def test_source_prints_a_quantity(capsys):

@@ -11,7 +11,7 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.commands.source import LANGUAGES, quantities
+from rne.commands.printing import LANGUAGES, quantities
 from rne.kernels.source import LANGUAGES as PRINTED
 
 from .helpers import states

@@ -1,8 +1,16 @@
-"""The subcommands of the command line, one module each: its `add` registers the parser, whose `run` does the work.
+"""The subcommands of the command line: each `add` registers a parser, whose `run` does the work.
 
-A new subcommand is a module with `add`, and its place in `COMMANDS`, which is the order of `rne --help`.
+A new subcommand is a function `add` in `COMMANDS`, which is the order of `rne --help`.
 """
 
-from . import check, report, simulate, source, torques, urdf, view
+from . import printing, report, simulate, torques, view
 
-COMMANDS = (check, view, simulate, torques, source, urdf, report)
+COMMANDS = (
+    printing.add_check,
+    view.add,
+    simulate.add,
+    torques.add,
+    printing.add_source,
+    printing.add_urdf,
+    report.add,
+)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import UNBOUNDED
-from .check import file_of
 from .shared import ROBOT, add_parser, check_folder, say
 
 if TYPE_CHECKING:
@@ -53,14 +51,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the page on the robot; 1 if a comparison exceeds its bound."""
     import rne
 
-    from ..urdf.loading import BUILDERS
+    from ..urdf.loading import resolve
 
     robot = rne.load(arguments.robot)
     check_folder(arguments.out)
     printed = io.StringIO()
-    if arguments.robot not in BUILDERS or Path(arguments.robot).exists():
-        with contextlib.redirect_stdout(printed):
-            rne.check(file_of(arguments.robot))
+    if isinstance(resolve(arguments.robot), str):  # the path of a file
+        rne.check(arguments.robot, out=printed)
     return 0 if write_robot_page(robot, printed.getvalue().strip(), arguments.out, say) else 1
 
 

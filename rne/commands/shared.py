@@ -13,6 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+import numpy as np
+
+from ..basics.arrays import UNBOUNDED
 from ..model.topology import end_link
 
 if TYPE_CHECKING:
@@ -62,9 +65,10 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     parser.add_argument("--payload", metavar="KG", type=number, help="point mass at the origin of the last link [kg]")
     parser.add_argument("--payload-link", metavar="LINK", help="link that carries the payload, where robots branch")
-    parser.add_argument(
-        "--gravity", metavar="X Y Z", type=numbers, help="in the axes of the root link [m/s^2] (default: 0 0 -9.81)"
-    )
+    gravity = "in the axes of the root link [m/s^2] (default: 0 0 -9.81)"
+    parser.add_argument("--gravity", metavar="X Y Z", type=numbers, help=gravity)
+    effort = "effort limits in place of the robot's, one number for all joints or one for each [N m or N]"
+    parser.add_argument("--effort", metavar="TAU", type=numbers, help=effort)
 
 
 def robot_of(arguments: argparse.Namespace) -> rne.Robot:
@@ -74,12 +78,13 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
     if arguments.payload is None and arguments.payload_link is not None:
         raise CommandError("--payload-link: needs --payload")
     gravity = {} if arguments.gravity is None else {"gravity": arguments.gravity}
+    effort = arguments.effort[0] if len(arguments.effort or ()) == 1 else arguments.effort
     try:
-        robot = rne.load(arguments.robot, **gravity)
+        robot = rne.load(arguments.robot, effort_limit=effort, **gravity)
     except ValueError as error:
         if isinstance(error, rne.RneError):
             raise
-        raise CommandError(in_one_line(error).replace("`gravity`", "--gravity")) from None
+        raise CommandError(re.sub(r"`(gravity|effort)\w*(.*?)`", r"--\1\2", in_one_line(error))) from None
     if arguments.payload is None:
         return robot
     try:
@@ -215,3 +220,21 @@ def units_of(robot: rne.Robot, rotating: str, sliding: str) -> str:
     if len(slides) == robot.n:
         return sliding
     return f"{rotating} ({sliding} of {'joint' if len(slides) == 1 else 'joints'} {', '.join(slides)})"
+
+
+def limits_line(model: rne.Model, exceeded: Sequence[object]) -> str:
+    """How many limits a motion exceeds, and which the model does not have."""
+    own = np.isin(np.arange(model.nb), model.independent_joints)  # a joint that mimics another has no drive
+    turns = np.array(model.joint_types) == "continuous"
+    missing = {
+        "position": ((model.upper - model.lower) >= UNBOUNDED) & ~turns,
+        "velocity": model.velocity_limit >= UNBOUNDED,
+        "effort": (model.effort_limit >= UNBOUNDED) & own,
+    }
+    line = f"limits exceeded: {len(exceeded) or 'none'}"
+    for kind, lacking in missing.items():
+        joints = [name for name, lacks in zip(model.moving_joints, lacking, strict=True) if lacks]
+        if joints:
+            of = "" if len(joints) == (own.sum() if kind == "effort" else model.nb) else f" for {', '.join(joints)}"
+            line += f"; the model has no {kind} limits{of}"
+    return line

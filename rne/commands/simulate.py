@@ -14,6 +14,7 @@ from .shared import (
     check_file,
     fail,
     in_one_line,
+    limits_line,
     number,
     numbers,
     robot_of,
@@ -38,7 +39,7 @@ def add(commands: Any) -> None:
     add_robot(parser)
     joints = "one number per joint, separated by blanks or commas"
     parser.add_argument("--q0", metavar="Q", type=numbers, help=f"initial positions [rad or m], {joints}; else zero")
-    parser.add_argument("--qd0", metavar="QD", type=numbers, help="initial rates [rad/s or m/s]; else at rest")
+    parser.add_argument("--qd0", metavar="QD", type=numbers, help="initial velocities [rad/s or m/s]; else at rest")
     parser.add_argument("--duration", metavar="S", type=number, required=True, help="[s]")
     parser.add_argument("--torque", metavar="TAU", type=numbers, help="constant drive torques [N m or N]; else none")
     parser.add_argument("--method", default="auto", help="solver of rne.simulate (default: auto)")
@@ -76,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         fail(in_one_line(error))
         return 1
     _write(motion, arguments.out)
-    _say_result(motion, arguments.out)
+    _say_result(robot, motion, arguments.out)
     return 0
 
 
@@ -112,11 +113,11 @@ def _write(motion: rne.Trajectory, file: Path) -> None:
         motion.to_csv(file)
 
 
-def _say_result(motion: rne.Trajectory, file: Path) -> None:
+def _say_result(robot: rne.Robot, motion: rne.Trajectory, file: Path) -> None:
     say(motion.message)
     say(f"energy drift {motion.energy_drift:.3g} J")
     exceeded = motion.check_limits()
-    say(f"limits exceeded: {len(exceeded) or 'none'}")
+    say(limits_line(robot.model, exceeded))
     for violation in exceeded:
         say(f"  {violation}")
     say(f"{file}: {len(motion.t)} samples from {motion.t[0]:g} to {motion.t[-1]:g} s")

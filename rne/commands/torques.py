@@ -5,17 +5,21 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from . import motion_files as files
 from .shared import (
     CommandError,
     add_parser,
     add_robot,
     check_file,
     in_one_line,
+    limits_line,
     note,
+    number,
     robot_of,
     say,
     units_of,
@@ -23,13 +27,12 @@ from .shared import (
     warnings_in_one_line,
 )
 
-UNEVEN = 100  # times the shortest step, from which the longest is worth a word
-
 if TYPE_CHECKING:
     import rne
 
     from ..basics.spatial import Array
-    from ..trajectories import Samples
+
+NOISY = 0.05  # of the torque of a joint (rms): from there on torques made by noise are worth a word
 
 
 def add(commands: Any) -> None:
@@ -39,6 +42,10 @@ def add(commands: Any) -> None:
     add_robot(parser)
     columns = "CSV with columns t and q.<joint>, if known qd.<joint> and qdd.<joint>, in any order [s, rad or m]"
     parser.add_argument("motion", metavar="MOTION.csv", type=Path, help=columns)
+    degrees = "q, qd and qdd of rotating joints are in degrees"
+    parser.add_argument("--degrees", action="store_true", help=degrees)
+    cutoff = "filter the columns without delay before they are differentiated: Butterworth, cut off at HZ"
+    parser.add_argument("--cutoff", metavar="HZ", type=number, help=cutoff)
     out = "CSV file to write, columns t and tau.<joint> (default: standard output)"
     parser.add_argument("--out", metavar="FILE", type=Path, help=out)
     parser.set_defaults(run=run)
@@ -46,71 +53,73 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the torques; what was used goes to standard error if the torques go to standard output."""
-    import rne
-
     from ..simulation.limits import limit_violations
 
     check_file(arguments.out)
     robot = robot_of(arguments)
     try:
-        samples = rne.trajectories.read_csv(arguments.motion, robot.joint_names)
-        q, qd, qdd, source = _motion(samples, robot, arguments.motion)
+        given = files.read_motion(arguments.motion, robot, degrees=arguments.degrees)
+        if given.qd is None:
+            files.refuse_wrapped_angles(given, robot, arguments.motion)
+        motion, change = given, ""
+        if arguments.cutoff is not None:
+            motion, change = files.filtered(given, arguments.cutoff)
+        q, qd, qdd, source = files.differentiated(motion, arguments.motion)
         with warnings_in_one_line():
             tau = robot.inverse_dynamics(q, qd, qdd)
     except ValueError as error:
         raise CommandError(in_one_line(error)) from None
-    text = _csv(robot, samples.t, tau)
     tell = note if arguments.out is None else say
     tell(used(robot, arguments))
     tell(source)
-    if samples.qd is None or samples.qdd is None:
-        tell_of_uneven_steps(samples.t)
+    if change:
+        tell(change)
+    if given.qd is None or given.qdd is None:
+        files.warn_of_uneven_steps(given.t)
+        warn_of_noise(robot, given, arguments, tau)
     tell(f"tau in {units_of(robot, 'N m', 'N')}: rigid bodies alone, without friction and inertia of the drives")
-    exceeded = limit_violations(robot.model, samples.t, q, qd, tau)
-    tell(f"limits exceeded: {len(exceeded) or 'none'}")
+    exceeded = limit_violations(robot.model, motion.t, q, qd, tau)
+    tell(limits_line(robot.model, exceeded))
     for violation in exceeded:
         tell(f"  {violation}")
+    text = _csv(robot, motion.t, tau)
     if arguments.out is None:
         print(text, end="")
     else:
         arguments.out.write_text(text, encoding="utf-8", newline="")
-        say(f"{arguments.out}: {len(tau)} samples from {samples.t[0]:g} to {samples.t[-1]:g} s")
+        say(f"{arguments.out}: {len(tau)} samples from {motion.t[0]:g} to {motion.t[-1]:g} s")
     return 0
 
 
-def _motion(samples: Samples, robot: rne.Robot, file: Path) -> tuple[Array, Array, Array, str]:
-    """Positions, rates and accelerations of the file, or from splines through what it has; a line says which."""
-    import rne
+def warn_of_noise(robot: rne.Robot, given: files.Motion, arguments: argparse.Namespace, tau: Array) -> None:
+    """Say which torque noise of the samples makes, if it is more than 5 % of a joint's, by adding as much again."""
+    name = "q" if given.qd is None else "qd"  # the column that is differentiated
+    x: Array = getattr(given, name)
+    sigma = files.noise(given.t, x)
+    if not sigma.any():
+        return
+    shaken = given._replace(**{name: x + sigma * np.random.default_rng(0).normal(size=x.shape)})
+    if arguments.cutoff is not None:
+        shaken, _ = files.filtered(shaken, arguments.cutoff)
+    q, qd, qdd, _ = files.differentiated(shaken, arguments.motion)
+    made, own = _rms(robot.inverse_dynamics(q, qd, qdd) - tau), _rms(tau) + _rms(robot.gravity_torque(q))
+    share = made / np.maximum(own, 1e-3 * own.max())  # a joint that carries nothing is compared with the others
+    k, worst = int(share.argmax()), int(sigma.argmax())
+    if share[k] <= NOISY:
+        return
+    cutoff = files.suggested_cutoff(given.t, x, sigma)
+    cure = "give samples at even steps and --cutoff" if cutoff is None else f"give --cutoff {cutoff:.2g}"
+    unit = units_of(robot, "N m", "N").split(" (")[0]
+    note(
+        f"warning: {name}.{robot.joint_names[worst]} scatters by about {sigma[worst]:.1g} from sample to sample, and "
+        f"derivatives turn such noise into about {made[k]:.3g} {unit} (rms) on {robot.joint_names[k]}, more than "
+        f"{NOISY:.0%} of its torque: {cure}, or give velocities and accelerations"
+    )
 
-    if samples.q is None:
-        needed = ", ".join(repr(f"q.{joint}") for joint in robot.joint_names)
-        raise CommandError(f"{file}, row 1: there are no positions; needed are {needed}")
-    if samples.qd is not None and samples.qdd is not None:
-        return samples.q, samples.qd, samples.qdd, f"q, qd and qdd from {file}"
-    given = samples.q if samples.qd is None else samples.qd
-    try:
-        path = rne.trajectories.spline(samples.t, given)
-    except ValueError as error:
-        what = "rates and accelerations" if samples.qd is None else "accelerations"
-        raise CommandError(f"{file}: {what} are missing, and no spline gives them: {in_one_line(error)}") from None
-    _, first, second = path(samples.t)
-    kind = f"spline of degree {path.degree}"
-    if samples.qd is not None:
-        return samples.q, samples.qd, first, f"q and qd from {file}; qdd: derivative of a {kind} through qd"
-    if samples.qdd is not None:
-        return samples.q, first, samples.qdd, f"q and qdd from {file}; qd: derivative of a {kind} through q"
-    return samples.q, first, second, f"q from {file}; qd and qdd: derivatives of a {kind} through q"
 
-
-def tell_of_uneven_steps(t: Array) -> None:
-    """Warn where a derivative amplifies the rounding of samples that are close together."""
-    steps = [later - sooner for sooner, later in pairwise(t.tolist())]
-    shortest, longest = min(steps, default=1.0), max(steps, default=1.0)
-    if longest > UNEVEN * shortest:
-        note(
-            f"warning: the times are {shortest:.2g} to {longest:.2g} s apart; where they are close, derivatives "
-            "amplify the rounding of the samples: give samples at even times, or rates and accelerations"
-        )
+def _rms(x: Array) -> Array:
+    size: Array = np.sqrt((x**2).mean(axis=0))
+    return size
 
 
 def _csv(robot: rne.Robot, t: Array, tau: Array) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .motion_files import read_motion
 from .shared import (
     CommandError,
     add_parser,
@@ -35,6 +36,7 @@ def add(commands: Any) -> None:
     add_robot(parser)
     parser.add_argument("--motion", metavar="FILE", type=Path, help=f"{MOTION}; else the zero position")
     parser.add_argument("--other", metavar="FILE", type=Path, help="a second motion, shown half transparent")
+    parser.add_argument("--degrees", action="store_true", help="angles of .csv files are in degrees")
     parser.add_argument("--out", metavar="FILE.html", type=Path, help="page to write (default: <name of ROBOT>.html)")
     parser.add_argument("--speed", type=number, default=1.0, help="seconds of the motion per second (default: 1)")
     parser.add_argument("--frames", action="store_true", help="show the links' frames at first")
@@ -51,7 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
     robot = robot_of(arguments)
     labels = [file.stem for file in (arguments.motion or out, arguments.other or out)]
     try:
-        motion, other = (None if file is None else _motion(file, robot) for file in (arguments.motion, arguments.other))
+        motion, other = (
+            None if file is None else _motion(file, robot, arguments.degrees)
+            for file in (arguments.motion, arguments.other)
+        )
         shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
         with warnings_in_one_line():
             if isinstance(motion, rne.Trajectory):
@@ -65,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _motion(file: Path, robot: rne.Robot) -> rne.Trajectory | tuple[Array, Array]:
+def _motion(file: Path, robot: rne.Robot, degrees: bool) -> rne.Trajectory | tuple[Array, Array]:
     """The motion in a file: with this robot's model, or times and positions."""
     import rne
 
@@ -79,8 +84,5 @@ def _motion(file: Path, robot: rne.Robot) -> rne.Trajectory | tuple[Array, Array
         return replace(motion, model=robot.model)
     if file.suffix.lower() != ".csv":
         raise ValueError(f"{file}: a motion must be a file ending in .npz or .csv")
-    samples = rne.trajectories.read_csv(file, robot.joint_names)
-    if samples.q is None:
-        needed = ", ".join(repr(f"q.{joint}") for joint in robot.joint_names)
-        raise ValueError(f"{file}, row 1: there are no positions; needed are {needed}")
+    samples = read_motion(file, robot, degrees=degrees)
     return samples.t, samples.q

@@ -1,0 +1,227 @@
+"""Motions from CSV files, for `rne torques` and `rne view`: units, noise, filtering, differentiation.
+
+A file can be read without any error and be wrong all the same: milliseconds, degrees, wrapped angles, and noise that
+becomes torque when positions are differentiated. Each is named; nothing is changed unless an option asks for it.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .shared import CommandError, in_one_line, note
+
+if TYPE_CHECKING:
+    import rne
+
+    from ..basics.spatial import Array
+
+TURN = 2 * np.pi
+UNEVEN = 100  # times the shortest step, from which the longest is worth a word
+EVEN = 1e-2  # of a step, by which steps may differ where samples are filtered
+SLOW = 0.01  # of the velocity limit, or of 1 rad/s: slower motions with LONG steps may be in milliseconds
+LONG = 0.5  # [s]
+FEW = 30  # samples: with fewer, neither noise nor milliseconds are looked for
+ORDERS = (6, 9)  # of the differences that show noise
+STEADY = 0.7  # noise has the same size in differences of either order, a smooth motion is smaller in the higher one
+RESIDUAL = 1.1  # times the noise, which a filter may take away
+
+
+class Motion(NamedTuple):
+    """Samples at times t (K,) of positions and, if they are known, velocities and accelerations (K, n), in SI units."""
+
+    t: Array
+    q: Array
+    qd: Array | None
+    qdd: Array | None
+
+
+def read_motion(file: Path, robot: rne.Robot, *, degrees: bool = False) -> Motion:
+    """The motion in a CSV file; warns of units that seem to be others.
+
+    Parameters
+    ----------
+    file : Path
+    robot : Robot
+        Its joints name the columns.
+    degrees : bool
+        True if q, qd and qdd of rotating joints are in degrees.
+    """
+    import rne
+
+    samples = rne.trajectories.read_csv(file, robot.joint_names)
+    if samples.q is None:
+        needed = ", ".join(repr(f"q.{joint}") for joint in robot.joint_names)
+        raise CommandError(f"{file}: there are no positions; needed are {needed}")
+    unit = np.where(rotating(robot) & degrees, np.pi / 180, 1.0)
+    qd, qdd = (None if x is None else x * unit for x in (samples.qd, samples.qdd))
+    motion = Motion(samples.t, samples.q * unit, qd, qdd)
+    _warn_of_degrees(motion.q, robot)
+    _warn_of_milliseconds(motion, robot)
+    return motion
+
+
+def rotating(robot: rne.Robot) -> Array:
+    """True for each joint that rotates, shape (n,)."""
+    return np.asarray(robot.model.is_revolute)[list(robot.model.independent_joints)]
+
+
+def _warn_of_degrees(q: Array, robot: rne.Robot) -> None:
+    """No joint turns a whole turn beyond its range; with q in degrees, all are within theirs."""
+    beyond = np.where(rotating(robot), np.maximum(robot.lower - q, q - robot.upper).max(axis=0), 0.0)
+    radians = np.where(rotating(robot), np.radians(q), 0.0)
+    inside = ((robot.lower <= radians) & (radians <= robot.upper)) | ~rotating(robot)
+    if (beyond > TURN).any() and inside.all():
+        k = int(beyond.argmax())
+        note(
+            f"warning: q.{robot.joint_names[k]} is up to {np.abs(q[:, k]).max():.4g} rad, more than a turn beyond the "
+            "joint's range; if q is in degrees, give --degrees"
+        )
+
+
+def _warn_of_milliseconds(motion: Motion, robot: rne.Robot) -> None:
+    """The positions move a thousand times slower than the velocities say, or hardly at all."""
+    t, q, qd, _ = motion
+    if len(t) < FEW or not robot.n:
+        return
+    step = float(np.median(np.diff(t)))
+    speed = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]).max(axis=0)
+    if qd is not None:
+        seems = 300 * speed.max() < np.abs(qd).max() < 3000 * speed.max()
+    else:
+        limit = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
+        seems = step >= LONG and 0 < (speed / limit).max() < SLOW
+    if seems:
+        note(
+            f"warning: the times are {step:.4g} s apart, and no joint is faster than {speed.max():.2g} rad/s (or m/s); "
+            "if they are in milliseconds, divide them by 1000"
+        )
+
+
+def refuse_wrapped_angles(motion: Motion, robot: rne.Robot, file: Path) -> None:
+    """Refuse a jump of a turn between slow neighbours, whose derivative would be a huge velocity."""
+    for k in np.flatnonzero(rotating(robot)):
+        step = np.diff(motion.q[:, k])
+        beside = np.pad(np.abs(step), 1)
+        beside = np.maximum(beside[:-2], beside[2:])
+        wrapped = np.flatnonzero((np.abs(np.abs(step) - TURN) < TURN / 4) & (beside < TURN / 4) & (len(step) > 1))
+        if len(wrapped):
+            i = wrapped[0]
+            raise CommandError(
+                f"{file}: q.{robot.joint_names[k]} jumps by {step[i]:.4g} rad between t = {motion.t[i]:.6g} s and "
+                f"{motion.t[i + 1]:.6g} s, as wrapped angles do; unwrap them, for example by numpy.unwrap"
+            )
+
+
+def differentiated(motion: Motion, file: Path) -> tuple[Array, Array, Array, str]:
+    """Positions, velocities and accelerations of the file, or from splines through what it has; a line says which."""
+    import rne
+
+    t, q, qd, qdd = motion
+    if qd is not None and qdd is not None:
+        return q, qd, qdd, f"q, qd and qdd from {file}"
+    try:
+        path = rne.trajectories.spline(t, q if qd is None else qd)
+    except ValueError as error:
+        what = "velocities and accelerations" if qd is None else "accelerations"
+        raise CommandError(f"{file}: {what} are missing, and no spline gives them: {in_one_line(error)}") from None
+    _, first, second = path(t)
+    kind = f"spline of degree {path.degree}"
+    if qd is not None:
+        return q, qd, first, f"q and qd from {file}; qdd: derivative of a {kind} through qd"
+    if qdd is not None:
+        return q, first, qdd, f"q and qdd from {file}; qd: derivative of a {kind} through q"
+    return q, first, second, f"q from {file}; qd and qdd: derivatives of a {kind} through q"
+
+
+def noise(t: Array, x: Array) -> Array:
+    """Standard deviation of white noise in samples of smooth motions.
+
+    A difference of high order, divided by the norm of its weights, has the standard deviation of the noise, while a
+    motion that the samples resolve vanishes in it. The median lets corners of the motion pass.
+
+    Parameters
+    ----------
+    t : ndarray, shape (K,)
+        Times, at even steps or not.
+    x : ndarray, shape (K, n)
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Zero where the samples are smooth, or fewer than 30.
+    """
+    if len(t) < FEW:
+        return np.zeros(x.shape[1])
+    low, high = (_scatter(t, x, order) for order in ORDERS)
+    return np.where(high > STEADY * low, high, 0.0)
+
+
+def _scatter(t: Array, x: Array, order: int) -> Array:
+    """The median size of normalised divided differences, as a standard deviation; zeros of joints at rest left out."""
+    times = np.lib.stride_tricks.sliding_window_view(t, order + 1)
+    times = (times - times[:, :1]) / (times[:, -1:] - times[:, :1])
+    weights = 1 / (times[:, :, None] - times[:, None, :] + np.eye(order + 1)).prod(-1)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    windows = np.lib.stride_tricks.sliding_window_view(x, order + 1, axis=0)
+    size = np.abs(np.einsum("kp,kjp->kj", weights, windows))
+    return np.array([np.median(column[column > 0]) if column.any() else 0.0 for column in size.T]) / 0.6745
+
+
+def filtered(motion: Motion, cutoff: float) -> tuple[Motion, str]:
+    """All columns after a Butterworth filter of second order, forwards and backwards; a line says what it changes."""
+    t, q, qd, qdd = motion
+    step = _even_step(t)
+    if step is None:
+        raise CommandError("--cutoff: needs times at even steps")
+    if not 0 < cutoff < 0.5 / step:
+        raise CommandError(f"--cutoff: must be between 0 and {0.5 / step:g} Hz, half the sampling rate; got {cutoff:g}")
+    smooth = _low_pass(q, cutoff * step)
+    change = np.abs(smooth - q).max(initial=0.0)
+    text = f"zero-phase Butterworth filter of {cutoff:g} Hz; it changes q by at most {change:.2g} rad or m"
+    qd, qdd = (None if x is None else _low_pass(x, cutoff * step) for x in (qd, qdd))
+    return Motion(t, smooth, qd, qdd), text
+
+
+def _even_step(t: Array) -> float | None:
+    """The time between samples, None if it differs."""
+    steps = np.diff(t)
+    return float(steps.mean()) if len(steps) and np.ptp(steps) <= EVEN * steps.mean() else None
+
+
+def _low_pass(x: Array, cutoff: float) -> Array:
+    """Filter each column, with a cut-off in cycles per sample; beyond the ends it is continued by point symmetry."""
+    from scipy.signal import butter, sosfiltfilt
+
+    pad = min(len(x) - 1, max(9, round(1 / cutoff)))
+    y: Array = sosfiltfilt(butter(2, cutoff, fs=1.0, output="sos"), x, axis=0, padlen=pad)
+    return y
+
+
+def suggested_cutoff(t: Array, x: Array, sigma: Array) -> float | None:
+    """The lowest cut-off that takes away no more than the noise [Hz]; None at uneven steps.
+
+    Residual analysis: D. A. Winter, Biomechanics and Motor Control of Human Movement, 4th ed., 2009, chapter 3.
+    """
+    step = _even_step(t)
+    if step is None:
+        return None
+    for cutoff in np.geomspace(1 / len(t), 0.45, 40):
+        residual = np.sqrt(((x - _low_pass(x, cutoff)) ** 2).mean(axis=0))
+        if (residual <= RESIDUAL * sigma)[sigma > 0].all():
+            return float(cutoff / step)
+    return None
+
+
+def warn_of_uneven_steps(t: Array) -> None:
+    """A derivative amplifies the rounding of samples that are close together."""
+    steps = [later - sooner for sooner, later in pairwise(t.tolist())]
+    shortest, longest = min(steps, default=1.0), max(steps, default=1.0)
+    if longest > UNEVEN * shortest:
+        note(
+            f"warning: the times are {shortest:.2g} to {longest:.2g} s apart; where they are close, derivatives "
+            "amplify the rounding of the samples: give samples at even times, or velocities and accelerations"
+        )

@@ -1,0 +1,112 @@
+"""rne check, rne urdf and rne source: what is wrong with a robot's file, the robot as URDF, its equations as code."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import os
+from typing import Any
+
+from .shared import ROBOT, CommandError, add_parser, fail, in_one_line
+
+FIRST = 4096  # bytes that are looked at
+MARK = 8  # bytes that may precede "<": the mark of an encoding
+LANGUAGES = ("python", "numpy", "matlab", "c")
+
+
+def quantities() -> list[str]:
+    """Names of the functions of a model that take joint arrays alone and return an array."""
+    from .. import dynamics
+
+    def takes_joint_arrays_alone(name: str) -> bool:
+        declared = getattr(getattr(dynamics, name), "quantity", None)
+        if declared is None or not declared.returns_array:
+            return False
+        parameters = inspect.signature(getattr(dynamics, name)).parameters.values()
+        needed = [p.name for p in parameters if p.default is p.empty and p.name != "model"]
+        return needed == list(declared.widths)
+
+    return [name for name in dynamics.__all__ if takes_joint_arrays_alone(name)]
+
+
+def add_check(commands: Any) -> None:
+    """Register `rne check`."""
+    title = "print errors and warnings about URDF files"
+    parser = add_parser(commands, "check", title, "rne check arm.urdf")
+    parser.add_argument("robots", metavar="ROBOT", nargs="+", help=ROBOT)
+    parser.add_argument("--all", action="store_true", help="print findings that are alike one by one")
+    parser.set_defaults(run=run_check)
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """Check every file, also after one that cannot be read."""
+    import rne
+
+    code = 0
+    for robot in arguments.robots:
+        try:
+            _refuse_other_files(robot)
+            findings = rne.check(robot, grouped=not arguments.all)
+        except (CommandError, OSError) as error:
+            code = fail(in_one_line(error))
+        else:
+            code = max(code, int(any(finding.severity == "error" for finding in findings)))
+    return code
+
+
+def _refuse_other_files(robot: str) -> None:
+    """Refuse folders, and files that are not XML, of which the parser would say less."""
+    if os.path.isdir(robot):
+        raise CommandError(f"{robot}: is a folder; a URDF file is needed")
+    if os.path.isfile(robot):
+        with open(robot, "rb") as stream:
+            if b"<" not in stream.read(FIRST).lstrip()[:MARK]:
+                raise CommandError(f"{robot}: is not an XML file; a URDF file is needed")
+
+
+def add_urdf(commands: Any) -> None:
+    """Register `rne urdf`."""
+    title = "print a robot as URDF, without shapes that are meshes"
+    parser = add_parser(commands, "urdf", title, "rne urdf irb140 > irb140.urdf")
+    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    parser.set_defaults(run=run_urdf)
+
+
+def run_urdf(arguments: argparse.Namespace) -> int:
+    """Print the robot as `rne.to_urdf` writes it."""
+    import rne
+
+    print(rne.to_urdf(rne.load(arguments.robot).model), end="")
+    return 0
+
+
+def add_source(commands: Any) -> None:
+    """Register `rne source`."""
+    title = "print a quantity as C, MATLAB, Python or NumPy code"
+    parser = add_parser(commands, "source", title, "rne source irb140 --quantity mass_matrix --language c > M.c")
+    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    choices = quantities()
+    default = f"{', '.join(choices)} (default: inverse_dynamics, or that of the element)"
+    parser.add_argument("--quantity", metavar="QUANTITY", choices=choices, help=default)
+    element = "one entry alone: m23 of M, c3 of C q', g2 of g, tau4, h1, qdd5; joints from 1, m2_13 beyond nine"
+    parser.add_argument("--element", metavar="ELEMENT", help=element)
+    parser.add_argument("--language", default="python", choices=LANGUAGES, help="(default: python)")
+    parser.set_defaults(run=run_source)
+
+
+def run_source(arguments: argparse.Namespace) -> int:
+    """Print the source."""
+    import rne
+
+    from ..kernels.source import quantity_of_element
+
+    try:
+        quantity = arguments.quantity or "inverse_dynamics"
+        if arguments.element is not None and arguments.quantity is None:
+            quantity = quantity_of_element(arguments.element)
+        kernel = rne.load(arguments.robot).kernel(getattr(rne.dynamics, quantity))
+        text = kernel.source(arguments.language, arguments.element)
+    except (rne.RneError, ValueError, TypeError) as error:  # TypeError: the kernel is too large to be written out
+        raise CommandError(str(error).replace("`element`", "--element")) from error
+    print(text, end="")
+    return 0

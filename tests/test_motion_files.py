@@ -1,0 +1,273 @@
+"""rne torques on files that are read without an error and are wrong: noise, units, wrapped angles, missing limits."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.__main__ import main
+from rne.commands.motion_files import noise, suggested_cutoff
+
+END = np.array([1.0, -0.8, 0.6, 1.2, 0.5, -1.0])
+LINK = '<link name="{}"><inertial><mass value="1"/><origin xyz="1 0 0"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="{}"/></joint>'
+ARM = f"""<robot name="arm"><link name="base"/>{LINK.format("rotor")}{LINK.format("carriage")}
+{JOINT.format("turn", "continuous", "base", "rotor", "0 0 1")}{JOINT.format("slide", "prismatic", "rotor", "carriage", "1 0 0")}</robot>"""
+CAPACITY = 91  # [N m], some more than the largest torque of the motion to END in 1 s
+
+
+def times(step):
+    return np.arange(0, 1 + step / 2, step)
+
+
+def moved(t):
+    return rne.trajectories.quintic([0] * 6, END, 1.0)(t)
+
+
+def shaken(x, size, seed=0):
+    return x + size * np.random.default_rng(seed).normal(size=x.shape)
+
+
+@pytest.fixture
+def torques(tmp_path, capsys):
+    """Run `rne torques irb140` on samples; the torques, and the lines beside them."""
+
+    def run(t, *columns, options=(), robot="irb140", code=0):
+        joints = rne.load(robot).joint_names
+        names = ["t", *(f"{q}.{joint}" for q, _ in zip(("q", "qd", "qdd"), columns, strict=False) for joint in joints)]
+        file, out = tmp_path / "motion.csv", tmp_path / "torques.csv"
+        np.savetxt(file, np.column_stack([t, *columns]), "%.17g", delimiter=",", header=",".join(names))
+        assert main(["torques", robot, str(file), "--out", str(out), *options]) == code
+        said = capsys.readouterr()
+        tau = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:] if code == 0 else None
+        return tau, said.out.splitlines(), said.err.splitlines()
+
+    return run
+
+
+class TestNoise:
+    """Of 1 kHz, where 1e-4 rad of noise become some 500 rad/s^2."""
+
+    t = times(1e-3)
+
+    def test_it_is_named_beside_the_torques_it_makes(self, torques):
+        q, *_ = moved(self.t)
+        tau, _, (warning,) = torques(self.t, shaken(q, 1e-4))
+        assert np.abs(tau).max() > 100 * CAPACITY
+        found = re.fullmatch(
+            r"warning: q\.joint_\d scatters by about 0.0001 from sample to sample, and derivatives turn such noise into "
+            r"about (\S+) N m \(rms\) on (joint_\d), more than 5% of its torque: give --cutoff (\S+), or give "
+            r"velocities and accelerations",
+            warning,
+        )
+        k = int(found[2][-1]) - 1
+        assert float(found[1]) == pytest.approx(np.sqrt((tau[:, k] ** 2).mean()), rel=0.5)  # nearly all of it is noise
+
+    def test_the_proposed_filter_finds_the_torques_of_the_motion(self, torques):
+        q, qd, qdd = moved(self.t)
+        exact = rne.load("irb140").inverse_dynamics(q, qd, qdd)
+        _, _, (warning,) = torques(self.t, shaken(q, 1e-4))
+        cutoff = re.search(r"--cutoff (\S+),", warning)[1]
+        tau, said, warnings = torques(self.t, shaken(q, 1e-4), options=["--cutoff", cutoff])
+        assert warnings == []
+        assert np.abs(tau - exact)[:, :5].max(axis=0) == pytest.approx(0, abs=0.15 * CAPACITY)
+        assert np.sqrt(((tau - exact) ** 2).mean()) < 0.03 * CAPACITY
+        assert re.fullmatch(rf"zero-phase .* filter of {cutoff} Hz; it changes q by at most 0.000\d+ rad or m", said[2])
+
+    def test_a_filter_that_leaves_too_much_is_told_too(self, torques):
+        _, _, warnings = torques(self.t, shaken(moved(self.t)[0], 1e-4), options=["--cutoff", "100"])
+        assert len(warnings) == 1
+        assert "scatters by about 0.0001" in warnings[0]
+
+    def test_of_velocities_it_counts_too(self, torques):
+        q, qd, _ = moved(self.t)
+        _, _, (warning,) = torques(self.t, q, shaken(qd, 1e-2))
+        assert warning.startswith("warning: qd.joint_")
+
+    def test_nothing_is_differentiated_where_all_is_given(self, torques):
+        q, qd, qdd = moved(self.t)
+        assert torques(self.t, shaken(q, 1e-4), qd, qdd)[2] == []
+
+    @pytest.mark.parametrize("step", [1e-3, 1e-2, 5e-2])
+    def test_a_clean_file_gives_no_warning(self, step, torques):
+        assert torques(times(step), moved(times(step))[0])[2] == []
+
+    def test_a_trapezoidal_velocity_gives_no_warning(self, torques):
+        """Its accelerations jump, which is no noise."""
+        t = self.t
+        s = np.where(t < 0.25, 2 * t**2, np.where(t < 0.75, t - 0.125, 0.75 - 2 * (1 - t) ** 2))
+        assert torques(t, np.outer(s, END))[2] == []
+
+    def test_a_swing_without_torque_gives_no_warning(self, torques, irb140):
+        t = np.linspace(0, 1, 201)
+        assert torques(t, rne.simulate(irb140, [0] * 6, [0] * 6, 1.0, rtol=1e-10, t_eval=t).q)[2] == []
+
+    def test_uneven_times_leave_no_filter(self, torques):
+        t = self.t + np.random.default_rng(1).uniform(-2e-4, 2e-4, len(self.t))
+        _, _, (warning,) = torques(t, shaken(moved(t)[0], 1e-4))
+        assert warning.endswith(": give samples at even steps and --cutoff, or give velocities and accelerations")
+        _, _, error = torques(t, moved(t)[0], options=["--cutoff", "10"], code=2)
+        assert error == ["error: --cutoff: needs times at even steps"]
+
+    @pytest.mark.parametrize("cutoff", ["0", "500", "-1"])
+    def test_a_cutoff_is_below_half_the_sampling_rate(self, cutoff, torques):
+        _, _, error = torques(self.t, moved(self.t)[0], options=["--cutoff", cutoff], code=2)
+        assert error == [f"error: --cutoff: must be between 0 and 500 Hz, half the sampling rate; got {cutoff}"]
+
+
+class TestNoiseOfSamples:
+    @pytest.mark.parametrize("size", [1e-6, 1e-3])
+    def test_white_noise_has_its_standard_deviation(self, size):
+        t = times(1e-3)
+        assert noise(t, shaken(moved(t)[0], size)) == pytest.approx(np.full(6, size), rel=0.2)
+
+    def test_at_uneven_times_as_well(self):
+        t = np.sort(np.random.default_rng(2).uniform(0, 1, 1000))
+        assert noise(t, shaken(moved(t)[0], 1e-4)) == pytest.approx(np.full(6, 1e-4), rel=0.3)
+
+    def test_a_joint_at_rest_part_of_the_time_shows_that_of_its_motion(self):
+        """Rounded to 16 bits of a turn, as an encoder does: q of a joint at rest has no noise at all."""
+        t, count = times(1e-3), 2 * np.pi / 2**16
+        q = np.where(t < 0.7, 0, (t - 0.7) ** 2)[:, None]
+        assert noise(t, np.round(q / count) * count) == pytest.approx(count / np.sqrt(12), rel=0.5)
+
+    @pytest.mark.parametrize("resolution", [0.02, 0.5, 1.0])
+    def test_a_sine_has_none(self, resolution):
+        """Of up to one radian of phase from sample to sample."""
+        t = np.arange(200.0)
+        assert noise(t, np.sin(resolution * t)[:, None])[0] <= 1e-13
+
+    def test_few_samples_show_none(self):
+        t = np.linspace(0, 1, 29)
+        assert noise(t, shaken(np.zeros((29, 2)), 1.0)).tolist() == [0, 0]
+
+    def test_the_cutoff_falls_as_noise_grows(self):
+        t = times(1e-3)
+        q, _, _ = moved(t)
+        found = [suggested_cutoff(t, shaken(q, size), np.full(6, size)) for size in (1e-6, 1e-4)]
+        assert 20 < found[0] < 50
+        assert 4 < found[1] < 15
+
+
+class TestUnits:
+    t = times(1e-2)
+
+    def test_degrees_are_named(self, torques):
+        _, _, (warning,) = torques(self.t, np.degrees(moved(self.t)[0]))
+        assert warning == (
+            "warning: q.joint_4 is up to 68.75 rad, more than a turn beyond the joint's range; if q is in degrees, give "
+            "--degrees"
+        )
+
+    def test_degrees_are_radians_with_the_option(self, torques):
+        radians = moved(self.t)
+        tau, _, warnings = torques(self.t, *map(np.degrees, radians), options=["--degrees"])
+        assert warnings == []
+        np.testing.assert_allclose(tau, torques(self.t, *radians)[0], rtol=0, atol=1e-12 * CAPACITY)
+
+    def test_sliding_joints_stay_in_metres(self, tmp_path, capsys):
+        (tmp_path / "arm.urdf").write_text(ARM)
+        (tmp_path / "m.csv").write_text("t,q.turn,q.slide,qd.turn,qd.slide,qdd.turn,qdd.slide\n0,0,1,0,0,180,2\n")
+        assert main(["torques", str(tmp_path / "arm.urdf"), str(tmp_path / "m.csv"), "--degrees"]) == 0
+        row = capsys.readouterr().out.splitlines()[-1]
+        expected = rne.load(tmp_path / "arm.urdf").inverse_dynamics([0, 1], [0, 0], [np.pi, 2])
+        assert [float(x) for x in row.split(",")[1:]] == pytest.approx(expected.tolist())
+
+    def test_a_joint_beyond_its_range_is_no_degrees(self, torques):
+        """By less than a turn: it is a limit that is exceeded."""
+        _, said, warnings = torques(self.t, 7 * moved(self.t)[0])
+        assert warnings == []
+        assert any(line.startswith("limits exceeded: ") and "none" not in line for line in said)
+
+    def test_many_turns_of_an_unlimited_joint_are_no_degrees(self, torques, tmp_path):
+        path = tmp_path / "arm.urdf"
+        path.write_text(ARM)
+        assert torques(self.t, np.outer(self.t**3, [300, 1]), robot=str(path))[2] == []
+
+    def test_milliseconds_are_named(self, torques):
+        _, _, (warning,) = torques(1000 * self.t, moved(self.t)[0])
+        assert warning == (
+            "warning: the times are 10 s apart, and no joint is faster than 0.0022 rad/s (or m/s); if they are in "
+            "milliseconds, divide them by 1000"
+        )
+
+    def test_milliseconds_are_known_from_velocities(self, torques):
+        q, qd, _ = moved(self.t)
+        _, _, (warning,) = torques(1000 * self.t, q, qd)
+        assert "milliseconds" in warning
+
+    def test_a_slow_motion_is_no_milliseconds(self, torques):
+        """A hundredth of the fastest that the joints can do, in steps of a second; and with its velocities any."""
+        q, qd, _ = moved(self.t)
+        assert torques(50 * self.t, q)[2] == []
+        assert torques(1000 * self.t, q, qd / 1000)[2] == []
+
+    def test_a_robot_at_rest_is_no_milliseconds(self, torques):
+        assert torques(1000 * self.t, np.zeros((len(self.t), 6)))[2] == []
+
+
+class TestWrappedAngles:
+    t = times(1e-2)
+
+    def wrapped(self):
+        q = moved(self.t)[0] * [1, 1, 1, 5, 1, 1]
+        return np.where(q > np.pi, q - 2 * np.pi, q)
+
+    def test_joint_and_time_are_named(self, torques, tmp_path):
+        _, _, (error,) = torques(self.t, self.wrapped(), code=2)
+        k = int(np.abs(np.diff(self.wrapped()[:, 3])).argmax())
+        step = np.diff(self.wrapped()[:, 3])[k]
+        assert error == (
+            f"error: {tmp_path / 'motion.csv'}: q.joint_4 jumps by {step:.4g} rad between t = {self.t[k]:.6g} s and "
+            f"{self.t[k + 1]:.6g} s, as wrapped angles do; unwrap them, for example by numpy.unwrap"
+        )
+
+    def test_unwrapped_they_pass(self, torques):
+        torques(self.t, np.unwrap(self.wrapped(), axis=0))
+
+    def test_they_do_no_harm_where_velocities_are_given(self, torques):
+        _, qd, qdd = moved(self.t)
+        torques(self.t, self.wrapped(), qd, qdd)
+
+    def test_a_fast_turn_in_coarse_samples_is_none(self, torques):
+        """Steps of nearly a turn beside steps of nearly a turn."""
+        torques(np.arange(8.0), np.outer(np.arange(8.0), [6, 0, 0, 0, 0, 0]))
+        torques(np.arange(2.0), np.outer(np.arange(2.0), [6, 0, 0, 0, 0, 0]))
+
+
+class TestLimits:
+    t = times(1e-2)
+
+    def limits(self, said):
+        return next(line for line in said if line.startswith("limits exceeded"))
+
+    def test_none_is_exceeded_only_where_all_are_known(self, torques):
+        q, *_ = moved(self.t)
+        said = torques(self.t, q)[1]
+        assert self.limits(said) == "limits exceeded: none; the model has no effort limits"
+        said = torques(self.t, q, options=["--effort", str(CAPACITY)])[1]
+        assert self.limits(said) == "limits exceeded: none"
+
+    def test_efforts_can_be_given(self, torques):
+        q, *_ = moved(self.t)
+        said = torques(self.t, q, options=["--effort", f"100,10 {CAPACITY} 100 100 100"])[1]
+        assert self.limits(said) == "limits exceeded: 1"
+        assert any(
+            re.match(r"  joint_2: torque \S+ N m below -10 N m|  joint_2: torque \S+ N m above 10 N m", line)
+            for line in said
+        )
+        _, _, error = torques(self.t, q, options=["--effort", "1 2"], code=2)
+        assert error == ["error: --effort must have shape (6,), got (2,)"]
+
+    def test_some_joints_without_limits_are_named(self, torques, tmp_path):
+        text = rne.to_urdf(rne.load("irb140", effort_limit=[1000] * 4 + [np.inf] * 2).model)
+        (tmp_path / "arm.urdf").write_text(text)
+        said = torques(self.t, moved(self.t)[0], robot=str(tmp_path / "arm.urdf"))[1]
+        assert self.limits(said).startswith(
+            "limits exceeded: none; the model has no effort limits for joint_5, joint_6"
+        )
+
+    def test_simulate_says_it_too(self, tmp_path, capsys):
+        assert main(["simulate", "irb140", "--duration", "0.01", "--out", str(tmp_path / "m.csv")]) == 0
+        assert "limits exceeded: none; the model has no effort limits\n" in capsys.readouterr().out
