@@ -1,6 +1,6 @@
 """How many digits forward dynamics keep: M's pivots say whether it is singular, Skeel's amplification the digits.
 
-`pivot_grade` and `amplifications` are the only criteria: functions, kernels, batches and simulations apply them
+`pivots_below` and `amplifications` are the only criteria: functions, kernels, batches and simulations apply them
 through `check_accelerations`, `diagnose` directly.
 """
 
@@ -30,16 +30,6 @@ SINGULAR, NEARLY_SINGULAR = 8, 1000
 NEGATIVE = 1e-9  # of M's largest entry, or of M scaled to unit diagonal: more below zero is no rounding error
 
 
-def pivot_grade(pivots: Array, diagonal: Array) -> Array:
-    """Grade of each pivot of M: 0 for a sound one, 1 if M is nearly singular, 2 if it is singular, shape (..., n).
-
-    A pivot that is not a number counts as singular.
-    """
-    below = [pivots_below(units, pivots, diagonal) for units in (NEARLY_SINGULAR, SINGULAR)]
-    condition: Array = below[0].astype(np.int8) + below[1]
-    return condition
-
-
 def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
     """Where a pivot of M is at most `units` n eps of M's diagonal entry, or not a number, shape (..., n)."""
     pivots, diagonal = pivots.real, diagonal.real
@@ -59,7 +49,7 @@ def check_singularity(
     model: Model, arguments: Mapping[str, Any], result: Array, pivots: Array, diagonal: Array
 ) -> PrecisionStatus:
     """Status of a solution with M alone: an error if M is singular; digits are not estimated."""
-    singular = pivot_grade(pivots, diagonal).max(axis=-1, initial=0) == 2
+    singular = pivots_below(SINGULAR, pivots, diagonal).any(axis=-1)
     if not singular.any():
         return OK
     state = tuple(int(k) for k in np.argwhere(singular)[0])
@@ -78,7 +68,7 @@ def check_accelerations(
     status = check_singularity(model, arguments, qdd, pivots, diagonal)
     if status.error is not None or qdd.dtype.kind != "f":
         return status
-    nearly = np.asarray(pivot_grade(pivots, diagonal).max(axis=-1, initial=0) > 0)
+    nearly = np.asarray(pivots_below(NEARLY_SINGULAR, pivots, diagonal).any(axis=-1))
     fast = np.asarray(np.abs(arguments["qd"]).max(axis=-1, initial=0.0) > velocity_bound(qdd.dtype))
     suspect = nearly | fast
     if not suspect.any():
@@ -285,6 +275,6 @@ def _condition(M: Array, model: Model, arithmetic: np.dtype[Any]) -> tuple[Array
         values = np.linalg.eigvalsh(scaled.astype(np.float64))
         condition = values[..., -1] / np.maximum(values[..., 0], 0)
     ones = np.ones(pivots.shape, dtype=arithmetic)
-    singular = (pivot_grade(pivots.astype(arithmetic), ones) == 2).any(axis=-1)
+    singular = pivots_below(SINGULAR, pivots.astype(arithmetic), ones).any(axis=-1)
     pivot = np.maximum(pivots.min(axis=-1), 0).astype(np.float64)
     return np.where(singular | ~np.isfinite(condition), np.inf, condition), np.asarray(pivot)

@@ -14,7 +14,7 @@ import functools
 import inspect
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
@@ -57,7 +57,7 @@ class PrecisionStatus(NamedTuple):
             warnings.warn(str(self.loss), PrecisionWarning, stacklevel=stacklevel + 1)
 
     def with_state(self, place: Callable[[BatchIndex], BatchIndex]) -> PrecisionStatus:
-        """The same status with the state's index replaced, such as by that in the batch that a block is part of."""
+        """Status of the state at another index, such as its place in the batch that a block is part of."""
         error = None if self.error is None else self.error.at(place(self.error.state))
         loss = None if self.loss is None else self.loss._replace(state=place(self.loss.state))
         return PrecisionStatus(error, loss)
@@ -136,16 +136,11 @@ class Declared(Protocol):
     def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]: ...
 
 
-class QuantityFunction(Protocol[P, T_co]):
+class QuantityFunction(Declared, Protocol[P, T_co]):
     """A public function of a model, with its declaration and the bare recursion it wraps."""
 
     __name__: str
     core: Callable[..., Any]
-
-    @property
-    def quantity(self) -> Quantity: ...
-
-    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]: ...
 
     def __call__(self, model: Model, *args: P.args, **kwargs: P.kwargs) -> T_co: ...
 
@@ -157,11 +152,10 @@ def quantity(
 
     A result that depends on base parameters only depends on the moments only.
     """
-    moments = moments or base_parameters
 
     def decorate(core: Callable[Concatenate[Model, P], R]) -> QuantityFunction[P, R]:
-        declared = _declare(core, None, moments=moments, base_parameters=base_parameters, returns_array=returns_array)
-        return cast("QuantityFunction[P, R]", declared)
+        moved = {"moments": moments or base_parameters, "base_parameters": base_parameters}
+        return cast("QuantityFunction[P, R]", _declare(core, None, returns_array=returns_array, **moved))
 
     return decorate
 
@@ -175,16 +169,13 @@ def checked_quantity(
     """
 
     def decorate(core: Callable[Concatenate[Model, P], tuple[Array, Array, Array]]) -> QuantityFunction[P, Array]:
-        declared = _declare(core, check, moments=moments, base_parameters=True, returns_array=True)
-        return cast("QuantityFunction[P, Array]", declared)
+        return cast("QuantityFunction[P, Array]", _declare(core, check, moments=moments, base_parameters=True))
 
     return decorate
 
 
-def _declare(
-    core: Callable[..., Any], check: Check | None, *, moments: bool, base_parameters: bool, returns_array: bool
-) -> Any:
-    """The public function of a core, with its Quantity."""
+def _declare(core: Callable[..., Any], check: Check | None, **properties: Any) -> Any:
+    """The public function of a core, with its Quantity of these properties."""
     signature = inspect.signature(core)
     name = core.__name__
     unknown = signature.parameters.keys() - {"model", *JOINT_ARGUMENTS, *OPTIONS}
@@ -192,18 +183,16 @@ def _declare(
         raise TypeError(f"{name}: arguments must be named {[*JOINT_ARGUMENTS, *OPTIONS]}, got {sorted(unknown)}")
 
     def evaluate(model: Model, *args: Any, parameters: Any = None, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
-        model_argument(model)
-        arguments = signature.bind(model, *args, **kwargs).arguments
-        given = {key: value for key, value in arguments.items() if key != "model"}
-        if parameters is None:
-            checked_model, given = check_arguments(model, given)
-        else:
+        given = signature.bind(model_argument(model), *args, **kwargs).arguments
+        del given["model"]
+        if parameters is not None:
             public.quantity.require_moments()
-            checked_model, given = check_arguments(model, given | {"parameters": parameters})
+            given["parameters"] = parameters
+        checked_model, given = check_arguments(model, given)
+        if parameters is not None:
             checked_model = at_parameters(checked_model, given.pop("parameters"))
         with np.errstate(all="ignore"):  # what goes wrong is named below
-            result = core(checked_model, **given)
-            status = OK
+            result, status = core(checked_model, **given), OK
             if check is not None:
                 result, pivots, diagonal = result
                 status = check(checked_model, given, result, pivots, diagonal)
@@ -226,9 +215,7 @@ def _declare(
         widths={key: None for key in signature.parameters if key in JOINT_ARGUMENTS},
         check=check,
         velocities=("qd", slice(None)) if check is not None and "qd" in signature.parameters else None,
-        moments=moments,
-        base_parameters=base_parameters,
-        returns_array=returns_array,
+        **properties,
     )
     return public
 
@@ -300,10 +287,6 @@ def model_for(model: Model, dtype: np.dtype[Any], arrays: Sequence[Array]) -> Mo
 
 def check_result(name: str, result: Any) -> None:
     """Refuse a result that overflowed: finite arguments must not become a silent infinity or NaN."""
-    if is_dataclass(result):
-        parts: list[Any] = [getattr(result, f.name) for f in fields(result)]
-    else:
-        parts = [result]
-    for part in parts:
+    for part in vars(result).values() if is_dataclass(result) else [result]:
         if isinstance(part, np.ndarray) and not is_finite(part).all():
             raise NotFiniteError(f"{name} overflows {part.dtype} for these arguments; the result is not finite")
