@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache, cached_property
 from math import prod
 from types import CodeType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -28,13 +28,8 @@ from .source import Printable, entry_of_element, heading, to_source
 from .trace import argument_widths, inputs_as_arrays, named_by_function, quantity_of, trace, within_a_trace
 
 ENGINES = ("numpy", "numba")
+Run = Callable[[Sequence[Array], Array, Recursion], PrecisionStatus]  # (states, results, recursion)
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
-
-
-class Batches(Protocol):
-    """A trace that runs on arrays of states."""
-
-    def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus: ...
 
 
 def engine_argument(engine: str) -> str:
@@ -112,16 +107,11 @@ class Kernel(InNotebooks):
         links = ", ".join(f"'{short(link)}'" for link in self.quantity.wrenches.values())
         under = f" under wrenches on {links}" if links else ""
         at = " at parameters given" if "parameters" in self.names else ""
-        by_numba = self.engine == "numba" and self.is_unrolled
-        engine = f", by Numba{self._compiled_in}" if by_numba else ""
-        return wrapped(f"Kernel {self.quantity.name}{by} of '{short(self.model.name)}'{under}{at}: {count}{engine}")
-
-    @property
-    def _compiled_in(self) -> str:
-        """How long compilations took so far."""
+        engine = ", by Numba" if self.engine == "numba" and self.is_unrolled else ""
         forms = ("state_function", "state_function_unguarded", "blocks")
-        seconds = sum(getattr(self.__dict__[name], "seconds", 0.0) for name in forms if name in self.__dict__)
-        return f", compiled in {seconds:.2g} s" if seconds else ""
+        seconds = sum(getattr(self.__dict__.get(form), "seconds", 0.0) for form in forms)
+        engine += f", compiled in {seconds:.2g} s" if seconds else ""
+        return wrapped(f"Kernel {self.quantity.name}{by} of '{short(self.model.name)}'{under}{at}: {count}{engine}")
 
     @property
     def operations(self) -> dict[str, int]:
@@ -259,8 +249,7 @@ class Kernel(InNotebooks):
         ['function result = g4(q)', '% Entry 4 of gravity_torque of robot irb140']
         """
         name = "_".join([self.quantity.name, *(["by", *self.wrt] if self.wrt else [])])
-        traced, entry = self.traced, None
-        title = name
+        traced, title, entry = self.traced, name, None
         if element is not None:
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self.fixed, self.wrt, entry), element
@@ -280,7 +269,10 @@ class Kernel(InNotebooks):
         shape = leading + self.traced.shape
         out = np.empty(shape, dtype=dtype) if out is None else check_out(out, shape, dtype, self.names, arrays)
         count = prod(leading)
-        states = [self._rows(a, leading, count) for a in arrays]
+        states = [
+            (a if a.shape[:-1] == leading else np.broadcast_to(a, (*leading, width))).reshape(count, width)
+            for a, width in zip(arrays, self.widths, strict=True)
+        ]
 
         def by_function(begin: int, end: int) -> tuple[Array, PrecisionStatus]:
             for name, array, width in zip(self.names, arrays, self.widths, strict=True):
@@ -294,14 +286,7 @@ class Kernel(InNotebooks):
             return np.asarray(result).reshape(end - begin, -1), status.with_state(place)
 
         rows = out.reshape(count, prod(self.traced.shape))
-        return out, _run_in_threads(self.blocks, states, rows, by_function, workers)
-
-    def _rows(self, array: Array, leading: tuple[int, ...], count: int) -> Array:
-        """One row for each state of a batch."""
-        width = array.shape[-1]
-        if array.shape[:-1] != leading:
-            array = np.broadcast_to(array, (*leading, width))
-        return array.reshape(count, width)
+        return out, _run_in_threads(self.blocks.run, states, rows, by_function, workers)
 
 
 def _fast_single_state(kernel: Kernel) -> Callable[..., Array | None]:
@@ -347,22 +332,22 @@ def _check_workers(workers: int) -> None:
 
 
 def _run_in_threads(
-    batches: Batches, states: Sequence[Array], results: Array, recursion: Recursion, workers: int
+    run: Run, states: Sequence[Array], results: Array, recursion: Recursion, workers: int
 ) -> PrecisionStatus:
-    """Fill `results` as `batches.run` does, in threads that take a stretch of the states each."""
+    """Fill `results` as `run` does, in threads that take a stretch of the states each."""
     count = len(results)
     workers = min(workers, count)
     if workers <= 1:
-        return batches.run(states, results, recursion)
+        return run(states, results, recursion)
 
-    def run(first: int, last: int) -> PrecisionStatus:
+    def run_part(first: int, last: int) -> PrecisionStatus:
         arrays = [a[first:last] for a in states]
-        return batches.run(arrays, results[first:last], lambda i, j: recursion(first + i, first + j))
+        return run(arrays, results[first:last], lambda i, j: recursion(first + i, first + j))
 
     own, *others = itertools.pairwise(count * k // workers for k in range(workers + 1))
     with ThreadPoolExecutor(workers - 1) as pool:
-        futures = [pool.submit(run, *stretch) for stretch in others]
-        status = run(*own)
+        futures = [pool.submit(run_part, *stretch) for stretch in others]
+        status = run_part(*own)
         for future in futures:
             if status.error is None:  # of several errors that of the first state is told
                 status = status.worse(future.result())

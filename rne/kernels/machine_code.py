@@ -16,7 +16,7 @@ from llvmlite import ir
 from .program import Instruction, Operand, Program
 
 FAST = ("contract", "nsz")
-INTRINSICS = {"sqrt": "sqrt", "abs": "fabs", "tanh": "tanh", "minimum": "minimum", "maximum": "maximum"}
+ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 NUMBERS = {"float64": ir.DoubleType(), "float32": ir.FloatType()}
 SUFFIXES = {"double": "f64", "float": "f32"}
 INDEX = ir.IntType(32)
@@ -50,7 +50,7 @@ class Emitter:
     dtype : {"float64", "float32"}
     lanes : int
         States per operand: 1 for plain numbers, with the C library's sine and cosine; more for vectors, with
-        polynomials, for angles up to `machine_sine.LARGEST`.
+        polynomials, for angles up to LARGEST.
     """
 
     def __init__(self, builder: Any, dtype: str, lanes: int) -> None:
@@ -63,15 +63,39 @@ class Emitter:
         one = ir.Constant(self.number, float(value))
         return one if self.lanes == 1 else ir.Constant(self.type, [one] * self.lanes)
 
+    def pack(self, numbers: Sequence[Any]) -> Any:
+        """One operand of the numbers of all lanes."""
+        if self.lanes == 1:
+            return numbers[0]
+        vector: Any = ir.Constant(self.type, ir.Undefined)
+        for lane, number in enumerate(numbers):
+            vector = self.builder.insert_element(vector, number, ir.Constant(INDEX, lane))
+        return vector
+
+    def unpack(self, value: Any) -> list[Any]:
+        """The number in each lane of an operand."""
+        if self.lanes == 1:
+            return [value]
+        return [self.builder.extract_element(value, ir.Constant(INDEX, lane)) for lane in range(self.lanes)]
+
+    def _declared(self, name: str, number: Any, count: int) -> Any:
+        """A function of `count` numbers of a type, declared in the module once."""
+        module = self.builder.module
+        if name not in module.globals:
+            ir.Function(module, ir.FunctionType(number, [number] * count), name)
+        return module.globals[name]
+
     def intrinsic(self, name: str, *args: Any) -> Any:
         """A call of one of LLVM's own functions."""
         suffix = SUFFIXES[str(self.number)]
         full = f"llvm.{name}.{suffix if self.lanes == 1 else f'v{self.lanes}{suffix}'}"
-        module = self.builder.module
-        function = module.globals.get(full)
-        if function is None:
-            function = ir.Function(module, ir.FunctionType(self.type, [self.type] * len(args)), full)
-        return self.builder.call(function, args)
+        return self.builder.call(self._declared(full, self.type, len(args)), args)
+
+    def _by_the_c_library(self, name: str, *args: Any) -> Any:
+        """A function that LLVM has no instruction for, state by state."""
+        full = name if str(self.number) == "double" else f"{name}f"
+        function = self._declared(full, self.number, len(args))
+        return self.pack([self.builder.call(function, lane) for lane in zip(*map(self.unpack, args), strict=True)])
 
     def outputs(self, program: Program, inputs: Sequence[Any]) -> tuple[list[Any], list[Any]]:
         """The program's outputs, and the angles whose sine or cosine it took."""
@@ -95,14 +119,8 @@ class Emitter:
 
     def _result(self, instruction: Instruction, args: list[Any]) -> Any:
         kind, builder = instruction.kind, self.builder
-        operations = {
-            "add": builder.fadd,
-            "subtract": builder.fsub,
-            "multiply": builder.fmul,
-            "divide": builder.fdiv,
-        }
-        if kind in operations:
-            return operations[kind](*args, flags=FAST)
+        if kind in ARITHMETIC:
+            return getattr(builder, ARITHMETIC[kind])(*args, flags=FAST)
         if kind == "negative":
             return builder.fneg(args[0])
         if kind in ("less", "less_equal"):
@@ -113,23 +131,7 @@ class Emitter:
             return self._sign(args[0])
         if kind == "arctan2":
             return self._by_the_c_library("atan2", *args)
-        return self.intrinsic(INTRINSICS.get(kind, kind), *args)
-
-    def _by_the_c_library(self, name: str, *args: Any) -> Any:
-        """A function that LLVM has no instruction for, state by state."""
-        full = name if str(self.number) == "double" else f"{name}f"
-        module, builder = self.builder.module, self.builder
-        function = module.globals.get(full)
-        if function is None:
-            function = ir.Function(module, ir.FunctionType(self.number, [self.number] * len(args)), full)
-        if self.lanes == 1:
-            return builder.call(function, args)
-        vector: Any = ir.Constant(self.type, ir.Undefined)
-        for lane in range(self.lanes):
-            place = ir.Constant(INDEX, lane)
-            number = builder.call(function, [builder.extract_element(arg, place) for arg in args])
-            vector = builder.insert_element(vector, number, place)
-        return vector
+        return self.intrinsic("fabs" if kind == "abs" else kind, *args)
 
     def _sign(self, x: Any) -> Any:
         """-1, 0 or 1; x itself where it is not a number."""
@@ -195,23 +197,14 @@ class Rows:
         return builder.inttoptr(builder.add(self.address, offset), self.emitter.number.as_pointer())
 
     def load(self, column: int) -> Any:
-        """One column of the states in the lanes."""
-        emitter, builder = self.emitter, self.emitter.builder
-        align = 1  # of the array's owner nothing is known
-        if emitter.lanes == 1:
-            return builder.load(self._pointer(0, column), align=align)
-        vector: Any = ir.Constant(emitter.type, ir.Undefined)
-        for lane in range(emitter.lanes):
-            number = builder.load(self._pointer(lane, column), align=align)
-            vector = builder.insert_element(vector, number, ir.Constant(INDEX, lane))
-        return vector
+        """One column of the states in the lanes; of the alignment of the owner's array nothing is known."""
+        emitter = self.emitter
+        return emitter.pack([emitter.builder.load(self._pointer(k, column), align=1) for k in range(emitter.lanes)])
 
     def store(self, column: int, value: Any) -> None:
         """Set one column of the states in the lanes."""
-        emitter, builder = self.emitter, self.emitter.builder
-        for lane in range(emitter.lanes):
-            number = value if emitter.lanes == 1 else builder.extract_element(value, ir.Constant(INDEX, lane))
-            builder.store(number, self._pointer(lane, column), align=1)
+        for lane, number in enumerate(self.emitter.unpack(value)):
+            self.emitter.builder.store(number, self._pointer(lane, column), align=1)
 
 
 def sine_and_cosine(emitter: Any, angle: Any) -> tuple[Any, Any]:

@@ -34,11 +34,6 @@ REGISTER_BITS = 512 if binding.get_host_cpu_features().get("avx512f") else 256
 TYPES: dict[str, Any] = {"float64": types.float64, "float32": types.float32}
 
 
-def lanes_of(dtype: str) -> int:
-    """States per group: numbers in a vector register."""
-    return REGISTER_BITS // 8 // np.dtype(dtype).itemsize
-
-
 class Section:
     """What one group of states runs: load, compute, store, check.
 
@@ -93,14 +88,11 @@ def run_section(typing_context: Any, key: Any, arguments: Any, out: Any, row: An
 
 def state_function(trace: Trace) -> Callable[..., Array]:
     """A function of one float64 vector per argument, as `python_backend.state_function`."""
-    shape, widths = trace.shape, trace.widths
-    single = Section(trace, "float64", 1)
-    kinds = [*[_vector(1, types.float64)] * len(widths), types.Array(types.float64, max(len(shape), 1), "C")]
-    _announce(trace)
-    arguments = ", ".join(f"a{k}" for k in range(len(widths)))
-    compiled = _compiled(STATE.format(arguments=arguments, single=single.key), kinds, {}, releases_lock=False)
+    single, shape = Section(trace, "float64", 1), trace.shape
+    out = types.Array(types.float64, max(len(shape), 1), "C")
+    compiled = _compiled(STATE, trace, _vectors(trace, 1, types.float64) + [out], {"single": single.key})
     # An array that Python makes costs less than one that compiled code hands over.
-    text = CALL.format(arguments=arguments, result="out" if shape else "out[0]")
+    text = CALL.format(arguments=_arguments(trace), result="out" if shape else "out[0]")
     namespace = {"compiled": compiled, "empty": np.empty, "shape": shape or (1,), "NeedsRecursion": NeedsRecursion}
     exec(text, namespace)
     function: Any = namespace["function"]
@@ -121,9 +113,9 @@ CALL = """def function({arguments}):
 BATCH = """def function({arguments}, out, begin, end):
     k = begin
     while k < end:
-        last = min(k + lanes, end)
-        first = max(last - lanes, begin)
-        if last - first < lanes or not run_section({group}, ({arguments},), out, first):
+        last = min(k + {lanes}, end)
+        first = max(last - {lanes}, begin)
+        if last - first < {lanes} or not run_section({group}, ({arguments},), out, first):
             for row in range(first, last):
                 if not run_section({single}, ({arguments},), out, row):
                     return row
@@ -160,14 +152,11 @@ class BatchProgram:
         return self._loops[key]
 
     def _function(self, dtype: str) -> Any:
-        _announce(self.trace)
-        lanes, widths = lanes_of(dtype), self.trace.widths
+        lanes, number = REGISTER_BITS // 8 // np.dtype(dtype).itemsize, TYPES[dtype]
         group, single = (Section(self.trace, dtype, n) for n in (lanes, 1))
-        arguments = ", ".join(f"a{k}" for k in range(len(widths)))
-        text = BATCH.format(arguments=arguments, group=group.key, single=single.key)
-        number = TYPES[dtype]
-        kinds = [*[_vector(2, number)] * len(widths), types.Array(number, 2, "C"), types.int64, types.int64]
-        return _compiled(text, kinds, {"lanes": lanes}, releases_lock=True)
+        kinds = [*_vectors(self.trace, 2, number), types.Array(number, 2, "C"), types.int64, types.int64]
+        keys = {"group": group.key, "single": single.key, "lanes": lanes}
+        return _compiled(BATCH, self.trace, kinds, keys, releases_lock=True)
 
     def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus:
         """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
@@ -191,21 +180,24 @@ class BatchProgram:
         return status
 
 
-def _vector(ndim: int, number: Any) -> Any:
-    """The type of an argument: any strides, not written to."""
-    return types.Array(number, ndim, "A", readonly=True, aligned=False)
+def _arguments(trace: Trace) -> str:
+    return ", ".join(f"a{k}" for k in range(len(trace.widths)))
 
 
-def _announce(trace: Trace) -> None:
+def _vectors(trace: Trace, ndim: int, number: Any) -> list[Any]:
+    """Types of the arguments: any strides, not written to."""
+    return [types.Array(number, ndim, "A", readonly=True, aligned=False)] * len(trace.widths)
+
+
+def _compiled(
+    text: str, trace: Trace, kinds: Sequence[Any], keys: Mapping[str, int], releases_lock: bool = False
+) -> Any:
+    """The `function` of a text, compiled for arguments of these types."""
     count = len(trace.program.instructions)
     if count > LONG:
         LOGGER.info("Numba compiles a kernel of %d operations, which takes some seconds", count)
-
-
-def _compiled(text: str, kinds: Sequence[Any], names: Mapping[str, Any], *, releases_lock: bool) -> Any:
-    """The `function` of a text, compiled for arguments of these types."""
-    namespace = {"run_section": run_section, **names}
-    exec(text, namespace)
+    namespace: dict[str, Any] = {"run_section": run_section}
+    exec(text.format(arguments=_arguments(trace), **keys), namespace)
     began = time.perf_counter()
     compiled: Any = njit([tuple(kinds)], nogil=releases_lock)(namespace["function"])
     compiled.seconds = time.perf_counter() - began

@@ -6,8 +6,9 @@ Any order with operands before results gives the same numbers.
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections import Counter, defaultdict
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from .program import Instruction, Operand, Program
 
@@ -32,98 +33,66 @@ class Layout(NamedTuple):
 
 def allocate(program: Program) -> Layout:
     """Registers by liveness: each is free again after its last reader. Of two orders, the one that needs fewer."""
-    layouts = [_Allocator(ordered).layout() for ordered in (program, with_few_registers(program))]
+    layouts = [_layout(ordered) for ordered in (program, with_few_registers(program))]
     return min(layouts, key=lambda layout: layout.registers)
 
 
-class _Allocator:
-    def __init__(self, program: Program) -> None:
-        self.program = program
-        self.free: list[int] = []
-        self.registers = program.inputs + len(program.outputs)
-        self.place: dict[int, int] = {}
-        self.paired: set[int] = set()
-        self.last = self._last_readers()
-        self.copies: list[tuple[int, Operand | int]] = []
-        self._place_outputs()
+def _layout(program: Program) -> Layout:
+    """Steps in order; a result may reuse the register of an operand that is read for the last time."""
+    place, copies = _places(program)
+    last = {arg: k for k, instruction in enumerate(program.instructions) for arg in instruction.args}
+    kept = {*program.outputs, *(arg for arg in last if arg.kind == "constant")}
+    registers = itertools.count(program.inputs + len(program.outputs))
+    free: list[int] = []
+    partners = _sine_and_cosine(program)
+    steps: list[Step] = []
 
-    def _last_readers(self) -> dict[Operand, int]:
-        last: dict[Operand, int] = {}
-        for k, instruction in enumerate(self.program.instructions):
-            for arg in instruction.args:
-                if arg.kind != "constant":
-                    last[arg] = k
-        return last
+    def result(k: int) -> int:
+        operand = Operand("result", k)
+        if operand not in place:
+            place[operand] = free.pop() if free else next(registers)
+        return place[operand]
 
-    def _place_outputs(self) -> None:
-        """An output is computed in its own register; repeated and constant ones are copied there."""
-        for k, output in enumerate(self.program.outputs):
-            row = self.program.inputs + k
-            if output.kind == "result" and output.value not in self.place:
-                self.place[int(output.value)] = row
-            else:
-                source = self.place[int(output.value)] if output.kind == "result" else output
-                self.copies.append((row, int(output.value) if output.kind == "input" else source))
-        self.fixed = {Operand("result", k) for k in self.place} | set(self.program.outputs)
+    for k, (kind, operands) in enumerate(program.instructions):
+        args = tuple(place.get(arg, arg) for arg in operands)
+        finished = [place[arg] for arg in set(operands) if arg not in kept and last[arg] == k]
+        if k in partners and kind in ("sin", "cos"):
+            if k < partners[k]:  # the second comes with the first
+                sine, cosine = (k, partners[k]) if kind == "sin" else (partners[k], k)
+                steps.append(Step("sincos", args, (result(sine), result(cosine))))
+        elif kind == "where":  # written in two parts, so its result must not overlap an operand
+            steps.append(Step(kind, args, (result(k),)))
+        else:
+            free += finished
+            steps.append(Step(kind, args, (result(k),)))
+            continue
+        free += finished
+    return Layout(tuple(steps), next(registers), copies)
 
-    def _take(self) -> int:
-        if self.free:
-            return self.free.pop()
-        self.registers += 1
-        return self.registers - 1
 
-    def _where(self, arg: Operand) -> Operand | int:
-        if arg.kind == "constant":
-            return arg
-        return int(arg.value) if arg.kind == "input" else self.place[int(arg.value)]
+def _places(program: Program) -> tuple[dict[Operand, int], tuple[tuple[int, Operand | int], ...]]:
+    """The registers of inputs and outputs, and the outputs that repeat another register or are constant."""
+    place = {Operand("input", k): k for k in range(program.inputs)}
+    copies: list[tuple[int, Operand | int]] = []
+    for row, output in enumerate(program.outputs, program.inputs):
+        if output.kind == "result" and output not in place:
+            place[output] = row
+        else:
+            copies.append((row, place.get(output, output)))
+    return place, tuple(copies)
 
-    def _result(self, k: int) -> int:
-        if k not in self.place:
-            self.place[k] = self._take()
-        return self.place[k]
 
-    def _release(self, k: int, instruction: Instruction) -> None:
-        for arg in set(instruction.args):
-            if arg.kind != "constant" and self.last[arg] == k and arg not in self.fixed:
-                self.free.append(int(arg.value) if arg.kind == "input" else self.place[int(arg.value)])
-
-    def layout(self) -> Layout:
-        """Steps in order; a result may reuse the register of an operand that is read for the last time."""
-        partners = self._sine_and_cosine()
-        steps = []
-        for k, instruction in enumerate(self.program.instructions):
-            if k in self.paired:
-                self._release(k, instruction)
-                continue
-            args = tuple(self._where(arg) for arg in instruction.args)
-            if k in partners:
-                steps.append(self._pair(k, partners[k], args))
-                self._release(k, instruction)
-                continue
-            if instruction.kind == "where":  # written in two parts, so its result must not overlap an operand
-                steps.append(Step("where", args, (self._result(k),)))
-                self._release(k, instruction)
-                continue
-            self._release(k, instruction)
-            steps.append(Step(instruction.kind, args, (self._result(k),)))
-        return Layout(tuple(steps), self.registers, tuple(self.copies))
-
-    def _pair(self, k: int, partner: int, args: tuple[Operand | int, ...]) -> Step:
-        self.paired.add(partner)
-        sine, cosine = (k, partner) if self.program.instructions[k].kind == "sin" else (partner, k)
-        return Step("sincos", args, (self._result(sine), self._result(cosine)))
-
-    def _sine_and_cosine(self) -> dict[int, int]:
-        """The first of each sine and cosine of the same angle, with the other one."""
-        first: dict[tuple[str, Any], int] = {}
-        partners = {}
-        for k, instruction in enumerate(self.program.instructions):
-            if instruction.kind in ("sin", "cos") and instruction.args[0].kind == "input":
-                other = first.get(("cos" if instruction.kind == "sin" else "sin", instruction.args[0]))
-                if other is not None:
-                    partners[other] = k
-                first[(instruction.kind, instruction.args[0])] = k
-        return partners
+def _sine_and_cosine(program: Program) -> dict[int, int]:
+    """Each sine and cosine of the same input, with the other one."""
+    first: dict[tuple[str, Operand], int] = {}
+    partners: dict[int, int] = {}
+    for k, (kind, args) in enumerate(program.instructions):
+        if kind in ("sin", "cos") and args[0].kind == "input":
+            other = first.get(("cos" if kind == "sin" else "sin", args[0]))
+            if other is not None:
+                partners |= {other: k, k: other}
+            first[kind, args[0]] = k
+    return partners
 
 
 def with_few_registers(program: Program) -> Program:
@@ -184,14 +153,8 @@ def _readers(program: Program) -> tuple[dict[Operand, list[int]], list[int]]:
 
 
 def reordered(program: Program, order: list[int]) -> Program:
-    """The same program with its instructions in another order."""
-    new = {k: position for position, k in enumerate(order)}
-
-    def renamed(arg: Operand) -> Operand:
-        return Operand("result", new[int(arg.value)]) if arg.kind == "result" else arg
-
-    instructions = tuple(
-        Instruction(program.instructions[k].kind, tuple(renamed(arg) for arg in program.instructions[k].args))
-        for k in order
-    )
-    return Program(instructions, tuple(renamed(output) for output in program.outputs), program.inputs)
+    """The program with its instructions in another order."""
+    new = {Operand("result", k): Operand("result", position) for position, k in enumerate(order)}
+    old = [program.instructions[k] for k in order]
+    instructions = tuple(Instruction(kind, tuple(new.get(arg, arg) for arg in args)) for kind, args in old)
+    return Program(instructions, tuple(new.get(output, output) for output in program.outputs), program.inputs)
