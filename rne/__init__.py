@@ -1,10 +1,9 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from . import dynamics, elementwise, kernels, model
-from .dynamics.recursion_record import BearingPeaks, bearing_peaks
+from . import dynamics, model
+from .basics.first_use import on_first_use
 from .errors import (
     IdentificationError,
     ModelError,
@@ -15,18 +14,16 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .kernels.kernel import compile
 from .model.abb_irb140 import irb140
 from .model.chains import dh_chain
 from .model.model import Model
 from .robot import Robot
-from .urdf import Finding, check, read_urdf, to_urdf
-from .urdf.loading import load, robots
 
 if TYPE_CHECKING:
-    from . import control, identification, plotting, trajectories
+    from . import control, elementwise, identification, kernels, plotting, trajectories
     from .control.gains import Gains, check_gains
     from .control.laws import traceable
+    from .dynamics.recursion_record import BearingPeaks, bearing_peaks
     from .identification import (
         Consistency,
         Excitation,
@@ -37,6 +34,7 @@ if TYPE_CHECKING:
         excitation,
         identify,
     )
+    from .kernels.kernel import compile
     from .plotting.viewer import view
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
@@ -44,6 +42,42 @@ if TYPE_CHECKING:
     from .simulation.scene import Scene
     from .simulation.simulator import simulate
     from .simulation.trajectory import Trajectory
+    from .urdf import Finding, check, read_urdf, to_urdf
+    from .urdf.loading import load, robots
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            "control": (),
+            "control.gains": ("Gains", "check_gains"),
+            "control.laws": ("traceable",),
+            "dynamics.recursion_record": ("BearingPeaks", "bearing_peaks"),
+            "elementwise": (),
+            "identification": (
+                "Consistency",
+                "Excitation",
+                "Identification",
+                "ModelComparison",
+                "compare_models",
+                "consistency",
+                "excitation",
+                "identify",
+            ),
+            "kernels": (),
+            "kernels.kernel": ("compile",),
+            "plotting": (),
+            "plotting.viewer": ("view",),
+            "simulation.ensembles": ("Ensemble", "ensemble"),
+            "simulation.friction": ("Friction",),
+            "simulation.parts": ("Payload",),
+            "simulation.scene": ("Scene",),
+            "simulation.simulator": ("simulate",),
+            "simulation.trajectory": ("Trajectory",),
+            "trajectories": (),
+            "urdf": ("Finding", "check", "read_urdf", "to_urdf"),
+            "urdf.loading": ("load", "robots"),
+        },
+    )
 
 __version__ = "0.1.0"
 
@@ -97,39 +131,6 @@ __all__ = [
     "trajectories",
     "view",
 ]
-
-_ON_FIRST_USE = {
-    "control.gains": ("Gains", "check_gains"),
-    "control.laws": ("traceable",),
-    "identification": (
-        "Consistency",
-        "Excitation",
-        "Identification",
-        "ModelComparison",
-        "compare_models",
-        "consistency",
-        "excitation",
-        "identify",
-    ),
-    "plotting.viewer": ("view",),
-    "simulation.ensembles": ("Ensemble", "ensemble"),
-    "simulation.friction": ("Friction",),
-    "simulation.parts": ("Payload",),
-    "simulation.scene": ("Scene",),
-    "simulation.simulator": ("simulate",),
-    "simulation.trajectory": ("Trajectory",),
-}
-_MODULE_OF = {name: module for module, names in _ON_FIRST_USE.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    """Import what a first call does not need when it is first used (PEP 562)."""
-    if name in ("control", "identification", "plotting", "trajectories"):
-        return importlib.import_module(f".{name}", __name__)
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'rne' has no attribute {name!r}")
-    value = globals()[name] = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
-    return value
 
 
 def __dir__() -> list[str]:

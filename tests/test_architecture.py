@@ -35,6 +35,7 @@ FLOORS = [
 ]
 FLOOR = {entry: k for k, floor in enumerate(FLOORS) for entry in floor}
 SOURCES = sorted(PACKAGE.rglob("*.py"))
+ON_IMPORT = {"basics", "errors", "model", "dynamics", "robot"}  # the rest is imported when it is first used
 MAX_ENTRIES = 19  # of rne/: more are not taken in at a glance
 MAX_LINES = 60  # of a function, without its docstring
 
@@ -122,6 +123,7 @@ def test_import_loads_numpy_and_the_standard_library_only():
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
     roots = {name.split(".")[0] for name in loaded.split()}
     assert roots <= {"rne", "numpy", *sys.stdlib_module_names}
+    assert {name.split(".")[1] for name in loaded.split() if name.startswith("rne.")} <= ON_IMPORT
 
 
 def test_functions_are_small():

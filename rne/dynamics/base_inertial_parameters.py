@@ -31,7 +31,6 @@ from ..model.topology import joint_groups, sample_positions
 from .kinematics import BASE, joint_transforms
 from .regressors import regressor
 
-TOLERANCE = 1e-9  # angles and distances below it, of the robot's size, are roundings
 COARSEST = 0.01  # a larger tolerance takes different robots for the same
 ROUNDING = 1e-12  # coefficients this small, or this close to a whole number, are roundings of 0 and of that number
 PIVOT = 0.05  # of the largest entry, at least
@@ -223,7 +222,7 @@ def base_parameters(
     offset: bool = False,
     shafts: ArrayLike | None = None,
     smoothing: float = 0.0,
-    tolerance: float = TOLERANCE,
+    tolerance: float = 1e-9,
 ) -> BaseParameters:
     """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
 

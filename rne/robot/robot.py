@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -12,18 +12,19 @@ from numpy.typing import ArrayLike, DTypeLike
 from .. import dynamics
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
-from ..dynamics.base_inertial_parameters import TOLERANCE, BaseParameters
 from ..dynamics.precision import Diagnosis
 from ..dynamics.quantity import Declared
-from ..dynamics.recursion_record import Recursion
 from ..dynamics.rnea import External
-from ..kernels.cache import KernelCache
-from ..kernels.kernel import Kernel
 from ..model import modify
 from ..model.model import Model
 from ..model.modify import LimitValues
 from ..model.parameters import parameters_of, with_parameters
 from ..model.topology import pinocchio_order
+
+if TYPE_CHECKING:
+    from ..dynamics.base_inertial_parameters import BaseParameters
+    from ..dynamics.recursion_record import Recursion
+    from ..kernels.kernel import Kernel
 
 # compiled by Robot.compile without arguments, beside forward dynamics
 COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
@@ -66,6 +67,8 @@ class Robot(InNotebooks):
     def __init__(self, model: Model, engine: str = "numpy") -> None:
         if not isinstance(model, Model):
             raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
+        from ..kernels.cache import KernelCache  # loaded with the first robot
+
         self._model = model
         self._kernels = KernelCache(model, engine)
 
@@ -956,7 +959,7 @@ class Robot(InNotebooks):
         offset: bool = False,
         shafts: ArrayLike | None = None,
         smoothing: float = 0.0,
-        tolerance: float = TOLERANCE,
+        tolerance: float = 1e-9,
     ) -> BaseParameters:
         """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
 
