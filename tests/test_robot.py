@@ -1,6 +1,9 @@
 """What the Robot chooses, and that its choice shows only in the time."""
 
+import copy
 import dataclasses
+import gc
+import weakref
 
 import numpy as np
 import pytest
@@ -43,6 +46,28 @@ def test_mimics_are_solved_through_M():
 
 def test_repr_of_a_plain_robot_is_one_line(irb140):
     assert repr(irb140) == "Robot 'irb140': 6 joints, 8 links, 75 kg moving, gravity [0.0, 0.0, -9.81] m/s^2"
+
+
+def test_repr_counts_mimic_joints_and_says_what_the_file_gives_and_dynamics_leave_out():
+    mimics = rne.Robot(random_tree(3, seed=3, branching=0.4, mimics=2))
+    assert repr(mimics).splitlines()[1:] == ["  2 further joints mimic these"]
+    for name in ("damping", "friction"):  # of one joint alone
+        model = dataclasses.replace(rne.irb140(), **{name: np.arange(6) // 5 * 0.1})
+        note = "  damping and friction of its <dynamics> are on record, not applied"
+        assert repr(rne.Robot(model)).splitlines()[1:] == [note]
+
+
+def test_copies_share_their_kernels_and_simulated_robots_are_freed():
+    robot = rne.Robot(straight_chain(1))
+    twin = copy.copy(robot)
+    assert twin.model is robot.model
+    assert twin.kernel(rne.dynamics.mass_matrix) is robot.kernel(rne.dynamics.mass_matrix)
+    rne.simulate(robot, [0.1], [0], 0.01)
+    rne.simulate(robot, [0.1], [0], 0.01, torque=[1.0])
+    alive = weakref.ref(robot)
+    del robot
+    gc.collect()
+    assert alive() is None
 
 
 def test_kernels_are_kept(irb140):

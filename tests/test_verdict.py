@@ -141,6 +141,7 @@ def said_by(call):
         warnings.simplefilter("always")
         call()
     assert all(w.category is rne.PrecisionWarning for w in said)
+    assert all(w.lineno == call.__code__.co_firstlineno for w in said)  # the user's own line, where the call stands
     return [(str(w.message), w.filename) for w in said]
 
 

@@ -520,10 +520,8 @@ def _shafts_between_branches(model: Model, groups: list[Group], drives: Drives, 
 
 def span(rows: Array, tolerance: float) -> Array:
     """An orthonormal basis of the rows' span; rows of the size of roundings count as zero."""
-    if not rows.size:
-        return rows[:0]
     _, sizes, basis = np.linalg.svd(rows, full_matrices=False)
-    return np.asarray(basis[sizes > tolerance * max(sizes[0], 1.0)])
+    return np.asarray(basis[sizes > tolerance * sizes.max(initial=1.0)])
 
 
 def kinetic(x: Array, y: Array) -> Array:

@@ -114,10 +114,10 @@ class Quantity:
     name: str
     core: Callable[..., Any]
     widths: Mapping[str, int | None]
+    moments: bool
+    base_parameters: bool
     check: Check | None = None
     velocities: tuple[str, slice] | None = None
-    moments: bool = False
-    base_parameters: bool = False
     returns_array: bool = True
     wrenches: Mapping[str, str] = field(default_factory=dict)
 
