@@ -3,6 +3,7 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads cost more than matrices of six joints give
 
 import gc
+from collections.abc import Mapping
 
 import pytest
 
@@ -11,14 +12,33 @@ from rne.model.generators import random_tree
 
 from .helpers import Oracle, data_robot, data_robots
 
-TREES = {
-    "single": random_tree(1, seed=1),
-    "serial": random_tree(6, seed=2, prismatic=0, branching=0),
-    "sliders": random_tree(5, seed=3, prismatic=1),
-    "mixed": random_tree(4, seed=5, branching=0.4),
-    "bushy": random_tree(9, seed=5, branching=0.8),
-    "mimics": random_tree(3, seed=3, branching=0.4, mimics=2),
-}
+
+class Trees(Mapping):
+    """Random trees by name, each built when first asked for: importing the tests needs no robot."""
+
+    def __init__(self, **shapes):
+        self.shapes, self.built = shapes, {}
+
+    def __getitem__(self, name):
+        if name not in self.built:
+            self.built[name] = random_tree(**self.shapes[name])
+        return self.built[name]
+
+    def __iter__(self):
+        return iter(self.shapes)
+
+    def __len__(self):
+        return len(self.shapes)
+
+
+TREES = Trees(
+    single={"n": 1, "seed": 1},
+    serial={"n": 6, "seed": 2, "prismatic": 0, "branching": 0},
+    sliders={"n": 5, "seed": 3, "prismatic": 1},
+    mixed={"n": 4, "seed": 5, "branching": 0.4},
+    bushy={"n": 9, "seed": 5, "branching": 0.8},
+    mimics={"n": 3, "seed": 3, "branching": 0.4, "mimics": 2},
+)
 
 
 def pytest_addoption(parser):
@@ -28,6 +48,8 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     """Make another engine the default of every function that has this argument."""
     engine = config.getoption("--engine")
+    if engine == "numpy":
+        return
     for function in (rne.load, rne.compile, rne.kernels.derivative):
         function.__kwdefaults__["engine"] = engine
     rne.Robot.__init__.__defaults__ = (engine,)

@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 from .helpers import ROOT
 from .mutation.draw import draw
 
@@ -23,25 +25,37 @@ def test_area():
 """
 
 
-def test_the_same_seed_draws_the_same_mutants():
-    first, second = (draw(ROOT, 16, 7, ("basics", "robot")) for _ in range(2))
-    assert first == second != draw(ROOT, 16, 8, ("basics", "robot"))
-    assert [m.file.split("/")[1] for m in first] == ["basics"] * 8 + ["robot"] * 8
+MUTANTS = [("return width * height", "return width / height"), ("return not True", "return True")]
 
 
-def test_a_mutant_that_a_test_notices_is_killed_and_one_that_none_runs_survives(tmp_path):
+@pytest.fixture
+def tree(tmp_path):
     files = {"rne/__init__.py": "", "rne/basics/__init__.py": "", "rne/basics/rectangle.py": SOURCE}
     files |= {"tests/__init__.py": "", "tests/test_rectangle.py": TEST, "pyproject.toml": ""}
     for name, text in files.items():
         (tmp_path / "tree" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "tree" / name).write_text(text)
     subprocess.run(["git", "init", "-q"], cwd=tmp_path / "tree", check=True)
-    places = ["--root", tmp_path / "tree", "--cache", tmp_path / "cache", "--results", tmp_path / "results.json"]
-    command = [sys.executable, "-m", "tests.mutation", *places, "--number", "64"]
+    return tmp_path / "tree"
+
+
+def test_the_same_seed_draws_the_same_mutants():
+    first, second, other = (draw(ROOT, 6, seed, ("trajectories", "robot")) for seed in (7, 7, 8))
+    assert first == second != other
+    assert [m.file.split("/")[1] for m in first] == ["trajectories"] * 3 + ["robot"] * 3
+
+
+def test_annotations_and_texts_are_left_alone(tree):
+    assert {m.line for m in draw(tree, 16, 0, ("basics",))} == {1, 3, 7}  # 1: of the defaults
+
+
+def test_a_mutant_that_a_test_notices_is_killed_and_one_that_none_runs_survives(tree, tmp_path):
+    again = [{"file": "rne/basics/rectangle.py", "source": old, "old": old, "new": new} for old, new in MUTANTS]
+    (tmp_path / "again.json").write_text(json.dumps([row | {"kind": "survived"} for row in again]))
+    places = ["--root", tree, "--cache", tmp_path / "cache", "--results", tmp_path / "results.json"]
+    command = [sys.executable, "-m", "tests.mutation", "--mutants", tmp_path / "again.json", *places]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
     rows = {(r["old"], r["new"]): r for r in json.loads((tmp_path / "results.json").read_text())}
-    product = rows["return width * height", "return width / height"]
-    assert (product["kind"], product["test"]) == ("killed", "tests/test_rectangle.py::test_area")
-    assert rows["return not True", "return True"]["kind"] == "survived"
-    assert {r["line"] for r in rows.values()} == {1, 3, 7}
+    assert [rows[mutant]["kind"] for mutant in MUTANTS] == ["killed", "survived"]
+    assert rows[MUTANTS[0]]["test"] == "tests/test_rectangle.py::test_area"

@@ -216,15 +216,15 @@ def draw(root, number, seed, folders=FOLDERS):
         by_line = {}
         for path in sorted((root / "rne" / folder).rglob("*.py")):
             by_line |= candidates(root, str(path.relative_to(root)))
-        generator, seen, chosen = random.Random(f"{seed} {folder}"), set(), []
+        generator, seen, chosen = random.Random(f"{seed} {folder}"), [], []
         share = number * (k + 1) // len(folders) - number * k // len(folders)
         while by_line and len(chosen) < share:
             for line in generator.sample(sorted(by_line), len(by_line)):
                 mutant = by_line[line].pop(generator.randrange(len(by_line[line])))
                 if not by_line[line]:
                     del by_line[line]
-                if (meaning := mutant.meaning(root)) not in seen | {None} and len(chosen) < share:
-                    seen.add(meaning)
+                if len(chosen) < share and (meaning := mutant.meaning(root)) not in {*seen, None}:
+                    seen.append(meaning)
                     chosen.append(mutant)
         drawn += sorted(chosen, key=lambda m: (m.file, m.start, m.by))
     return drawn

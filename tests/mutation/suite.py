@@ -50,9 +50,13 @@ class Watch:
             self.coverage.switch_context("")
         return outcome
 
+    def pytest_sessionstart(self, session):
+        self.session = session
+
     def pytest_runtest_logreport(self, report):
         if report.failed:
             self.note("failed", report.nodeid)
+            self.session.shouldfail = self.coverage is None and "a test failed"
 
     def pytest_collectreport(self, report):
         if report.failed:
@@ -94,7 +98,7 @@ def start(tree, log, *, order=None, cpu, coverage=None):
     code = 70
     with contextlib.suppress(BaseException):
         files = sorted({test.split("::")[0] for test in order or ()})
-        options = ["-p", "no:cacheprovider", "--basetemp", f"{home}/tests", *(["-x"] if order else [])]
+        options = ["-p", "no:cacheprovider", "--continue-on-collection-errors", "--basetemp", f"{home}/tests"]
         code = pytest.main([*options, *files], plugins=[Watch(log, order, coverage)])
     if coverage:
         coverage.stop()
