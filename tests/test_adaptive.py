@@ -207,6 +207,16 @@ def test_adaptation_pauses_at_the_limits(arm):
         np.testing.assert_allclose(slowed, share * rates, rtol=1e-9, atol=1e-12)
 
 
+def test_adaptation_pauses_where_one_joint_is_beyond_its_limit(arm):
+    law = law_of(arm, effort_limit=[1e-3, 1e9, 1e9])
+    assert not law(*random_state(law))[1].any()
+
+
+def test_defaults_are_those_of_the_scene(arm):
+    law = law_of(arm)
+    assert (law.smoothing, law.gain, law.consistent) == (rne.Friction(coulomb=1.0).smoothing, 1.0, False)
+
+
 @pytest.mark.long
 def test_saturated_drives_let_the_estimates_escape_unless_adaptation_pauses(irb140):
     limit = [30, 150, 50, 5, 3, 1]

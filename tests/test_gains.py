@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import rne
-from rne.control.gains import SampledLoop, workspace
+from rne.control.gains import SampledLoop, largest_over, random_configurations, workspace
 from rne.model.builder import Part, assemble, pose
 from rne.model.generators import random_tree
 
@@ -35,6 +35,79 @@ def planar():
             )
         )
     return rne.Robot(assemble("planar", parts, gravity=[0, -9.81, 0]))
+
+
+def slider(mass=2.0, **limits):
+    """A mass on a level rail."""
+    parts = [Part(link="base"), Part(link="mass", joint="rail", kind="prismatic", parent=0, mass=mass, **limits)]
+    return rne.Robot(assemble("slider", parts, gravity=[0, 0, -9.81]))
+
+
+@pytest.mark.parametrize(
+    ("kp", "kd", "limit", "pole"),
+    [
+        (8.0, 4.0, 1.0, 1.0),  # damping 1 / 2: 2 Kd / Kp = 2 m / Kd
+        (2.0, 8.0, 0.5, 2 + np.sqrt(3)),  # heavily damped: 2 m / Kd
+        (800.0, 4.0, 0.01, 1.0),  # lightly damped: 2 Kd / Kp
+        (2e6, 4.0, 4e-6, 1.0),  # 4e-6 of what the fastest mode alone would allow
+    ],
+)
+def test_a_sampled_mass_is_stable_below_min_of_2_kd_by_kp_and_2_m_by_kd(kp, kd, limit, pole):
+    """Jury's criterion for z^2 - (2 - T^2 P / 2 - T D) z + 1 - T D + T^2 P / 2, with P = Kp / m and D = Kd / m."""
+    robot = slider()
+    gains = rne.check_gains(robot, kp, kd, 0.99 * limit)
+    assert gains.sample_time_limit == pytest.approx(limit, rel=1e-5)
+    assert gains.stable is True
+    assert rne.check_gains(robot, kp, kd, 1.01 * limit).stable is False
+    assert gains.largest_mode == pytest.approx(kd / 2)
+    assert gains.fastest_pole == pytest.approx(pole)
+    assert gains.gravity_stiffness == 0
+    assert gains.beats_gravity is True
+    assert gains.sample_time == 0.99 * limit
+
+
+def test_no_sample_time_is_stable_without_noticeable_damping():
+    assert rne.check_gains(slider(), 2e8, 0.04).sample_time_limit == 0.0
+
+
+def test_a_robot_without_joints_is_stable():
+    fixed = rne.Robot(assemble("post", [Part(link="base")]))
+    gains = rne.check_gains(fixed, 1.0, 1.0)
+    assert (gains.sample_time_limit, gains.stable, gains.beats_gravity) == (np.inf, None, True)
+    assert (gains.largest_mode, gains.fastest_pole, gains.gravity_stiffness) == (0.0, 0.0, 0.0)
+    assert gains.worst_q.shape == gains.sample_time_q.shape == (0,)
+    assert rne.check_gains(fixed, 1.0, 1.0, 0.1).stable is True
+
+
+def test_gains_are_printed_with_a_verdict_only_if_asked_for():
+    robot = slider()
+    lines = (
+        "fastest mode M^-1 Kd 4 1/s, fastest pole 3.73205 1/s\nlargest stable sample time 0.5 s.{}\n"
+        "gravity's stiffness 0 N m/rad: without compensation the gains exceed it"
+    )
+    assert str(rne.check_gains(robot, 2.0, 8.0)) == lines.format("")
+    assert str(rne.check_gains(robot, 2.0, 8.0, 0.25)) == lines.format(" 0.25 s is stable.")
+    assert str(rne.check_gains(robot, 2.0, 8.0, 0.75)) == lines.format(" 0.75 s is NOT stable.")
+
+
+def test_a_coordinate_without_limits_is_searched_from_minus_pi_to_pi():
+    np.testing.assert_array_equal(workspace(slider()), [[-np.pi], [np.pi]])
+    np.testing.assert_array_equal(workspace(slider(lower=-1.0, upper=2.0)), [[-1.0], [2.0]])
+
+
+def test_configurations_fill_the_workspace_and_begin_nearest_to_zero():
+    drawn = random_configurations(np.array([-1.0, 2.0]), np.array([3.0, 4.0]))
+    assert drawn.shape == (2049, 2)
+    assert drawn[0].tolist() == [0.0, 2.0]
+    assert (np.abs(drawn.min(axis=0) - [-1, 2]) < 0.01).all()
+    assert (np.abs(drawn.max(axis=0) - [3, 4]) < 0.01).all()
+
+
+def test_the_largest_value_is_found_between_samples_and_at_the_edge():
+    value, where = largest_over(lambda q: -((q - 0.1234) ** 2).sum(-1), np.array([-1.0]), np.array([1.0]))
+    assert (value, where[0]) == (pytest.approx(0, abs=1e-12), pytest.approx(0.1234, abs=1e-6))
+    value, where = largest_over(lambda q: q.sum(-1), np.array([-1.0, 0.0]), np.array([1.0, 5.0]))
+    assert (value, where.tolist()) == (6.0, [1.0, 5.0])
 
 
 SMALL = 1e-7  # deviation in which terms of second order are 1e-7 of the linear ones

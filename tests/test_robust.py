@@ -9,6 +9,7 @@ import rne
 from rne.control.uncertainty import checked_cases
 
 from .test_adaptive import BANDWIDTH, KD, arm, circle, composite_error, short_circle
+from .test_gains import slider
 
 __all__ = ["arm"]
 
@@ -170,6 +171,71 @@ def test_batches_are_single_states(laws, name):
     together = law(t[:, None], q, qd)
     single = [law(*state) for state in zip(t, q, qd, strict=True)]
     np.testing.assert_allclose(together, single, rtol=1e-11)
+
+
+ACCELERATION = 3.0  # [m/s^2]
+
+
+def uniform(t):
+    """A reference at rest in place that wants an acceleration all the time: the worst state is known."""
+    return [0.0], [0.0], [ACCELERATION]
+
+
+def bound_of_sliders(known, masses, **options):
+    return rne.control.uncertainty_bound(slider(known), [slider(m) for m in masses], 4.0, 0.5, uniform, 1.0, **options)
+
+
+@pytest.mark.parametrize(("known", "masses"), [(1.0, (1.0, 1.2, 3.0)), (3.0, (1.0, 2.8, 3.0)), (1.5, (1.0, 3.0))])
+def test_uncertainty_bound_of_a_mass_is_that_of_its_worst_state(known, masses):
+    """boundary |m - m_hat| |y| with y = qdd_ref - 2 L s + L^2 e, |s| <= boundary = 0.5, |e| <= boundary / L, L = 4."""
+    largest = 0.5 * max(abs(m - known) for m in masses) * (ACCELERATION + 3 * 4.0 * 0.5)
+    found = bound_of_sliders(known, masses, margin=1.0)
+    assert 0.95 * largest <= found <= largest * (1 + 1e-12)
+
+
+def test_defaults_of_the_uncertainty_bound():
+    assert bound_of_sliders(1.0, (1, 3)) == bound_of_sliders(1.0, (1, 3), samples=4000, margin=1.2, seed=0)
+    assert bound_of_sliders(1.0, (1, 3), seed=1) != bound_of_sliders(1.0, (1, 3))
+
+
+def test_bounds_of_inertias_of_a_mass_are_exact_but_for_the_margin():
+    largest, inverse = checked_cases([slider(1.0), slider(4.0)]).inertia_bounds(np.array([0.5]))
+    assert largest == pytest.approx(1.1 * 4.0 * 0.25)
+    assert inverse == pytest.approx(1.1 / 1.0)
+
+
+def test_error_bounds_of_a_mass_are_those_of_the_formulas():
+    cases = [slider(1.0), slider(4.0)]
+    robust = rne.control.robust(slider(2.0), 4.0, 0.5, uniform, 1.0)
+    passive = rne.control.robust_passive(cases, 9.0, 4.0, uniform, boundary=0.36)
+    sliding = rne.control.sliding_mode(cases, 4.0, 0.5, uniform)
+    assert robust.error_bound == pytest.approx(0.5 / 4.0)
+    assert passive.rms_bound == pytest.approx(0.1 / 4.0)
+    assert passive.error_bound == pytest.approx(np.sqrt(1.1 * 4 / 9 * 0.36 / 4 * 1.1) / 4.0)
+    assert sliding.error_bound == pytest.approx(np.sqrt(1.1 * 4 * 0.25 * 1.1) / 4.0)
+    assert sliding.reaching == 1.0
+
+
+def test_torques_of_a_mass_are_those_of_the_formulas():
+    """On the reference s = qd, e = 0: inside the boundary layer and outside of it."""
+    cases = [slider(1.0), slider(4.0)]
+    robust = rne.control.robust(slider(2.0), 4.0, 0.5, uniform, 0.7)
+    passive = rne.control.robust_passive(cases, 9.0, 4.0, uniform, boundary=0.36)
+    sliding = rne.control.sliding_mode(cases, 4.0, 0.5, uniform, reaching=0.2)
+    for qd in (0.02, 2.0):
+        z, qddr = qd / 0.5, ACCELERATION - 4.0 * qd
+        saturated = z / max(abs(z), 1.0)
+        state = (0.0, np.zeros(1), np.array([qd]))
+        assert robust(*state) == pytest.approx(2.0 * (qddr - 4.0 * qd) - 0.7 / 0.5 * saturated)
+        power = 1.5 * qddr * qd  # of half the difference of the cases
+        shift = 1.5 * qddr * power / max(abs(power), 0.36)
+        assert passive(*state) == pytest.approx(2.5 * qddr - 9.0 * qd - shift)
+        k = 0.5 * 1.5 * abs(qddr) + 0.2
+        assert sliding(*state) == pytest.approx(2.5 * qddr - k * saturated / 0.5)
+
+
+def test_middle_of_the_cases_keeps_the_engine(arm):
+    assert checked_cases([rne.Robot(arm.model, "numba"), arm]).centre.engine == "numba"
 
 
 def test_condition_of_the_book_fails_for_a_payload_that_outweighs_the_wrist(irb140):

@@ -319,7 +319,7 @@ def _adapted_bodies(robot: Robot, bodies: Sequence[str] | None, *, required: boo
     """Joints whose bodies are adapted, in the order of `model.moving_joints`; `required`: nothing else is adapted."""
     eigenvalues = np.linalg.eigvalsh(pseudo_inertia(robot.parameters))
     joints, can_adapt = robot.model.moving_joints, eigenvalues[:, 0] > SMALLEST * eigenvalues[:, -1]
-    possible = [name for name, can in zip(joints, can_adapt, strict=True) if can]
+    possible = [joints[i] for i in np.flatnonzero(can_adapt)]
     if bodies is None:
         if required and not possible:
             raise ValueError(

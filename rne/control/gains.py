@@ -15,11 +15,8 @@ from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 from .laws import checked_vectors
 
-SAMPLES, REFINED = 4096, 4  # configurations drawn for symmetric eigenvalues, and the best of them that are refined
-SAMPLED_LOOPS = 2048  # configurations drawn for the eigenvalues of the sampled loop, which cost more
-DIFFERENCE = 1e-6  # step of the derivatives in the refinement: eigenvalues have noise of 1e-15
-SHORTEST = 1e-8  # sample time that is tried, of the longest
-PRECISION = 1e-12  # of the sample time limit, relative
+SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of them that are refined
+TRIED, SHORTEST = 1024, 1e-6  # sample times of the scan, and the shortest of them, of the longest
 ROUNDS = 20  # of lowering the sample time and searching again
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
@@ -151,14 +148,13 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
 
 def workspace(robot: Robot) -> tuple[Array, Array]:
     """Bounds of every coordinate: its limits, or -pi to pi where it has none."""
-    drivers = list(robot.model.independent_joints)
-    lower, upper = robot.model.lower[drivers].astype(float), robot.model.upper[drivers].astype(float)
+    lower, upper = robot.lower, robot.upper
     return np.where(np.isfinite(lower), lower, -FREE), np.where(np.isfinite(upper), upper, FREE)
 
 
-def random_configurations(lower: Array, upper: Array, count: int) -> Array:
-    """Configurations between two corners of the workspace, the one nearest to zero first, shape (count + 1, n)."""
-    drawn = np.random.default_rng(0).uniform(np.minimum(lower, upper), np.maximum(lower, upper), (count, len(lower)))
+def random_configurations(lower: Array, upper: Array) -> Array:
+    """Configurations between two corners of the workspace, the one nearest to zero first, shape (SAMPLES + 1, n)."""
+    drawn = np.random.default_rng(0).uniform(np.minimum(lower, upper), np.maximum(lower, upper), (SAMPLES, len(lower)))
     return np.concatenate([np.clip(np.zeros((1, len(lower))), lower, upper), drawn])
 
 
@@ -168,20 +164,14 @@ def largest_over(
     """The largest value found between two corners of the workspace, and where; refined from the best drawn ones."""
     from scipy.optimize import minimize
 
-    drawn = random_configurations(lower, upper, SAMPLES) if drawn is None else drawn
-    values = value(drawn)
-    best, where = float(values.max()), drawn[int(values.argmax())]
-    for start in drawn[np.argsort(values)[-REFINED:]]:
-        refined = minimize(
-            lambda q: -float(value(q)),
-            start,
-            method="L-BFGS-B",
-            bounds=list(zip(lower, upper, strict=True)),
-            options={"eps": DIFFERENCE},
-        )
-        if -refined.fun > best:
-            best, where = float(-refined.fun), np.asarray(refined.x)
-    return best, where
+    drawn = random_configurations(lower, upper) if drawn is None else drawn
+    bounds = list(zip(lower, upper, strict=True))
+    found = [
+        minimize(lambda q: -float(value(q)), start, method="L-BFGS-B", jac="3-point", bounds=bounds)
+        for start in drawn[np.argsort(value(drawn))[-REFINED:]]
+    ]
+    best = min(found, key=lambda result: result.fun)
+    return -float(best.fun), np.asarray(best.x)
 
 
 class SampledLoop:
@@ -226,7 +216,7 @@ class SampledLoop:
         `start` is a configuration that is examined along with the random ones.
         """
         low, high = workspace(self.robot)
-        drawn = np.concatenate([start[None], random_configurations(low, high, SAMPLED_LOOPS)])
+        drawn = np.concatenate([start[None], random_configurations(low, high)])
         T, where = self.first_unstable(start, upper * (1 + 1e-9)), start
         for _ in range(ROUNDS):
             tried = T * (1 - 1e-6)
@@ -241,15 +231,16 @@ class SampledLoop:
     def first_unstable(self, q: Array, upper: float) -> float:
         """The smallest sample time up to `upper` at which configuration q is unstable; `upper` if there is none.
 
-        Boundaries between neighbouring samples of this scan are not seen.
+        Windows between neighbouring times of the scan are not seen; 0 if its shortest time is unstable already.
         """
         from scipy.optimize import brentq
 
-        tried = upper * np.concatenate([np.geomspace(SHORTEST, 0.5, 180, endpoint=False), np.linspace(0.5, 1.0, 61)])
+        tried = upper * np.geomspace(SHORTEST, 1.0, TRIED)
         unstable = self.radius(q[None], tried[:, None, None]) >= 1
         k = int(unstable.argmax())
         if not unstable[k]:
             return upper
         if k == 0:
             return 0.0
-        return float(brentq(lambda T: self.radius(q[None], T)[0] - 1, *tried[k - 1 : k + 1], xtol=PRECISION * tried[k]))
+        T = tried[k]
+        return float(T * brentq(lambda part: self.radius(q[None], part * T)[0] - 1, tried[k - 1] / T, 1.0))

@@ -16,14 +16,12 @@ from .gains import random_configurations, workspace
 from .laws import checked_vectors
 from .reference import Reference, check_reference, reference_values
 
-SAMPLES = 2000  # configurations drawn for bounds on inertias
 MARGIN = 1.1  # on bounds found by sampling
 SHARED = (  # fields of a Model in which all cases agree
     *("moving_joints", "joint_types", "parent", "axis", "rotation", "translation", "joint_origin"),
     *("gravity", "armature", "coordinate", "multiplier", "offset"),
 )
 MIXTURES = 16  # robots drawn for the bound of an uncertainty
-RANK = 1e-10  # singular values below this, of the largest, are rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +60,7 @@ class Cases:
         size = np.abs(self.deviations).max(axis=1)
         size = np.where(size == 0, 1.0, size)[:, None]
         U, singular, V = np.linalg.svd(self.deviations / size, full_matrices=False)
-        k = int((singular > RANK * singular[0]).sum()) if singular[0] > 0 else 0
+        k = np.linalg.matrix_rank(self.deviations / size)
         radius = np.sqrt((V[:k] ** 2).sum(axis=0).max(initial=0.0))
         return np.asarray(size * U[:, :k] * singular[:k] * radius)
 
@@ -71,7 +69,7 @@ class Cases:
 
         Both are convex in the parameters, so that the cases suffice; a margin covers what lies between the samples.
         """
-        q = random_configurations(*workspace(self.centre), SAMPLES)
+        q = random_configurations(*workspace(self.centre))
         M = np.concatenate([robot.mass_matrix(q) for robot in self.robots])
         largest = np.linalg.eigvalsh(M * np.outer(scale, scale))[:, -1].max()
         inverse = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1).max(axis=0)
@@ -161,9 +159,7 @@ def uncertainty_bound(
     count = whole_number("samples", samples, least=MIXTURES)
     rng = np.random.default_rng(seed)
     times = rng.uniform(0, positive_number("duration", duration, zero_allowed=True), count)
-    q_ref, qd_ref, qdd_ref = (
-        np.array(x) for x in zip(*(reference_values(robot, reference(float(t))) for t in times), strict=True)
-    )
+    q_ref, qd_ref, qdd_ref = np.array([reference_values(robot, reference(float(t))) for t in times]).swapaxes(0, 1)
     s = D * _in_unit_ball(rng, count, n)
     e = D / decay * rng.uniform(-1, 1, (count, n))
     q, qd = q_ref + e, qd_ref + s - decay * e
