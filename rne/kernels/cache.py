@@ -31,12 +31,6 @@ class KernelCache:
     For one state, the first call of a quantity runs the recursion, the second traces it, and from the third on the
     kernel alone runs: for six joints 0.7 ms, 8 ms and 10 us. So a quantity that is evaluated once is never traced. A
     batch of states is traced at its first call. Recursion and kernel may differ in the last bits.
-
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    engine : {"numpy", "numba"}
     """
 
     def __init__(self, model: Model, engine: str = "numpy") -> None:
@@ -70,20 +64,9 @@ class KernelCache:
     ) -> Array:
         """A quantity, or its derivatives by some arguments, for one state or a batch.
 
-        Parameters
-        ----------
-        function : Declared
-            Any but forward dynamics, whose result comes with a status.
-        *arrays : array_like, shape (..., n)
-            Its joint arrays.
-        wrt : sequence of str
-            Names of arguments to differentiate by.
-        external : mapping of str to array_like, shape (..., 6), optional
-            Wrenches by link.
-        parameters : array_like, shape (..., 10 nb), optional
-            Inertial parameters in place of the model's.
-        **fixed
-            Other arguments, such as `link`.
+        Any quantity but forward dynamics, whose result comes with a status. `wrt` names the arguments to differentiate
+        by, `external` has wrenches by link, `parameters` take the place of the model's; `fixed` are other arguments,
+        such as `link`.
         """
         if external is not None or parameters is not None:
             inputs, arrays = self._with_inputs(function, arrays, external, parameters)

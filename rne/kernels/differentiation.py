@@ -16,22 +16,9 @@ STEP = 1e-30  # its square vanishes beside 1, so nothing cancels and nothing is 
 
 
 def differentiate(graph: Graph, outputs: list[int], inputs: list[int]) -> list[int]:
-    """References of d output / d input, output by output, each by all inputs.
+    """References of d output / d input, output by output, each by all inputs, which are given by their numbers.
 
     Forward mode: from each input through the operations that depend on it. Zeros and repeated terms are folded away.
-
-    Parameters
-    ----------
-    graph : Graph
-    outputs : list of int
-        References.
-    inputs : list of int
-        Numbers of the inputs to differentiate by.
-
-    Returns
-    -------
-    list of int
-        len(outputs) * len(inputs) references.
     """
     operations = sorted(graph.needed(outputs))
     columns = [_column(graph, operations, outputs, k) for k in inputs]

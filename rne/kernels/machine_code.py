@@ -42,15 +42,10 @@ ROUNDER = 1.5 * 2.0**52  # a whole number added to it stands in its last bits
 
 
 class Emitter:
-    """Appends instructions to a function that is being built.
+    """Appends instructions in float64 or float32 to a function that is being built.
 
-    Parameters
-    ----------
-    builder : llvmlite.ir.IRBuilder
-    dtype : {"float64", "float32"}
-    lanes : int
-        States per operand: 1 for plain numbers, with the C library's sine and cosine; more for vectors, with
-        polynomials, for angles up to LARGEST.
+    An operand has one number for each lane. A single lane takes the C library's sine and cosine; several are vectors,
+    with polynomials for angles up to LARGEST.
     """
 
     def __init__(self, builder: Any, dtype: str, lanes: int) -> None:

@@ -35,16 +35,9 @@ TYPES: dict[str, Any] = {"float64": types.float64, "float32": types.float32}
 
 
 class Section:
-    """What one group of states runs: load, compute, store, check.
+    """The instructions that a group of states runs, as many as it has lanes: load, compute, store, check.
 
     Results are stored before it is known whether they are sound; those that are not are computed anew.
-
-    Parameters
-    ----------
-    trace : Trace
-    dtype : {"float64", "float32"}
-    lanes : int
-        States in a group.
     """
 
     def __init__(self, trace: Trace, dtype: str, lanes: int) -> None:

@@ -47,13 +47,7 @@ def expressions(
 ) -> tuple[list[str], list[str]]:
     """Assignments in order, and an expression for each output; a result that is read once is written inline.
 
-    Parameters
-    ----------
-    program : Program
-    entry : callable
-        Text of input k.
-    functions : mapping of str to str
-        Text of the operations other than + - * /.
+    `entry` gives the text of an input, `functions` that of operations other than + - * /.
     """
     uses = Counter(arg for instruction in program.instructions for arg in instruction.args)
     uses.update(program.outputs)

@@ -78,22 +78,7 @@ class Printable(NamedTuple):
 
 
 def to_source(printable: Printable, language: str) -> str:
-    """Source text of a function.
-
-    Parameters
-    ----------
-    printable : Printable
-    language : {"python", "numpy", "matlab", "c"}
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ValueError
-        For any other language.
-    """
+    """Source text of a function; a ValueError names the languages that there are."""
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
     entry, functions, text = LANGUAGES[language]
@@ -206,20 +191,10 @@ def quantity_of_element(element: str) -> str:
 
 
 def entry_of_element(element: str, quantity: str, shape: Sequence[int]) -> tuple[int, ...]:
-    """The place of an entry in a result of some shape, from 0.
+    """The place of an entry in a result of some shape, from 0; a ValueError if there is none.
 
-    Parameters
-    ----------
-    element : str
-        Letters of the quantity and the joints' numbers from 1, such as "m23", "c3" or, beyond nine joints, "m2_13".
-    quantity : str
-    shape : sequence of int
-        Of the quantity's result: (n,) or (n, n).
-
-    Raises
-    ------
-    ValueError
-        If the quantity's entries have no names, or there is no such entry.
+    An entry is named by the letters of the quantity and the joints' numbers from 1: "m23", "c3" or, beyond nine joints,
+    "m2_13".
 
     Examples
     --------
@@ -249,17 +224,8 @@ def heading(
 ) -> list[str]:
     """Lines of the comment, without the language's comment signs.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    quantity : str
-        What is printed, with "by" and the arguments of a derivative.
-    arguments : sequence of str
-    entry : tuple of int, or None
-        The place of the only entry that is printed.
-    wrenches : mapping of str to str
-        The arguments that are wrenches, each with its link.
+    `quantity` has "by" and the arguments of a derivative; of a single `entry` its place is told; `wrenches` are the
+    arguments that are wrenches, each with its link.
     """
     sliding = [not model.is_revolute[i] for i in model.independent_joints]
     what = f"{quantity} of robot {harmless(model.name)}"

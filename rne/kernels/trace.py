@@ -119,10 +119,9 @@ class OfArrays:
         declared = self.function.quantity
         wrenches = {f"external_{k}": link for k, link in enumerate(self.links, 1)}
         widths = {**declared.widths, **dict.fromkeys(wrenches, 6)}
-        if self.bodies is None:
-            return replace(declared, core=self.core, widths=widths, wrenches=wrenches)
-        widths["parameters"] = PARAMETERS * self.bodies
-        return replace(declared, core=self.core, widths=widths, wrenches=wrenches, base_parameters=False)
+        if self.bodies is not None:
+            widths["parameters"] = PARAMETERS * self.bodies
+        return replace(declared, core=self.core, widths=widths, wrenches=wrenches)
 
     def core(self, model: Model, *arrays: Any, **named: Any) -> Any:
         """The function's core, with wrenches by link, on the model at the parameters."""
@@ -144,30 +143,11 @@ def by_link(quantity: Quantity, arrays: Sequence[Any], named: Mapping[str, Any])
 
 
 def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any]) -> tuple[Declared, dict[str, Any]]:
-    """Turn the fixed arguments `external` and `parameters` into arrays of the function.
+    """Turn fixed arguments into arrays of the function: its joint arrays, then wrenches, then inertial parameters.
 
-    Parameters
-    ----------
-    function : Declared
-    model : Model
-        The robot's parameters.
-    fixed : mapping of str to object
-        May have `external`, a sequence of link names, and `parameters`, True or False.
-
-    Returns
-    -------
-    function : Declared
-        Takes the joint arrays, then the wrenches, then the inertial parameters.
-    fixed : dict of str to object
-        Without these two.
-
-    Raises
-    ------
-    TypeError
-        If the function takes no external wrenches or does not depend on inertial parameters, or an argument is of
-        another type.
-    ValueError
-        If a link is unknown or named twice.
+    `fixed` may have `external`, a sequence of link names, and `parameters`, True or False; it is returned without them.
+    A TypeError tells that the function takes no such input, or an argument is of another type, a ValueError that a
+    link is unknown or named twice.
     """
     rest = dict(fixed)
     external, parameters = rest.pop("external", None), rest.pop("parameters", False)
