@@ -566,7 +566,7 @@ class TestCommand:
             (["--motion", "none.npz"], "none.npz: No such file or directory"),
             (
                 ["--motion", "rates.csv"],
-                "rates.csv, row 1: there are no positions; needed are 'q.joint_1', 'q.joint_2', 'q.joint_3', "
+                "rates.csv: there are no positions; needed are 'q.joint_1', 'q.joint_2', 'q.joint_3', "
                 "'q.joint_4', 'q.joint_5', 'q.joint_6'",
             ),
             (["--motion", "tree.npz"], "tree.npz: robot 'irb140' has 6 joints, the motion 2"),
@@ -646,6 +646,7 @@ def saturated(picture):
     return (np.ptp(picture, axis=-1) > 35).mean()
 
 
+@pytest.mark.long
 def test_a_browser_shows_the_motion_without_network(browser, both, tmp_path):
     both.save(tmp_path / "swing.html")
     tab = Tab(browser, tmp_path / "swing.html")

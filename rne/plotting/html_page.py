@@ -6,7 +6,6 @@ axes plain numbers, so that they can be read on a phone.
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -18,7 +17,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..validation.agreement import Row
-from .plots import blank_figure
+from .plots import blank_figure, has_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,11 +71,6 @@ LINE = 46  # characters of a title that fit
 FLOOR = 1e-16  # smallest value on a log axis
 LEGEND_ROW, TITLE_ROW = 0.22, 0.25  # heights [inch]
 BELOW: dict[str, Any] = {"loc": "outside lower center", "ncols": 3}  # the place of a legend for all panels
-
-
-def has_matplotlib() -> bool:
-    """True if matplotlib is installed."""
-    return importlib.util.find_spec("matplotlib") is not None
 
 
 class Block(NamedTuple):

@@ -8,7 +8,6 @@ come from files.
 from __future__ import annotations
 
 import base64
-import importlib.util
 import io
 import math
 from collections.abc import Iterable, Sequence
@@ -29,7 +28,7 @@ from ..robot import Robot
 from ..simulation.summary import trajectory_lines
 from ..simulation.trajectory import Trajectory
 from .motions import Motion, joint_labels, motion_argument
-from .plots import COLORS, HIDDEN, Panel, blank_figure, draw_panel, literal, panels_of
+from .plots import COLORS, HIDDEN, Panel, blank_figure, draw_panel, has_matplotlib, literal, panels_of
 from .robot_picture import draw
 
 if TYPE_CHECKING:
@@ -126,11 +125,6 @@ def _(base: BaseParameters) -> str:
     """The combinations of parameters that torques depend on, and their values."""
     rows = [(text, six_digits(value)) for text, value in zip(base.formulas, base.values, strict=True)]
     return _page(_table(("base parameter", "value [SI]"), rows, numbers=1, title=repr(base)))
-
-
-def has_matplotlib() -> bool:
-    """True if matplotlib is installed."""
-    return importlib.util.find_spec("matplotlib") is not None
 
 
 def _robot_figure(robot: Robot) -> Figure:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 from collections.abc import Sequence
 from functools import partial
@@ -281,6 +282,11 @@ def _title(motion: Motion, other: Motion | None) -> str:
 def _origin(motion: Motion) -> str:
     run = motion.trajectory
     return "as given" if run is None else f"by {run.method}{ENDINGS.get(run.status, '')}"
+
+
+def has_matplotlib() -> bool:
+    """True if matplotlib is installed."""
+    return importlib.util.find_spec("matplotlib") is not None
 
 
 def blank_figure(width: float, height: float) -> Figure:
