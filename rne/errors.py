@@ -116,7 +116,7 @@ class SingularMassMatrixError(RneError, LinAlgError):
         return f"{self.what}{f' at state {self.state}' if self.state else ''}{self.cause}"
 
     def at(self, state: tuple[int, ...]) -> SingularMassMatrixError:
-        """The same error for another state of a batch.
+        """This error for another state of a batch.
 
         Parameters
         ----------

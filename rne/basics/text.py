@@ -1,4 +1,4 @@
-"""What consoles and notebooks show: short texts, tables of numbers, never pages of arrays."""
+"""Texts for consoles and notebooks: short texts, tables of numbers, never pages of arrays."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+MAX_NAME = 40  # characters of a joint's name
+DIGITS = 6
 WIDTH = 100  # of a line
 LONGEST = 120  # characters of one value
 FEW = 7  # numbers that are written out
@@ -68,7 +70,7 @@ def _brief(value: Any) -> str:
     model: Any = getattr(value, "model", None)
     if hasattr(model, "moving_joints"):
         return f"{type(value).__name__} '{short(model.name)}'"
-    if hasattr(value, "__qualname__"):  # functions, of which the rest is an address
+    if hasattr(value, "__qualname__"):  # functions: the rest of their repr is an address
         return str(value.__qualname__)
     return " ".join(repr(value).split())
 
@@ -112,8 +114,6 @@ def _numbers(value: Any) -> Any:
     return array if array.dtype.kind in "iuf" else None
 
 
-MAX_NAME = 40  # characters of a joint's name
-DIGITS = 6
 SMALLEST, LARGEST = -5, 5  # decimal exponents written without one
 
 

@@ -1,4 +1,4 @@
-"""What a robot is: the Model, its validation, its construction and modification, built-in robots."""
+"""The Model of a robot, its validation, its construction and modification, built-in robots."""
 
 from .abb_irb140 import irb140
 from .chains import chain, dh_chain

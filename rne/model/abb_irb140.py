@@ -1,7 +1,8 @@
 """The ABB IRB 140 with the parameters of Høifødt 2011; the only place that holds its numbers.
 
 H. Høifødt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler Formulation, MSc thesis,
-NTNU, June 2011."""
+NTNU, June 2011.
+"""
 
 from __future__ import annotations
 
@@ -219,7 +220,7 @@ def irb140() -> Model:
 
 
 def irb140_mirrored() -> Model:
-    """The same arm with positive q3 in the opposite direction, as in the thesis's Euler-Lagrange model.
+    """The arm with positive q3 in the opposite direction, as in the thesis's Euler-Lagrange model.
 
     Returns
     -------

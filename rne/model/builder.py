@@ -165,7 +165,7 @@ def _origin(part: Part, frame: Pose) -> Array:
 
 
 def at_links(parts: Sequence[Part]) -> list[Part]:
-    """The same parts with every quantity seen from the links' own frames."""
+    """Parts with every quantity seen from the links' own frames."""
     near = [np.asarray(part.link_origin, dtype=Extended) for part in parts]
     if not np.any(near):
         return list(parts)

@@ -1,4 +1,4 @@
-"""What a Model must satisfy; each failure names the joint, body or link at fault."""
+"""Conditions that a Model must satisfy; each failure names the joint, body or link at fault."""
 
 from __future__ import annotations
 

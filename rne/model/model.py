@@ -47,7 +47,7 @@ class Model:
     mass, com, inertia : ndarray, shapes (nb,), (nb, 3), (nb, 3, 3)
         Of body i; the inertia is about the centre of mass, in the axes of frame i [kg, m, kg m^2].
     base_mass, base_com, base_inertia
-        The same for the bodies fixed to the base; not used by dynamics.
+        Mass, centre of mass and inertia of the bodies fixed to the base; not used by dynamics.
     lower, upper, velocity_limit, effort_limit, acceleration_limit, jerk_limit : ndarray, shape (nb,)
         Infinite where unknown. Dynamics ignore them; a Scene can apply ranges and efforts
         [rad or m; rad/s or m/s; N m or N; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
@@ -247,12 +247,12 @@ class Model:
 
     @cached_property
     def angular_axis(self) -> Array:
-        """Angular part s of each joint's motion per unit rate: its axis, or 0 for a sliding joint, shape (nb, 3)."""
+        """Angular part s of each joint's motion per unit velocity: its axis, 0 for a sliding joint, shape (nb, 3)."""
         return self.axis * self.is_revolute.astype(np.int8)[:, None]
 
     @cached_property
     def linear_axis(self) -> Array:
-        """Linear part t of each joint's motion per unit rate: its axis, or 0 for a rotating joint, shape (nb, 3)."""
+        """Linear part t of each joint's motion per unit velocity: its axis, 0 for a rotating joint, shape (nb, 3)."""
         return self.axis * (~self.is_revolute).astype(np.int8)[:, None]
 
     def link_index(self, link: str) -> int:
@@ -284,7 +284,7 @@ class Model:
         return self.link_names.index(link)
 
     def astype(self, dtype: DTypeLike, number: Callable[[float], Any] | None = None) -> Model:
-        """The same robot with every array in another dtype, for arithmetic in that dtype.
+        """The robot with every array in another dtype, for arithmetic in that dtype.
 
         Rotations and axes keep the values they have in float64: in a finer dtype they are orthogonal and of unit length
         to about 1e-16 only, so that identities between different formulas hold to that accuracy.

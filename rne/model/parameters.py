@@ -1,4 +1,9 @@
-"""The inertial parameters of a model."""
+"""The inertial parameters of a model: as a vector, ten per body, and as pseudo-inertias; a model with others.
+
+The pseudo-inertia of a body is the symmetric 4 x 4 matrix of its second moments of mass, P = [[Sigma, h], [h^T, m]]
+with Sigma = tr(I) / 2 1 - I, the integral of r r^T dm, and h = m c. A body that some distribution of mass has is one
+with P positive semidefinite; Wensing, Kim and Slotine 2018.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +18,12 @@ from ..basics.spatial import IDENTITY, Array, dot, outer, point_mass_inertia, ze
 from .model import Model, model_argument, unchecked_model
 from .solids import Moments
 
+PARAMETERS = 10  # of a body
+PRODUCTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # entries of the inertia, in their order
+ROWS, COLUMNS = (np.array(indices) for indices in zip(*PRODUCTS, strict=True))
+ENTRIES = np.zeros((3, 3), np.intp)  # of a symmetric matrix: the place of each among the PRODUCTS
+ENTRIES[ROWS, COLUMNS] = ENTRIES[COLUMNS, ROWS] = range(len(PRODUCTS))
+
 
 def of_states(model: Model, states: Any) -> Model:
     """The robot of some states of a batch: with their moments, where every state has its own."""
@@ -25,13 +36,6 @@ def of_states(model: Model, states: Any) -> Model:
 def with_moments(model: Model, moments: Moments) -> Model:
     """The robot for dynamics alone, with other moments of mass: (..., nb), (..., nb, 3) and (..., nb, 3, 3)."""
     return unchecked_model({f.name: getattr(model, f.name) for f in fields(model)} | {"given_moments": moments})
-
-
-PARAMETERS = 10  # of a body
-PRODUCTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # entries of the inertia, in their order
-ROWS, COLUMNS = (np.array(indices) for indices in zip(*PRODUCTS, strict=True))
-ENTRIES = np.zeros((3, 3), np.intp)  # of a symmetric matrix: the place of each among the PRODUCTS
-ENTRIES[ROWS, COLUMNS] = ENTRIES[COLUMNS, ROWS] = range(len(PRODUCTS))
 
 
 def parameters_of(model: Model) -> Array:

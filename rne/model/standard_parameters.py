@@ -21,7 +21,7 @@ FRICTION = (None, "viscous", "coulomb", "viscous+coulomb")
 
 @dataclass(frozen=True, eq=False)
 class StandardParameters:
-    """Which parameters the torques of the drives are a linear function of, and in which order.
+    """The parameters that the torques of the drives are a linear function of, and their order.
 
     tau = Y pi + Ia qdd + Fv qd + Fc sign(qd) + tau0, and for each further shaft, which turns at a^T qd, the same terms
     in a^T qd, times a.
@@ -132,7 +132,7 @@ class StandardParameters:
         Parameters
         ----------
         qd, qdd : ndarray, shape (..., n)
-            Joint rates and accelerations [rad/s or m/s; rad/s^2 or m/s^2].
+            Joint velocities and accelerations [rad/s or m/s; rad/s^2 or m/s^2].
 
         Returns
         -------
@@ -144,16 +144,16 @@ class StandardParameters:
         return np.concatenate([np.zeros((*qd.shape, 0)), *blocks], axis=-1)
 
     def _columns(self, symbol: str, shafts: Array, qd: Array, qdd: Array) -> Array:
-        """Columns of one symbol: a times the function of the shaft's rate or acceleration, for each row a."""
+        """Columns of one symbol: a times the function of the shaft's velocity or acceleration, for each row a."""
         if symbol == "Ia":
             factor = qdd @ shafts.T
         elif symbol == "tau0":
             factor = np.ones((*qd.shape[:-1], len(shafts)))
         else:
-            rate = qd @ shafts.T
-            factor = rate if symbol == "Fv" else self.sign(rate)
+            velocity = qd @ shafts.T
+            factor = velocity if symbol == "Fv" else self.sign(velocity)
         return np.asarray(shafts.T * factor[..., None, :])
 
-    def sign(self, rate: Array) -> Any:
+    def sign(self, velocity: Array) -> Any:
         """The direction of Coulomb friction; 0 at rest."""
-        return np.tanh(rate / self.smoothing) if self.smoothing else np.sign(rate)
+        return np.tanh(velocity / self.smoothing) if self.smoothing else np.sign(velocity)

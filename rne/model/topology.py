@@ -1,4 +1,4 @@
-"""What follows from the tree of joints: where a chain ends, joints that move together, other libraries' joint order."""
+"""Properties of the tree of joints: where a chain ends, joints that move together, other libraries' joint order."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ import numpy as np
 
 from ..basics.spatial import Array
 from .model import Model
+
+GRID = 1000  # samples of a group at most on a grid
+SEEDED = 400  # samples of a group otherwise
+LONGEST = 400  # samples of one coordinate
 
 
 def end_link(model: Model, *, axes_count: bool = False) -> str:
@@ -111,11 +115,6 @@ def pinocchio_order(model: Model) -> Array:
         joints.append(model.link_joints[k])
         stack += sorted(children.get(k, []), key=lambda child: model.link_joints[child], reverse=True)
     return np.array([model.joint_names.index(joint) for joint in joints if joint in model.joint_names], dtype=int)
-
-
-GRID = 1000  # samples of a group at most on a grid
-SEEDED = 400  # samples of a group otherwise
-LONGEST = 400  # samples of one coordinate
 
 
 def joint_groups(model: Model) -> list[tuple[int, ...]]:

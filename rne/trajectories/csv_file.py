@@ -50,7 +50,7 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
     ----------
     path : path-like
         A text file in UTF-8. Its first row, the heading, names the columns: `t` [s] and, for each joint, `q.<joint>`,
-        `qd.<joint>`, `qdd.<joint>` or `tau.<joint>` [rad or m and their rates; N m or N], in any order. Other columns
+        `qd.<joint>`, `qdd.<joint>` or `tau.<joint>` [rad or m, per s and s^2; N m or N], in any order. Other columns
         are ignored. The heading may begin with "#", below other such rows, as `numpy.savetxt` writes it.
     joint_names : sequence of str
         The joints in the order of the arrays, such as `robot.joint_names`.

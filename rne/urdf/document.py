@@ -16,14 +16,12 @@ from .findings import Report, cut, echo, listed, near_path
 
 MAX_BYTES = 16 * 2**20
 MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
-STRICT = {
-    "recover": False,
-    "resolve_entities": False,
-    "load_dtd": False,
-    "dtd_validation": False,
-    "no_network": True,
-    "huge_tree": False,
-}
+NAMESPACE = "xacro}"  # how that of its elements ends, in all its versions
+LARGEST = sys.float_info.max  # written for a limit that does not exist
+# One decimal number in ASCII.
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
+REFUSED = ("recover", "resolve_entities", "load_dtd", "dtd_validation", "huge_tree")
+STRICT = {"no_network": True} | dict.fromkeys(REFUSED, False)
 
 
 class _DocumentType(Exception):
@@ -104,9 +102,6 @@ def _report_syntax_error(error: Any, report: Report) -> None:
         report.error(error.lineno, "file", message, "fix the file, it may be truncated")
 
 
-NAMESPACE = "xacro}"  # how that of its elements ends, in all its versions
-
-
 def check_expanded(root: Any, report: Report) -> bool:
     """True if nothing of xacro is left in what is read; otherwise an error that says how to expand the file."""
     for element, _ in elements(root):
@@ -129,11 +124,6 @@ def _command(file: str) -> str:
     elif not bare.endswith(".urdf"):
         bare += ".urdf"
     return f"xacro {shlex.quote(os.fspath(path))} > {shlex.quote(os.fspath(path.with_name(bare)))}"
-
-
-LARGEST = sys.float_info.max  # written for a limit that does not exist
-# One decimal number in ASCII.
-NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 
 
 class Rule(NamedTuple):
@@ -167,20 +157,8 @@ RULES = {
     "cylinder": _rule("radius length"),
 }
 # Known, but used neither for dynamics nor for drawing: their content is not checked.
-UNREAD = frozenset(
-    [
-        "material",
-        "transmission",
-        "gazebo",
-        "collision",
-        "calibration",
-        "safety_controller",
-        "box",
-        "sphere",
-        "mesh",
-        "capsule",
-    ]
-)
+UNREAD = frozenset(["material", "transmission", "gazebo", "collision", "calibration", "safety_controller"])
+UNREAD |= {"box", "sphere", "mesh", "capsule"}
 
 
 def describe(element: Any) -> str:

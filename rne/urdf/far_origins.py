@@ -36,7 +36,7 @@ class Unrounded(NamedTuple):
 
 
 def slide_far_origins(parts: list[Part], unrounded: Sequence[Unrounded]) -> list[Part]:
-    """The same robot with far joint origins slid along their axes, or `parts` itself if there are none.
+    """Parts with far joint origins slid along their axes, or `parts` itself if there are none.
 
     `unrounded` has one entry per part; the root's is not used.
     """

@@ -11,6 +11,8 @@ from typing import Any, Literal
 from ..basics.text import summary
 from ..errors import UrdfError
 
+MAX_NAMES = 10  # in one line
+OWNER = re.compile(r"(link|joint) ('.*')", re.DOTALL)
 ECHO = 80  # characters of a file's own text that a message may quote
 
 
@@ -128,11 +130,6 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(echo(name) for name in names)
 
 
-MAX_NAMES = 10  # in one line
-
-OWNER = re.compile(r"(link|joint) ('.*')", re.DOTALL)
-
-
 def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[str]:
     """The lines that `rne.check` prints."""
     near = near_path(file)
@@ -163,13 +160,9 @@ def _owners(group: Sequence[Finding]) -> str:
     for owner, finding in zip(owners, group, strict=True):
         names.setdefault(owner.group(2) if owner else "", []).append(finding.detail)
     shown = [f"{name} ({'; '.join(details)})" if any(details) else name for name, details in names.items()]
+    more = f" and {len(shown) - MAX_NAMES} more" if len(shown) > MAX_NAMES else ""
     tag = owners[0].group(1) if owners[0] else ""
-    return f"{tag}{'s' * (len(names) > 1)} {_shortened(shown)}"
-
-
-def _shortened(names: Sequence[str]) -> str:
-    rest = len(names) - MAX_NAMES
-    return ", ".join(names) if rest <= 0 else f"{', '.join(names[:MAX_NAMES])} and {rest} more"
+    return f"{tag}{'s' * (len(names) > 1)} {', '.join(shown[:MAX_NAMES])}{more}"
 
 
 def _summary(findings: Iterable[Finding]) -> str:

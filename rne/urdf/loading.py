@@ -46,7 +46,7 @@ def urdf_files() -> dict[str, Path]:
 
 
 def library() -> dict[str, Path]:
-    """The same by name: that of the file, "ur5" for "ur5_robot", and "folder/file" where two folders have the same."""
+    """URDF files by name: that of the file, "ur5" for "ur5_robot", "folder/file" where two folders have the same."""
     count = Counter(path.stem for path in urdf_files().values())
     found = {}
     for folder_and_file, path in urdf_files().items():

@@ -1,6 +1,7 @@
-"""What a URDF may say and probably does not mean: degrees for radians, drives without torque, impossible bodies.
+"""Warnings of mistakes that a URDF may hold and still load: degrees for radians, drives without torque, impossible bodies.
 
-All of it loads as written; `rne.check` warns. The bounds are wide: what they report is a mistake, or a placeholder."""
+All of it loads as written; `rne.check` warns. The bounds are wide: what they report is a mistake, or a placeholder.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +17,8 @@ from .document import NUMBER, describe
 from .findings import Report, echo
 from .strict import ENTRIES, MOVING, link_of
 
+POINT = 1e-6  # m: smaller bodies are point masses, whose inertia is rounding error
+FLATTEST = 0.1  # axes of the ellipsoid, relative to its longest: rods and plates are often idealised as having no width
 FAR = 5  # times the robot's size: a centre of mass farther out is outside any plausible place
 LARGE = 2  # times the robot's size: no body of the robot has a larger radius of gyration
 DENSEST = 23e3  # kg/m^3, a little above osmium
@@ -106,10 +109,6 @@ def _check_shapes(body: Body, report: Report) -> None:
     elif heaviest < AIR:
         message = "the mass makes its shapes lighter than air"
         report.warning(body.element, body.owner, message, cure, detail=f"{heaviest:.2g} kg/m^3")
-
-
-POINT = 1e-6  # m: smaller bodies are point masses, whose inertia is rounding error
-FLATTEST = 0.1  # axes of the ellipsoid, relative to its longest: rods and plates are often idealised as having no width
 
 
 class Shapes(NamedTuple):

@@ -10,6 +10,9 @@ from ..model.checks import inertia_error, triangle_excess
 from .document import check_expanded, check_grammar, describe, number, numbers, prune
 from .findings import Report, echo, listed
 
+ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # of <inertia>
+MOVING = ("revolute", "continuous", "prismatic")
+TYPES = (*MOVING, "fixed")
 TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
 
 
@@ -186,11 +189,6 @@ def _check_limit(joint: Any, kind: str | None, owner: str, report: Report) -> No
         report.warning(limit, owner, f"<limit>: lower {lower:g} is above upper {upper:g}", "exchange them")
     elif lower == upper:
         report.warning(limit, owner, f"<limit>: lower and upper are both {lower:g}, a range of zero", "give the range")
-
-
-ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # of <inertia>
-MOVING = ("revolute", "continuous", "prismatic")
-TYPES = (*MOVING, "fixed")
 
 
 def check_tree(root: Any, report: Report) -> None:
