@@ -1,4 +1,4 @@
-"""Warnings of mistakes that a URDF may hold and still load: degrees for radians, drives without torque, impossible bodies.
+"""Warnings of what loads but is likely a mistake: degrees for radians, drives without torque, impossible bodies.
 
 All of it loads as written; `rne.check` warns. The bounds are wide: what they report is a mistake, or a placeholder.
 """
