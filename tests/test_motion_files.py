@@ -145,9 +145,10 @@ class TestNoiseOfSamples:
     def test_the_cutoff_falls_as_noise_grows(self):
         t = times(1e-3)
         q, _, _ = moved(t)
-        found = [suggested_cutoff(t, shaken(q, size), np.full(6, size)) for size in (1e-6, 1e-4)]
-        assert 20 < found[0] < 50
-        assert 4 < found[1] < 15
+        for size, low, high in ((1e-6, 15, 40), (1e-4, 5, 15)):
+            for seed in range(3):
+                x = shaken(q, size, seed)
+                assert low < suggested_cutoff(t, x, noise(t, x)) < high
 
 
 class TestUnits:

@@ -91,7 +91,7 @@ def _checks(robot: Robot, page: Page) -> bool:
     )
     samples = 1000
     source, rows = validate(robot, samples)
-    page.text(f"Largest difference over {samples} random states, rates up to 10 rad/s, against {source}:")
+    page.text(f"Largest difference over {samples} random states, velocities up to 10 rad/s, against {source}:")
     return page.comparison(rows, "entry")
 
 

@@ -6,7 +6,6 @@ becomes torque when positions are differentiated. Each is named; nothing is chan
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -27,7 +26,7 @@ LONG = 0.5  # [s]
 FEW = 30  # samples: with fewer, neither noise nor milliseconds are looked for
 ORDERS = (6, 9)  # of the differences that show noise
 STEADY = 0.7  # noise has the same size in differences of either order, a smooth motion is smaller in the higher one
-RESIDUAL = 1.1  # times the noise, which a filter may take away
+RESIDUAL = 1.2  # times the noise, which a filter may take away
 
 
 class Motion(NamedTuple):
@@ -218,8 +217,7 @@ def suggested_cutoff(t: Array, x: Array, sigma: Array) -> float | None:
 
 def warn_of_uneven_steps(t: Array) -> None:
     """A derivative amplifies the rounding of samples that are close together."""
-    steps = [later - sooner for sooner, later in pairwise(t.tolist())]
-    shortest, longest = min(steps, default=1.0), max(steps, default=1.0)
+    shortest, longest = np.diff(t).min(initial=np.inf), np.diff(t).max(initial=0.0)
     if longest > UNEVEN * shortest:
         note(
             f"warning: the times are {shortest:.2g} to {longest:.2g} s apart; where they are close, derivatives "

@@ -114,7 +114,7 @@ def _parts(model: rne.Model, page: Page) -> None:
                 f"{_limit(model.effort_limit[i])} {effort}",
             ]
         )
-    page.table(["joint", "type", "range", "largest rate", "largest effort"], rows)
+    page.table(["joint", "type", "range", "largest velocity", "largest effort"], rows)
     page.text("Masses, centres and principal inertias of the moving bodies, links on fixed joints included:")
     page.table(
         ["body behind", "mass [kg]", "centre of mass in the joint's frame [m]", "principal inertias [kg m^2]"],
@@ -130,7 +130,7 @@ def _comparison(robot: rne.Robot, page: Page) -> bool:
 
     page.heading("Comparison with an independent source")
     source, rows = validate(robot, SAMPLES, by_terms=True)
-    page.text(f"Largest difference over {SAMPLES} random states, rates up to 10 rad/s or m/s, against {source}:")
+    page.text(f"Largest difference over {SAMPLES} random states, velocities up to 10 rad/s or m/s, against {source}:")
     return page.comparison(rows, "term")
 
 

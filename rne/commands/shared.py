@@ -8,7 +8,7 @@ import re
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -20,6 +20,8 @@ from ..model.topology import end_link
 
 if TYPE_CHECKING:
     import rne
+
+    from ..basics.spatial import Array
 
 ROBOT = "path of a URDF file, or a name of rne.robots() such as irb140"
 NUMBER = re.compile(r"[+-]?\.?[0-9][0-9.eE+,-]*")
@@ -222,19 +224,25 @@ def units_of(robot: rne.Robot, rotating: str, sliding: str) -> str:
     return f"{rotating} ({sliding} of {'joint' if len(slides) == 1 else 'joints'} {', '.join(slides)})"
 
 
-def limits_line(model: rne.Model, exceeded: Sequence[object]) -> str:
-    """How many limits a motion exceeds, and which the model does not have."""
-    own = np.isin(np.arange(model.nb), model.independent_joints)  # a joint that mimics another has no drive
-    turns = np.array(model.joint_types) == "continuous"
-    missing = {
-        "position": ((model.upper - model.lower) >= UNBOUNDED) & ~turns,
-        "velocity": model.velocity_limit >= UNBOUNDED,
-        "effort": (model.effort_limit >= UNBOUNDED) & own,
-    }
-    line = f"limits exceeded: {len(exceeded) or 'none'}"
-    for kind, lacking in missing.items():
-        joints = [name for name, lacks in zip(model.moving_joints, lacking, strict=True) if lacks]
-        if joints:
-            of = "" if len(joints) == (own.sum() if kind == "effort" else model.nb) else f" for {', '.join(joints)}"
+def say_limits(tell: Callable[[str], None], robot: rne.Robot, exceeded: Sequence[object]) -> None:
+    """Say which limits a motion exceeds, and which the model does not have: no motion exceeds those."""
+    model, line = robot.model, f"limits exceeded: {len(exceeded) or 'none'}"
+    drives = np.isin(np.arange(model.nb), model.independent_joints)  # a joint that mimics another has none
+    ends = np.array(model.joint_types) != "continuous"
+    for kind, limit, has in (
+        ("position", model.upper - model.lower, ends),
+        ("velocity", model.velocity_limit, np.ones(model.nb, dtype=bool)),
+        ("effort", model.effort_limit, drives),
+    ):
+        missing = (limit >= UNBOUNDED) & has
+        names = [name for name, is_missing in zip(model.moving_joints, missing, strict=True) if is_missing]
+        if names:
+            of = "" if (missing == has).all() else f" for {', '.join(names)}"
             line += f"; the model has no {kind} limits{of}"
-    return line
+    for text in (line, *(f"  {violation}" for violation in exceeded)):
+        tell(text)
+
+
+def say_samples(file: Path, t: Array) -> None:
+    """Say what a motion's file holds."""
+    say(f"{file}: {len(t)} samples from {t[0]:g} to {t[-1]:g} s")

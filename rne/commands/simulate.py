@@ -14,11 +14,12 @@ from .shared import (
     check_file,
     fail,
     in_one_line,
-    limits_line,
     number,
     numbers,
     robot_of,
     say,
+    say_limits,
+    say_samples,
     units_of,
     used,
     warnings_in_one_line,
@@ -28,6 +29,7 @@ from .shared import (
 if TYPE_CHECKING:
     import rne
 
+NOT_GIVEN = " (not given: zero)"
 SUFFIXES = (".npz", ".csv")
 EXAMPLE = "rne simulate irb140 --q0 0 0.5 0 0 0 0 --duration 2 --out motion.csv"
 
@@ -56,28 +58,28 @@ def run(arguments: argparse.Namespace) -> int:
 
     check_file(arguments.out, suffixes=SUFFIXES)
     robot = robot_of(arguments)
-    q0 = _per_joint(robot, "q0", arguments.q0)
-    qd0 = _per_joint(robot, "qd0", arguments.qd0)
-    torque = _per_joint(robot, "torque", arguments.torque)
     times = _times(arguments.duration, arguments.every)
+    q0, qd0, torque = (_per_joint(robot, name, getattr(arguments, name)) for name in ("q0", "qd0", "torque"))
     say(used(robot, arguments))
-    _say_used("q0", q0, arguments.q0, units_of(robot, "rad", "m"))
-    _say_used("qd0", qd0, arguments.qd0, units_of(robot, "rad/s", "m/s"))
-    _say_used("torque", torque, arguments.torque, units_of(robot, "N m", "N"))
+    say(f"q0 {written(q0)} {units_of(robot, 'rad', 'm')}{NOT_GIVEN if arguments.q0 is None else ''}")
+    say(f"qd0 {written(qd0)} {units_of(robot, 'rad/s', 'm/s')}{NOT_GIVEN if arguments.qd0 is None else ''}")
+    say(f"torque {written(torque)} {units_of(robot, 'N m', 'N')}{NOT_GIVEN if arguments.torque is None else ''}")
     say("rigid bodies alone: no friction, stops or torque limits")
     try:
         with warnings_in_one_line():
             options = {"method": arguments.method, "rtol": arguments.rtol, "t_eval": times}
-            motion = rne.simulate(
-                robot, q0, qd0, arguments.duration, torque=None if arguments.torque is None else torque, **options
-            )
+            law = None if arguments.torque is None else torque
+            motion = rne.simulate(robot, q0, qd0, arguments.duration, torque=law, **options)
     except ValueError as error:
         raise CommandError(re.sub("`(method|rtol|duration)`", r"--\1", in_one_line(error))) from None
     except rne.SimulationError as error:
         fail(in_one_line(error))
         return 1
-    _write(motion, arguments.out)
-    _say_result(robot, motion, arguments.out)
+    (motion.save if arguments.out.suffix.lower() == ".npz" else motion.to_csv)(arguments.out)
+    say(motion.message)
+    say(f"energy drift {motion.energy_drift:.3g} J")
+    say_limits(say, robot, motion.check_limits())
+    say_samples(arguments.out, motion.t)
     return 0
 
 
@@ -97,27 +99,7 @@ def _times(duration: float, every: float | None) -> list[float] | None:
     if not 0 < every <= duration:
         raise CommandError(f"--every: must be positive and at most the duration of {duration:g} s, got {every:g}")
     steps = int(duration / every * (1 + 1e-12))
-    times = [k * every for k in range(steps)]
-    last = steps * every
-    return [*times, duration] if abs(last - duration) <= 1e-9 * every else [*times, min(last, duration), duration]
-
-
-def _say_used(name: str, values: list[float], given: list[float] | None, unit: str) -> None:
-    say(f"{name} {written(values)} {unit}{'' if given is not None else ' (not given: zero)'}")
-
-
-def _write(motion: rne.Trajectory, file: Path) -> None:
-    if file.suffix.lower() == ".npz":
-        motion.save(file)
-    else:
-        motion.to_csv(file)
-
-
-def _say_result(robot: rne.Robot, motion: rne.Trajectory, file: Path) -> None:
-    say(motion.message)
-    say(f"energy drift {motion.energy_drift:.3g} J")
-    exceeded = motion.check_limits()
-    say(limits_line(robot.model, exceeded))
-    for violation in exceeded:
-        say(f"  {violation}")
-    say(f"{file}: {len(motion.t)} samples from {motion.t[0]:g} to {motion.t[-1]:g} s")
+    times = [k * every for k in range(steps + 1)]
+    if duration - times[-1] > 1e-9 * every:
+        return [*times, duration]
+    return [*times[:-1], duration]

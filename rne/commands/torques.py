@@ -17,11 +17,12 @@ from .shared import (
     add_robot,
     check_file,
     in_one_line,
-    limits_line,
     note,
     number,
     robot_of,
     say,
+    say_limits,
+    say_samples,
     units_of,
     used,
     warnings_in_one_line,
@@ -78,16 +79,13 @@ def run(arguments: argparse.Namespace) -> int:
         files.warn_of_uneven_steps(given.t)
         warn_of_noise(robot, given, arguments, tau)
     tell(f"tau in {units_of(robot, 'N m', 'N')}: rigid bodies alone, without friction and inertia of the drives")
-    exceeded = limit_violations(robot.model, motion.t, q, qd, tau)
-    tell(limits_line(robot.model, exceeded))
-    for violation in exceeded:
-        tell(f"  {violation}")
+    say_limits(tell, robot, limit_violations(robot.model, motion.t, q, qd, tau))
     text = _csv(robot, motion.t, tau)
     if arguments.out is None:
         print(text, end="")
     else:
         arguments.out.write_text(text, encoding="utf-8", newline="")
-        say(f"{arguments.out}: {len(tau)} samples from {motion.t[0]:g} to {motion.t[-1]:g} s")
+        say_samples(arguments.out, motion.t)
     return 0
 
 
@@ -104,9 +102,9 @@ def warn_of_noise(robot: rne.Robot, given: files.Motion, arguments: argparse.Nam
     q, qd, qdd, _ = files.differentiated(shaken, arguments.motion)
     made, own = _rms(robot.inverse_dynamics(q, qd, qdd) - tau), _rms(tau) + _rms(robot.gravity_torque(q))
     share = made / np.maximum(own, 1e-3 * own.max())  # a joint that carries nothing is compared with the others
-    k, worst = int(share.argmax()), int(sigma.argmax())
-    if share[k] <= NOISY:
+    if share.max() <= NOISY:
         return
+    k, worst = int(np.where(share > NOISY, made, 0.0).argmax()), int(sigma.argmax())
     cutoff = files.suggested_cutoff(given.t, x, sigma)
     cure = "give samples at even steps and --cutoff" if cutoff is None else f"give --cutoff {cutoff:.2g}"
     unit = units_of(robot, "N m", "N").split(" (")[0]
