@@ -52,7 +52,7 @@ class Motion:
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """What can be drawn, of "q", "qd", "qdd", "tau", "energy" and "energy error"."""
+        """The names of the curves there are, of "q", "qd", "qdd", "tau", "energy" and "energy error"."""
         return (*self.samples, *(() if self.trajectory is None else ("energy", "energy error")))
 
     @property
@@ -85,8 +85,7 @@ class Motion:
         """Joint positions at times within the motion, shape (frames, n) [rad or m]."""
         if self.trajectory is not None and len(self.t) > 1:
             return self.trajectory(t)[0].reshape(len(t), self.n)
-        columns = [np.interp(t, self.t, column) for column in self.samples["q"].T]
-        return np.array(columns).T.reshape(len(t), self.n)
+        return np.array([np.interp(t, self.t, q_j) for q_j in self.samples["q"].T]).T.reshape(len(t), self.n)
 
 
 def fine_times(motion: Trajectory) -> tuple[Array, Array]:
@@ -107,12 +106,8 @@ def fine_times(motion: Trajectory) -> tuple[Array, Array]:
 def motion_argument(name: str, given: Any) -> Motion:
     """The Motion of a Trajectory or of arrays (t, q), (t, q, qd), (t, q, qd, qdd) or (t, q, qd, qdd, tau).
 
-    Raises
-    ------
-    TypeError
-        If it is something else.
-    ValueError
-        If there are no samples, the shapes do not fit, times fall or a number is not finite; names the argument.
+    A TypeError refuses anything else, a ValueError names the array that is empty, falling in time, of the wrong shape
+    or not finite.
     """
     if isinstance(given, Trajectory):
         motion = Motion(np.asarray(given.t), {key: getattr(given, key) for key in JOINT_ARRAYS}, given)
@@ -157,31 +152,22 @@ def check_positions(name: str, motion: Motion, robot: Robot) -> Motion:
     return motion
 
 
-def joint_labels(motion: Motion, names: Any) -> tuple[tuple[str, ...], Array | None]:
-    """Names of the joints, and for each whether it rotates, None if that is not known.
+def joint_labels(motion: Motion, names: Robot | Sequence[str] | None) -> tuple[tuple[str, ...], Array | None]:
+    """Names of the joints, by default those of the motion's model or numbers, and for each whether it rotates.
 
-    Parameters
-    ----------
-    motion : Motion
-    names : None, Robot or sequence of str
-        By default the names of the motion's model, otherwise numbers from 1.
+    Whether joints rotate is None if there is no model to tell.
     """
     model = motion.model
     if isinstance(names, Robot):
         model, names = names.model, names.joint_names
     if names is None:
         names = numbered_joints(motion.n) if model is None else model.joint_names
-    labels = _strings(names)
-    if len(labels) != motion.n:
-        raise ValueError(f"`names` must have {motion.n} names, one per joint of `motion`, got {len(labels)}")
-    return labels, None if model is None else model.is_revolute[list(model.independent_joints)]
-
-
-def _strings(names: Any) -> tuple[str, ...]:
-    if not isinstance(names, Iterable) or isinstance(names, str):
+    elif not isinstance(names, Iterable) or isinstance(names, str):
         raise TypeError(f"`names` must be an rne.Robot or a sequence of str, got {type(names).__name__}")
     labels = tuple(names)
     for label in labels:
         if not isinstance(label, str):
             raise TypeError(f"`names` must be a sequence of str, got one with {type(label).__name__}")
-    return labels
+    if len(labels) != motion.n:
+        raise ValueError(f"`names` must have {motion.n} names, one per joint of `motion`, got {len(labels)}")
+    return labels, None if model is None else model.is_revolute[list(model.independent_joints)]

@@ -216,13 +216,7 @@ def _blank_axes(title: str) -> Axes3D:
 class Picture:
     """The lines and surfaces of a robot on 3-D axes, whose limits hold every frame of a motion.
 
-    Parameters
-    ----------
-    axes : matplotlib 3-D axes
-    model : Model
-        The robot's parameters.
-    poses : ndarray, shape (frames, n_links, 4, 4)
-        Pose of every link in every frame [1, m].
+    `poses` are those of every link in every frame, shape (frames, n_links, 4, 4) [1, m].
     """
 
     def __init__(self, ax: Axes3D, model: Model, poses: Array) -> None:

@@ -110,24 +110,11 @@ class PosedRobot:
 
 
 def link_shapes(model: Model) -> list[Shape]:
-    """The visual shapes of a robot's links.
+    """The visual shapes of a robot's links: those of its URDF file, or the cylinders of a model without a file.
 
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    list of Shape
-        Those of the URDF file the robot was read from, by yourdfpy and trimesh; the cylinders of `model.shapes` for a
-        robot without a file. The shapes are in the links' frames, so that a robot with a payload, with joints locked
-        or mounted otherwise keeps them.
-
-    Warns
-    -----
-    UserWarning
-        One for all shapes that are lost, which names the links and why: a mesh is not found or not readable, or
-        yourdfpy is not installed.
+    They are in the links' frames, so that a robot with a payload, with joints locked or mounted otherwise keeps them.
+    One UserWarning names the links whose shapes are lost and why: a mesh is not found or not readable, or yourdfpy is
+    not installed.
 
     Examples
     --------
@@ -161,7 +148,7 @@ def _from_model(cylinder: Cylinder) -> Shape:
 
 
 def _beside_cylinders(source: str) -> tuple[str, ...]:
-    """What is lost of a file without yourdfpy."""
+    """The shapes of a file that need yourdfpy, in words."""
     from lxml import etree
 
     kinds = {geometry.tag for geometry in etree.parse(source).iterfind("link/visual/geometry/*")} - {"cylinder"}
@@ -249,17 +236,10 @@ def _rgba(values: Any) -> Color:
 
 
 def surface(shapes: Sequence[Shape]) -> Array:
-    """Faces of a link's shapes, few enough for matplotlib: of its meshes those of their common convex hull.
+    """Faces of one link's shapes, few enough for matplotlib: of its meshes those of their common convex hull.
 
-    Parameters
-    ----------
-    shapes : sequence of Shape
-        Of one link.
-
-    Returns
-    -------
-    ndarray, shape (faces, 4, 3)
-        Corners in the link's frame, anticlockwise seen from outside; triangles have their last corner twice [m].
+    Corners are in the link's frame, anticlockwise seen from outside, shape (faces, 4, 3); triangles have their last
+    corner twice [m].
     """
     parts = [shape.in_link(FACES[shape.kind](*shape.size)) for shape in shapes if shape.mesh is None]
     meshes = [shape.in_link(shape.mesh.vertices) for shape in shapes if shape.mesh is not None]

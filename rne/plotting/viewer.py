@@ -311,7 +311,7 @@ def aim(points: Array) -> Camera:
 
 
 def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array, speed: float) -> str:
-    """What is not in the scene itself: names, colours, the grid, and how the slider's time is that of the motion."""
+    """A text beside the scene: names, colours, the size of the grid, and how the slider's time becomes the motion's."""
     lines = [f"<b>{html.escape(robot.model.name)}</b>"]
     if len(labels) > 1:
         own = [shape.color[:3] for shape in robot.shapes if shape.color is not None]

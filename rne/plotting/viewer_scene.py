@@ -39,15 +39,7 @@ class Style(NamedTuple):
 
 
 class Group:
-    """A named part of the scene, with one node per link that moves as the link does.
-
-    Parameters
-    ----------
-    scene : viser.SceneApi
-    name : str
-    robot : PosedRobot
-    visible : bool
-    """
+    """A named part of viser's scene, with one node per link that moves as the link does."""
 
     def __init__(self, scene: SceneApi, name: str, robot: PosedRobot, visible: bool = True) -> None:
         self.scene, self.name, self.robot = scene, name, robot
@@ -242,18 +234,10 @@ def _add_masses(centres: Group, inertias: Group, size: float) -> None:
 
 
 def ellipsoids(model: Model) -> tuple[Array, Array]:
-    """Principal axes and half axes of solid ellipsoids that have the bodies' masses and inertias.
+    """Principal axes and half axes of the solid ellipsoids of even density that have the bodies' masses and inertias.
 
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    axes : ndarray, shape (nb, 3, 3)
-        Right-handed, in columns, in the bodies' frames.
-    half : ndarray, shape (nb, 3)
-        0 where the principal moments of inertia are those of no rigid body, or there is no mass [m].
+    The axes are right-handed, in columns, in the bodies' frames, shape (nb, 3, 3). The half axes, shape (nb, 3), are 0
+    where the principal moments of inertia are those of no rigid body, or there is no mass [m].
     """
     moments, axes = np.linalg.eigh(model.inertia)
     axes[..., 0] *= np.sign(np.linalg.det(axes))[:, None]
