@@ -119,8 +119,7 @@ def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
 
 def solve_factored(L: Array, D: Array, parent: tuple[int, ...], y: Array) -> Array:
     """Solve L^T D L x = y, shape (..., n)."""
-    x = np.zeros_like(y + D)
-    x[...] = y
+    x = np.array(np.broadcast_to(y, np.broadcast_shapes(y.shape, D.shape)))
     for k in reversed(range(len(parent))):  # L^T z = y
         above = ancestors(parent, k)
         x[..., above] = x[..., above] - L[..., k, above] * x[..., k, None]

@@ -646,10 +646,13 @@ class Robot(InNotebooks):
         >>> np.allclose(dqdd_dtau @ robot.mass_matrix(q), np.eye(6))
         True
         """
+        return self._forward_derivatives(q, qd, tau)
+
+    def _forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
         slopes, status = self._kernels.forward_derivatives(q, qd, tau)
-        status.raise_or_warn(stacklevel=2)
-        n = self.n
-        return slopes[..., :n], slopes[..., n : 2 * n], slopes[..., 2 * n :]
+        status.raise_or_warn(stacklevel=3)
+        dqdd_dq, dqdd_dqd, dqdd_dtau = np.split(slopes, 3, axis=-1)
+        return dqdd_dq, dqdd_dqd, dqdd_dtau
 
     def linearize(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
         """The linearisation at a state: the derivative of (q, qd) changes by A d(q, qd) + B dtau.
@@ -688,13 +691,10 @@ class Robot(InNotebooks):
         >>> A.shape, B.shape, bool(A[6:, 6:].any())
         ((12, 12), (12, 6), False)
         """
-        slopes, status = self._kernels.forward_derivatives(q, qd, tau)
-        status.raise_or_warn(stacklevel=2)
-        n = self.n
-        system = np.zeros((*slopes.shape[:-2], 2 * n, 3 * n), dtype=slopes.dtype)
-        system[..., :n, n : 2 * n] = np.eye(n)
-        system[..., n:, :] = slopes
-        return system[..., : 2 * n], system[..., 2 * n :]
+        dqdd_dq, dqdd_dqd, dqdd_dtau = self._forward_derivatives(q, qd, tau)
+        zero = np.zeros_like(dqdd_dq)
+        A = np.block([[zero, zero + np.eye(self.n, dtype=zero.dtype)], [dqdd_dq, dqdd_dqd]])
+        return A, np.concatenate([zero, dqdd_dtau], axis=-2)
 
     def link_poses(self, q: ArrayLike) -> Array:
         """Pose of every link, as homogeneous matrices.
