@@ -56,6 +56,15 @@ def pytest_configure(config):
     assert {rne.load("irb140").engine, rne.Robot(rne.irb140()).engine} == {engine}
 
 
+COLLECTED = pytest.StashKey[set]()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Keep the names of all tests found, those of the long run included."""
+    config.stash[COLLECTED] = {item.nodeid for item in items}
+
+
 def pytest_collection_finish():
     """What is imported stays: collections of garbage need not visit it again and again."""
     gc.collect()

@@ -30,7 +30,7 @@ WITH_CODE = [page for page in PAGES if blocks(page)]
 END_OF_BLOCK = "\n<end of block>\n"
 
 
-SHORT = [page for page in WITH_CODE if page.stem in ("index", "getting-started", "control-laws")]
+SHORT = [page for page in WITH_CODE if page.stem == "getting-started"]
 
 
 @pytest.mark.parametrize("page", kept(WITH_CODE, SHORT), ids=lambda page: str(page.relative_to(DOCS)))

@@ -76,6 +76,7 @@ def test_a_process_pool_gives_the_same(chain, starts):
     assert np.abs(here.q - there.q).max() <= 1e-13
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
 def test_a_dask_cluster_gives_the_same(chain, starts):
     """A local cluster's executor is one like any other."""

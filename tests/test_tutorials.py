@@ -12,12 +12,7 @@ from .helpers import ROOT, kept
 
 FOLDER = ROOT / "docs" / "tutorials"
 TUTORIALS = sorted(path.stem for path in FOLDER.glob("[0-9]*.py"))
-SHORT = {
-    "01_torques_along_a_path",
-    "05_lqr_from_a_linearisation",
-    "09_exporting_c_and_matlab",
-    "10_from_a_dh_table_to_a_simulation",
-}
+SHORT = {"01_torques_along_a_path", "10_from_a_dh_table_to_a_simulation"}
 USES = {  # what in a script shows that it needs an extra
     "plot": r"matplotlib|rne\.plotting|\.plot\(",
     "robots": r'load\("(ur5|panda)"\)',
