@@ -1,0 +1,159 @@
+"""What a Model refuses, with the joint, body or link at fault; what it holds and derives."""
+
+import pickle
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rne
+from rne.model.abb_irb140 import irb140_mirrored
+from rne.model.builder import at_links, disassemble
+from rne.model.checks import symmetric_up_to_rounding, triangle_excess
+from rne.model.generators import random_tree
+from rne.model.parameters import at_parameters, of_states, parameters_of
+
+TREE = random_tree(3, seed=2, mimics=1)
+SKEW = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 0]])
+
+
+def edited(name, k, value):
+    """TREE with one entry of an array or tuple replaced."""
+    old = getattr(TREE, name)
+    new = old.copy() if isinstance(old, np.ndarray) else list(old)
+    new[k] = value
+    return replace(TREE, **{name: new if isinstance(old, np.ndarray) else tuple(new)})
+
+
+def faults():
+    joints, links = TREE.moving_joints, TREE.link_names
+    last, mimic = 3, (set(range(4)) - set(TREE.independent_joints)).pop()
+    tilted = TREE.rotation[last] @ (np.eye(3) + 1e-9 * SKEW)
+    rotation = "must be a rotation: orthogonal with determinant +1"
+    for k in range(4):
+        longer = TREE.axis[k] * (1 + 1e-10)
+        text = f"joint {joints[k]!r}: `axis` must be a unit vector, got length {np.linalg.norm(longer):.17g}"
+        yield "axis", k, longer, text
+        yield "rotation", k, -TREE.rotation[k], f"joint {joints[k]!r}: `rotation` {rotation}"
+        yield "mass", k, -1.0, f"body of joint {joints[k]!r}: the mass must be 0 or positive, got -1.0"
+    yield "rotation", last, TREE.rotation[last] * (1 + 1e-10), f"joint {joints[last]!r}: `rotation` {rotation}"
+    yield "link_rotation", 1, 2 * np.eye(3), f"link {links[1]!r}: `link_rotation` {rotation}"
+    yield "inertia", 0, TREE.inertia[0] + SKEW, f"body of joint {joints[0]!r}: the inertia must be symmetric"
+    yield "parent", 2, 2, f"joint {joints[2]!r}: parent must be one of the 2 bodies before it, got 2"
+    yield "parent", 0, -2, f"joint {joints[0]!r}: parent must be one of the 0 bodies before it, got -2"
+    yield "link_body", 1, 4, f"link {links[1]!r}: body must be from -1 to 3, got 4"
+    yield "link_body", 1, -2, f"link {links[1]!r}: body must be from -1 to 3, got -2"
+    yield "moving_joints", 1, "no", "joint 'no': no link of body 1 is carried by it"
+    yield "link_names", 1, links[0], f"link {links[0]!r} is duplicated"
+    yield "coordinate", mimic, 3, f"joint {joints[mimic]!r}: coordinate must be from 0 to 2, got 3"
+    yield "coordinate", mimic, -1, f"joint {joints[mimic]!r}: coordinate must be from 0 to 2, got -1"
+    yield "independent_joints", 0, 4, "`independent_joints[0]` must be a joint of coordinate 0, got 4"
+    yield "independent_joints", 0, -1, "`independent_joints[0]` must be a joint of coordinate 0, got -1"
+    independent = f"joint {joints[0]!r}: an independent joint has multiplier 1 and offset 0"
+    yield "multiplier", 0, 2.0, independent
+    yield "offset", 0, 0.1, independent
+    yield "gravity", 1, np.nan, "`gravity` must be finite, got nan at index (1,)"
+    yield "damping", 3, np.inf, "`damping` must be finite, got inf at index (3,)"
+    for name in ("lower", "upper", "effort_limit", "velocity_limit", "acceleration_limit", "jerk_limit"):
+        yield name, 2, np.nan, f"`{name}` must be finite, got nan at index (2,)"
+
+
+@pytest.mark.parametrize(("name", "k", "value", "text"), list(faults()))
+def test_what_contradicts_itself_is_refused(name, k, value, text):
+    with pytest.raises(rne.ModelError, match=f"^{re.escape(text)}$"):
+        edited(name, k, value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"mass": np.ones(3)}, "`mass` must have shape (4,), got (3,)"),
+        ({"axis": np.ones((4, 2))}, "`axis` must have shape (4, 3), got (4, 2)"),
+        ({"inertia": np.ones((4, 3))}, "`inertia` must have shape (4, 3, 3), got (4, 3)"),
+        ({"jerk_limit": np.ones(1)}, "`jerk_limit` must have shape (4,), got (1,)"),
+        ({"base_inertia": np.ones(3)}, "`base_inertia` must have shape (3, 3), got (3,)"),
+        ({"gravity": np.ones(2)}, "`gravity` must have shape (3,), got (2,)"),
+        ({"joint_types": ("revolute",)}, "`joint_types` must have 4 entries, got 1"),
+        ({"base_mass": -1.0}, "base: the mass must be 0 or positive, got -1.0"),
+        ({"base_mass": np.inf}, "`base_mass` must be finite, got inf"),
+    ],
+)
+def test_fields_of_a_wrong_shape_are_refused(changes, text):
+    with pytest.raises(rne.ModelError, match=f"^{re.escape(text)}$"):
+        replace(TREE, **changes)
+
+
+def test_rounding_of_unit_vectors_and_inertias_is_no_fault():
+    edited("axis", 0, TREE.axis[0] * (1 + 4e-13))
+    edited("lower", 0, -np.inf)
+    R = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    turned = R @ np.diag([1.0, 2, 2.5]) @ R.T
+    assert np.array_equal(symmetric_up_to_rounding(turned), symmetric_up_to_rounding(turned).T)
+    assert symmetric_up_to_rounding(turned + 1e-10 * SKEW)[0, 1] == (turned + 1e-10 * SKEW)[0, 1]  # no rounding
+    thin = np.diag([1.0, 1.0, 0.0])
+    edited("inertia", 0, thin - np.diag([0, 0, 1e-13]))
+    with pytest.raises(rne.ModelError, match="the inertia must have no negative eigenvalue"):
+        edited("inertia", 0, thin - np.diag([0, 0, 1e-9 + 1e-9 * TREE.com[0] @ TREE.com[0] * TREE.mass[0]]))
+
+
+def test_triangle_excess_is_relative_to_the_trace():
+    assert triangle_excess(np.diag([1.0, 2.0, 3.5])) == pytest.approx(0.5 / 6.5)
+    assert triangle_excess(np.diag([1.0, 2.0, 2.5])) == pytest.approx(-0.5 / 5.5)
+    assert triangle_excess(np.zeros((3, 3))) == 0.0
+
+
+def test_arrays_are_read_only_copies_and_models_compare_by_value():
+    mass = TREE.mass.copy()
+    model = replace(TREE, mass=mass)
+    mass[0] = 7
+    assert model == TREE
+    assert hash(model) == hash(TREE)
+    assert pickle.loads(pickle.dumps(model)) == TREE
+    with pytest.raises(ValueError, match="read-only"):
+        model.mass[0] = 1.0
+    assert replace(TREE, mass=2 * TREE.mass) != TREE
+    assert TREE.astype(np.float32) != TREE
+    assert replace(TREE, notes={"robot": "other"}) == TREE
+    assert TREE != 1
+
+
+def test_a_robot_of_parts_seen_from_its_links_has_no_shifted_links(tmp_path):
+    arm = rne.model.chain([np.eye(3)] * 2, [[0, 0, 1.0]] * 2, [1.0, 1.0], np.zeros((2, 3)), [np.eye(3)] * 2)
+    moved = at_links(disassemble(replace(arm, link_translation=arm.link_translation + [[0, 0, 0], *[[0, 0, 5]] * 3])))
+    assert [part.link_origin.tolist() for part in moved] == [[0.0, 0.0, 0.0]] * 4
+    assert moved[1].com.tolist() == [0, 0, -5]
+    assert at_links(disassemble(arm))[1].com.tolist() == [0, 0, 0]
+
+
+def test_the_mirrored_arm_has_the_ranges_of_the_arm():
+    """They lie symmetric about zero, so that reversing an axis does not change them."""
+    arm, mirrored = rne.irb140(), irb140_mirrored()
+    for name in ("lower", "upper"):
+        np.testing.assert_array_equal(getattr(mirrored, name), getattr(arm, name))
+
+
+def test_moments_given_for_each_state_go_before_those_of_the_bodies():
+    model = random_tree(2, seed=1)
+    factors = np.array([1.0, 2.0, 3.0])
+    batch = at_parameters(model, factors[:, None] * parameters_of(model))
+    np.testing.assert_allclose(batch.moments.mass, factors[:, None] * model.mass)
+    np.testing.assert_allclose(of_states(batch, 2).moments.inertia, 3 * model.moments.inertia, rtol=0, atol=1e-14)
+    assert batch.astype(np.float32).moments.mass.dtype == np.float32
+    one = at_parameters(model, parameters_of(model))
+    assert of_states(one, 0) is one
+    assert of_states(model, 0) is model
+    assert model.given_moments is None
+
+
+def test_links_whose_parents_are_not_known_are_on_the_first_link_of_their_body():
+    model = random_tree(3, seed=0)
+    unknown = replace(model, link_parent=None)
+    carrier = [model.link_joints.index(joint) for joint in model.moving_joints]
+    for k, joint in enumerate(model.link_joints):
+        if joint in model.moving_joints:
+            i = model.moving_joints.index(joint)
+            above = model.parent[i]
+            assert unknown.link_parent[k] == (carrier[above] if above >= 0 else 0)
+        else:
+            assert unknown.link_parent[k] == (carrier[model.link_body[k]] if model.link_body[k] >= 0 else 0) - (k == 0)
