@@ -29,7 +29,6 @@ def edited(name, k, value):
 def faults():
     joints, links = TREE.moving_joints, TREE.link_names
     last, mimic = 3, (set(range(4)) - set(TREE.independent_joints)).pop()
-    tilted = TREE.rotation[last] @ (np.eye(3) + 1e-9 * SKEW)
     rotation = "must be a rotation: orthogonal with determinant +1"
     for k in range(4):
         longer = TREE.axis[k] * (1 + 1e-10)
