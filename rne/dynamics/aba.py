@@ -87,7 +87,7 @@ def across_joint(IA: Inertia, pA: Force, joint: JointTerms) -> tuple[Inertia, Fo
 
 
 def move_to_parent(inertia: Inertia, force: Force, R: Array, p: Array) -> tuple[Inertia, Force]:
-    """The same in the parent's frame: rotated by R, then the reference point moved by p."""
+    """Inertia and force in the parent's frame: rotated by R, then the reference point moved by p."""
     I, H, M = (R @ block @ transpose(R) for block in inertia)
     P = cross_matrix(p)
     H_p = H + P @ M

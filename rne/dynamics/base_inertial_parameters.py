@@ -322,7 +322,7 @@ class Scale(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """What a body meets in all motions: bases of the spans of its energies and velocities, as rows."""
+    """Bases of the spans of the energies and velocities that a body meets in all motions, as rows."""
 
     energies: Array  # Phi, flat, then 1 for gravity's, shape (..., 17)
     velocities: Array  # xi, flat, then the velocities of the further shafts, shape (..., 16 + s)

@@ -33,7 +33,7 @@ def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> dict[int
 
 
 def move_to_parent(body: Moments, R: Array, p: Array) -> Moments:
-    """The same body in the parent's frame: rotated by R, then its reference point moved by p.
+    """Moments of a body in the parent's frame: rotated by R, then its reference point moved by p.
 
     Featherstone 2008, (2.66) in three-vectors: I - (S + S^T) with S = [p]x [h + m p / 2]x.
     """

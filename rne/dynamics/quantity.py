@@ -41,7 +41,7 @@ class PrecisionLoss(NamedTuple):
 
 
 class PrecisionStatus(NamedTuple):
-    """The error or the warning that belongs to a result; neither for a sound one.
+    """The error or the warning that belongs to a result; neither for a result that keeps its digits.
 
     `raise_or_warn` raises or warns. It is called once, by the function that the user called.
     """
@@ -128,7 +128,7 @@ class Quantity:
 
 
 class Declared(Protocol):
-    """What has a Quantity and can be evaluated with numbers."""
+    """A function or object with a Quantity, which can be evaluated with numbers."""
 
     @property
     def quantity(self) -> Quantity: ...

@@ -42,7 +42,7 @@ class Robot(InNotebooks):
     model : Model
         Its parameters, from `rne.read_urdf`, `rne.dh_chain`, `rne.model.chain` or `rne.irb140`; `rne.load` makes both.
     engine : {"numpy", "numba"}
-        What runs its kernels: NumPy, or machine code by Numba, which takes about a second to compile at first use.
+        The engine of its kernels: NumPy, or machine code by Numba, which takes about a second to compile at first use.
         Robots and scenes derived from it keep the engine.
 
     Raises
@@ -79,7 +79,7 @@ class Robot(InNotebooks):
 
     @property
     def engine(self) -> str:
-        """What runs its kernels: "numpy" or "numba"."""
+        """The engine that runs its kernels: "numpy" or "numba"."""
         return self._kernels.engine
 
     @property
