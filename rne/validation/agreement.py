@@ -49,7 +49,7 @@ def relative(a: Array, b: Array, terms: Array | None = None) -> float:
 
 
 def _terms(M: Array, qdd: Array, bias: Array, tau: Array) -> tuple[Array, Array]:
-    """Sizes of the terms of torques and accelerations, |M| |qdd| + |h| and |M^-1| (|tau| + |h|), shapes (samples, n)."""
+    """Sizes of terms of torques and accelerations, |M| |qdd| + |h| and |M^-1| (|tau| + |h|), shapes (samples, n)."""
     of_torques = np.einsum("kij,kj->ki", np.abs(M), np.abs(qdd)) + np.abs(bias)
     of_accelerations = np.einsum("kij,kj->ki", np.abs(np.linalg.inv(M)), np.abs(tau) + np.abs(bias))
     return of_torques, of_accelerations
