@@ -86,7 +86,7 @@ def refuse_degrees(name: str, angles: Array) -> None:
 def refuse_masked(name: str, value: ArrayLike) -> None:
     """Raise ValueError if entries are masked: np.asarray would take the numbers behind the mask."""
     for part in value if isinstance(value, list | tuple) else (value,):
-        if isinstance(part, np.ndarray) and np.any(mask := getattr(part, "mask", False)):
+        if isinstance(part, np.ndarray) and (mask := getattr(part, "mask", False)) is not False and np.any(mask):
             hidden = f"got {np.sum(mask)} of {part.size}; fill them or leave their rows out"
             raise ValueError(f"`{name}` must have no masked entries, {hidden}")
 
