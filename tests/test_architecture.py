@@ -37,6 +37,7 @@ FLOOR = {entry: k for k, floor in enumerate(FLOORS) for entry in floor}
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 ON_IMPORT = {"basics", "errors", "model", "dynamics", "robot"}  # the rest is imported when it is first used
 MAX_ENTRIES = 19  # of rne/: more are not taken in at a glance
+MAX_PUBLIC = 45  # names of rne besides its modules
 MAX_LINES = 60  # of a function, without its docstring
 
 
@@ -124,6 +125,11 @@ def test_import_loads_numpy_and_the_standard_library_only():
     roots = {name.split(".")[0] for name in loaded.split()}
     assert roots <= {"rne", "numpy", *sys.stdlib_module_names}
     assert {name.split(".")[1] for name in loaded.split() if name.startswith("rne.")} <= ON_IMPORT
+
+
+def test_public_names_are_few():
+    names = [name for name in dir(rne) if name[0] != "_" and not inspect.ismodule(getattr(rne, name))]
+    assert len(names) <= MAX_PUBLIC
 
 
 def test_functions_are_small():
