@@ -93,9 +93,10 @@ class TestNoise:
     def test_a_clean_file_gives_no_warning(self, step, torques):
         assert torques(times(step), moved(times(step))[0])[2] == []
 
-    def test_a_trapezoidal_velocity_gives_no_warning(self, torques):
+    @pytest.mark.parametrize("samples", [30, 101, 1001])
+    def test_a_trapezoidal_velocity_gives_no_warning(self, samples, torques):
         """Its accelerations jump, which is no noise."""
-        t = self.t
+        t = np.linspace(0, 1, samples)
         s = np.where(t < 0.25, 2 * t**2, np.where(t < 0.75, t - 0.125, 0.75 - 2 * (1 - t) ** 2))
         assert torques(t, np.outer(s, END))[2] == []
 
@@ -137,6 +138,10 @@ class TestNoiseOfSamples:
         """Of up to one radian of phase from sample to sample."""
         t = np.arange(200.0)
         assert noise(t, np.sin(resolution * t)[:, None])[0] <= 1e-13
+
+    def test_in_long_files_it_is_found_by_a_part_of_them(self):
+        x = shaken(np.zeros((45_000, 1)), 1e-3)
+        assert noise(np.arange(45_000.0), x) == pytest.approx(1e-3, rel=0.05)
 
     def test_few_samples_show_none(self):
         t = np.linspace(0, 1, 29)
@@ -203,6 +208,11 @@ class TestUnits:
         q, qd, _ = moved(self.t)
         assert torques(50 * self.t, q)[2] == []
         assert torques(1000 * self.t, q, qd / 1000)[2] == []
+
+    def test_a_drive_without_velocity_is_no_milliseconds(self, torques, tmp_path):
+        path = tmp_path / "arm.urdf"
+        path.write_text(ARM.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><limit effort="1" velocity="0"/>'))
+        assert torques(self.t, np.outer(self.t**3, [1, 1]), robot=str(path))[2] == []
 
     def test_a_robot_at_rest_is_no_milliseconds(self, torques):
         assert torques(1000 * self.t, np.zeros((len(self.t), 6)))[2] == []

@@ -24,6 +24,7 @@ EVEN = 1e-2  # of a step, by which steps may differ where samples are filtered
 SLOW = 0.01  # of the velocity limit, or of 1 rad/s: slower motions with LONG steps may be in milliseconds
 LONG = 0.5  # [s]
 FEW = 30  # samples: with fewer, neither noise nor milliseconds are looked for
+WINDOWS = 20_000  # of a long file, in which noise is looked for
 ORDERS = (6, 9)  # of the differences that show noise
 STEADY = 0.7  # noise has the same size in differences of either order, a smooth motion is smaller in the higher one
 RESIDUAL = 1.2  # times the noise, which a filter may take away
@@ -91,7 +92,7 @@ def _warn_of_milliseconds(motion: Motion, robot: rne.Robot) -> None:
     if qd is not None:
         seems = 300 * speed.max() < np.abs(qd).max() < 3000 * speed.max()
     else:
-        limit = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
+        limit = np.where((robot.velocity_limit > 0) & (robot.velocity_limit < np.inf), robot.velocity_limit, 1.0)
         seems = step >= LONG and 0 < (speed / limit).max() < SLOW
     if seems:
         note(
@@ -156,16 +157,17 @@ def noise(t: Array, x: Array) -> Array:
     if len(t) < FEW:
         return np.zeros(x.shape[1])
     low, high = (_scatter(t, x, order) for order in ORDERS)
-    return np.where(high > STEADY * low, high, 0.0)
+    return np.where(high > STEADY * low, np.minimum(low, high), 0.0)
 
 
 def _scatter(t: Array, x: Array, order: int) -> Array:
     """The median size of normalised divided differences, as a standard deviation; zeros of joints at rest left out."""
-    times = np.lib.stride_tricks.sliding_window_view(t, order + 1)
+    every = slice(None, None, 1 + len(t) // WINDOWS)
+    times = np.lib.stride_tricks.sliding_window_view(t, order + 1)[every]
     times = (times - times[:, :1]) / (times[:, -1:] - times[:, :1])
     weights = 1 / (times[:, :, None] - times[:, None, :] + np.eye(order + 1)).prod(-1)
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    windows = np.lib.stride_tricks.sliding_window_view(x, order + 1, axis=0)
+    windows = np.lib.stride_tricks.sliding_window_view(x, order + 1, axis=0)[every]
     size = np.abs(np.einsum("kp,kjp->kj", weights, windows))
     return np.array([np.median(column[column > 0]) if column.any() else 0.0 for column in size.T]) / 0.6745
 
