@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lxml import etree
 
 import rne
 from rne.__main__ import main
 from rne.urdf.loading import urdf_files
+from rne.urdf.plausibility import bodies, robot_size
 
 INERTIA = '<inertia ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{0}"/>'
 
@@ -32,6 +34,7 @@ def solid(geometry, kind="visual"):
 
 BASE = '<link name="base"/>'
 SOUND = [BASE, link("arm"), joint("elbow", "base", "arm"), link("hand"), joint("wrist", "arm", "hand")]
+FAR_OUT = '<origin xyz="3 0 4"/>'
 BALL = '<sphere radius="0.05"/>'
 
 
@@ -180,6 +183,75 @@ MASS = [
     BASE,
     *(element for k in range(12) for element in (link(f"l{k}"), joint(f"j{k}", f"l{k - 1}" if k else "base", f"l{k}"))),
 ]
+
+
+@pytest.mark.parametrize(("excess", "lines"), [(1e-7, 1), (1e-5, 2)])
+def test_moments_beyond_the_triangle_are_warned_of_beyond_the_decimals_of_files(excess, lines, check):
+    """Relative to the trace: a largest moment above the sum of the others by rounding of six decimals is none."""
+    moments = np.array([1.0, 1.0, 2 * (1 + 2 * excess)]) * 1e-3
+    text = "".join(f' i{a}{a}="{x:.17g}"' for a, x in zip("xyz", moments, strict=True))
+    inertial = f'<inertial><mass value="1"/><inertia{text} ixy="0" ixz="0" iyz="0"/></inertial>'
+    assert len(check(changed(1, f'<link name="arm">{inertial}</link>'))) == lines
+
+
+def placed(geometry, xyz="0 0 0", rpy="0 0 0", kind="visual"):
+    return f'<{kind}><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{geometry}</geometry></{kind}>'
+
+
+def measured(shapes, mass="8", inertia="0.064", origin='<origin xyz="0.3 0 0.4"/>'):
+    (body,) = bodies(etree.fromstring(f"<robot>{link('arm', mass, inertia, origin, shapes)}</robot>"))
+    return body
+
+
+def test_numbers_of_a_body_are_those_of_its_mass_and_inertia():
+    body = measured("")
+    assert (body.mass, body.com, body.reach, body.shapes) == (8.0, 0.5, 0.0, None)
+    assert body.radius_of_gyration == pytest.approx(np.sqrt(0.064 / 8))
+    radius = np.sqrt(5 / 2 * 0.064 / 8)  # a ball: I = 2/5 m r^2
+    assert body.density == pytest.approx(8 / (4 / 3 * np.pi * radius**3))
+    assert measured("", mass="0").density == measured("", inertia="1e-13").density == 0
+    rod = '<inertial><mass value="2"/><inertia ixx="2" ixy="0" ixz="0" iyy="2" iyz="0" izz="0"/></inertial>'
+    (body,) = bodies(etree.fromstring(f'<robot><link name="rod">{rod}</link></robot>'))
+    axes = np.sqrt(5) * np.array([1, 0.1, 0.1])  # as thick as a tenth of its length
+    assert body.density == pytest.approx(2 / (4 / 3 * np.pi * axes.prod()))
+
+
+def test_shapes_of_a_body_are_in_the_box_around_them_all():
+    box, ball = '<box size="0.2 0.4 0.6"/>', '<sphere radius="0.1"/>'
+    body = measured(placed(box, "1 0 0") + placed(ball, "0 0 -1"))
+    assert body.reach == pytest.approx(np.linalg.norm([1.1, 0.2, 0.3]))
+    low, high = np.array([-0.1, -0.2, -1.1]), np.array([1.1, 0.2, 0.3])
+    assert body.shapes.surrounding_volume == pytest.approx((high - low).prod())
+    assert body.shapes.radius == pytest.approx(np.linalg.norm(high - low) / 2)
+    assert body.shapes.largest_volume == pytest.approx(0.2 * 0.4 * 0.6)
+
+
+def test_a_turned_cylinder_is_in_the_turned_box():
+    turned = placed('<cylinder radius="0.1" length="1"/>', rpy=f"{np.pi / 2} 0 0")
+    body = measured(turned)
+    assert body.shapes.surrounding_volume == pytest.approx(0.2 * 0.2 * 1)
+    assert body.reach == pytest.approx(np.linalg.norm([0.1, 0.5, 0.1]))
+    assert body.shapes.largest_volume == pytest.approx(np.pi * 0.1**2)
+
+
+def test_of_visuals_and_collisions_those_count_that_accuse_less():
+    small, large = '<box size="0.1 0.1 0.1"/>', '<sphere radius="0.5"/>'
+    both = measured(placed(small) + placed(large, kind="collision"))
+    assert both.shapes.largest_volume == pytest.approx(1e-3)
+    assert both.shapes.surrounding_volume == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("shape", ['<mesh filename="a"/>', '<box size="1 1"/>', "", '<sphere radius="one"/>'])
+def test_shapes_that_are_not_known_are_no_evidence(shape):
+    assert measured(placed('<box size="2 2 2"/>') + placed(shape)).shapes is None
+
+
+def test_the_size_of_a_robot_is_its_longest_way_with_strokes():
+    slide = joint("s", "arm", "hand", kind="prismatic", lower="-3", upper="2")
+    text = f"<robot>{BASE}{link('arm')}{joint('e', 'base', 'arm')}{link('hand', origin=FAR_OUT)}{slide}</robot>"
+    root = etree.fromstring(text)
+    assert robot_size(root, bodies(root)) == pytest.approx(0.5 + 0.5 + 3)
+    assert robot_size(root, bodies(root), with_coms=True) == pytest.approx(0.5 + 0.5 + 3 + 5)
 
 
 def test_findings_of_one_kind_are_one_line_that_names_the_joints(check):

@@ -69,11 +69,10 @@ def check_bodies(root: Any, report: Report) -> None:
     with np.errstate(all="ignore"):  # numbers near the largest double overflow; comparisons with NaN are false
         found = bodies(root)
         size = robot_size(root, found)
-        total = sum(body.mass for body in found)
         for body in found:
             if body.mass > 0:
                 _check_centre(body, size, report)
-                _check_inertia(body, max(size, robot_size(root, found, with_coms=True)), total, report)
+                _check_inertia(body, max(size, robot_size(root, found, with_coms=True)), report)
                 _check_shapes(body, report)
 
 
@@ -85,7 +84,7 @@ def _check_centre(body: Body, size: float, report: Report) -> None:
         report.warning(body.element, body.owner, "the centre of mass is far outside the robot", cure, detail=detail)
 
 
-def _check_inertia(body: Body, size: float, total: float, report: Report) -> None:
+def _check_inertia(body: Body, size: float, report: Report) -> None:
     radius = body.radius_of_gyration
     if radius > LARGE * size > 0 and body.mass > PLACEHOLDER:
         detail = f"radius of gyration {radius:.3g} m, the robot measures {size:.3g} m"
