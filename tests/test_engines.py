@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 import rne
+from rne.dynamics.quantity import OK
 from rne.kernels import kernel as kernel_module
 from rne.kernels import numba_backend
 from rne.kernels.graph import Graph
-from rne.kernels.program import Trace, lower
+from rne.kernels.program import NeedsRecursion, Trace, lower
 from rne.kernels.scalar import inputs, references
 from rne.model.generators import random_tree, straight_chain
 
@@ -287,22 +288,6 @@ class TestErrors:
         assert isinstance(expected, tuple), "no error"
         assert got == expected
 
-    @pytest.mark.parametrize("case", kept(["nearly singular", "singular", "great rates"], ["singular"]))
-    def test_losses_of_digits(self, case):
-        pair = [rne.Robot(gimbal(), engine) for engine in kernel_module.ENGINES]
-        q, qd, tau = (np.ones((20, 3)) for _ in range(3))
-        if case == "great rates":
-            q, (qd,) = states(3, 20)[0], with_entry([qd], 0, (7, 2), 1e10)
-            tau = rne.dynamics.bias_torque(gimbal(), q, qd) * (1 + 1e-15)
-        else:
-            (q,) = with_entry([q], 0, (7, 1), 0.0 if case == "singular" else 2e-7)
-        for arguments in ((q, qd, tau), (q[7], qd[7], tau[7])):
-            for robot in pair:  # the first call of one state runs the recursion
-                outcome(lambda robot=robot, a=arguments: robot.forward_dynamics(*a))
-            expected, got = (outcome(lambda robot=robot, a=arguments: robot.forward_dynamics(*a)) for robot in pair)
-            assert expected, "neither an error nor a warning"
-            assert got == expected
-
     def test_an_engine_that_there_is_not(self):
         for call in (lambda: rne.load("irb140", engine="jax"), lambda: rne.Robot(rne.irb140(), "jax")):
             with pytest.raises(ValueError, match=r"^`engine` must be one of \['numpy', 'numba'\], got 'jax'$"):
@@ -315,6 +300,142 @@ class TestErrors:
         ):
             rne.load("irb140", engine="numba")
         assert rne.load("irb140").engine == "numpy"
+
+
+@pytest.fixture(scope="session")
+def gimbals():
+    """Two massless links that carry a body, on both engines, with forward dynamics of one state compiled."""
+    robots = [rne.Robot(gimbal(), engine) for engine in kernel_module.ENGINES]
+    for robot in robots:
+        for _ in range(2):  # the first call of one state runs the recursion
+            robot.forward_dynamics(*np.ones((3, 3)))
+    return robots
+
+
+def gimbal_state(case):
+    """A state of 20 with which forward dynamics lose digits, or have no answer; the other 19 are sound."""
+    q, qd, tau = (np.ones((20, 3)) for _ in range(3))
+    if case == "great velocities":
+        q, (qd,) = states(3, 20)[0], with_entry([qd], 0, (7, 2), 1e10)
+        tau = rne.dynamics.bias_torque(gimbal(), q, qd) * (1 + 1e-15)
+    else:
+        (q,) = with_entry([q], 0, (7, 1), {"singular": 0.0, "nearly singular": 2e-7, "beyond digits": 1e-8}[case])
+    return q, qd, tau
+
+
+@pytest.mark.parametrize("case", ["nearly singular", "beyond digits", "singular", "great velocities"])
+@pytest.mark.parametrize("batch", [False, True], ids=["one state", "batch"])
+def test_losses_of_digits_are_those_of_the_recursion(gimbals, case, batch):
+    """The recursion decides whether a result is an error, to be warned of or sound; no kernel is silent instead."""
+    s = gimbal_state(case) if batch else [x[7] for x in gimbal_state(case)]
+    expected = outcome(lambda: rne.dynamics.forward_dynamics(gimbals[0].model, *s))
+    assert expected, "neither an error nor a warning"
+    for robot in gimbals:
+        assert outcome(lambda robot=robot: robot.forward_dynamics(*s)) == expected
+
+
+@pytest.fixture(scope="module")
+def trace():
+    """By hand: a velocity and an argument (r, pivot, diagonal); the result 2 r does not show the velocity."""
+    graph = Graph()
+    _, r, pivot, diagonal = inputs(graph, (4,), 0)
+    outputs = references(graph, np.array([2.0 * r, pivot, diagonal], dtype=object))
+    return Trace(lower(graph, outputs, 4), (1, 3), (1,), velocities=range(1), pivots=1)
+
+
+@pytest.fixture(scope="module")
+def made(trace):
+    """By engine: the function of one state, and what runs batches."""
+    return {name: [make(trace) for make in kernel_module.backends(name)] for name in kernel_module.ENGINES}
+
+
+class TestSoundness:
+    """A state goes to the recursion exactly if a number is not finite, a velocity too great or a pivot of M too small."""
+
+    def cases(self, dtype):
+        """(velocity, r, pivot, diagonal) -> sound"""
+        eps = float(np.finfo(dtype).eps)
+        bound, least = eps**-0.25, 1000 * eps
+        table = {(1.0, 1.0, 1.0, 1.0): True}
+        table |= {(sign * bound * size, 1.0, 1.0, 1.0): size < 1 for sign in (1, -1) for size in (0.999, 1.001)}
+        table |= {(1.0, 1.0, size * least * 3.0, 3.0): size > 1 for size in (0.999, 1.001, -2.0, 0.0)}
+        for k in range(4):
+            for wrong in (np.nan, np.inf, -np.inf):
+                state = [1.0, 1.0, 1.0, 1.0]
+                state[k] = wrong
+                # an infinite pivot exceeds any other, a diagonal below zero any pivot's bound: results show those
+                table[tuple(state)] = (k, wrong) in ((2, np.inf), (3, -np.inf))
+        return table
+
+    @pytest.mark.parametrize("engine", kernel_module.ENGINES)
+    def test_of_one_state(self, made, engine):
+        function = made[engine][0]
+        for (velocity, *rest), sound in self.cases("float64").items():
+            arguments = np.array([velocity]), np.array(rest)
+            if sound:
+                assert function(*arguments) == 2.0 * rest[0]
+            else:
+                with pytest.raises(NeedsRecursion):
+                    function(*arguments)
+
+    @pytest.mark.parametrize("dtype", ["float64", "float32"])
+    @pytest.mark.parametrize("engine", kernel_module.ENGINES)
+    def test_in_batches(self, made, engine, dtype):
+        """The recursion computes the state, with its neighbours in a block, and its result is the one that is given."""
+        batches, asked = made[engine][1], []
+
+        def recursion(begin, end):
+            asked.append((begin, end))
+            return np.full((end - begin, 1), -1.0), OK
+
+        for state, sound in self.cases(dtype).items():
+            s = np.ones((21, 4), dtype)
+            s[9] = state
+            results = np.zeros((21, 1), dtype)
+            asked.clear()
+            assert batches.run([s[:, :1], s[:, 1:]], results, recursion) is OK
+            if sound:
+                assert not asked
+                assert (results == 2.0).all()
+            else:
+                (first, last), *_ = asked
+                assert first <= 9 < last
+                assert results[9] == -1.0
+                assert first == (9 if engine == "numba" else 0)
+                assert (results[:first] == 2.0).all()
+                assert (results[last:] == 2.0).all()
+
+    @pytest.mark.parametrize("engine", kernel_module.ENGINES)
+    def test_unguarded_it_takes_any_velocity_but_nothing_else(self, trace, engine):
+        function = kernel_module.backends(engine)[0](trace.unguarded())
+        assert function(np.array([1e9]), np.ones(3)) == 2.0
+        for wrong in ([np.nan, 1.0, 1.0], [1.0, 0.0, 1.0]):
+            with pytest.raises(NeedsRecursion):
+                function(np.ones(1), np.array(wrong))
+
+    @pytest.mark.parametrize("engine", kernel_module.ENGINES)
+    def test_infinity_is_seen_where_operations_hide_it(self, engine):
+        """Of an infinite x these are finite: tanh x, 1 / x, min(x, 1), its sign and the angle of (x, 1)."""
+        graph = Graph()
+        (x,) = inputs(graph, (1,), 0)
+        hidden = {"all": x.tanh() + 1 / x + x.minimum(1.0) + x.sign() + (0.0 * x + 1.0).arctan2(x)}
+        if engine == "numpy":  # one compilation by Numba is enough
+            hidden |= {"tanh": x.tanh(), "exp": (-x).exp(), "divide": 1 / x, "minimum": x.minimum(1.0)}
+            hidden |= {"less": x < 1.0, "where": (x < 1.0).where(x, 2.0), "sign": x.sign()}
+        for name, y in hidden.items():
+            trace = Trace(lower(graph, references(graph, np.array([y])), 1), (1,), (1,))
+            single, batches = (make(trace) for make in kernel_module.backends(engine))
+            assert np.isfinite(single(np.ones(1))), name
+            with pytest.raises(NeedsRecursion):
+                single(np.array([np.inf]))
+            asked = []
+
+            def recursion(begin, end, asked=asked):
+                asked.append(begin)
+                return np.zeros((end - begin, 1)), OK
+
+            batches.run([np.full((9, 1), np.inf)], np.zeros((9, 1)), recursion)
+            assert asked, name
 
 
 class TestWhatKeepsItsEngine:

@@ -172,7 +172,7 @@ class Emitter:
 class Rows:
     """A row-major array of states: its address, its strides in bytes, and the row of the first lane.
 
-    The array of one state has one axis and no stride between states.
+    The array of one state has one axis; its row is 0.
     """
 
     def __init__(self, emitter: Emitter, array: Any, ndim: int, row: Any) -> None:
@@ -180,8 +180,7 @@ class Rows:
         builder = emitter.builder
         self.address = builder.ptrtoint(array.data, row.type)
         strides = [builder.extract_value(array.strides, k) for k in range(ndim)]
-        self.column_stride = strides[-1]
-        self.row_stride = strides[0] if ndim > 1 else ir.Constant(row.type, 0)
+        self.row_stride, self.column_stride = strides[0], strides[-1]
 
     def _pointer(self, lane: int, column: int) -> Any:
         builder, integer = self.emitter.builder, self.row.type
