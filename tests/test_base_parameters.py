@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import rne
 from rne.basics.spatial import rotation_about
+from rne.dynamics.base_inertial_parameters import independent_columns
 from rne.model.builder import Part, assemble
 from rne.model.fewest_terms import with_fewest_terms
 from rne.model.generators import random_tree
@@ -77,6 +78,7 @@ def check(model, **options):
 
 def check_matrices(base, Y, states):
     E, B = base.back, base.matrix
+    assert not B.flags.writeable
     np.testing.assert_array_equal(B @ E, np.eye(base.count))
     np.testing.assert_array_equal(base.regressor(*states), Y @ E)
     sizes = np.abs(Y).max(axis=(0, 1), initial=0)
@@ -102,6 +104,12 @@ def test_robots_of_rounded_files(name, options):
         ranks = numeric_ranks(Y)
         assert (coarse.count, exact.count) == (ranks[0], ranks[-1])
         check_matrices(exact, Y, states)
+
+
+@pytest.mark.parametrize(("small", "kept"), [(0.0, [1]), (0.04, [1]), (0.06, [0]), (-0.06, [0])])
+def test_a_parameter_is_kept_unless_others_take_twenty_times_its_coefficient(small, kept):
+    row = np.array([[small, np.sqrt(1 - small**2)]])
+    assert independent_columns(row) == kept
 
 
 def arm_of_two_axes(angle):

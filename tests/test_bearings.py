@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.basics.text import six_digits
 from rne.model.builder import Part, assemble
 from rne.model.generators import straight_chain
 
@@ -82,6 +83,9 @@ def test_table_has_a_line_for_every_joint_with_units(irb140):
     ]  # fmt: skip
     assert [line.split()[0] for line in lines[2:]] == list(irb140.joint_names)
     assert lines[2].split()[1:3] == ["735.75", "0"]
+    peaks = rne.bearing_peaks(irb140, rne.simulate(irb140, still, still, 0.0, torque=irb140.gravity_torque(still)))
+    for column, values in ((1, peaks.force), (3, peaks.torque)):
+        assert [line.split()[column] for line in lines[2:]] == [six_digits(x) for x in values]
     assert max(map(len, lines)) <= 100
     ends = [title.end() for title in re.finditer(r"(force|at t|torque) \[[^]]+\]", lines[1])]
     for line in lines[2:]:

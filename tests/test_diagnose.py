@@ -1,6 +1,7 @@
 """What is said of M before forward dynamics are asked, and that they never answer wrongly in silence."""
 
 import warnings
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -92,8 +93,6 @@ def test_condition_is_that_of_unit_diagonal():
 
 def test_sizes_and_units_do_not_count():
     """A light tip on a bent chain: the condition number of M itself is 1e14, and none of it costs a digit."""
-    from dataclasses import replace
-
     chain = straight_chain(3)
     light = replace(
         chain, mass=chain.mass * [1, 1, 1e-12], inertia=chain.inertia * np.array([1, 1, 1e-12])[:, None, None]
@@ -160,9 +159,29 @@ def test_a_joint_that_moves_nothing_is_named():
     assert (found.condition, found.pivot, found.digits, found.worst_joint) == (np.inf, 0, 0, ("idle",))
 
 
+def test_digits_of_a_motion_are_those_of_skeels_amplification():
+    """max |M^-1| (|M| |qdd| + |tau| + |h|) / max |qdd|, of which each state of a batch has its own."""
+    robot = rne.Robot(random_tree(3, seed=4))
+    q, qd, tau = states(3, 4)
+    M, h = robot.mass_matrix(q), robot.bias_torque(q, qd)
+    inverse = np.abs(np.linalg.inv(M))
+    qdd = robot.forward_dynamics(q, qd, tau)
+    terms = np.einsum("kij,kj->ki", np.abs(M), np.abs(qdd)) + np.abs(tau) + np.abs(h)
+    expected = np.einsum("kij,kj->ki", inverse, terms).max(axis=-1) / np.abs(qdd).max(axis=-1)
+    found = robot.diagnose(q, qd, tau)
+    assert found.digits == pytest.approx(-np.log10(EPS * expected), abs=1e-6)
+    assert found.worst_state == (int(expected.argmax()),)
+
+
+def test_a_robot_at_rest_without_gravity_keeps_all_digits():
+    found = rne.dynamics.diagnose(replace(random_tree(3, seed=4), gravity=np.zeros(3)), *np.zeros((3, 3)))
+    assert found.digits == -np.log10(EPS)
+
+
 def test_no_joints_and_no_states_are_sound(irb140):
     still = rne.Robot(assemble("still", [Part(link="base", mass=1.0)])).diagnose([])
     assert (still.condition, still.pivot, still.worst_joint) == (1, 1, ())
+    assert still.condition.shape == still.pivot.shape == ()
     assert (
         str(still)
         == "condition 1.0e+00, smallest pivot 1.0e+00 of its diagonal entry, about 16 digits in forward dynamics"

@@ -250,6 +250,13 @@ def test_acceleration_of_a_link_is_J_qdd_plus_Jd_qd(tree):
     assert relative(a, expected) <= LAW
 
 
+def test_the_root_link_does_not_move(tree):
+    q, qd, _ = states(tree.n, 2)
+    root = tree.link_names[0]
+    for J in (rne.dynamics.jacobian(tree, q, root), rne.dynamics.jacobian_rate(tree, q, qd, root)):
+        np.testing.assert_array_equal(J, np.zeros((2, 6, tree.n)))
+
+
 def test_jacobian_rate_is_the_derivative_of_the_jacobian(tree):
     q, qd, _ = states(tree.n, 5)
     for link in tree.link_names:

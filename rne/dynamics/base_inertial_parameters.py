@@ -242,7 +242,7 @@ def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int
     """Places of the kept parameters, and the matrix B of beta = B pi, with the identity in these places."""
     rows, units = _combinations(standard, tolerance)
     rows = span(rows, tolerance)
-    kept = _independent_columns(rows)
+    kept = independent_columns(rows)
     matrix: Array = np.linalg.solve(rows[:, kept], rows)
     matrix[np.abs(matrix) < ROUNDING] = 0
     matrix *= units[kept, None] / units
@@ -292,7 +292,7 @@ def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
     return found
 
 
-def _independent_columns(rows: Array) -> list[int]:
+def independent_columns(rows: Array) -> list[int]:
     """As many columns as there are orthonormal rows, independent: the first ones that leave no large coefficients.
 
     Threshold pivoting. A combination of the rows that is orthogonal to the kept columns has unit length; the next
@@ -302,13 +302,9 @@ def _independent_columns(rows: Array) -> list[int]:
     left = rows.copy()
     while len(kept) < len(rows):
         for k in range(rows.shape[1]):
-            size = np.linalg.norm(left[:, k])
-            if len(kept) == len(rows) or k in kept or size**2 * rows.shape[1] <= PIVOT**2:
-                continue
-            direction = left[:, k] / size
-            others = direction @ left
-            if size > PIVOT * np.abs(others).max():
-                left -= direction[:, None] * others
+            overlap = left[:, k] @ left
+            if len(kept) < len(rows) and overlap[k] > max(PIVOT * np.abs(overlap).max(), ROUNDING):
+                left -= left[:, k, None] * (overlap / overlap[k])
                 kept.append(k)
     return sorted(kept)
 
