@@ -1,6 +1,7 @@
 """Robots made from robots."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -216,3 +217,20 @@ def test_degrees_of_a_mounting_are_refused():
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         rne.model.mounted(PAIR, [180, 0, 0])
     assert rne.model.mounted(PAIR, [2 * np.pi, -2 * np.pi, 0]).n == 2
+
+
+@pytest.mark.parametrize("changes", [{"damping": [0.5, 0, 0]}, {"friction": [0, 2.0, 0]}, {"armature": [0, 0, 3.0]}])
+def test_what_drives_lose_is_written_and_read(changes, tmp_path):
+    model = replace(PAIR, **changes)
+    file = tmp_path / "pair.urdf"
+    file.write_text(rne.to_urdf(model))
+    again = rne.read_urdf(file, gravity=model.gravity)
+    for name in ("damping", "friction"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(model, name))
+    assert again.armature.tolist() == [0, 0, 0]
+    said = "armature of the joints is 0 0 3" in file.read_text()
+    assert said == ("armature" in changes)
+    assert (
+        f"gravity is {' '.join(map(repr, PAIR.gravity.tolist()))} m/s^2 in the axes of the root link"
+        in file.read_text()
+    )

@@ -83,6 +83,8 @@ def test_outside_the_samples_nothing_is_invented():
         with pytest.raises(ValueError, match=r"^`t` must be within the samples, 1 to 3 s, got (0.999|3.001|3.5)$"):
             path(t)
     path(np.nextafter(3.0, 4.0))  # rounding of a solver's last stage
+    with pytest.raises(ValueError, match="must be within the samples"):
+        path(3.0 + 1e-9)
 
 
 SPLINE_ERRORS = {
@@ -194,6 +196,21 @@ def test_a_wrong_file_is_an_error_that_names_row_and_column(case, write):
     path = write(content)
     with pytest.raises(ValueError, match="^" + re.escape(f"{path}{message}") + "$"):
         read_csv(path, JOINTS)
+
+
+def test_long_names_and_values_are_cut_and_many_counted(write):
+    name = "n" * 38  # q.nnn... has 40 characters
+    with pytest.raises(ValueError, match=rf"no column 'q.{name}'; the q"):
+        read_csv(write("t,q.a\n0,1\n"), ["a", name])
+    with pytest.raises(ValueError, match=rf"no column 'q.{name}\.\.\.'; the q"):
+        read_csv(write("t,q.a\n0,1\n"), ["a", name + "n"])
+    with pytest.raises(ValueError, match=r"there are 'a', 'b', 'c', 'd'$"):
+        read_csv(write("a,b,c,d\n0,1,2,3\n"), [])
+    with pytest.raises(ValueError, match=r"there are 'a', 'b', 'c', 'd' and 2 more$"):
+        read_csv(write("a,b,c,d,e,f\n0,1,2,3,4,5\n"), [])
+    for value, shown in (("x" * 40, repr("x" * 40)), ("x" * 41, f"{'x' * 40!r}...")):
+        with pytest.raises(ValueError, match=rf"must be a finite number, got {re.escape(shown)}$"):
+            read_csv(write(f"t,q.a\n0,{value}\n"), ["a"])
 
 
 def test_a_file_that_is_not_there_is_an_error_of_the_system(tmp_path):

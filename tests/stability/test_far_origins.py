@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.builder import Part
+from rne.model.builder import Part, pose
 from rne.model.generators import random_tree
 from rne.urdf.far_origins import far_origins
 
@@ -167,3 +167,31 @@ def test_an_arm_a_few_times_its_size_up_the_axis_is_no_mistake():
     assert far_origins([Part(link="base")]) == [0.0]
     massless = Part(link="a", joint="j", kind="revolute", parent=0, axis=np.array([0, 0, 1.0]))
     assert far_origins([parts[0], massless]) == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("mass", "moment", "size"), [(1.0, 1e-3, 0.1), (2.0, 0.03, np.sqrt(0.045))])
+def test_an_origin_is_moved_beyond_ten_times_the_size_of_the_robot(mass, moment, size):
+    """The size is the lever across the axis, or the radius of gyration sqrt(tr(I) / m) where it is larger."""
+
+    def distance(lever):
+        body = {"mass": mass, "com": np.array([0.1, 0, lever]), "inertia": np.eye(3) * moment}
+        arm = Part(link="a", joint="j", kind="revolute", parent=0, axis=np.array([0, 0, 1.0]), **body)
+        return far_origins([Part(link="base"), arm])[1]
+
+    assert distance(9.99 * size) == 0
+    assert distance(10.01 * size) == pytest.approx(10.01 * size)
+    assert distance(-10.01 * size) == pytest.approx(-10.01 * size)
+
+
+def test_once_one_origin_is_far_all_that_are_out_by_the_size_are_moved():
+    body = {"mass": 1.0, "inertia": np.zeros((3, 3)), "axis": np.array([0, 0, 1.0]), "kind": "revolute"}
+    far, near, own = ([0.1, 0, 5.0], [0.1, 0, 0.3], [0.1, 0, 0.05])
+    parts = [Part(link="base")]
+    parts += [
+        Part(
+            link=f"l{k}", joint=f"j{k}", parent=0, com=np.array(com), placement=pose(np.eye(3), [0, 0, -com[2]]), **body
+        )
+        for k, com in enumerate((far, near, own))
+    ]
+    distances = far_origins(parts)  # all centres are at (0.1, 0, 0): the size is the lever of 0.1 m
+    np.testing.assert_allclose(distances, [0, 5.0, 0.3, 0], rtol=1e-12)
