@@ -434,3 +434,21 @@ def test_check_of_no_file(tmp_path):
     path = str(tmp_path / "none.urdf")
     with pytest.raises(FileNotFoundError, match=f"^{re.escape(repr(path))} is neither a file nor one of"):
         rne.check(path)
+
+
+@pytest.mark.parametrize("case", ERRORS)
+def test_one_mistake_is_one_error(case, write, capsys):
+    findings = rne.check(write(ERRORS[case][0]))
+    assert [finding.severity for finding in findings].count("error") == 1, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["acceleration", "jerk"])
+def test_limits_of_urdf_1_2_are_numbers(name, write):
+    inside = f'<axis xyz="0 0 1"/>{LIMIT[:-2]} {name}="fast"/>'
+    path = write(robot(*ARM[:2], joint("elbow", "base", "arm", inside=inside)))
+    text = f"{path}:5: joint 'elbow': attribute {name!r} of <limit> must be one number, finite and decimal, got 'fast'"
+    with pytest.raises(rne.UrdfError, match=f"^{re.escape(text)}"):
+        rne.load(path)
+    path = write(robot(*ARM[:2], joint("elbow", "base", "arm", inside=inside.replace("fast", "2.5"))))
+    assert rne.check(path) == []
+    assert getattr(rne.load(path), f"{name}_limit").tolist() == [2.5]
