@@ -14,8 +14,6 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .model.abb_irb140 import irb140
-from .model.chains import dh_chain
 from .model.model import Model
 from .robot import Robot
 
@@ -35,6 +33,7 @@ if TYPE_CHECKING:
         identify,
     )
     from .kernels.kernel import compile
+    from .model import dh_chain, irb140
     from .plotting.viewer import view
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
@@ -65,6 +64,7 @@ else:
             ),
             "kernels": (),
             "kernels.kernel": ("compile",),
+            "model": ("dh_chain", "irb140"),
             "plotting": (),
             "plotting.viewer": ("view",),
             "simulation.ensembles": ("Ensemble", "ensemble"),

@@ -188,8 +188,11 @@ def fan(
         )
     values = ensemble.quantiles(levels, of)
     names = [model.joint_names[k] for k in chosen]
-    title = f"{ensemble.q.shape[1]} motions of {model.name}"
-    where = panels(len(chosen), title, min(len(chosen), 3), 2.6 if chosen[1:] else 3.2) if axes is None else check_axes(axes, names)
+    if axes is None:
+        title, height = f"{ensemble.q.shape[1]} motions of {model.name}", 2.6 if len(chosen) > 1 else 3.2
+        where = panels(len(chosen), title, min(len(chosen), 3), height)
+    else:
+        where = check_axes(axes, names)
     for ax, k, joint in zip(where, chosen, names, strict=True):
         _bands(ax, ensemble.t, values[..., k], levels)
         name, unit = QUANTITIES[of][not model.is_revolute[model.independent_joints[k]]]

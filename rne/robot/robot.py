@@ -10,21 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from .. import dynamics
+from .. import model as models
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
 from ..dynamics.precision import Diagnosis
 from ..dynamics.quantity import Declared
 from ..dynamics.rnea import External
-from ..model import modify
 from ..model.model import Model
-from ..model.modify import LimitValues
 from ..model.parameters import parameters_of, with_parameters
-from ..model.topology import pinocchio_order
 
 if TYPE_CHECKING:
     from ..dynamics.base_inertial_parameters import BaseParameters
     from ..dynamics.recursion_record import Recursion
     from ..kernels.kernel import Kernel
+    from ..model.modify import LimitValues
 
 # compiled by Robot.compile without arguments, beside forward dynamics
 COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
@@ -180,6 +179,8 @@ class Robot(InNotebooks):
         """
         if library != "pinocchio":
             raise ValueError(f"`library` must be 'pinocchio', got {library!r}")
+        from ..model.topology import pinocchio_order
+
         return pinocchio_order(self._model)
 
     def compile(self, *functions: Declared) -> None:
@@ -1051,7 +1052,7 @@ class Robot(InNotebooks):
         >>> more.round(2)[1].item()  # 5 kg at 0.445 m from joint 2
         -21.83
         """
-        return Robot(modify.with_payload(self._model, mass, com, inertia, link), self.engine)
+        return Robot(models.with_payload(self._model, mass, com, inertia, link), self.engine)
 
     def with_parameters(self, parameters: ArrayLike) -> Robot:
         """The robot with other masses, centres of mass and inertias.
@@ -1115,7 +1116,7 @@ class Robot(InNotebooks):
         >>> robot.effort_limit[5].item(), robot.velocity_limit[5].item()
         (20.0, 5.0)
         """
-        model = modify.with_limits(self._model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
+        model = models.with_limits(self._model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
         return Robot(model, self.engine)
 
     def locked(self, positions: Mapping[str, float]) -> Robot:
@@ -1144,7 +1145,7 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").locked({"joint_4": 0.0, "joint_6": 0.0}).joint_names
         ('joint_1', 'joint_2', 'joint_3', 'joint_5')
         """
-        return Robot(modify.locked(self._model, positions), self.engine)
+        return Robot(models.locked(self._model, positions), self.engine)
 
     def mounted(self, rpy: ArrayLike) -> Robot:
         """The robot with its root link rotated in the world: on a wall, under a ceiling, on a slope.
@@ -1170,4 +1171,4 @@ class Robot(InNotebooks):
         >>> rne.load("irb140").mounted([math.pi, 0, 0]).model.gravity.tolist()  # under the ceiling
         [0.0, 0.0, 9.81]
         """
-        return Robot(modify.mounted(self._model, rpy), self.engine)
+        return Robot(models.mounted(self._model, rpy), self.engine)
