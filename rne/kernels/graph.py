@@ -59,7 +59,8 @@ class Graph:
         self.nodes: list[Node] = []
         self.limit = limit
         self._index: dict[tuple[Any, ...], int] = {}
-        self._constants: dict[int, float] = {}  # by node
+        self._values: dict[int, float] = {}  # of constants, by their references of either sign
+        self._references: dict[float, int] = {}  # of constants, by their values
 
     def node(self, kind: str, *args: Any) -> int:
         """The reference of an operation; equal operations share one."""
@@ -100,15 +101,17 @@ class Graph:
 
     def constant(self, value: float) -> int:
         """A number; kept positive, its sign in the reference."""
-        size = -value if value < 0 else value + 0.0
-        ref = self.node("constant", size)
-        self._constants[ref >> 1] = size
-        return ref ^ int(value < 0)
+        ref = self._references.get(value)
+        if ref is None:
+            size = abs(value)
+            ref = self.node("constant", size)
+            self._values[ref], self._values[ref ^ 1] = size, -size
+            self._references[value] = ref = ref ^ int(value < 0)
+        return ref
 
     def value(self, ref: int) -> float | None:
         """The value of a constant reference, or None if it depends on inputs."""
-        value = self._constants.get(ref >> 1)
-        return -value if ref & 1 and value is not None else value
+        return self._values.get(ref)
 
     def negate(self, a: int) -> int:
         """-a; zero has no sign."""
@@ -116,7 +119,7 @@ class Graph:
 
     def add(self, a: int, b: int) -> int:
         """a + b."""
-        x, y = self.value(a), self.value(b)
+        x, y = self._values.get(a), self._values.get(b)
         if x is not None and y is not None:
             return self.constant(x + y)
         if x == 0:
@@ -167,7 +170,7 @@ class Graph:
         """a b."""
         sign = (a ^ b) & 1
         a, b = a & ~1, b & ~1
-        x, y = self.value(a), self.value(b)
+        x, y = self._values.get(a), self._values.get(b)
         if x is not None and y is not None:
             return self.constant(x * y) ^ (sign if x * y else 0)
         if y is not None:
@@ -245,5 +248,5 @@ class Graph:
         if x is None:
             return self.node("negative", a & ~1)
         ref = self.node("constant", x)
-        self._constants[ref >> 1] = x
+        self._values[ref], self._values[ref ^ 1] = x, -x
         return ref

@@ -14,15 +14,17 @@ from .graph import Graph
 MAX_POWER = 64
 
 
-def _operator(operation: Callable[[Scalar, int], Scalar]) -> Callable[[Scalar, Any], Scalar]:
+def _operator(operation: Callable[[Graph, int, int], int]) -> Callable[[Scalar, Any], Scalar]:
     """The operator of a traced number and another number; an array takes it entry by entry."""
 
     def method(self: Scalar, other: Any) -> Scalar:
         if type(other) is Scalar:
-            return operation(self, other.ref)
-        if isinstance(other, np.ndarray):
+            ref = other.ref
+        elif isinstance(other, np.ndarray):
             return NotImplemented  # type: ignore[no-any-return]
-        return operation(self, self._other(other))
+        else:
+            ref = self._other(other)
+        return Scalar(self.graph, operation(self.graph, self.ref, ref))
 
     return method
 
@@ -54,23 +56,20 @@ class Scalar:
     def _other(self, other: Any) -> int:
         if isinstance(other, Scalar):
             return other.ref
-        if type(other) is float or isinstance(other, numbers.Real | np.bool_):
+        if type(other) in (float, int) or isinstance(other, numbers.Real | np.bool_):
             return self.graph.constant(float(other))
         raise TypeError(f"a traced number cannot be combined with {type(other).__name__}")
 
-    def _new(self, ref: int) -> Scalar:
-        return Scalar(self.graph, ref)
-
-    __add__ = __radd__ = _operator(lambda x, y: x._new(x.graph.add(x.ref, y)))
-    __sub__ = _operator(lambda x, y: x._new(x.graph.add(x.ref, y ^ 1)))
-    __rsub__ = _operator(lambda x, y: x._new(x.graph.add(x.ref ^ 1, y)))
-    __mul__ = __rmul__ = _operator(lambda x, y: x._new(x.graph.multiply(x.ref, y)))
-    __truediv__ = _operator(lambda x, y: x._new(x.graph.divide(x.ref, y)))
-    __rtruediv__ = _operator(lambda x, y: x._new(x.graph.divide(y, x.ref)))
-    __lt__ = _operator(lambda x, y: x._new(x.graph.binary("less", x.ref, y)))
-    __gt__ = _operator(lambda x, y: x._new(x.graph.binary("less", y, x.ref)))
-    __le__ = _operator(lambda x, y: x._new(x.graph.binary("less_equal", x.ref, y)))
-    __ge__ = _operator(lambda x, y: x._new(x.graph.binary("less_equal", y, x.ref)))
+    __add__ = __radd__ = _operator(Graph.add)
+    __sub__ = _operator(lambda graph, x, y: graph.add(x, y ^ 1))
+    __rsub__ = _operator(lambda graph, x, y: graph.add(x ^ 1, y))
+    __mul__ = __rmul__ = _operator(Graph.multiply)
+    __truediv__ = _operator(Graph.divide)
+    __rtruediv__ = _operator(lambda graph, x, y: graph.divide(y, x))
+    __lt__ = _operator(lambda graph, x, y: graph.binary("less", x, y))
+    __gt__ = _operator(lambda graph, x, y: graph.binary("less", y, x))
+    __le__ = _operator(lambda graph, x, y: graph.binary("less_equal", x, y))
+    __ge__ = _operator(lambda graph, x, y: graph.binary("less_equal", y, x))
 
     def __neg__(self) -> Scalar:
         return Scalar(self.graph, self.ref ^ 1)
@@ -97,9 +96,9 @@ class Scalar:
 
     # By these names NumPy's functions ask the entries of an object array.
     __abs__, sin, cos, sqrt, tanh, exp, sign = map(_elementary, ("abs", "sin", "cos", "sqrt", "tanh", "exp", "sign"))
-    minimum = _operator(lambda x, y: x._new(x.graph.binary("minimum", x.ref, y)))
-    maximum = _operator(lambda x, y: x._new(x.graph.binary("maximum", x.ref, y)))
-    arctan2 = _operator(lambda y, x: y._new(y.graph.arctan2(y.ref, x)))
+    minimum = _operator(lambda graph, x, y: graph.binary("minimum", x, y))
+    maximum = _operator(lambda graph, x, y: graph.binary("maximum", x, y))
+    arctan2 = _operator(Graph.arctan2)
 
     def where(self, a: Any, b: Any) -> Scalar:
         """`a` where this number is not 0, `b` elsewhere."""
