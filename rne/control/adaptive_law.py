@@ -52,11 +52,11 @@ class Adaptive:
     reference: Reference
     gain: float
     bodies: tuple[str, ...]
-    consistent: bool = False
-    viscous: Array | None = None
-    coulomb: Array | None = None
-    smoothing: float = SMOOTHING
-    effort_limit: Array | None = None
+    consistent: bool
+    viscous: Array | None
+    coulomb: Array | None
+    smoothing: float
+    effort_limit: Array | None
     traceable = True
 
     __repr__ = summary
