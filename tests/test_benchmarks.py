@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import cases, engines, identification, regressor
+from benchmarks import cases, engines, identification, import_time, regressor
 from benchmarks.evaluation import (
     KERNEL,
     KERNEL_SINGLE,
@@ -99,6 +99,10 @@ def test_tables_of_engines_are_those_of_the_last_runs():
     for page in engines.PAGES:
         text = page.read_text(encoding="utf-8")
         assert filled(text, {name: found[name] for name in places(page)}) == text
+
+
+def test_the_last_run_imports_within_its_bound():
+    assert engines.read("import_time.json")["ratios"]["rne"][0] <= import_time.AT_MOST
 
 
 def test_tables_of_the_regressor_are_those_of_the_last_run():
