@@ -62,7 +62,6 @@ def test_copies_share_their_kernels_and_simulated_robots_are_freed():
     twin = copy.copy(robot)
     assert twin.model is robot.model
     assert twin.kernel(rne.dynamics.mass_matrix) is robot.kernel(rne.dynamics.mass_matrix)
-    rne.simulate(robot, [0.1], [0], 0.01)
     rne.simulate(robot, [0.1], [0], 0.01, torque=[1.0])
     alive = weakref.ref(robot)
     del robot

@@ -22,13 +22,11 @@ from .quantity import quantity
 
 def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> dict[int, Moments]:
     """Mass, first moment and inertia of each body with its whole subtree (I^C_i of Featherstone), in frame i."""
-    zero = zeros((3,), like=model.mass)
-    composites = {i: model.body_moments(i) for i in range(model.nb)} | {
-        BASE: Moments(zero[:1], zero, cross_matrix(zero))
-    }
+    composites = {i: model.body_moments(i) for i in range(model.nb)}
     for i in reversed(range(model.nb)):
         parent = model.parent[i]
-        composites[parent] = composites[parent].plus(move_to_parent(composites[i], R[i], p[i]))
+        if parent != BASE:
+            composites[parent] = composites[parent].plus(move_to_parent(composites[i], R[i], p[i]))
     return composites
 
 
