@@ -189,3 +189,17 @@ def test_hanging_arm_stays(irb140):
     q = np.array([0, math.pi, -math.pi / 2, 0, 0, 0])
     motion = rne.simulate(irb140, q, np.zeros(6), 2.0)
     assert np.abs(motion.q - q).max() <= 1e-8
+
+
+def test_numbers_of_the_controlled_runs_are_those_of_section_6_5():
+    """A second transcription, in degrees."""
+    runs = [
+        ((0, 0, 0, 0, 0, 0), (90, 0, -90, 180, 90, -180)),
+        ((0, 180, -90, 0, 0, 0), (180, 0, 0, 180, -90, 0)),
+        ((0, 90, -90, 0, 0, 0), (-180, 180, -180, -180, -90, 180)),
+    ]
+    for run, (start, reference) in zip(CLOSED_LOOPS, runs, strict=True):
+        np.testing.assert_allclose(np.degrees(run.start), start, rtol=1e-15)
+        np.testing.assert_allclose(np.degrees(run.reference), reference, rtol=1e-15)
+        assert run.duration == 5
+    assert (KP, KD) == ((50, 50, 50, 50, 50, 60), (20, 20, 20, 20, 20, 22))
