@@ -21,19 +21,9 @@ UNBROKEN = "\xa0"  # a space at which no line ends
 
 
 def summary(thing: Any, **shown: Any) -> str:
-    """Class and fields of a dataclass, each value in a few words.
+    """Class and fields of a dataclass, each value in a few words, in lines of at most 100 characters.
 
-    Parameters
-    ----------
-    thing : dataclass
-        Fields that are None or have their default value are left out.
-    **shown
-        Values to show instead of those of the fields of these names.
-
-    Returns
-    -------
-    str
-        Lines of at most 100 characters.
+    Fields that are None or have their default value are left out; `shown` replaces the values of fields of these names.
     """
     values = {f.name: shown.get(f.name, getattr(thing, f.name)) for f in fields(thing)}
     left_out = {f.name for f in fields(thing) if values[f.name] is None or values[f.name] is f.default}

@@ -220,23 +220,9 @@ def irb140() -> Model:
 
 
 def irb140_mirrored() -> Model:
-    """The arm with positive q3 in the opposite direction, as in the thesis's Euler-Lagrange model.
+    """The arm with positive q3 in the opposite direction, as in the thesis's Euler-Lagrange model, chapter 7.
 
-    Returns
-    -------
-    Model
-        `irb140` with the axis of joint_3 reversed: its pose at q is that of `irb140` at (q1, q2, -q3, q4, q5, q6).
-
-    Notes
-    -----
-    Høifødt 2011, chapter 7.
-
-    Examples
-    --------
-    >>> import rne
-    >>> from rne.model.abb_irb140 import irb140_mirrored
-    >>> (irb140_mirrored().axis + rne.irb140().axis)[2].tolist()
-    [0.0, 0.0, 0.0]
+    The axis of joint_3 is reversed: its pose at q is that of `irb140` at (q1, q2, -q3, q4, q5, q6).
     """
     arm = irb140()
     sign = np.array([1, 1, -1, 1, 1, 1])

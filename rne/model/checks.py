@@ -43,14 +43,7 @@ def check_model(values: Mapping[str, Any]) -> None:
 def inertia_error(mass: float, com: Array, inertia: Array) -> str | None:
     """Say what makes a rigid body impossible, or None if it is possible.
 
-    Parameters
-    ----------
-    mass : float
-        [kg]
-    com : ndarray, shape (3,)
-        Centre of mass in the body's frame [m].
-    inertia : ndarray, shape (3, 3)
-        About the centre of mass [kg m^2].
+    The mass in kg, the centre of mass (3,) in the body's frame in m, the inertia (3, 3) about it in kg m^2.
     """
     if mass < 0:
         return f"the mass must be 0 or positive, got {mass!r}"

@@ -21,23 +21,8 @@ from .solids import Moments
 def with_fewest_terms(model: Model) -> Model:
     """The robot with every inertial parameter moved towards the base that may be.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-
-    Returns
-    -------
-    Model
-        With the same torques, M and accelerations in every state. Energies and joint wrenches are not those of the
-        robot, because masses are redistributed between bodies.
-
-    Examples
-    --------
-    >>> import rne
-    >>> from rne.model.fewest_terms import with_fewest_terms
-    >>> with_fewest_terms(rne.irb140()).moments.mass.tolist()
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    It has the same torques, M and accelerations in every state. Energies and joint wrenches are not those of the robot,
+    because masses are redistributed between bodies.
     """
     mass, first_moment, inertia = (array.copy() for array in model.moments)
     for i in reversed(range(model.nb)):

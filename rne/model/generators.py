@@ -12,27 +12,10 @@ from .model import Model
 
 
 def random_tree(n: int, seed: int, *, prismatic: float = 0.25, branching: float = 0.3, mimics: int = 0) -> Model:
-    """A tree of n joints with random axes, placements and physical inertias; some links on fixed joints.
+    """A tree of n coordinates with random axes, placements and physical inertias; some links on fixed joints.
 
-    Parameters
-    ----------
-    n : int
-        Number of coordinates.
-    seed : int
-    prismatic, branching : float
-        Probabilities that a joint slides, and that it is not mounted on the link before it.
-    mimics : int
-        Number of further joints that follow a random one.
-
-    Returns
-    -------
-    Model
-
-    Examples
-    --------
-    >>> from rne.model.generators import random_tree
-    >>> random_tree(4, seed=0).n
-    4
+    `prismatic` and `branching` are the probabilities that a joint slides, and that it is not mounted on the link before
+    it; `mimics` further joints follow a random one.
     """
     rng = np.random.default_rng(seed)
     parts = [Part(link="root", **_body(rng))]
@@ -66,20 +49,7 @@ def random_tree(n: int, seed: int, *, prismatic: float = 0.25, branching: float 
 
 
 def straight_chain(n: int, *, length: float = 0.3, mass: float = 1.0) -> Model:
-    """n equal rods hanging end to end, all axes y: the pendulum, the double pendulum, ...
-
-    Parameters
-    ----------
-    n : int
-    length, mass : float
-        Of each rod [m, kg].
-
-    Examples
-    --------
-    >>> from rne.model.generators import straight_chain
-    >>> straight_chain(2).parent
-    (-1, 0)
-    """
+    """n equal rods [m, kg] hanging end to end, all axes y: the pendulum, the double pendulum, ..."""
     across = mass * length**2 / 12
     parts = [Part(link="root")]
     for k in range(n):

@@ -49,12 +49,7 @@ def parameters_of(model: Model) -> Array:
 def at_parameters(model: Model, parameters: Array) -> Model:
     """The robot for dynamics alone, at parameters that are not checked and may differ from state to state.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    parameters : ndarray, shape (..., 10 nb)
-        As of `with_parameters`, of any dtype, traced numbers too.
+    They have shape (..., 10 nb), as of `with_parameters`, and any dtype, traced numbers too.
     """
     rows = parameters.reshape(*parameters.shape[:-1], model.nb, PARAMETERS)
     m, h, o = rows[..., 0], rows[..., 1:4], model.joint_origin
@@ -99,20 +94,10 @@ for _k, (_i, _j) in enumerate(PRODUCTS):
 
 
 def pseudo_inertia(pi: Array) -> Array:
-    """The pseudo-inertias of bodies.
+    """The pseudo-inertias (..., nb, 4, 4) of bodies with inertial parameters (..., 10 nb), numbers or traced numbers.
 
-    Parameters
-    ----------
-    pi : ndarray, shape (..., 10 nb)
-        Inertial parameters, ten per body, as of `Robot.parameters`; numbers or traced numbers.
+    Second moments [kg m^2], first moments [kg m] and mass [kg], about the point and in the axes of the parameters.
 
-    Returns
-    -------
-    ndarray, shape (..., nb, 4, 4)
-        Second moments [kg m^2], first moments [kg m] and mass [kg], about the point and in the axes of the parameters.
-
-    Examples
-    --------
     >>> import numpy as np, rne
     >>> from rne.model.parameters import pseudo_inertia
     >>> P = pseudo_inertia(rne.load("irb140").parameters)
@@ -123,26 +108,7 @@ def pseudo_inertia(pi: Array) -> Array:
 
 
 def parameters_of_pseudo_inertia(P: Array) -> Array:
-    """The inertial parameters of bodies with these pseudo-inertias.
-
-    Parameters
-    ----------
-    P : ndarray, shape (..., nb, 4, 4)
-        Symmetric matrices; numbers or traced numbers.
-
-    Returns
-    -------
-    ndarray, shape (..., 10 nb)
-        In the order of `Robot.parameters`.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> from rne.model.parameters import parameters_of_pseudo_inertia, pseudo_inertia
-    >>> pi = rne.load("irb140").parameters
-    >>> np.allclose(parameters_of_pseudo_inertia(pseudo_inertia(pi)), pi)
-    True
-    """
+    """The inertial parameters (..., 10 nb) of bodies with pseudo-inertias (..., nb, 4, 4), of numbers or traced ones."""
     pi = zeros((*P.shape[:-2], PARAMETERS), like=P)
     pi[..., 0] = P[..., 3, 3]
     pi[..., 1:4] = P[..., :3, 3]
@@ -153,24 +119,9 @@ def parameters_of_pseudo_inertia(P: Array) -> Array:
 
 
 def dual_of_gradient(slope: Array) -> Array:
-    """The symmetric matrices S with tr(S dP) = slope . dpi for every change dpi of the parameters.
+    """The symmetric matrices S (..., nb, 4, 4) with tr(S dP) = slope . dpi for every change dpi of the parameters.
 
-    Parameters
-    ----------
-    slope : ndarray, shape (..., 10 nb)
-        Derivatives by each parameter; numbers or traced numbers.
-
-    Returns
-    -------
-    ndarray, shape (..., nb, 4, 4)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from rne.model.parameters import dual_of_gradient, pseudo_inertia
-    >>> slope, change = np.random.default_rng(0).normal(size=(2, 20))
-    >>> np.isclose(np.sum(dual_of_gradient(slope) * pseudo_inertia(change)), slope @ change).item()
-    True
+    `slope` (..., 10 nb) holds derivatives by each parameter, numbers or traced numbers.
     """
     return combined(slope, DUALS)
 

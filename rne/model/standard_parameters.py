@@ -42,11 +42,6 @@ class StandardParameters:
     smoothing : float
         Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
 
-    Raises
-    ------
-    ValueError
-        If an argument has the wrong shape or value.
-
     Examples
     --------
     >>> import rne
@@ -127,16 +122,9 @@ class StandardParameters:
         return found
 
     def drive_columns(self, qd: Array, qdd: Array) -> Array:
-        """Torques of the drives per unit of each parameter behind those of the bodies.
+        """Torques of the drives per unit of each parameter behind those of the bodies, shape (..., n, count - 10 nb).
 
-        Parameters
-        ----------
-        qd, qdd : ndarray, shape (..., n)
-            Joint velocities and accelerations [rad/s or m/s; rad/s^2 or m/s^2].
-
-        Returns
-        -------
-        ndarray, shape (..., n, count - 10 nb)
+        `qd` and `qdd` (..., n) are joint velocities and accelerations [rad/s or m/s; rad/s^2 or m/s^2].
         """
         joints, shafts = np.eye(self.model.n), np.asarray(self.shafts)
         blocks = [self._columns(symbol, joints, qd, qdd) for symbol in self.terms]

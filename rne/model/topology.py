@@ -18,31 +18,9 @@ LONGEST = 400  # samples of one coordinate
 def end_link(model: Model, *, axes_count: bool = False) -> str:
     """The link at the end of an unbranched chain, a fixed frame behind the last joint included.
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    axes_count : bool
-        True if the axes of the link matter, not only its origin.
-
-    Returns
-    -------
-    str
-        Of the links that no other is attached to, the one that moves with the last joint. If several do, they must have
-        the same origin, and the same axes if these count; then it is the last of them in `link_names`.
-
-    Raises
-    ------
-    ValueError
-        If there is no such link: moving joints branch, one mimics another, or the last body ends at several points
-        or in several axes that count.
-
-    Examples
-    --------
-    >>> import rne
-    >>> from rne.model.topology import end_link
-    >>> end_link(rne.irb140())
-    'tool0'
+    Of the links that no other is attached to, it is the one that moves with the last joint. If several do, they must
+    have the same origin, and the same axes if `axes_count`; then it is the last of them in `link_names`. Otherwise, and
+    where moving joints branch or one mimics another, a ValueError says why and names the leaf links.
     """
     ends = _ends(model)
     mimics = [joint for i, joint in enumerate(model.moving_joints) if i not in model.independent_joints]
