@@ -108,7 +108,7 @@ def pseudo_inertia(pi: Array) -> Array:
 
 
 def parameters_of_pseudo_inertia(P: Array) -> Array:
-    """The inertial parameters (..., 10 nb) of bodies with pseudo-inertias (..., nb, 4, 4), of numbers or traced ones."""
+    """The inertial parameters (..., 10 nb) of bodies with pseudo-inertias (..., nb, 4, 4), numbers or traced."""
     pi = zeros((*P.shape[:-2], PARAMETERS), like=P)
     pi[..., 0] = P[..., 3, 3]
     pi[..., 1:4] = P[..., :3, 3]
