@@ -7,7 +7,7 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.commands.motion_files import noise, suggested_cutoff
+from rne.commands.motion_files import Motion, filtered, noise, suggested_cutoff
 
 END = np.array([1.0, -0.8, 0.6, 1.2, 0.5, -1.0])
 LINK = '<link name="{}"><inertial><mass value="1"/><origin xyz="1 0 0"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
@@ -117,6 +117,26 @@ class TestNoise:
         assert error == [f"error: --cutoff: must be between 0 and 500 Hz, half the sampling rate; got {cutoff}"]
 
 
+@pytest.mark.parametrize("cutoff", [3.0, 30.0])
+def test_a_filter_leaves_what_is_slow_also_at_the_ends(cutoff):
+    """A ramp is continued beyond its ends as the ramp it is: what is left there decays with the filter."""
+    t = times(1e-3)
+    ramp = Motion(t, t[:, None], 2 * t[:, None], None)
+    (_, q, qd, qdd), said = filtered(ramp, cutoff)
+    assert np.abs(q - ramp.q).max() < 2e-3 / cutoff
+    np.testing.assert_allclose(qd, 2 * q, rtol=0, atol=1e-12)
+    assert qdd is None
+    assert said.startswith(f"zero-phase Butterworth filter of {cutoff:g} Hz; it changes q by at most ")
+
+
+def test_a_filter_halves_the_power_twice_at_its_cutoff_and_delays_nothing():
+    """Forwards and backwards: 1/sqrt(2) twice, and opposite phases."""
+    t = np.arange(0, 20, 1e-3)
+    wave = np.sin(2 * np.pi * 5 * t)
+    (_, q, _, _), _ = filtered(Motion(t, wave[:, None], None, None), 5.0)
+    np.testing.assert_allclose(q[5000:-5000, 0], wave[5000:-5000] / 2, rtol=0, atol=1e-3)
+
+
 class TestNoiseOfSamples:
     @pytest.mark.parametrize("size", [1e-6, 1e-3])
     def test_white_noise_has_its_standard_deviation(self, size):
@@ -186,6 +206,10 @@ class TestUnits:
         assert warnings == []
         assert any(line.startswith("limits exceeded: ") and "none" not in line for line in said)
 
+    def test_what_is_beyond_the_ranges_in_degrees_too_is_none(self, torques):
+        """A thousand degrees are three turns."""
+        assert torques(self.t, 1000 * moved(self.t)[0])[2] == []
+
     def test_many_turns_of_an_unlimited_joint_are_no_degrees(self, torques, tmp_path):
         path = tmp_path / "arm.urdf"
         path.write_text(ARM)
@@ -208,6 +232,12 @@ class TestUnits:
         q, qd, _ = moved(self.t)
         assert torques(50 * self.t, q)[2] == []
         assert torques(1000 * self.t, q, qd / 1000)[2] == []
+        assert torques(self.t, 1e-4 * q)[2] == []
+
+    def test_velocities_of_another_factor_are_no_milliseconds(self, torques):
+        q, qd, _ = moved(self.t)
+        assert torques(self.t, q, 1e5 * qd)[2] == []
+        assert torques(self.t, q, 100 * qd)[2] == []
 
     def test_a_drive_without_velocity_is_no_milliseconds(self, torques, tmp_path):
         path = tmp_path / "arm.urdf"
