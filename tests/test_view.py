@@ -464,6 +464,11 @@ WRONG = {
         ValueError,
         "`q` must have shape (2, n), got (6,)",
     ),
+    "no times": (
+        lambda r, s: rne.view(r, q=np.zeros((0, 6)), t=[]),
+        ValueError,
+        "`q` must have at least one sample, got none",
+    ),
     "few joints": (
         lambda r, s: rne.view(r, q=np.zeros((2, 5)), t=[0, 1]),
         ValueError,

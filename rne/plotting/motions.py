@@ -144,7 +144,9 @@ def arrays_argument(names: Sequence[str], times: ArrayLike, arrays: Sequence[Arr
 
 
 def check_positions(name: str, motion: Motion, robot: Robot) -> Motion:
-    """The motion, if it has positions of all joints of a robot."""
+    """The motion, if it has samples with positions of all joints of a robot."""
+    if not len(motion.t):
+        raise ValueError(f"`{name}` must have at least one sample, got none")
     if "q" not in motion.samples:
         raise ValueError(f"`{name}` must hold positions, got None for them")
     if motion.n != robot.n:

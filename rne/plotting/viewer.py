@@ -323,7 +323,7 @@ def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array,
         start = f"{times[0]:g} + " if times[0] else ""
         factor = f"{speed:g} &times; " if speed != 1 else ""
         lines.append(f"t = {start}{factor}time on the slider")
-    return "<br>".join([*lines, "<small>frames and masses: button of the scene tree</small>"])
+    return "<br>".join([*lines, "<small>tree button: show link frames and masses</small>"])
 
 
 def _finished(text: str, name: str, key: str, camera: Camera) -> str:
