@@ -14,6 +14,7 @@ LINK = '<link name="{}"><inertial><mass value="1"/><origin xyz="1 0 0"/><inertia
 JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="{}"/></joint>'
 ARM = f"""<robot name="arm"><link name="base"/>{LINK.format("rotor")}{LINK.format("carriage")}
 {JOINT.format("turn", "continuous", "base", "rotor", "0 0 1")}{JOINT.format("slide", "prismatic", "rotor", "carriage", "1 0 0")}</robot>"""
+SLIDES = '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
 CAPACITY = 91  # [N m], some more than the largest torque of the motion to END in 1 s
 
 
@@ -87,7 +88,7 @@ class TestNoise:
 
     def test_nothing_is_differentiated_where_all_is_given(self, torques):
         q, qd, qdd = moved(self.t)
-        assert torques(self.t, shaken(q, 1e-4), qd, qdd)[2] == []
+        assert torques(self.t, shaken(q, 1e-4), shaken(qd, 1.0), qdd)[2] == []
 
     @pytest.mark.parametrize("step", [1e-3, 1e-2, 5e-2])
     def test_a_clean_file_gives_no_warning(self, step, torques):
@@ -102,7 +103,9 @@ class TestNoise:
 
     def test_a_swing_without_torque_gives_no_warning(self, torques, irb140):
         t = np.linspace(0, 1, 201)
-        assert torques(t, rne.simulate(irb140, [0] * 6, [0] * 6, 1.0, rtol=1e-10, t_eval=t).q)[2] == []
+        q = rne.simulate(irb140, [0] * 6, [0] * 6, 1.0, rtol=1e-10, t_eval=t).q
+        assert torques(t, q)[2] == []
+        assert torques(t, q.round(8))[2] == []  # noise that is small beside gravity
 
     def test_uneven_times_leave_no_filter(self, torques):
         t = self.t + np.random.default_rng(1).uniform(-2e-4, 2e-4, len(self.t))
@@ -173,7 +176,15 @@ class TestNoiseOfSamples:
         for size, low, high in ((1e-6, 15, 40), (1e-4, 5, 15)):
             for seed in range(3):
                 x = shaken(q, size, seed)
-                assert low < suggested_cutoff(t, x, noise(t, x)) < high
+                cutoff = suggested_cutoff(t, x, noise(t, x))
+                assert low < cutoff < high
+                removed = x - filtered(Motion(t, x, None, None), cutoff)[0].q
+                assert np.sqrt((removed**2).mean()) < 1.3 * size  # little but the noise
+
+    def test_a_joint_without_noise_has_no_say_in_the_cutoff(self):
+        t = times(1e-3)
+        x = np.column_stack([shaken(moved(t)[0][:, :1], 1e-4), np.sin(300 * t)])
+        assert 5 < suggested_cutoff(t, x, np.array([1e-4, 0.0])) < 15
 
 
 class TestUnits:
@@ -308,6 +319,26 @@ class TestLimits:
         assert self.limits(said).startswith(
             "limits exceeded: none; the model has no effort limits for joint_5, joint_6"
         )
+
+    def test_a_joint_without_ends_needs_no_positions(self, torques, tmp_path):
+        (tmp_path / "arm.urdf").write_text(ARM.replace('<axis xyz="1 0 0"/>', SLIDES))
+        said = torques(self.t, np.zeros((len(self.t), 2)), robot=str(tmp_path / "arm.urdf"))[1]
+        assert self.limits(said) == (
+            "limits exceeded: none; the model has no velocity limits for turn; the model has no effort limits for turn"
+        )
+        (tmp_path / "arm.urdf").write_text(ARM)
+        said = torques(self.t, np.zeros((len(self.t), 2)), robot=str(tmp_path / "arm.urdf"))[1]
+        assert self.limits(said) == (
+            "limits exceeded: none; the model has no position limits; the model has no velocity limits; the model has "
+            "no effort limits"
+        )
+
+    def test_a_joint_that_mimics_another_needs_no_effort(self, torques, tmp_path):
+        driven = ARM.replace('<axis xyz="1 0 0"/>', f'{SLIDES}<mimic joint="turn"/>').replace('effort="1"', "")
+        driven = driven.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><limit effort="1" velocity="1"/>')
+        (tmp_path / "arm.urdf").write_text(driven)
+        said = torques(self.t, np.zeros((len(self.t), 1)), robot=str(tmp_path / "arm.urdf"))[1]
+        assert self.limits(said) == "limits exceeded: none"
 
     def test_simulate_says_it_too(self, tmp_path, capsys):
         assert main(["simulate", "irb140", "--duration", "0.01", "--out", str(tmp_path / "m.csv")]) == 0
