@@ -10,7 +10,7 @@ import pytest
 import rne
 from rne.model.generators import random_tree
 
-from .helpers import Oracle, data_robot, data_robots
+from .helpers import Oracle, data_robots, loaded
 
 
 class Trees(Mapping):
@@ -80,7 +80,7 @@ def tree(request):
 
 @pytest.fixture(scope="session")
 def irb140():
-    return rne.load("irb140")
+    return loaded("irb140")
 
 
 @pytest.fixture(scope="session")
@@ -90,7 +90,7 @@ def irb140_oracle(irb140):
 
 @pytest.fixture(scope="session")
 def ur5():
-    return data_robot("ur_description/ur5_robot")
+    return loaded("ur_description/ur5_robot")
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.model.builder import Part, assemble
-from rne.urdf.loading import urdf_files
+from rne.urdf.loading import library, urdf_files
 from rne.validation.oracle import Oracle, each
 
 __all__ = [
@@ -18,11 +18,11 @@ __all__ = [
     "FIGURES",
     "ROOT",
     "Oracle",
-    "data_robot",
     "data_robots",
     "each",
     "gimbal",
     "kept",
+    "loaded",
     "relative",
     "states",
 ]
@@ -86,7 +86,11 @@ def data_robots():
     return urdf_files()
 
 
+def loaded(name):
+    """A robot by name or "folder/file" of example-robot-data, one for all tests: it keeps the kernels that they trace."""
+    return _load({**library(), **data_robots()}.get(name, name))
+
+
 @functools.cache
-def data_robot(name):
-    """A robot of example-robot-data, loaded once for all tests; it keeps the kernels that they trace."""
-    return rne.load(data_robots()[name])
+def _load(source):
+    return rne.load(source)

@@ -8,7 +8,7 @@ import pytest
 import rne
 from rne.model.parameters import pseudo_inertia
 
-from .helpers import kept
+from .helpers import kept, loaded
 
 W = np.pi  # 0.5 Hz
 CENTRE = np.array([0, 0.2, -0.3, 0.2, 0.8, 0.1])  # [rad]
@@ -30,7 +30,7 @@ def short_circle(t):
 @pytest.fixture(scope="module")
 def arm():
     """Three joints: the IRB 140 with its wrist locked."""
-    return rne.load("irb140").locked({"joint_4": 0.2, "joint_5": 0.8, "joint_6": 0.1})
+    return loaded("irb140").locked({"joint_4": 0.2, "joint_5": 0.8, "joint_6": 0.1})
 
 
 def law_of(arm, **options):
@@ -157,7 +157,7 @@ def test_only_the_bodies_asked_for_are_adapted(arm):
 
 
 def test_bodies_without_mass_are_left_out_by_default():
-    robot = rne.load("irb140")
+    robot = loaded("irb140")
     law = rne.control.adaptive(robot, KD, [20] * 6, circle)
     assert law.bodies == ("joint_1", "joint_2", "joint_4", "joint_6")
 

@@ -19,7 +19,7 @@ from rne.model.standard_parameters import StandardParameters
 from rne.model.topology import SEEDED, joint_groups, sample_positions
 
 from .conftest import TREES
-from .helpers import data_robot, kept
+from .helpers import kept, loaded
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)  # of the largest pivot; the rank is to be the same for all
@@ -90,7 +90,7 @@ def check_matrices(base, Y, states):
 @pytest.mark.parametrize("options", kept(OPTIONS, ["bodies", "all"]))
 @pytest.mark.parametrize("name", kept([name for name in LOADABLE if name not in ROUNDED_FILES], ONE_OF_EACH_KIND))
 def test_robots_of_files(name, options):
-    for model in in_any_gravity(data_robot(name).model).values():
+    for model in in_any_gravity(loaded(name).model).values():
         check(model, **OPTIONS[options])
 
 
@@ -98,7 +98,7 @@ def test_robots_of_files(name, options):
 @pytest.mark.parametrize("name", kept(ROUNDED_FILES, ["xarm_description/xarm7"]))
 def test_robots_of_rounded_files(name, options):
     """A finer rank sees the roundings, a coarse one does not: nor do the rules with a coarse tolerance."""
-    for model in in_any_gravity(data_robot(name).model).values():
+    for model in in_any_gravity(loaded(name).model).values():
         exact, coarse = (rne.dynamics.base_parameters(model, tolerance=x, **OPTIONS[options]) for x in (1e-9, 1e-5))
         Y, states = stacked_regressors(model, **OPTIONS[options])
         ranks = numeric_ranks(Y)
@@ -208,7 +208,7 @@ def test_formulas_and_matrices(name):
 @pytest.mark.parametrize("name", ["irb140", "ur5", "mixed", "sliders", "bushy"])
 def test_masses_redistributed_for_kernels_keep_them(name):
     """`with_fewest_terms` moves masses joint by joint: no base parameter may change."""
-    robots = {"irb140": lambda: rne.irb140(), "ur5": lambda: data_robot("ur_description/ur5_robot").model}
+    robots = {"irb140": lambda: rne.irb140(), "ur5": lambda: loaded("ur_description/ur5_robot").model}
     model = TREES[name] if name in TREES else robots[name]()
     model = replace(
         model, link_translation=np.zeros_like(model.link_translation)
@@ -254,9 +254,9 @@ def test_one_joint(formulas, expected):
 
 def test_known_counts(irb140, ur5):
     """Arms of six rotating joints, the first vertical: 36, and 40 with rotors; of seven 43; Gautier and Khalil 1990."""
-    for robot in (irb140, ur5, data_robot("ur_description/ur3_robot"), data_robot("ur_description/ur10_robot")):
+    for robot in (irb140, ur5, loaded("ur_description/ur3_robot"), loaded("ur_description/ur10_robot")):
         assert (robot.base_parameters().count, robot.base_parameters(rotor=True).count) == (36, 40)
-    panda = data_robot("panda_description/panda").locked({"panda_finger_joint1": 0.0})
+    panda = loaded("panda_description/panda").locked({"panda_finger_joint1": 0.0})
     right = np.pi / 2
     lwr = rne.dh_chain(
         a=[0] * 7,

@@ -8,6 +8,7 @@ import pytest
 
 import rne
 
+from .helpers import loaded
 from .measurements import record, truth
 from .planted_faults import planted, planted_pair
 
@@ -16,7 +17,7 @@ SHORT = {  # some causes on one of two robots
     "ur5": ("joint order", "axis flipped", "inertia axes"),
 }
 ROBOTS = ("irb140", "ur5", "panda")
-CAUSES = tuple(planted(rne.load("panda")))
+CAUSES = tuple(planted(loaded("panda")))
 
 
 @pytest.mark.parametrize(("name", "label"), [(name, label) for name, labels in SHORT.items() for label in labels])
@@ -50,7 +51,7 @@ def visible(robot, other):
 
 
 def test_numbers_of_a_payload_are_found():
-    robot = rne.load("ur5")
+    robot = loaded("ur5")
     other = rne.Robot(rne.model.with_payload(robot.model, 2.5, com=(0.02, -0.03, 0.1), link="wrist_3_link"))
     found = rne.compare_models(robot, other)
     assert found.text.startswith("it carries a payload of 2.5 kg at (0.02, -0.03, 0.1) m"), found.text
@@ -61,7 +62,7 @@ def test_numbers_of_a_payload_are_found():
     [
         (3, "`other` must be an rne.Robot, a function of (q, qd, qdd), arrays (q, qd, qdd, tau) or an "
             "rne.identification.Record, got int"),
-        (rne.load("panda"), "`other` must have 6 joints, as the robot, got 8"),
+        (loaded("panda"), "`other` must have 6 joints, as the robot, got 8"),
         (lambda q, qd, qdd: q[:, :5], "`other` must return torques of shape (120, 6), got (120, 5)"),
         (lambda q, qd, qdd: np.nan * q, "`other`: the torques must be finite"),
         ([np.zeros((5, 6))] * 3 + [np.zeros((4, 6))],
@@ -73,7 +74,7 @@ def test_numbers_of_a_payload_are_found():
 )  # fmt: skip
 def test_wrong_argument_is_refused(other, message):
     with pytest.raises((TypeError, ValueError), match=f"^{re.escape(message)}$"):
-        rne.compare_models(rne.load("irb140"), other)
+        rne.compare_models(loaded("irb140"), other)
 
 
 class Torques:
@@ -91,14 +92,14 @@ def measured(robot, torques, seed):
 
 @pytest.mark.parametrize("label", ["friction"])
 def test_fault_is_named_in_a_measured_motion(label):
-    robot = rne.load("irb140")
+    robot = loaded("irb140")
     found = rne.compare_models(robot, measured(robot, planted(robot)[label], seed=6))
     assert found.cause == label, found.report()
 
 
 def test_coarse_encoders_are_no_fault():
     """Rounded to 11 bits, positions give more noise to the predicted torques than the measured ones have."""
-    robot = rne.load("irb140")
+    robot = loaded("irb140")
     noise = np.array([1.5, 1.5, 0.9, 0.3, 0.3, 0.3])
     found = rne.compare_models(robot, record(truth(robot), torque_noise=noise, encoder_step=2 * np.pi / 2**11))
     assert found.cause == "none", found.report()
@@ -152,6 +153,6 @@ def test_same_torques_by_other_bodies_are_no_fault(name):
 
 
 def test_two_faults_are_both_named_or_none_is():
-    robot = rne.load("irb140")
+    robot = loaded("irb140")
     other = rne.Robot(replace(robot.model, gravity=-robot.model.gravity, armature=[0.1, 0.2, 0.3, 0, 0, 0], notes={}))
     assert set(rne.compare_models(robot, other).causes) == {"gravity sign", "armature"}

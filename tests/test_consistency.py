@@ -6,6 +6,7 @@ import pytest
 import rne
 from rne.identification import Record
 
+from .helpers import loaded
 from .measurements import truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
@@ -17,7 +18,7 @@ BALANCED = 0.01  # of the work: noise of 1 % of the torques, averaged
 @pytest.fixture(scope="module")
 def scene():
     friction = rne.Friction(viscous=VISCOUS, coulomb=COULOMB, smoothing=1e-4)
-    return rne.Scene(rne.load("irb140"), friction=friction)
+    return rne.Scene(loaded("irb140"), friction=friction)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 
 import rne
 
-from .helpers import EPS, data_robot, kept, relative, states
+from .helpers import EPS, kept, loaded, relative, states
 from .quantities import QUANTITIES, arguments_of
 
 
@@ -113,7 +113,7 @@ def test_digits_beyond_those_of_the_stored_rotations_win_nothing(name):
     Torques by Newton-Euler and Lagrange are 3.0e-26 and 3.5e-19 apart, M and the torques of unit accelerations 7.5e-24
     and 1.2e-18, with 30 digits as with 100.
     """
-    model = data_robot(name).model
+    model = loaded(name).model
     with mpmath.workdps(100):
         defect = orthogonality_defect(model)
     few, many = disagreements(model, 30), disagreements(model, 100)

@@ -12,7 +12,7 @@ from rne.model.generators import straight_chain
 from rne.model.topology import end_link, tip
 
 from .conftest import TREES
-from .helpers import data_robot, states
+from .helpers import loaded, states
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -104,7 +104,7 @@ def test_the_pandas_payload_is_refused_without_a_link():
         "`link` must be given for robot 'panda': its moving joints branch; "
         "its leaf links are ['panda_hand_tcp', 'panda_leftfinger', 'panda_rightfinger'], others are in `link_names`"
     )
-    panda = data_robot("panda_description/panda")
+    panda = loaded("panda_description/panda")
     with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
         panda.with_payload(3.0)
     assert panda.with_payload(3.0, link="panda_hand_tcp").model.mass.sum() > panda.model.mass.sum()
@@ -114,12 +114,12 @@ def test_the_pandas_payload_is_refused_without_a_link():
     ("name", "link"), [("ur_description/ur5_robot", "tool0"), ("xarm_description/xarm7", "link_eef")]
 )
 def test_arms_of_makers_carry_it_at_their_tool_frame(name, link):
-    assert end_link(data_robot(name).model) == link
+    assert end_link(loaded(name).model) == link
 
 
 def test_a_hand_of_fixed_fingers_has_no_single_end():
     with pytest.raises(ValueError, match="its last body ends at several points"):
-        data_robot("kinova_description/kinova").with_payload(1.0)
+        loaded("kinova_description/kinova").with_payload(1.0)
 
 
 def test_locking_joints_one_by_one_or_together_keeps_the_end(irb140):

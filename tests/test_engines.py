@@ -22,7 +22,7 @@ from rne.kernels.program import NeedsRecursion, Trace, lower
 from rne.kernels.scalar import inputs, references
 from rne.model.generators import random_tree, straight_chain
 
-from .helpers import EPS, data_robot, gimbal, kept, relative, states
+from .helpers import EPS, gimbal, kept, loaded, relative, states
 
 CALLS = {  # quantities, and the number of joint arrays that they take
     "inverse_dynamics": 3,
@@ -73,7 +73,7 @@ class TestNumbers:
     @pytest.mark.parametrize("method", CALLS)
     @pytest.mark.parametrize("name", ["ur_description/ur5_robot", "panda_description/panda"])
     def test_of_arms(self, name, method):
-        model = data_robot(name).model
+        model = loaded(name).model
         self.check([rne.Robot(model, engine) for engine in kernel_module.ENGINES], method, CALLS[method])
 
     def check(self, pair, method, count):
@@ -100,7 +100,7 @@ class TestNumbers:
     @pytest.mark.parametrize("name", kept(["chain", "irb140", "panda_description/panda"], ["chain"]))
     def test_derivatives(self, name):
         own = {"chain": straight_chain(3), "irb140": rne.irb140()}
-        model = own[name] if name in own else data_robot(name).model
+        model = own[name] if name in own else loaded(name).model
         pair = [rne.Robot(model, engine) for engine in kernel_module.ENGINES]
         s = states(model.n, 5)
         for expected, got in zip(*(robot.inverse_dynamics_derivatives(*s) for robot in pair), strict=True):

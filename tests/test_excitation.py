@@ -15,6 +15,8 @@ from rne.identification.exciting_motions.search import Search
 from rne.identification.exciting_motions.series_limits import SeriesLimits
 from rne.model.generators import random_tree
 
+from .helpers import loaded
+
 DURATION, HARMONICS = 4.0, 3
 LIMITS = {"acceleration_limit": [10.0] * 3, "effort_limit": [60.0, 150.0, 40.0]}
 ROUNDING = 1e-12  # of rates and accelerations of a few units
@@ -25,7 +27,7 @@ TORQUES_BETWEEN = 1e-3  # of the limit: what the parabola between samples leaves
 @pytest.fixture(scope="module")
 def arm():
     """The first three joints of the IRB 140."""
-    return rne.load("irb140").locked({"joint_4": 0.3, "joint_5": 0.5, "joint_6": 0.0})
+    return loaded("irb140").locked({"joint_4": 0.3, "joint_5": 0.5, "joint_6": 0.0})
 
 
 @pytest.fixture(scope="module")
@@ -308,7 +310,7 @@ def test_samples_and_files(arm, motion, tmp_path):
 @pytest.mark.long
 def test_irb140_with_all_joints():
     """Six joints, five harmonics: the condition number of random motions is some 35, of the best of 100 some 18."""
-    motion = rne.excitation(rne.load("irb140"), 10.0, 5, limits={"acceleration_limit": [10.0] * 6})
+    motion = rne.excitation(loaded("irb140"), 10.0, 5, limits={"acceleration_limit": [10.0] * 6})
     assert motion.condition < 6.5 < 13 < motion.random.min()
     assert motion.converged
 
@@ -389,7 +391,7 @@ def test_wrong_arguments(arm, arguments, options, error, text):
 
 def test_limits_too_narrow_to_excite():
     """Within 1e-12 rad, gravity is as constant as an offset."""
-    pendulum = rne.load("irb140").locked({f"joint_{k}": 0.0 for k in (1, 3, 4, 5, 6)})
+    pendulum = loaded("irb140").locked({f"joint_{k}": 0.0 for k in (1, 3, 4, 5, 6)})
     narrow = {"lower": [-1e-12], "upper": [1e-12]}
     text = (
         "100 random motions of 2 harmonics within the limits excite at most 3 of 4 base parameters; give more harmonics "

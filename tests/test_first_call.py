@@ -6,7 +6,7 @@ import pytest
 import rne
 from rne.kernels import kernel as kernel_module
 
-from .helpers import EPS, data_robot, relative, states
+from .helpers import EPS, loaded, relative, states
 
 # Methods of a Robot, with the number of joint arrays that they take and of programs that they trace.
 METHODS = {
@@ -108,7 +108,7 @@ def test_recursion_and_kernel_refuse_a_state_in_the_same_words():
 
 
 def test_coriolis_matrix_of_43_joints_is_had_without_tracing(traced):
-    robot = rne.Robot(data_robot("g1_description/g1_29dof_with_hand_rev_1_0").model)
+    robot = rne.Robot(loaded("g1_description/g1_29dof_with_hand_rev_1_0").model)
     assert robot.n == 43
     q, qd, _ = states(43)
     C = robot.coriolis_matrix(q, qd)

@@ -16,6 +16,8 @@ from rne.identification.estimation.prior import geometric_prior, model_prior
 from rne.identification.measurements.filtering import low_pass
 from rne.model.parameters import dual_of_gradient, pseudo_inertia
 
+from .helpers import loaded
+
 SAME = 1e-11  # relative: another order of operations, condition below 100
 SOLVED = 1e-6  # relative accuracy of the cone programme's solution
 THREE_SIGMA = 0.9973
@@ -100,7 +102,7 @@ def test_equations_without_noise():
 
 def arm_problem(seed=0, samples=60, noise=0.5, drives=2):
     """Torques of the IRB 140 with some parameters of drives, the equations weighted."""
-    robot, rng = rne.load("irb140"), np.random.default_rng(seed)
+    robot, rng = loaded("irb140"), np.random.default_rng(seed)
     q, qd, qdd = rng.uniform(-1, 1, (3, samples, 6)) * np.array([[[2.0]], [[2.0]], [[8.0]]])
     Y = np.concatenate([robot.regressor(q, qd, qdd), rng.normal(size=(samples, 6, drives))], axis=-1)
     x = np.concatenate([robot.parameters, np.linspace(1, 2, drives)])
@@ -129,7 +131,7 @@ def test_consistent_fit_is_a_minimum(weight):
 
 
 def test_without_measurements_the_bodies_are_those_of_the_prior():
-    robot = rne.load("ur5")
+    robot = loaded("ur5")
     prior, changed = model_prior(robot.model)
     assert changed == ()
     found = consistent_fit(np.zeros((63, 63)), prior, 1.0, BOTH, np.ones(2))
@@ -140,7 +142,7 @@ def test_friction_is_not_negative():
     """The torques ask for -3 of it."""
     _, factor, x = arm_problem(noise=0.1, samples=200)
     factor[:, -1] -= 5 * factor[:, -2]
-    robot = rne.load("irb140")
+    robot = loaded("irb140")
     found = consistent_fit(factor, model_prior(robot.model)[0], 1.0, BOTH, np.ones(2))
     assert found[-1] == pytest.approx(0, abs=1e-6)
     free = consistent_fit(factor, model_prior(robot.model)[0], 1.0, np.array([True, False]), np.ones(2))
@@ -162,7 +164,7 @@ def test_units_of_length_do_not_matter():
 
 def test_bodies_that_are_too_thin_are_made_thicker():
     """Point masses on massless rods, as textbooks have them."""
-    robot = rne.load("ur5")
+    robot = loaded("ur5")
     model, rows = robot.model, np.array(robot.parameters).reshape(6, 10)
     rows[2] = [5, 0, 0, 0, *[0] * 6]
     prior, changed = model_prior(rne.model.with_parameters(model, rows.ravel()))

@@ -10,6 +10,7 @@ from rne.identification import Record
 from rne.identification.measurements.bandwidth import choose_cutoff
 from rne.identification.measurements.filtering import MARGIN, derivatives, low_pass, settling
 
+from .helpers import loaded
 from .measurements import measure, record, truth
 
 RATE = 500.0
@@ -21,7 +22,7 @@ BAND = 1.5e-3  # gain lost at half the cut-off: 1 / (1 + 2^-8) is 0.4 % less for
 
 @pytest.fixture(scope="module")
 def scene():
-    return rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=3.0, coulomb=4.0, smoothing=0.01))
+    return rne.Scene(loaded("irb140"), friction=rne.Friction(viscous=3.0, coulomb=4.0, smoothing=0.01))
 
 
 @pytest.fixture(scope="module")
@@ -529,7 +530,7 @@ def test_columns_of_other_joints_are_named(tmp_path):
         Record.from_csv(file, ["a", "b"])
 
 
-@pytest.mark.parametrize(("joints", "kind"), [(rne.load("irb140"), "Robot"), ("a", "str")])
+@pytest.mark.parametrize(("joints", "kind"), [(loaded("irb140"), "Robot"), ("a", "str")])
 def test_joint_names_are_names(joints, kind, tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("t,q.a,tau.a\n0,1,2\n")

@@ -12,6 +12,7 @@ from rne.identification.estimation.least_squares import least_squares
 from rne.model.parameters import pseudo_inertia
 
 from .conftest import TREES
+from .helpers import loaded
 from .measurements import measure, record, truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
@@ -26,7 +27,7 @@ BETWEEN_SAMPLES = 1e-3  # of the torques: what filters and differences change in
 def scene():
     """Coulomb friction is nearly a step, as the fit takes it."""
     friction = rne.Friction(viscous=VISCOUS, coulomb=COULOMB, smoothing=1e-4)
-    return rne.Scene(rne.load("irb140"), friction=friction)
+    return rne.Scene(loaded("irb140"), friction=friction)
 
 
 @pytest.fixture(scope="module")
@@ -281,7 +282,7 @@ def short():
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(rne.load("panda"), rec),
+            lambda r, rec: rne.identify(loaded("panda"), rec),
             "`records` must be of 8 joints, as the robot, got one of 6",
         ),
         (ValueError, lambda r, rec: rne.identify(r, rec, spread=0.0), "`spread` must be positive, got 0.0"),
@@ -292,7 +293,7 @@ def short():
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, rec, prior=rne.load("panda")),
+            lambda r, rec: rne.identify(r, rec, prior=loaded("panda")),
             "`prior` must have the joints ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6']",
         ),
         (
@@ -331,7 +332,7 @@ def short():
     ],
 )
 def test_errors(kind, make, text):
-    robot = rne.load("irb140")
+    robot = loaded("irb140")
     t, q = short()
     rec = Record(t, q, robot.gravity_torque(q))
     with pytest.raises(kind, match=f"^{re.escape(text)}$"):

@@ -17,7 +17,7 @@ from rne.kernels.scalar import inputs, references
 from rne.model.generators import random_tree, straight_chain
 
 from .conftest import TREES
-from .helpers import EPS, data_robot, gimbal, kept, relative, states
+from .helpers import EPS, gimbal, kept, loaded, relative, states
 from .quantities import QUANTITIES, arguments_of
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
@@ -68,7 +68,7 @@ def test_kernel_is_the_recursion_on_trees(tree, function):
 
 @pytest.mark.parametrize("name", kept(ARMS, ["irb140", "double_pendulum_description/double_pendulum"]))
 def test_kernel_is_the_recursion_on_arms(name, function):
-    model = rne.irb140() if name == "irb140" else data_robot(name).model
+    model = rne.irb140() if name == "irb140" else loaded(name).model
     check_same(model, function)
 
 
@@ -78,7 +78,7 @@ def test_kernel_in_float32_is_the_recursion(function):
 
 @pytest.mark.parametrize("name", kept(LOADABLE, ONE_OF_EACH_KIND))
 def test_robot_is_the_recursion_on_every_data_robot(name):
-    robot = data_robot(name)
+    robot = loaded(name)
     q, qd, qdd = states(robot.n, 5)
     bound = 4e-15 * max(robot.n, 1)
     assert apart(robot.inverse_dynamics(q, qd, qdd), rne.dynamics.inverse_dynamics(robot.model, q, qd, qdd)) <= bound

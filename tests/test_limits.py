@@ -12,6 +12,8 @@ from rne.model.abb_irb140 import CLOSED_LOOPS, DATA_SHEET, KD, KP
 from rne.model.builder import Mimic, Part, assemble
 from rne.simulation.limits import Violation, limit_violations
 
+from .helpers import loaded
+
 T = np.linspace(0, 10, 1001)
 
 
@@ -197,7 +199,7 @@ def test_peaks_between_samples_are_seen():
 
 
 def test_limits_per_coordinate_leave_joints_that_mimic_out():
-    panda = rne.load("panda")
+    panda = loaded("panda")
     assert panda.effort_limit.tolist() == [87, 87, 87, 87, 12, 12, 12, 100]
     assert panda.velocity_limit.shape == panda.lower.shape == panda.upper.shape == (panda.n,)
     assert (panda.lower < panda.upper).all()

@@ -9,6 +9,8 @@ import rne
 from rne.__main__ import main
 from rne.commands.motion_files import Motion, filtered, noise, suggested_cutoff
 
+from .helpers import loaded
+
 END = np.array([1.0, -0.8, 0.6, 1.2, 0.5, -1.0])
 LINK = '<link name="{}"><inertial><mass value="1"/><origin xyz="1 0 0"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
 JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="{}"/></joint>'
@@ -67,7 +69,7 @@ class TestNoise:
 
     def test_the_proposed_filter_finds_the_torques_of_the_motion(self, torques):
         q, qd, qdd = moved(self.t)
-        exact = rne.load("irb140").inverse_dynamics(q, qd, qdd)
+        exact = loaded("irb140").inverse_dynamics(q, qd, qdd)
         _, _, (warning,) = torques(self.t, shaken(q, 1e-4))
         cutoff = re.search(r"--cutoff (\S+),", warning)[1]
         tau, said, warnings = torques(self.t, shaken(q, 1e-4), options=["--cutoff", cutoff])

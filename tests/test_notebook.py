@@ -17,9 +17,9 @@ from rne.model.generators import random_tree, straight_chain
 from rne.plotting import notebook
 from rne.plotting.notebook import SOURCE_LINES
 
-from .helpers import kept
+from .helpers import kept, loaded
 
-ROBOTS = {"irb140": lambda: rne.load("irb140"), "chain of 30": lambda: rne.Robot(straight_chain(30))}
+ROBOTS = {"irb140": lambda: loaded("irb140"), "chain of 30": lambda: rne.Robot(straight_chain(30))}
 HOSTILE = "<b>&\"'</td><script>"
 
 

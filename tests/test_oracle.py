@@ -6,7 +6,7 @@ import pytest
 
 import rne
 
-from .helpers import EPS, Oracle, data_robot, data_robots, each, kept, relative, states
+from .helpers import EPS, Oracle, data_robots, each, kept, loaded, relative, states
 
 EXACT = 1e-13  # of the largest entry: a few tens of roundings on six joints
 DATA = 1e-12  # robots of up to a hundred joints
@@ -35,7 +35,7 @@ def arm(request):
 
 @pytest.fixture(params=kept(LOADABLE, ONE_OF_EACH_KIND), scope="module")
 def data_arm(request):
-    robot = data_robot(request.param)
+    robot = loaded(request.param)
     return robot, Oracle(robot.model, data_robots()[request.param].read_text())
 
 

@@ -8,7 +8,7 @@ import pytest
 import rne
 
 from .conftest import TREES
-from .helpers import Oracle, data_robot, data_robots, kept
+from .helpers import Oracle, data_robots, kept, loaded
 from .test_oracle import LOADABLE, ONE_OF_EACH_KIND
 
 ROUNDING = 1e-14  # of the largest term of Y pi, times the number of bodies it is added up over, from 10 on
@@ -31,7 +31,7 @@ def robot(request):
 
 @pytest.fixture(params=kept(LOADABLE, ONE_OF_EACH_KIND))
 def data_arm(request):
-    return data_robot(request.param), data_robots()[request.param].read_text()
+    return loaded(request.param), data_robots()[request.param].read_text()
 
 
 def test_torques_are_linear_in_the_parameters(data_arm):

@@ -8,7 +8,7 @@ import pytest
 import rne
 from rne.urdf.loading import urdf_files
 
-from .helpers import data_robot, kept
+from .helpers import kept, loaded
 
 
 @pytest.fixture
@@ -34,8 +34,8 @@ def test_every_file_of_the_package_has_one_name():
 def test_a_name_is_its_file(name):
     file = {"ur5": "ur_description/ur5_robot", "panda": "panda_description/panda"}[name]
     robot = rne.load(name, gravity=[0, 0, -1.62], engine="numpy")
-    assert robot.joint_names == data_robot(file).joint_names
-    np.testing.assert_array_equal(robot.model.mass, data_robot(file).model.mass)
+    assert robot.joint_names == loaded(file).joint_names
+    np.testing.assert_array_equal(robot.model.mass, loaded(file).model.mass)
     assert robot.model.gravity.tolist() == [0, 0, -1.62]
 
 

@@ -9,6 +9,7 @@ import rne
 from rne.model.standard_parameters import StandardParameters
 
 from .conftest import TREES
+from .helpers import loaded
 
 SAME = 1e-13  # of the largest torque: another order of operations
 
@@ -41,7 +42,7 @@ def test_torques_of_a_scene_are_linear_in_them(name):
 
 def test_shaft_of_a_coupled_motor():
     """A rotor that turns with the sum of two joints: by the transposed coupling it acts on both."""
-    robot = rne.load("irb140")
+    robot = loaded("irb140")
     shaft = np.array([[0, 0, 0, 0, 1.0, 1.0]])
     standard = StandardParameters(robot.model, rotor=True, friction="coulomb", offset=True, shafts=shaft)
     qd, qdd = np.random.default_rng(0).normal(size=(2, 6))
@@ -69,7 +70,7 @@ def test_without_drives_there_are_the_bodies_alone():
         "Izz_1",
     )
     assert standard.drive_columns(np.ones((3, 6)), np.ones((3, 6))).shape == (3, 6, 0)
-    np.testing.assert_array_equal(standard.values, rne.load("irb140").parameters)
+    np.testing.assert_array_equal(standard.values, loaded("irb140").parameters)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ import pytest
 
 import rne
 
+from .helpers import loaded
+
 START, END = np.linspace(0.0, 0.5, 6), np.linspace(1.0, -1.0, 6)
 PATHS = {
     "quintic": rne.trajectories.quintic(START, END, 3.0),
@@ -48,7 +50,7 @@ def test_times_of_shape_n_1_are_one_time_per_state(path):
 
 def test_a_traced_reference_agrees_with_calls_of_it(path):
     """Tracing hands over t as an array of one traced number, shape (1, 1)."""
-    robot = rne.load("irb140")
+    robot = loaded("irb140")
     law = rne.traceable(lambda t, q, qd: sum(path(t)))
     scene = rne.Scene(robot, controller=law)
     times = np.linspace(0, 0.2, 6)
