@@ -336,11 +336,11 @@ def test_losses_of_digits_are_those_of_the_recursion(gimbals, case, batch):
 
 @pytest.fixture(scope="module")
 def trace():
-    """By hand: a velocity and an argument (r, pivot, diagonal); the result 2 r does not show the velocity."""
+    """By hand: a velocity and an argument (r, pivot, diagonal, unused); the result 2 r shows neither first nor last."""
     graph = Graph()
-    _, r, pivot, diagonal = inputs(graph, (4,), 0)
+    _, r, pivot, diagonal, _ = inputs(graph, (5,), 0)
     outputs = references(graph, np.array([2.0 * r, pivot, diagonal], dtype=object))
-    return Trace(lower(graph, outputs, 4), (1, 3), (1,), velocities=range(1), pivots=1)
+    return Trace(lower(graph, outputs, 5), (1, 4), (1,), velocities=range(1), pivots=1)
 
 
 @pytest.fixture(scope="module")
@@ -353,17 +353,17 @@ class TestSoundness:
     """A state goes to the recursion exactly if a number is not finite, a velocity too great or a pivot of M too small."""
 
     def cases(self, dtype):
-        """(velocity, r, pivot, diagonal) -> sound"""
+        """(velocity, r, pivot, diagonal, unused) -> sound"""
         eps = float(np.finfo(dtype).eps)
         bound, least = eps**-0.25, 1000 * eps
-        table = {(1.0, 1.0, 1.0, 1.0): True}
-        table |= {(sign * bound * size, 1.0, 1.0, 1.0): size < 1 for sign in (1, -1) for size in (0.999, 1.001)}
-        table |= {(1.0, 1.0, size * least * 3.0, 3.0): size > 1 for size in (0.999, 1.001, -2.0, 0.0)}
-        for k in range(4):
+        table = {(1.0, 1.0, 1.0, 1.0, 1.0): True}
+        table |= {(sign * bound * size, 1.0, 1.0, 1.0, 1.0): size < 1 for sign in (1, -1) for size in (0.999, 1.001)}
+        table |= {(1.0, 1.0, size * least * 3.0, 3.0, 1.0): size > 1 for size in (0.999, 1.001, -2.0, 0.0)}
+        for k in range(5):
             for wrong in (np.nan, np.inf, -np.inf):
-                state = [1.0, 1.0, 1.0, 1.0]
+                state = [1.0, 1.0, 1.0, 1.0, 1.0]
                 state[k] = wrong
-                # an infinite pivot exceeds any other, a diagonal below zero any pivot's bound: results show those
+                # an infinite pivot exceeds its bound, as any does that of a diagonal below zero: results show those
                 table[tuple(state)] = (k, wrong) in ((2, np.inf), (3, -np.inf))
         return table
 
@@ -389,7 +389,7 @@ class TestSoundness:
             return np.full((end - begin, 1), -1.0), OK
 
         for state, sound in self.cases(dtype).items():
-            s = np.ones((21, 4), dtype)
+            s = np.ones((21, 5), dtype)
             s[9] = state
             results = np.zeros((21, 1), dtype)
             asked.clear()
@@ -408,8 +408,8 @@ class TestSoundness:
     @pytest.mark.parametrize("engine", kernel_module.ENGINES)
     def test_unguarded_it_takes_any_velocity_but_nothing_else(self, trace, engine):
         function = kernel_module.backends(engine)[0](trace.unguarded())
-        assert function(np.array([1e9]), np.ones(3)) == 2.0
-        for wrong in ([np.nan, 1.0, 1.0], [1.0, 0.0, 1.0]):
+        assert function(np.array([1e9]), np.ones(4)) == 2.0
+        for wrong in ([np.nan, 1.0, 1.0, 1.0], [1.0, 0.0, 1.0, 1.0]):
             with pytest.raises(NeedsRecursion):
                 function(np.ones(1), np.array(wrong))
 

@@ -1,6 +1,8 @@
 """Kernels: the same results as the recursion, whatever the shape, order, block, thread or process."""
 
+import inspect
 import pickle
+import re
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 
 import rne
 from rne.kernels import numpy_backend, registers
+from rne.kernels import trace as trace_module
 from rne.kernels.graph import Graph
 from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import state_function
@@ -133,9 +136,7 @@ class TestOperations:
         assert kernel(np.zeros(1))[0, 0] == rne.dynamics.mass_matrix(straight_chain(1), [0.0])[0, 0]
 
     def test_too_large_to_unroll_runs_as_the_recursion(self, monkeypatch):
-        from rne.kernels import trace as module
-
-        monkeypatch.setattr(module, "LIMIT", 100)
+        monkeypatch.setattr(trace_module, "LIMIT", 100)
         kernel = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140())
         assert kernel.operations == {}
         assert repr(kernel) == "Kernel inverse_dynamics of 'irb140': run as the recursion"
@@ -143,6 +144,11 @@ class TestOperations:
         assert np.array_equal(kernel(*s), rne.dynamics.inverse_dynamics(rne.irb140(), *s))
         out = np.empty((4, 6))
         assert kernel(*s, out=out) is out
+
+
+def test_documented_limit_of_operations_is_the_one_that_counts():
+    stated = re.search(r"more than ([0-9,]+)\s+operations", inspect.getdoc(rne.compile))[1]
+    assert trace_module.LIMIT == int(stated.replace(",", "")) == 50_000
 
 
 class TestBatches:
@@ -419,6 +425,30 @@ class TestRandomGraphs:
             np.testing.assert_allclose(workspace.rows[n : n + len(outputs), column], expected, atol=scale, rtol=0)
 
 
+class TestRegisters:
+    """Few registers are what lets large blocks stay in the cache."""
+
+    @pytest.mark.parametrize(("quantity", "count"), [("inverse_dynamics", 51), ("mass_matrix", 65)])
+    def test_of_the_irb140_there_are_few(self, quantity, count):
+        kernel = rne.compile(getattr(rne.dynamics, quantity), rne.irb140(), engine="numpy")
+        program = kernel.traced.program
+        assert registers.allocate(program).registers <= count
+        assert registers.allocate(registers.reordered(program, range(len(program.instructions)))).registers <= count
+
+    def test_a_block_of_states_fits_the_cache(self):
+        """All registers take 8 MiB at most, rounded down to 64 states, with 256 to 8192 states in a block."""
+        for count, itemsize, states_per_block in [(1, 8, 8192), (1000, 8, 1024), (1000, 4, 2048), (10**6, 8, 256)]:
+            assert numpy_backend.block_length(count, itemsize) == states_per_block
+
+    def test_one_is_free_again_after_its_last_reader(self):
+        """A chain x -> sin x -> sin sin x ... needs one register beside those of the input and the output, or none."""
+        graph = Graph()
+        (x,) = inputs(graph, (1,), 0)
+        for _ in range(20):
+            x = x.sin() + 1.0
+        assert registers.allocate(lower(graph, references(graph, objects([x])), 1)).registers == 2
+
+
 class TestScalars:
     @pytest.fixture
     def x(self):
@@ -444,6 +474,19 @@ class TestScalars:
         for product in (np.array([1.0, 2.0]) * x, x * np.array([1.0, 2.0])):
             assert [entry.ref for entry in product] == [x.ref, (2.0 * x).ref]
         assert np.array([x, 1.0]).dtype == object
+
+    def test_sum_and_difference_of_two_numbers_add_up_to_twice_one_of_them(self):
+        """Whichever way round they are written: 2 x and 2 y instead of three operations."""
+        x, y = inputs(Graph(), (2,), 0)
+        for total, twice in [
+            ((x + y) + (x - y), 2 * x),
+            ((x - y) + (y + x), 2 * x),
+            ((x + y) - (x - y), 2 * y),
+            ((x - y) - (x + y), -2 * y),
+            ((y - x) + (x + y), 2 * y),
+            (-(y - x) + (x + y), 2 * x),
+        ]:
+            assert total.ref == twice.ref
 
     def test_whole_powers_are_products(self, x):
         assert (x**3).ref == (x * x * x).ref

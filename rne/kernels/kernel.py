@@ -357,6 +357,8 @@ def _run_in_threads(
 def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed: Any) -> Kernel:
     """Trace a function of (model, q, ...) on one model and return its kernel.
 
+    A function of more than 50,000 operations is not written out: its kernel runs the recursion itself.
+
     Parameters
     ----------
     function : callable
