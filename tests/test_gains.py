@@ -1,5 +1,7 @@
 """check_gains against brute force and against simulations of the sampled loop itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -108,6 +110,23 @@ def test_the_largest_value_is_found_between_samples_and_at_the_edge():
     assert (value, where[0]) == (pytest.approx(0, abs=1e-12), pytest.approx(0.1234, abs=1e-6))
     value, where = largest_over(lambda q: q.sum(-1), np.array([-1.0, 0.0]), np.array([1.0, 5.0]))
     assert (value, where.tolist()) == (6.0, [1.0, 5.0])
+
+
+def test_the_larger_of_two_peaks_is_taken():
+    edges, drawn = (np.array([-1.0]), np.array([1.0])), np.array([[-0.45], [0.55]])
+    value, where = largest_over(lambda q: 0.1 * (q < 0).sum(-1) - ((np.abs(q) - 0.5) ** 2).sum(-1), *edges, drawn)
+    assert (value, where[0]) == (pytest.approx(0.1), pytest.approx(-0.5, abs=1e-6))
+
+
+def test_gravity_stiffness_of_a_pendulum_is_its_weight_times_its_lever():
+    """Largest over a full turn; the largest mode is Kd over the inertia, the same everywhere."""
+    rod = Part(link="rod", joint="pivot", kind="revolute", parent=0, axis=np.array([0, 1.0, 0]), mass=2.0)
+    model = assemble("pendulum", [Part(link="base"), replace(rod, com=np.array([0, 0, 0.5]))], gravity=[0, 0, -9.81])
+    gains = rne.check_gains(rne.Robot(model), 9.9, 3.0)
+    assert gains.gravity_stiffness == pytest.approx(2 * 9.81 * 0.5)
+    assert gains.largest_mode == pytest.approx(3.0 / (2 * 0.25))
+    assert gains.beats_gravity is True
+    assert rne.check_gains(rne.Robot(model), 9.7, 3.0).beats_gravity is False
 
 
 SMALL = 1e-7  # deviation in which terms of second order are 1e-7 of the linear ones

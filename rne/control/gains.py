@@ -162,10 +162,9 @@ def largest_over(
     value: Callable[[Array], Array], lower: Array, upper: Array, drawn: Array | None = None
 ) -> tuple[float, Array]:
     """The largest value found between two corners of the workspace, and where; refined from the best drawn ones."""
-    from scipy.optimize import minimize
+    from scipy.optimize import Bounds, minimize
 
-    drawn = random_configurations(lower, upper) if drawn is None else drawn
-    bounds = list(zip(lower, upper, strict=True))
+    drawn, bounds = random_configurations(lower, upper) if drawn is None else drawn, Bounds(lower, upper)
     found = [
         minimize(lambda q: -float(value(q)), start, method="L-BFGS-B", jac="3-point", bounds=bounds)
         for start in drawn[np.argsort(value(drawn))[-REFINED:]]
