@@ -365,22 +365,22 @@ WRONG = {
     "few names": (
         lambda s, e: rne.plotting.plot(s, ["a", "b"]),
         ValueError,
-        "`names` must have 6 names, one per joint of `motion`, got 2",
+        "`joint_names` must have 6 names, one per joint of `motion`, got 2",
     ),
     "number": (
         lambda s, e: rne.plotting.plot(s, 6),
         TypeError,
-        "`names` must be an rne.Robot or a sequence of str, got int",
+        "`joint_names` must be an rne.Robot or a sequence of str, got int",
     ),
     "numbers": (
         lambda s, e: rne.plotting.plot(s, range(6)),
         TypeError,
-        "`names` must be a sequence of str, got one with int",
+        "`joint_names` must be a sequence of str, got one with int",
     ),
     "one name": (
         lambda s, e: rne.plotting.plot(s, "abcdef"),
         TypeError,
-        "`names` must be an rne.Robot or a sequence of str, got str",
+        "`joint_names` must be an rne.Robot or a sequence of str, got str",
     ),
     "other robot": (
         lambda s, e: rne.plotting.plot(s, other=PAIR),
@@ -466,7 +466,7 @@ def test_wrong_calls_are_refused_by_name(swing, spread, case):
 def test_names_are_shown_as_they_are(swing):
     """Neither formulas nor names that begin with a line, which matplotlib would hide."""
     names = ["_a", r"$\frac{$", "c$", "d", "e", "f"]
-    figure = rne.plotting.plot(swing, names=names)
+    figure = rne.plotting.plot(swing, joint_names=names)
     figure.savefig(io.BytesIO())
     (legend,) = {tuple(text.get_text() for text in ax.get_legend().get_texts()) for ax in figure.axes[:1]}
     assert [name.replace("\u200b", "").replace(r"\$", "$") for name in legend] == names

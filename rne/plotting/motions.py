@@ -165,11 +165,11 @@ def joint_labels(motion: Motion, names: Robot | Sequence[str] | None) -> tuple[t
     if names is None:
         names = numbered_joints(motion.n) if model is None else model.joint_names
     elif not isinstance(names, Iterable) or isinstance(names, str):
-        raise TypeError(f"`names` must be an rne.Robot or a sequence of str, got {type(names).__name__}")
+        raise TypeError(f"`joint_names` must be an rne.Robot or a sequence of str, got {type(names).__name__}")
     labels = tuple(names)
     for label in labels:
         if not isinstance(label, str):
-            raise TypeError(f"`names` must be a sequence of str, got one with {type(label).__name__}")
+            raise TypeError(f"`joint_names` must be a sequence of str, got one with {type(label).__name__}")
     if len(labels) != motion.n:
-        raise ValueError(f"`names` must have {motion.n} names, one per joint of `motion`, got {len(labels)}")
+        raise ValueError(f"`joint_names` must have {motion.n} names, one per joint of `motion`, got {len(labels)}")
     return labels, None if model is None else model.is_revolute[list(model.independent_joints)]

@@ -55,7 +55,7 @@ class Panel(NamedTuple):
 
 def plot(
     motion: Trajectory | Sequence[ArrayLike | None],
-    names: Robot | Sequence[str] | None = None,
+    joint_names: Robot | Sequence[str] | None = None,
     *,
     other: Trajectory | Sequence[ArrayLike | None] | None = None,
     quantities: Sequence[str] | None = None,
@@ -68,7 +68,7 @@ def plot(
     motion : Trajectory or tuple of array_like
         A simulated motion, or arrays (t, q), (t, q, qd), (t, q, qd, qdd) or (t, q, qd, qdd, tau) of shapes (T,) and
         (T, n), such as measured ones; None for an array that is missing.
-    names : Robot or sequence of str, length n, optional
+    joint_names : Robot or sequence of str, length n, optional
         The robot, or names of its joints. By default the names that the motion's model has, and for arrays numbers.
     other : Trajectory or tuple of array_like, optional
         A second motion of as many joints, drawn dashed on the same panels where it has the quantity.
@@ -116,7 +116,7 @@ def plot(
     second = None if other is None else motion_argument("other", other)
     if second is not None and second.n != shown.n:
         raise ValueError(f"`other` must have {shown.n} joints as `motion` has, got {second.n}")
-    labels, rotating = joint_labels(shown, names)
+    labels, rotating = joint_labels(shown, joint_names)
     wanted = panels_of(shown, labels, rotating, quantities)
     title = _title(shown, second)
     where = panels(len(wanted), title) if axes is None else check_axes(axes, [panel.label for panel in wanted])
