@@ -66,6 +66,15 @@ def test_one_sample_is_its_own_peak(irb140):
     assert (peaks.force_time == 0).all()
 
 
+def test_the_bearing_of_an_upright_axis_carries_weight_and_tilting_moment():
+    """2 kg, 0.5 m beside the axis: 2 g along it and 2 g 0.5 across it; spinning adds m omega^2 r."""
+    crane = rne.model.chain([np.eye(3)], [[0, 0, 0]], masses=[2.0], centres=[[0.5, 0, 0]], inertias=[np.eye(3)])
+    record = rne.dynamics.recursion(crane, np.zeros((2, 1)), [[0.0], [3.0]], np.zeros((2, 1)))
+    force, torque = rne.dynamics.bearing_loads(record, crane)
+    np.testing.assert_allclose(force[:, 0], [2 * G, np.hypot(2 * G, 2 * 3**2 * 0.5)], rtol=1e-14)
+    np.testing.assert_allclose(torque[:, 0], [2 * G * 0.5] * 2, rtol=1e-14)
+
+
 def test_a_robot_without_joints_has_no_bearings():
     block = rne.Robot(assemble("block", [Part(link="base", mass=1.0)]))
     peaks = rne.bearing_peaks(block, rne.simulate(block, [], [], 1.0))
