@@ -100,6 +100,12 @@ def test_every_entry_has_a_floor_and_there_are_few():
     assert len({name.split("/")[1] for name in listed.split()}) <= MAX_ENTRIES
 
 
+def test_nothing_is_imported_that_is_not_installed():
+    """The wheel holds rne/ alone."""
+    for path in SOURCES:
+        assert not {m.split(".")[0] for m in imports(path)} & {"examples", "tests", "benchmarks", "docs"}, path
+
+
 def test_yourdfpy_is_used_for_pictures_only():
     """It is the independent second reader; the package reads the dynamics of a URDF with lxml alone."""
     users = {entry(p) for p in SOURCES if any(m.split(".")[0] == "yourdfpy" for m in IMPORTS[p])}

@@ -205,6 +205,16 @@ class TestUnits:
         assert warnings == []
         np.testing.assert_allclose(tau, torques(self.t, *radians)[0], rtol=0, atol=1e-12 * CAPACITY)
 
+    def test_view_reads_degrees_too(self, tmp_path, monkeypatch):
+        shown = []
+        monkeypatch.setattr("rne.view", lambda robot, out, **given: shown.append(given["q"]) or 1 / 0)
+        (tmp_path / "arm.urdf").write_text(ARM)
+        (tmp_path / "m.csv").write_text("t,q.turn,q.slide\n0,180,1\n")
+        words = ["view", str(tmp_path / "arm.urdf"), "--motion", str(tmp_path / "m.csv"), "--degrees"]
+        with pytest.raises(ZeroDivisionError):
+            main([*words, "--out", str(tmp_path / "x.html")])
+        assert shown[0].tolist() == [[np.pi, 1]]
+
     def test_sliding_joints_stay_in_metres(self, tmp_path, capsys):
         (tmp_path / "arm.urdf").write_text(ARM)
         (tmp_path / "m.csv").write_text("t,q.turn,q.slide,qd.turn,qd.slide,qdd.turn,qdd.slide\n0,0,1,0,0,180,2\n")

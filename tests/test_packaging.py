@@ -33,6 +33,13 @@ def test_changelog_has_a_section_for_what_is_not_released():
     assert re.search(r"^## \[Unreleased\]$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
+def test_sources_hold_what_runs_in_a_clone():
+    """The experiments of the thesis, tests and benchmarks are not installed, but go with the sources."""
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]
+    assert build["wheel"]["packages"] == ["rne"]
+    assert {"rne", "examples", "tests", "benchmarks", "docs"} <= set(build["sdist"]["include"])
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     """The path of a wheel built from the repository."""
@@ -104,6 +111,9 @@ def test_wheel_runs_without_the_repository(wheel, tmp_path):
     assert run(script, "--version") == f"rne {rne.__version__}\n"
     (tmp_path / "robot.urdf").write_text(run(script, "urdf", "irb140"))
     assert run(script, "check", "robot.urdf") == "robot.urdf: no findings\n"
+    assert run(script, "--out", "main").endswith("page: main/index.html\n")
+    assert run(script, "report", "robot.urdf", "--out", "robot").endswith("page: robot/index.html\n")
+    assert (tmp_path / "main" / "index.html").exists()
     code = (
         "import rne; print(rne.__file__); print(rne.load('irb140').inverse_dynamics([0] * 6, [0] * 6, [0] * 6).shape)"
     )
