@@ -405,6 +405,18 @@ class TestSoundness:
                 assert (results[:first] == 2.0).all()
                 assert (results[last:] == 2.0).all()
 
+    def test_states_in_a_row_are_left_to_the_recursion_in_growing_numbers(self, made):
+        """By Numba: 16 at first, twice as many each time up to 1024, and 16 again behind a state that is sound."""
+        s, asked = np.full((4000, 5), np.nan), []
+        s[3056] = 1.0  # behind the first eight stretches
+
+        def recursion(begin, end):
+            asked.append((begin, end - begin))
+            return np.zeros((end - begin, 1)), OK
+
+        made["numba"][1].run([s[:, :1], s[:, 1:]], np.zeros((4000, 1)), recursion)
+        assert [count for _, count in asked] == [16, 32, 64, 128, 256, 512, 1024, 1024, 16, 32, 64, 128, 256, 447]
+
     @pytest.mark.parametrize("engine", kernel_module.ENGINES)
     def test_unguarded_it_takes_any_velocity_but_nothing_else(self, trace, engine):
         function = kernel_module.backends(engine)[0](trace.unguarded())

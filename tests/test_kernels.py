@@ -1,6 +1,7 @@
 """Kernels: the same results as the recursion, whatever the shape, order, block, thread or process."""
 
 import inspect
+import itertools
 import pickle
 import re
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -439,6 +440,23 @@ class TestRegisters:
         """All registers take 8 MiB at most, rounded down to 64 states, with 256 to 8192 states in a block."""
         for count, itemsize, states_per_block in [(1, 8, 8192), (1000, 8, 1024), (1000, 4, 2048), (10**6, 8, 256)]:
             assert numpy_backend.block_length(count, itemsize) == states_per_block
+
+    @pytest.mark.parametrize("dtype", ["float64", "float32"])
+    @pytest.mark.parametrize("length", [1, 16, 100])
+    def test_rows_begin_at_cache_lines_of_their_own(self, dtype, length):
+        rows = numpy_backend.aligned_zeros(5, length, np.dtype(dtype))
+        assert rows.shape[1] >= length
+        assert not rows.any()
+        for row, after in itertools.pairwise(rows):
+            assert row.ctypes.data % 64 == 0
+            assert after.ctypes.data - row.ctypes.data == -(-length * rows.itemsize // 64) * 64 + 64
+
+    def test_calls_are_kept_for_few_lengths_of_blocks(self):
+        kernel = rne.compile(rne.dynamics.gravity_torque, straight_chain(2), engine="numpy")
+        for count in range(1, 20):
+            assert kernel(np.zeros((count, 2))).shape == (count, 2)
+        (workspace,) = kernel.blocks.workspaces["float64"]
+        assert len(workspace._calls) <= 5
 
     def test_one_is_free_again_after_its_last_reader(self):
         """A chain x -> sin x -> sin sin x ... needs one register beside those of the input and the output, or none."""

@@ -18,7 +18,6 @@ INTERNAL = {
     "Kernel.blocks",
     "Kernel.evaluate",
     "Kernel.is_unrolled",
-    "Kernel.fast_single_state",
     "Kernel.state_function",
     "Kernel.state_function_unguarded",
     "Kernel.traced",

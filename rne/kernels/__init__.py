@@ -1,10 +1,11 @@
 """From a recursion to a kernel: a function traced once on one robot, run as straight-line arithmetic.
 
-cache (which quantities of a Robot are traced) -> kernel (the call and its checks; wrenches: external ones as arrays)
--> trace (the core run on scalar's traced numbers, which build a graph; differentiation) -> program (the graph in order)
--> an engine or source (printed
-languages). The engine "numpy" is python_backend (one state as Python floats) and numpy_backend (blocks of states, with
-registers, schedule, sine_cosine); "numba" is numba_backend (both, compiled, with machine_code and machine_sine).
+1. trace runs the core of a function on traced numbers (scalar), whose operations build a graph, once each;
+   differentiation adds derivatives to the graph.
+2. program puts the operations in order, and states when a result is sound.
+3. An engine runs the program, or source prints it. The engine "numpy" is python_backend (one state as Python floats)
+   and numpy_backend (blocks of states in registers); "numba" is numba_backend (both, compiled from machine_code).
+4. kernel checks the arguments of a call and chooses among these; cache keeps the kernels of a Robot.
 """
 
 from .kernel import Kernel, compile, derivative

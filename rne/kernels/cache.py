@@ -124,7 +124,7 @@ class KernelCache:
         external: External | None,
         parameters: ArrayLike | None,
     ) -> tuple[dict[str, Any], tuple[ArrayLike, ...]]:
-        """What a kernel takes behind the joint arrays, as arguments of `compile`, and all arrays in its order."""
+        """The inputs behind the joint arrays, as arguments of `compile`, and all arrays in the kernel's order."""
         inputs: dict[str, Any] = {}
         if external is not None:
             links = self._links.get(tuple(external)) if isinstance(external, Mapping) else None

@@ -42,7 +42,7 @@ def engine_argument(engine: str) -> str:
 
 
 def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Callable[[Trace], Any]]:
-    """What makes a function of one state of a trace, and what runs it on batches: NumPy, or machine code by Numba.
+    """The makers of an engine: of a trace's function of one state, and of its program on batches.
 
     Numba is imported when its first kernel is compiled.
     """

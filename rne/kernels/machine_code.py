@@ -54,7 +54,7 @@ class Emitter:
         self.type = self.number if lanes == 1 else ir.VectorType(self.number, lanes)
 
     def constant(self, value: float) -> Any:
-        """The same number in every lane."""
+        """A number repeated in every lane."""
         one = ir.Constant(self.number, float(value))
         return one if self.lanes == 1 else ir.Constant(self.type, [one] * self.lanes)
 

@@ -131,7 +131,7 @@ class Trace:
         return self.program.unused_inputs
 
     def sound_inputs(self, inputs: Any, dtype: Any, write: Conditions) -> list[Any]:
-        """What must hold for the inputs of a state, or of several at once; see `sound_results`."""
+        """Conditions on the inputs of a state, or of several at once; see `sound_results`."""
         unchecked = [inputs[k] for k in self.unchecked_inputs]
         conditions = [write.finite(unchecked)] if unchecked else []
         if self.velocities:
@@ -140,9 +140,10 @@ class Trace:
         return conditions
 
     def sound_results(self, outputs: Any, dtype: Any, write: Conditions) -> list[Any]:
-        """What must hold for the outputs, so that the recursion need not compute the state as well.
+        """Conditions on the outputs. If all hold, the result is used; if not, the recursion computes the state.
 
-        This is the only statement of it; each engine writes it in its own form. A NaN fulfils no condition.
+        The recursion then finds whether that is an error, to be warned of or sound after all. This is the only
+        statement of the conditions; each engine writes it in its own form. A NaN fulfils none.
         """
         first, n = self.entries, self.pivots
         conditions = [write.finite(outputs[:first])]
