@@ -452,3 +452,10 @@ def test_limits_of_urdf_1_2_are_numbers(name, write):
     path = write(robot(*ARM[:2], joint("elbow", "base", "arm", inside=inside.replace("fast", "2.5"))))
     assert rne.check(path) == []
     assert getattr(rne.load(path), f"{name}_limit").tolist() == [2.5]
+
+
+def test_a_default_namespace_is_named_and_ignored(write):
+    path = write(robot(*ARM).replace('<robot name="r">', '<robot name="r" xmlns="http://arms.org/urdf">'))
+    (finding,) = rne.check(path)
+    assert finding.message == "default namespace 'http://arms.org/urdf' is ignored"
+    assert rne.load(path).n == 1
