@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.abb_irb140 import irb140_mirrored
+from rne.model.abb_irb140 import DATA_SHEET, irb140_mirrored
 from rne.model.builder import at_links, disassemble
 from rne.model.checks import symmetric_up_to_rounding, triangle_excess
-from rne.model.generators import random_tree
+from rne.model.generators import random_tree, straight_chain
 from rne.model.parameters import at_parameters, of_states, parameters_of
 
 TREE = random_tree(3, seed=2, mimics=1)
@@ -156,3 +156,56 @@ def test_links_whose_parents_are_not_known_are_on_the_first_link_of_their_body()
             assert unknown.link_parent[k] == (carrier[above] if above >= 0 else 0)
         else:
             assert unknown.link_parent[k] == (carrier[model.link_body[k]] if model.link_body[k] >= 0 else 0) - (k == 0)
+
+
+def test_random_trees_are_the_same_in_every_release():
+    """Their seeds stand in tests and in tables of measurements."""
+    tree = random_tree(5, seed=8, mimics=2)
+    assert tree.name == "tree5-8"
+    assert [kind[0] for kind in tree.joint_types] == list("rcrcprr")
+    assert (tree.parent, tree.coordinate) == ((-1, 0, 0, 2, 1, 4, 5), (0, 1, 2, 3, 4, 1, 2))
+    assert tree.link_names == tuple(
+        ["root", "link0", "link1", "tool1", "link2", "tool2", "link3", "link4", "link5", "link6"]
+    )
+    np.testing.assert_allclose(tree.mass.sum(), 41.49635131607662, rtol=1e-12)
+    np.testing.assert_allclose(tree.base_mass, 3.707734335268351, rtol=1e-12)
+    np.testing.assert_allclose(tree.gravity, [3.27007514, -5.60870966, -3.12241803], rtol=1e-8)
+    np.testing.assert_allclose(tree.translation.sum(0), [-1.0765957, 1.11285909, 0.46742451], rtol=1e-7)
+    np.testing.assert_allclose(tree.com.sum(0), [-0.09537208, 0.02396098, -0.1423786], rtol=1e-6)
+    np.testing.assert_allclose(tree.rotation.sum(), 10.382283658232538, rtol=1e-12)
+    np.testing.assert_allclose(tree.inertia.sum(), 7.997471844875162, rtol=1e-12)
+    np.testing.assert_allclose(tree.multiplier[5:], [1.54355831, 2.03188039], rtol=1e-8)
+    np.testing.assert_allclose(tree.offset[5:], [0.347232, -1.2340541], rtol=1e-6)
+    assert "prismatic" not in random_tree(8, seed=1, prismatic=0).joint_types
+    assert random_tree(8, seed=1, branching=0).parent == tuple(range(-1, 7))
+
+
+def test_a_straight_chain_is_of_slender_rods_end_to_end():
+    chain = straight_chain(3, length=0.4, mass=2.0)
+    assert chain.com.tolist() == [[0, 0, -0.2]] * 3
+    assert chain.translation.tolist() == [[0, 0, 0], [0, 0, -0.4], [0, 0, -0.4]]
+    np.testing.assert_allclose(chain.inertia, [np.diag([2 * 0.4**2 / 12] * 2 + [0])] * 3, rtol=1e-15)
+    assert chain.axis.tolist() == [[0, 1, 0]] * 3
+    default = straight_chain(1)
+    assert (default.mass.tolist(), default.com[0, 2].item()) == ([1.0], -0.15)
+    assert default.name == "chain1"
+
+
+def test_the_data_sheet_has_the_numbers_as_printed():
+    """A second transcription, without units and sources."""
+    values = {name: datum.value for name, datum in DATA_SHEET._asdict().items()}
+    assert values == {
+        "ranges": (360, 200, 280, 400, 240, 800),
+        "speeds": (200, 200, 260, 360, 360, 450),
+        "fast_speeds": (250, 250, 260, 360, 360, 450),
+        "payload": 6,
+        "upper_arm_load": 1,
+        "wrist_load": 0.5,
+        "tcp_speed": 2.5,
+        "tcp_acceleration": 20,
+        "acceleration_time": 0.15,
+        "repeatability": 0.03,
+        "reach": 810,
+        "cycle_time": 0.85,
+        "fast_cycle_time": 0.77,
+    }
