@@ -1,6 +1,7 @@
 """Which parameters the torques of the drives are linear in."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,3 +85,17 @@ def test_without_drives_there_are_the_bodies_alone():
 def test_errors(given, text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         StandardParameters(rne.irb140(), **given)
+
+
+def test_drives_of_joints_that_mimic_count_with_those_they_follow():
+    """By their power: sums over all joints at G qd are sums over the coordinates at qd."""
+    rng = np.random.default_rng(3)
+    armature, damping, friction = rng.uniform(0.1, 1, (3, TREES["mimics"].nb))
+    model = replace(TREES["mimics"], armature=armature, damping=damping, friction=friction)
+    assert model.has_mimics
+    standard = StandardParameters(model, rotor=True, friction="viscous+coulomb")
+    qd = rng.normal(size=model.n)
+    joints = model.coordinate_map @ qd
+    for symbol, drives, power in (("Ia", armature, np.square), ("Fv", damping, np.square), ("Fc", friction, np.abs)):
+        values = standard.values[standard.groups[symbol]]
+        np.testing.assert_allclose(values @ power(qd), drives @ power(joints), rtol=1e-12)
