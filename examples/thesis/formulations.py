@@ -61,7 +61,7 @@ def newton_euler(start: ArrayLike, duration: float, t: np.ndarray, reference: Ar
 
 
 def euler_lagrange(start: ArrayLike, duration: float, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
-    """The same by Euler-Lagrange, of the mirrored arm; positions are mirrored back."""
+    """A run by Euler-Lagrange, of the mirrored arm; positions are mirrored back."""
     mirrored = None if reference is None else MIRROR * np.asarray(reference)
     start = MIRROR * np.asarray(start, dtype=float)
     motion = _simulated(rne.Robot(irb140_mirrored()), "euler-lagrange", start, duration, t, mirrored, **how)

@@ -49,7 +49,7 @@ def _apart(one: rne.Trajectory, other: rne.Trajectory) -> float:
 
 
 def sampled(page: Page, found: dict[str, Any]) -> None:
-    """The same gains with torques held between samples."""
+    """Control by the thesis's gains with torques held between samples."""
     limit = 2 / rne.check_gains(rne.load("irb140"), KP, KD).largest_mode
     page.heading("Sampled control: the same gains, with torques held between samples")
     page.text(

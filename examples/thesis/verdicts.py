@@ -169,7 +169,7 @@ def lagging(rates: Sequence[float], increases: Sequence[float], duration: float)
 
 
 def stiffness(explicit: Sequence[int], stiff: Sequence[int], open_loop: int, observed: float) -> str:
-    """What stiffness explains of the observed ratio of computing times: evaluations of the solvers."""
+    """The share of stiffness in the observed ratio of computing times: evaluations of the solvers."""
     against = [e / s for e, s in zip(explicit, stiff, strict=True)]
     factors = sorted(e / open_loop for e in explicit)
     text = (

@@ -1,7 +1,7 @@
 """Motions from CSV files, for `rne torques` and `rne view`: units, noise, filtering, differentiation.
 
-A file can be read without any error and be wrong all the same: milliseconds, degrees, wrapped angles, and noise that
-becomes torque when positions are differentiated. Each is named; nothing is changed unless an option asks for it.
+A file can be read without an error and still be wrong: times in milliseconds, angles in degrees or wrapped, noise that
+differentiation amplifies. You are told of each; the numbers change only if an option asks for it.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from ..basics.spatial import Array
 
 TURN = 2 * np.pi
-UNEVEN = 100  # times the shortest step, from which the longest is worth a word
-EVEN = 1e-2  # of a step, by which steps may differ where samples are filtered
-SLOW = 0.01  # of the velocity limit, or of 1 rad/s: slower motions with LONG steps may be in milliseconds
-LONG = 0.5  # [s]
-FEW = 30  # samples: with fewer, neither noise nor milliseconds are looked for
-WINDOWS = 20_000  # of a long file, in which noise is looked for
+UNEVEN = 100  # ratio of the longest to the shortest step, above which a warning is given
+EVEN = 1e-2  # largest difference of steps that a filter takes as even, relative to their mean
+LONG, SLOW = 0.5, 0.01  # step [s] and velocity, relative to its limit or to 1 rad/s, that suggest milliseconds
+FEW = 30  # samples that an estimate of noise, and a warning of milliseconds, need
+WINDOWS = 20_000  # of a long file, from which noise is estimated
 ORDERS = (6, 9)  # of the differences that show noise
-STEADY = 0.7  # noise has the same size in differences of either order, a smooth motion is smaller in the higher one
-RESIDUAL = 1.2  # times the noise, which a filter may take away
+STEADY = 0.7  # smallest ratio of the two estimates for noise: those of a smooth motion fall with the order
+MEDIAN = 0.6745  # of the size of a standard normal number
+RESIDUAL = 1.2  # ratio of what a filter removes to the noise
 
 
 class Motion(NamedTuple):
@@ -40,7 +40,7 @@ class Motion(NamedTuple):
 
 
 def read_motion(file: Path, robot: rne.Robot, *, degrees: bool = False) -> Motion:
-    """The motion in a CSV file; warns of units that seem to be others.
+    """Read the motion in a CSV file; warn if its units seem to be others.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def rotating(robot: rne.Robot) -> Array:
 
 
 def _warn_of_degrees(q: Array, robot: rne.Robot) -> None:
-    """No joint turns a whole turn beyond its range; with q in degrees, all are within theirs."""
+    """Warn if a joint is more than a turn beyond its range, and all joints are within theirs with q in degrees."""
     beyond = np.where(rotating(robot), np.maximum(robot.lower - q, q - robot.upper).max(axis=0), 0.0)
     radians = np.where(rotating(robot), np.radians(q), 0.0)
     inside = ((robot.lower <= radians) & (radians <= robot.upper)) | ~rotating(robot)
@@ -83,7 +83,7 @@ def _warn_of_degrees(q: Array, robot: rne.Robot) -> None:
 
 
 def _warn_of_milliseconds(motion: Motion, robot: rne.Robot) -> None:
-    """The positions move a thousand times slower than the velocities say, or hardly at all."""
+    """Warn if the positions change a thousand times slower than qd says, or, without qd, hardly at all."""
     t, q, qd, _ = motion
     if len(t) < FEW or not robot.n:
         return
@@ -102,12 +102,14 @@ def _warn_of_milliseconds(motion: Motion, robot: rne.Robot) -> None:
 
 
 def refuse_wrapped_angles(motion: Motion, robot: rne.Robot, file: Path) -> None:
-    """Refuse a jump of a turn between slow neighbours, whose derivative would be a huge velocity."""
+    """Refuse a jump by about a turn between small steps: its derivative would be a huge velocity."""
+    if len(motion.t) < 3:
+        return
     for k in np.flatnonzero(rotating(robot)):
         step = np.diff(motion.q[:, k])
         beside = np.pad(np.abs(step), 1)
         beside = np.maximum(beside[:-2], beside[2:])
-        wrapped = np.flatnonzero((np.abs(np.abs(step) - TURN) < TURN / 4) & (beside < TURN / 4) & (len(step) > 1))
+        wrapped = np.flatnonzero((np.abs(np.abs(step) - TURN) < TURN / 4) & (beside < TURN / 4))
         if len(wrapped):
             i = wrapped[0]
             raise CommandError(
@@ -117,7 +119,7 @@ def refuse_wrapped_angles(motion: Motion, robot: rne.Robot, file: Path) -> None:
 
 
 def differentiated(motion: Motion, file: Path) -> tuple[Array, Array, Array, str]:
-    """Positions, velocities and accelerations of the file, or from splines through what it has; a line says which."""
+    """Positions, velocities and accelerations, by splines where the file has none, and a line on their source."""
     import rne
 
     t, q, qd, qdd = motion
@@ -140,8 +142,8 @@ def differentiated(motion: Motion, file: Path) -> tuple[Array, Array, Array, str
 def noise(t: Array, x: Array) -> Array:
     """Standard deviation of white noise in samples of smooth motions.
 
-    A difference of high order, divided by the norm of its weights, has the standard deviation of the noise, while a
-    motion that the samples resolve vanishes in it. The median lets corners of the motion pass.
+    A divided difference of high order, normalised by the norm of its weights, has the standard deviation of the noise,
+    while a smooth motion nearly vanishes in it. The median ignores the corners of a motion.
 
     Parameters
     ----------
@@ -161,7 +163,7 @@ def noise(t: Array, x: Array) -> Array:
 
 
 def _scatter(t: Array, x: Array, order: int) -> Array:
-    """The median size of normalised divided differences, as a standard deviation; zeros of joints at rest left out."""
+    """Standard deviation of normalised divided differences by the median of those that are not zero, as at rest."""
     every = slice(None, None, 1 + len(t) // WINDOWS)
     times = np.lib.stride_tricks.sliding_window_view(t, order + 1)[every]
     times = (times - times[:, :1]) / (times[:, -1:] - times[:, :1])
@@ -169,11 +171,11 @@ def _scatter(t: Array, x: Array, order: int) -> Array:
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     windows = np.lib.stride_tricks.sliding_window_view(x, order + 1, axis=0)[every]
     size = np.abs(np.einsum("kp,kjp->kj", weights, windows))
-    return np.array([np.median(column[column > 0]) if column.any() else 0.0 for column in size.T]) / 0.6745
+    return np.array([np.median(column[column > 0]) if column.any() else 0.0 for column in size.T]) / MEDIAN
 
 
 def filtered(motion: Motion, cutoff: float) -> tuple[Motion, str]:
-    """All columns after a Butterworth filter of second order, forwards and backwards; a line says what it changes."""
+    """The motion after a Butterworth filter of second order, forwards and backwards, and a line on the change of q."""
     t, q, qd, qdd = motion
     step = _even_step(t)
     if step is None:
@@ -188,7 +190,7 @@ def filtered(motion: Motion, cutoff: float) -> tuple[Motion, str]:
 
 
 def _even_step(t: Array) -> float | None:
-    """The time between samples, None if it differs."""
+    """The time between samples, None if it varies."""
     steps = np.diff(t)
     return float(steps.mean()) if len(steps) and np.ptp(steps) <= EVEN * steps.mean() else None
 
@@ -203,7 +205,7 @@ def _low_pass(x: Array, cutoff: float) -> Array:
 
 
 def suggested_cutoff(t: Array, x: Array, sigma: Array) -> float | None:
-    """The lowest cut-off that takes away no more than the noise [Hz]; None at uneven steps.
+    """The lowest cut-off at which a filter removes no more than the noise [Hz]; None if steps vary.
 
     Residual analysis: D. A. Winter, Biomechanics and Motor Control of Human Movement, 4th ed., 2009, chapter 3.
     """
@@ -218,7 +220,7 @@ def suggested_cutoff(t: Array, x: Array, sigma: Array) -> float | None:
 
 
 def warn_of_uneven_steps(t: Array) -> None:
-    """A derivative amplifies the rounding of samples that are close together."""
+    """Warn if some samples are much closer than others: derivatives amplify their rounding."""
     shortest, longest = np.diff(t).min(initial=np.inf), np.diff(t).max(initial=0.0)
     if longest > UNEVEN * shortest:
         note(

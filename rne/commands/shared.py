@@ -1,4 +1,4 @@
-"""What subcommands share: errors in one line, output that is refused before anything long is computed, robots."""
+"""Shared by the subcommands: robots, numbers, checks of output files before anything long is computed, messages."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_parser(commands: Any, name: str, title: str, example: str) -> argparse.ArgumentParser:
-    """The parser of a subcommand: what one gets in one line, and an example at the end of its help.
+    """The parser of a subcommand, whose help ends with an example.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def add_parser(commands: Any, name: str, title: str, example: str) -> argparse.A
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
-    """The arguments that say which robot, under which gravity and with which payload."""
+    """Add the arguments for the robot, its payload, gravity and effort limits."""
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     parser.add_argument("--payload", metavar="KG", type=number, help="point mass at the origin of the last link [kg]")
     parser.add_argument("--payload-link", metavar="LINK", help="link that carries the payload, where robots branch")
@@ -186,12 +186,12 @@ def check_file(file: Path | None, option: str = "--out", suffixes: Sequence[str]
 
 
 def say(line: str) -> None:
-    """Print a line at once, for who waits."""
+    """Print a line at once."""
     print(line, flush=True)
 
 
 def note(line: str) -> None:
-    """Print a line beside the output, where it does not mix with what is piped on."""
+    """Print a line on standard error, where it does not mix with output that is piped on."""
     print(line, file=sys.stderr, flush=True)
 
 
@@ -225,7 +225,7 @@ def units_of(robot: rne.Robot, rotating: str, sliding: str) -> str:
 
 
 def say_limits(tell: Callable[[str], None], robot: rne.Robot, exceeded: Sequence[object]) -> None:
-    """Say which limits a motion exceeds, and which the model does not have: no motion exceeds those."""
+    """Say which limits a motion exceeds, and which limits the model does not have."""
     model, line = robot.model, f"limits exceeded: {len(exceeded) or 'none'}"
     drives = np.isin(np.arange(model.nb), model.independent_joints)  # a joint that mimics another has none
     ends = np.array(model.joint_types) != "continuous"
@@ -244,5 +244,5 @@ def say_limits(tell: Callable[[str], None], robot: rne.Robot, exceeded: Sequence
 
 
 def say_samples(file: Path, t: Array) -> None:
-    """Say what a motion's file holds."""
+    """Say how many samples a file holds, and from when to when."""
     say(f"{file}: {len(t)} samples from {t[0]:g} to {t[-1]:g} s")

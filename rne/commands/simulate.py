@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate, write the file, and say what was used and how it went; 1 if the simulation failed."""
+    """Simulate, write the file, and say from what and with which result; 1 if the simulation failed."""
     import rne
 
     check_file(arguments.out, suffixes=SUFFIXES)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from ..basics.spatial import Array
 
-NOISY = 0.05  # of the torque of a joint (rms): from there on torques made by noise are worth a word
+NOISY = 0.05  # torque made by noise, relative to the torque of the joint (rms), above which a warning is given
 
 
 def add(commands: Any) -> None:
@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the torques; what was used goes to standard error if the torques go to standard output."""
+    """Write the torques, and say how they were computed: on standard error if the torques go to standard output."""
     from ..simulation.limits import limit_violations
 
     check_file(arguments.out)
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def warn_of_noise(robot: rne.Robot, given: files.Motion, arguments: argparse.Namespace, tau: Array) -> None:
-    """Say which torque noise of the samples makes, if it is more than 5 % of a joint's, by adding as much again."""
+    """Warn if noise makes more than 5 % of a joint's torque; computed by adding noise of the same size once more."""
     name = "q" if given.qd is None else "qd"  # the column that is differentiated
     x: Array = getattr(given, name)
     sigma = files.noise(given.t, x)
