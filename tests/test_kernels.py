@@ -17,7 +17,7 @@ from rne.kernels import trace as trace_module
 from rne.kernels.graph import Graph
 from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import state_function
-from rne.kernels.scalar import inputs, references
+from rne.kernels.scalar import Scalar, inputs, references
 from rne.model.generators import random_tree, straight_chain
 
 from .conftest import TREES
@@ -505,6 +505,48 @@ class TestScalars:
             (-(y - x) + (x + y), 2 * x),
         ]:
             assert total.ref == twice.ref
+
+    def test_signs_and_constants_move_outwards(self):
+        """The pairs are one operation, so that none is spent twice; ref is the number of an operation and its sign."""
+        graph = Graph()
+        x, y, c = inputs(graph, (3,), 0)
+        one, two = (Scalar(graph, graph.constant(value)) for value in (1.0, 2.0))
+        for left, right in [
+            (x - y, -(y - x)),
+            (-x - y, -(x + y)),
+            ((-x) * y, -(x * y)),
+            (x / (-y), -(x / y)),
+            ((-x).sin(), -(x.sin())),
+            ((-x).tanh(), -(x.tanh())),
+            ((-x).sign(), -(x.sign())),
+            ((-x).cos(), x.cos()),
+            (abs(-x), abs(x)),
+            ((-x).arctan2(y), -(x.arctan2(y))),
+            ((-x).minimum(-y), -(x.maximum(y))),
+            ((-x).maximum(-y), -(x.minimum(y))),
+            (c.where(-x, -y), -(c.where(x, y))),
+            (c.where(x, x), x),
+            (one.where(x, y), x),
+            ((0.0 * x).where(x, y), y),
+            ((2 * x) * (3 * y), 6 * (x * y)),
+            (2 * (x * 3), 6 * x),
+            (2 * x + 3 * x, 5 * x),
+            (2 * x - 3 * x, -x),
+            (2 * x + 2 * y, 2 * (x + y)),
+            (2 * x - 2 * y, 2 * (x - y)),
+            (x / 4, 0.25 * x),
+            (x + 0, x),
+            (x * 1, x),
+            (x * -1, -x),
+            (one.minimum(two), one),
+            (one.maximum(two), two),
+            (one < two, one),
+            (two <= one, 0 * x),
+            (one.arctan2(0 * x), np.pi / 2 * one),
+            (two / one, two),
+            (0 / x, 0 * x),
+        ]:
+            assert left.ref == right.ref, (left, right)
 
     def test_whole_powers_are_products(self, x):
         assert (x**3).ref == (x * x * x).ref
