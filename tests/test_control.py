@@ -42,6 +42,11 @@ def test_windup_is_bounded(irb140):
     assert rates == pytest.approx(1.0)
 
 
+def test_a_law_shows_the_bound_of_its_integral_if_any_joint_has_one(irb140):
+    assert "windup" not in repr(rne.control.pid(irb140, 1, 1, 1, 0))
+    assert "windup=[5, 1e+300," in repr(rne.control.pid(irb140, 1, 1, 1, 0, windup=[5] + [np.inf] * 5))
+
+
 def test_pd_gravity_carries_the_weight(irb140):
     q, qd, _ = states(6, 20)
     law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0.5] * 6)
