@@ -147,6 +147,17 @@ class TestOperations:
         assert kernel(*s, out=out) is out
 
 
+def test_a_kernel_shows_its_operations_and_its_engine(monkeypatch):
+    kernel = rne.compile(rne.dynamics.gravity_torque, straight_chain(2), engine="numpy")
+    count = sum(kernel.operations.values())
+    assert repr(kernel) == f"Kernel gravity_torque of {straight_chain(2).name!r}: {count} operations"
+    machine_code = rne.compile(rne.dynamics.gravity_torque, straight_chain(2), engine="numba")
+    assert repr(machine_code) == f"{kernel!r}, by Numba"
+    monkeypatch.setattr(trace_module, "LIMIT", 1)
+    large = rne.compile(rne.dynamics.gravity_torque, straight_chain(2), engine="numba")
+    assert repr(large) == f"Kernel gravity_torque of {straight_chain(2).name!r}: run as the recursion"
+
+
 def test_documented_limit_of_operations_is_the_one_that_counts():
     stated = re.search(r"more than ([0-9,]+)\s+operations", inspect.getdoc(rne.compile))[1]
     assert trace_module.LIMIT == int(stated.replace(",", "")) == 50_000
