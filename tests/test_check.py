@@ -404,3 +404,30 @@ def test_a_misspelt_element_is_answered_with_the_near_one(tmp_path, capsys):
     finding, _ = capsys.readouterr().out.splitlines()
     told = "arm.urdf:5: joint 'turn': unknown element 'axes' in <joint> is ignored; remove it, or write <axis> if that is meant"
     assert finding.endswith(told)
+
+
+def ball_of(density):
+    radius = (3 / (4 * np.pi * density)) ** (1 / 3)
+    return f"{2 / 5 * radius**2:.17g}"
+
+
+BOUNDS = {  # of the robot of 1 m
+    "a centre of mass at five times the size": lambda x: link("arm", origin=f'<origin xyz="{5 * x} 0 0"/>'),
+    "a radius of gyration of twice the size": lambda x: link("arm", inertia=f"{(2 * x) ** 2}"),
+    "densest metal": lambda x: link("arm", inertia=ball_of(23e3 * x)),
+    "air": lambda x: link("arm", mass=f"{1.2 / x}", inertia="0.1", shape=solid('<box size="1 1 1"/>')),
+    "densest metal of a shape": lambda x: link(
+        "arm", mass=f"{23 * x}", inertia="0", shape=solid('<box size="0.1 0.1 0.1"/>')
+    ),
+    "a frame of a gram": lambda x: link("arm", mass=f"{1e-3 * x}", inertia="1e-12"),
+}
+
+
+@pytest.mark.parametrize("case", BOUNDS)
+def test_bounds_are_where_the_documentation_says(case, check):
+    assert check(changed(1, BOUNDS[case](0.999))) == ["r.urdf: no findings"]
+    assert check(changed(1, BOUNDS[case](1.001)))[-1] == "r.urdf: 1 warning: loads as written"
+
+
+def test_volumes_of_balls_are_theirs():
+    assert measured(placed('<sphere radius="0.5"/>')).shapes.largest_volume == pytest.approx(np.pi / 6)
