@@ -143,17 +143,17 @@ def test_a_motion_takes_any_duration_that_its_numbers_hold(maker, duration):
     ("make", "message"),
     [
         (
-            lambda: rne.trajectories.quintic([0.0], [1.0], 1e-200),
+            lambda: rne.trajectories.quintic([0.0, 0.0], [1.0, 0.0], 1e-200),
             "`duration` is too short for the way from `start` to `end`: accelerations exceed the range of float64, "
             "got 1e-200 s",
         ),
         (
-            lambda: rne.trajectories.trapezoidal([0.0], [1.0], 1.0, 1e-310),
+            lambda: rne.trajectories.trapezoidal([0.0, 0.0], [1.0, 0.0], 1.0, 1e-310),
             "`duration` or `ramp` is too short for the way from `start` to `end`: accelerations exceed the range of "
             "float64, got 1 and 1e-310 s",
         ),
         (
-            lambda: rne.trajectories.spline([0.0, 1e-200, 3e-200], [[0.0], [1.0], [-1.0]]),
+            lambda: rne.trajectories.spline([0.0, 1e-200, 3e-200], [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0]]),
             "`t` is spaced too closely for `q`: accelerations exceed the range of float64 within 3e-200 s",
         ),
     ],
