@@ -16,7 +16,7 @@ from rne.kernels import numpy_backend, registers
 from rne.kernels import trace as trace_module
 from rne.kernels.graph import Graph
 from rne.kernels.program import Trace, lower
-from rne.kernels.python_backend import state_function
+from rne.kernels.python_backend import expressions, state_function
 from rne.kernels.scalar import Scalar, inputs, references
 from rne.model.generators import random_tree, straight_chain
 
@@ -437,14 +437,28 @@ class TestRandomGraphs:
             np.testing.assert_allclose(workspace.rows[n : n + len(outputs), column], expected, atol=scale, rtol=0)
 
 
+@pytest.mark.parametrize(("nested", "lines"), [(11, 0), (12, 1), (23, 1), (24, 2)])
+def test_expressions_of_one_state_are_cut_where_they_are_nested_deeply(nested, lines):
+    """A parser takes a hundred parentheses or so; here every twelfth operation is a line of its own."""
+    graph = Graph()
+    (x,) = inputs(graph, (1,), 0)
+    for _ in range(nested):
+        x = x.sin()
+    assert len(expressions(lower(graph, references(graph, objects([x])), 1))[0]) == lines
+
+
 class TestRegisters:
     """Few registers are what lets large blocks stay in the cache."""
 
-    @pytest.mark.parametrize(("quantity", "count"), [("inverse_dynamics", 51), ("mass_matrix", 65)])
-    def test_of_the_irb140_there_are_few(self, quantity, count):
+    @pytest.mark.parametrize(("quantity", "count", "angles"), [("inverse_dynamics", 51, 5), ("mass_matrix", 65, 4)])
+    def test_of_the_irb140_there_are_few(self, quantity, count, angles):
         kernel = rne.compile(getattr(rne.dynamics, quantity), rne.irb140(), engine="numpy")
         program = kernel.traced.program
-        assert registers.allocate(program).registers <= count
+        layout = registers.allocate(program)
+        assert layout.registers <= count
+        kinds = [step.kind for step in layout.steps]
+        assert kinds.count("sincos") == angles  # sine and cosine at once; M depends on neither the first nor the last
+        assert not {"sin", "cos"} & set(kinds)
         assert registers.allocate(registers.reordered(program, range(len(program.instructions)))).registers <= count
 
     def test_a_block_of_states_fits_the_cache(self):

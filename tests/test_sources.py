@@ -13,6 +13,7 @@ import rne
 from rne.__main__ import main
 from rne.commands.printing import LANGUAGES, quantities
 from rne.kernels.source import LANGUAGES as PRINTED
+from rne.kernels.source import harmless
 
 from .helpers import states
 
@@ -244,3 +245,9 @@ def test_printed_python_needs_nothing_of_this_package(irb140, tmp_path):
     code = "import sys, printed; print(printed.gravity_torque([0.0] * 6)[1]); assert 'numpy' not in sys.modules"
     run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert float(run.stdout) == pytest.approx(irb140.gravity_torque(np.zeros(6))[1])
+
+
+def test_names_are_cut_and_their_other_characters_written_as_numbers():
+    assert harmless("a" * 61) == "a" * 60
+    assert harmless("wrist_1.0 + x-y") == "wrist_1.0 + x-y"
+    assert harmless('*/ "é\n') == "<U+002A><U+002F> <U+0022><U+00E9><U+000A>"
