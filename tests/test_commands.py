@@ -112,16 +112,21 @@ def test_the_end_is_a_sample_also_between_two_intervals(lift, tmp_path):
     np.testing.assert_allclose(table(out)["t"], [0, 0.03, 0.06, 0.09, 0.1], rtol=1e-15)
 
 
-@pytest.fixture
-def motion(tmp_path):
-    """A motion with drive torques, sampled every 10 ms, as CSV."""
+@pytest.fixture(scope="module")
+def swing():
+    """A robot and its motion with drive torques, sampled every 10 ms."""
     robot = rne.load(IRB140)
     path = rne.trajectories.quintic([0] * 6, [0.5, -0.4, 0.3, 0.6, 0.2, -0.5], 1.0)
     law = rne.control.computed_torque(robot, [100] * 6, [20] * 6, path)
     scene = rne.Scene(robot, controller=law)
-    found = rne.simulate(scene, [0] * 6, [0] * 6, 1.0, t_eval=np.linspace(0, 1, 101), rtol=1e-10, atol=1e-12)
-    found.to_csv(tmp_path / "motion.csv")
-    return robot, found
+    return robot, rne.simulate(scene, [0] * 6, [0] * 6, 1.0, t_eval=np.linspace(0, 1, 101), rtol=1e-10, atol=1e-12)
+
+
+@pytest.fixture
+def motion(swing, tmp_path):
+    """The same, with the motion as CSV."""
+    swing[1].to_csv(tmp_path / "motion.csv")
+    return swing
 
 
 def kept(path, quantities):
@@ -410,7 +415,8 @@ class TestReportOnARobot:
         assert "<td>NO</td>" not in page
         assert {file.name for file in (tmp_path / "page").iterdir()} >= {"index.html", "robot.png", "swing.png"}
 
-    def test_a_robot_without_a_file_has_no_findings(self, tmp_path, capsys):
+    def test_a_robot_without_a_file_has_no_findings(self, tmp_path, capsys, monkeypatch):
+        monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures
         assert main(["report", "irb140", "--out", str(tmp_path)]) == 0
         assert "Findings" not in capsys.readouterr().out
 
@@ -419,8 +425,9 @@ class TestReportOnARobot:
         assert capsys.readouterr().err == "error: 'nobody' is neither a file nor one of rne.robots()\n"
 
 
-def test_torques_of_a_pendulum_that_cancel_are_no_difference(tmp_path, capsys):
+def test_torques_of_a_pendulum_that_cancel_are_no_difference(tmp_path, capsys, monkeypatch):
     """Of 1000 random states some need nearly no torque: what is left there is rounding of its terms."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures
     path = tmp_path / "pendulum.urdf"
     path.write_text(
         '<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 -0.5"/><mass value="1.3"/>'
