@@ -63,8 +63,8 @@ def test_6_3_4_collapses_after_four_seconds(irb140, holding):
 
 def test_6_4_keeps_its_energy_while_a_small_offset_grows(irb140):
     """An offset of 1e-6 rad gives an entirely different motion, both of constant energy."""
-    times = np.linspace(0, 10, 2001)
-    swings = [rne.simulate(irb140, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
+    times = np.linspace(0, 6, 1201)
+    swings = [rne.simulate(irb140, [0, x, 0, 0, 0, 0], REST, 6.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
     assert swings[0].energy[0] == pytest.approx(370.87686, abs=1e-5)
     assert max(s.energy_drift for s in swings) <= 1e-6
     apart = np.abs(swings[0].q - swings[1].q).max(axis=1)
