@@ -12,8 +12,11 @@ import pytest
 import rne
 from rne.__main__ import main
 from rne.commands.printing import LANGUAGES, quantities
+from rne.kernels.graph import Graph
+from rne.kernels.program import lower
+from rne.kernels.scalar import inputs, references
 from rne.kernels.source import LANGUAGES as PRINTED
-from rne.kernels.source import harmless
+from rne.kernels.source import Printable, harmless, to_source
 
 from .helpers import states
 
@@ -107,6 +110,70 @@ def test_printed_c_is_the_kernel(kernel, tmp_path):
         function(*(np.ascontiguousarray(x).ctypes.data_as(pointer) for x in (*(a[k] for a in arguments), out)))
         results.append(out)
     same(results, kernel, arguments)
+
+
+@pytest.fixture(scope="module")
+def every_operation():
+    """A program that takes each operation once, its source in a language, and its results by NumPy."""
+    graph = Graph()
+    x, y = inputs(graph, (2,), 0)
+    parts = [x + y, x - y, x * y, x / y, -x, x.sin(), x.cos(), abs(x).sqrt(), x.tanh(), x.exp(), x.arctan2(y), x.sign()]
+    parts += [x.minimum(y), x.maximum(y), (x < y).where(x, 2.0), (x <= y).where(1.0, y), x < y, x <= y, 0 * x]
+    outputs = np.empty(len(parts), dtype=object)
+    outputs[:] = parts
+    program = lower(graph, references(graph, outputs), 2)
+
+    def printed(language):
+        return to_source(Printable(program, "every", ("a",), (2,), (len(parts),), ["all"]), language)
+
+    points = np.array([[0.7, -1.5], [-1.5, 0.7], [2.0, 2.0], [-0.3, -0.4]])
+    x, y = points.T
+    expected = [x + y, x - y, x * y, x / y, -x, np.sin(x), np.cos(x), np.sqrt(abs(x)), np.tanh(x), np.exp(x)]
+    expected += [np.arctan2(x, y), np.sign(x), np.minimum(x, y), np.maximum(x, y), np.where(x < y, x, 2.0)]
+    expected += [np.where(x <= y, 1.0, y), x < y, x <= y, 0 * x]
+    return printed, points, np.stack(np.broadcast_arrays(*expected), axis=1).astype(float)
+
+
+class TestEveryOperation:
+    def test_in_python(self, every_operation):
+        printed, points, expected = every_operation
+        function = namespace(printed("python"))["every"]
+        np.testing.assert_allclose([function(point) for point in points], expected, rtol=SAME)
+
+    def test_in_numpy(self, every_operation):
+        printed, points, expected = every_operation
+        np.testing.assert_allclose(namespace(printed("numpy"))["every"](points), expected, rtol=SAME)
+
+    @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler here")
+    def test_in_c(self, every_operation, tmp_path):
+        import ctypes
+
+        printed, points, expected = every_operation
+        (tmp_path / "every.c").write_text(printed("c"))
+        library = tmp_path / "every.so"
+        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, tmp_path / "every.c", "-lm"], check=True)
+        function, pointer = ctypes.CDLL(str(library)).every, ctypes.POINTER(ctypes.c_double)
+        for point, row in zip(points, expected, strict=True):
+            out = np.zeros(expected.shape[1])
+            function(*(x.ctypes.data_as(pointer) for x in (point, out)))
+            np.testing.assert_allclose(out, row, rtol=SAME)
+
+    @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GNU Octave is not here")
+    def test_in_octave(self, every_operation, tmp_path):
+        printed, points, expected = every_operation
+        (tmp_path / "every.m").write_text(printed("matlab"))
+        calls = [f"r = every({point.tolist()}); printf('%d ', size(r)); printf('%.17g ', r);" for point in points]
+        (tmp_path / "run.m").write_text("\n".join(["1;", *calls]))
+        run = ["octave-cli", "--no-gui", "--quiet", "run.m"]
+        numbers = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split()
+        rows = np.array([float(number) for number in numbers]).reshape(len(points), -1)
+        assert (rows[:, :2] == [expected.shape[1], 1]).all()  # a column
+        np.testing.assert_allclose(rows[:, 2:], expected, rtol=SAME)
+
+
+def test_names_of_python_are_imported_where_they_are_used():
+    kernel = rne.compile(rne.dynamics.gravity_torque, rne.irb140())
+    assert "\nfrom math import cos, sin, sqrt, tanh\n" in kernel.source("python")
 
 
 def test_another_language_is_refused(irb140):
