@@ -22,7 +22,7 @@ CAUSES = tuple(planted(loaded("panda")))
 
 @pytest.mark.parametrize(("name", "label"), [(name, label) for name, labels in SHORT.items() for label in labels])
 def test_planted_fault_is_named(name, label):
-    robot = rne.load(name)
+    robot = loaded(name)
     found = rne.compare_models(robot, planted(robot)[label])
     assert found.cause == label.split("/")[0], found.report()
 
@@ -32,7 +32,7 @@ def test_planted_fault_is_named(name, label):
 @pytest.mark.parametrize("label", CAUSES)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_every_planted_fault_is_named(name, label, seed):
-    robot = rne.load(name)
+    robot = loaded(name)
     faults = planted(robot, seed)
     if label not in faults:
         pytest.skip(f"{name} has no products of inertia")
@@ -109,7 +109,7 @@ def test_coarse_encoders_are_no_fault():
 @pytest.mark.parametrize("label", [label for label in CAUSES if label != "products of inertia"])
 @pytest.mark.parametrize(("name", "seed"), [("irb140", 1), ("irb140", 2), ("ur5", 1), ("ur5", 2)])
 def test_every_fault_is_named_in_a_measured_motion(name, seed, label):
-    robot = rne.load(name)
+    robot = loaded(name)
     torques = planted(robot, seed)[label]
     found = rne.compare_models(robot, measured(robot, torques, seed + 5))
     assert found.cause == (label.split("/")[0] if above_noise(robot, torques, seed + 5) else "none"), found.report()
@@ -146,7 +146,7 @@ def test_pairs_of_faults_are_never_taken_for_others(name, seed):
 @pytest.mark.parametrize("name", ["ur10", "kinova", "z1", "xarm7", "panda", "double_pendulum"])
 def test_same_torques_by_other_bodies_are_no_fault(name):
     """The base parameters alone, all other standard parameters zero: the same torques."""
-    robot = rne.load(name)
+    robot = loaded(name)
     base = robot.base_parameters()
     found = rne.compare_models(robot, lambda q, qd, qdd: base.regressor(q, qd, qdd) @ base.values)
     assert found.cause == "none", found.report()

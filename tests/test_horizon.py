@@ -31,7 +31,7 @@ def measured_horizon(motion, exact, accuracy):
 @pytest.mark.parametrize(
     "options",
     [
-        {"method": "RK45", "rtol": 1e-4},
+        pytest.param({"method": "RK45", "rtol": 1e-4}, marks=pytest.mark.long),
         pytest.param({"method": "DOP853", "rtol": 1e-6}, marks=pytest.mark.long),
         {"method": "LSODA", "rtol": 1e-6},
         pytest.param({"method": "RK45", "rtol": 1e-6}, marks=pytest.mark.long),

@@ -69,7 +69,7 @@ class TestBetweenSamples:
 
     def test_torques_between_samples_stay_between_them(self, along_ramps):
         _, motion = along_ramps
-        t = np.linspace(0, 1.2, 3001)
+        t = np.linspace(0, 1.2, 601)
         tau = motion.torques(t)
         ends = np.vstack([motion.tau, motion.tau_before])
         assert (tau <= ends.max(axis=0) + 1e-12).all()
@@ -77,7 +77,7 @@ class TestBetweenSamples:
 
     def test_a_motion_is_a_reference(self, irb140, swing):
         law = rne.control.computed_torque(irb140, *GAINS, swing)
-        follower = rne.simulate(rne.Scene(irb140, controller=law), swing.q[0], swing.qd[0], 0.9, rtol=1e-8)
+        follower = rne.simulate(rne.Scene(irb140, controller=law), swing.q[0], swing.qd[0], 0.3, rtol=1e-8)
         assert abs(follower.q - swing(follower.t)[0]).max() < 1e-6
 
     def test_single_sample_is_constant(self, irb140):

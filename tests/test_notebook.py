@@ -181,7 +181,7 @@ def other_pages(robot):
     for record in (robot.recursion(z, z, z), robot.recursion(*np.zeros((3, 4, robot.n)))):
         yield record._repr_html_()
     yield robot.kernel(rne.dynamics.mass_matrix)._repr_html_()
-    yield robot.kernel(rne.dynamics.inverse_dynamics, "q")._repr_html_()
+    yield robot.kernel(rne.dynamics.gravity_torque, "q")._repr_html_()
     yield robot.base_parameters()._repr_html_()
 
 

@@ -275,7 +275,7 @@ def test_rpy_of_a_rotation_gives_the_rotation(rpy):
     np.testing.assert_allclose(rotation_from_rpy(rpy_from_rotation(R)), R, atol=1e-15 * 4)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_a_damaged_file_is_an_error_or_a_robot_never_a_crash(data):
     """Cut, repeat or replace pieces of a valid file: UrdfError or a Model, nothing else."""
