@@ -102,6 +102,13 @@ def test_sizes_and_units_do_not_count():
     assert rne.dynamics.diagnose(light, q).digits > 13
 
 
+def test_the_weakest_motion_of_two_joints_is_of_both_however_light_one_is():
+    """M of unit diagonal is (1, c; c, 1): its eigenvectors are (1, 1) and (1, -1)."""
+    chain = straight_chain(2)
+    light = replace(chain, mass=chain.mass * [1, 1e-12], inertia=chain.inertia * np.array([1, 1e-12])[:, None, None])
+    assert rne.dynamics.diagnose(light, [0.3, 1.2]).worst_joint == light.joint_names
+
+
 def test_digits_are_those_of_the_dtype(irb140):
     q = np.full(6, 0.3)
     single, double, long = (irb140.diagnose(q, dtype=t).digits for t in (np.float32, np.float64, np.longdouble))

@@ -71,6 +71,17 @@ def test_end_of_the_last_body_moves_as_its_frame_does():
     )
 
 
+def test_a_frame_beside_the_first_axis_turns_about_it():
+    """Position r, velocity z x r, and the derivative of that at 1 rad/s, -r."""
+    model = arm(frame("tool", 1, [0.3, 0.0, 0.1]))
+    z, still, turning = model.axis[0], np.zeros(2), np.array([1.0, 0.0])
+    r = rne.dynamics.link_poses(model, still)[model.link_index("tool"), :3, 3]
+    across = r - z * (r @ z)
+    assert np.linalg.norm(across) > 0.1
+    np.testing.assert_allclose(rne.dynamics.jacobian(model, still, "tool")[3:, 0], np.cross(z, r), atol=1e-15)
+    np.testing.assert_allclose(rne.dynamics.jacobian_rate(model, still, turning, "tool")[3:, 0], -across, atol=1e-15)
+
+
 @pytest.mark.parametrize(
     ("model", "reason", "leaves"),
     [
