@@ -9,6 +9,7 @@ import pytest
 
 import rne
 from rne.basics.spatial import rotation_about
+from rne.dynamics.precision import weakest_motion
 from rne.model.builder import Part, assemble, pose
 from rne.model.generators import random_tree, straight_chain
 
@@ -107,6 +108,8 @@ def test_the_weakest_motion_of_two_joints_is_of_both_however_light_one_is():
     chain = straight_chain(2)
     light = replace(chain, mass=chain.mass * [1, 1e-12], inertia=chain.inertia * np.array([1, 1e-12])[:, None, None])
     assert rne.dynamics.diagnose(light, [0.3, 1.2]).worst_joint == light.joint_names
+    joints, eigenvalue = weakest_motion(light, np.array([[4e-6, 1e-3], [1e-3, 1.0]]))  # c = 1/2
+    assert (joints, eigenvalue) == (light.joint_names, pytest.approx(0.5, rel=1e-14))
 
 
 def test_digits_are_those_of_the_dtype(irb140):
