@@ -75,9 +75,12 @@ class Run:
         return [job[0][0] for job in jobs if not job[1]] + left
 
     def everywhere(self, mutants):
-        """Run the whole suite on several at once: what passes together has survived; what fails is looked for."""
-        groups = [[mutants[k] for k in range(j, len(mutants), -(-len(mutants) // TOGETHER))]
-                  for j in range(-(-len(mutants) // TOGETHER))]  # fmt: skip
+        """Run the whole suite on several files' mutants at once: what passes together has survived; find what fails."""
+        groups = []
+        for mutant in mutants:
+            fitting = [g for g in groups if len(g) < TOGETHER and mutant.file not in {m.file for m in g}]
+            groups += [] if fitting else [[]]
+            (fitting or groups)[-1].append(mutant)
         everything = list(self.suite.cost)
         while groups:
             again = []
