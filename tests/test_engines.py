@@ -179,7 +179,7 @@ class TestOperations:
         graph = Graph()
         a, b = inputs(graph, (2,), 0)
         traced = [a + b, a - b, a * b, a / b, -a, abs(a), abs(a).sqrt(), a.tanh(), a.sign(), a.minimum(b), a.maximum(b)]
-        traced += [(a < b).where(a, b), (a <= b).where(1.0, -a), (a.sign()).where(b, a)]
+        traced += [(a < b).where(a, b), (a <= b).where(1.0, -a), (a.sign()).where(b, a), a.exp(), a.arctan2(b)]
         outputs = np.empty(len(traced), dtype=object)
         outputs[:] = traced
         program = lower(graph, references(graph, outputs), 2)
@@ -196,6 +196,7 @@ class TestOperations:
     def by_numpy(self, a, b):
         parts = [a + b, a - b, a * b, a / b, -a, abs(a), np.sqrt(abs(a)), np.tanh(a), np.sign(a), np.minimum(a, b)]
         parts += [np.maximum(a, b), np.where(a < b, a, b), np.where(a <= b, 1.0, -a), np.where(a != 0, b, a)]
+        parts += [np.exp(a), np.arctan2(a, b)]
         return np.stack(parts, axis=1)
 
 
