@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import mutually_broadcastable_shapes
 
 import rne
-from rne.basics.arrays import per_joint_array
+from rne.basics.arrays import per_joint_array, vector
 from rne.model.generators import random_tree
 
 TREE = random_tree(3, seed=9)
@@ -303,3 +303,11 @@ def test_masked_entries_of_other_arrays_are_refused(small):
 def test_a_mask_that_hides_nothing_is_no_mistake(small):
     shown = np.ma.masked_array([0.1, 0.2, 0.3])
     np.testing.assert_allclose(small.gravity_torque(shown), small.gravity_torque(shown.data), rtol=1e-12)
+
+
+def test_signs_that_are_asked_for():
+    assert vector("k", [0.5, 1.0], 2, sign="positive").tolist() == [0.5, 1.0]
+    assert vector("k", [0.0, 1.0], 2, sign="not negative").tolist() == [0.0, 1.0]
+    assert vector("k", [-1.0, 0.0], 2).tolist() == [-1.0, 0.0]
+    refused(lambda: vector("k", [0.0, 1.0], 2, sign="positive"), "`k` must be positive, got 0.0")
+    refused(lambda: vector("k", [-1.0, 1.0], 2, sign="not negative"), "`k` must not be negative, got -1.0")

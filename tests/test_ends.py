@@ -9,7 +9,7 @@ import pytest
 import rne
 from rne.model.builder import Mimic, Part, assemble, pose
 from rne.model.generators import straight_chain
-from rne.model.topology import end_link, tip
+from rne.model.topology import end_link, pinocchio_order, tip
 
 from .conftest import TREES
 from .helpers import loaded, states
@@ -176,3 +176,14 @@ def test_axes_count_where_something_is_seen_in_them(ur5):
         == ur5.with_payload(3.0, link="tool0").model
         == ur5.with_payload(3.0, link="ee_link").model
     )
+
+
+def test_pinocchio_numbers_joints_depth_first_and_siblings_by_name():
+    names = [("c", 0), ("a", 0), ("z", 1), ("b", 1), ("fixed", 2), ("d", 5)]
+    parts = [Part(link="base")]
+    for k, (name, parent) in enumerate(names, 1):
+        kind = "fixed" if name == "fixed" else "revolute"
+        parts.append(Part(link=f"l{k}", joint=name, kind=kind, parent=parent, mass=1.0))
+    model = assemble("tree", parts)
+    order = pinocchio_order(model)
+    assert [model.joint_names[k] for k in order] == ["a", "d", "c", "b", "z"]

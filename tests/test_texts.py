@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rne.basics.paths import output_file
 from rne.basics.text import Row, aligned, brief, brief_array, counted, listed, short, summary, wrapped
 
 
@@ -85,3 +86,14 @@ def test_an_array_of_equal_numbers_says_so():
 def test_titles_end_where_their_columns_do():
     rows = [Row("", ["q", "torque"], words=True), Row("a", ["1.25", "-7"]), Row("joint", ["-10", "0.5"])]
     assert aligned(rows) == ["            q  torque", "a        1.25    -7", "joint  -10        0.5"]
+
+
+def test_files_are_written_into_folders_that_exist(tmp_path):
+    assert output_file(str(tmp_path / "m.HTML"), ".html", ".htm") == tmp_path / "m.HTML"
+    assert output_file(tmp_path / "m.any") == tmp_path / "m.any"
+    with pytest.raises(TypeError, match=r"^`path` must be a str or path-like, got int$"):
+        output_file(3)
+    with pytest.raises(ValueError, match=r"^`path` must end in \.html, got 'm\.txt'$"):
+        output_file(tmp_path / "m.txt", ".html", ".htm")
+    with pytest.raises(FileNotFoundError, match=r"^`path` must be in an existing folder, got "):
+        output_file(tmp_path / "none" / "m.html")

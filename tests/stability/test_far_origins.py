@@ -195,3 +195,32 @@ def test_once_one_origin_is_far_all_that_are_out_by_the_size_are_moved():
     ]
     distances = far_origins(parts)  # all centres are at (0.1, 0, 0): the size is the lever of 0.1 m
     np.testing.assert_allclose(distances, [0, 5.0, 0.3, 0], rtol=1e-12)
+
+
+def test_what_a_moved_joint_carries_stays_where_it_is(read):
+    """A joint and a fixed link on a link whose frame is a million metres up its axis."""
+
+    def text(far):
+        body = '<inertial><origin xyz="{}"/><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="2" iyz="0" izz="2"/>'
+        at = {"turn": f"0 0 {far}", "bend": f"0.3 0 {0.5 - far}", "fixed": f"0.2 0.1 {0.25 - far}"}
+        link = '<link name="{}">' + body + "</inertial></link>"
+        joint = '<joint name="{0}" type="{1}"><origin xyz="{2}"/><parent link="{3}"/><child link="{4}"/>{5}</joint>'
+        limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        return (
+            '<robot name="r"><link name="base"/>'
+            + link.format("a", f"0.1 0 {-far}")
+            + link.format("b", "0 0 0.2")
+            + link.format("tool", "0.1 0 0")
+            + joint.format("turn", "revolute", at["turn"], "base", "a", f'<axis xyz="0 0 1"/>{limit}')
+            + joint.format("bend", "revolute", at["bend"], "a", "b", f'<axis xyz="0 1 0"/>{limit}')
+            + joint.format("fixed", "fixed", at["fixed"], "a", "tool", "")
+            + "</robot>"
+        )
+
+    near, far = read(text(0)), read(text(2**20))
+    assert abs(far.model.translation).max() < 1
+    q, qd, qdd = np.random.default_rng(0).normal(size=(3, 5, 2))
+    torques = far.inverse_dynamics(q, qd, qdd), near.inverse_dynamics(q, qd, qdd)
+    np.testing.assert_allclose(*torques, rtol=1e-9, atol=1e-9)
+    places = [robot.model.link_index(link) for robot, link in ((far, "b"), (far, "tool"))]
+    np.testing.assert_allclose(far.link_poses(q)[:, places], near.link_poses(q)[:, places], rtol=0, atol=1e-9)
