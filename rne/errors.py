@@ -115,27 +115,6 @@ class SingularMassMatrixError(RneError, LinAlgError):
     def __str__(self) -> str:
         return f"{self.what}{f' at state {self.state}' if self.state else ''}{self.cause}"
 
-    def at(self, state: tuple[int, ...]) -> SingularMassMatrixError:
-        """This error for another state of a batch.
-
-        Parameters
-        ----------
-        state : tuple of int
-            Its place in the leading shape.
-
-        Returns
-        -------
-        SingularMassMatrixError
-            A new error.
-
-        Examples
-        --------
-        >>> import rne
-        >>> str(rne.SingularMassMatrixError("M is singular").at((3,)))
-        'M is singular at state (3,)'
-        """
-        return SingularMassMatrixError(self.what, self.cause, self.joints, state)
-
 
 class PrecisionWarning(UserWarning):
     """A result in which rounding has left few digits or none; `rne.dynamics.diagnose` says why.

@@ -122,3 +122,16 @@ def test_each_robot_has_kernels_of_its_own(traced):
     for _ in range(2):
         rne.load("irb140").mass_matrix(q)
     assert traced == ["mass_matrix"] * 2
+
+
+@pytest.mark.parametrize("call", ["robot", "kernel"])
+def test_an_unsound_state_runs_its_kernel_once_before_the_recursion(call):
+    robot, runs = rne.load("irb140"), []
+    kernel = robot.kernel(rne.dynamics.inverse_dynamics)
+    program = kernel.state_function
+    vars(kernel)["state_function"] = lambda *state: runs.append(1) or program(*state)
+    q, qd, qdd = states(6)
+    qd[0] = 1e200
+    with pytest.raises(rne.NotFiniteError, match="overflows"):
+        (robot.inverse_dynamics if call == "robot" else kernel)(q, qd, qdd)
+    assert len(runs) == 1

@@ -10,6 +10,7 @@ import rne
 from rne.control.gains import SampledLoop, largest_over, random_configurations, workspace
 from rne.model.builder import Part, assemble, pose
 from rne.model.generators import random_tree
+from rne.validation.agreement import validate
 
 from .helpers import kept
 
@@ -221,3 +222,13 @@ def test_random_robots_and_gains(seed):
 def test_many_random_robots_and_gains():
     for seed in range(2, 60):
         check_case(seed)
+
+
+def test_a_singular_mass_matrix_is_an_error_that_names_the_joint():
+    """A last link without mass: nothing accelerates with its joint, so that there are no modes."""
+    masses, centres, inertias = [1.0, 0.0], np.zeros((2, 3)), [np.eye(3), np.zeros((3, 3))]
+    arm = rne.Robot(rne.model.chain([np.eye(3)] * 2, [[0, 0, 0], [1, 0, 0]], masses, centres, inertias))
+    with pytest.raises(rne.SingularMassMatrixError, match="nothing with inertia moves with 'joint_2'"):
+        rne.check_gains(arm, 10.0, 1.0)
+    with pytest.raises(rne.SingularMassMatrixError, match="nothing with inertia moves with 'joint_2'"):
+        validate(arm, 3, by_terms=True)

@@ -331,3 +331,11 @@ def test_jupyter_finds_the_pages_by_their_method(irb140):
     for cls in (rne.Robot, rne.Trajectory, rne.dynamics.Recursion, rne.kernels.Kernel):
         assert callable(cls._repr_html_)
     assert not hasattr(rne.Scene(irb140), "_repr_html_")
+
+
+def test_recursion_page_says_which_joints_mimic_others():
+    model = random_tree(5, seed=6, mimics=3)
+    record = rne.dynamics.recursion(model, *np.zeros((3, model.n)))
+    text = shown(parsed(record._repr_html_()))
+    for i, (joint, kind) in enumerate(zip(model.moving_joints, model.joint_types, strict=True)):
+        assert (f"{joint}, {kind}, mimic" in text) == (i not in model.independent_joints)

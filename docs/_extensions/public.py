@@ -16,6 +16,7 @@ INTERNAL = {
     "Candidate.of",
     "Cases.inertia_bounds",
     "Kernel.blocks",
+    "Kernel.by_recursion",
     "Kernel.evaluate",
     "Kernel.is_unrolled",
     "Kernel.state_function",

@@ -77,7 +77,7 @@ def write_robot_page(robot: rne.Robot, findings: str, folder: Path, say: Callabl
     Returns
     -------
     bool
-        True if all differences from the independent source are within their bounds.
+        True if all differences from the independent source are within their bounds; False if M is singular.
     """
     from ..plotting import draw
     from ..plotting.html_page import Page
@@ -126,10 +126,16 @@ def _parts(model: rne.Model, page: Page) -> None:
 
 
 def _comparison(robot: rne.Robot, page: Page) -> bool:
+    import rne
+
     from ..validation.agreement import validate
 
     page.heading("Comparison with an independent source")
-    source, rows = validate(robot, SAMPLES, by_terms=True)
+    try:
+        source, rows = validate(robot, SAMPLES, by_terms=True)
+    except rne.SingularMassMatrixError as error:
+        page.text(f"Not compared, as forward dynamics do not exist: {error}.")
+        return False
     page.text(f"Largest difference over {SAMPLES} random states, velocities up to 10 rad/s or m/s, against {source}:")
     return page.comparison(rows, "term")
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import summary
+from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 from .laws import checked_vectors
@@ -97,6 +98,8 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     ------
     ValueError
         If a gain or the sample time is not positive and finite, or has the wrong shape.
+    SingularMassMatrixError
+        If M is singular somewhere in the workspace; names the joints.
 
     Notes
     -----
@@ -125,12 +128,12 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     half = np.sqrt(d)
 
     def fastest(q: Array) -> Array:
-        return np.linalg.eigvalsh(half[:, None] * np.linalg.inv(robot.mass_matrix(q)) * half)[..., -1]
+        return np.linalg.eigvalsh(half[:, None] * inverse_mass_matrix(robot, q) * half)[..., -1]
 
     slope = robot.kernel(gravity_torque, "q")
     largest, worst = largest_over(fastest, lower, upper)
     stiffness, _ = largest_over(lambda q: np.linalg.norm(slope(q), 2, axis=(-2, -1)), lower, upper)
-    inverse = np.linalg.inv(robot.mass_matrix(worst))
+    inverse = inverse_mass_matrix(robot, worst)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse * p, -inverse * d]])
     limit, limit_q = SampledLoop(robot, p, d).limit(2 / largest, worst)
     return Gains(
@@ -144,6 +147,13 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
         sample_time,
         None if sample_time is None else bool(sample_time < limit),
     )
+
+
+def inverse_mass_matrix(robot: Robot, q: Array) -> Array:
+    """M^-1 in configurations q, shape (..., n, n); raises SingularMassMatrixError, which names joints."""
+    check, M = robot.kernel(solve_mass_matrix), robot.mass_matrix(q)
+    check(q, np.zeros(robot.n))
+    return np.asarray(np.linalg.inv(M))
 
 
 def workspace(robot: Robot) -> tuple[Array, Array]:
@@ -194,7 +204,7 @@ class SampledLoop:
 
     def step(self, q: Array, T: float | Array) -> Array:
         """The matrix of the map of (e, qd) over one sample time T, for configurations q, shape (..., 2 n, 2 n)."""
-        inverse = np.linalg.inv(self.robot.mass_matrix(q))
+        inverse = inverse_mass_matrix(self.robot, q)
         W = inverse @ self.slope(q) * T * T  # gravity's stiffness: y'' = -(W / T^2) y + a while torques are held
         one = np.broadcast_to(np.eye(len(self.kp)), W.shape)
         position, velocity, force = one, one, one / 2  # y(T) = force a T^2, y'(T) = velocity a T, e(T) = position e

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import is_equal, positive_number, whole_number
 from ..basics.spatial import Array
 from ..robot import Robot
-from .gains import random_configurations, workspace
+from .gains import inverse_mass_matrix, random_configurations, workspace
 from .laws import checked_vectors
 from .reference import Reference, check_reference, reference_values
 
@@ -72,7 +72,8 @@ class Cases:
         q = random_configurations(*workspace(self.centre))
         M = np.concatenate([robot.mass_matrix(q) for robot in self.robots])
         largest = np.linalg.eigvalsh(M * np.outer(scale, scale))[:, -1].max()
-        inverse = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1).max(axis=0)
+        inverses = np.concatenate([inverse_mass_matrix(robot, q) for robot in self.robots])
+        inverse = np.diagonal(inverses, axis1=-2, axis2=-1).max(axis=0)
         return MARGIN * float(largest), MARGIN * inverse
 
 

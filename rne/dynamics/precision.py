@@ -1,7 +1,8 @@
 """How many digits forward dynamics keep: M's pivots say whether it is singular, Skeel's amplification the digits.
 
-`pivots_below` and `amplifications` are the only criteria: functions, kernels, batches and simulations apply them
-through `check_accelerations`, `diagnose` directly.
+The criteria are `pivot_bound`, `velocity_bound` and `amplifications`, and no other module has numbers of its own.
+Functions and batches apply them by `check_accelerations`; kernels compare pivots and joint velocities with the two
+bounds and leave the states beyond them to it; `diagnose` and simulations with stiction use `pivots_below`.
 """
 
 from __future__ import annotations
@@ -24,17 +25,23 @@ from .quantity import OK, BatchIndex, PrecisionLoss, PrecisionStatus, check_argu
 from .rnea import External, bias_torque, gravity_torque
 
 MIN_DIGITS = 3.0  # decimal digits below which a result is warned of
-# A pivot of M up to SINGULAR n eps M_kk is only rounding error: M is singular, an error. Up to NEARLY_SINGULAR
-# n eps M_kk the digits left are estimated.
-SINGULAR, NEARLY_SINGULAR = 8, 1000
+# Rounding changes a pivot of M by up to some n eps M_kk (Higham 2002, Accuracy and Stability, theorem 10.3). Up to 8 of
+# them, the errors of M's own entries included, it is nothing else: M is singular, an error. A pivot above 10^MIN_DIGITS
+# of them keeps MIN_DIGITS digits; below, the digits left are estimated.
+SINGULAR, NEARLY_SINGULAR = 8.0, 10**MIN_DIGITS
 NEGATIVE = 1e-9  # of M's largest entry, or of M scaled to unit diagonal: more below zero is no rounding error
+
+
+def pivot_bound(units: float, n: int, dtype: DTypeLike) -> float:
+    """Part of M's diagonal entry up to which a pivot of M is at most `units` rounding errors of n eps."""
+    return units * n * float(np.finfo(dtype).eps)
 
 
 def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
     """Where a pivot of M is at most `units` n eps of M's diagonal entry, or not a number, shape (..., n)."""
     pivots, diagonal = pivots.real, diagonal.real
-    eps = float(np.finfo(pivots.dtype).eps) if pivots.dtype != object else 0.0
-    return ~np.asarray(pivots > units * pivots.shape[-1] * eps * diagonal, dtype=bool)
+    bound = pivot_bound(units, pivots.shape[-1], pivots.dtype) if pivots.dtype != object else 0.0
+    return ~np.asarray(pivots > bound * diagonal, dtype=bool)
 
 
 def velocity_bound(dtype: np.dtype[Any]) -> float:

@@ -58,7 +58,9 @@ class PrecisionStatus(NamedTuple):
 
     def with_state(self, place: Callable[[BatchIndex], BatchIndex]) -> PrecisionStatus:
         """Status of the state at another index, such as its place in the batch that a block is part of."""
-        error = None if self.error is None else self.error.at(place(self.error.state))
+        error = self.error
+        if error is not None:
+            error = SingularMassMatrixError(error.what, error.cause, error.joints, place(error.state))
         loss = None if self.loss is None else self.loss._replace(state=place(self.loss.state))
         return PrecisionStatus(error, loss)
 

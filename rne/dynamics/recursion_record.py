@@ -354,22 +354,31 @@ def recursion_table(record: Recursion) -> str:
 
 
 def _joint(record: Recursion, i: int) -> Iterator[Row]:
-    """The rows of one joint and the body behind it; u only where a drive is, not at a mimic joint."""
-    yield Row(
-        f"{short(record.joints[i])}, {record.joint_types[i]}{'' if i in record.independent_joints else ', mimic'}"
-    )
+    """The lines of one joint and the body behind it."""
+    yield Row(joint_title(record, i))
+    for name, equation, unit, values in record_rows(record, i):
+        yield Row(f"  {name:<7} {equation:<6} {unit:<7}", [six_digits(x.real) for x in values])
+        if any(is_complex(x) for x in values):
+            yield Row(f"  {'':<7} {'imag':<6} {unit:<7}", [six_digits(x.imag) for x in values])
+
+
+def joint_title(record: Recursion, i: int) -> str:
+    """Name and type of joint i, and whether it mimics another."""
+    mimic = "" if i in record.independent_joints else ", mimic"
+    return f"{short(record.joints[i])}, {record.joint_types[i]}{mimic}"
+
+
+def record_rows(record: Recursion, i: int) -> Iterator[tuple[str, str, str, list[Any]]]:
+    """Name, equation, unit and numbers of each quantity of joint i; u only where a drive is, not at a mimic joint."""
     for name, equation, unit in VECTORS:
         vectors = getattr(record, name)
-        if vectors is None or i >= len(vectors) or (name == "a_o" and record.a_e is not None):
-            continue
-        yield from _numbers(name, equation, unit, vectors[i])
+        if vectors is not None and i < len(vectors) and (name != "a_o" or record.a_e is None):
+            yield name, equation, unit, list(vectors[i])
     if i in record.independent_joints:
         unit = "N" if record.joint_types[i] == "prismatic" else "N m"
-        yield from _numbers("u", "(5.3)", unit, [record.u[record.independent_joints.index(i)]])
+        yield "u", "(5.3)", unit, [record.u[record.independent_joints.index(i)]]
 
 
-def _numbers(name: str, equation: str, unit: str, values: Iterable[Any]) -> Iterator[Row]:
-    values = list(values)
-    yield Row(f"  {name:<7} {equation:<6} {unit:<7}", [six_digits(x.real) for x in values])
-    if any(np.iscomplexobj(x) or x.imag != 0 for x in values):
-        yield Row(f"  {'':<7} {'imag':<6} {unit:<7}", [six_digits(x.imag) for x in values])
+def is_complex(x: Any) -> bool:
+    """True for a number of a complex type, of NumPy or mpmath."""
+    return bool(np.iscomplexobj(x) or x.imag != 0)

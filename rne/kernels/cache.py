@@ -17,6 +17,7 @@ from ..dynamics.rnea import External, inverse_dynamics
 from ..model.model import Model
 from .differentiation import complex_step
 from .kernel import Kernel, compile, derivative, engine_argument
+from .program import NeedsRecursion
 from .scalar import is_traced
 from .trace import inputs_as_arrays, wrench_links
 
@@ -77,7 +78,10 @@ class KernelCache:
             if self._is_first_state(key, arrays):
                 return self._by_recursion(function, arrays, wrt, fixed)[0]
             kernel = self.kernel(function, *wrt, **fixed)
-        result = kernel.fast_single_state(*arrays)
+        try:
+            result = kernel.fast_single_state(*arrays)
+        except NeedsRecursion:
+            return kernel.by_recursion(*arrays)[0]
         return kernel.evaluate(*arrays)[0] if result is None else result
 
     def forward_dynamics(

@@ -184,7 +184,10 @@ class Kernel(InNotebooks):
     def evaluate(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> tuple[Array, PrecisionStatus]:
         """The result and its PrecisionStatus, not yet announced; see `__call__` for the arguments."""
         if out is None and workers == 1 and len(arguments) == len(self.names):
-            result = self.fast_single_state(*arguments)
+            try:
+                result = self.fast_single_state(*arguments)
+            except NeedsRecursion:
+                return self.by_recursion(*arguments)
             if result is not None:
                 return result, OK
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
@@ -256,6 +259,13 @@ class Kernel(InNotebooks):
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced.program, title, self.names, self.widths, traced.shape, lines), language)
 
+    def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
+        """Result and status of one state that the program leaves to the recursion; see `fast_single_state`."""
+        try:
+            return self._by_function(arguments)
+        except ValueError as error:
+            raise named_by_function(self.quantity, self.model, arguments, error) from None
+
     def _by_function(self, arguments: Sequence[Any]) -> tuple[Array, PrecisionStatus]:
         """The function itself, or its derivatives by complex step."""
         if self.wrt:
@@ -292,7 +302,7 @@ class Kernel(InNotebooks):
 def _fast_single_state(kernel: Kernel) -> Callable[..., Array | None]:
     """The shortest way to the result for one state: a function of float64 vectors, which returns None for all else.
 
-    None is also the answer where the recursion must compute the state. The checks are written out, because a loop over
+    It raises NeedsRecursion where the recursion must compute the state. The checks are written out, because a loop over
     the arguments would cost as much as the kernel, which is compiled at the first call.
     """
 
@@ -303,7 +313,7 @@ def _fast_single_state(kernel: Kernel) -> Callable[..., Array | None]:
     if not kernel.is_unrolled:
         return lambda *_: None
     namespace: dict[str, Any] = {f"s{k}": (width,) for k, width in enumerate(kernel.widths)}
-    namespace |= {"ndarray": np.ndarray, "float64": FLOAT64, "NeedsRecursion": NeedsRecursion, "state": first}
+    namespace |= {"ndarray": np.ndarray, "float64": FLOAT64, "state": first}
     exec(_checked_call(len(kernel.widths)), namespace)
     call: Callable[..., Array | None] = namespace["call"]
     return call
@@ -316,10 +326,7 @@ def _checked_call(count: int) -> CodeType:
     lines = [
         f"def call({arguments}):",
         f"    if {' and '.join(checks)}:",
-        "        try:",
-        f"            return state({arguments})",
-        "        except NeedsRecursion:",
-        "            return None",
+        f"        return state({arguments})",
         "    return None",
     ]
     code: CodeType = builtins.compile("\n".join(lines) + "\n", "<rne call>", "exec")

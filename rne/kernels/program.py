@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.precision import NEARLY_SINGULAR, velocity_bound
+from ..dynamics.precision import NEARLY_SINGULAR, pivot_bound, velocity_bound
 from ..dynamics.quantity import PrecisionStatus
 from .graph import Graph
 
@@ -83,7 +83,7 @@ class Conditions(Protocol):
         """Every value is finite."""
 
     def within(self, values: Any, bound: float) -> Any:
-        """No value exceeds the bound in size; an engine may also refuse values up to its n-th part."""
+        """No value exceeds the bound in size; an engine may bound the root of their sum of squares instead."""
 
     def above(self, values: Any, factor: float, others: Any) -> Any:
         """Each value exceeds the factor times its partner."""
@@ -149,7 +149,7 @@ class Trace:
         conditions = [write.finite(outputs[:first])]
         if n:
             pivots, diagonal = outputs[first : first + n], outputs[first + n : first + 2 * n]
-            conditions.append(write.above(pivots, NEARLY_SINGULAR * n * float(np.finfo(dtype).eps), diagonal))
+            conditions.append(write.above(pivots, pivot_bound(NEARLY_SINGULAR, n, dtype), diagonal))
         return conditions
 
 

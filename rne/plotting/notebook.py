@@ -19,7 +19,7 @@ import numpy as np
 
 from ..basics.text import counted, short, six_digits
 from ..dynamics.base_inertial_parameters import BaseParameters
-from ..dynamics.recursion_record import BRANCHED, LEGEND, VECTORS, Recursion
+from ..dynamics.recursion_record import BRANCHED, LEGEND, Recursion, is_complex, joint_title, record_rows
 from ..kernels.kernel import Kernel
 from ..kernels.source import UNITS
 from ..model.builder import Part, at_links, disassemble
@@ -175,22 +175,16 @@ def _body_row(part: Part) -> tuple[str, ...]:
 
 def _record_rows(record: Recursion, i: int) -> Iterable[tuple[str, ...]]:
     """The rows of one joint, its name in the first."""
-    name = f"{short(record.joints[i])}, {record.joint_types[i]}"
-    for quantity, equation, unit in VECTORS:
-        vectors = getattr(record, quantity)
-        if vectors is None or i >= len(vectors) or (quantity == "a_o" and record.a_e is not None):
-            continue
-        yield name, quantity, equation, unit, *(_number(x) for x in vectors[i])
-        name = ""
-    if i in record.independent_joints:
-        unit = "N" if record.joint_types[i] == "prismatic" else "N m"
-        yield name, "u", "(5.3)", unit, _number(record.u[record.independent_joints.index(i)]), "", ""
+    title = joint_title(record, i)
+    for quantity, equation, unit, values in record_rows(record, i):
+        yield title, quantity, equation, unit, *[*map(_number, values), "", ""][:3]
+        title = ""
 
 
 def _number(x: Any) -> str:
     """A number of any type that the dynamics take, real or complex."""
     text = six_digits(x.real)
-    return text if not (np.iscomplexobj(x) or x.imag != 0) else f"{text} + {six_digits(x.imag)} i"
+    return f"{text} + {six_digits(x.imag)} i" if is_complex(x) else text
 
 
 def _units(name: str, model: Model) -> str:
