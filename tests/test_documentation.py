@@ -61,6 +61,7 @@ NOT_ASKED = {
     "SS05": "takes plural nouns, such as Torques, for verbs",
 }
 REFERENCE = re.compile(r"those of `rne\.(Robot\.\w+)`(?: without `(\w+)`)?, with the model first")
+MADE_BY = re.compile(r"made by `(\w+)`.* attributes are (?:its|their|the) arguments")
 IN_THE_REFERENCE = {"PR01", "RT01", "EX01"}  # parameters, result, example
 
 
@@ -79,6 +80,9 @@ def complaints(name):
     thing = PUBLIC.resolve(name)
     method = REFERENCE.search(" ".join((inspect.getdoc(thing) or "").split()))
     if method and call_of(thing) == call_of(PUBLIC.resolve(method[1]), without=method[2]):
+        errors = {code: message for code, message in errors.items() if code not in IN_THE_REFERENCE}
+    maker = MADE_BY.search(" ".join((inspect.getdoc(thing) or "").split())) if inspect.isclass(thing) else None
+    if maker and not complaints(f"{name.rpartition('.')[0]}.{maker[1]}"):  # the function has parameters and example
         errors = {code: message for code, message in errors.items() if code not in IN_THE_REFERENCE}
     if inspect.isclass(thing) and "PR01" in errors:
         documented = documented_names(thing)
@@ -110,6 +114,12 @@ def test_docstring_of_a_public_name_is_complete(name):
 def test_a_poor_docstring_is_found(monkeypatch):
     monkeypatch.setattr(rne.Robot.mass_matrix, "__doc__", "M(q)")
     assert {"PR01", "RT01", "EX01"} <= complaints("Robot.mass_matrix").keys()
+
+
+def test_a_class_that_a_function_makes_needs_that_function_documented(monkeypatch):
+    assert complaints("control.PID") == {}
+    monkeypatch.setattr(rne.control.pid, "__doc__", "PID control.")
+    assert {"PR01", "EX01"} <= complaints("control.PID").keys()
 
 
 def test_a_function_that_refers_to_a_method_is_called_like_it(monkeypatch):

@@ -191,18 +191,18 @@ def test_limits_that_are_none_are_refused(value, text, tmp_path):
     file.write_text(rne.to_urdf(PAIR))
     with pytest.raises(ValueError, match=f"^{re.escape(text.format('jerk'))}$"):
         rne.model.with_limits(PAIR, jerk=value)
-    with pytest.raises(ValueError, match=f"^{re.escape(text.format('effort_limit'))}$"):
-        rne.load(file, effort_limit=value)
+    with pytest.raises(ValueError, match=f"^{re.escape(text.format('effort'))}$"):
+        rne.load(file, effort=value)
 
 
 def test_limits_given_at_load_are_those_of_the_robot(tmp_path):
     given = {"effort": 300, "velocity": [1, 2, 3, 4, 5, 6], "acceleration": {"joint_2": 7}, "jerk": 80.0}
-    arm = rne.load("irb140", **{f"{name}_limit": value for name, value in given.items()})
+    arm = rne.load("irb140", **given)
     assert arm.model == rne.model.with_limits(rne.irb140(), **given)
     file = tmp_path / "arm.urdf"
     file.write_text(rne.to_urdf(arm.model))
     assert rne.read_urdf(file) == arm.model
-    assert rne.load(file, jerk_limit=np.inf).model.jerk_limit.tolist() == [np.inf] * 6
+    assert rne.load(file, jerk=np.inf).model.jerk_limit.tolist() == [np.inf] * 6
 
 
 def test_limits_of_a_robot_are_those_of_its_coordinates():

@@ -325,7 +325,7 @@ class TestLimits:
         assert error == ["error: --effort must have shape (6,), got (2,)"]
 
     def test_some_joints_without_limits_are_named(self, torques, tmp_path):
-        text = rne.to_urdf(rne.load("irb140", effort_limit=[1000] * 4 + [np.inf] * 2).model)
+        text = rne.to_urdf(rne.load("irb140", effort=[1000] * 4 + [np.inf] * 2).model)
         (tmp_path / "arm.urdf").write_text(text)
         said = torques(self.t, moved(self.t)[0], robot=str(tmp_path / "arm.urdf"))[1]
         assert self.limits(said).startswith(

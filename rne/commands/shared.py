@@ -82,11 +82,11 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
     gravity = {} if arguments.gravity is None else {"gravity": arguments.gravity}
     effort = arguments.effort[0] if len(arguments.effort or ()) == 1 else arguments.effort
     try:
-        robot = rne.load(arguments.robot, effort_limit=effort, **gravity)
+        robot = rne.load(arguments.robot, effort=effort, **gravity)
     except ValueError as error:
         if isinstance(error, rne.RneError):
             raise
-        raise CommandError(re.sub(r"`(gravity|effort)\w*(.*?)`", r"--\1\2", in_one_line(error))) from None
+        raise CommandError(re.sub(r"`(gravity|effort)(.*?)`", r"--\1\2", in_one_line(error))) from None
     if arguments.payload is None:
         return robot
     try:

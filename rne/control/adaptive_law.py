@@ -26,24 +26,10 @@ ROWS, COLUMNS = np.triu_indices(4)
 
 @dataclass(frozen=True, eq=False)
 class Adaptive:
-    """Adaptive tracking control after Slotine and Li, made by `adaptive`.
+    """Adaptive tracking control after Slotine and Li, made by `adaptive`; attributes are its arguments.
 
     A body is estimated by its pseudo-inertia P = L (1 + Z) L^T, where P0 = L L^T is that of the model; the states are
     the upper triangles of Z, then the relative changes of the friction coefficients.
-
-    Attributes
-    ----------
-    robot, kd, bandwidth, reference, gain, bodies, consistent, viscous, coulomb, smoothing, effort_limit
-        Arguments of `adaptive`; numbers per joint as ndarrays of shape (n,), `bodies` as the tuple of all that adapt.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-    >>> law = rne.control.adaptive(robot, 20, 10, path, bodies=["joint_6"])
-    >>> torques, derivative = law(0.0, np.zeros(6), np.zeros(6), np.zeros(law.states))
-    >>> np.allclose(torques, robot.gravity_torque([0] * 6)), derivative.shape
-    (True, (10,))
     """
 
     robot: Robot

@@ -56,21 +56,9 @@ def checked_vectors(
 
 @dataclass(frozen=True, eq=False)
 class PD:
-    """Proportional and derivative feedback, with or without gravity compensation, made by `pd` and `pd_gravity`.
+    """Proportional and derivative feedback, made by `pd` and `pd_gravity`.
 
-    Attributes
-    ----------
-    robot, kp, kd, reference
-        Arguments of the function; gains and positions to hold as ndarrays of shape (n,).
-    gravity : bool
-        True if gravity is compensated by the model.
-
-    Examples
-    --------
-    >>> import rne
-    >>> law = rne.control.pd(rne.load("irb140"), 50, 20, 1)
-    >>> law(0.0, [0] * 6, [0] * 6).tolist()
-    [50.0, 50.0, 50.0, 50.0, 50.0, 50.0]
+    Its attributes are their arguments, gains as arrays of shape (n,), and `gravity`: True if gravity is compensated.
     """
 
     robot: Robot
@@ -170,21 +158,7 @@ def _pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Any, *, gravity: 
 
 @dataclass(frozen=True, eq=False)
 class PID:
-    """PD with the integral of the error as a state of the controller, made by `pid`.
-
-    Attributes
-    ----------
-    robot, kp, ki, kd, reference, gravity, windup
-        Arguments of `pid`; numbers per joint as ndarrays of shape (n,).
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> law = rne.control.pid(rne.load("irb140"), 50, 10, 20, 0)
-    >>> torques, derivative = law(0.0, np.full(6, 0.1), np.zeros(6), np.zeros(6))
-    >>> torques[0].item(), derivative[0].item()
-    (-5.0, 0.1)
-    """
+    """PD with the integral of the error as a state of the controller, made by `pid`; attributes are its arguments."""
 
     robot: Robot
     kp: Array
@@ -260,21 +234,7 @@ def pid(
 
 @dataclass(frozen=True, eq=False)
 class ComputedTorque:
-    """Inverse dynamics of the commanded acceleration, made by `computed_torque`.
-
-    Attributes
-    ----------
-    robot, kp, kd, reference
-        Arguments of `computed_torque`; the gains as ndarrays of shape (n,).
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-    >>> law = rne.control.computed_torque(robot, 100, 20, path)
-    >>> np.allclose(law(0.0, np.zeros(6), np.zeros(6)), robot.gravity_torque([0] * 6))
-    True
-    """
+    """Inverse dynamics of the commanded acceleration, made by `computed_torque`; attributes are its arguments."""
 
     robot: Robot
     kp: Array

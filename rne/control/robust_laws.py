@@ -57,21 +57,7 @@ class RobustLaw:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robust(RobustLaw):
-    """Computed torque with Lyapunov redesign, made by `robust`.
-
-    Attributes
-    ----------
-    robot, bandwidth, reference, boundary, rho
-        Arguments of `robust`; `bandwidth` and `boundary` as ndarrays of shape (n,).
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-    >>> law = rne.control.robust(robot, 10, 0.1, path, rho=5.0)
-    >>> np.allclose(law(0.0, np.zeros(6), np.zeros(6)), robot.gravity_torque([0] * 6)), law.error_bound[0].item()
-    (True, 0.01)
-    """
+    """Computed torque with Lyapunov redesign, made by `robust`; attributes are its arguments."""
 
     boundary: Array
     rho: float
@@ -141,22 +127,7 @@ def robust(robot: Robot, bandwidth: ArrayLike, boundary: ArrayLike, reference: R
 class RobustPassive(RobustLaw):
     """Robust tracking after Spong, made by `robust_passive`.
 
-    Attributes
-    ----------
-    robot : Robot
-        The controller's model: the middle of the cases.
-    bandwidth, reference, kd, boundary
-        Arguments of `robust_passive`; `bandwidth` and `kd` as ndarrays of shape (n,).
-    cases : Cases
-        The robots between which the one that moves lies.
-
-    Examples
-    --------
-    >>> import rne
-    >>> arm, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-    >>> law = rne.control.robust_passive([arm, arm.with_payload(3.0)], 20, 10, path, boundary=0.1)
-    >>> law.rms_bound.round(4)[0].item()
-    0.0035
+    Its attributes are the arguments, and `robot`: the controller's model, in the middle of the cases.
     """
 
     kd: Array
@@ -243,22 +214,7 @@ def robust_passive(
 class SlidingMode(RobustLaw):
     """Sliding-mode tracking with a boundary layer, made by `sliding_mode`.
 
-    Attributes
-    ----------
-    robot : Robot
-        The controller's model: the middle of the cases.
-    bandwidth, reference, boundary, reaching
-        Arguments of `sliding_mode`; `bandwidth` and `boundary` as ndarrays of shape (n,).
-    cases : Cases
-        The robots between which the one that moves lies.
-
-    Examples
-    --------
-    >>> import rne
-    >>> arm, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-    >>> law = rne.control.sliding_mode([arm, arm.with_payload(3.0)], 10, 0.1, path)
-    >>> law.robot.model.mass[-1].item()  # 1 kg of the link, and half of the payload
-    2.5
+    Its attributes are the arguments, and `robot`: the controller's model, in the middle of the cases.
     """
 
     boundary: Array

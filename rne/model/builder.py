@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array, combine_bodies, rotate, snap, transpose
-from .checks import LIMITS
 from .model import STANDARD_GRAVITY, Model
 from .solids import Cylinder
 
-LIMITS_AND_DRIVES = ("lower", "upper", *LIMITS, "damping", "friction", "armature")
+# Fields of a Model by those of a Part.
+LIMITS_AND_DRIVES = {name: f"{name}_limit" for name in ("velocity", "effort", "acceleration", "jerk")}
+LIMITS_AND_DRIVES |= {name: name for name in ("lower", "upper", "damping", "friction", "armature")}
 Extended = np.longdouble  # no wider than double on some platforms
 
 
@@ -149,9 +150,7 @@ def assemble(
 
 def _limits_and_drives(joints: Sequence[Part]) -> dict[str, Any]:
     """Limits, friction and drives of the moving joints, by the names of the Model's fields."""
-    return {
-        name: np.array([getattr(joint, name.removesuffix("_limit")) for joint in joints]) for name in LIMITS_AND_DRIVES
-    }
+    return {name: np.array([getattr(joint, own) for joint in joints]) for own, name in LIMITS_AND_DRIVES.items()}
 
 
 def _independent(k: int, part: Part) -> int:
@@ -209,7 +208,7 @@ def _moving_part(model: Model, i: int, link: str, carrier: Mapping[int, int]) ->
         mass=float(model.mass[i]),
         com=model.com[i],
         inertia=model.inertia[i],
-        **{name.removesuffix("_limit"): float(getattr(model, name)[i]) for name in LIMITS_AND_DRIVES},
+        **{own: float(getattr(model, name)[i]) for own, name in LIMITS_AND_DRIVES.items()},
         mimic=None if independent == i else mimic,
     )
 

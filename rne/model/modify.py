@@ -125,17 +125,11 @@ def with_limits(
 
     The result is a Model; parameters and errors are those of `rne.Robot.with_limits`, with the model first.
     """
-    return limited(model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
-
-
-def limited(model: Model, **limits: LimitValues) -> Model:
-    """The robot with limits by the names that errors mention: "effort" or "effort_limit", ..."""
     coordinates = list(model_argument(model).independent_joints)
     changed = {}
-    for name, value in limits.items():
+    for name, value in (("effort", effort), ("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk)):
         if value is not None:
-            field = f"{name.removesuffix('_limit')}_limit"
-            changed[field] = array = getattr(model, field).copy()
+            changed[f"{name}_limit"] = array = getattr(model, f"{name}_limit").copy()
             array[coordinates] = limit_array(name, value, model.joint_names, array[coordinates])
     return replace(model, **changed) if changed else model
 

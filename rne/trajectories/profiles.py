@@ -51,21 +51,7 @@ class _ReferenceMotion:
 
 @dataclass(frozen=True, eq=False)
 class Quintic(_ReferenceMotion):
-    """A motion along a polynomial of fifth degree, made by `quintic`.
-
-    Attributes
-    ----------
-    start, end : ndarray, shape (n,)
-        Joint positions [rad or m].
-    duration : float
-        Time from start to end [s].
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.trajectories.quintic([0.0], [2.0], 4.0)(4.0)[0].tolist()
-    [2.0]
-    """
+    """A motion along a polynomial of fifth degree, made by `quintic`; attributes are its arguments."""
 
     start: Array
     end: Array
@@ -123,23 +109,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
 
 @dataclass(frozen=True, eq=False)
 class Trapezoidal(_ReferenceMotion):
-    """Constant acceleration, constant velocity, constant deceleration, made by `trapezoidal`.
-
-    Attributes
-    ----------
-    start, end : ndarray, shape (n,)
-        Joint positions [rad or m].
-    duration : float
-        Time from start to end [s].
-    ramp : float
-        Time of acceleration, and of deceleration [s].
-
-    Examples
-    --------
-    >>> import rne
-    >>> rne.trajectories.trapezoidal([0.0], [3.0], 4.0, ramp=1.0)(2.0)[1].tolist()
-    [1.0]
-    """
+    """Constant acceleration, velocity and deceleration, made by `trapezoidal`; attributes are its arguments."""
 
     start: Array
     end: Array
@@ -232,22 +202,7 @@ def _refuse_overflow(motion: Quintic | Trapezoidal, t: float) -> None:
 class Spline(_ReferenceMotion):
     """A motion through samples, made by `spline`.
 
-    Attributes
-    ----------
-    t : ndarray, shape (K,)
-        Times of the samples [s].
-    q : ndarray, shape (K, n)
-        Joint positions of the samples [rad or m].
-    degree : int
-        Of the polynomials: 5, or K - 1 if there are fewer than six samples.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> t = np.linspace(0, 1, 11)
-    >>> path = rne.trajectories.spline(t, np.stack([t**2, t**3], axis=1))
-    >>> path(0.55)[1].round(6).tolist()
-    [1.1, 0.9075]
+    Its attributes are the arguments, and `degree`, of the polynomials: 5, or K - 1 if there are fewer than six samples.
     """
 
     t: Array

@@ -18,7 +18,7 @@ from ..basics.arrays import real_array
 from ..errors import ModelError
 from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
-from ..model.modify import LimitValues, limited
+from ..model.modify import LimitValues, with_limits
 from ..robot import Robot
 from .document import parse, read_bytes
 from .findings import Finding, Report, written
@@ -103,10 +103,10 @@ def load(
     *,
     gravity: ArrayLike = STANDARD_GRAVITY,
     engine: str = "numpy",
-    effort_limit: LimitValues = None,
-    velocity_limit: LimitValues = None,
-    acceleration_limit: LimitValues = None,
-    jerk_limit: LimitValues = None,
+    effort: LimitValues = None,
+    velocity: LimitValues = None,
+    acceleration: LimitValues = None,
+    jerk: LimitValues = None,
 ) -> Robot:
     """Load a robot by name or from a URDF file.
 
@@ -119,7 +119,7 @@ def load(
         In the axes of the root link [m/s^2].
     engine : {"numpy", "numba"}
         What runs the robot's kernels; see `rne.compile`.
-    effort_limit, velocity_limit, acceleration_limit, jerk_limit : float, array_like of shape (n,), or mapping, optional
+    effort, velocity, acceleration, jerk : float, array_like of shape (n,), or mapping, optional
         Limits in place of those of the file: one number for all joints, one for each, or some by the joint's name
         [N m or N; rad/s or m/s; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
 
@@ -142,7 +142,7 @@ def load(
     Examples
     --------
     >>> import rne
-    >>> robot = rne.load("irb140", effort_limit=300)
+    >>> robot = rne.load("irb140", effort=300)
     >>> robot.joint_names[0], robot.effort_limit[0].item()
     ('joint_1', 300.0)
     """
@@ -151,9 +151,8 @@ def load(
         raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
     found = resolve(source)
     model = replace(found, gravity=g) if isinstance(found, Model) else read_urdf(found, gravity=g)
-    limits = {"effort_limit": effort_limit, "velocity_limit": velocity_limit}
-    limits |= {"acceleration_limit": acceleration_limit, "jerk_limit": jerk_limit}
-    return Robot(limited(model, **limits), engine)
+    model = with_limits(model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
+    return Robot(model, engine)
 
 
 def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped: bool = True) -> list[Finding]:
