@@ -216,7 +216,7 @@ def of_runs(arm: Arm) -> Iterator[Difference]:
     """Torques of simulated runs at every sample: a free swing, the closed loops of the IRB 140, and a driven run."""
     robot, n = arm.robot, arm.robot.n
     start, rest = np.linspace(0.3, -0.3, n), np.zeros(n)
-    yield of_run(arm, "free swing", Twin(arm), rne.simulate(robot, start, rest, 0.5))
+    yield of_run(arm, "free swing", Twin(arm), rne.simulate(robot, start, rest, 0.5, method="DOP853"))
     if robot.model.name == "irb140":
         yield from of_closed_loops(arm)
     path = rne.trajectories.quintic(start, rest, 0.5)
@@ -230,7 +230,7 @@ def of_runs(arm: Arm) -> Iterator[Difference]:
         controller=rne.control.computed_torque(robot, np.full(n, STIFF), np.full(n, DAMPED), path),
     )
     twin = Twin(arm, payload=True, mounted=True, armature=inertias)
-    motion = rne.simulate(scene, start, rest, 0.5)
+    motion = rne.simulate(scene, start, rest, 0.5, method="DOP853")
     yield of_run(arm, "driven run", twin, motion, friction(motion.qd))
 
 

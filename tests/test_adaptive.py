@@ -80,7 +80,7 @@ def test_lyapunov_function_falls_as_the_proof_says(arm, consistent, seed):
 def test_lyapunov_function_never_grows_along_a_run(arm, consistent):
     law, plant = law_of(arm, consistent=consistent), arm.with_payload(3.0)
     q, qd, _ = short_circle(0)
-    motion = rne.simulate(rne.Scene(plant, controller=law), q + 0.03, qd, 1.0, rtol=1e-9, atol=1e-12)
+    motion = rne.simulate(rne.Scene(plant, controller=law), q + 0.03, qd, 1.0, method="DOP853", rtol=1e-9, atol=1e-12)
     assert law.parameters(motion.controller_state).shape == (len(motion.t), len(arm.parameters))
     V = [
         lyapunov(law, plant, *state)
@@ -100,7 +100,7 @@ def test_natural_law_stays_among_possible_bodies(arm):
     for consistent in (False, True):
         law = law_of(arm, consistent=consistent)
         scene = rne.Scene(arm.with_payload(3.0), controller=law)
-        motion = rne.simulate(scene, short_circle(0)[0] + 0.1, [0] * 3, 0.5)
+        motion = rne.simulate(scene, short_circle(0)[0] + 0.1, [0] * 3, 0.5, method="DOP853")
         left[consistent] = smallest_eigenvalues(law, motion).min()
     assert left[False] < -1e-3
     assert left[True] > 0
@@ -112,7 +112,7 @@ def test_with_the_right_parameters_it_is_computed_torque(arm):
     torques, rates = law(0.3, q, qd, np.zeros(law.states))
     np.testing.assert_allclose(torques, arm.inverse_dynamics(q, qd, qdd), rtol=1e-12)
     assert np.abs(rates).max() <= 1e-9  # s is rounding alone
-    motion = rne.simulate(rne.Scene(arm, controller=law), *short_circle(0)[:2], 2.0)
+    motion = rne.simulate(rne.Scene(arm, controller=law), *short_circle(0)[:2], 2.0, method="DOP853")
     assert np.abs(motion.q - short_circle(motion.t[:, None])[0]).max() <= 1e-6
     assert np.abs(motion.controller_state).max() <= 1e-4
 
@@ -136,7 +136,8 @@ def test_traced_is_called_and_takes_batches(arm, consistent):
 
     called.states = law.states
     motions = [
-        rne.simulate(rne.Scene(arm.with_payload(1.0), controller=c), *short_circle(0)[:2], 0.2) for c in (law, called)
+        rne.simulate(rne.Scene(arm.with_payload(1.0), controller=c), *short_circle(0)[:2], 0.2, method="DOP853")
+        for c in (law, called)
     ]
     assert np.abs(motions[0](0.2)[0] - motions[1](0.2)[0]).max() <= 1e-7
     states = [random_state(law, seed) for seed in range(4)]

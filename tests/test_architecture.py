@@ -51,21 +51,13 @@ def module_of(path):
 
 
 NAMES = {module_of(path) for path in SOURCES}
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
+NODES = {path: list(ast.walk(ast.parse(path.read_text(encoding="utf-8")))) for path in SOURCES}
 
 
-def imports(path, *, type_checking=False):
-    """Modules a file imports, as dotted names from the package's root; those for type checking only if asked."""
-    skipped = {
-        inner
-        for node in ast.walk(TREES[path])
-        if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING" and not type_checking
-        for inner in ast.walk(node)
-    }
+def imported(path, nodes):
+    """Modules that a file imports in some nodes, as dotted names from the package's root."""
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]
-    for node in ast.walk(TREES[path]):
-        if node in skipped:
-            continue
+    for node in nodes:
         if isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else ()
             module = ".".join([*base, *([node.module] if node.module else [])])
@@ -76,7 +68,14 @@ def imports(path, *, type_checking=False):
             yield from (alias.name for alias in node.names)
 
 
-IMPORTS = {path: sorted(set(imports(path))) for path in SOURCES}
+def for_type_checking(path):
+    """Nodes of a file that run for a type checker only."""
+    blocks = [n for n in NODES[path] if isinstance(n, ast.If) and getattr(n.test, "id", "") == "TYPE_CHECKING"]
+    return {inner for block in blocks for inner in ast.walk(block)}
+
+
+EVERY_IMPORT = {path: set(imported(path, NODES[path])) for path in SOURCES}
+IMPORTS = {path: set(imported(path, set(NODES[path]) - for_type_checking(path))) for path in SOURCES}
 
 
 def test_imports_go_downwards():
@@ -90,7 +89,7 @@ def test_imports_go_downwards():
 
 def test_no_module_imports_itself_through_others():
     files = [path for path in SOURCES if path.stem != "__init__"]
-    graph = {module_of(p): {*imports(p, type_checking=True)} & NAMES - {module_of(p)} for p in files}
+    graph = {module_of(p): EVERY_IMPORT[p] & NAMES - {module_of(p)} for p in files}
     tuple(graphlib.TopologicalSorter(graph).static_order())  # a CycleError names the circle
 
 
@@ -103,7 +102,7 @@ def test_every_entry_has_a_floor_and_there_are_few():
 def test_nothing_is_imported_that_is_not_installed():
     """The wheel holds rne/ alone."""
     for path in SOURCES:
-        assert not {m.split(".")[0] for m in imports(path)} & {"examples", "tests", "benchmarks", "docs"}, path
+        assert not {m.split(".")[0] for m in IMPORTS[path]} & {"examples", "tests", "benchmarks", "docs"}, path
 
 
 def test_yourdfpy_is_used_for_pictures_only():
@@ -141,8 +140,8 @@ def test_public_names_are_few():
 def test_functions_are_small():
     """About 40 lines are the aim, 60 the limit."""
     long = []
-    for path, tree in TREES.items():
-        for node in ast.walk(tree):
+    for path, nodes in NODES.items():
+        for node in nodes:
             if isinstance(node, ast.FunctionDef):
                 body = node.body[1:] if ast.get_docstring(node) else node.body
                 length = body[-1].end_lineno - body[0].lineno + 1 if body else 0
@@ -195,8 +194,8 @@ def test_public_functions_are_documented():
 
 
 def test_names_in_the_source_have_no_accents():
-    for tree in TREES.values():
-        assert all(node.id.isascii() for node in ast.walk(tree) if isinstance(node, ast.Name))
+    for nodes in NODES.values():
+        assert all(node.id.isascii() for node in nodes if isinstance(node, ast.Name))
 
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")

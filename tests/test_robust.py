@@ -49,7 +49,7 @@ def run(law, plant, reference, duration=2.0, **parts):
     times = np.linspace(0, duration, 401)
     scene = rne.Scene(plant, controller=law, **parts)
     assert scene.cost()["law"] == "traced"
-    motion = rne.simulate(scene, *reference(0)[:2], duration, t_eval=times)
+    motion = rne.simulate(scene, *reference(0)[:2], duration, t_eval=times, method="DOP853")
     return motion, motion.q - reference(times[:, None])[0]
 
 
