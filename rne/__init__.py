@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from . import control, elementwise, identification, kernels, plotting, trajectories
     from .control.gains import Gains, check_gains
     from .control.laws import traceable
-    from .dynamics.recursion_record import BearingPeaks, bearing_peaks
     from .identification import (
         Consistency,
         Excitation,
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from .kernels.kernel import compile
     from .model import dh_chain, irb140
     from .plotting.viewer import view
+    from .simulation.bearings import BearingPeaks, bearing_peaks
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
     from .simulation.parts import Payload
@@ -50,7 +50,6 @@ else:
             "control": (),
             "control.gains": ("Gains", "check_gains"),
             "control.laws": ("traceable",),
-            "dynamics.recursion_record": ("BearingPeaks", "bearing_peaks"),
             "elementwise": (),
             "identification": (
                 "Consistency",
@@ -67,6 +66,7 @@ else:
             "model": ("dh_chain", "irb140"),
             "plotting": (),
             "plotting.viewer": ("view",),
+            "simulation.bearings": ("BearingPeaks", "bearing_peaks"),
             "simulation.ensembles": ("Ensemble", "ensemble"),
             "simulation.friction": ("Friction",),
             "simulation.parts": ("Payload",),

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import pytest
 
 import rne
-from rne.model.generators import random_tree
+from benchmarks.random_robots import random_tree
 
 from .helpers import Oracle, data_robots, loaded
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import mutually_broadcastable_shapes
 
 import rne
-from rne.basics.arrays import per_joint_array, vector
-from rne.model.generators import random_tree
+from benchmarks.random_robots import random_tree
+from rne.basics.arrays import per_joint_array, real_array, vector
 
 TREE = random_tree(3, seed=9)
 
@@ -311,3 +311,20 @@ def test_signs_that_are_asked_for():
     assert vector("k", [-1.0, 0.0], 2).tolist() == [-1.0, 0.0]
     refused(lambda: vector("k", [0.0, 1.0], 2, sign="positive"), "`k` must be positive, got 0.0")
     refused(lambda: vector("k", [-1.0, 1.0], 2, sign="not negative"), "`k` must not be negative, got -1.0")
+
+
+@pytest.mark.parametrize(
+    ("shape", "right", "wrong"),
+    [
+        ("()", [()], [(1,), (0,)]),
+        ("(3,), one point", [(3,)], [(), (2,), (3, 1), (0,)]),
+        ("(n, 3)", [(0, 3), (5, 3)], [(3,), (3, 5), (2, 2, 3)]),
+        ("(..., 6)", [(6,), (2, 6), (3, 2, 6)], [(), (5,), (6, 2)]),
+    ],
+)
+def test_arrays_of_another_shape_are_refused(shape, right, wrong):
+    for size in right:
+        assert real_array("x", np.zeros(size), shape).shape == size
+    for size in wrong:
+        with pytest.raises(ValueError, match=f"^{re.escape(f'`x` must have shape {shape}, got {size}')}$"):
+            real_array("x", np.zeros(size), shape)

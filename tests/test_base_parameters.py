@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.basics.spatial import rotation_about
-from rne.dynamics.base_inertial_parameters import independent_columns
+from rne.dynamics.base_inertial_parameters import SEEDED, independent_columns, sample_positions
 from rne.model.builder import Part, assemble
 from rne.model.fewest_terms import with_fewest_terms
-from rne.model.generators import random_tree
 from rne.model.standard_parameters import StandardParameters
-from rne.model.topology import SEEDED, joint_groups, sample_positions
+from rne.model.topology import joint_groups
 
 from .conftest import TREES
 from .helpers import kept, loaded

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import straight_chain
 from rne.model.builder import Part, assemble, pose
-from rne.model.generators import straight_chain
 
 from .helpers import states
 

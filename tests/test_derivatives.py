@@ -6,12 +6,12 @@ import pinocchio as pin
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.kernels.differentiation import complex_step, differentiate
 from rne.kernels.graph import Graph
 from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs
-from rne.model.generators import random_tree
 
 from .helpers import EPS, kept, relative, states
 from .quantities import QUANTITIES, arguments_of

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.basics.spatial import rotation_about
 from rne.dynamics.precision import weakest_motion
 from rne.model.builder import Part, assemble, pose
-from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, states
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.generators import random_tree
+from benchmarks.random_robots import random_tree
 
 from .helpers import EPS, relative, states
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import straight_chain
 from rne.__main__ import main
 from rne.kernels.source import LETTERS, entry_of_element, quantity_of_element
 from rne.kernels.trace import trace
-from rne.model.generators import straight_chain
 
 from .helpers import kept, states
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import straight_chain
 from rne.model.builder import Mimic, Part, assemble, pose
-from rne.model.generators import straight_chain
 from rne.model.topology import end_link, pinocchio_order, tip
 
 from .conftest import TREES

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.dynamics.quantity import OK
 from rne.kernels import kernel as kernel_module
 from rne.kernels import numba_backend
 from rne.kernels.graph import Graph
 from rne.kernels.program import NeedsRecursion, Trace, lower
 from rne.kernels.scalar import inputs, references
-from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, gimbal, kept, loaded, relative, states
 
@@ -248,7 +248,7 @@ class TestArguments:
     @pytest.mark.parametrize("workers", [0, -1, 1.5, True, None])
     def test_workers_that_are_none_are_refused(self, kernels, workers):
         for kernel in kernels:
-            with pytest.raises(ValueError, match=rf"^`workers` must be a positive whole number, got {workers!r}$"):
+            with pytest.raises(ValueError, match=rf"^`workers` must be a whole number above zero, got {workers!r}$"):
                 kernel(*states(6, 5), workers=workers)
 
 
@@ -468,7 +468,7 @@ class TestWhatKeepsItsEngine:
 
     def test_numba_is_imported_when_a_kernel_is_compiled(self):
         code = (
-            "import sys, rne; from rne.model.generators import straight_chain;"
+            "import sys, rne; from benchmarks.random_robots import straight_chain;"
             "r = rne.Robot(straight_chain(2), 'numba'); assert 'numba' not in sys.modules;"
             "r.inverse_dynamics(*[[0.0] * 2] * 3); assert 'numba' not in sys.modules;"  # the recursion
             "r.mass_matrix([[0.0] * 2] * 2); assert 'numba' in sys.modules"

@@ -8,12 +8,12 @@ import pytest
 from scipy.optimize import OptimizeResult
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.identification.exciting_motions.criteria import Condition, Determinant, Observation
 from rne.identification.exciting_motions.fourier import FourierBasis
 from rne.identification.exciting_motions.motion_limits import motion_limits
 from rne.identification.exciting_motions.search import Search
 from rne.identification.exciting_motions.series_limits import SeriesLimits
-from rne.model.generators import random_tree
 
 from .helpers import loaded
 

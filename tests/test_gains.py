@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import expm
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.control.gains import SampledLoop, largest_over, random_configurations, workspace
 from rne.model.builder import Part, assemble, pose
-from rne.model.generators import random_tree
 from rne.validation.agreement import validate
 
 from .helpers import kept

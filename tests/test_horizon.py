@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.generators import straight_chain
+from benchmarks.random_robots import straight_chain
 from rne.simulation.error_growth import extrapolated
 
 from .helpers import kept

@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.kernels import numpy_backend, registers
 from rne.kernels import trace as trace_module
 from rne.kernels.graph import Graph
 from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import expressions, state_function
 from rne.kernels.scalar import Scalar, inputs, references
-from rne.model.generators import random_tree, straight_chain
 
 from .conftest import TREES
 from .helpers import EPS, gimbal, kept, loaded, relative, states

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.dynamics.lagrange import bodies, gravity_terms, inertia_derivatives, inertia_matrix
 from rne.kernels.differentiation import complex_step
 from rne.model.abb_irb140 import irb140_mirrored
 from rne.model.builder import Part, assemble
-from rne.model.generators import random_tree
 
 from .conftest import TREES
 from .helpers import EPS, kept, relative, states

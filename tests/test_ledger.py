@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import simpson
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.model.builder import Part, assemble
-from rne.model.generators import random_tree
 
 from .helpers import kept
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.generators import straight_chain
+from benchmarks.random_robots import straight_chain
 from rne.simulation import symplectic
 from rne.simulation.plant import Plant
 from rne.simulation.symplectic import WEIGHTS, Hamilton, solve_stages

@@ -12,8 +12,8 @@ from lxml import etree
 from PIL import Image
 
 import rne
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.basics.text import brief, summary
-from rne.model.generators import random_tree, straight_chain
 from rne.plotting import notebook
 from rne.plotting.notebook import SOURCE_LINES
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.kernels.trace import OfArrays
-from rne.model.generators import random_tree
 from rne.model.parameters import at_parameters
 
 from .conftest import TREES

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import rne
-from rne.model.generators import random_tree, straight_chain
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
 

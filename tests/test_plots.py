@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import rne
-from rne.model.generators import random_tree, straight_chain
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.plotting.plots import DASHED, MAX_POINTS, thinned
 
 from .helpers import kept

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import straight_chain
 from rne.basics.text import Row, aligned, short, six_digits
-from rne.model.generators import straight_chain
 
 from .helpers import states
 

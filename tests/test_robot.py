@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.generators import random_tree, straight_chain
+from benchmarks.random_robots import random_tree, straight_chain
 
 from .helpers import EPS, kept, states
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import rne
-from rne.model.generators import random_tree, straight_chain
+from benchmarks.random_robots import random_tree, straight_chain
 
 from .helpers import kept, relative, states
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.control.laws import pd_gravity
-from rne.model.generators import random_tree, straight_chain
 from rne.simulation.plant import Plant
 
 from .helpers import kept

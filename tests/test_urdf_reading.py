@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.basics.spatial import rotation_from_rpy, rpy_from_rotation
-from rne.model.generators import random_tree
 from rne.model.solids import Cylinder
 
 from .helpers import EPS, Oracle, each, kept, relative, states

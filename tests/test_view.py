@@ -19,8 +19,8 @@ import pytest
 from PIL import Image
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.__main__ import main
-from rne.model.generators import random_tree
 from rne.plotting import viewer
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface

@@ -9,10 +9,10 @@ import pinocchio as pin
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.kernels import kernel as kernel_module
 from rne.kernels.differentiation import complex_step
 from rne.kernels.trace import OfArrays
-from rne.model.generators import random_tree, straight_chain
 
 from .helpers import EPS, relative, states
 

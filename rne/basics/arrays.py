@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from numbers import Number
 from typing import Any, Literal
@@ -16,7 +17,22 @@ UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
 
 
 def real_array(name: str, value: ArrayLike, shape: str) -> Array:
-    """An array of finite real numbers."""
+    """An array of finite real numbers of a shape such as "(3,)", "(n, 3)" or "(..., 6)".
+
+    Letters stand for any length, "..." for any leading axes; words behind the parenthesis are for the error's text.
+    """
+    array = real_numbers(name, value, shape)
+    wanted = re.findall(r"[\w.]+", shape[: shape.index(")")])
+    got = [str(k) for k in array.shape]
+    if wanted[:1] == ["..."]:
+        wanted, got = wanted[1:], got[max(0, len(got) - len(wanted) + 1) :]
+    if len(wanted) != len(got) or any(k.isdigit() and k != x for k, x in zip(wanted, got, strict=True)):
+        raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
+    return array
+
+
+def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
+    """An array of finite real numbers of any shape; the usual one is for the errors' text alone."""
     array = number_array(name, value, shape)
     if array.dtype.kind == "c":
         raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
@@ -56,8 +72,6 @@ def number_array(name: str, value: ArrayLike, shape: str) -> Array:
 def vector(name: str, value: ArrayLike, n: int, *, sign: Literal["any", "not negative", "positive"] = "any") -> Array:
     """A read-only float64 copy of n finite real numbers, all of the required sign."""
     array = np.array(real_array(name, value, f"({n},)"), dtype=np.float64)
-    if array.shape != (n,):
-        raise ValueError(f"`{name}` must have shape ({n},), got {array.shape}")
     if sign != "any" and ((array < 0) | ((array == 0) & (sign == "positive"))).any():
         raise ValueError(
             f"`{name}` must {'be positive' if sign == 'positive' else 'not be negative'}, got {array.min()}"
@@ -70,7 +84,7 @@ def per_joint_array(
     name: str, value: ArrayLike, n: int, *, sign: Literal["any", "not negative", "positive"] = "any"
 ) -> Array:
     """A read-only float64 array of n finite real numbers: one per joint, or one number that is meant for all joints."""
-    array = real_array(name, value, f"({n},)")
+    array = real_numbers(name, value, f"({n},)")
     return vector(name, array if array.ndim else np.full(n, array), n, sign=sign)
 
 

@@ -131,6 +131,13 @@ def rpy_from_rotation(R: Array) -> Array:
     return np.array([roll, pitch, math.atan2(s, c)])
 
 
+def unit_vector(v: Array) -> Array:
+    """The unit vector along v, whose entries may be too large or too small to be squared."""
+    scaled = v / np.abs(v).max()
+    unit: Array = scaled / np.sqrt((scaled * scaled).sum())
+    return unit
+
+
 def point_mass_inertia(mass: Array, c: Array) -> Array:
     """Inertia about the origin of a point mass at c: m (c.c 1 - c c^T), the parallel-axis term [kg m^2]."""
     product: Array = mass * (dot(c, c)[..., None, None] * IDENTITY - outer(c, c))
@@ -139,7 +146,7 @@ def point_mass_inertia(mass: Array, c: Array) -> Array:
 
 def mirrored(A: Array) -> Array:
     """A symmetric matrix from its upper triangle, so that both halves are the same numbers."""
-    rows, columns = np.tril_indices(3, -1)
+    rows, columns = np.tril_indices(A.shape[-1], -1)
     symmetric = A.copy()
     symmetric[..., rows, columns] = A[..., columns, rows]
     return symmetric

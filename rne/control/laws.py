@@ -13,7 +13,7 @@ from ..basics.arrays import UNBOUNDED, convert_numbers, per_joint_array
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from .reference import Reference, check_reference, reference_values
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -49,8 +49,7 @@ def checked_vectors(
     robot: Robot, *, sign: Literal["any", "not negative", "positive"] = "any", **values: ArrayLike
 ) -> list[Array]:
     """Read-only arrays with one number per joint, or an error that names the argument."""
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    robot_argument(robot)
     return [per_joint_array(name, value, robot.n, sign=sign) for name, value in values.items()]
 
 

@@ -16,6 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
+from itertools import product
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +29,7 @@ from ..basics.text import InNotebooks, counted, listed, short, six_digits, wrapp
 from ..model.model import Model, model_argument, unchecked_model
 from ..model.parameters import PARAMETERS, UNITS
 from ..model.standard_parameters import StandardParameters
-from ..model.topology import joint_groups, sample_positions
+from ..model.topology import joint_groups
 from .kinematics import BASE, joint_transforms
 from .regressors import regressor
 
@@ -35,6 +37,9 @@ COARSEST = 0.01  # a larger tolerance takes different robots for the same
 ROUNDING = 1e-12  # coefficients this small, or this close to a whole number, are roundings of 0 and of that number
 PIVOT = 0.05  # of the largest entry, at least
 FLAT = 16  # entries of Phi or xi
+GRID = 1000  # samples of a group at most on a grid
+SEEDED = 400  # samples of a group otherwise
+LONGEST = 400  # samples of one coordinate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,7 +139,7 @@ class BaseParameters(InNotebooks):
         >>> bool((base.of(robot.parameters) == base.values).all())
         True
         """
-        pi = self._checked("parameters", parameters, self.standard.count)
+        pi = real_array("parameters", parameters, f"(..., {self.standard.count})")
         return np.asarray(pi @ self.matrix.T)
 
     def standard_parameters(self, beta: ArrayLike) -> Array:
@@ -164,14 +169,8 @@ class BaseParameters(InNotebooks):
         >>> np.allclose(base.of(base.standard_parameters(base.values)), base.values)
         True
         """
-        values = self._checked("beta", beta, self.count)
+        values = real_array("beta", beta, f"(..., {self.count})")
         return np.asarray(values @ self.back.T)
-
-    def _checked(self, name: str, value: ArrayLike, width: int) -> Array:
-        array = real_array(name, value, f"(..., {width})")
-        if array.shape[-1:] != (width,):
-            raise ValueError(f"`{name}` must have shape (..., {width}), got {array.shape}")
-        return array
 
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """The matrix Y E of tau = Y E beta: torques per unit of each base parameter.
@@ -427,6 +426,43 @@ def _group(model: Model, bodies: tuple[int, ...]) -> Group:
         xi[i][k] += model.multiplier[i] * velocity_matrix(s, t + cross(s, o))
     twists = np.moveaxis(np.array([xi[i] for i in bodies]), 1, 2)
     return Group(bodies, parent, coordinates, samples, poses[list(bodies)], twists)
+
+
+def sample_positions(model: Model, bodies: tuple[int, ...], coordinates: list[int]) -> Array:
+    """Positions of a group's coordinates that determine its energies for all others, shape (samples, coordinates).
+
+    Energies are of degree two in the sine and cosine of a rotating joint, and in the position of a sliding one. So five
+    angles, or three positions, determine them. For several joints on one coordinate they are sums of exponentials and
+    powers, and as many samples determine them. Several coordinates have a grid of these samples. If that is too large,
+    positions at random are used: the span of the energies is then the true one except for a set of positions of measure
+    zero. The first position is zero.
+    """
+    samples = [_samples_of_coordinate(model, bodies, k) for k in coordinates]
+    if prod(map(len, samples)) <= GRID:
+        return np.array(list(product(*samples)))
+    largest = [np.abs(x).max() for x in samples]
+    positions: Array = np.random.default_rng(0).uniform(-1, 1, (SEEDED, len(coordinates))) * largest
+    positions[0] = 0
+    return positions
+
+
+def _samples_of_coordinate(model: Model, bodies: tuple[int, ...], k: int) -> Array:
+    driven = [i for i in bodies if model.coordinate[i] == k and model.multiplier[i] != 0]
+    factors = [abs(float(model.multiplier[i])) for i in driven if model.is_revolute[i]]
+    powers = 1 + 2 * (len(driven) - len(factors))
+    frequencies = np.zeros(1)
+    for factor in factors:
+        sums = (frequencies[:, None] + factor * np.arange(-2, 3)).ravel()
+        frequencies = np.unique(sums.round(9))
+    if len(driven) == 1 and factors:
+        return np.asarray(np.arange(5) * (2 * np.pi / 5 / factors[0]))
+    step, count = 1.0 / powers, powers
+    if factors:  # shorter than half a period of the fastest, together longer than one of the slowest beat
+        step = np.pi / (frequencies.max() + min(factors))
+        beat = 2 * np.pi / np.diff(frequencies).min()
+        count = min(LONGEST, max(2 * powers * len(frequencies) + 1, int(np.ceil(beat / step))))
+    steps = np.arange(count) - count // 2
+    return np.asarray(step * steps[np.argsort(np.abs(steps), kind="stable")])
 
 
 def _energies_of_group(group: Group, reach: Reach, drives: Drives) -> tuple[Array, dict[int, tuple[Array, Array]]]:

@@ -82,10 +82,7 @@ def mass_diagonal(model: Model, composites: dict[int, Moments], like: Array) -> 
 def reduce_to_coordinates(model: Model, M: Array) -> Array:
     """G^T M G for joints that mimic others, exactly symmetric."""
     G = model.coordinate_map
-    reduced: Array = G.T @ M @ G
-    lower_rows, lower_columns = np.tril_indices(model.n, -1)
-    reduced[..., lower_columns, lower_rows] = reduced[..., lower_rows, lower_columns]
-    return reduced
+    return mirrored(G.T @ M @ G)
 
 
 def ancestors(parent: tuple[int, ...], k: int) -> list[int]:
@@ -113,6 +110,12 @@ def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
         L[..., above[:, None], above] = L[..., above[:, None], above] - scaled[..., :, None] * row[..., None, :]
         L[..., k, above] = scaled
     return L, D
+
+
+def solve_with_pivots(M: Array, parent: tuple[int, ...], y: Array) -> tuple[Array, Array, Array]:
+    """The solution x of M x = y, the pivots of M = L^T D L and the diagonal of M, shape (..., n) each."""
+    L, D = factorise(M, parent)
+    return solve_factored(L, D, parent, y), D, np.diagonal(M, axis1=-2, axis2=-1)
 
 
 def solve_factored(L: Array, D: Array, parent: tuple[int, ...], y: Array) -> Array:

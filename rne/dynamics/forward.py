@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..basics.spatial import Array
 from ..model.model import Model
-from .crba import factorise, mass_matrix, solve_factored
+from .crba import mass_matrix, solve_with_pivots
 from .precision import check_accelerations, check_singularity
 from .quantity import checked_quantity
 from .rnea import External, bias_torque
@@ -16,8 +14,7 @@ from .rnea import External, bias_torque
 def solve_mass_matrix(model: Model, q: Array, tau: Array) -> tuple[Array, Array, Array]:
     """M^-1 tau: the accelerations that torques add, or the velocities of the momenta p = M qd, shape (..., n)."""
     M = mass_matrix.core(model, q)
-    L, D = factorise(M, model.coordinate_parent)
-    return solve_factored(L, D, model.coordinate_parent, tau), D, np.diagonal(M, axis1=-2, axis2=-1)
+    return solve_with_pivots(M, model.coordinate_parent, tau)
 
 
 @checked_quantity(check_accelerations)
@@ -32,5 +29,4 @@ def forward_dynamics(
     """
     M = mass_matrix.core(model, q)
     h = bias_torque.core(model, q, qd, external=external)
-    L, D = factorise(M, model.coordinate_parent)
-    return solve_factored(L, D, model.coordinate_parent, tau - h), D, np.diagonal(M, axis1=-2, axis2=-1)
+    return solve_with_pivots(M, model.coordinate_parent, tau - h)

@@ -12,6 +12,8 @@ Vidyasagar 2006, sections 7.2 and 7.3). It shares only the kinematics with the N
 | Christoffel symbols of the first kind  | c[i, j, k]    | c_kij               | c_ijk        |
 | gravity's torque                       | g             | g                   | g            |
 
+`coriolis_matrix`, behind `rne.Robot.coriolis_matrix`, sums the same products of Jacobians without derivatives of M.
+
 A Jacobian is stored as rows, one per joint, in the axes of its own body, where the body's inertia is constant.
 """
 
@@ -23,7 +25,7 @@ import numpy as np
 
 from ..basics.spatial import Array, cross, cross_matrix, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
-from .crba import factorise, solve_factored
+from .crba import solve_with_pivots
 from .kinematics import BASE, body_jacobian_derivatives, body_jacobians, joint_transforms, joint_velocities
 from .precision import check_accelerations
 from .quantity import checked_quantity, quantity
@@ -178,8 +180,7 @@ def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> 
     if model.has_mimics:
         G = model.coordinate_map
         M, bias = G.T @ M @ G, bias @ G
-    L, D = factorise(M, model.coordinate_parent)
-    return solve_factored(L, D, model.coordinate_parent, tau - bias), D, np.diagonal(M, axis1=-2, axis2=-1)
+    return solve_with_pivots(M, model.coordinate_parent, tau - bias)
 
 
 @quantity(moments=True)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..basics.arrays import real_array
+from ..basics.arrays import real_numbers
 from ..basics.spatial import Array, rotate
 from ..basics.text import summary
 from ..errors import SingularMassMatrixError
@@ -254,7 +254,7 @@ def diagnose(
         raise ValueError(f"`{name}` must be real floating point, got {got}")
     if (qd is None) != (tau is None):
         raise ValueError(f"`qd` and `tau` go together, got only `{'qd' if tau is None else 'tau'}`")
-    given = {name: real_array(name, x, "(..., n)") for name, x in (("qd", qd), ("tau", tau)) if x is not None}
+    given = {name: real_numbers(name, x, "(..., n)") for name, x in (("qd", qd), ("tau", tau)) if x is not None}
     states = check_arguments(model, {"q": positions} | given)[1]
     M = mass_matrix(model, states["q"].astype(np.result_type(arithmetic, np.float64)))
     condition, pivot = _condition(M, model, arithmetic)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
-from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, six_digits, summary, wrapped
+from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, six_digits, wrapped
 from ..model.model import Model
 from ..model.topology import tip
 from .kinematics import BASE, joint_transforms
@@ -221,116 +221,6 @@ def bearing_loads(record: Recursion, model: Model) -> tuple[Array, Array]:
     s, t = model.angular_axis, model.linear_axis
     carried_f, carried_n = record.f - dot(record.f, t)[..., None] * t, record.tau - dot(record.tau, s)[..., None] * s
     return dot(carried_f, carried_f) ** 0.5, dot(carried_n, carried_n) ** 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class BearingPeaks:
-    """The largest loads on every joint's bearing over the samples of a motion; `print` shows them as a table.
-
-    Attributes
-    ----------
-    joints : tuple of str
-        The moving joints, nb of them.
-    force, torque : ndarray, shape (nb,)
-        Largest force and torque on the bearing, without the component along the axis that the drive provides [N, N m].
-    force_time, torque_time : ndarray, shape (nb,)
-        When each was first reached [s].
-    start, end : float
-        Times of the first and last sample [s].
-    samples : int
-        Number of samples; peaks between them are not found.
-
-    Examples
-    --------
-    >>> import rne
-    >>> robot = rne.load("irb140")
-    >>> print(rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1)))  # doctest: +ELLIPSIS
-    Peak loads on the bearings, 0 ... 0.1 s, ... samples
-    ...
-    """
-
-    joints: tuple[str, ...]
-    force: Array
-    force_time: Array
-    torque: Array
-    torque_time: Array
-    start: float
-    end: float
-    samples: int
-
-    __repr__ = summary
-
-    def __str__(self) -> str:
-        samples = f"{self.samples} samples" if self.samples > 1 else "1 sample"
-        title = f"Peak loads on the bearings, {six_digits(self.start)} ... {six_digits(self.end)} s, {samples}"
-        if not self.joints:
-            return f"{title}: no moving joints"
-        rows = [Row("joint", ("force [N]", "at t [s]", "torque [N m]", "at t [s]"), words=True)]
-        columns = (self.force, self.force_time, self.torque, self.torque_time)
-        for i, joint in enumerate(self.joints):
-            rows.append(Row(short(joint), [six_digits(column[i]) for column in columns]))
-        return "\n".join([title, *aligned(rows)])
-
-
-def bearing_peaks(robot: Any, motion: Any) -> BearingPeaks:
-    """Largest force and torque on every joint's bearing during a motion, and when they occur.
-
-    Parameters
-    ----------
-    robot : Robot or Scene
-        What moved; of a Scene, its robot with mounting, payload and locked joints.
-    motion : Trajectory
-        A motion of this robot. Loads are computed at its samples only: give `simulate` a fine `t_eval`.
-
-    Returns
-    -------
-    BearingPeaks
-        Loads and times, joint by joint.
-
-    Raises
-    ------
-    TypeError
-        If `robot` is no Robot or Scene, or `motion` no Trajectory.
-    ValueError
-        If the motion has no samples or is of a robot with another number of joints, or a load overflows.
-
-    Notes
-    -----
-    Høifødt 2011, (3.24), (3.27) and (5.3): the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
-    Accelerations are those recorded in the motion.
-
-    Examples
-    --------
-    >>> import rne
-    >>> robot = rne.load("irb140")
-    >>> peaks = rne.bearing_peaks(robot, rne.simulate(robot, [0] * 6, [0] * 6, 0.1))
-    >>> peaks.joints[0], bool(peaks.force[0] <= 75 * 9.81)  # less than its weight: the arm falls
-    ('joint_1', True)
-    """
-    moved = getattr(robot, "resolved", robot)  # of a Scene, the robot with its payload
-    moved = getattr(moved, "robot", moved)
-    if not hasattr(moved, "recursion"):
-        raise TypeError(f"`robot` must be an rne.Robot or rne.Scene, got {type(robot).__name__}")
-    if not hasattr(motion, "qdd"):
-        raise TypeError(f"`motion` must be an rne.Trajectory, got {type(motion).__name__}")
-    t, q = motion.t, motion.q
-    if not len(t):
-        raise ValueError("`motion` must have at least one sample, got none")
-    if q.shape != (len(t), moved.n):
-        raise ValueError(
-            f"`motion.q` must have shape ({len(t)}, {moved.n}) for robot {moved.model.name!r}, got {q.shape}"
-        )
-    force, torque = bearing_loads(moved.recursion(q, motion.qd, motion.qdd), moved.model)
-    return BearingPeaks(
-        joints=moved.model.moving_joints,
-        force=force.max(axis=0),
-        force_time=t[np.argmax(force, axis=0)],
-        torque=torque.max(axis=0),
-        torque_time=t[np.argmax(torque, axis=0)],
-        start=float(t[0]),
-        end=float(t[-1]),
-        samples=len(t),
-    )
 
 
 def recursion_table(record: Recursion) -> str:

@@ -12,7 +12,7 @@ from ..basics.arrays import vector
 from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from ..simulation.motion_files import numbered_joints
 from .estimation.correlation import repeats_of_filtered_noise, repeats_of_residuals
 from .estimation.equations import Equations, joined
@@ -91,8 +91,7 @@ def gathered(
 
 def check_robot(robot: Robot) -> None:
     """Refuse what is no Robot."""
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    robot_argument(robot)
 
 
 def checked_records(robot: Robot, records: Record | Sequence[Record]) -> tuple[Record, ...]:

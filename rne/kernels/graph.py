@@ -1,4 +1,4 @@
-"""The expression graph: every operation once, zeros and ones folded away, signs kept in the references.
+"""The expression graph: common subexpressions once, zeros and ones folded away, signs kept in the references.
 
 A reference is a signed node: 2 * node + 1 denotes its negative. Signs move outwards through products, sums and odd
 functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..basics.arrays import whole_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, wrapped
 from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
@@ -192,7 +193,7 @@ class Kernel(InNotebooks):
                 return result, OK
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
             return within_a_trace(self.quantity, self.model, arguments, self.fixed), OK
-        _check_workers(workers)
+        whole_number("workers", workers)
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
         try:
@@ -331,11 +332,6 @@ def _checked_call(count: int) -> CodeType:
     ]
     code: CodeType = builtins.compile("\n".join(lines) + "\n", "<rne call>", "exec")
     return code
-
-
-def _check_workers(workers: int) -> None:
-    if isinstance(workers, bool) or not isinstance(workers, int | np.integer) or workers < 1:
-        raise ValueError(f"`workers` must be a positive whole number, got {workers!r}")
 
 
 def _run_in_threads(

@@ -101,10 +101,10 @@ class _OfRows:
 class Workspace:
     """Registers of one thread, and the calls that run the program in them."""
 
-    def __init__(self, layout: Layout, length: int, dtype: np.dtype[Any], trig: str | None = None) -> None:
+    def __init__(self, layout: Layout, length: int, dtype: np.dtype[Any]) -> None:
         self.layout = layout
         self.dtype = dtype
-        self.trig = METHODS[trig or faster(dtype.name)]
+        self.trig = METHODS[faster(dtype.name)]
         self.rows = aligned_zeros(layout.registers, length, dtype)
         self.constants: dict[float, Array] = {}
         self._calls: dict[int, list[Call]] = {}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array, refuse_degrees
-from ..basics.spatial import Array, rotate, rotate_back, rotation_about, snap
+from ..basics.spatial import Array, rotate, rotate_back, rotation_about, snap, unit_vector
 from .builder import Extended, Part, assemble, pose
 from .checks import JOINT_TYPES, inertia_error, is_rotation, looks_like_degrees, symmetric_up_to_rounding
 from .model import STANDARD_GRAVITY, Model
@@ -96,9 +96,9 @@ def chain(
     >>> rne.Robot(rod).gravity_torque([0.0]).round(6).tolist()  # 2 kg at a quarter metre
     [4.905]
     """
-    R = rows("rotations", rotations, (-1, 3, 3))
+    R = extended("rotations", rotations, "(n, 3, 3)")
     n = len(R)
-    ends = rows("positions", positions, (n, 3))
+    ends = extended("positions", positions, f"({n}, 3)")
     given = Links(
         masses, centres, inertias, types, lower, upper, velocity, effort, gravity,
         name, joint_names, link_names, base, tip,
@@ -192,9 +192,11 @@ def dh_chain(
     """
     if convention not in ("standard", "modified"):
         raise ValueError(f"`convention` must be 'standard' or 'modified', got {convention!r}")
-    length = rows("a", a, (-1,))
+    length = extended("a", a, "(n,)")
     n = len(length)
-    twist, offset, angle = (rows(column, x, (n,)) for column, x in (("alpha", alpha), ("d", d), ("theta", theta)))
+    twist, offset, angle = (
+        extended(column, x, f"({n},)") for column, x in (("alpha", alpha), ("d", d), ("theta", theta))
+    )
     refuse_degrees("alpha", twist)
     refuse_degrees("theta", angle)
     given = Links(
@@ -240,7 +242,7 @@ def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Ar
     types = _types(given, joints)
     bodies = _bodies(given, links[1:-1])
     limits = _limits(given, joints, types)
-    gravity = rows("gravity", given.gravity, (3,)).astype(np.float64)
+    gravity = extended("gravity", given.gravity, "(3,)").astype(np.float64)
     parts = [Part(link=links[0])]
     for i, (mass, centre, inertia) in enumerate(bodies):
         body = {"mass": mass, "com": centre + shifts[i], "inertia": inertia}
@@ -251,13 +253,9 @@ def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Ar
     return assemble(given.name, parts, gravity=gravity)
 
 
-def rows(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+def extended(name: str, value: ArrayLike, shape: str) -> Array:
     """An array of finite real numbers of a certain shape, in long double."""
-    text = str(shape).replace("-1", "n")
-    array = real_array(name, value, text)
-    if array.ndim != len(shape) or any(k not in (-1, got) for k, got in zip(shape, array.shape, strict=True)):
-        raise ValueError(f"`{name}` must have shape {text}, got {array.shape}")
-    return array.astype(Extended)
+    return real_array(name, value, shape).astype(Extended)
 
 
 def names_of(given: Links, n: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -299,26 +297,24 @@ def _types(given: Links, joints: tuple[str, ...]) -> list[str]:
 
 def _directions(axes: ArrayLike, joints: tuple[str, ...]) -> Array:
     """Unit vectors of the axes."""
-    directions = rows("axes", axes, (len(joints), 3))
+    directions = extended("axes", axes, f"({len(joints)}, 3)")
     for i, joint in enumerate(joints):
-        largest = np.abs(directions[i]).max()
-        if largest == 0:
+        if not directions[i].any():
             raise ValueError(f"`axes[{i}]` of joint {joint!r} is zero; give the direction of the joint's axis")
-        directions[i] /= largest  # squares of very large or small numbers are not finite or zero
-        directions[i] /= np.sqrt((directions[i] * directions[i]).sum())
+        directions[i] = unit_vector(directions[i])
     return snap(directions)
 
 
 def _bodies(given: Links, links: Sequence[str]) -> list[tuple[Any, Array, Array]]:
     """Mass, centre and inertia of each link; all zero if none is given."""
     n = len(links)
-    shapes = {"masses": (n,), "centres": (n, 3), "inertias": (n, 3, 3)}
+    shapes = {"masses": f"({n},)", "centres": f"({n}, 3)", "inertias": f"({n}, 3, 3)"}
     missing = [name for name in shapes if getattr(given, name) is None]
     if len(missing) == len(shapes):
         return [(0.0, np.zeros(3), np.zeros((3, 3)))] * n
     if missing:
         raise ValueError(f"`{missing[0]}` must be given too: masses, centres and inertias belong together")
-    masses, centres, inertias = (rows(name, getattr(given, name), shape) for name, shape in shapes.items())
+    masses, centres, inertias = (extended(name, getattr(given, name), shape) for name, shape in shapes.items())
     bodies = []
     for i, (mass, centre, inertia) in enumerate(zip(masses, centres, inertias, strict=True)):
         link = links[i]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers, real_array, refuse_degrees
+from ..basics.arrays import convert_numbers, real_array, real_numbers, refuse_degrees
 from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose
 from .builder import Part, Pose, assemble, disassemble, pose
 from .checks import inertia_error, symmetric_up_to_rounding, triangle_excess
@@ -34,9 +34,6 @@ def with_payload(
     m = real_array("mass", mass, "()")
     c = real_array("com", com, "(3,)")
     I = real_array("inertia", np.zeros((3, 3)) if inertia is None else inertia, "(3, 3)")
-    for name, array, shape in (("mass", m, ()), ("com", c, (3,)), ("inertia", I, (3, 3))):
-        if array.shape != shape:
-            raise ValueError(f"`{name}` must have shape {shape}, got {array.shape}")
     if link is None:
         link = end_link(model, axes_count=bool(c.any() or I.any()))
     index = model.link_index(link)
@@ -74,7 +71,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     for joint, value in positions.items():
         if joint not in model.joint_names:
             raise ValueError(f"`positions` must name joints of {list(model.joint_names)}, got {joint!r}")
-        array = real_array(f"positions[{joint!r}]", value, "()")
+        array = real_numbers(f"positions[{joint!r}]", value, "()")
         if array.ndim:
             raise ValueError(f"`positions[{joint!r}]` must be one number, got shape {array.shape}")
         values[joint] = float(array)
@@ -107,8 +104,6 @@ def mounted(model: Model, rpy: ArrayLike) -> Model:
     """
     model_argument(model)
     angles = real_array("rpy", rpy, "(3,)")
-    if angles.shape != (3,):
-        raise ValueError(f"`rpy` must have shape (3,), got {angles.shape}")
     refuse_degrees("rpy", angles)
     return replace(model, gravity=rotate_back(rotation_from_rpy(angles), model.gravity) + 0.0)
 

@@ -66,9 +66,7 @@ def with_parameters(model: Model, parameters: ArrayLike) -> Model:
     The result is a Model; parameters and errors are those of `rne.Robot.with_parameters`, with the model first.
     """
     model_argument(model)
-    pi = real_array("parameters", parameters, f"({PARAMETERS * model.nb},)").astype(np.float64)
-    if pi.shape != (PARAMETERS * model.nb,):
-        raise ValueError(f"`parameters` must have shape ({PARAMETERS * model.nb},), ten per body, got {pi.shape}")
+    pi = real_array("parameters", parameters, f"({PARAMETERS * model.nb},), ten per body").astype(np.float64)
     rows = pi.reshape(model.nb, PARAMETERS)
     mass, moment = rows[:, 0], rows[:, 1:4]
     for i in np.flatnonzero((mass == 0) & moment.any(axis=1)):

@@ -66,8 +66,6 @@ class StandardParameters:
             raise ValueError(f"`friction` must be one of {list(FRICTION)}, got {self.friction!r}")
         positive_number("smoothing", self.smoothing, zero_allowed=True)
         shafts = np.zeros((0, n)) if self.shafts is None else real_array("shafts", self.shafts, f"(s, {n})")
-        if shafts.ndim != 2 or shafts.shape[1] != n:
-            raise ValueError(f"`shafts` must have shape (s, {n}), got {shafts.shape}")
         object.__setattr__(self, "shafts", shafts)
 
     @cached_property

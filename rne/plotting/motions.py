@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array
+from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
@@ -124,7 +124,7 @@ def motion_argument(name: str, given: Any) -> Motion:
 
 def arrays_argument(names: Sequence[str], times: ArrayLike, arrays: Sequence[ArrayLike | None]) -> Motion:
     """The Motion of times and joint arrays, each an argument of its own name."""
-    t = real_array(names[0], times, "(T,)").astype(float)
+    t = real_numbers(names[0], times, "(T,)").astype(float)
     if t.ndim != 1:
         raise ValueError(f"`{names[0]}` must be times of shape (T,), got {t.shape}")
     for k in np.flatnonzero(np.diff(t) < 0)[:1]:
@@ -134,7 +134,7 @@ def arrays_argument(names: Sequence[str], times: ArrayLike, arrays: Sequence[Arr
         if values is None:
             continue
         n = next(iter(samples.values())).shape[1] if samples else "n"
-        array = real_array(name, values, f"({len(t)}, {n})").astype(float)
+        array = real_numbers(name, values, f"({len(t)}, {n})").astype(float)
         if array.ndim != 2 or len(array) != len(t) or (samples and array.shape[1] != n):
             cure = ": transpose it" if array.ndim == 2 and array.shape[1] == len(t) else ""
             what = f"`{name}`" if name == key else f"`{name}`, {key},"

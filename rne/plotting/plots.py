@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array
+from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.ensembles import Ensemble
@@ -181,7 +181,7 @@ def fan(
         raise TypeError(f"`ensemble` must be an rne.Ensemble, got {type(ensemble).__name__}")
     model = ensemble.model
     chosen = _chosen(model.joint_names, joints)
-    levels = real_array("probabilities", probabilities, "(P,)")
+    levels = real_numbers("probabilities", probabilities, "(P,)")
     if levels.ndim != 1 or not len(levels) or (np.diff(levels) <= 0).any():
         raise ValueError(
             f"`probabilities` must be rising numbers from 0 to 1, got {np.asarray(probabilities).tolist()}"

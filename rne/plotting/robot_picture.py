@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import positive_number, real_numbers
 from ..basics.paths import output_file
 from ..basics.spatial import Array, cross, rotate
 from ..model.model import Model
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from ..simulation.trajectory import Trajectory
 from .motions import check_positions, motion_argument
 from .plots import COLORS, HIDDEN, blank_figure, figure_of, literal
@@ -82,8 +82,8 @@ def draw(robot: Robot, q: ArrayLike, axes: Axes3D | None = None) -> Figure:
     >>> rne.plotting.draw(rne.load("irb140"), [0] * 6).axes[0].get_zlabel()
     'z [m]'
     """
-    check_robot(robot)
-    poses = robot.link_poses(real_array("q", q, f"({robot.n},)"))
+    robot_argument(robot)
+    poses = robot.link_poses(real_numbers("q", q, f"({robot.n},)"))
     if poses.ndim != 3:
         raise ValueError(f"`q` must have shape ({robot.n},), one position, got {np.shape(q)}")
     if axes is None:
@@ -146,7 +146,7 @@ def animate(
     >>> swing = rne.simulate(robot, [0] * 6, [0] * 6, 2.0)
     >>> file = rne.plotting.animate(robot, swing, "swing.gif")  # doctest: +SKIP
     """
-    check_robot(robot)
+    robot_argument(robot)
     shown = check_positions("motion", motion_argument("motion", motion), robot)
     file = output_file(path, ".gif")
     delay = _hundredths(positive_number("fps", fps))
@@ -154,12 +154,6 @@ def animate(
     images = _images(robot, t, robot.link_poses(shown.positions(t)))
     images[0].save(file, save_all=True, append_images=images[1:], duration=10 * delay, loop=0, disposal=1)
     return file
-
-
-def check_robot(robot: Robot) -> None:
-    """Raise TypeError for anything but a Robot."""
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
 
 
 def _hundredths(fps: float) -> int:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import positive_number, real_numbers
 from ..basics.paths import output_file
 from ..basics.spatial import Array
 from ..robot import Robot
@@ -226,7 +226,7 @@ def _second(other: Any, robot: Robot) -> tuple[Robot, Motion]:
 
 def _still(name: str, q: ArrayLike, robot: Robot) -> Motion:
     """One position as a motion."""
-    positions = real_array(name, q, f"({robot.n},)")
+    positions = real_numbers(name, q, f"({robot.n},)")
     if positions.shape != (robot.n,):
         cure = "; motions need times `t`" if positions.ndim == 2 else ""
         raise ValueError(f"`{name}` must have shape ({robot.n},), got {positions.shape}{cure}")

@@ -1,5 +1,5 @@
-"""The Robot: a model with each quantity as a method, grouped by theme."""
+"""The Robot: a model with each quantity as a method."""
 
-from .robot import Robot
+from .robot import Robot, robot_argument
 
-__all__ = ["Robot"]
+__all__ = ["Robot", "robot_argument"]

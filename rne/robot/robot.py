@@ -1172,3 +1172,10 @@ class Robot(InNotebooks):
         [0.0, 0.0, 9.81]
         """
         return Robot(models.mounted(self._model, rpy), self.engine)
+
+
+def robot_argument(robot: Any) -> Robot:
+    """The robot, or a TypeError for anything but a Robot."""
+    if not isinstance(robot, Robot):
+        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    return robot

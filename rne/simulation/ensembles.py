@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import counted, short
 from ..model.model import Model, joint_array
@@ -106,7 +106,7 @@ class Ensemble:
             raise ValueError(f"`of` must be one of {list(QUANTITIES)}, got {of!r}")
         if not self.q.shape[1]:
             raise ValueError("there are no motions to take quantiles of")
-        levels = real_array("probabilities", probabilities, "(P,)")
+        levels = real_numbers("probabilities", probabilities, "(P,)")
         if ((levels < 0) | (levels > 1)).any():
             raise ValueError(f"`probabilities` must be between 0 and 1, got {levels.tolist()}")
         found: Array = np.quantile(getattr(self, of), levels, axis=1)
@@ -188,7 +188,7 @@ def ensemble(
     rhs = _blocks(scene)
     n = scene.n
     q, qd = (
-        joint_array(name, real_array(name, x, f"(N, {n})"), scene.resolved.robot.model)
+        joint_array(name, real_numbers(name, x, f"(N, {n})"), scene.resolved.robot.model)
         for name, x in (("q0", q0), ("qd0", qd0))
     )
     if q.ndim != 2 or q.shape != qd.shape:
@@ -224,9 +224,7 @@ def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
         )
     robot = scene.resolved.robot
     shape = (count, PARAMETERS * robot.model.nb)
-    pi = real_array("parameters", parameters, f"{shape}")
-    if pi.shape != shape:
-        raise ValueError(f"`parameters` must have shape {shape}, ten per body for each initial state, got {pi.shape}")
+    pi = real_array("parameters", parameters, f"{shape}, ten per body for each initial state")
     return np.asarray(pi, np.float64)
 
 

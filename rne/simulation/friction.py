@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array
+from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import less, tanh, where
@@ -201,7 +201,7 @@ def urdf_friction(model: Model, smoothing: float = SMOOTHING) -> Friction:
 
 
 def _not_negative(name: str, value: ArrayLike) -> Array:
-    array = real_array(name, value, "(n,)").astype(np.float64)
+    array = real_numbers(name, value, "(n,)").astype(np.float64)
     if (array < 0).any():
         raise ValueError(f"`{name}` must not be negative, got {array.min()}")
     array.flags.writeable = False

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.arrays import real_array
+from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 
 PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer between them
@@ -74,7 +74,7 @@ class Interpolant:
 
     def times(self, t: Any) -> Array:
         """Times within the motion; a ValueError for others."""
-        times = real_array("t", t, "(T,)").astype(np.float64)
+        times = real_numbers("t", t, "(T,)").astype(np.float64)
         first, last = float(self.t[0]), float(self.t[-1])
         margin = OUTSIDE * abs(last)
         outside = (times < first - margin) | (times > last + margin)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import real_array
+from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError
@@ -79,7 +79,7 @@ class Plant(SmoothSystem):
         """What a law with states returned: torques, then the rates of its states."""
         u, rates = torques_and_rates(returned)
         m = self.rhs.controller_states
-        slopes = real_array("rates of the controller's states", rates, f"({m},)")
+        slopes = real_numbers("rates of the controller's states", rates, f"({m},)")
         if slopes.shape != (m,):
             raise ValueError(f"`controller` must return rates of its states of shape ({m},), got {slopes.shape}")
         return np.concatenate([self._checked(t, u), slopes])

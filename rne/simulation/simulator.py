@@ -229,8 +229,6 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
         return replace(scene, controller=CalledLaw(torque))
     n = scene.n
     constant = real_array("torque", torque, f"({n},)")
-    if constant.shape != (n,):
-        raise ValueError(f"`torque` must have shape ({n},), got {constant.shape}")
     return replace(scene, controller=lambda t, q, qd: constant)
 
 
@@ -255,8 +253,6 @@ def _check_free(scene: Scene, method: str) -> None:
 
 def _breaks(scene: Scene, breaks: Sequence[float]) -> list[float]:
     own = real_array("breaks", breaks, "(k,)")
-    if own.ndim != 1:
-        raise ValueError(f"`breaks` must have shape (k,), got {own.shape}")
     law = scene.controller
     of_law = [*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ())]
     found: list[float] = []
@@ -268,16 +264,11 @@ def _breaks(scene: Scene, breaks: Sequence[float]) -> list[float]:
 
 def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
     array = joint_array(name, value, robot.model)
-    real_array(name, array, f"({robot.n},)")
-    if array.ndim != 1:
-        raise ValueError(f"`{name}` must have shape ({robot.n},), one state, got {array.shape}")
-    return array.astype(np.float64)
+    return real_array(name, array, f"({robot.n},), one state").astype(np.float64)
 
 
 def _check_times(t_eval: ArrayLike, duration: float) -> Array:
     times = real_array("t_eval", t_eval, "(T,)").astype(np.float64)
-    if times.ndim != 1:
-        raise ValueError(f"`t_eval` must have shape (T,), got {times.shape}")
     if times.size and (times[0] < 0 or times[-1] > duration or (np.diff(times) <= 0).any()):
         raise ValueError(f"`t_eval` must ascend within [0, {duration:g}], got {times.min():g} ... {times.max():g}")
     return times

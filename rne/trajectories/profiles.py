@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import plain_array, positive_number, real_array
+from ..basics.arrays import plain_array, positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
@@ -182,7 +182,7 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
 
 def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     a, b = (real_array(name, x, "(n,)").astype(np.float64) for name, x in (("start", start), ("end", end)))
-    if a.ndim != 1 or a.shape != b.shape:
+    if a.shape != b.shape:
         raise ValueError(f"`start` and `end` must have the same shape (n,), got {a.shape} and {b.shape}")
     return a, b
 
@@ -273,7 +273,7 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     """
     from scipy.interpolate import make_interp_spline
 
-    times, positions = (real_array(name, x, s).astype(float) for name, x, s in (("t", t, "(K,)"), ("q", q, "(K, n)")))
+    times, positions = (real_numbers(name, x, s).astype(float) for name, x, s in (("t", t, "(K,)"), ("q", q, "(K, n)")))
     _check_samples(times, positions)
     degree = min(DEGREE, len(times) - 1)
     # From 0 to 1: the collocation matrix is then as well conditioned as the spacing of the times allows.
@@ -324,5 +324,5 @@ def broadcast_times(t: ArrayLike) -> Array:
     """Times in a shape that broadcasts against (n,); traced numbers are passed on unchecked."""
     times = plain_array("t", t)
     if not is_traced(times):
-        times = real_array("t", times, "(T,)")
+        times = real_numbers("t", times, "(T,)")
     return times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None]

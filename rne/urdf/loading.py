@@ -147,8 +147,6 @@ def load(
     ('joint_1', 300.0)
     """
     g = real_array("gravity", gravity, "(3,)")
-    if g.shape != (3,):
-        raise ValueError(f"`gravity` must have shape (3,), got {g.shape}")
     found = resolve(source)
     model = replace(found, gravity=g) if isinstance(found, Model) else read_urdf(found, gravity=g)
     model = with_limits(model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.spatial import Array, rotation_from_rpy, snap, transpose
+from ..basics.spatial import Array, rotation_from_rpy, snap, transpose, unit_vector
 from ..errors import ModelError, UrdfError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble
 from ..model.model import STANDARD_GRAVITY, Model
@@ -143,10 +143,7 @@ def _pose(element: Any) -> Pose:
 def _axis(joint: Any) -> Array:
     """The unit vector of a joint's axis in long double."""
     axis = joint.find("axis")
-    direction = _vector("1 0 0" if axis is None else axis.get("xyz"))
-    direction = direction / np.abs(direction).max()  # squares of very large or small numbers are not finite or zero
-    unit: Array = direction / np.sqrt((direction * direction).sum())
-    return unit
+    return unit_vector(_vector("1 0 0" if axis is None else axis.get("xyz")))
 
 
 def _inertial(link: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from ..urdf import to_urdf
 from .oracle import Oracle, each
 
@@ -89,8 +89,7 @@ def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tu
     >>> all(row.worst <= row.bound for row in rows)
     True
     """
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    robot_argument(robot)
     if has_pinocchio():
         import pinocchio
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 import rne
+from benchmarks.random_robots import random_tree, straight_chain
 from rne.model.builder import Part, assemble, disassemble, pose
-from rne.model.generators import random_tree, straight_chain
 
 X, Y, Z = np.eye(3)
 

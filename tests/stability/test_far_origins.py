@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.model.builder import Part, pose
-from rne.model.generators import random_tree
 from rne.urdf.far_origins import far_origins
 
 from ..helpers import data_robots, kept

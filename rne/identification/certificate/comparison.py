@@ -9,7 +9,7 @@ import numpy as np
 from ...basics.arrays import positive_number
 from ...basics.spatial import Array
 from ...basics.text import Row, aligned, short, wrapped
-from ...robot import Robot
+from ...robot import Robot, robot_argument
 from ..measurements.record import Record
 from .candidate import Candidate
 from .evidence import Evidence
@@ -158,8 +158,7 @@ def compare_models(
     >>> print(rne.compare_models(robot, other).text)
     it carries a payload of 3 kg at (0, 0, 0.165) m of the frame of joint_6
     """
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    robot_argument(robot)
     positive_number("tolerance", tolerance)
     if isinstance(other, Record):
         if other.n != robot.n:

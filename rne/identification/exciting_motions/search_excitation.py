@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ...basics.arrays import positive_number, vector, whole_number
 from ...basics.spatial import Array
-from ...robot import Robot
+from ...robot import Robot, robot_argument
 from .criteria import Condition, Determinant, Observation
 from .excitation_result import Excitation
 from .fourier import FourierBasis
@@ -149,8 +149,7 @@ def excitation(
 def _within(
     robot: Robot, duration: float, harmonics: int, limits: Mapping[str, ArrayLike] | None, rest: bool
 ) -> SeriesLimits:
-    if not isinstance(robot, Robot):
-        raise TypeError(f"`robot` must be an rne.Robot, got {type(robot).__name__}")
+    robot_argument(robot)
     if not robot.n:
         raise ValueError("`robot` must have at least one joint, got none")
     least = 2 if rest else 1

@@ -52,8 +52,6 @@ def motor_side(
     if (gears == 0).any():
         raise ValueError(f"`ratios` must not be zero, got zero for joint {int(np.argmin(np.abs(gears))) + 1}")
     mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
-    if mixed.shape != (n, n):
-        raise ValueError(f"`coupling` must have shape ({n}, {n}), got {mixed.shape}")
     rows = np.linalg.norm(mixed, axis=1)
     if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
         raise ValueError(
