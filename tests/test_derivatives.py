@@ -28,7 +28,7 @@ TREES = {
 }
 
 
-@pytest.fixture(params=kept(TREES, ["single", "sliders", "mimics"]), scope="module")
+@pytest.fixture(params=kept(TREES, ["single", "mimics"]), scope="module")
 def robot(request):
     return rne.Robot(TREES[request.param])
 

@@ -11,7 +11,7 @@ from numpydoc.validate import validate
 
 import rne
 
-from .helpers import ROOT, kept
+from .helpers import ROOT
 
 DOCS = ROOT / "docs"
 GENERATED = ("generated", "tutorials")
@@ -30,10 +30,8 @@ WITH_CODE = [page for page in PAGES if blocks(page)]
 END_OF_BLOCK = "\n<end of block>\n"
 
 
-SHORT = [page for page in WITH_CODE if page.stem == "getting-started"]
-
-
-@pytest.mark.parametrize("page", kept(WITH_CODE, SHORT), ids=lambda page: str(page.relative_to(DOCS)))
+@pytest.mark.long  # test_architecture.py runs the README's example
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(DOCS)))
 def test_examples_of_a_page_run_and_print_what_it_says(page, tmp_path):
     """One process per page, with warnings as errors: the blocks follow each other as a reader runs them."""
     if any("import pinocchio" in code for code, _ in blocks(page)):

@@ -57,7 +57,7 @@ BY_MOMENTS = [
 ]
 
 
-@pytest.fixture(params=kept(["irb140", "panda", *MODELS], ["irb140", "mimics", "moved origins"]), scope="module")
+@pytest.fixture(params=kept(["irb140", "panda", *MODELS], ["mimics", "moved origins"]), scope="module")
 def robot(request):
     return robot_of(request.param)
 

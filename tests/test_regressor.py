@@ -24,7 +24,7 @@ def close(got, expected, bound=SAME):
     assert np.abs(got - expected).max(initial=0) <= bound * size
 
 
-@pytest.fixture(params=kept(["irb140", "panda", *TREES], ["irb140", "panda", "mixed", "mimics"]))
+@pytest.fixture(params=kept(["irb140", "panda", *TREES], ["irb140", "mixed", "mimics"]))
 def robot(request):
     return rne.Robot(TREES[request.param]) if request.param in TREES else rne.load(request.param)
 
