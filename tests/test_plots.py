@@ -470,3 +470,9 @@ def test_names_are_shown_as_they_are(swing):
     figure.savefig(io.BytesIO())
     (legend,) = {tuple(text.get_text() for text in ax.get_legend().get_texts()) for ax in figure.axes[:1]}
     assert [name.replace("\u200b", "").replace(r"\$", "$") for name in legend] == names
+
+
+def test_thinned_keeps_peaks_beside_gaps():
+    values = np.where(np.arange(10000) % 3 == 0, np.nan, 0.0)
+    values[5000] = 7.0
+    assert 5000 in thinned(values, 100)

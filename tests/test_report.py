@@ -10,7 +10,7 @@ import pytest
 from examples.thesis import __main__ as thesis
 from examples.thesis import closed_loop, experiments, formulations
 from examples.thesis.markdown import write_markdown
-from rne.plotting.html_page import DARK_COLORS, Page
+from rne.plotting.html_page import DARK_COLORS, Report
 
 from .helpers import FIGURES
 
@@ -80,7 +80,7 @@ def test_page_has_every_experiment(short, tmp_path):
 
 
 def test_every_contents_entry_of_the_markdown_has_its_heading(tmp_path):
-    page = Page("Title", lambda _: None, tmp_path)
+    page = Report("Title", lambda _: None, tmp_path)
     page.text("Before the contents.")
     page.heading("6.5: PD control (thesis)")
     page.heading("Figure 6.12: control inputs of run 6.5-1", 3)
@@ -97,7 +97,7 @@ def test_every_contents_entry_of_the_markdown_has_its_heading(tmp_path):
 
 
 def test_contents_of_the_html_are_nested(tmp_path):
-    page = Page("Title", lambda _: None, tmp_path)
+    page = Report("Title", lambda _: None, tmp_path)
     page.heading("One")
     page.heading("Part", 3)
     page.heading("Two")
@@ -110,7 +110,7 @@ def test_contents_of_the_html_are_nested(tmp_path):
 
 
 def test_page_without_headings_has_no_contents(tmp_path):
-    assert "<nav>" not in Page("Title", lambda _: None, tmp_path).write().read_text(encoding="utf-8")
+    assert "<nav>" not in Report("Title", lambda _: None, tmp_path).write().read_text(encoding="utf-8")
 
 
 def test_dark_colours_have_the_hues_of_the_light_ones():

@@ -12,7 +12,7 @@ from pathlib import Path
 import rne
 from rne.commands.main_page import UPRIGHT, plot_robot
 from rne.commands.shared import CommandError, check_file, check_folder, fail, say
-from rne.plotting.html_page import Page
+from rne.plotting.html_page import Report
 
 from . import chapter6, chapter7, machine, stiff
 from .experiments import run_all
@@ -48,7 +48,7 @@ def run(folder: Path, say: Callable[[str], None], markdown: Path | None = None) 
         Also write the page as Markdown, with its pictures in the folder `pictures` beside it.
     """
     started = time.perf_counter()
-    page = Page("The thesis's experiments, measured", say, folder)
+    page = Report("The thesis's experiments, measured", say, folder)
     page.text(
         "Høifødt 2011 simulated the ABB IRB 140 with ode45 at a relative tolerance of 1e-6. Each section says what "
         "it claims, what is measured here, and why they differ; its figures stand under their numbers, drawn from "

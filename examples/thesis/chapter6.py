@@ -9,7 +9,7 @@ import numpy as np
 import rne
 from rne.commands.main_page import UPRIGHT, plot_errors, settling_time
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
-from rne.plotting.html_page import Page
+from rne.plotting.html_page import Report
 
 from . import figures, verdicts
 from . import numbered_figures as numbered
@@ -29,7 +29,7 @@ _, VISCOUS, MORE_VISCOUS, COULOMB, LIMITED, WEAK, RATE, LAGGING = (variation.nam
 RUNS = tuple(f"6.5-{k + 1}" for k in range(3))
 
 
-def figure_of_the_thesis(page: Page, number: str, draw: Callable[[], Any]) -> None:
+def figure_of_the_thesis(page: Report, number: str, draw: Callable[[], Any]) -> None:
     """Add one of the thesis's figures under a heading with its number."""
     figure = numbered.BY_NUMBER[number]
     page.heading(figure.title, 3)
@@ -44,7 +44,7 @@ def first_time(motion: rne.Trajectory, centre: np.ndarray, distance: float) -> f
     return float(motion.t[far[0]]) if len(far) else np.inf
 
 
-def holding(page: Page, found: dict[str, Any]) -> None:
+def holding(page: Report, found: dict[str, Any]) -> None:
     """6.3, with figures 6.2 to 6.5."""
     runs = found["holding"]
     page.heading("6.3: constant holding torque")
@@ -78,7 +78,7 @@ def holding(page: Page, found: dict[str, Any]) -> None:
     page.figure("holding", lambda: figures.plot_holding(runs), "Distance of the joints from the start, on log axes")
 
 
-def swings(page: Page, found: dict[str, Any]) -> None:
+def swings(page: Report, found: dict[str, Any]) -> None:
     """6.4, with figure 6.9."""
     one, other, loose = found["swings"]
     page.heading("6.4: free swing and energy")
@@ -109,7 +109,7 @@ def swings(page: Page, found: dict[str, Any]) -> None:
     page.figure("energies", lambda: figures.plot_energies(loose), "Energies with the correct height and with (6.38)")
 
 
-def loops(page: Page, found: dict[str, Any]) -> None:
+def loops(page: Report, found: dict[str, Any]) -> None:
     """6.5, with figures 6.11 to 6.16."""
     page.heading("6.5: PD control with gravity compensation")
     page.text("Claim: all three runs converge in about 3 s; V of (6.50) decreases at the rate of (6.55).")
@@ -146,7 +146,7 @@ def loops(page: Page, found: dict[str, Any]) -> None:
     page.figure("lyapunov", lambda: figures.plot_lyapunov(motions), "The Lyapunov function and its decrease")
 
 
-def variations(page: Page, found: dict[str, Any]) -> None:
+def variations(page: Report, found: dict[str, Any]) -> None:
     """6.5.3: friction, saturation and rate limits."""
     outcomes = [found[f"6.5.3, run {k + 1}"] for k in range(3)]
     page.heading("6.5.3: friction, saturation and rate limits tried out")

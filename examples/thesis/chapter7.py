@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rne.plotting.html_page import Page
+from rne.plotting.html_page import Report
 
 from . import figures, verdicts
 from . import numbered_figures as numbered
@@ -15,7 +15,7 @@ from .formulations import RUNS, TABLE, Motion, Pair, slower, torque_difference
 NUMBERS = dict(zip(("7.1", "7.2", "7.3", "7.4", "7.5"), RUNS, strict=True))
 
 
-def equilibria(page: Page, found: dict[str, Any]) -> None:
+def equilibria(page: Report, found: dict[str, Any]) -> None:
     """7.1 and 7.2: figures 7.1 to 7.5."""
     pairs = {run: found[f"chapter 7, run {run}"] for run in RUNS}
     page.heading("7.1: the same motions by Euler-Lagrange")
@@ -54,7 +54,7 @@ def leaves(motion: Motion) -> str:
     return f"after {motion.t[far[0]]:.3g} s" if len(far) else "never"
 
 
-def costs(page: Page, found: dict[str, Any]) -> None:
+def costs(page: Report, found: dict[str, Any]) -> None:
     """Table 7.1."""
     page.heading("Table 7.1: Newton-Euler or Euler-Lagrange?")
     page.table(

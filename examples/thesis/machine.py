@@ -7,7 +7,7 @@ import numpy as np
 
 import rne
 from rne.model.abb_irb140 import DATA_SHEET, LINKS
-from rne.plotting.html_page import Page
+from rne.plotting.html_page import Report
 from rne.simulation.limits import Violation
 
 from . import figures, verdicts
@@ -16,7 +16,7 @@ STATED_DENSITY = 1500.0  # [kg/m^3]
 ELEMENT = "m23"
 
 
-def limits(page: Page, found: dict[str, Any]) -> None:
+def limits(page: Report, found: dict[str, Any]) -> None:
     """Which limits of the data sheet the closed loops exceed; the model beside the data sheet."""
     motions = [found[f"loop {k}"]["grid"].motion for k in range(3)]
     page.heading("Appendix A: what the data sheet allows, and what the runs do")
@@ -76,7 +76,7 @@ def reach() -> float:
     return LINKS[0].r_end[0] + LINKS[1].r_end[0] + LINKS[3].r_end[1]
 
 
-def printed(page: Page, _: dict[str, Any]) -> None:
+def printed(page: Report, _: dict[str, Any]) -> None:
     """Appendix C."""
     page.heading("Appendix C: the printed equations")
     page.text(
@@ -87,7 +87,7 @@ def printed(page: Page, _: dict[str, Any]) -> None:
     page.text(rne.load("irb140").kernel(rne.dynamics.mass_matrix).source("python", ELEMENT).rstrip(), "pre")
 
 
-def long_swing(page: Page, found: dict[str, Any]) -> None:
+def long_swing(page: Report, found: dict[str, Any]) -> None:
     """6.4-1 for much longer."""
     symplectic, explicit = (found[f"long {name}"] for name in ("gauss-4", "RK45"))
     page.heading(f"The free swing for {symplectic.motion.t[-1]:g} s")
@@ -105,7 +105,7 @@ def long_swing(page: Page, found: dict[str, Any]) -> None:
     page.figure("long", lambda: figures.plot_long(symplectic.motion, explicit.motion), "Energy error over the long run")
 
 
-def bearings(page: Page, found: dict[str, Any]) -> None:
+def bearings(page: Report, found: dict[str, Any]) -> None:
     """Loads on the bearings in the free swing."""
     page.heading("Loads on the bearings during the free swing 6.4-1")
     page.text(str(rne.bearing_peaks(rne.load("irb140"), found["swings"][0])), "pre")

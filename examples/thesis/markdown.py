@@ -5,10 +5,10 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from rne.plotting.html_page import Block, Page, is_heading
+from rne.plotting.html_page import Block, Report, is_heading
 
 
-def write_markdown(page: Page, path: Path) -> None:
+def write_markdown(page: Report, path: Path) -> None:
     """Write a page as Markdown, and its pictures into the folder `pictures` beside it."""
     pieces = [_markdown(block) for block in page.blocks]
     first = next((k for k, block in enumerate(page.blocks) if is_heading(block)), len(pieces))
@@ -30,7 +30,7 @@ def _markdown(block: Block) -> str:
     return {"h2": f"## {content}", "h3": f"### {content}", "pre": f"```text\n{content}\n```"}.get(tag, content)
 
 
-def _contents(page: Page) -> Iterator[str]:
+def _contents(page: Report) -> Iterator[str]:
     taken: dict[str, int] = {}
     for tag, text in filter(is_heading, page.blocks):
         slug = re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")  # as GitHub makes them

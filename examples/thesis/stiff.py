@@ -6,14 +6,14 @@ import numpy as np
 
 import rne
 from rne.model.abb_irb140 import KD, KP
-from rne.plotting.html_page import Page
+from rne.plotting.html_page import Report
 
 from . import figures, verdicts
 from .experiments import SAMPLE_TIMES, SOLVERS
 from .formulations import closed_by_open
 
 
-def stiffness(page: Page, found: dict[str, Any]) -> None:
+def stiffness(page: Report, found: dict[str, Any]) -> None:
     """Why the closed loop takes an explicit method so long."""
     observed = closed_by_open()
     page.heading("Why the closed loop took so much longer than the open one")
@@ -48,7 +48,7 @@ def _apart(one: rne.Trajectory, other: rne.Trajectory) -> float:
     return float(np.abs(one.q[-1] - other.q[-1]).max())
 
 
-def sampled(page: Page, found: dict[str, Any]) -> None:
+def sampled(page: Report, found: dict[str, Any]) -> None:
     """Control by the thesis's gains with torques held between samples."""
     limit = 2 / rne.check_gains(rne.load("irb140"), KP, KD).largest_mode
     page.heading("Sampled control: the same gains, with torques held between samples")

@@ -144,12 +144,17 @@ def point_mass_inertia(mass: Array, c: Array) -> Array:
     return product
 
 
+def symmetric(A: Array) -> Array:
+    """The symmetric part of square matrices."""
+    return np.asarray((A + transpose(A)) / 2)
+
+
 def mirrored(A: Array) -> Array:
     """A symmetric matrix from its upper triangle, so that both halves are the same numbers."""
     rows, columns = np.tril_indices(A.shape[-1], -1)
-    symmetric = A.copy()
-    symmetric[..., rows, columns] = A[..., columns, rows]
-    return symmetric
+    whole = A.copy()
+    whole[..., rows, columns] = A[..., columns, rows]
+    return whole
 
 
 def spin_matrix(omega: Array, alpha: Array) -> Array:

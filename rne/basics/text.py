@@ -19,6 +19,16 @@ FEW = 7  # numbers that are written out
 FEW_NAMES = 6
 UNBROKEN = "\xa0"  # a space at which no line ends
 
+# Of joint arrays, and of results with an entry for each joint: for a rotating and for a sliding joint.
+UNITS = {
+    "q": ("rad", "m"),
+    "qd": ("rad/s", "m/s"),
+    "qdd": ("rad/s^2", "m/s^2"),
+    "qdr": ("rad/s", "m/s"),
+    "qddr": ("rad/s^2", "m/s^2"),
+    "tau": ("N m", "N"),
+}
+
 
 def summary(thing: Any, **shown: Any) -> str:
     """Class and fields of a dataclass, each value in a few words, in lines of at most 100 characters.

@@ -15,7 +15,7 @@ from ..control.laws import pd_gravity
 from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..model.model import Model
 from ..plotting import draw
-from ..plotting.html_page import BELOW, WIDTH, Page, column, joint_grid, lines, log_lines
+from ..plotting.html_page import BELOW, WIDTH, Report, column, joint_grid, lines, log_lines
 from ..plotting.plots import blank_figure
 from ..robot import Robot
 from ..simulation.simulator import simulate
@@ -57,7 +57,7 @@ def run(folder: Path, say: Callable[[str], None]) -> bool:
     """
     started = time.perf_counter()
     robot = load("irb140")
-    page = Page("ABB IRB 140 by recursive Newton-Euler", say, folder)
+    page = Report("ABB IRB 140 by recursive Newton-Euler", say, folder)
     page.text(repr(robot))
     page.text("Joints are called joint_1 to joint_6 as in the model; the thesis writes q_1 to q_6.")
     page.figure("robot", lambda: plot_robot(robot, UPRIGHT), "The robot held at (0, π/2, -π/2, 0, 0, 0)")
@@ -78,7 +78,7 @@ def carried_masses(model: Model) -> Array:
     return carried
 
 
-def _checks(robot: Robot, page: Page) -> bool:
+def _checks(robot: Robot, page: Report) -> bool:
     page.heading("Model and checks")
     model, carried = robot.model, carried_masses(robot.model)
     holding = np.round(robot.gravity_torque(UPRIGHT) / 9.81, 4) + 0.0
@@ -95,7 +95,7 @@ def _checks(robot: Robot, page: Page) -> bool:
     return page.comparison(rows, "entry")
 
 
-def _free_swing(robot: Robot, page: Page) -> None:
+def _free_swing(robot: Robot, page: Report) -> None:
     page.heading("Free swing, 10 s from rest at q = 0 (thesis 6.4-1, Figure 6.9)")
     swing = simulate(robot, np.zeros(robot.n), np.zeros(robot.n), 10.0, rtol=1e-9)
     page.text(
@@ -107,7 +107,7 @@ def _free_swing(robot: Robot, page: Page) -> None:
     page.figure("free_swing", lambda: plot_free_motion(swing, "Free swing 6.4-1 (Figure 6.9)"), caption)
 
 
-def _closed_loop(robot: Robot, page: Page) -> None:
+def _closed_loop(robot: Robot, page: Report) -> None:
     page.heading("PD control with gravity compensation (thesis 6.5-1, Figures 6.11 and 6.12)")
     loop = CLOSED_LOOPS[0]
     law = pd_gravity(robot, KP, KD, loop.reference)

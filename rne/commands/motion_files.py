@@ -30,7 +30,7 @@ MEDIAN = 0.6745  # of the size of a standard normal number
 RESIDUAL = 1.2  # ratio of what a filter removes to the noise
 
 
-class Motion(NamedTuple):
+class SampledMotion(NamedTuple):
     """Samples at times t (K,) of positions and, if they are known, velocities and accelerations (K, n), in SI units."""
 
     t: Array
@@ -39,7 +39,7 @@ class Motion(NamedTuple):
     qdd: Array | None
 
 
-def read_motion(file: Path, robot: rne.Robot, *, degrees: bool = False) -> Motion:
+def read_motion(file: Path, robot: rne.Robot, *, degrees: bool = False) -> SampledMotion:
     """Read the motion in a CSV file; warn if its units seem to be others.
 
     Parameters
@@ -58,7 +58,7 @@ def read_motion(file: Path, robot: rne.Robot, *, degrees: bool = False) -> Motio
         raise CommandError(f"{file}: there are no positions; needed are {needed}")
     unit = np.where(rotating(robot) & degrees, np.pi / 180, 1.0)
     qd, qdd = (None if x is None else x * unit for x in (samples.qd, samples.qdd))
-    motion = Motion(samples.t, samples.q * unit, qd, qdd)
+    motion = SampledMotion(samples.t, samples.q * unit, qd, qdd)
     _warn_of_degrees(motion.q, robot)
     _warn_of_milliseconds(motion, robot)
     return motion
@@ -82,7 +82,7 @@ def _warn_of_degrees(q: Array, robot: rne.Robot) -> None:
         )
 
 
-def _warn_of_milliseconds(motion: Motion, robot: rne.Robot) -> None:
+def _warn_of_milliseconds(motion: SampledMotion, robot: rne.Robot) -> None:
     """Warn if the positions change a thousand times slower than qd says, or, without qd, hardly at all."""
     t, q, qd, _ = motion
     if len(t) < FEW or not robot.n:
@@ -101,7 +101,7 @@ def _warn_of_milliseconds(motion: Motion, robot: rne.Robot) -> None:
         )
 
 
-def refuse_wrapped_angles(motion: Motion, robot: rne.Robot, file: Path) -> None:
+def refuse_wrapped_angles(motion: SampledMotion, robot: rne.Robot, file: Path) -> None:
     """Refuse a jump by about a turn between small steps: its derivative would be a huge velocity."""
     if len(motion.t) < 3:
         return
@@ -118,7 +118,7 @@ def refuse_wrapped_angles(motion: Motion, robot: rne.Robot, file: Path) -> None:
             )
 
 
-def differentiated(motion: Motion, file: Path) -> tuple[Array, Array, Array, str]:
+def differentiated(motion: SampledMotion, file: Path) -> tuple[Array, Array, Array, str]:
     """Positions, velocities and accelerations, by splines where the file has none, and a line on their source."""
     import rne
 
@@ -174,7 +174,7 @@ def _scatter(t: Array, x: Array, order: int) -> Array:
     return np.array([np.median(column[column > 0]) if column.any() else 0.0 for column in size.T]) / MEDIAN
 
 
-def filtered(motion: Motion, cutoff: float) -> tuple[Motion, str]:
+def filtered(motion: SampledMotion, cutoff: float) -> tuple[SampledMotion, str]:
     """The motion after a Butterworth filter of second order, forwards and backwards, and a line on the change of q."""
     t, q, qd, qdd = motion
     step = _even_step(t)
@@ -186,7 +186,7 @@ def filtered(motion: Motion, cutoff: float) -> tuple[Motion, str]:
     change = np.abs(smooth - q).max(initial=0.0)
     text = f"zero-phase Butterworth filter of {cutoff:g} Hz; it changes q by at most {change:.2g} rad or m"
     qd, qdd = (None if x is None else _low_pass(x, cutoff * step) for x in (qd, qdd))
-    return Motion(t, smooth, qd, qdd), text
+    return SampledMotion(t, smooth, qd, qdd), text
 
 
 def _even_step(t: Array) -> float | None:

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import UNBOUNDED
+from ..basics.text import UNITS
 from .shared import ROBOT, add_parser, check_folder, say
 
 if TYPE_CHECKING:
     import rne
 
     from ..basics.spatial import Array
-    from ..plotting.html_page import Page
+    from ..plotting.html_page import Report
 
 FOLDER = Path("rne-report")
 SAMPLES = 1000  # random states
@@ -80,9 +81,9 @@ def write_robot_page(robot: rne.Robot, findings: str, folder: Path, say: Callabl
         True if all differences from the independent source are within their bounds; False if M is singular.
     """
     from ..plotting import draw
-    from ..plotting.html_page import Page
+    from ..plotting.html_page import Report
 
-    page = Page(f"Robot {robot.model.name}", say, folder)
+    page = Report(f"Robot {robot.model.name}", say, folder)
     for line in repr(robot).splitlines():
         page.text(line.strip())
     home: Array = np.clip(0.0, robot.lower, robot.upper)  # the position nearest to q = 0 within the joints' ranges
@@ -100,17 +101,17 @@ def write_robot_page(robot: rne.Robot, findings: str, folder: Path, say: Callabl
     return held
 
 
-def _parts(model: rne.Model, page: Page) -> None:
+def _parts(model: rne.Model, page: Report) -> None:
     page.heading("Joints and links")
     rows = []
     for i, (name, kind) in enumerate(zip(model.moving_joints, model.joint_types, strict=True)):
-        unit, effort = ("rad", "N m") if model.is_revolute[i] else ("m", "N")
+        unit, speed, effort = (UNITS[quantity][not model.is_revolute[i]] for quantity in ("q", "qd", "tau"))
         rows.append(
             [
                 name,
                 kind if i in model.independent_joints else f"{kind}, mimics another",
                 f"{_limit(model.lower[i])} ... {_limit(model.upper[i])} {unit}",
-                f"{_limit(model.velocity_limit[i])} {unit}/s",
+                f"{_limit(model.velocity_limit[i])} {speed}",
                 f"{_limit(model.effort_limit[i])} {effort}",
             ]
         )
@@ -125,7 +126,7 @@ def _parts(model: rne.Model, page: Page) -> None:
     )
 
 
-def _comparison(robot: rne.Robot, page: Page) -> bool:
+def _comparison(robot: rne.Robot, page: Report) -> bool:
     import rne
 
     from ..validation.agreement import validate
@@ -140,7 +141,7 @@ def _comparison(robot: rne.Robot, page: Page) -> bool:
     return page.comparison(rows, "term")
 
 
-def _gravity(robot: rne.Robot, home: Array, place: str, page: Page) -> None:
+def _gravity(robot: rne.Robot, home: Array, place: str, page: Report) -> None:
     page.heading("Torques against gravity")
     largest = np.abs(robot.gravity_torque(_positions(robot))).max(axis=0)
     rounding = ROUNDING * largest.max(initial=0.0)
@@ -163,7 +164,7 @@ def _positions(robot: rne.Robot) -> Array:
     return np.random.default_rng(0).uniform(low, high, (SAMPLES, robot.n))
 
 
-def _swing(robot: rne.Robot, home: Array, place: str, page: Page) -> None:
+def _swing(robot: rne.Robot, home: Array, place: str, page: Report) -> None:
     import rne
 
     page.heading(f"Free swing of {DURATION:g} s from rest at that position, without friction and limits")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..basics.text import UNITS
 from . import motion_files as files
 from .shared import (
     CommandError,
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     if given.qd is None or given.qdd is None:
         files.warn_of_uneven_steps(given.t)
         warn_of_noise(robot, given, arguments, tau)
-    tell(f"tau in {units_of(robot, 'N m', 'N')}: rigid bodies alone, without friction and inertia of the drives")
+    tell(f"tau in {units_of(robot, *UNITS['tau'])}: rigid bodies alone, without friction and inertia of the drives")
     say_limits(tell, robot, limit_violations(robot.model, motion.t, q, qd, tau))
     text = _csv(robot, motion.t, tau)
     if arguments.out is None:
@@ -89,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def warn_of_noise(robot: rne.Robot, given: files.Motion, arguments: argparse.Namespace, tau: Array) -> None:
+def warn_of_noise(robot: rne.Robot, given: files.SampledMotion, arguments: argparse.Namespace, tau: Array) -> None:
     """Warn if noise makes more than 5 % of a joint's torque; computed by adding noise of the same size once more."""
     name = "q" if given.qd is None else "qd"  # the column that is differentiated
     x: Array = getattr(given, name)
@@ -107,7 +108,7 @@ def warn_of_noise(robot: rne.Robot, given: files.Motion, arguments: argparse.Nam
     k, worst = int(np.where(share > NOISY, made, 0.0).argmax()), int(sigma.argmax())
     cutoff = files.suggested_cutoff(given.t, x, sigma)
     cure = "give samples at even steps and --cutoff" if cutoff is None else f"give --cutoff {cutoff:.2g}"
-    unit = units_of(robot, "N m", "N").split(" (")[0]
+    unit = UNITS["tau"][not files.rotating(robot)[k]]
     note(
         f"warning: {name}.{robot.joint_names[worst]} scatters by about {sigma[worst]:.1g} from sample to sample, and "
         f"derivatives turn such noise into about {made[k]:.3g} {unit} (rms) on {robot.joint_names[k]}, more than "

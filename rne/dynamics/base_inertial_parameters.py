@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
-from ..basics.spatial import Array, cross, cross_matrix, rotate, transpose
+from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, transpose
 from ..basics.text import InNotebooks, counted, listed, short, six_digits, wrapped
 from ..model.model import Model, model_argument, unchecked_model
 from ..model.parameters import PARAMETERS, UNITS
@@ -559,11 +559,6 @@ def span(rows: Array, tolerance: float) -> Array:
 def kinetic(x: Array, y: Array) -> Array:
     """The matrix of the entry of M that belongs to the velocities x and y."""
     return symmetric(transpose(x) @ y)
-
-
-def symmetric(A: Array) -> Array:
-    """The symmetric part of square matrices."""
-    return np.asarray((A + transpose(A)) / 2)
 
 
 def velocity_matrix(angular: Array, linear: Array) -> Array:

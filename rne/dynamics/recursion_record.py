@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
-from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, six_digits, wrapped
+from ..basics.text import UNITS, InNotebooks, Row, aligned, counted, listed, short, six_digits, wrapped
 from ..model.model import Model
 from ..model.topology import tip
 from .kinematics import BASE, joint_transforms
@@ -265,7 +265,7 @@ def record_rows(record: Recursion, i: int) -> Iterator[tuple[str, str, str, list
         if vectors is not None and i < len(vectors) and (name != "a_o" or record.a_e is None):
             yield name, equation, unit, list(vectors[i])
     if i in record.independent_joints:
-        unit = "N" if record.joint_types[i] == "prismatic" else "N m"
+        unit = UNITS["tau"][record.joint_types[i] == "prismatic"]
         yield "u", "(5.3)", unit, [record.u[record.independent_joints.index(i)]]
 
 

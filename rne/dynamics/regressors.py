@@ -21,7 +21,7 @@ from .quantity import quantity
 BASIS = np.array([[[int({r, c} == {i, j}) for c in range(3)] for r in range(3)] for i, j in PRODUCTS], np.int8)
 
 
-class Motion(NamedTuple):
+class MotionVector(NamedTuple):
     """A spatial velocity or acceleration."""
 
     angular: Array
@@ -35,7 +35,7 @@ class Wrenches(NamedTuple):
     force: Array
 
 
-def momentum_matrix(w: Motion) -> Wrenches:
+def momentum_matrix(w: MotionVector) -> Wrenches:
     """Spatial momentum of a body that moves with w, per unit of its parameters: I w = H(w) pi."""
     like = w.angular * w.linear
     moment, force = (zeros((*like.shape, PARAMETERS), like=like) for _ in range(2))
@@ -47,18 +47,18 @@ def momentum_matrix(w: Motion) -> Wrenches:
     return Wrenches(moment, force)
 
 
-def cross_motion(v: Motion, w: Motion) -> Motion:
+def cross_motion(v: MotionVector, w: MotionVector) -> MotionVector:
     """v x w, Featherstone 2008, (2.31)."""
-    return Motion(cross(v.angular, w.angular), cross(v.angular, w.linear) + cross(v.linear, w.angular))
+    return MotionVector(cross(v.angular, w.angular), cross(v.angular, w.linear) + cross(v.linear, w.angular))
 
 
-def cross_force(v: Motion, f: Wrenches) -> Wrenches:
+def cross_force(v: MotionVector, f: Wrenches) -> Wrenches:
     """v x* f, Featherstone 2008, (2.32)."""
     turn = cross_matrix(v.angular)
     return Wrenches(turn @ f.moment + cross_matrix(v.linear) @ f.force, turn @ f.force)
 
 
-def coriolis_force(v: Motion, u: Motion) -> Wrenches:
+def coriolis_force(v: MotionVector, u: MotionVector) -> Wrenches:
     """B(v, I) u of a body per unit of its parameters, with dI/dt - 2 B skew: C = sum of J^T (I dJ/dt + B J).
 
     B u = (v x* I u + u x* I v - I (v x u)) / 2; Echeandia and Wensing 2021, (21). For u = v it is v x* I v.
@@ -73,7 +73,7 @@ def coriolis_force(v: Motion, u: Motion) -> Wrenches:
 
 def joint_motions(
     model: Model, R: list[Array], p: list[Array], qd: Array, qdr: Array, qddr: Array
-) -> dict[int, tuple[Motion, Motion, Motion]]:
+) -> dict[int, tuple[MotionVector, MotionVector, MotionVector]]:
     """Acceleration of the reference, velocity, and velocity of the reference of each body.
 
     The reference moves its joints at velocities qdr through the positions of the motion; its acceleration is the
@@ -81,30 +81,30 @@ def joint_motions(
     """
     qd, qdr, qddr = (joint_velocities(model, x)[..., None] for x in (qd, qdr, qddr))
     zero = zeros((*qd.shape[:-2], 3), like=qd)
-    rest = Motion(zero, zero)
-    found = {BASE: (Motion(zero, zero - model.gravity), rest, rest)}
+    rest = MotionVector(zero, zero)
+    found = {BASE: (MotionVector(zero, zero - model.gravity), rest, rest)}
     for i, parent in enumerate(model.parent):
         a, v, u = (seen_from_body(w, R[i], p[i]) for w in found[parent])
         v, u = (along_axis(model, i, x[..., i, :], w) for x, w in ((qd, v), (qdr, u)))
         turning = cross_motion(v, along_axis(model, i, qdr[..., i, :], rest))
-        a = along_axis(model, i, qddr[..., i, :], Motion(a.angular + turning.angular, a.linear + turning.linear))
+        a = along_axis(model, i, qddr[..., i, :], MotionVector(a.angular + turning.angular, a.linear + turning.linear))
         found[i] = a, v, u
     return found
 
 
-def seen_from_body(w: Motion, R: Array, p: Array) -> Motion:
+def seen_from_body(w: MotionVector, R: Array, p: Array) -> MotionVector:
     """A motion of the parent body at the origin of the body's frame, in its axes."""
-    return Motion(rotate_back(R, w.angular), rotate_back(R, w.linear + cross(w.angular, p)))
+    return MotionVector(rotate_back(R, w.angular), rotate_back(R, w.linear + cross(w.angular, p)))
 
 
-def along_axis(model: Model, i: int, x: Array, w: Motion) -> Motion:
+def along_axis(model: Model, i: int, x: Array, w: MotionVector) -> MotionVector:
     """w + S_i x: a motion and one of joint i."""
-    return Motion(w.angular + model.angular_axis[i] * x, w.linear + model.linear_axis[i] * x)
+    return MotionVector(w.angular + model.angular_axis[i] * x, w.linear + model.linear_axis[i] * x)
 
 
-def body_wrenches(a: Motion, v: Motion, u: Motion, o: Array) -> Wrenches:
+def body_wrenches(a: MotionVector, v: MotionVector, u: MotionVector, o: Array) -> Wrenches:
     """Wrenches I a + B(v) u that a body takes, its parameters about the point o, at the frame's origin."""
-    a, v, u = (Motion(w.angular, w.linear + cross(w.angular, o)) for w in (a, v, u))
+    a, v, u = (MotionVector(w.angular, w.linear + cross(w.angular, o)) for w in (a, v, u))
     inertial, centrifugal = momentum_matrix(a), coriolis_force(v, u)
     force = inertial.force + centrifugal.force
     return Wrenches(inertial.moment + centrifugal.moment + cross_matrix(o) @ force, force)
@@ -181,7 +181,7 @@ def kinetic_energy_regressor(model: Model, q: Array, qd: Array) -> Array:
     y = zeros((*q.shape[:-1], PARAMETERS * model.nb), like=q)
     for i in range(model.nb):
         v_o = v[i] + cross(omega[i], model.joint_origin[i])
-        momentum = momentum_matrix(Motion(omega[i], v_o))
+        momentum = momentum_matrix(MotionVector(omega[i], v_o))
         power = omega[i][..., None] * momentum.moment + v_o[..., None] * momentum.force
         y[..., PARAMETERS * i : PARAMETERS * (i + 1)] = power.sum(-2) / 2
     return y

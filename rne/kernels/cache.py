@@ -97,7 +97,7 @@ class KernelCache:
         kernel = self._forward.get(tuple(inputs.items()))
         if kernel is None:
             if self._is_first_state(("forward dynamics", *inputs.items()), arrays):
-                return self._by_recursion(self._forward_methods()[-1], arrays, (), inputs)
+                return self._by_recursion(self._candidates()[-1], arrays, (), inputs)
             kernel = self.forward_kernel(**inputs)
         return kernel.evaluate(*arrays)
 
@@ -152,17 +152,17 @@ class KernelCache:
         inputs = tuple(fixed.items())
         kernel = self._forward.get(inputs)
         if kernel is None:
-            kernels = [self.kernel(method, **fixed) for method in self._forward_methods()]
+            kernels = [self.kernel(method, **fixed) for method in self._candidates()]
             kernel = min(kernels, key=lambda k: sum(k.operations.values()) or float("inf"))
             self._forward[inputs] = kernel
         return kernel
 
     def forward_method(self) -> Declared:
         """The function that forward dynamics of this model use; traced only where operations must be counted."""
-        methods = self._forward_methods()
+        methods = self._candidates()
         return methods[0] if len(methods) == 1 else self.forward_kernel().function
 
-    def _forward_methods(self) -> list[Declared]:
+    def _candidates(self) -> list[Declared]:
         """The candidates by the number of joints."""
         if self.model.n <= FEW_JOINTS or self.model.has_mimics:
             return [forward_dynamics]

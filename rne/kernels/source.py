@@ -13,6 +13,7 @@ from itertools import product
 from math import prod
 from typing import NamedTuple
 
+from ..basics.text import UNITS
 from ..model.model import Model
 from .program import Program
 from .python_backend import FUNCTIONS, expressions
@@ -28,15 +29,6 @@ LETTERS = {
     "bias_torque": "h",
     "inverse_dynamics": "tau",
     "forward_dynamics": "qdd",
-}
-# Of joint arrays, and of results with an entry for each joint: for a rotating and for a sliding joint.
-UNITS = {
-    "q": ("rad", "m"),
-    "qd": ("rad/s", "m/s"),
-    "qdd": ("rad/s^2", "m/s^2"),
-    "qdr": ("rad/s", "m/s"),
-    "qddr": ("rad/s^2", "m/s^2"),
-    "tau": ("N m", "N"),
 }
 PER_JOINT = {
     "inverse_dynamics": "tau",

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array, combine_bodies, rotate, snap, transpose
+from ..basics.spatial import Array, combine_bodies, rotate, snap, symmetric, transpose
 from .model import STANDARD_GRAVITY, Model
 from .solids import Cylinder
 
@@ -224,7 +224,7 @@ def _merge(parts: list[tuple[Part, Pose]]) -> tuple[Any, Array, Array]:
         if part.mass != 0 or np.any(part.inertia):
             I = frame.R @ np.asarray(part.inertia, dtype=Extended) @ transpose(frame.R)
             com = frame.p + rotate(frame.R, np.asarray(part.com, dtype=Extended))
-            members.append((Extended(part.mass), com, (I + transpose(I)) / 2))
+            members.append((Extended(part.mass), com, symmetric(I)))
     if not members:
         return 0.0, np.zeros(3), np.zeros((3, 3))
     mass, com, inertia = members[0] if len(members) == 1 else combine_bodies(members)

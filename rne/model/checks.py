@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ..basics.spatial import Array, symmetric
 from ..errors import ModelError
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic")
@@ -64,7 +64,7 @@ def looks_like_degrees(*bounds: float) -> bool:
 
 def symmetric_up_to_rounding(inertia: Array) -> Array:
     """The symmetric part of an inertia that differs from it by rounding only, such as R I R^T; others unchanged."""
-    half: Array = (inertia + inertia.T) / 2
+    half = symmetric(inertia)
     return half if 2 * np.abs(inertia - half).max() <= SYMMETRY * np.abs(inertia).max() else inertia
 
 

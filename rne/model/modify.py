@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import convert_numbers, real_array, real_numbers, refuse_degrees
-from ..basics.spatial import Array, combine_bodies, rotate, rotate_back, rotation_about, rotation_from_rpy, transpose
+from ..basics.spatial import (
+    Array,
+    combine_bodies,
+    rotate,
+    rotate_back,
+    rotation_about,
+    rotation_from_rpy,
+    symmetric,
+    transpose,
+)
 from .builder import Part, Pose, assemble, disassemble, pose
 from .checks import inertia_error, symmetric_up_to_rounding, triangle_excess
 from .model import Model, model_argument
@@ -47,16 +56,11 @@ def with_payload(
     payload = (float(m), p + rotate(R, c), R @ I @ transpose(R))
     if body < 0:
         base = combine_bodies([(model.base_mass, model.base_com, model.base_inertia), payload])
-        return replace(model, base_mass=base[0], base_com=base[1], base_inertia=_symmetric(base[2]))
+        return replace(model, base_mass=base[0], base_com=base[1], base_inertia=symmetric(base[2]))
     carried = combine_bodies([(float(model.mass[body]), model.com[body], model.inertia[body]), payload])
     masses, coms, inertias = model.mass.copy(), model.com.copy(), model.inertia.copy()
-    masses[body], coms[body], inertias[body] = carried[0], carried[1], _symmetric(carried[2])
+    masses[body], coms[body], inertias[body] = carried[0], carried[1], symmetric(carried[2])
     return replace(model, mass=masses, com=coms, inertia=inertias)
-
-
-def _symmetric(I: Array) -> Array:
-    half: Array = (I + I.T) / 2
-    return half
 
 
 def locked(model: Model, positions: Mapping[str, float]) -> Model:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..validation.agreement import Row
-from .plots import blank_figure, has_matplotlib
+from .plots import blank_figure, has_matplotlib, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,7 +80,7 @@ class Block(NamedTuple):
     content: Any
 
 
-class Page:
+class Report:
     """Headings, text, tables and pictures, in order.
 
     Parameters
@@ -242,11 +242,10 @@ def joint_grid(title: str, names: Sequence[str], below: Sequence[float] = ()) ->
 
 def lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 0, **style: Any) -> list[Line2D]:
     """Plot the columns of `values` over time; `first` is the number of the first one's colour."""
-    shown = np.unique(np.linspace(0, len(t) - 1, min(len(t), MAX_POINTS)).astype(int))
-    drawn = [
-        ax.plot(t[shown], values_k[shown], label=name, **{"color": f"C{k}"} | style)[0]
-        for k, (values_k, name) in enumerate(zip(values.T, names, strict=True), first)
-    ]
+    drawn = []
+    for k, (column, name) in enumerate(zip(values.T, names, strict=True), first):
+        shown = thinned(column, MAX_POINTS)
+        drawn += ax.plot(t[shown], column[shown], label=name, **{"color": f"C{k}"} | style)
     if ax.get_yscale() == "linear":
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
     return drawn

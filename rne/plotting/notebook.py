@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.text import counted, short, six_digits
+from ..basics.text import UNITS, counted, short, six_digits
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.recursion_record import BRANCHED, LEGEND, Recursion, is_complex, joint_title, record_rows
 from ..kernels.kernel import Kernel
-from ..kernels.source import UNITS
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot
@@ -150,7 +149,7 @@ def _small_plot(motion: Motion, panel: Panel) -> Figure:
 
 
 def _joint_row(part: Part, parts: Sequence[Part]) -> tuple[str, ...]:
-    unit = "rad" if part.kind in REVOLUTE_TYPES else "m"
+    unit, speed, effort = (UNITS[name][part.kind not in REVOLUTE_TYPES] for name in ("q", "qd", "tau"))
     kind, limits = part.kind, ("", "", "")
     if part.mimic is not None:
         source = short(parts[part.mimic.independent].joint)
@@ -159,7 +158,7 @@ def _joint_row(part: Part, parts: Sequence[Part]) -> tuple[str, ...]:
         bounded = math.isfinite(part.lower) or math.isfinite(part.upper)
         span = f"{part.lower:.4g} to {part.upper:.4g} {unit}" if bounded else NOT_GIVEN
         span = "unlimited" if part.kind == "continuous" else span
-        limits = (span, _limit(part.velocity, f"{unit}/s"), _limit(part.effort, "N m" if unit == "rad" else "N"))
+        limits = (span, _limit(part.velocity, speed), _limit(part.effort, effort))
     return short(part.joint), kind, f"{short(parts[part.parent].link)} → {short(part.link)}", *limits
 
 

@@ -356,12 +356,13 @@ def curves(ax: Axes, t: Array, values: Array, names: Sequence[str], colors: Sequ
         ax.plot(t[shown], column[shown], label=literal(name), color=color, **look)
 
 
-def thinned(column: Array) -> Array:
+def thinned(column: Array, most: int = MAX_POINTS) -> Array:
     """Indices of the values to draw: all, or the smallest and the largest of each of many short spans."""
-    if len(column) <= MAX_POINTS:
+    if len(column) <= most:
         return np.arange(len(column))
-    edges = np.linspace(0, len(column), MAX_POINTS // 2 + 1).astype(int)
-    extremes = [a + int(pick(column[a:b])) for a, b in pairwise(edges) for pick in (np.argmin, np.argmax)]
+    edges = np.linspace(0, len(column), most // 2 + 1).astype(int)
+    low, high = (np.where(np.isnan(column), far, column) for far in (np.inf, -np.inf))
+    extremes = [a + int(k) for a, b in pairwise(edges) for k in (low[a:b].argmin(), high[a:b].argmax())]
     return np.unique([0, *extremes, len(column) - 1])
 
 
