@@ -7,7 +7,7 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.commands.motion_files import Motion, filtered, noise, suggested_cutoff
+from rne.commands.motion_files import SampledMotion, filtered, noise, suggested_cutoff
 
 from .helpers import loaded
 
@@ -126,7 +126,7 @@ class TestNoise:
 def test_a_filter_leaves_what_is_slow_also_at_the_ends(cutoff):
     """A ramp is continued beyond its ends as the ramp it is: what is left there decays with the filter."""
     t = times(1e-3)
-    ramp = Motion(t, t[:, None], 2 * t[:, None], None)
+    ramp = SampledMotion(t, t[:, None], 2 * t[:, None], None)
     (_, q, qd, qdd), said = filtered(ramp, cutoff)
     assert np.abs(q - ramp.q).max() < 2e-3 / cutoff
     np.testing.assert_allclose(qd, 2 * q, rtol=0, atol=1e-12)
@@ -138,7 +138,7 @@ def test_a_filter_halves_the_power_twice_at_its_cutoff_and_delays_nothing():
     """Forwards and backwards: 1/sqrt(2) twice, and opposite phases."""
     t = np.arange(0, 20, 1e-3)
     wave = np.sin(2 * np.pi * 5 * t)
-    (_, q, _, _), _ = filtered(Motion(t, wave[:, None], None, None), 5.0)
+    (_, q, _, _), _ = filtered(SampledMotion(t, wave[:, None], None, None), 5.0)
     np.testing.assert_allclose(q[5000:-5000, 0], wave[5000:-5000] / 2, rtol=0, atol=1e-3)
 
 
@@ -180,7 +180,7 @@ class TestNoiseOfSamples:
                 x = shaken(q, size, seed)
                 cutoff = suggested_cutoff(t, x, noise(t, x))
                 assert low < cutoff < high
-                removed = x - filtered(Motion(t, x, None, None), cutoff)[0].q
+                removed = x - filtered(SampledMotion(t, x, None, None), cutoff)[0].q
                 assert np.sqrt((removed**2).mean()) < 1.3 * size  # little but the noise
 
     def test_a_joint_without_noise_has_no_say_in_the_cutoff(self):
