@@ -25,10 +25,14 @@ class Effort(NamedTuple):
 def stiff_damping(robot, damping, methods, duration=1.0, rtol=1e-6):
     """{method: Effort} of a swing under viscous friction, against Radau at a thousandth of the tolerance."""
     scene = rne.Scene(robot, friction=rne.Friction(viscous=damping))
-    end = rne.simulate(scene, Q0, 0 * Q0, duration, method="Radau", rtol=1e-3 * rtol, atol=1e-6 * rtol).q[-1]
+    end = rne.simulate(
+        scene, Q0[: robot.n], np.zeros(robot.n), duration, method="Radau", rtol=1e-3 * rtol, atol=1e-6 * rtol
+    ).q[-1]
     found = {}
     for method in methods:
-        run = rne.simulate(scene, Q0, 0 * Q0, duration, method=method, rtol=rtol, atol=1e-3 * rtol)
+        run = rne.simulate(
+            scene, Q0[: robot.n], np.zeros(robot.n), duration, method=method, rtol=rtol, atol=1e-3 * rtol
+        )
         found[method] = Effort(run.evaluations, float(np.abs(run.q[-1] - end).max()))
     return found
 
@@ -86,10 +90,14 @@ class Growing(NamedTuple):
 def chaos(robot, tolerances, duration=8.0, points=801, accuracy=1e-3):
     """{rtol: Growing} of a free swing, against one that is far more accurate."""
     t = np.linspace(0, duration, points)
-    exact = rne.simulate(robot, Q0, 0 * Q0, duration, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=t).q
+    exact = rne.simulate(
+        robot, Q0[: robot.n], np.zeros(robot.n), duration, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=t
+    ).q
     found = {}
     for rtol in tolerances:
-        run = rne.simulate(robot, Q0, 0 * Q0, duration, method="DOP853", rtol=rtol, atol=1e-3 * rtol, t_eval=t)
+        run = rne.simulate(
+            robot, Q0[: robot.n], np.zeros(robot.n), duration, method="DOP853", rtol=rtol, atol=1e-3 * rtol, t_eval=t
+        )
         times, estimated = run.error_estimates[0](1.0)
         found[rtol] = Growing(
             t, np.abs(run.q - exact).max(axis=1), times, estimated, run.trusted_horizon(accuracy)
@@ -138,11 +146,11 @@ def after_pulse(robot, width, named, impulse, **options):
     begin = 0.5
 
     def pulse(t, q, qd):
-        return np.where(begin <= t < begin + width, impulse / width, 0.0) * np.ones(6)
+        return np.where(begin <= t < begin + width, impulse / width, 0.0) * np.ones(robot.n)
 
     scene = rne.Scene(robot, gravity=[0, 0, 0])
     breaks = [begin, begin + width] if named else []
-    return rne.simulate(scene, Q0, 0 * Q0, 1.0, torque=pulse, breaks=breaks, **options).qd[-1]
+    return rne.simulate(scene, Q0[: robot.n], np.zeros(robot.n), 1.0, torque=pulse, breaks=breaks, **options).qd[-1]
 
 
 def equal_steps(robot, steps, dtype, duration=0.5, starts=32, finest=1e-4):
