@@ -24,6 +24,7 @@ from .trace import inputs_as_arrays, wrench_links
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
 # joints, articulated bodies beyond the second.
 FEW_JOINTS, MANY_JOINTS = 9, 20
+NOTHING: Mapping[str, Any] = {}
 
 
 class KernelCache:
@@ -61,17 +62,18 @@ class KernelCache:
         wrt: Sequence[str] = (),
         external: External | None = None,
         parameters: ArrayLike | None = None,
-        **fixed: Any,
+        link: str | None = None,
     ) -> Array:
         """A quantity, or its derivatives by some arguments, for one state or a batch.
 
         Any quantity but forward dynamics, whose result comes with a status. `wrt` names the arguments to differentiate
-        by, `external` has wrenches by link, `parameters` take the place of the model's; `fixed` are other arguments,
-        such as `link`.
+        by, `external` has wrenches by link, `parameters` take the place of the model's, and a Jacobian is of `link`.
         """
+        fixed = NOTHING  # a dictionary for each call would cost 5 % of one
         if external is not None or parameters is not None:
-            inputs, arrays = self._with_inputs(function, arrays, external, parameters)
-            fixed |= inputs
+            fixed, arrays = self._with_inputs(function, arrays, external, parameters)
+        elif link is not None:
+            fixed = {"link": link}
         key = (function, *wrt, *fixed.items()) if wrt or fixed else function
         kernel = self._kernels.get(key)
         if kernel is None:
@@ -93,8 +95,11 @@ class KernelCache:
         parameters: ArrayLike | None = None,
     ) -> tuple[Array, PrecisionStatus]:
         """Accelerations by the method that suits the model, and their status."""
-        inputs, arrays = self._with_inputs(forward_dynamics, (q, qd, tau), external, parameters)
-        kernel = self._forward.get(tuple(inputs.items()))
+        inputs = NOTHING
+        arrays: tuple[ArrayLike, ...] = q, qd, tau
+        if external is not None or parameters is not None:
+            inputs, arrays = self._with_inputs(forward_dynamics, arrays, external, parameters)
+        kernel = self._forward.get(tuple(inputs.items()) if inputs else ())
         if kernel is None:
             if self._is_first_state(("forward dynamics", *inputs.items()), arrays):
                 return self._by_recursion(self._candidates()[-1], arrays, (), inputs)
@@ -127,7 +132,7 @@ class KernelCache:
         arrays: tuple[ArrayLike, ...],
         external: External | None,
         parameters: ArrayLike | None,
-    ) -> tuple[dict[str, Any], tuple[ArrayLike, ...]]:
+    ) -> tuple[Mapping[str, Any], tuple[ArrayLike, ...]]:
         """The inputs behind the joint arrays, as arguments of `compile`, and all arrays in the kernel's order."""
         inputs: dict[str, Any] = {}
         if external is not None:
