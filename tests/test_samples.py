@@ -202,13 +202,13 @@ def test_long_names_and_values_are_cut_and_many_counted(write):
     name = "n" * 38  # q.nnn... has 40 characters
     with pytest.raises(ValueError, match=rf"no column 'q.{name}'; the q"):
         read_csv(write("t,q.a\n0,1\n"), ["a", name])
-    with pytest.raises(ValueError, match=rf"no column 'q.{name}\.\.\.'; the q"):
+    with pytest.raises(ValueError, match=rf"no column 'q.{name[:35]}\.\.\.'; the q"):
         read_csv(write("t,q.a\n0,1\n"), ["a", name + "n"])
     with pytest.raises(ValueError, match=r"there are 'a', 'b', 'c', 'd'$"):
         read_csv(write("a,b,c,d\n0,1,2,3\n"), [])
     with pytest.raises(ValueError, match=r"there are 'a', 'b', 'c', 'd' and 2 more$"):
         read_csv(write("a,b,c,d,e,f\n0,1,2,3,4,5\n"), [])
-    for value, shown in (("x" * 40, repr("x" * 40)), ("x" * 41, f"{'x' * 40!r}...")):
+    for value, shown in (("x" * 40, repr("x" * 40)), ("x" * 41, repr("x" * 37 + "..."))):
         with pytest.raises(ValueError, match=rf"must be a finite number, got {re.escape(shown)}$"):
             read_csv(write(f"t,q.a\n0,{value}\n"), ["a"])
 

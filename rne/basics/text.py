@@ -50,7 +50,7 @@ def wrapped(text: str) -> str:
 def brief(value: Any) -> str:
     """A value of any type in at most 120 characters."""
     text = _brief(value)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    return cut(text, LONGEST)
 
 
 def _brief(value: Any) -> str:
@@ -127,8 +127,12 @@ class Row(NamedTuple):
 
 def short(name: str) -> str:
     """A name from a file, fit for one line of a table."""
-    text = repr(name)[1:-1]
-    return text if len(text) <= MAX_NAME else f"{text[: MAX_NAME - 3]}..."
+    return cut(repr(name)[1:-1], MAX_NAME)
+
+
+def cut(text: str, most: int) -> str:
+    """The text, or its beginning and dots if it has more than `most` characters."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def six_digits(x: Any) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number, real_numbers
 from ..basics.paths import output_file
 from ..basics.spatial import Array, cross, rotate
+from ..basics.text import cut
 from ..model.model import Model
 from ..robot import Robot, robot_argument
 from ..simulation.trajectory import Trajectory
@@ -317,8 +318,7 @@ def _legend(ax: Axes3D, links: list[str], colors: Array) -> None:
     entries = dict(zip(labels, handles, strict=True))
     if len(links) <= COLORS:
         for link, color in zip(links, colors, strict=True):
-            name = link if len(link) <= MAX_NAME else link[: MAX_NAME - 3] + "..."
-            entries[literal(name)] = Patch(color=color, alpha=ALPHA)
+            entries[literal(cut(link, MAX_NAME))] = Patch(color=color, alpha=ALPHA)
     if entries:
         place = {"loc": "center left", "bbox_to_anchor": (1.08, 0.5)}
         ax.legend(entries.values(), entries, fontsize="small", frameon=False, **place)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
+from ..basics.text import MAX_NAME, cut
 
 QUANTITIES = ("q", "qd", "qdd", "tau")
 MAX_NAMES = 4  # columns that a message names
@@ -194,8 +195,8 @@ def _as_number(text: str) -> float:
 def _number(name: str, row: int, column: str, text: str) -> float:
     number = _as_number(text)
     if not math.isfinite(number):
-        shown = repr(text) if len(text) <= 40 else f"{text[:40]!r}..."
-        raise ValueError(f"{name}, row {row}, column {column!r}: must be a finite number, got {shown}")
+        got = repr(cut(text, MAX_NAME))
+        raise ValueError(f"{name}, row {row}, column {column!r}: must be a finite number, got {got}")
     return number
 
 
@@ -209,5 +210,5 @@ def _check_times(name: str, rows: Sequence[int], t: Array) -> None:
 
 
 def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(repr(name if len(name) <= 40 else name[:40] + "...") for name in names[:MAX_NAMES])
+    shown = ", ".join(repr(cut(name, MAX_NAME)) for name in names[:MAX_NAMES])
     return shown if len(names) <= MAX_NAMES else f"{shown} and {len(names) - MAX_NAMES} more"

@@ -12,7 +12,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
-from .findings import Report, cut, echo, listed, near_path
+from ..basics.text import cut
+from .findings import ECHO, Report, echo, listed, near_path
 
 MAX_BYTES = 16 * 2**20
 MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
@@ -98,7 +99,7 @@ def _report_syntax_error(error: Any, report: Report) -> None:
         message = f"is nested deeper than {MAX_DEPTH} elements"
         report.error(error.lineno, "file", message, "a URDF needs about 6")
     else:
-        message = f"is not well-formed XML ({cut(reason)})"
+        message = f"is not well-formed XML ({cut(str(reason), ECHO)})"
         report.error(error.lineno, "file", message, "fix the file, it may be truncated")
 
 
@@ -108,7 +109,7 @@ def check_expanded(root: Any, report: Report) -> bool:
         macros = [child for child in element if NAMESPACE in child.tag]
         values = [value for value in element.attrib.values() if "${" in value or "$(" in value]
         if macros or values:
-            what = echo(values[0]) if values else f"<xacro:{cut(macros[0].tag.rpartition('}')[2])}>"
+            what = echo(values[0]) if values else f"<xacro:{cut(macros[0].tag.rpartition('}')[2], ECHO)}>"
             where = element if values else macros[0]
             message = f"is a xacro file, not yet a URDF: there is {what}"
             report.error(where, "file", message, f"expand it: {_command(report.file)}")

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ..basics.text import summary
+from ..basics.text import cut, summary
 from ..errors import UrdfError
 
 MAX_NAMES = 10  # in one line
 OWNER = re.compile(r"(link|joint) ('.*')", re.DOTALL)
-ECHO = 80  # characters of a file's own text that a message may quote
+ECHO = 83  # characters of a file's own text that a message may quote, dots included
 
 
 @dataclass(frozen=True)
@@ -116,13 +116,7 @@ def near_path(file: str) -> str:
 
 def echo(value: object) -> str:
     """A value of the file in quotes, cut to `ECHO` characters."""
-    return repr(cut(value))
-
-
-def cut(value: object) -> str:
-    """A text of the file or about it, cut to `ECHO` characters."""
-    text = str(value)
-    return text if len(text) <= ECHO else text[:ECHO] + "..."
+    return repr(cut(str(value), ECHO))
 
 
 def listed(names: Iterable[str]) -> str:
