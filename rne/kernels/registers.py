@@ -101,20 +101,24 @@ def with_few_registers(program: Program) -> Program:
     Of the instructions that can run, the one that reads the most operands for the last time is next, and among
     those the one whose operands are freshest in the cache.
     """
-    instructions = program.instructions
-    if len(instructions) > MAX_INSTRUCTIONS:
+    if len(program.instructions) > MAX_INSTRUCTIONS:
         return program
-    readers, missing = _readers(program)
-    unread = Counter(arg for instruction in instructions for arg in set(instruction.args))
-    unread.update(set(program.outputs))
-    freshest = [-1] * len(instructions)  # place of the latest operand in the new order
+    reads = [{_number(arg) for arg in args if arg.kind != "constant"} for _, args in program.instructions]
+    readers: defaultdict[int, list[int]] = defaultdict(list)
+    for k, numbers in enumerate(reads):
+        for number in numbers:
+            readers[number].append(k)
+    unread = Counter({number: len(by) for number, by in readers.items()})
+    unread.update({_number(output) for output in program.outputs if output.kind != "constant"})
+    missing = [sum(number >= 0 for number in numbers) for numbers in reads]  # results that an instruction waits for
+    freshest = [-1] * len(reads)  # place of the latest operand in the new order
     ready: list[tuple[int, int, int]] = []
     order: list[int] = []
-    done = [False] * len(instructions)
+    done = [False] * len(reads)
 
     def offer(k: int) -> None:
         """Enter instruction k; anew when one more of its operands has no other reader: `done` skips the older entry."""
-        last_reads = sum(arg.kind != "constant" and unread[arg] == 1 for arg in set(instructions[k].args))
+        last_reads = sum([unread[number] == 1 for number in reads[k]])
         heapq.heappush(ready, (-last_reads, -freshest[k], k))
 
     for k, count in enumerate(missing):
@@ -125,36 +129,34 @@ def with_few_registers(program: Program) -> Program:
         if done[k]:
             continue
         done[k] = True
-        for reader in readers[Operand("result", k)]:
+        for reader in readers[k]:
             missing[reader] -= 1
             freshest[reader] = len(order)
         order.append(k)
-        for arg in set(instructions[k].args):
-            unread[arg] -= 1
-            if unread[arg] == 1 and arg.kind != "constant":
-                for reader in readers[arg]:
+        for number in reads[k]:
+            unread[number] -= 1
+            if unread[number] == 1:
+                for reader in readers[number]:
                     if not done[reader] and not missing[reader]:
                         offer(reader)
-        for reader in readers[Operand("result", k)]:
+        for reader in readers[k]:
             if not missing[reader]:
                 offer(reader)
     return reordered(program, order)
 
 
-def _readers(program: Program) -> tuple[dict[Operand, list[int]], list[int]]:
-    """The readers of each operand, and the number of results that each instruction waits for."""
-    readers: defaultdict[Operand, list[int]] = defaultdict(list)
-    missing = [0] * len(program.instructions)
-    for k, instruction in enumerate(program.instructions):
-        for arg in set(instruction.args):
-            readers[arg].append(k)
-            missing[k] += arg.kind == "result"
-    return readers, missing
+def _number(operand: Operand) -> int:
+    """Results by their instructions, inputs below zero."""
+    return int(operand.value if operand.kind == "result" else ~int(operand.value))
 
 
 def reordered(program: Program, order: list[int]) -> Program:
     """The program with its instructions in another order."""
-    new = {Operand("result", k): Operand("result", position) for position, k in enumerate(order)}
+    moved = {k: Operand("result", place) for place, k in enumerate(order)}
+
+    def renamed(operands: tuple[Operand, ...]) -> tuple[Operand, ...]:
+        return tuple([moved[int(arg.value)] if arg.kind == "result" else arg for arg in operands])
+
     old = [program.instructions[k] for k in order]
-    instructions = tuple(Instruction(kind, tuple(new.get(arg, arg) for arg in args)) for kind, args in old)
-    return Program(instructions, tuple(new.get(output, output) for output in program.outputs), program.inputs)
+    instructions = tuple(Instruction(kind, renamed(args)) for kind, args in old)
+    return Program(instructions, renamed(program.outputs), program.inputs)
