@@ -85,6 +85,7 @@ def loop(request, irb140):
 SETTLED = dict(zip(CLOSED_LOOPS, (2.813, 2.362, 3.002), strict=True))
 
 
+@ONE_LOOP
 def test_closed_loop_settles(loop):
     scene_of_thesis, scene = loop
     times = np.linspace(0, 5, 5001)
@@ -95,6 +96,7 @@ def test_closed_loop_settles(loop):
     assert motion.evaluations <= 2500
 
 
+@ONE_LOOP
 @pytest.mark.parametrize("method", kept(["LSODA", "Radau", "BDF"], ["LSODA"]))
 def test_lyapunov_function_falls_at_every_step(irb140, loop, method):
     """V = qd^T M qd / 2 + e^T Kp e / 2 (6.50), and dV/dt = -qd^T Kd qd (6.55) from the simulated accelerations."""
@@ -154,6 +156,7 @@ def test_check_gains_knows_the_limit_before_anyone_simulates(irb140):
     assert not gains.beats_gravity
 
 
+@pytest.mark.long  # tests/test_gains.py has a pendulum
 def test_gains_beat_gravity_if_the_smallest_does(irb140):
     """dg/dq reaches 163 N m/rad over the workspace."""
     assert rne.check_gains(irb140, [170] * 6, KD).beats_gravity

@@ -14,7 +14,7 @@ from rne.kernels import kernel as kernel_module
 from rne.kernels.differentiation import complex_step
 from rne.kernels.trace import OfArrays
 
-from .helpers import EPS, relative, states
+from .helpers import EPS, kept, relative, states
 
 FUNCTIONS = {
     "inverse_dynamics": (rne.dynamics.inverse_dynamics, 3),
@@ -30,13 +30,13 @@ ROUNDING = 40 * EPS
 TREES = {
     "single": random_tree(1, seed=1),
     "sliders": random_tree(4, seed=3, prismatic=1),
-    "mixed": random_tree(5, seed=4),
+    "mixed": random_tree(4, seed=4),
     "bushy": random_tree(12, seed=5, branching=0.8),
-    "mimics": random_tree(4, seed=6, mimics=3),
+    "mimics": random_tree(3, seed=16, branching=0.4, mimics=2),
 }
 
 
-@pytest.fixture(params=[pytest.param(name, marks=[pytest.mark.long] * (name == "bushy")) for name in TREES])
+@pytest.fixture(params=kept(TREES, ["single", "mixed", "mimics"]))
 def tree(request):
     """As in conftest, but smaller; links on fixed joints among them."""
     return TREES[request.param]
