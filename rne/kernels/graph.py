@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+LEAVES = {"input", "constant"}
 ODD = {"sin", "tanh", "sign"}
 EVEN = {"cos", "abs"}
 LARGEST_EXPONENT = math.log(sys.float_info.max)
@@ -61,6 +62,9 @@ class Graph:
         self._index: dict[tuple[Any, ...], int] = {}
         self._values: dict[int, float] = {}  # of constants, by their references of either sign
         self._references: dict[float, int] = {}  # of constants, by their values
+        self._factors: dict[
+            int, tuple[float, int]
+        ] = {}  # of nodes that are a constant times another, by their references
 
     def node(self, kind: str, *args: Any) -> int:
         """The reference of an operation; equal operations share one."""
@@ -77,23 +81,24 @@ class Graph:
     def arguments(self, index: int) -> list[int]:
         """The nodes of an operation's operands."""
         node = self.nodes[index]
-        return [] if node.kind in ("input", "constant") else [ref >> 1 for ref in node.args]
+        return [] if node.kind in LEAVES else [ref >> 1 for ref in node.args]
 
     def needed(self, outputs: list[int]) -> list[int]:
         """Operations that outputs depend on, each after its operands and close before its first use."""
         done: set[int] = set()
         order = []
         for output in outputs:
-            stack = [(output >> 1, False)]
+            stack = [output >> 1]
             while stack:
-                k, ready = stack.pop()
-                if ready:
-                    order.append(k)
+                k = stack.pop()
+                if k < 0:  # its operands are in place
+                    order.append(~k)
                 elif k not in done:
                     done.add(k)
-                    stack.append((k, True))
-                    stack.extend((a, False) for a in reversed(self.arguments(k)))
-        return [k for k in order if self.nodes[k].kind not in ("input", "constant")]
+                    if operands := self.arguments(k):
+                        stack.append(~k)
+                        stack += operands[::-1]
+        return order
 
     def input(self, k: int) -> int:
         """The k-th input."""
@@ -158,35 +163,32 @@ class Graph:
 
     def _term(self, ref: int) -> tuple[float, int]:
         """A reference as constant times node."""
-        node = self.nodes[ref >> 1]
-        sign = -1.0 if ref & 1 else 1.0
-        if node.kind == "multiply":
-            factor = self.value(node.args[0])
-            if factor is not None:
-                return sign * factor, node.args[1]
-        return sign, ref & ~1
+        factor, node = self._factors.get(ref & ~1, (1.0, ref & ~1))
+        return (-factor if ref & 1 else factor), node
 
     def multiply(self, a: int, b: int) -> int:
         """a b."""
-        sign = (a ^ b) & 1
-        a, b = a & ~1, b & ~1
         x, y = self._values.get(a), self._values.get(b)
         if x is not None and y is not None:
-            return self.constant(x * y) ^ (sign if x * y else 0)
+            return self.constant(x * y)
         if y is not None:
-            a, b, x, y = b, a, y, x
+            a, b, x = b, a, y
+        if x == 0:
+            return a & ~1
+        if x == 1 or x == -1:
+            return b if x == 1 else b ^ 1
+        sign, a, b = (a ^ b) & 1, a & ~1, b & ~1
+        factor, m = self._factors.get(b, (1.0, b))
         if x is not None:
-            if x == 0:
-                return a
-            if x == 1:
-                return b ^ sign
-            factor, m = self._term(b)
+            x = abs(x)
             if m != b and _ordinary(x * factor):
                 return self.multiply(self.constant(x * factor), m) ^ sign
-            return self.node("multiply", a, b) ^ sign
-        (p, m), (q, k) = self._term(a), self._term(b)
-        if (p != 1 or q != 1) and _ordinary(p * q):  # constants move outwards, where they combine with others
-            return self.multiply(self.constant(p * q), self.multiply(m, k)) ^ sign
+            ref = self.node("multiply", a, b)
+            self._factors[ref] = x, b
+            return ref ^ sign
+        p, k = self._factors.get(a, (1.0, a))
+        if (k != a or m != b) and _ordinary(p * factor):  # constants move outwards, where they combine with others
+            return self.multiply(self.constant(p * factor), self.multiply(k, m)) ^ sign
         return self.node("multiply", *sorted((a, b))) ^ sign
 
     def divide(self, a: int, b: int) -> int:

@@ -209,11 +209,11 @@ class _Lowering:
         negatives: dict[int, Operand] = {}
 
         def operand(ref: int) -> Operand:
-            node = self.graph.nodes[ref >> 1]
-            if node.kind == "input":
-                return Operand("input", node.args[0])
-            value = self.graph.value(ref)
-            return place[ref >> 1] if value is None else Operand("constant", value)
+            found = place.get(ref >> 1)
+            if found is None:
+                value, node = self.graph.value(ref), self.graph.nodes[ref >> 1]
+                found = Operand("input", node.args[0]) if value is None else Operand("constant", value)
+            return found
 
         def emit(kind: str, *args: Operand) -> Operand:
             instructions.append(Instruction(kind, args))

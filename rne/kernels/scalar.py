@@ -20,11 +20,14 @@ def _operator(operation: Callable[[Graph, int, int], int]) -> Callable[[Scalar, 
     def method(self: Scalar, other: Any) -> Scalar:
         if type(other) is Scalar:
             ref = other.ref
+        elif type(other) is float:
+            ref = self.graph.constant(other)
         elif isinstance(other, np.ndarray):
             return NotImplemented  # type: ignore[no-any-return]
         else:
             ref = self._other(other)
-        return Scalar(self.graph, operation(self.graph, self.ref, ref))
+        result = operation(self.graph, self.ref, ref)
+        return self if result == self.ref else Scalar(self.graph, result)
 
     return method
 
