@@ -13,8 +13,8 @@ from .measurements import record, truth
 from .planted_faults import planted, planted_pair
 
 SHORT = {  # some causes on one of two robots
-    "irb140": ("base turned", "payload", "none"),
-    "ur5": ("joint order", "axis flipped"),
+    "irb140": ("base turned", "none"),
+    "ur5": ("joint order",),
 }
 ROBOTS = ("irb140", "ur5", "panda")
 CAUSES = tuple(planted(loaded("panda")))

@@ -147,7 +147,7 @@ class TestTracing:
             lambda t, q, qd: np.array([-5 * q[0] * t**3, -3 * q[1] + np.sin(t), *(-qd[2:])]),
             pytest.param(lambda t, q, qd: [np.cos(q[0]), *(t * np.arange(5.0))], marks=pytest.mark.long),
             lambda t, q, qd: -np.tanh(q) * np.sqrt(4 + t * t) + GAINS[0] / (1 + t**2),
-            lambda t, q, qd: 3.0 * np.ones(6),
+            pytest.param(lambda t, q, qd: 3.0 * np.ones(6), marks=pytest.mark.long),
         ],
         ids=["matrix", "entries", "list", "functions", "constant"],
     )
@@ -547,7 +547,7 @@ class TestCornerCases:
         ("method", "dry"),
         kept(
             [("auto", False), ("Radau", False), ("auto", True), ("LSODA", True), ("BDF", True)],
-            [("Radau", False), ("auto", True)],
+            [("auto", True)],
         ),
     )
     def test_a_called_law_may_have_states(self, two, dry, method):
