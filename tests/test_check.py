@@ -12,6 +12,7 @@ import rne
 from rne.__main__ import main
 from rne.urdf.loading import urdf_files
 from rne.urdf.plausibility import bodies, robot_size
+from rne.urdf.read import parts_of
 
 from .helpers import kept
 
@@ -201,7 +202,8 @@ def placed(geometry, xyz="0 0 0", rpy="0 0 0", kind="visual"):
 
 
 def measured(shapes, mass="8", inertia="0.064", origin='<origin xyz="0.3 0 0.4"/>'):
-    (body,) = bodies(etree.fromstring(f"<robot>{link('arm', mass, inertia, origin, shapes)}</robot>"))
+    root = etree.fromstring(f"<robot>{link('arm', mass, inertia, origin, shapes)}</robot>")
+    (body,) = bodies(root, parts_of(root))
     return body
 
 
@@ -213,7 +215,8 @@ def test_numbers_of_a_body_are_those_of_its_mass_and_inertia():
     assert body.density == pytest.approx(8 / (4 / 3 * np.pi * radius**3))
     assert measured("", mass="0").density == measured("", inertia="1e-13").density == 0
     rod = '<inertial><mass value="2"/><inertia ixx="2" ixy="0" ixz="0" iyy="2" iyz="0" izz="0"/></inertial>'
-    (body,) = bodies(etree.fromstring(f'<robot><link name="rod">{rod}</link></robot>'))
+    root = etree.fromstring(f'<robot><link name="rod">{rod}</link></robot>')
+    (body,) = bodies(root, parts_of(root))
     axes = np.sqrt(5) * np.array([1, 0.1, 0.1])  # as thick as a tenth of its length
     assert body.density == pytest.approx(2 / (4 / 3 * np.pi * axes.prod()))
 
@@ -252,8 +255,9 @@ def test_the_size_of_a_robot_is_its_longest_way_with_strokes():
     slide = joint("s", "arm", "hand", kind="prismatic", lower="-3", upper="2")
     text = f"<robot>{BASE}{link('arm')}{joint('e', 'base', 'arm')}{link('hand', origin=FAR_OUT)}{slide}</robot>"
     root = etree.fromstring(text)
-    assert robot_size(root, bodies(root)) == pytest.approx(0.5 + 0.5 + 3)
-    assert robot_size(root, bodies(root), with_coms=True) == pytest.approx(0.5 + 0.5 + 3 + 5)
+    parts = parts_of(root)
+    assert robot_size(parts, bodies(root, parts)) == pytest.approx(0.5 + 0.5 + 3)
+    assert robot_size(parts, bodies(root, parts), with_coms=True) == pytest.approx(0.5 + 0.5 + 3 + 5)
 
 
 def test_findings_of_one_kind_are_one_line_that_names_the_joints(check):

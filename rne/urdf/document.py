@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
@@ -130,32 +131,44 @@ def _command(file: str) -> str:
 class Rule(NamedTuple):
     """The attributes of an element, the children it may have once, and those it may have many times."""
 
-    attributes: frozenset[str] = frozenset()
-    once: frozenset[str] = frozenset()
-    many: frozenset[str] = frozenset()
+    attributes: str = ""
+    once: str = ""
+    many: str = ""
 
-
-def _rule(attributes: str = "", once: str = "", many: str = "") -> Rule:
-    return Rule(frozenset(attributes.split()), frozenset(once.split()), frozenset(many.split()))
+    @property
+    def children(self) -> list[str]:
+        """All children it may have."""
+        return [*self.once.split(), *self.many.split()]
 
 
 RULES = {
-    "robot": _rule("name version", many="link joint material transmission gazebo"),
-    "link": _rule("name", once="inertial", many="visual collision"),
-    "inertial": _rule(once="origin mass inertia"),
-    "origin": _rule("xyz rpy"),
-    "mass": _rule("value"),
-    "inertia": _rule("ixx ixy ixz iyy iyz izz"),
-    "joint": _rule("name type", once="origin parent child axis limit dynamics mimic calibration safety_controller"),
-    "parent": _rule("link"),
-    "child": _rule("link"),
-    "axis": _rule("xyz"),
-    "limit": _rule("lower upper effort velocity acceleration jerk"),
-    "dynamics": _rule("damping friction"),
-    "mimic": _rule("joint multiplier offset"),
-    "visual": _rule("name", once="origin geometry", many="material"),
-    "geometry": _rule(once="cylinder box sphere mesh capsule"),
-    "cylinder": _rule("radius length"),
+    "robot": Rule("name version", many="link joint material transmission gazebo"),
+    "link": Rule("name", once="inertial", many="visual collision"),
+    "inertial": Rule(once="origin mass inertia"),
+    "origin": Rule("xyz rpy"),
+    "mass": Rule("value"),
+    "inertia": Rule("ixx ixy ixz iyy iyz izz"),
+    "joint": Rule("name type", once="origin parent child axis limit dynamics mimic calibration safety_controller"),
+    "parent": Rule("link"),
+    "child": Rule("link"),
+    "axis": Rule("xyz"),
+    "limit": Rule("lower upper effort velocity acceleration jerk"),
+    "dynamics": Rule("damping friction"),
+    "mimic": Rule("joint multiplier offset"),
+    "visual": Rule("name", once="origin geometry", many="material"),
+    "geometry": Rule(once="cylinder box sphere mesh capsule"),
+    "cylinder": Rule("radius length"),
+}
+# The numbers of those attributes that hold some: how many, and what a missing one means; None if it must be there.
+NUMBERS: dict[str, dict[str, tuple[int, str | None]]] = {
+    "origin": {"xyz": (3, "0 0 0"), "rpy": (3, "0 0 0")},
+    "mass": {"value": (1, None)},
+    "inertia": dict.fromkeys(RULES["inertia"].attributes.split(), (1, None)),
+    "axis": {"xyz": (3, None)},
+    "limit": dict.fromkeys(RULES["limit"].attributes.split(), (1, "0")),
+    "dynamics": dict.fromkeys(RULES["dynamics"].attributes.split(), (1, "0")),
+    "mimic": {"multiplier": (1, "1"), "offset": (1, "0")},
+    "cylinder": dict.fromkeys(RULES["cylinder"].attributes.split(), (1, None)),
 }
 # Known, but used neither for dynamics nor for drawing: their content is not checked.
 UNREAD = frozenset(["material", "transmission", "gazebo", "collision", "calibration", "safety_controller"])
@@ -176,8 +189,8 @@ def elements(root: Any) -> Iterator[tuple[Any, str]]:
         if element.tag in ("link", "joint"):
             owner = describe(element)
         yield element, owner
-        rule = RULES.get(element.tag, Rule())
-        inside = [c for c in element if c.tag in rule.once | rule.many and c.tag not in UNREAD]
+        known = RULES.get(element.tag, Rule()).children
+        inside = [c for c in element if c.tag in known and c.tag not in UNREAD]
         stack.extend((child, owner) for child in reversed(inside))
 
 
@@ -185,19 +198,15 @@ def check_grammar(root: Any, report: Report) -> None:
     """Warn of unknown elements and attributes; report duplicated elements where one is allowed as errors."""
     for element, owner in elements(root):
         rule = RULES[element.tag]
-        counts: dict[str, int] = {}
+        counts: Counter[str] = Counter()
         for child in element:
-            counts[child.tag] = counts.get(child.tag, 0) + 1
-            if child.tag not in rule.once | rule.many:
-                report.warning(
-                    child,
-                    owner,
-                    f"unknown element {echo(child.tag)} in <{element.tag}> is ignored",
-                    _cure(str(child.tag), rule.once | rule.many),
-                )
-            elif child.tag in rule.once and counts[child.tag] == 2:
+            counts[child.tag] += 1
+            if child.tag not in rule.children:
+                message = f"unknown element {echo(child.tag)} in <{element.tag}> is ignored"
+                report.warning(child, owner, message, _cure(str(child.tag), rule.children))
+            elif child.tag in rule.once.split() and counts[child.tag] == 2:
                 report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
-        unknown = [attribute for attribute in element.attrib if attribute not in rule.attributes]
+        unknown = [attribute for attribute in element.attrib if attribute not in rule.attributes.split()]
         if unknown:
             what = f"attributes {listed(unknown)}" if unknown[1:] else f"attribute {echo(unknown[0])}"
             message = f"unknown {what} of <{element.tag}> {'are' if unknown[1:] else 'is'} ignored"
@@ -209,45 +218,29 @@ def _cure(tag: str, known: Iterable[str]) -> str:
     return f"remove it, or write <{near[0]}> if that is meant" if near else "remove it"
 
 
-def prune(root: Any) -> None:
-    """Remove everything that was not validated, so that nothing else is read."""
-    for element, _ in list(elements(root)):
-        rule = RULES[element.tag]
-        for child in list(element):
-            if child.tag not in rule.once | rule.many or child.tag in UNREAD:
-                element.remove(child)
-        for attribute in list(element.attrib):
-            if attribute not in rule.attributes:
-                del element.attrib[attribute]
-    root.set("name", root.get("name", ""))
+def checked_numbers(parent: Any, tag: str, owner: str, report: Report) -> dict[str, Any]:
+    """By attribute the numbers of a child, finite ones alone; a finding for each of the others."""
+    child = parent.find(tag)
+    found: dict[str, Any] = {}
+    for attribute, (count, default) in NUMBERS[tag].items():
+        text = default if child is None else child.get(attribute, default)
+        if text is None and child is None:
+            continue
+        what, amount = f"attribute {attribute!r} of <{tag}>", "one number" if count == 1 else f"{count} numbers"
+        values = attribute_numbers(child, attribute, default or "")
+        if text is None:
+            report.error(child, owner, f"{what} is missing", f"give {amount}")
+        elif len(text.split()) != count:
+            report.error(child, owner, f"{what} must be {amount}, got {echo(text)}", "fix the attribute")
+        elif len(values) != count or not all(map(math.isfinite, values)):
+            message = f"{what} must be {amount}, finite and decimal, got {echo(text)}"
+            report.error(child, owner, message, "fix the attribute")
+        else:
+            found[attribute] = values[0] if count == 1 else values
+    return found
 
 
-def numbers(
-    element: Any, attribute: str, owner: str, report: Report, *, count: int = 1, default: str | None = None
-) -> tuple[float, ...] | None:
-    """The finite numbers of one attribute, or None with a finding."""
-    text = element.get(attribute, default)
-    what = f"attribute {attribute!r} of <{element.tag}>"
-    if text is None:
-        report.error(element, owner, f"{what} is missing", f"give {_amount(count)}")
-        return None
-    tokens = text.split()
-    if len(tokens) != count:
-        report.error(element, owner, f"{what} must be {_amount(count)}, got {echo(text)}", "fix the attribute")
-        return None
-    values = tuple(float(token) if NUMBER.fullmatch(token) else math.nan for token in tokens)
-    if not all(math.isfinite(value) for value in values):
-        message = f"{what} must be {_amount(count)}, finite and decimal, got {echo(text)}"
-        report.error(element, owner, message, "fix the attribute")
-        return None
-    return values
-
-
-def number(element: Any, attribute: str, owner: str, report: Report, *, default: str | None = None) -> float | None:
-    """One finite number, or None with a finding."""
-    values = numbers(element, attribute, owner, report, default=default)
-    return None if values is None else values[0]
-
-
-def _amount(count: int) -> str:
-    return "one number" if count == 1 else f"{count} numbers"
+def attribute_numbers(element: Any | None, attribute: str, default: str = "") -> list[float]:
+    """The numbers of an attribute, or of the default if it or the element is missing; none if it is something else."""
+    tokens = (default if element is None else element.get(attribute, default)).split()
+    return [float(token) for token in tokens] if all(NUMBER.fullmatch(token) for token in tokens) else []

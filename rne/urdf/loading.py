@@ -20,11 +20,10 @@ from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.modify import LimitValues, with_limits
 from ..robot import Robot
-from .document import parse, read_bytes
+from .document import read_bytes
 from .findings import Finding, Report, written
 from .plausibility import check_bodies, check_elements
 from .read import model_of, read_urdf, validated
-from .strict import remove_default_namespace
 from .write import to_urdf
 
 PACKAGE = "example-robot-data"
@@ -200,23 +199,16 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     report = Report(os.fspath(source if isinstance(found, Model) else found))
     data = to_urdf(found).encode() if isinstance(found, Model) else read_bytes(found, report)
     root = validated(data, report)
+    if root is not None:
+        check_elements(root, report)
     if root is not None and not report.errors:
         try:
             model_of(root, STANDARD_GRAVITY)
         except ModelError as error:
             report.error(None, "robot", str(error), "fix the file")
-    if data is not None and root is not None:
-        _check_plausibility(data, report)
+        else:
+            check_bodies(root, report)
     findings = report.in_line_order()
     stream = sys.stdout if out is None else out
     stream.write("\n".join(written(findings, report.file, grouped=grouped)) + "\n")
     return findings
-
-
-def _check_plausibility(data: bytes, report: Report) -> None:
-    """The file is read again, as validation removes what is not used for the dynamics."""
-    whole = parse(data, Report(report.file))
-    remove_default_namespace(whole)
-    check_elements(whole, report)
-    if not report.errors:
-        check_bodies(whole, report)

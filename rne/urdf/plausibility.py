@@ -12,10 +12,12 @@ import numpy as np
 
 from ..basics.arrays import FULL_TURN
 from ..basics.spatial import Array, rotation_from_rpy
+from ..model.builder import Part
 from ..model.checks import looks_like_degrees
-from .document import NUMBER, describe
+from .document import attribute_numbers, describe
 from .findings import Report, echo
-from .strict import ENTRIES, MOVING, link_of
+from .read import parts_of
+from .strict import MOVING
 
 POINT = 1e-6  # m: smaller bodies are point masses, whose inertia is rounding error
 FLATTEST = 0.1  # axes of the ellipsoid, relative to its longest: rods and plates are often idealised as having no width
@@ -23,6 +25,7 @@ FAR = 5  # times the robot's size: a centre of mass farther out is outside any p
 LARGE = 2  # times the robot's size: no body of the robot has a larger radius of gyration
 DENSEST = 23e3  # kg/m^3, a little above osmium
 AIR = 1.2  # kg/m^3
+SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}  # and the attributes with sizes
 PLACEHOLDER = 1e-3  # kg: lighter links are often there for their frame alone, with any shape and inertia
 
 
@@ -32,7 +35,7 @@ def check_elements(root: Any, report: Report) -> None:
         if element.tag not in ("link", "joint"):
             continue
         for origin in element.iter("origin"):
-            angles = plain_numbers(origin, "rpy")
+            angles = attribute_numbers(origin, "rpy")
             if any(abs(angle) > FULL_TURN for angle in angles):
                 message = "attribute 'rpy' of <origin> looks like degrees"
                 cure = "give radians: degrees times pi/180"
@@ -42,22 +45,16 @@ def check_elements(root: Any, report: Report) -> None:
             _check_limit(element, limit, report)
 
 
-def plain_numbers(element: Any, attribute: str) -> list[float]:
-    """The numbers of an attribute, none if it is missing or something else; its errors are reported elsewhere."""
-    tokens = element.get(attribute, "").split()
-    return [float(token) for token in tokens] if all(NUMBER.fullmatch(token) for token in tokens) else []
-
-
 def _check_limit(joint: Any, limit: Any, report: Report) -> None:
     kind, owner = joint.get("type"), describe(joint)
-    bounds = plain_numbers(limit, "lower") + plain_numbers(limit, "upper")
+    bounds = attribute_numbers(limit, "lower") + attribute_numbers(limit, "upper")
     if kind == "revolute" and looks_like_degrees(*bounds):
         detail = f"{limit.get('lower', '0')} to {limit.get('upper', '0')}"
         cure = "give radians: degrees times pi/180"
         report.warning(limit, owner, "the range of <limit> looks like degrees", cure, detail=detail)
     if kind not in MOVING or joint.find("mimic") is not None:
         return
-    zero = [repr(name) for name in ("effort", "velocity") if plain_numbers(limit, name) == [0.0]]
+    zero = [repr(name) for name in ("effort", "velocity") if attribute_numbers(limit, name) == [0.0]]
     if zero:
         what = f"attributes {' and '.join(zero)} of <limit> are 0"
         what = what if zero[1:] else f"attribute {zero[0]} of <limit> is 0"
@@ -66,14 +63,30 @@ def _check_limit(joint: Any, limit: Any, report: Report) -> None:
 
 def check_bodies(root: Any, report: Report) -> None:
     """Warn of masses, centres and inertias that no body of this robot has; the file has no errors."""
+    parts = parts_of(root)
+    _check_subtrees(root, parts, report)
     with np.errstate(all="ignore"):  # numbers near the largest double overflow; comparisons with NaN are false
-        found = bodies(root)
-        size = robot_size(root, found)
+        found = bodies(root, parts)
+        size, with_coms = robot_size(parts, found), robot_size(parts, found, with_coms=True)
         for body in found:
             if body.mass > 0:
                 _check_centre(body, size, report)
-                _check_inertia(body, max(size, robot_size(root, found, with_coms=True)), report)
+                _check_inertia(body, max(size, with_coms), report)
                 _check_shapes(body, report)
+
+
+def _check_subtrees(root: Any, parts: list[Part], report: Report) -> None:
+    """Warn of joints that move no inertia: inverse dynamics and M exist, but forward dynamics does not."""
+    massless = {part.joint for part in parts}
+    heavy: set[int] = set()
+    for k, part in reversed(list(enumerate(parts))):
+        if part.mass or np.any(part.inertia) or k in heavy:
+            massless.remove(part.joint)
+            heavy.add(part.parent)
+    for joint in root.findall("joint"):
+        if joint.get("name") in massless and joint.get("type") in MOVING and joint.find("mimic") is None:
+            message = "moves no inertia: forward dynamics will raise SingularMassMatrixError"
+            report.warning(joint, describe(joint), message, "give its links mass, or make the joint fixed")
 
 
 def _check_centre(body: Body, size: float, report: Report) -> None:
@@ -123,7 +136,7 @@ class Body(NamedTuple):
 
     element: Any
     owner: str
-    link: str
+    part: int  # its place in tree order
     mass: float
     com: float  # its distance from the link's origin [m]
     radius_of_gyration: float  # the largest [m]
@@ -132,52 +145,28 @@ class Body(NamedTuple):
     shapes: Shapes | None  # None if there are none, or others too
 
 
-def bodies(root: Any) -> list[Body]:
+def bodies(root: Any, parts: list[Part]) -> list[Body]:
     """The bodies of all links with <inertial>."""
+    links = {link.get("name"): link for link in root.findall("link")}
     found = []
-    for link in root.findall("link"):
-        inertial = link.find("inertial")
-        if inertial is None:
-            continue
-        mass, inertia = float(inertial.find("mass").get("value")), inertial.find("inertia")
-        xx, xy, xz, yy, yz, zz = (float(inertia.get(entry)) for entry in ENTRIES)
-        moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-        gyration = math.sqrt(max(float(moments[-1]), 0.0) / mass) if mass > 0 else 0.0
-        com = float(np.linalg.norm(_vector(inertial.find("origin"), "xyz", "0 0 0")))
-        reach, shapes = _shapes(link)
-        density = _density(mass, moments)
-        found.append(Body(inertial, describe(link), link.get("name"), mass, com, gyration, density, reach, shapes))
+    for k, part in enumerate(parts):
+        link, mass = links[part.link], float(part.mass)
+        if link.find("inertial") is not None:
+            moments = np.linalg.eigvalsh(np.asarray(part.inertia, dtype=float))
+            gyration = math.sqrt(max(float(moments[-1]), 0.0) / mass) if mass > 0 else 0.0
+            numbers = (mass, float(np.linalg.norm(part.com)), gyration, _density(mass, moments))
+            found.append(Body(link.find("inertial"), describe(link), k, *numbers, *_shapes(link)))
     return found
 
 
-def robot_size(root: Any, found: list[Body], *, with_coms: bool = False) -> float:
+def robot_size(parts: list[Part], found: list[Body], *, with_coms: bool = False) -> float:
     """How far the robot reaches from its root: joint origins, strokes of sliding joints and primitive shapes [m]."""
-    above = {link_of(joint, "child"): joint for joint in root.findall("joint")}
-    depths: dict[str | None, float] = {}
-
-    def depth(link: str | None) -> float:
-        chain = []
-        while link in above and link not in depths:
-            chain.append(link)
-            link = link_of(above[link], "parent")
-        total = depths.get(link, 0.0)
-        for name in reversed(chain):
-            total += _length(above[name])
-            depths[name] = total
-        return total
-
-    sizes = [depth(link.get("name")) for link in root.findall("link")]
-    sizes += [depth(body.link) + max(body.reach, body.com if with_coms else 0.0) for body in found]
-    return max(sizes, default=0.0)
-
-
-def _length(joint: Any) -> float:
-    """Distance between two joints' origins, or the longest that a sliding joint makes it."""
-    length = float(np.linalg.norm(_vector(joint.find("origin"), "xyz", "0 0 0")))
-    limit = joint.find("limit")
-    if joint.get("type") != "prismatic" or limit is None:
-        return length
-    return length + max(abs(float(limit.get(bound, "0"))) for bound in ("lower", "upper"))
+    depths = [0.0]
+    for part in parts[1:]:
+        strokes = [abs(x) for x in (part.lower, part.upper) if part.kind == "prismatic" and math.isfinite(x)]
+        depths.append(depths[part.parent] + float(np.linalg.norm(part.placement.p)) + max(strokes, default=0.0))
+    sizes = [depths[body.part] + max(body.reach, body.com if with_coms else 0.0) for body in found]
+    return max(depths + sizes)
 
 
 def _density(mass: float, moments: Array) -> float:
@@ -214,29 +203,18 @@ def _shapes(link: Any) -> tuple[float, Shapes | None]:
 
 def _extent(shape: Any) -> tuple[Array, Array, float] | None:
     """Centre and half sides of the box around a visual or collision, in the link's axes, and its volume."""
-    geometry, origin = shape.find("geometry"), shape.find("origin")
-    solid = None if geometry is None or not len(geometry) else geometry[0]
-    numbers = {"box": ["size"], "sphere": ["radius"], "cylinder": ["radius", "length"]}
-    if solid is None or solid.tag not in numbers:
-        return None
-    sizes = [_vector(solid, attribute, "") for attribute in numbers[solid.tag]]
-    if [len(size) for size in sizes] != ([3] if solid.tag == "box" else [1] * len(sizes)):
-        return None
-    centre, rpy = _vector(origin, "xyz", "0 0 0"), _vector(origin, "rpy", "0 0 0")
-    if len(centre) != 3 or len(rpy) != 3:
+    solid, origin = shape.find("geometry/*"), shape.find("origin")
+    attributes = SOLIDS.get(solid.tag, ()) if solid is not None else ()
+    sizes = [np.array(attribute_numbers(solid, attribute)) for attribute in attributes]
+    centre, rpy = (np.array(attribute_numbers(origin, name, "0 0 0")) for name in ("xyz", "rpy"))
+    if not sizes or any(len(x) != (3 if solid.tag == "box" else 1) for x in sizes) or not len(centre) == len(rpy) == 3:
         return None
     if solid.tag == "box":
-        half, volume = sizes[0] / 2, float(sizes[0].prod())
+        half, volume = sizes[0] / 2, sizes[0].prod()
     elif solid.tag == "sphere":
-        (radius,) = sizes[0]
+        ((radius,),) = sizes
         half, volume = np.full(3, radius), 4 / 3 * np.pi * radius**3
     else:
         (radius,), (length,) = sizes
         half, volume = np.array([radius, radius, length / 2]), np.pi * radius**2 * length
     return centre, np.abs(rotation_from_rpy(rpy)) @ np.abs(half), float(volume)
-
-
-def _vector(element: Any | None, attribute: str, default: str) -> Array:
-    """The numbers of an attribute; none if it is something else."""
-    tokens = (default if element is None else element.get(attribute, default)).split()
-    return np.array([float(token) for token in tokens if NUMBER.fullmatch(token)])

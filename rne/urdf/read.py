@@ -17,7 +17,7 @@ from ..model.solids import Cylinder
 from .document import LARGEST, parse, read_bytes
 from .far_origins import Unrounded, slide_far_origins
 from .findings import Report
-from .strict import link_of, validate
+from .strict import cylinder_errors, link_of, mimics_of, validate
 
 
 def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Model:
@@ -68,15 +68,24 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
 
 
 def validated(data: bytes | None, report: Report) -> Any | None:
-    """The <robot> of a file's bytes with only what was validated, or None with a finding."""
+    """The <robot> of a file's bytes, or None with a finding."""
     root = None if data is None else parse(data, report)
     return root if root is not None and validate(root, report) else None
 
 
 def model_of(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
     """The Model of a validated <robot>."""
-    links = {link.get("name"): link for link in root.findall("link")}
-    root_link, joints = _in_tree_order(links, root.findall("joint"))
+    links, joints = _in_tree_order(root)
+    unrounded = [Unrounded(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
+    shapes = [shape for link in links.values() for shape in _cylinders(link)]
+    parts = slide_far_origins(parts_of(root), unrounded)
+    return assemble(root.get("name", ""), parts, gravity=gravity, shapes=shapes, source=source)
+
+
+def parts_of(root: Any) -> list[Part]:
+    """The links of a validated <robot> in tree order, each with its joint, as the file places them."""
+    links, joints = _in_tree_order(root)
+    root_link = next(iter(links))
     part_of_link = {root_link: 0} | {link_of(joint, "child"): k for k, joint in enumerate(joints, 1)}
     part_of_joint = {joint.get("name"): k for k, joint in enumerate(joints, 1)}
     mimics = {
@@ -99,14 +108,12 @@ def model_of(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
             **_inertial(links[child]),
         )
         parts.append(part)
-    unrounded = [Unrounded(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
-    parts = slide_far_origins(parts, unrounded)
-    shapes = [shape for part in parts for shape in _cylinders(links[part.link])]
-    return assemble(root.get("name"), parts, gravity=gravity, shapes=shapes, source=source)
+    return parts
 
 
-def _in_tree_order(links: dict[str, Any], joints: list[Any]) -> tuple[str, list[Any]]:
-    """The root link, and the joints: repeatedly the first one in the file whose parent link is already placed."""
+def _in_tree_order(root: Any) -> tuple[dict[str, Any], list[Any]]:
+    """Links by name, and joints: repeatedly the first joint in the file whose parent link is already placed."""
+    links, joints = {link.get("name"): link for link in root.findall("link")}, root.findall("joint")
     children = {link_of(joint, "child") for joint in joints}
     root_link = next(link for link in links if link not in children)
     below: dict[str | None, list[int]] = {}
@@ -119,7 +126,7 @@ def _in_tree_order(links: dict[str, Any], joints: list[Any]) -> tuple[str, list[
         order.append(joints[k])
         for later in below.get(link_of(joints[k], "child"), []):
             heapq.heappush(ready, later)
-    return root_link, order
+    return {name: links[name] for name in (root_link, *(str(link_of(j, "child")) for j in order))}, order
 
 
 def _vector(text: str) -> Array:
@@ -142,7 +149,7 @@ def _pose(element: Any) -> Pose:
 
 def _axis(joint: Any) -> Array:
     """The unit vector of a joint's axis in long double."""
-    axis = joint.find("axis")
+    axis = None if joint.get("type") == "fixed" else joint.find("axis")
     return unit_vector(_vector("1 0 0" if axis is None else axis.get("xyz")))
 
 
@@ -175,7 +182,7 @@ def _dynamics(joint: Any) -> dict[str, Any]:
 
 def _mimics(joints: list[Any]) -> dict[str, tuple[str, Any, Any]]:
     """The independent joint at the end of each mimic's chain, with multiplier and offset composed along it."""
-    written = {joint.get("name"): joint.find("mimic") for joint in joints if joint.find("mimic") is not None}
+    written = mimics_of(joints)
     composed: dict[str, tuple[str, Any, Any]] = {}
     for name in written:
         chain = []
@@ -191,10 +198,11 @@ def _mimics(joints: list[Any]) -> dict[str, tuple[str, Any, Any]]:
 
 
 def _cylinders(link: Any) -> list[Cylinder]:
-    """After validation, all visuals that are left are cylinders."""
     shapes = []
     for visual in link.findall("visual"):
         size = visual.find("geometry/cylinder")
+        if size is None or cylinder_errors(visual):
+            continue
         radius, length = (float(size.get(name)) for name in ("radius", "length"))
         xyz, rpy = (tuple(_origin(visual, name).astype(float).tolist()) for name in ("xyz", "rpy"))
         shapes.append(Cylinder(link.get("name"), radius, length, xyz, rpy))
