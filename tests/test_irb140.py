@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.commands.main_page import settling_time
+from rne.commands.pages import settling_time
 from rne.control.laws import pd_gravity
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, cylinder_inertia, frame_rotation
 from rne.model.topology import tip

@@ -10,9 +10,8 @@ import pytest
 import examples.thesis.__main__ as thesis
 import rne
 from rne.__main__ import main
-from rne.commands import main_page
+from rne.commands import pages
 from rne.commands.printing import quantities
-from rne.simulation.simulator import simulate
 from rne.validation.agreement import against_energies, validate
 
 from .helpers import ROOT
@@ -23,7 +22,11 @@ IRB140 = str(ROOT / "robots" / "irb140.urdf")
 @pytest.fixture
 def unused(monkeypatch):
     """No page is made: a wrong folder is refused before anything is computed."""
-    for run in ("rne.commands.main_page.run", "rne.commands.report.write_robot_page", "examples.thesis.__main__.run"):
+    for run in (
+        "rne.commands.pages.write_main_page",
+        "rne.commands.pages.write_robot_page",
+        "examples.thesis.__main__.run",
+    ):
         monkeypatch.setattr(run, lambda *_: pytest.fail("the page was made"))
 
 
@@ -111,7 +114,7 @@ def test_out_in_a_place_without_permission_is_refused_in_one_line(command, unuse
 def test_out_stands_before_or_after_the_command(order, tmp_path, monkeypatch):
     seen = []
     monkeypatch.setattr(
-        "rne.commands.report.write_robot_page", lambda robot, text, folder, say: seen.append(folder) or 1
+        "rne.commands.pages.write_robot_page", lambda robot, text, folder, say: seen.append(folder) or 1
     )
     assert main([word.format(tmp_path / "page") for word in order]) == 0
     assert seen == [tmp_path / "page"]
@@ -135,7 +138,7 @@ def test_an_error_of_the_system_is_one_line(tmp_path, monkeypatch, capsys):
     def fail(*_):
         raise OSError(28, "No space left on device", "page/index.html")
 
-    monkeypatch.setattr("rne.commands.main_page.run", fail)
+    monkeypatch.setattr("rne.commands.pages.write_main_page", fail)
     assert main(["--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == "error: page/index.html: No space left on device\n"
 
@@ -167,7 +170,7 @@ def test_carried_mass_is_that_of_everything_beyond_the_joint(tree):
         beyond = (k for k in range(tree.nb) if tree.parent[k] == joint)
         return tree.mass[joint] + sum(map(carried_by, beyond))
 
-    np.testing.assert_allclose(main_page.carried_masses(tree), [carried_by(i) for i in range(tree.nb)], rtol=1e-14)
+    np.testing.assert_allclose(pages.carried_masses(tree), [carried_by(i) for i in range(tree.nb)], rtol=1e-14)
 
 
 def test_validation_keeps_every_bound_against_pinocchio(irb140):
@@ -187,9 +190,7 @@ def test_validation_without_pinocchio_keeps_every_bound(irb140, monkeypatch):
 @pytest.fixture
 def short(monkeypatch):
     """The main job with a tenth of its free swing; everything else as it is."""
-    monkeypatch.setattr(
-        main_page, "simulate", lambda r, q, qd, T, **k: simulate(r, q, qd, T / 10 if T == 10 else T, **k)
-    )
+    monkeypatch.setattr(pages, "MAIN_SWING", 1.0)
 
 
 @pytest.mark.long
@@ -200,7 +201,7 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
     page = (tmp_path / "index.html").read_text()
     assert "<th>mass behind the joint [kg]</th>" in page
     assert "<td>joint_1</td><td>75</td>" in page
-    for picture in ("robot.png", "free_swing.png", "figure_6_11.png", "figure_6_12.png", "loop_1.png"):
+    for picture in ("robot.png", "swing_1.png", "figure_6_11.png", "figure_6_12.png", "loop_1.png"):
         assert picture in page
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
     for heading in ("Figure 6.11: joint positions of run 6.5-1", "Figure 6.12: control inputs of run 6.5-1"):

@@ -10,9 +10,11 @@ import rne
 from examples.thesis import closed_loop, figures, formulations, machine
 from examples.thesis import numbered_figures as numbered
 from examples.thesis.closed_loop import IDEAL, REST, VARIATIONS, loop_scene, outcome, vary
-from rne.commands.main_page import fine_grid, inputs, plot_errors, plot_free_motion, plot_robot
+from rne.commands.pages import fine_grid, inputs, plot_errors
 from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.plotting import html_page
+from rne.plotting.plots import WIDTH, small_plots
+from rne.plotting.robot_picture import small_picture
 
 from .helpers import FIGURES, kept
 
@@ -53,8 +55,8 @@ def test_sixteen_figures_are_titled_by_the_thesis_numbers():
 
 DRAWN = {  # of the closed loops, a swing and the IRB 140
     "errors": lambda motions, swing, robot: plot_errors("Errors of run 6.5-1", motions[0], CLOSED_LOOPS[0].reference),
-    "robot": lambda motions, swing, robot: plot_robot(robot, np.zeros(6)),
-    "swing": lambda motions, swing, robot: plot_free_motion(swing, "Free swing"),
+    "robot": lambda motions, swing, robot: small_picture(robot, np.zeros(6)),
+    "swing": lambda motions, swing, robot: small_plots(swing)[0][1](),
     "V": lambda motions, swing, robot: figures.plot_lyapunov(motions),
     "energies": lambda motions, swing, robot: figures.plot_energies(swing),
     "6.11": lambda motions, swing, robot: numbered.loop_positions("6.11", motions[0], 0),
@@ -63,9 +65,9 @@ DRAWN = {  # of the closed loops, a swing and the IRB 140
 
 
 def check_text(figure):
-    assert figure.get_figwidth() == html_page.WIDTH
+    assert figure.get_figwidth() == WIDTH
     for text in texts(figure):
-        assert text.get_fontsize() / 72 / html_page.WIDTH * PHONE >= READABLE, text.get_text()
+        assert text.get_fontsize() / 72 / WIDTH * PHONE >= READABLE, text.get_text()
         assert "^" not in text.get_text()  # exponents are small print
 
 
@@ -122,10 +124,6 @@ def test_positions_are_drawn_as_they_are(motions):
 )
 def test_a_joint_that_turns_much_farther_has_its_own_axis(sizes, groups):
     assert numbered.apart(np.array([sizes, np.zeros(3)])) == groups
-
-
-def test_powers_of_ten_have_no_exponents_in_small_print():
-    assert [html_page.power(10.0**k) for k in (-9, -2, 0, 3, 6)] == ["1e-9", "0.01", "1", "1000", "1e6"]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import rne
-from rne.commands.main_page import UPRIGHT, plot_errors, settling_time
+from rne.commands.pages import UPRIGHT, plot_errors, settling_time
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.plotting.html_page import Report
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rne
-from rne.commands.main_page import fine_grid, settling_time
+from rne.commands.pages import fine_grid, settling_time
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 REST = np.zeros(6)

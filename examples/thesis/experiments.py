@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rne
-from rne.commands.main_page import UPRIGHT, fine_grid
+from rne.commands.pages import UPRIGHT, fine_grid
 from rne.model.abb_irb140 import CLOSED_LOOPS
 
 from .closed_loop import REST, loop_scene, variations

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 import rne
-from rne.commands.main_page import JOINTS
-from rne.plotting.html_page import BELOW, FLOOR, column, lines, log_axis, log_lines
+from rne.commands.pages import JOINTS
+from rne.plotting.html_page import FLOOR, column, lines, log_axis, log_lines
+from rne.plotting.plots import BELOW
 
 from .closed_loop import lyapunov
 from .experiments import SAMPLE_TIMES, SOLVERS, Timed, wrong_height
@@ -31,7 +32,7 @@ def plot_holding(runs: Sequence[rne.Trajectory]) -> Any:
 
 def plot_swings(one: rne.Trajectory, other: rne.Trajectory) -> Any:
     """The distance between two free swings that start 1e-6 rad apart."""
-    figure, (ax,) = column("Difference of the swings 6.4-1 and 6.4-2", [2.4], legend_rows=0)
+    figure, (ax,) = column("Difference of the swings 6.4-1 and 6.4-2", [2.4])
     log_lines(ax, one.t, np.abs(one.q - other.q).max(axis=1)[:, None], [""])
     ax.set_title("largest difference of any joint [rad]")
     return figure
@@ -53,7 +54,7 @@ def plot_energies(swing: rne.Trajectory) -> Any:
 
 def plot_lyapunov(motions: Sequence[rne.Trajectory]) -> Any:
     """V and its rate of decrease in the three closed loops."""
-    figure, axes = column("Lyapunov function of the closed loops", [2.2, 2.2], legend_rows=1)
+    figure, axes = column("Lyapunov function of the closed loops", [2.2, 2.2])
     pairs = [lyapunov(motion, k) for k, motion in enumerate(motions)]
     names = [f"6.5-{k + 1}" for k in range(len(motions))]
     drawn = log_lines(axes[0], motions[0].t, np.stack([V for V, _ in pairs], axis=1), names)
@@ -66,7 +67,7 @@ def plot_lyapunov(motions: Sequence[rne.Trajectory]) -> Any:
 
 def plot_stiffness(loops: Sequence[Mapping[str, Timed]]) -> Any:
     """Evaluations of the right-hand side by each solver for the closed loops."""
-    figure, (ax,) = column("Evaluations of RK45 and of stiff solvers", [3.2], legend_rows=1)
+    figure, (ax,) = column("Evaluations of RK45 and of stiff solvers", [3.2])
     for k, loop in enumerate(loops):
         counts = [loop[method].motion.evaluations for method in SOLVERS]
         bars = ax.bar(np.arange(len(SOLVERS)) + 0.27 * (k - 1), counts, 0.25, label=f"6.5-{k + 1}")
@@ -84,7 +85,7 @@ def plot_stiffness(loops: Sequence[Mapping[str, Timed]]) -> Any:
 def plot_sampled(runs: Sequence[Sequence[Timed]], limit: float) -> Any:
     """Largest joint rate of the sampled closed loops, just below and just above the stability limit."""
     title = f"Sampled control: stable below {limit:.4g} s"
-    figure, axes = column(title, [2.2, 2.2], share=False, legend_rows=1)
+    figure, axes = column(title, [2.2, 2.2], share=False)
     for ax, j in zip(axes, range(2), strict=True):
         for k, pair in enumerate(runs):
             motion, style = pair[j].motion, DASHED if k == 2 else "-"
@@ -97,7 +98,7 @@ def plot_sampled(runs: Sequence[Sequence[Timed]], limit: float) -> Any:
 
 def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> Any:
     """7.1-2 from 1e-6 rad along its unstable mode, and the exponential growth of its linearisation."""
-    figure, (ax,) = column("7.1-2 started 1e-6 rad off its equilibrium", [2.4], legend_rows=1)
+    figure, (ax,) = column("7.1-2 started 1e-6 rad off its equilibrium", [2.4])
     growth = 1e-6 * np.exp(rate * motion.t)
     log_lines(ax, motion.t, distance[:, None], ["simulated"])
     log_lines(ax, motion.t, np.where(growth < 3, growth, np.nan)[:, None], [f"exp({rate:.3f} t)"], 1, linestyle=DASHED)
@@ -108,7 +109,7 @@ def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> A
 
 def plot_long(symplectic: rne.Trajectory, explicit: rne.Trajectory) -> Any:
     """Energy error over a long run by a symplectic method and by RK45."""
-    figure, axes = column(f"Free swing for {symplectic.t[-1]:g} s: energy error", [1.8, 1.8], legend_rows=0)
+    figure, axes = column(f"Free swing for {symplectic.t[-1]:g} s: energy error", [1.8, 1.8])
     for ax, run, name in ((axes[0], symplectic, "gauss-4, 5 ms"), (axes[1], explicit, "RK45, rtol 1e-4")):
         lines(ax, run.t, (run.energy - run.energy[0])[:, None], [""], color="0.5")
         ax.set_title(f"{name}: energy error [J]")

@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rne
-from rne.commands.main_page import GRAVITY, JOINTS, REFERENCE, plot_loop_inputs
+from rne.commands.pages import GRAVITY, JOINTS, REFERENCE, plot_loop_inputs
 from rne.model.abb_irb140 import CLOSED_LOOPS
-from rne.plotting.html_page import BELOW, FLOOR, column, joint_grid, lines, log_lines
+from rne.plotting.html_page import FLOOR, column, lines, log_lines
+from rne.plotting.plots import BELOW
 
 from .formulations import Pair
 
@@ -99,10 +100,11 @@ def holding(number: str, motion: rne.Trajectory) -> Any:
 
 def swings(one: rne.Trajectory, other: rne.Trajectory) -> Any:
     """6.9: q(t) of the free swing, joint by joint, with that of the second one."""
-    figure, small, _ = joint_grid(BY_NUMBER["6.9"].title, JOINTS)
-    for k, ax in enumerate(small):
+    figure, axes = column(BY_NUMBER["6.9"].title, [1.25] * len(JOINTS))
+    for k, ax in enumerate(axes):
         solid = lines(ax, one.t, one.q[:, [k]], ["6.4-1"])
         dashed = lines(ax, other.t, other.q[:, [k]], ["6.4-2"], first=1, linestyle=DASHED)
+        ax.set_title(f"{JOINTS[k]} [rad]")
     figure.legend(handles=solid + dashed, **BELOW)
     return figure
 

@@ -6,7 +6,6 @@ axes plain numbers, so that they can be read on a phone.
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Callable, Sequence
 from html import escape
@@ -16,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..validation.agreement import Row
-from .plots import blank_figure, has_matplotlib, thinned
+from ..simulation.trajectory import Trajectory
+from .plots import WIDTH, blank_figure, curves, has_matplotlib, small_plots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +39,6 @@ h3 { margin: 2rem 0 .5rem; }
 nav ul { padding-left: 1.25rem; }
 @media (prefers-color-scheme: dark) { body { background: #121212; color: #ddd; } a { color: #7ab8f5; } }
 """
-WIDTH = 4.9  # of every figure [inch]
 FONT = 11.0  # smallest text [pt]; 11.2 px where the figure is 358 px wide, on a screen of 390 px
 DPI = 150
 STYLE: dict[str, Any] = {  # matplotlib's parameters for the figures of pages
@@ -66,11 +64,9 @@ DARK_COLORS = (  # matplotlib's ten, of the same hues
     *("#4fa3e0", "#ff9d47", "#5fcf5f", "#ff6b6b", "#b794e8"),
     *("#c08a7a", "#f09ad8", "#a8a8a8", "#d6d84a", "#42d6e6"),
 )
-MAX_POINTS = 2400  # per curve; a picture shows no more
 LINE = 46  # characters of a title that fit
 FLOOR = 1e-16  # smallest value on a log axis
-LEGEND_ROW, TITLE_ROW = 0.22, 0.25  # heights [inch]
-BELOW: dict[str, Any] = {"loc": "outside lower center", "ncols": 3}  # the place of a legend for all panels
+LEGEND, TITLE_ROW = 0.44, 0.25  # heights [inch]
 
 
 class Block(NamedTuple):
@@ -115,18 +111,6 @@ class Report:
             self.say("  " + "  ".join(map(str.ljust, line, widths)).rstrip())
         self.blocks.append(Block("table", lines))
 
-    def comparison(self, rows: Sequence[Row], relative_to: str) -> bool:
-        """Add a table of compared quantities; True if all differences are within their bounds."""
-        difference = f"largest difference, relative to the largest {relative_to}"
-        self.table(
-            ["quantity", "symbol", difference, "bound", "within bound"],
-            [
-                [r.quantity, r.symbol, f"{r.worst:.1e}", f"{r.bound:.1e}", "yes" if r.worst <= r.bound else "NO"]
-                for r in rows
-            ],
-        )
-        return all(r.worst <= r.bound for r in rows)
-
     def figure(self, name: str, draw: Callable[[], Figure], caption: str) -> None:
         """Add a picture, drawn once for light pages and once for dark ones; without matplotlib none."""
         if not has_matplotlib():
@@ -140,6 +124,11 @@ class Report:
         with matplotlib.style.context(["dark_background", dark]):
             draw().savefig(self.folder / f"{name}-dark.png", dpi=DPI)
         self.blocks.append(Block("picture", (name, caption)))
+
+    def motion(self, name: str, motion: Trajectory, caption: str) -> None:
+        """Add small pictures of a motion: positions, velocities, torques, energies."""
+        for k, (label, draw) in enumerate(small_plots(motion) if has_matplotlib() else [], 1):
+            self.figure(f"{name}_{k}", draw, f"{caption}: {label}")
 
     def write(self) -> Path:
         """Write the page as HTML into its folder, with a table of contents before the first heading."""
@@ -193,10 +182,8 @@ def _html(block: Block, anchor: str) -> str:
     return f"<{tag}{attribute}>{escape(content)}</{tag}>"
 
 
-def column(
-    title: str, heights: Sequence[float], *, share: bool = True, legend_rows: int = 2
-) -> tuple[Figure, list[Axes]]:
-    """A figure of panels below each other.
+def column(title: str, heights: Sequence[float], *, share: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure of panels below each other, with room for a legend of two rows below all.
 
     Parameters
     ----------
@@ -206,8 +193,6 @@ def column(
         Of the panels [inch].
     share : bool
         True for one time axis below all panels, False for one below each.
-    legend_rows : int
-        Rows of the legend below the panels, for which there must be room.
 
     Returns
     -------
@@ -215,8 +200,7 @@ def column(
     """
     text = textwrap.fill(title, LINE)
     axis = 0.55 if share else 0.45 * len(heights)
-    height = sum(heights) + axis + LEGEND_ROW * legend_rows + TITLE_ROW * (1 + text.count("\n"))
-    figure = blank_figure(WIDTH, height)
+    figure = blank_figure(WIDTH, sum(heights) + axis + LEGEND + TITLE_ROW * (1 + text.count("\n")))
     axes = list(figure.subplots(len(heights), 1, sharex=share, height_ratios=list(heights), squeeze=False)[:, 0])
     figure.suptitle(text)
     for ax in axes if not share else axes[-1:]:
@@ -224,28 +208,9 @@ def column(
     return figure, axes
 
 
-def joint_grid(title: str, names: Sequence[str], below: Sequence[float] = ()) -> tuple[Figure, list[Axes], list[Axes]]:
-    """A figure with a small panel for each joint angle, two in a row, and wide panels of given heights below them."""
-    rows = -(-len(names) // 2)
-    heights = [1.25] * rows + list(below)
-    figure = blank_figure(WIDTH, sum(heights) + 1.2)
-    figure.suptitle(textwrap.fill(title, LINE))
-    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-    small = [figure.add_subplot(grid[k // 2, k % 2]) for k in range(len(names))]
-    wide = [figure.add_subplot(grid[rows + k, :]) for k in range(len(below))]
-    for ax, name in zip(small, names, strict=True):
-        ax.set_title(f"{name} [rad]")
-    for ax in wide[-1:] or small[-2:]:
-        ax.set_xlabel("time [s]")
-    return figure, small, wide
-
-
 def lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 0, **style: Any) -> list[Line2D]:
     """Plot the columns of `values` over time; `first` is the number of the first one's colour."""
-    drawn = []
-    for k, (column, name) in enumerate(zip(values.T, names, strict=True), first):
-        shown = thinned(column, MAX_POINTS)
-        drawn += ax.plot(t[shown], column[shown], label=name, **{"color": f"C{k}"} | style)
+    drawn = curves(ax, t, values, names, [f"C{k}" for k in range(first, first + len(names))], **style)
     if ax.get_yscale() == "linear":
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
     return drawn
@@ -261,15 +226,8 @@ def log_lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: in
 
 def log_axis(ax: Axes) -> None:
     """A log axis whose labels have no exponents in small print."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import LogFormatter, NullFormatter
 
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(numticks=6))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: power(value)))
+    ax.yaxis.set_major_formatter(LogFormatter())
     ax.yaxis.set_minor_formatter(NullFormatter())
-
-
-def power(value: float) -> str:
-    """A power of ten in figures, such as 1e-4, 0.1 or 100."""
-    exponent = round(math.log10(value)) if value > 0 else 0
-    return f"{10.0**exponent:g}" if -2 <= exponent <= 3 else f"1e{exponent}"

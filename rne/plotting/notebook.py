@@ -26,9 +26,8 @@ from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot
 from ..simulation.summary import trajectory_lines
 from ..simulation.trajectory import Trajectory
-from .motions import Motion, joint_labels, motion_argument
-from .plots import COLORS, HIDDEN, Panel, blank_figure, draw_panel, has_matplotlib, literal, panels_of
-from .robot_picture import draw
+from .plots import has_matplotlib, small_plots
+from .robot_picture import small_picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +41,7 @@ COLORS_OF_A_PICTURE = 256
 SOURCE_LINES = 16  # of a kernel that are shown
 NOT_GIVEN = "not given"
 LINE = 100  # characters of a line of source
-ACROSS, HIGH = 4.4, 2.6  # size of a small plot [inch], as wide as a phone
+BODIES = "Masses with the links on fixed joints included, in the axes of the link:"
 
 
 @singledispatch
@@ -54,18 +53,12 @@ def html(thing: object) -> str:
 @html.register
 def _(robot: Robot) -> str:
     """A picture of the robot at q = 0, its joints and its bodies; without matplotlib the tables alone."""
-    model, parts = robot.model, at_links(disassemble(robot.model))
+    model = robot.model
     pieces = [_text(repr(robot))]
     if has_matplotlib():
-        pieces.append(_image(_robot_figure(robot), f"{short(model.name)} at q = 0"))
-    joints = [_joint_row(part, parts) for part in parts if part.joint]
-    bodies = [_body_row(part) for part in parts if part.kind != "fixed" or not part.joint]
-    heads = ("link", "mass [kg]", "centre of mass [m]", "inertia about it: xx, yy, zz, xy, xz, yz [kg m²]")
-    return _page(
-        *pieces,
-        _table(("joint", "type", "parent → child", "range", "speed", "effort"), joints),
-        _table(heads, bodies, title="Masses with the links on fixed joints included, in the axes of the link:"),
-    )
+        pieces.append(_image(small_picture(robot, np.zeros(robot.n)), f"{short(model.name)} at q = 0"))
+    (joint_heads, *joints), (heads, *bodies) = joint_table(model), body_table(model)
+    return _page(*pieces, _table(joint_heads, joints), _table(heads, bodies, title=BODIES))
 
 
 @html.register
@@ -73,8 +66,7 @@ def _(motion: Trajectory) -> str:
     """Small plots of positions, velocities, torques and energies, and how the run ended."""
     pieces = [_text("\n".join(trajectory_lines(motion)))]
     if has_matplotlib() and len(motion.t):
-        shown = motion_argument("motion", motion)
-        images = [_image(_small_plot(shown, x), x.label) for x in panels_of(shown, *joint_labels(shown, None), None)]
+        images = [_image(draw(), label) for label, draw in small_plots(motion)]
         pieces.append(f'<div style="display:flex;flex-wrap:wrap;gap:.4em">{"".join(images)}</div>')
     lost = [f"{name} {six_digits(energy[-1])} J" for name, energy in (motion.dissipated or {}).items() if len(energy)]
     return _page(*pieces, *([_text(f"Dissipated by friction: {', '.join(lost)}")] if lost else []))
@@ -126,26 +118,17 @@ def _(base: BaseParameters) -> str:
     return _page(_table(("base parameter", "value [SI]"), rows, numbers=1, title=repr(base)))
 
 
-def _robot_figure(robot: Robot) -> Figure:
-    figure = blank_figure(4.4, 3.9)
-    figure.set_layout_engine("none")
-    ax: Any = figure.add_axes((0.02, 0.1, 0.86, 0.9), projection="3d")
-    draw(robot, np.zeros(robot.n), axes=ax)
-    if ax.get_legend() is not None:
-        ax.get_legend().remove()
-    return figure
+def joint_table(model: Model) -> list[tuple[str, ...]]:
+    """The joints of a robot, the titles of the columns first."""
+    parts = disassemble(model)
+    rows = [_joint_row(part, parts) for part in parts if part.joint]
+    return [("joint", "type", "parent → child", "range", "speed", "effort"), *rows]
 
 
-def _small_plot(motion: Motion, panel: Panel) -> Figure:
-    figure = blank_figure(ACROSS, HIGH)
-    ax = figure.add_subplot()
-    draw_panel(ax, panel, motion)
-    ax.set_xlabel("time [s]")
-    if len(panel.columns) > COLORS:
-        ax.set_title(literal(f"{short(panel.names[0])} (blue) to {short(panel.names[-1])} (red)"), fontsize="small")
-    elif panel.columns and panel.names[0] != HIDDEN:
-        figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
-    return figure
+def body_table(model: Model) -> list[tuple[str, ...]]:
+    """The bodies of a robot, the titles of the columns first."""
+    rows = [_body_row(part) for part in at_links(disassemble(model)) if part.kind != "fixed" or not part.joint]
+    return [("link", "mass [kg]", "centre of mass [m]", "inertia about it: xx, yy, zz, xy, xz, yz [kg m²]"), *rows]
 
 
 def _joint_row(part: Part, parts: Sequence[Part]) -> tuple[str, ...]:

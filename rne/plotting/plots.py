@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
+from ..basics.text import short
 from ..robot import Robot
 from ..simulation.ensembles import Ensemble
 from ..simulation.trajectory import Trajectory
@@ -22,6 +23,7 @@ from .motions import Motion, joint_labels, motion_argument
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
     from matplotlib.typing import ColorType
 
 HIDDEN = "_nolegend_"  # label of curves that legends leave out
@@ -40,6 +42,8 @@ PALE, DARK = 0.18, 0.5  # opacity of the outermost and of the innermost band of 
 MAX_POINTS = 20000  # per curve; of longer ones the smallest and largest values of short spans are drawn
 LEGEND_ROWS = 12  # that fit beside one panel
 COLORS = 10  # in matplotlib's cycle
+WIDTH = 4.9  # of a figure for pages that are read on phones too [inch]
+BELOW: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False}  # a legend for all panels
 MANY = ("turbo", 0.02, 0.96)  # colour map of more curves, from the first to the last
 
 
@@ -276,6 +280,25 @@ def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = No
     dress(ax, panel.label)
 
 
+def small_plots(motion: Trajectory) -> list[tuple[str, Callable[[], Figure]]]:
+    """The panels of a motion as pictures for narrow pages: the label of each, and a function that draws it."""
+    shown = motion_argument("motion", motion)
+    wanted = panels_of(shown, *joint_labels(shown, None), None)
+    return [(panel.label, partial(_small_plot, shown, panel)) for panel in wanted]
+
+
+def _small_plot(motion: Motion, panel: Panel) -> Figure:
+    figure = blank_figure(WIDTH, 2.9)
+    ax = figure.add_subplot()
+    draw_panel(ax, panel, motion)
+    ax.set_xlabel("time [s]")
+    if len(panel.columns) > COLORS:
+        ax.set_title(literal(f"{short(panel.names[0])} (blue) to {short(panel.names[-1])} (red)"))
+    elif panel.columns and panel.names[0] != HIDDEN:
+        figure.legend(**BELOW)
+    return figure
+
+
 def _title(motion: Motion, other: Motion | None) -> str:
     if other is not None:
         return f"Solid: motion, {_origin(motion)}; dashed: other, {_origin(other)}"
@@ -348,12 +371,16 @@ def joint_colors(n: int) -> list[ColorType]:
     return list(colormaps[name](np.linspace(first, last, n)))
 
 
-def curves(ax: Axes, t: Array, values: Array, names: Sequence[str], colors: Sequence[ColorType], **style: Any) -> None:
+def curves(
+    ax: Axes, t: Array, values: Array, names: Sequence[str], colors: Sequence[ColorType], **style: Any
+) -> list[Line2D]:
     """Plot the columns of `values` over time."""
-    look = {"linewidth": 1.2, "marker": "." if len(t) == 1 else ""} | style
+    drawn = []
     for column, name, color in zip(values.T, names, colors, strict=True):
         shown = thinned(column)
-        ax.plot(t[shown], column[shown], label=literal(name), color=color, **look)
+        look = {"linewidth": 1.2, "marker": "." if len(t) == 1 else "", "label": literal(name), "color": color}
+        drawn += ax.plot(t[shown], column[shown], **look | style)
+    return drawn
 
 
 def thinned(column: Array, most: int = MAX_POINTS) -> Array:

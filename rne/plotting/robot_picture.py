@@ -19,7 +19,7 @@ from ..model.model import Model
 from ..robot import Robot, robot_argument
 from ..simulation.trajectory import Trajectory
 from .motions import check_positions, motion_argument
-from .plots import COLORS, HIDDEN, blank_figure, figure_of, literal
+from .plots import COLORS, HIDDEN, WIDTH, blank_figure, figure_of, literal
 from .shapes import PosedRobot, surface
 
 if TYPE_CHECKING:
@@ -206,6 +206,20 @@ def _blank_axes(title: str) -> Axes3D:
     ax: Any = figure.add_axes((0.0, 0.05, 0.72, 0.88), projection="3d")
     ax.set_title(literal(title))
     return ax
+
+
+def small_picture(robot: Robot, q: ArrayLike) -> Figure:
+    """The robot at q for narrow pages, with its legend below."""
+    figure = blank_figure(WIDTH, 5.6)
+    figure.set_layout_engine("none")
+    ax: Any = figure.add_axes((0.0, 0.24, 0.96, 0.76), projection="3d")
+    draw(robot, q, axes=ax)
+    beside = ax.get_legend()
+    if beside is not None:
+        beside.remove()
+        labels = [text.get_text() for text in beside.get_texts()]
+        figure.legend(beside.legend_handles, labels, loc="lower center", ncols=2, frameon=False)
+    return figure
 
 
 class Picture:
