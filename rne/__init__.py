@@ -1,9 +1,9 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import dynamics, model
-from .basics.first_use import on_first_use
 from .errors import (
     IdentificationError,
     ModelError,
@@ -14,7 +14,7 @@ from .errors import (
     SingularMassMatrixError,
     UrdfError,
 )
-from .model.model import Model
+from .model import Model, dh_chain, irb140
 from .robot import Robot
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
         identify,
     )
     from .kernels.kernel import compile
-    from .model import dh_chain, irb140
     from .plotting.viewer import view
     from .simulation.bearings import BearingPeaks, bearing_peaks
     from .simulation.ensembles import Ensemble, ensemble
@@ -44,40 +43,39 @@ if TYPE_CHECKING:
     from .urdf import Finding, check, read_urdf, to_urdf
     from .urdf.loading import load, robots
 else:
-    __getattr__ = on_first_use(
-        __name__,
-        {
-            "control": (),
-            "control.gains": ("Gains", "check_gains"),
-            "control.laws": ("traceable",),
-            "elementwise": (),
-            "identification": (
-                "Consistency",
-                "Excitation",
-                "Identification",
-                "ModelComparison",
-                "compare_models",
-                "consistency",
-                "excitation",
-                "identify",
-            ),
-            "kernels": (),
-            "kernels.kernel": ("compile",),
-            "model": ("dh_chain", "irb140"),
-            "plotting": (),
-            "plotting.viewer": ("view",),
-            "simulation.bearings": ("BearingPeaks", "bearing_peaks"),
-            "simulation.ensembles": ("Ensemble", "ensemble"),
-            "simulation.friction": ("Friction",),
-            "simulation.parts": ("Payload",),
-            "simulation.scene": ("Scene",),
-            "simulation.simulator": ("simulate",),
-            "simulation.trajectory": ("Trajectory",),
-            "trajectories": (),
-            "urdf": ("Finding", "check", "read_urdf", "to_urdf"),
-            "urdf.loading": ("load", "robots"),
-        },
-    )
+    NAMES = {  # of each module that is imported when one of them, or it itself, is first used (PEP 562)
+        "control": "",
+        "control.gains": "Gains check_gains",
+        "control.laws": "traceable",
+        "elementwise": "",
+        "identification": "Consistency Excitation Identification ModelComparison "
+        "compare_models consistency excitation identify",
+        "kernels": "",
+        "kernels.kernel": "compile",
+        "plotting": "",
+        "plotting.viewer": "view",
+        "simulation.bearings": "BearingPeaks bearing_peaks",
+        "simulation.ensembles": "Ensemble ensemble",
+        "simulation.friction": "Friction",
+        "simulation.parts": "Payload",
+        "simulation.scene": "Scene",
+        "simulation.simulator": "simulate",
+        "simulation.trajectory": "Trajectory",
+        "trajectories": "",
+        "urdf": "Finding check read_urdf to_urdf",
+        "urdf.loading": "load robots",
+    }
+    MODULE_OF = {name: module for module, names in NAMES.items() for name in names.split()}
+
+    def __getattr__(name):
+        module = MODULE_OF.get(name, name)
+        if module not in NAMES:
+            raise AttributeError(f"module 'rne' has no attribute {name!r}")
+        value = import_module(f"rne.{module}")
+        if module != name:
+            globals()[name] = value = getattr(value, name)
+        return value
+
 
 __version__ = "0.2.0"
 

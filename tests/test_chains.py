@@ -15,9 +15,9 @@ from .helpers import Oracle, each, relative, states
 ROUNDING = 1e-15  # of entries of the order of 1: the table's numbers are added in another order
 ORACLE = 1e-13  # of the largest entry; seen: at most 2.6e-15 over 80 such robots
 LIMITS = {
-    "lower": -np.radians(np.array(DATA_SHEET.ranges.value) / 2),
-    "upper": np.radians(np.array(DATA_SHEET.ranges.value) / 2),
-    "velocity": np.radians(DATA_SHEET.speeds.value),
+    "lower": -np.radians(np.array(DATA_SHEET["ranges"].value) / 2),
+    "upper": np.radians(np.array(DATA_SHEET["ranges"].value) / 2),
+    "velocity": np.radians(DATA_SHEET["speeds"].value),
 }
 R = np.array([frame_rotation(link) for link in LINKS])
 ENDS = np.array([link.r_end for link in LINKS])

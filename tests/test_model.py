@@ -193,7 +193,7 @@ def test_a_straight_chain_is_of_slender_rods_end_to_end():
 
 def test_the_data_sheet_has_the_numbers_as_printed():
     """A second transcription, without units and sources."""
-    values = {name: datum.value for name, datum in DATA_SHEET._asdict().items()}
+    values = {name: datum.value for name, datum in DATA_SHEET.items()}
     assert values == {
         "ranges": (360, 200, 280, 400, 240, 800),
         "speeds": (200, 200, 260, 360, 360, 450),

@@ -28,7 +28,7 @@ def limits(page: Report, found: dict[str, Any]) -> None:
     )
     rows = [[f"6.5-{k + 1}", *violation_row(v)] for k, motion in enumerate(motions) for v in motion.check_limits()]
     page.table(["run", "joint", "exceeds", "worst", "allowed", "first at", "worst at"], rows)
-    largest = np.asarray(DATA_SHEET.tcp_speed.value).item()
+    largest = np.asarray(DATA_SHEET["tcp_speed"].value).item()
     speeds = [flange_speed(motion) for motion in motions]
     page.table(
         ["run", "largest speed of the flange", "the sheet's largest", "exceeded"],
@@ -41,7 +41,7 @@ def limits(page: Report, found: dict[str, Any]) -> None:
         f"The cylinders of table 4.1 have densities of {', '.join(f'{d:.1f}' for d in densities())} kg/m³ (link_1, "
         f"link_2, link_4, link_6). {verdicts.density(densities(), STATED_DENSITY)}"
     )
-    stated = np.asarray(DATA_SHEET.reach.value).item() / 1000
+    stated = np.asarray(DATA_SHEET["reach"].value).item() / 1000
     page.text(f"Reach of axis 5 from axis 1. {verdicts.reach(reach(), stated)}")
 
 

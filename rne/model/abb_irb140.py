@@ -26,31 +26,6 @@ class Datum(NamedTuple):
     source: str
 
 
-class DataSheet(NamedTuple):
-    """Numbers that a manufacturer states; `print` shows them as a table. Dynamics do not use them."""
-
-    ranges: Datum  # working range of each axis, as a total
-    speeds: Datum  # largest speed of each axis
-    fast_speeds: Datum  # of the robot's faster variant
-    payload: Datum  # at the flange
-    upper_arm_load: Datum  # a further load, on the upper arm or
-    wrist_load: Datum  # on the wrist
-    tcp_speed: Datum  # largest speed of the tool's centre point
-    tcp_acceleration: Datum
-    acceleration_time: Datum  # from rest to 1 m/s
-    repeatability: Datum  # of a position
-    reach: Datum  # of axis 5 from axis 1
-    cycle_time: Datum  # of the pick cycle
-    fast_cycle_time: Datum  # of the faster variant
-
-    def __str__(self) -> str:
-        lines = []
-        for field, (value, unit, source) in zip(self._fields, self, strict=True):
-            numbers = ", ".join(f"{x:g}" for x in (value if isinstance(value, tuple) else (value,)))
-            lines.append(f"{field:<17} {numbers:<28} {unit:<6} {source}")
-        return "\n".join(lines)
-
-
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 
@@ -82,22 +57,22 @@ SHEET = "ABB's data sheet (Høifødt 2011, appendix A)"
 FASTER = f"{SHEET}, of the IRB 140T"
 CYCLE = "pick cycle of 25 mm up, 300 mm across and 25 mm down with 5 kg"
 
-# As printed there. That the ranges, given as totals, lie symmetric about zero is an assumption of `irb140`.
-DATA_SHEET = DataSheet(
-    ranges=Datum((360, 200, 280, 400, 240, 800), "deg", f"{SHEET}; axes 4 and 6 unlimited, these are the defaults"),
-    speeds=Datum((200, 200, 260, 360, 360, 450), "deg/s", SHEET),
-    fast_speeds=Datum((250, 250, 260, 360, 360, 450), "deg/s", f"{FASTER}: axes 1 and 2 are faster"),
-    payload=Datum(6, "kg", SHEET),
-    upper_arm_load=Datum(1, "kg", f"{SHEET}, instead of the wrist's"),
-    wrist_load=Datum(0.5, "kg", f"{SHEET}, instead of the upper arm's"),
-    tcp_speed=Datum(2.5, "m/s", SHEET),
-    tcp_acceleration=Datum(20, "m/s^2", SHEET),
-    acceleration_time=Datum(0.15, "s", f"{SHEET}, from rest to 1 m/s"),
-    repeatability=Datum(0.03, "mm", SHEET),
-    reach=Datum(810, "mm", f"{SHEET}, of axis 5"),
-    cycle_time=Datum(0.85, "s", f"{SHEET}, {CYCLE}"),
-    fast_cycle_time=Datum(0.77, "s", f"{FASTER}, {CYCLE}"),
-)
+# As printed there; dynamics do not use them. That the ranges lie symmetric about zero is an assumption of `irb140`.
+DATA_SHEET = {
+    "ranges": Datum((360, 200, 280, 400, 240, 800), "deg", f"{SHEET}, as totals; axes 4 and 6 unlimited, by default"),
+    "speeds": Datum((200, 200, 260, 360, 360, 450), "deg/s", SHEET),
+    "fast_speeds": Datum((250, 250, 260, 360, 360, 450), "deg/s", f"{FASTER}: axes 1 and 2 are faster"),
+    "payload": Datum(6, "kg", f"{SHEET}, at the flange"),
+    "upper_arm_load": Datum(1, "kg", f"{SHEET}, instead of the wrist's"),
+    "wrist_load": Datum(0.5, "kg", f"{SHEET}, instead of the upper arm's"),
+    "tcp_speed": Datum(2.5, "m/s", f"{SHEET}, of the tool's centre point"),
+    "tcp_acceleration": Datum(20, "m/s^2", SHEET),
+    "acceleration_time": Datum(0.15, "s", f"{SHEET}, from rest to 1 m/s"),
+    "repeatability": Datum(0.03, "mm", f"{SHEET}, of a position"),
+    "reach": Datum(810, "mm", f"{SHEET}, of axis 5 from axis 1"),
+    "cycle_time": Datum(0.85, "s", f"{SHEET}, {CYCLE}"),
+    "fast_cycle_time": Datum(0.77, "s", f"{FASTER}, {CYCLE}"),
+}
 
 # Its controller (section 6.5): proportional [N m/rad] and derivative [N m s/rad] gains.
 KP = (50.0, 50.0, 50.0, 50.0, 50.0, 60.0)
@@ -188,7 +163,7 @@ def irb140() -> Model:
     >>> rne.irb140().mass.sum().item()
     75.0
     """
-    ranges, speeds = (np.array(datum.value) for datum in (DATA_SHEET.ranges, DATA_SHEET.speeds))
+    ranges, speeds = (np.array(datum.value) for datum in (DATA_SHEET["ranges"], DATA_SHEET["speeds"]))
     parts = [Part(link="base_link")]
     origin: Vector = ORIGIN
     for i, link in enumerate(LINKS):

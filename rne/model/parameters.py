@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
-from ..basics.spatial import IDENTITY, Array, dot, outer, point_mass_inertia, zeros
+from ..basics.spatial import IDENTITY, Array, dot, outer, point_mass_inertia, symmetric, zeros
 from .model import Model, model_argument, unchecked_model
 from .solids import Moments
 
@@ -134,7 +134,5 @@ def combined(coefficients: Array, matrices: Array) -> Array:
     return np.asarray(total)
 
 
-# tr(DUALS[k] UNITS[l]) is 1 for k = l, otherwise 0
-DUALS = (
-    np.linalg.pinv(UNITS.reshape(PARAMETERS, 16)).T.reshape(PARAMETERS, 4, 4).round(12) + 0.0
-)  # entries are 0, 1/2 and 1
+# tr(DUALS[k] UNITS[l]) is 1 for k = l, otherwise 0: tr(DUALS[k] P) is parameter k of P
+DUALS = symmetric(parameters_of_pseudo_inertia(np.eye(16).reshape(16, 4, 4)).reshape(4, 4, PARAMETERS).T)
