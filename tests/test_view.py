@@ -25,7 +25,7 @@ from rne.plotting import viewer
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
 from rne.plotting.viewer import FOV, aim, frame_times, placed
-from rne.plotting.viewer_scene import ellipsoids
+from rne.plotting.viewer_scene import ellipsoids, link_lines
 
 from .helpers import EPS
 
@@ -138,12 +138,11 @@ LOST = {
 class TestShapes:
     def test_every_kind_has_its_size_place_and_colour(self, tmp_path):
         shapes = link_shapes(crane(tmp_path).model)
-        assert [(s.link, s.kind, s.size) for s in shapes] == [
-            ("base", "box", (0.2, 0.4, 1.0)),
-            ("jib", "sphere", (0.3,)),
-            ("jib", "cylinder", (0.1, 0.7)),
-            ("hook", "mesh", ()),
-        ]
+        kinds = [("base", "box"), ("jib", "sphere"), ("jib", "cylinder"), ("hook", "mesh")]
+        assert [(s.link, s.kind) for s in shapes] == kinds
+        assert (shapes[2].radius, shapes[2].length) == (0.1, 0.7)
+        np.testing.assert_allclose(shapes[0].mesh.extents, [0.2, 0.4, 1.0], rtol=1e-15)
+        np.testing.assert_allclose(np.linalg.norm(shapes[1].mesh.vertices, axis=1), 0.3, rtol=1e-15)
         c, s = np.cos(1), np.sin(1)
         np.testing.assert_allclose(
             shapes[0].pose, [[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]], atol=EPS
@@ -281,31 +280,26 @@ class TestRecording:
     def test_links_without_shapes_are_lines_that_end_at_the_next_joints(self):
         robot = rne.Robot(random_tree(4, seed=2))
         _, messages = recording(rne.view(robot, q=[0.3, -0.2, 0.5, 0.1]))
-        places = state(messages, 0.0)
         still = motion_argument("still", ([0.0], [[0.3, -0.2, 0.5, 0.1]]))
-        origins = placed(robot, still, np.zeros(1)).p[0]
-        names = robot.link_names
-        lengths = {m["name"]: m["props"]["height"] for _, m in messages if m["type"] == "CylinderMessage"}
-        checked = 0
-        for child, parent in enumerate(robot.model.link_parent):
-            name = f"/robot/{names[max(parent, 0)]}/line to {names[child]}"
-            if name in lengths:
-                R, p = turned(places[f"/robot/{names[parent]}"]["wxyz"]), origins[parent]
-                end = 2 * (R @ places[name]["position"])
-                assert lengths[name] == pytest.approx(np.linalg.norm(end), rel=1e-5)
-                if robot.model.is_revolute[robot.model.link_body[child]]:
-                    np.testing.assert_allclose(p + end, origins[child], atol=1e-5)
-                    checked += 1
-        assert checked >= 2
+        posed = placed(robot, still, np.zeros(1))
+        parents = robot.model.link_parent
+        for k, link in enumerate(robot.link_names):
+            assert f"/robot/{link}/lines" in nodes(messages, "LineSegmentsMessage")
+            ends = [posed.R[0, k] @ line[1] + posed.p[0, k] for line in link_lines(posed, k) if not line[0].any()]
+            children = [child for child, parent in enumerate(parents) if parent == k]
+            if children:
+                np.testing.assert_allclose(ends, posed.p[0, children], atol=1e-12)
+            else:
+                np.testing.assert_allclose(ends, posed.centres[0, [posed.carried.index(k)]], atol=1e-12)
 
     def test_a_sliding_joint_has_a_rail_over_its_motion(self, tmp_path):
         text = re.sub(r"<visual>.*?</visual>", "", CRANE, flags=re.DOTALL)
         q = np.stack([np.zeros(5), [0, -0.2, -0.5, -0.3, -0.1]], axis=1)
-        _, messages = recording(rne.view(crane(tmp_path, text=text), q=q, t=range(5)))
-        rail = "/robot/jib/rail of line to hook"
-        (height,) = [m["props"]["height"] for _, m in messages if m["type"] == "CylinderMessage" and m["name"] == rail]
-        assert height == pytest.approx(0.5, rel=1e-6)
-        np.testing.assert_allclose(state(messages, 0)[rail]["position"], [0.8, 0, -0.25], atol=SINGLE)
+        robot = crane(tmp_path, text=text)
+        moved = placed(robot, motion_argument("moved", (np.arange(5.0), q)), np.arange(5.0))
+        line, rail = link_lines(moved, robot.link_names.index("jib"))
+        np.testing.assert_allclose(line, [[0, 0, 0], [0.8, 0, 0]], atol=SINGLE)
+        np.testing.assert_allclose(np.sort(rail, axis=0), [[0.8, 0, -0.5], [0.8, 0, 0]], atol=SINGLE)
 
     def test_arrays_are_interpolated_linearly_and_time_runs_at_the_given_speed(self, irb140):
         q = np.array([np.zeros(6), np.full(6, 0.8)])
@@ -336,16 +330,15 @@ class TestRecording:
     @pytest.mark.parametrize("aspect", [1.0, 1.6, 0.46, 0.3])
     def test_the_camera_sees_all_points(self, aspect):
         points = np.random.default_rng(0).uniform([-1, -2, 0], [0.5, 1, 3], (200, 3))
-        camera = aim(points)
-        distance = max(camera.distance, camera.width / aspect + camera.depth) if aspect < 1 else camera.distance
-        position = camera.target + distance * camera.side
-        right = np.cross([0, 0, 1], camera.side)
+        target, away = aim(points)
+        position, side = target + away / min(aspect, 1), away / np.linalg.norm(away)
+        right = np.cross([0, 0, 1], side)
         right /= np.linalg.norm(right)
         seen = points - position
-        depth = -seen @ camera.side
+        depth = -seen @ side
         assert depth.min() > 0
         assert (np.abs(seen @ right) / depth).max() <= 0.9 * aspect * np.tan(FOV / 2)
-        assert (np.abs(seen @ np.cross(camera.side, right)) / depth).max() <= 0.9 * np.tan(FOV / 2)
+        assert (np.abs(seen @ np.cross(side, right)) / depth).max() <= 0.9 * np.tan(FOV / 2)
 
     def test_long_motions_have_fewer_frames(self, irb140):
         for duration, frames in ((1.0, 31), (10.0, 301), (1e4, 10_000 // 8 + 1)):

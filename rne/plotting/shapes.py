@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
 INSTALL = "pip install 'rne[view]'"
 NAMED = 4  # shapes named in a warning; the others are counted
-SIZES = {"cylinder": ("radius", "length"), "box": ("size",), "sphere": ("radius",)}
 SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4
-RINGS = 8  # of a sphere, from pole to pole
 Color = tuple[float, float, float, float]
 
 
@@ -35,32 +33,28 @@ class Shape:
     ----------
     link : str
     kind : {"cylinder", "box", "sphere", "mesh"}
-    size : tuple of float
-        Radius and length along z of a cylinder, edges of a box along x, y and z, radius of a sphere; () for a mesh [m].
     pose : ndarray, shape (4, 4)
         Of the shape's frame, which is in the middle of a cylinder, box or sphere, in the link's frame [1, m].
     color : tuple of float, or None
         Red, green, blue and opacity from 0 to 1, where the file gives them.
+    radius, length : float
+        Of a cylinder along z [m].
     mesh : trimesh.Trimesh or None
-        The triangles of a mesh, vertices in the shape's frame [m].
+        The triangles of all other kinds, vertices in the shape's frame [m].
     """
 
     link: str
     kind: str
-    size: tuple[float, ...]
     pose: Array
     color: Color | None = None
+    radius: float = 0.0
+    length: float = 0.0
     mesh: Trimesh | None = None
 
-    def in_link(self, points: Array) -> Array:
-        """Points in the shape's frame as seen from the link's, shape (..., 3) [m]."""
-        return rotate(self.pose[:3, :3], points) + self.pose[:3, 3]
-
-    def box(self) -> Array:
-        """Corners of the box around the shape along its own axes, in the link's frame, shape (8, 3) [m]."""
-        points = FACES[self.kind](*self.size).reshape(-1, 3) if self.mesh is None else self.mesh.vertices
-        ends = np.stack([points.min(axis=0), points.max(axis=0)])
-        return self.in_link(np.stack(np.meshgrid(*ends.T), axis=-1).reshape(8, 3))
+    def faces(self) -> Array:
+        """Corners of the faces in the link's frame, shape (faces, 4, 3); triangles have their last one twice [m]."""
+        own = _cylinder(self.radius, self.length) if self.mesh is None else self.mesh.triangles[:, [0, 1, 2, 2]]
+        return rotate(self.pose[:3, :3], own) + self.pose[:3, 3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +138,7 @@ def link_shapes(model: Model) -> list[Shape]:
 def _from_model(cylinder: Cylinder) -> Shape:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation_from_rpy(np.array(cylinder.rpy)), cylinder.position
-    return Shape(cylinder.link, "cylinder", (cylinder.radius, cylinder.length), pose)
+    return Shape(cylinder.link, "cylinder", pose, None, cylinder.radius, cylinder.length)
 
 
 def _beside_cylinders(source: str) -> tuple[str, ...]:
@@ -176,23 +170,28 @@ def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str,
 
 def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence[Path]) -> Iterator[Shape]:
     """The shapes of a <visual> element as yourdfpy reads it."""
+    from trimesh.creation import box, icosphere
+
     pose = np.eye(4) if visual.origin is None else np.array(visual.origin, dtype=float)
     given = visual.material and (visual.material.color or colors.get(visual.material.name))
     color = _rgba(given.rgba) if given else None
-    for kind, names in SIZES.items():
+    solids = {"cylinder": ("radius", "length"), "box": ("size",), "sphere": ("radius",)}
+    for kind, names in solids.items():
         geometry = getattr(visual.geometry, kind)
         if geometry is not None:
             size = np.hstack([getattr(geometry, name) for name in names]).astype(float)
             _check(f"<{kind}>", pose, size)
-            yield Shape(link, kind, tuple(size.tolist()), pose, color)
+            if kind == "cylinder":
+                yield Shape(link, kind, pose, color, *size.tolist())
+            else:
+                yield Shape(link, kind, pose, color, mesh=box(size) if kind == "box" else icosphere(radius=size[0]))
     mesh = visual.geometry.mesh
     if mesh is not None:
         scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3).astype(float)
         _check(f"mesh {mesh.filename!r}", pose, np.abs(scale))
         for part in _meshes(_find(mesh.filename, folders), mesh.filename):
-            yield Shape(
-                link, "mesh", (), pose, color or _own_color(part.visual), part.apply_transform(np.diag([*scale, 1.0]))
-            )
+            own = color or _own_color(part.visual)
+            yield Shape(link, "mesh", pose, own, mesh=part.apply_transform(np.diag([*scale, 1.0])))
 
 
 def _check(what: str, pose: Array, size: Array) -> None:
@@ -241,11 +240,9 @@ def surface(shapes: Sequence[Shape]) -> Array:
     Corners are in the link's frame, anticlockwise seen from outside, shape (faces, 4, 3); triangles have their last
     corner twice [m].
     """
-    parts = [shape.in_link(FACES[shape.kind](*shape.size)) for shape in shapes if shape.mesh is None]
-    meshes = [shape.in_link(shape.mesh.vertices) for shape in shapes if shape.mesh is not None]
-    if meshes:
-        parts.append(_hull(np.concatenate(meshes)))
-    return np.concatenate(parts)
+    parts = [shape.faces() for shape in shapes if shape.kind != "mesh"]
+    meshes = [shape.faces().reshape(-1, 3) for shape in shapes if shape.kind == "mesh"]
+    return np.concatenate([*parts, *([_hull(np.concatenate(meshes))] if meshes else [])])
 
 
 def _hull(points: Array) -> Array:
@@ -270,21 +267,3 @@ def _cylinder(radius: float, length: float) -> Array:
     centre = np.zeros((SIDES // 2, 3))
     fan = np.stack([centre, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1)
     return np.concatenate([sides, fan + up, fan[:, ::-1] - up])
-
-
-def _box(x: float, y: float, z: float) -> Array:
-    square = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])  # seen from +z
-    faces = [np.roll(square, shift, axis=-1) for shift in range(3)]  # cyclic: handedness stays
-    both: Array = np.array([*faces, *(-face[::-1] for face in faces)]) * np.array([x, y, z]) / 2
-    return both
-
-
-def _sphere(radius: float) -> Array:
-    polar, around = np.linspace(0, np.pi, RINGS + 1)[:, None], np.linspace(0, 2 * np.pi, 2 * RINGS + 1)
-    x, y, z = np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) + 0 * around
-    grid = radius * np.stack([x, y, z], axis=-1)
-    corners = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
-    return np.stack(corners, axis=2).reshape(-1, 4, 3)
-
-
-FACES: dict[str, Callable[..., Array]] = {"cylinder": _cylinder, "box": _box, "sphere": _sphere}

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,8 +39,8 @@ STYLE = (
 )
 # A window that is higher than wide sees less to the sides: the camera goes back. viser takes it from the address.
 CAMERA = (
-    "<script>try{const a=innerWidth/innerHeight,c=%s;if(a<1){const d=Math.max(c.distance,c.width/a+c.depth);"
-    'history.replaceState(null,"","?initialCameraPosition="+c.target.map((x,i)=>x+d*c.side[i]))}}catch(e){}</script>'
+    "<script>try{const a=innerWidth/innerHeight,c=%s;if(a<1)"
+    'history.replaceState(null,"","?initialCameraPosition="+c[0].map((x,i)=>x+c[1][i]/a))}catch(e){}</script>'
 )
 
 
@@ -130,8 +130,8 @@ def view(
         ghost = placed(*shown[1], times, main) if other is not None else None
         some = np.unique(np.linspace(0, len(times) - 1, 60).round().astype(int))
         points = np.concatenate([corners(x, some) for x in (main, ghost) if x is not None])
-        camera, seen = server.initial_camera, aim(points)
-        camera.position, camera.look_at, camera.up, camera.fov = seen.position, seen.target, (0.0, 0.0, 1.0), FOV
+        camera, (target, away) = server.initial_camera, aim(points)
+        camera.position, camera.look_at, camera.up, camera.fov = target + away, target, (0.0, 0.0, 1.0), FOV
         cell = add_floor(server.scene, points)
         groups = build(server.scene, main, ghost, frames=frames, inertia=inertia)
         recording = server.get_scene_serializer()
@@ -143,7 +143,7 @@ def view(
             recording.insert_sleep(HOLD)
         text = recording.as_html()
     key = _legend(main, labels if ghost else labels[:1], cell, times, rate)
-    return Page(_finished(text, main.model.name, key, seen), file)
+    return Page(_finished(text, main.model.name, key, (target, away)), file)
 
 
 class Page:
@@ -282,32 +282,20 @@ def _scene_server() -> Iterator[ViserServer]:
         console.quiet = quiet
 
 
-class Camera(NamedTuple):
-    """Where a camera looks at, from which side (a unit vector), and how far it must be away to see all points [m]."""
+def aim(points: Array) -> tuple[Array, Array]:
+    """What a camera looks at, and its place seen from there, to see all points from the front, right and above [m].
 
-    target: Array
-    side: Array
-    distance: float  # in a window as wide as high or wider
-    width: float  # in one of aspect ratio a < 1 it is width / a + depth
-    depth: float
-
-    @property
-    def position(self) -> Array:
-        """Of the camera in a wide window [m]."""
-        return self.target + self.distance * self.side
-
-
-def aim(points: Array) -> Camera:
-    """The camera that sees all points from the front, the right and above, with z upwards."""
-    side = np.array([0.72, -0.95, 0.55]) / np.linalg.norm([0.72, -0.95, 0.55])
-    right = np.cross([0.0, 0.0, 1.0], side)
-    axes = np.stack([right / np.linalg.norm(right), np.cross(side, right / np.linalg.norm(right)), side])
+    That is in a window as wide as high or wider; in one of aspect ratio a < 1 it must be 1 / a times as far away.
+    """
+    up, side = np.array([0.0, 0.0, 1.0]), np.array([0.72, -0.95, 0.55])
+    axes = np.stack([np.cross(up, side), np.cross(side, np.cross(up, side)), side])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     seen = points @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    x, y, z = np.abs(seen - middle).T[0], np.abs(seen - middle).T[1], (seen - middle).T[2]
+    from_middle = seen - middle
     tangent = 0.84 * np.tan(FOV / 2)  # leaves a margin
-    distance = float((np.maximum(x, y) / tangent + z).max()) or 1.0
-    return Camera(middle @ axes, side, distance, float(x.max() / tangent), float(z.max()))
+    distance = float((np.abs(from_middle[:, :2]).max(axis=1) / tangent + from_middle[:, 2]).max()) or 1.0
+    return middle @ axes, distance * axes[2]
 
 
 def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array, speed: float) -> str:
@@ -326,10 +314,10 @@ def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array,
     return "<br>".join([*lines, "<small>tree button: show link frames and masses</small>"])
 
 
-def _finished(text: str, name: str, key: str, camera: Camera) -> str:
+def _finished(text: str, name: str, key: str, camera: tuple[Array, Array]) -> str:
     """viser's page with a title, a legend, and a camera for narrow windows."""
-    numbers = {k: np.asarray(x).tolist() for k, x in camera._asdict().items()}
-    head = f"<title>{html.escape(name)}</title>{CAMERA % json.dumps(numbers)}<style>{STYLE}</style>"
+    place = json.dumps([x.tolist() for x in camera])
+    head = f"<title>{html.escape(name)}</title>{CAMERA % place}<style>{STYLE}</style>"
     for mark, ours in ((TITLE, head), (ROOT, f'{ROOT}<div id="rne">{key}</div>')):
         if mark not in text:
             raise RuntimeError(f"this version of viser writes other pages: {mark!r} is missing; pip install 'viser<2'")

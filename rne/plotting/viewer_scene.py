@@ -24,7 +24,7 @@ GHOST = (240, 120, 20)
 GHOST_OPACITY = 0.4
 GHOST_SCALE = 1.004  # where both motions agree, the surfaces of the other one are just outside
 GLASS = 0.35  # opacity of the links where what is inside them is to be seen
-AXIS, CENTRE, ELLIPSOID, LINE, JOINT = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115), (60, 68, 80)
+AXIS, CENTRE, ELLIPSOID, LINE = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115)
 MAX_FACES = 20_000  # of a robot's meshes; with more, all are simplified alike
 SMALL = 60  # faces of a mesh that is never simplified
 CREASE = np.radians(35)  # of a mesh: edges that are sharper are shown as edges
@@ -110,8 +110,14 @@ def corners(robot: PosedRobot, frames: Array) -> Array:
     points = [robot.p[frames], robot.centres[frames]]
     for shape in robot.shapes:
         k = robot.model.link_index(shape.link)
-        points.append(rotate(robot.R[frames, None, k], shape.box()) + robot.p[frames, None, k])
+        points.append(rotate(robot.R[frames, None, k], _box(shape.faces())) + robot.p[frames, None, k])
     return np.concatenate([x.reshape(-1, 3) for x in points])
+
+
+def _box(faces: Array) -> Array:
+    """Corners of the box around faces, shape (8, 3) [m]."""
+    ends = np.stack([faces.min(axis=(0, 1)), faces.max(axis=(0, 1))])
+    return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(8, 3)
 
 
 def quaternions(R: Array) -> Array:
@@ -143,7 +149,10 @@ def _add_robot(group: Group, size: float, style: Style) -> None:
         color = style.color or (round(255 * r), round(255 * g), round(255 * b))
         look = Style(color, style.opacity or (opacity if opacity < 1 else None), style.scale)
         _add_shape(group.scene, group.on(k, f"{shape.kind} {number[k]}"), shape, look, keep)
-    _add_lines(group, [k for k in range(len(robot.model.link_names)) if k not in number], size, style)
+    for k in set(range(len(robot.model.link_names))) - set(number):
+        if bare := link_lines(robot, k):
+            color = style.color or LINE
+            group.scene.add_line_segments(group.on(k, "lines"), np.stack(bare), color, thickness=0.024 * size)
 
 
 def _add_shape(scene: SceneApi, name: str, shape: Shape, style: Style, keep: float) -> None:
@@ -151,12 +160,8 @@ def _add_shape(scene: SceneApi, name: str, shape: Shape, style: Style, keep: flo
     if shape.mesh is not None:
         mesh = simplified(shape.mesh, keep)
         scene.add_mesh_simple(name, mesh.vertices, mesh.faces, side="double", **look)
-    elif shape.kind == "cylinder":
-        scene.add_cylinder(name, shape.size[0], shape.size[1], radial_segments=48, **look)
-    elif shape.kind == "box":
-        scene.add_box(name, dimensions=np.array(shape.size), **look)
     else:
-        scene.add_icosphere(name, shape.size[0], **look)
+        scene.add_cylinder(name, shape.radius, shape.length, radial_segments=48, **look)
 
 
 def simplified(mesh: Trimesh, keep: float) -> Trimesh:
@@ -169,48 +174,21 @@ def simplified(mesh: Trimesh, keep: float) -> Trimesh:
     return smooth
 
 
-def _add_lines(group: Group, bare: list[int], size: float, style: Style) -> None:
-    """Tubes from each link without shapes to its children or, at an end, to its centre of mass; their joints."""
-    robot, model, carried = group.robot, group.robot.model, group.robot.carried
-    for child, parent in enumerate(model.link_parent):
-        if parent in bare:
-            _add_line_to(group, parent, child, size, style)
-    for i, k in enumerate(carried):
-        if k in bare and k not in model.link_parent and model.mass[i] > 0:
-            _add_tube(group, k, "line", np.zeros(3), robot.com[i], 0.012 * size, style, LINE)
-        if k in bare or model.link_parent[k] in bare:
-            half = model.axis[i] * (0.03 if model.is_revolute[i] else 0.05) * size
-            sides = 32 if model.is_revolute[i] else 4
-            _add_tube(group, k, "joint", -half, half, 0.028 * size, style, JOINT, sides)
+def link_lines(robot: PosedRobot, k: int) -> list[Array]:
+    """Lines from a link's origin to its children or, at an end, to its centre of mass, each of shape (2, 3) [m].
 
-
-def _add_line_to(group: Group, k: int, child: int, size: float, style: Style) -> None:
-    """The line from a link's origin to its child's, or to the nearest point of the rail that the child slides on."""
-    robot, model, radius = group.robot, group.robot.model, 0.012 * size
-    seen = rotate_back(robot.R[:, k], robot.p[:, child] - robot.p[:, k])
-    name, near = f"line to {model.link_names[child]}", seen[0]
-    i = robot.carried.index(child) if child in robot.carried else None
-    if i is not None and not model.is_revolute[i]:
-        along = rotate_back(robot.R[0, k], robot.axes[0, i])
-        reach = (seen - near) @ along
-        ends = near + reach.min() * along, near + reach.max() * along
-        _add_tube(group, k, f"rail of {name}", *ends, radius, style, LINE)
-        near = near + np.clip(-near @ along, reach.min(), reach.max()) * along
-    _add_tube(group, k, name, np.zeros(3), near, radius, style, LINE)
-
-
-def _add_tube(
-    group: Group, k: int, what: str, start: Array, end: Array, radius: float, style: Style, color: Rgb, sides: int = 24
-) -> None:
-    """A cylinder, or a prism, between two points of a link's frame."""
-    from scipy.spatial.transform import Rotation
-
-    length = float(np.linalg.norm(end - start))
-    if length > 0:
-        turn = Rotation.align_vectors(end - start, [0.0, 0.0, 1.0])[0].as_matrix()
-        look = style._asdict() | _at(turn, (start + end) / 2) | {"color": style.color or color}
-        look |= {"radial_segments": sides, "flat_shading": sides < 8}
-        group.scene.add_cylinder(group.on(k, what), radius, length, **look)
+    Those to a sliding child go to the nearest point of its way, which is a line too.
+    """
+    lines = []
+    for child in [child for child, parent in enumerate(robot.model.link_parent) if parent == k]:
+        way = rotate_back(robot.R[:, k], robot.p[:, child] - robot.p[:, k])
+        lines.append(np.stack([np.zeros(3), way[np.linalg.norm(way, axis=-1).argmin()]]))
+        if child in robot.carried and not robot.model.is_revolute[robot.carried.index(child)]:
+            along = way @ (way[np.linalg.norm(way - way[0], axis=-1).argmax()] - way[0])
+            lines.append(way[[along.argmin(), along.argmax()]])
+    if not lines and k in robot.carried:
+        lines.append(np.stack([np.zeros(3), robot.com[robot.carried.index(k)]]))
+    return lines
 
 
 def _add_axes(group: Group, size: float) -> None:
