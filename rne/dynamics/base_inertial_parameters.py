@@ -14,10 +14,8 @@ along gravity. The argument for trees is that of Wensing, Niemeyer and Slotine 2
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
-from itertools import product
-from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -37,9 +35,6 @@ COARSEST = 0.01  # a larger tolerance takes different robots for the same
 ROUNDING = 1e-12  # coefficients this small, or this close to a whole number, are roundings of 0 and of that number
 PIVOT = 0.05  # of the largest entry, at least
 FLAT = 16  # entries of Phi or xi
-GRID = 1000  # samples of a group at most on a grid
-SEEDED = 400  # samples of a group otherwise
-LONGEST = 400  # samples of one coordinate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -227,8 +222,8 @@ def base_parameters(
 
     Gautier and Khalil 1990; Wensing, Niemeyer and Slotine 2024. They follow from the axes and places of the joints
     and the direction of gravity, not from its size, the masses or the limits. No states are sampled at random,
-    except for several coordinates that joints in different branches share. Parameters, result and errors are those
-    of `rne.Robot.base_parameters`, with the model first.
+    except for the coordinates that joints share. Parameters, result and errors are those of
+    `rne.Robot.base_parameters`, with the model first.
     """
     standard = StandardParameters(model_argument(model), rotor, friction, offset, shafts, smoothing)
     if positive_number("tolerance", tolerance) >= COARSEST:
@@ -239,8 +234,9 @@ def base_parameters(
 
 def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int, ...], Array]:
     """Places of the kept parameters, and the matrix B of beta = B pi, with the identity in these places."""
-    rows, units = _combinations(standard, tolerance)
-    rows = span(rows, tolerance)
+    energies, units = observed_combinations(standard, tolerance)
+    friction = [_friction_rows(standard, symbol) for symbol in ("Fv", "Fc")]
+    rows = span(np.concatenate([energies, *friction]), tolerance)
     kept = independent_columns(rows)
     matrix: Array = np.linalg.solve(rows[:, kept], rows)
     matrix[np.abs(matrix) < ROUNDING] = 0
@@ -250,16 +246,6 @@ def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int
     matrix[:, kept] = np.eye(len(kept))
     matrix.setflags(write=False)
     return tuple(kept), matrix
-
-
-def _combinations(standard: StandardParameters, tolerance: float) -> tuple[Array, Array]:
-    """Independent combinations that torques depend on, in units of the second result, for all standard parameters."""
-    frictionless = replace(standard, friction=None)
-    energies, scales = observed_combinations(frictionless, tolerance)
-    place = [standard.names.index(name) for name in frictionless.names]
-    rows, units = np.zeros((len(energies), standard.count)), np.ones(standard.count)
-    rows[:, place], units[place] = energies, scales
-    return np.concatenate([rows, *(_friction_rows(standard, symbol) for symbol in ("Fv", "Fc"))]), units
 
 
 def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
@@ -308,19 +294,11 @@ def independent_columns(rows: Array) -> list[int]:
     return sorted(kept)
 
 
-class Scale(NamedTuple):
-    """Units in which the robot's longest offset between joints, and gravity, are 1."""
-
-    length: float
-    gravity: float
-    coordinates: Array  # 1 for an angle, `length` for a position, shape (n,)
-
-
 class Reach(NamedTuple):
     """Bases of the spans of the energies and velocities that a body meets in all motions, as rows."""
 
     energies: Array  # Phi, flat, then 1 for gravity's, shape (..., 17)
-    velocities: Array  # xi, flat, then the velocities of the further shafts, shape (..., 16 + s)
+    velocities: Array  # xi, flat, then the velocities of the shafts, shape (..., 16 + s)
 
 
 class Group(NamedTuple):
@@ -334,57 +312,39 @@ class Group(NamedTuple):
     xi: Array  # velocity of each body per unit of qd, shape (bodies, samples, coordinates, 4, 4)
 
 
-class Drives(NamedTuple):
-    """Where the parameters of drives are in rows, behind the entries of Phi."""
-
-    width: int  # number of these parameters
-    places: dict[str, int]  # of the first parameter of "Ia", "tau0", "Ia of shafts"
-    units: Array  # of the coordinates
-    shafts: Array  # rows of further shafts, in these units
-
-
 def observed_combinations(standard: StandardParameters, tolerance: float) -> tuple[Array, Array]:
     """Independent combinations of bodies, rotors and offsets that span what torques depend on.
 
-    Parameters
-    ----------
-    standard : StandardParameters
-        Without friction.
-    tolerance : float
-        Directions and distances that differ by less, of the robot's size, are taken as the same.
-
-    Returns
-    -------
-    rows : ndarray, shape (count, standard.count)
-        In the units of the second result.
-    units : ndarray, shape (standard.count,)
+    Directions and distances that differ by less than the tolerance, of the robot's size, are taken as the same. Rows
+    have shape (count, standard.count), in the units of the second result, shape (standard.count,).
     """
-    model, scale = scaled(standard.model)
-    drives = _drives(standard, scale)
+    model, length, gravity, coordinates = scaled(standard.model)
+    place = {name: list(range(standard.count))[places] for name, places in standard.groups.items()}
+    turning = [*place.get("Ia", []), *place.get("Ia of shafts", [])]  # rotors turn as shafts do, each with its joint
+    shafts = np.concatenate([np.eye(model.n), np.asarray(standard.shafts)])[: len(turning)] * coordinates
+    offsets = np.diag(coordinates) if standard.offset else np.zeros((0, model.n))
     groups = [_group(model, bodies) for bodies in joint_groups(model)]
-    gravity = np.zeros((4, 4))
-    gravity[:3, 3] = -model.gravity
-    fall = np.append(symmetric(gravity), 1.0)
-    reach = {BASE: Reach(fall[None], np.zeros((0, FLAT + len(drives.shafts))))}
+    weight = np.zeros((4, 4))
+    weight[:3, 3] = -model.gravity
+    reach = {BASE: Reach(np.append(symmetric(weight), 1.0)[None], np.zeros((0, FLAT + len(shafts))))}
     observed = []
     for group in groups:
-        rows, met = _energies_of_group(group, reach[group.parent], drives)
+        rows, met = _energies_of_group(group, reach[group.parent], shafts, offsets)
         reach |= {i: Reach(*(span(x, tolerance) for x in met[i])) for i in group.bodies}
         observed.append(span(rows, tolerance))
-    bodies = PARAMETERS * model.nb
-    found = [_of_all_bodies(groups, k, observed[k], bodies) for k in range(len(groups))]
-    found.append(_shafts_between_branches(model, groups, drives, bodies))
-    units = [np.tile([1.0] + [scale.length] * 3 + [scale.length**2] * 6, model.nb), np.full(drives.width, 1.0)]
-    for name, place in standard.groups.items():
-        if name.startswith("Ia"):
-            units[1][place.start - bodies : place.stop - bodies] = scale.length**2
-        elif name == "tau0":
-            units[1][place.start - bodies : place.stop - bodies] = scale.length * scale.gravity
-    return np.concatenate([np.zeros((0, bodies + drives.width)), *found]), np.concatenate(units)
+    found = [_of_all_bodies(groups, k, rows, PARAMETERS * model.nb) for k, rows in enumerate(observed)]
+    between = _shafts_between_branches(model, groups, shafts)
+    found.append(np.pad(between, ((0, 0), (PARAMETERS * model.nb, len(offsets)))))
+    columns = [*place["bodies"], *turning, *place.get("tau0", [])]
+    rows, units = np.zeros((sum(map(len, found)), standard.count)), np.ones(standard.count)
+    rows[:, columns] = np.concatenate(found)
+    units[place["bodies"]] = np.tile([1.0] + [length] * 3 + [length**2] * 6, model.nb)
+    units[turning], units[place.get("tau0", [])] = length**2, length * gravity
+    return rows, units
 
 
-def scaled(model: Model) -> tuple[Model, Scale]:
-    """The model in units of its own size."""
+def scaled(model: Model) -> tuple[Model, float, float, Array]:
+    """The model in units of its longest offset between joints and of gravity, both, and the unit of each coordinate."""
     length = float(np.linalg.norm(model.translation, axis=1).max(initial=0)) or 1.0
     gravity = float(np.linalg.norm(model.gravity)) or 1.0
     joint_units = np.where(model.is_revolute, 1.0, length)
@@ -396,21 +356,14 @@ def scaled(model: Model) -> tuple[Model, Scale]:
         "offset": model.offset / joint_units,
         "gravity": model.gravity / gravity,
     }
-    return unchecked_model(values), Scale(length, gravity, units)
-
-
-def _drives(standard: StandardParameters, scale: Scale) -> Drives:
-    bodies = standard.groups["bodies"].stop
-    places = {name: place.start - bodies for name, place in standard.groups.items()}
-    shafts = np.asarray(standard.shafts) * scale.coordinates
-    return Drives(standard.count - bodies, places, scale.coordinates, shafts if standard.rotor else shafts[:0])
+    return unchecked_model(values), length, gravity, units
 
 
 def _group(model: Model, bodies: tuple[int, ...]) -> Group:
     """Poses and velocities of a group's bodies about the origins of their joints in the URDF."""
     parent = next(model.parent[i] for i in bodies if model.parent[i] not in bodies)
     coordinates = sorted({model.coordinate[i] for i in bodies})
-    samples = sample_positions(model, bodies, coordinates)
+    samples = _sample_positions(model, bodies, coordinates)
     q = np.zeros((len(samples), model.n))
     q[:, coordinates] = samples
     R, p = joint_transforms(model, q)
@@ -423,92 +376,67 @@ def _group(model: Model, bodies: tuple[int, ...]) -> Group:
         carried = np.zeros((len(coordinates), len(samples), 4, 4)) if above == parent else xi[above]
         xi[i] = inverse(step) @ carried @ step
         s, t = model.angular_axis[i], model.linear_axis[i]
-        xi[i][k] += model.multiplier[i] * velocity_matrix(s, t + cross(s, o))
+        xi[i][k, :, :3, :3] += model.multiplier[i] * cross_matrix(s)
+        xi[i][k, :, :3, 3] += model.multiplier[i] * (t + cross(s, o))
     twists = np.moveaxis(np.array([xi[i] for i in bodies]), 1, 2)
     return Group(bodies, parent, coordinates, samples, poses[list(bodies)], twists)
 
 
-def sample_positions(model: Model, bodies: tuple[int, ...], coordinates: list[int]) -> Array:
+def _sample_positions(model: Model, bodies: tuple[int, ...], coordinates: list[int]) -> Array:
     """Positions of a group's coordinates that determine its energies for all others, shape (samples, coordinates).
 
     Energies are of degree two in the sine and cosine of a rotating joint, and in the position of a sliding one. So five
-    angles, or three positions, determine them. For several joints on one coordinate they are sums of exponentials and
-    powers, and as many samples determine them. Several coordinates have a grid of these samples. If that is too large,
-    positions at random are used: the span of the energies is then the true one except for a set of positions of measure
-    zero. The first position is zero.
+    angles, or three positions, determine them. Those of joints that share coordinates have at most ten dimensions
+    for each body, and at most one for each offset, so that as many positions at random span them, except for a set of
+    positions of measure zero. The first position is zero.
     """
-    samples = [_samples_of_coordinate(model, bodies, k) for k in coordinates]
-    if prod(map(len, samples)) <= GRID:
-        return np.array(list(product(*samples)))
-    largest = [np.abs(x).max() for x in samples]
-    positions: Array = np.random.default_rng(0).uniform(-1, 1, (SEEDED, len(coordinates))) * largest
+    if len(bodies) == 1:
+        factor = abs(float(model.multiplier[bodies[0]])) or 1.0
+        single = np.arange(5) * (2 * np.pi / 5 / factor) if model.is_revolute[bodies[0]] else np.array([0, -1, 1]) / 3
+        return np.asarray(single[:, None])
+    factors = [abs(model.multiplier[i]) for i in bodies if model.is_revolute[i] and model.multiplier[i] != 0]
+    turn = np.pi / min(factors, default=np.pi)
+    count = (PARAMETERS + 2) * len(bodies)
+    positions: Array = np.random.default_rng(0).uniform(-turn, turn, (count, len(coordinates)))
     positions[0] = 0
     return positions
 
 
-def _samples_of_coordinate(model: Model, bodies: tuple[int, ...], k: int) -> Array:
-    driven = [i for i in bodies if model.coordinate[i] == k and model.multiplier[i] != 0]
-    factors = [abs(float(model.multiplier[i])) for i in driven if model.is_revolute[i]]
-    powers = 1 + 2 * (len(driven) - len(factors))
-    frequencies = np.zeros(1)
-    for factor in factors:
-        sums = (frequencies[:, None] + factor * np.arange(-2, 3)).ravel()
-        frequencies = np.unique(sums.round(9))
-    if len(driven) == 1 and factors:
-        return np.asarray(np.arange(5) * (2 * np.pi / 5 / factors[0]))
-    step, count = 1.0 / powers, powers
-    if factors:  # shorter than half a period of the fastest, together longer than one of the slowest beat
-        step = np.pi / (frequencies.max() + min(factors))
-        beat = 2 * np.pi / np.diff(frequencies).min()
-        count = min(LONGEST, max(2 * powers * len(frequencies) + 1, int(np.ceil(beat / step))))
-    steps = np.arange(count) - count // 2
-    return np.asarray(step * steps[np.argsort(np.abs(steps), kind="stable")])
-
-
-def _energies_of_group(group: Group, reach: Reach, drives: Drives) -> tuple[Array, dict[int, tuple[Array, Array]]]:
-    """Rows on the group's bodies and on drives that torques depend on, and what each body meets."""
-    samples, K = len(group.q), len(group.coordinates)
-    Phi, falls = reach.energies[:, :FLAT].reshape(-1, 4, 4), reach.energies[:, FLAT]
-    xi, turning = reach.velocities[:, :FLAT].reshape(-1, 4, 4), reach.velocities[:, FLAT:]
-    T, own, shafts = group.T[:, :, None], group.xi, drives.shafts[:, group.coordinates].T
+def _energies_of_group(
+    group: Group, reach: Reach, shafts: Array, offsets: Array
+) -> tuple[Array, dict[int, tuple[Array, Array]]]:
+    """Rows on the group's bodies, shafts and offsets that torques depend on, and what each body meets."""
+    Phi, falls = reach.energies[:, :FLAT].reshape(-1, 4, 4), reach.energies[:, FLAT:]
+    xi, carried = reach.velocities[:, :FLAT].reshape(-1, 4, 4), reach.velocities[:, FLAT:]
+    T, own, turned = group.T[:, :, None], group.xi, shafts[:, group.coordinates].T
     # M and potential energy of the parent's motions, of its motions with the group's own, and of these
     moved = transpose(T) @ Phi @ T
     seen = inverse(T) @ xi @ T
     mixed = kinetic(seen[:, :, :, None], own[:, :, None])
     within = kinetic(own[:, :, :, None], own[:, :, None])
-    columns = [
-        np.zeros((*shape, drives.width)) for shape in ((samples, len(Phi)), (samples, len(xi), K), (samples, K, K))
+    work = falls * ((group.q - group.q[0]) @ offsets[:, group.coordinates].T)[:, None]
+    none = np.zeros(len(shafts)), np.zeros(len(offsets))
+    rows = [
+        _flat(np.moveaxis(moved - moved[:, :1], 0, 2), none[0], work),
+        _flat(np.moveaxis(mixed, 0, 3), carried[:, None] * turned, none[1]),
+        _flat(np.moveaxis(within, 0, 3), turned[:, None] * turned, none[1]),
     ]
-    for place, k in enumerate(group.coordinates):
-        if "tau0" in drives.places:
-            work = falls * (group.q[:, place, None] - group.q[0, place]) * drives.units[k]
-            columns[0][..., drives.places["tau0"] + k] = work
-        if "Ia" in drives.places:
-            columns[2][:, place, place, drives.places["Ia"] + k] = drives.units[k] ** 2
-    if len(drives.shafts):
-        place = drives.places["Ia of shafts"]
-        columns[1][..., place : place + len(drives.shafts)] = turning[:, None] * shafts
-        columns[2][..., place : place + len(drives.shafts)] = shafts[:, None] * shafts
-    changed = moved - moved[:, :1]
-    rows = [_joined(x, c) for x, c in zip((changed, mixed, within), columns, strict=True)]
     met = {}
     for b, i in enumerate(group.bodies):
-        energies = [_with(moved[b], falls[:, None]), _with(mixed[b], np.zeros(1)), _with(within[b], np.zeros(1))]
-        met[i] = np.concatenate(energies), np.concatenate([_with(seen[b], turning), _with(own[b], shafts)])
+        energies = [_flat(moved[b, :, :, None], falls)] + [
+            _flat(x[b, ..., None, :, :], np.zeros(1)) for x in (mixed, within)
+        ]
+        velocities = [_flat(x[b, ..., None, :, :], turns) for x, turns in ((seen, carried), (own, turned))]
+        met[i] = np.concatenate(energies), np.concatenate(velocities)
     return np.concatenate(rows), met
 
 
-def _joined(x: Array, columns: Array) -> Array:
-    """Matrices of each body side by side, flat, with columns of drives behind them."""
-    flat = np.moveaxis(x, 0, -3).reshape(*columns.shape[:-1], FLAT * len(x))
-    return np.concatenate([flat, columns], axis=-1).reshape(-1, flat.shape[-1] + columns.shape[-1])
-
-
-def _with(x: Array, columns: Array) -> Array:
-    """Matrices, flat, with further columns."""
-    flat = x.reshape(*x.shape[:-2], FLAT)
-    further = np.broadcast_to(columns, (*flat.shape[:-1], columns.shape[-1]))
-    return np.concatenate([flat, further], axis=-1).reshape(-1, FLAT + columns.shape[-1])
+def _flat(matrices: Array, *columns: Array) -> Array:
+    """Rows of matrices side by side, shape (..., bodies, 4, 4), with further columns behind them."""
+    flat = matrices.reshape(*matrices.shape[:-3], FLAT * matrices.shape[-3])
+    further = [np.broadcast_to(x, (*flat.shape[:-1], x.shape[-1])) for x in columns]
+    rows = np.concatenate([flat, *further], axis=-1)
+    return rows.reshape(-1, rows.shape[-1])
 
 
 def _of_all_bodies(groups: list[Group], k: int, observed: Array, bodies: int) -> Array:
@@ -528,26 +456,19 @@ def _of_all_bodies(groups: list[Group], k: int, observed: Array, bodies: int) ->
     return rows
 
 
-def _shafts_between_branches(model: Model, groups: list[Group], drives: Drives, bodies: int) -> Array:
-    """Entries of M that further shafts alone add to: those of two coordinates that move no common body."""
+def _shafts_between_branches(model: Model, groups: list[Group], shafts: Array) -> Array:
+    """Entries of M that shafts alone add to: those of two coordinates that move no common body."""
     place = {i: g for g, group in enumerate(groups) for i in group.bodies}
     carriers: list[set[int]] = []
     for group in groups:
         above = place.get(group.parent)
         carriers.append({len(carriers)} | (carriers[above] if above is not None else set()))
-    group_of = [place[i] for i in model.independent_joints]
-    pairs = [
-        (j, k)
-        for k in range(model.n)
-        for j in range(k)
-        if group_of[j] not in carriers[group_of[k]] and group_of[k] not in carriers[group_of[j]]
-    ]
-    rows = np.zeros((len(pairs) if len(drives.shafts) else 0, bodies + drives.width))
-    if len(rows):
-        start = bodies + drives.places["Ia of shafts"]
-        first, second = np.transpose(pairs)
-        rows[:, start : start + len(drives.shafts)] = (drives.shafts[:, first] * drives.shafts[:, second]).T
-    return rows
+    of = [place[i] for i in model.independent_joints]
+    pairs = [(j, k) for k in range(model.n) for j in range(k) if not {of[j], of[k]} & carriers[of[j]] & carriers[of[k]]]
+    first, second = np.array(pairs, dtype=int).reshape(-1, 2).T
+    entries = (shafts[:, first] * shafts[:, second]).T
+    found: Array = entries[entries.any(axis=1)]
+    return found
 
 
 def span(rows: Array, tolerance: float) -> Array:
@@ -559,13 +480,6 @@ def span(rows: Array, tolerance: float) -> Array:
 def kinetic(x: Array, y: Array) -> Array:
     """The matrix of the entry of M that belongs to the velocities x and y."""
     return symmetric(transpose(x) @ y)
-
-
-def velocity_matrix(angular: Array, linear: Array) -> Array:
-    """The matrix xi of the velocities xi x of points x = (r, 1)."""
-    xi = np.zeros((*angular.shape[:-1], 4, 4))
-    xi[..., :3, :3], xi[..., :3, 3] = cross_matrix(angular), linear
-    return xi
 
 
 def homogeneous(R: Array, p: Array) -> Array:
