@@ -110,11 +110,12 @@ def snap(x: Array) -> Array:
     return x
 
 
-def rotation_from_rpy(rpy: Array) -> Array:
-    """URDF's fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), entries snapped."""
+def rotation_from_rpy(rpy: Array, *, snapped: bool = True) -> Array:
+    """URDF's fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), entries snapped unless that is refused."""
     x, y, z = np.eye(3, dtype=np.asarray(rpy).dtype)
     roll, pitch, yaw = (rotation_about(b, angle) for b, angle in zip((x, y, z), rpy, strict=True))
-    return snap(yaw @ pitch @ roll)
+    R: Array = yaw @ pitch @ roll
+    return snap(R) if snapped else R
 
 
 def rpy_from_rotation(R: Array) -> Array:

@@ -137,23 +137,17 @@ def cut(text: str, most: int) -> str:
 
 def six_digits(x: Any) -> str:
     """A real number of any type to six significant digits: no zeros at the end, and no sign on a zero."""
+    from decimal import Decimal  # only this function needs it
+
     if hasattr(x, "context"):  # mpmath
         text = x.context.nstr(x, DIGITS, min_fixed=0, max_fixed=0, show_zero_exponent=True)
     else:
         number = x if isinstance(x, np.floating) else float(x)
         text = np.format_float_scientific(number, precision=DIGITS - 1, unique=False)
-    mantissa, power = text.split("e")
-    digits = mantissa.lstrip("-").replace(".", "").rstrip("0")
-    if not digits:
+    rounded = Decimal(text).normalize()
+    if not rounded:
         return "0"
-    sign, exponent = "-" * mantissa.startswith("-"), int(power)
-    if not SMALLEST <= exponent <= LARGEST:
-        whole, fraction, ending = digits[0], digits[1:], f"e{exponent}"
-    elif exponent < 0:
-        whole, fraction, ending = "0", "0" * (-exponent - 1) + digits, ""
-    else:
-        whole, fraction, ending = digits[: exponent + 1].ljust(exponent + 1, "0"), digits[exponent + 1 :], ""
-    return f"{sign}{whole}{'.' if fraction else ''}{fraction}{ending}"
+    return f"{rounded:f}" if SMALLEST <= rounded.adjusted() <= LARGEST else f"{rounded:e}".replace("+", "")
 
 
 def aligned(rows: Sequence[Row]) -> list[str]:

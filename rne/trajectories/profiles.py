@@ -187,11 +187,14 @@ def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     return a, b
 
 
+def _overflows(motion: _ReferenceMotion, t: ArrayLike) -> bool:
+    with np.errstate(all="ignore"):
+        return not all(np.isfinite(x).all() for x in motion(t))
+
+
 def _refuse_overflow(motion: Quintic | Trapezoidal, t: float) -> None:
     """Raise ValueError if the motion is not finite at a time, that of its largest acceleration."""
-    with np.errstate(all="ignore"):
-        finite = all(np.isfinite(x).all() for x in motion(t))
-    if not finite:
+    if _overflows(motion, t):
         times = "`duration`" if isinstance(motion, Quintic) else "`duration` or `ramp`"
         got = f"{motion.duration:g}" if isinstance(motion, Quintic) else f"{motion.duration:g} and {motion.ramp:g}"
         need = "is too short for the way from `start` to `end`: accelerations exceed the range of float64"
@@ -210,14 +213,9 @@ class Spline(_ReferenceMotion):
     degree: int
     _curve: Callable[..., Array] = field(repr=False)  # over times from 0 to 1
 
-    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        if is_traced(plain_array("t", t)):
-            raise TypeError("a spline through samples is evaluated with numbers and cannot be traced")
-        return super().__call__(t)
-
-    __call__.__doc__ = _ReferenceMotion.__call__.__doc__
-
     def _at(self, t: Array) -> tuple[Array, Array, Array]:
+        if is_traced(t):
+            raise TypeError("a spline through samples is evaluated with numbers and cannot be traced")
         start, end = float(self.t[0]), float(self.t[-1])
         inside = np.clip(t, start, end)
         outside = t[np.abs(t - inside) > ROUNDING * max(abs(start), abs(end))]
@@ -288,9 +286,7 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     for array in (times, positions):
         array.flags.writeable = False
     motion = Spline(times, positions, degree, curve)
-    with np.errstate(all="ignore"):
-        finite = all(np.isfinite(x).all() for x in motion(times))
-    if not finite:
+    if _overflows(motion, times):
         span = f"accelerations exceed the range of float64 within {times[-1] - times[0]:g} s"
         raise ValueError(f"`t` is spaced too closely for `q`: {span}")
     return motion

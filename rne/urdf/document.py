@@ -10,6 +10,7 @@ import shlex
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
@@ -30,18 +31,14 @@ class _DocumentType(Exception):
     """The file has a document type declaration."""
 
 
-class _RootElement(Exception):
-    """The root element starts: no document type declaration can follow."""
-
-
 class _Prolog:
-    """Parser target that stops at the document type declaration, before anything in it is read, or at the root."""
+    """Parser target that stops before anything of a document type declaration is read, or at the root element."""
 
     def doctype(self, *_: object) -> None:
         raise _DocumentType
 
     def start(self, *_: object) -> None:
-        raise _RootElement
+        raise StopIteration
 
     def close(self) -> None:
         """Required of a parser target; a well-formed document never gets here."""
@@ -67,7 +64,8 @@ def parse(data: bytes, report: Report) -> Any | None:
         report.error(None, "file", f"is larger than {MAX_BYTES} bytes", "split the robot or remove what is not URDF")
         return None
     try:
-        _check_prolog(data)
+        with suppress(StopIteration):  # a document type declaration declares entities, so it must not be parsed
+            etree.fromstring(data, etree.XMLParser(target=_Prolog(), **STRICT))
         return etree.fromstring(data, etree.XMLParser(remove_comments=True, remove_pis=True, **STRICT))
     except _DocumentType:
         message = "document type declarations and entities are not allowed"
@@ -75,16 +73,6 @@ def parse(data: bytes, report: Report) -> Any | None:
     except etree.XMLSyntaxError as error:
         _report_syntax_error(error, report)
     return None
-
-
-def _check_prolog(data: bytes) -> None:
-    """Raise _DocumentType if there is a document type declaration. It declares entities, so it must not be parsed."""
-    from lxml import etree
-
-    try:
-        etree.fromstring(data, etree.XMLParser(target=_Prolog(), **STRICT))
-    except _RootElement:
-        return
 
 
 def _doctype_line(data: bytes) -> int | None:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array, dot, rotate, rotate_back, rotation_about
+from ..basics.spatial import Array, dot, rotate, rotate_back, rotation_from_rpy
 from ..model.builder import Extended, Part, Pose
 from ..model.model import REVOLUTE_TYPES
 
@@ -76,18 +76,18 @@ def _at_zero(parts: Sequence[Part]) -> tuple[list[Array], list[Array], list[Arra
     poses: list[Pose] = []
     for part in parts:
         poses.append(poses[part.parent].then(part.placement) if part.parent >= 0 else part.placement)
-    axes = [rotate(pose.R, np.asarray(part.axis, dtype=Extended)) for part, pose in zip(parts, poses, strict=True)]
-    coms = [
-        pose.p + rotate(pose.R, np.asarray(part.com, dtype=Extended)) for part, pose in zip(parts, poses, strict=True)
-    ]
-    return [pose.p for pose in poses], axes, coms
+    axes = [rotate(R, part.axis.astype(Extended)) for part, (R, _) in zip(parts, poses, strict=True)]
+    coms = [p + rotate(R, part.com.astype(Extended)) for part, (R, p) in zip(parts, poses, strict=True)]
+    return [p for _, p in poses], axes, coms
 
 
 def _moved(parts: list[Part], unrounded: Sequence[Unrounded], distances: Sequence[float]) -> list[Part]:
     shifts: list[Array] = [np.zeros(3, dtype=Extended) for _ in parts]  # of each part's frame, in its own axes
     moved = [parts[0]]
     for k, part in enumerate(parts[1:], 1):
-        R, p, above = _rotation(unrounded[k].rpy), part.placement.p, shifts[part.parent]
+        # nothing snapped: 4 eps of a double are 1e-9 m at a million metres
+        R = rotation_from_rpy(unrounded[k].rpy, snapped=False)
+        p, above = part.placement.p, shifts[part.parent]
         if distances[k]:
             shifts[k] = distances[k] * unrounded[k].axis
         elif part.kind == "fixed" and any(above):  # a fixed link's frame moves to the near origin of its body
@@ -98,9 +98,3 @@ def _moved(parts: list[Part], unrounded: Sequence[Unrounded], distances: Sequenc
             part = replace(part, placement=place, com=part.com - shift, link_origin=-shift)
         moved.append(part)
     return moved
-
-
-def _rotation(rpy: Array) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll) in long double, nothing snapped: 4 eps of a double are 1e-9 m at a million metres."""
-    roll, pitch, yaw = (rotation_about(b, angle) for b, angle in zip(np.eye(3, dtype=Extended), rpy, strict=True))
-    return yaw @ pitch @ roll

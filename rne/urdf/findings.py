@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from ..basics.text import cut, summary
+from ..basics.text import counted, cut, summary
 from ..errors import UrdfError
 
 MAX_NAMES = 10  # in one line
@@ -97,8 +98,7 @@ class Report:
     def raise_first_error(self) -> None:
         """Raise UrdfError for the first error, if there is one."""
         for finding in self.errors:
-            message = f"{finding.place}: {finding.element}: {finding.message}; {finding.cure}"
-            raise UrdfError(message, finding)
+            raise UrdfError(str(finding).removeprefix("error: "), finding)
 
 
 def _line(where: Any) -> int | None:
@@ -138,11 +138,8 @@ def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[st
 
 
 def _printed(group: Sequence[Finding], file: str) -> str:
-    first = group[0]
-    place = file if first.line is None else f"{file}:{first.line}"
-    if len(group) == 1:
-        return f"{first.severity}: {place}: {first.element}: {first.message}; {first.cure}"
-    return f"{first.severity}: {place}: {_owners(group)}: {first.kind}; {first.cure}"
+    first = replace(group[0], file=file)
+    return str(first if len(group) == 1 else replace(first, element=_owners(group), message=first.kind))
 
 
 def _owners(group: Sequence[Finding]) -> str:
@@ -161,7 +158,6 @@ def _owners(group: Sequence[Finding]) -> str:
 
 def _summary(findings: Iterable[Finding]) -> str:
     """Such as `1 error, 2 warnings: does not load`."""
-    severities = [finding.severity for finding in findings]
-    errors, warnings = severities.count("error"), severities.count("warning")
-    counts = [f"{n} {name}{'s' * (n > 1)}" for n, name in ((errors, "error"), (warnings, "warning")) if n]
-    return f"{', '.join(counts)}: {'does not load' if errors else 'loads as written'}"
+    number = Counter(finding.severity for finding in findings)
+    counts = ", ".join(counted(number[name], name) for name in sorted(number))
+    return f"{counts}: {'does not load' if number['error'] else 'loads as written'}"
