@@ -116,6 +116,10 @@ def assemble(
     joint_at = {k: i for i, k in enumerate(moving)}
     coordinate_at = {k: i for i, k in enumerate(independent)}
     joints = [parts[k] for k in moving]
+    limits_and_drives: dict[str, Any] = {
+        name: np.array([getattr(joint, own) for joint in joints]) for own, name in LIMITS_AND_DRIVES.items()
+    }
+    mimics = [parts[k].mimic or Mimic(k, 1.0, 0.0) for k in moving]
     return Model(
         name=name,
         moving_joints=tuple(joint.joint for joint in joints),
@@ -135,32 +139,19 @@ def assemble(
         link_parent=tuple(part.parent for part in parts),
         link_body=tuple(body_of),
         link_rotation=_stacked([snap(frame.R) for frame in frames], (3, 3)),
-        link_translation=_stacked([_origin(part, frame) for part, frame in zip(parts, frames, strict=True)], (3,)),
-        **_limits_and_drives(joints),
-        coordinate=tuple(coordinate_at[_independent(k, parts[k])] for k in moving),
+        link_translation=_stacked(
+            [x.p + rotate(x.R, part.link_origin) for part, x in zip(parts, frames, strict=True)], (3,)
+        ),
+        **limits_and_drives,
+        coordinate=tuple(coordinate_at[mimic.independent] for mimic in mimics),
         independent_joints=tuple(joint_at[k] for k in independent),
-        multiplier=np.array([joint.mimic.multiplier if joint.mimic else 1.0 for joint in joints]),
-        offset=np.array([joint.mimic.offset if joint.mimic else 0.0 for joint in joints]),
+        multiplier=np.array([mimic.multiplier for mimic in mimics]),
+        offset=np.array([mimic.offset for mimic in mimics]),
         gravity=gravity,
         shapes=tuple(shapes),
         notes=notes or {},
         source=source,
     )
-
-
-def _limits_and_drives(joints: Sequence[Part]) -> dict[str, Any]:
-    """Limits, friction and drives of the moving joints, by the names of the Model's fields."""
-    return {name: np.array([getattr(joint, own) for joint in joints]) for own, name in LIMITS_AND_DRIVES.items()}
-
-
-def _independent(k: int, part: Part) -> int:
-    """The part whose joint determines the position of part k's joint."""
-    return k if part.mimic is None else part.mimic.independent
-
-
-def _origin(part: Part, frame: Pose) -> Array:
-    """Where the part's link has its origin in the frame of its body."""
-    return frame.p + rotate(frame.R, part.link_origin) if np.any(part.link_origin) else frame.p
 
 
 def at_links(parts: Sequence[Part]) -> list[Part]:

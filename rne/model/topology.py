@@ -97,20 +97,14 @@ def joint_groups(model: Model) -> list[tuple[int, ...]]:
     carriers: list[set[int]] = []  # of each body, itself included
     for i, parent in enumerate(model.parent):
         carriers.append({i} | (carriers[parent] if parent >= 0 else set()))
-    group = list(range(model.nb))
-    while True:
-        before = list(group)
-        for k in range(model.n):
-            _join(group, {i for i in range(model.nb) if model.coordinate[i] == k})
-        for label in sorted(set(group)):
-            bodies = [i for i in range(model.nb) if group[i] == label]
-            if len(bodies) > 1:
-                outside = set.intersection(*(carriers[i] - {i} for i in bodies))
-                _join(group, set.union(*(carriers[i] for i in bodies)) - outside)
-        if group == before:
-            return [tuple(i for i in range(model.nb) if group[i] == label) for label in sorted(set(group))]
-
-
-def _join(group: list[int], bodies: set[int]) -> None:
-    labels = {group[i] for i in bodies}
-    group[:] = [min(labels) if label in labels else label for label in group]
+    groups = [{i for i in range(model.nb) if model.coordinate[i] == k} for k in range(model.n)]
+    before: list[set[int]] = []
+    while groups != before:
+        before, groups = groups, []
+        for group in before:
+            if len(group) > 1:  # the paths between them
+                above = [carriers[i] - {i} for i in group]
+                group = group.union(*above) - above[0].intersection(*above)
+            apart = [other for other in groups if not group & other]
+            groups = [*apart, group.union(*(other for other in groups if group & other))]
+    return sorted(tuple(sorted(group)) for group in groups)

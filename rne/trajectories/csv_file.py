@@ -172,16 +172,13 @@ def _numbers(
     if len(fields) != len(columns):
         raise ValueError(f"{name}, row {row}: must have {len(columns)} entries as the heading has, got {len(fields)}")
     entry = dict(zip(columns, fields, strict=True))
-    return [
-        math.nan
-        if gaps and column != "t" and _is_left_out(entry[column])
-        else _number(name, row, column, entry[column])
-        for column in wanted
-    ]
-
-
-def _is_left_out(text: str) -> bool:
-    return text.strip().lower() in ("", "nan")
+    numbers = [_as_number(entry[column]) for column in wanted]
+    for column, number in zip(wanted, numbers, strict=True):
+        left_out = gaps and column != "t" and entry[column].strip().lower() in ("", "nan")
+        if not (math.isfinite(number) or left_out):
+            got = repr(cut(entry[column], MAX_NAME))
+            raise ValueError(f"{name}, row {row}, column {column!r}: must be a finite number, got {got}")
+    return numbers
 
 
 def _as_number(text: str) -> float:
@@ -190,14 +187,6 @@ def _as_number(text: str) -> float:
         return float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
         return math.nan
-
-
-def _number(name: str, row: int, column: str, text: str) -> float:
-    number = _as_number(text)
-    if not math.isfinite(number):
-        got = repr(cut(text, MAX_NAME))
-        raise ValueError(f"{name}, row {row}, column {column!r}: must be a finite number, got {got}")
-    return number
 
 
 def _check_times(name: str, rows: Sequence[int], t: Array) -> None:
