@@ -16,18 +16,10 @@ from .errors import RneError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command.
+    """Run a command, by default that of the process's arguments.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The arguments; those of the process if not given.
-
-    Returns
-    -------
-    int
-        Exit code: 0 on success; 1 if a file has errors, a comparison exceeds its bound or a simulation fails; 2 for a
-        wrong call; 130 if it was interrupted.
+    Returns the exit code: 0 on success; 1 if a file has errors, a comparison exceeds its bound or a simulation fails; 2
+    for a wrong call; 130 if it was interrupted.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

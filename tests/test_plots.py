@@ -14,7 +14,7 @@ from PIL import Image
 
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
-from rne.plotting.plots import DASHED, MAX_POINTS, thinned
+from rne.plotting.plots import DASHED
 
 from .helpers import kept
 
@@ -257,16 +257,6 @@ def test_notebooks_show_figures_without_pyplot(irb140, swing, spread):
         assert len(pickle.loads(pickle.dumps(figure)).axes) == len(figure.axes)
 
 
-def test_long_curves_keep_their_extremes():
-    values = np.sin(np.linspace(0, 20, 40 * MAX_POINTS))
-    values[123457] = 100.0
-    shown = thinned(values)
-    assert len(shown) <= MAX_POINTS + 2
-    assert (values[shown].max(), values[shown].min()) == (100.0, values.min())
-    assert (shown[0], shown[-1]) == (0, len(values) - 1)
-    np.testing.assert_array_equal(thinned(values[:MAX_POINTS]), np.arange(MAX_POINTS))
-
-
 def test_bands_of_a_fan_are_the_quantiles(spread):
     levels = [0.1, 0.2, 0.5, 0.8, 0.9]
     for k, ax in enumerate(rne.plotting.fan(spread, probabilities=levels, of="qd").axes):
@@ -470,9 +460,3 @@ def test_names_are_shown_as_they_are(swing):
     figure.savefig(io.BytesIO())
     (legend,) = {tuple(text.get_text() for text in ax.get_legend().get_texts()) for ax in figure.axes[:1]}
     assert [name.replace("\u200b", "").replace(r"\$", "$") for name in legend] == names
-
-
-def test_thinned_keeps_peaks_beside_gaps():
-    values = np.where(np.arange(10000) % 3 == 0, np.nan, 0.0)
-    values[5000] = 7.0
-    assert 5000 in thinned(values, 100)

@@ -103,8 +103,8 @@ def test_contents_of_the_html_are_nested(tmp_path):
     page.heading("Two")
     html = page.write().read_text(encoding="utf-8")
     contents = (
-        '<nav><ul><li><a href="#s1">One</a><ul><li><a href="#s2">Part</a></li></ul></li>'
-        '<li><a href="#s3">Two</a></li></ul></nav>'
+        '<nav><ul><li class="h2"><a href="#s0">One</a></li><li class="h3"><a href="#s1">Part</a></li>'
+        '<li class="h2"><a href="#s2">Two</a></li></ul></nav>'
     )
     assert contents in html
 

@@ -40,16 +40,7 @@ class SampledMotion(NamedTuple):
 
 
 def read_motion(file: Path, robot: rne.Robot, *, degrees: bool = False) -> SampledMotion:
-    """Read the motion in a CSV file; warn if its units seem to be others.
-
-    Parameters
-    ----------
-    file : Path
-    robot : Robot
-        Its joints name the columns.
-    degrees : bool
-        True if q, qd and qdd of rotating joints are in degrees.
-    """
+    """Read the motion in a CSV file, whose columns the robot's joints name; warn if its units seem to be others."""
     import rne
 
     samples = rne.trajectories.read_csv(file, robot.joint_names)
@@ -140,21 +131,10 @@ def differentiated(motion: SampledMotion, file: Path) -> tuple[Array, Array, Arr
 
 
 def noise(t: Array, x: Array) -> Array:
-    """Standard deviation of white noise in samples of smooth motions.
+    """Standard deviation of white noise in samples of smooth motions; zero where there is none, or too few samples.
 
     A divided difference of high order, normalised by the norm of its weights, has the standard deviation of the noise,
     while a smooth motion nearly vanishes in it. The median ignores the corners of a motion.
-
-    Parameters
-    ----------
-    t : ndarray, shape (K,)
-        Times, at even steps or not.
-    x : ndarray, shape (K, n)
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Zero where the samples are smooth, or fewer than 30.
     """
     if len(t) < FEW:
         return np.zeros(x.shape[1])

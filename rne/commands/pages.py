@@ -47,20 +47,7 @@ GRAVITY = (
 
 
 def write_main_page(folder: Path, say: Callable[[str], None]) -> bool:
-    """Run the main job and write its page.
-
-    Parameters
-    ----------
-    folder : Path
-        For the HTML page and its pictures; made if it does not exist.
-    say : callable
-        Called with each line of text.
-
-    Returns
-    -------
-    bool
-        True if all differences from the independent source are within their bounds.
-    """
+    """Run the main job and write its page; True if all differences from the source are within their bounds."""
     started = time.perf_counter()
     robot = load("irb140")
     page = Report("ABB IRB 140 by recursive Newton-Euler", say, folder)
@@ -79,22 +66,9 @@ def write_main_page(folder: Path, say: Callable[[str], None]) -> bool:
 
 
 def write_robot_page(robot: Robot, findings: str, folder: Path, say: Callable[[str], None]) -> bool:
-    """Examine a robot and write the page.
+    """Examine a robot and write the page; `findings` are the lines that `rne.check` prints about its file.
 
-    Parameters
-    ----------
-    robot : Robot
-    findings : str
-        The lines that `rne.check` prints about its file; empty for a robot that has none.
-    folder : Path
-        For the HTML page and its pictures; made if it does not exist.
-    say : callable
-        Called with each line of text.
-
-    Returns
-    -------
-    bool
-        True if all differences from the independent source are within their bounds; False if M is singular.
+    True if all differences from the independent source are within their bounds; False if M is singular.
     """
     page = Report(f"Robot {robot.model.name}", say, folder)
     home: Array = np.clip(0.0, robot.lower, robot.upper)  # the position nearest to q = 0 within the joints' ranges

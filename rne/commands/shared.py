@@ -40,17 +40,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_parser(commands: Any, name: str, title: str, example: str) -> argparse.ArgumentParser:
-    """The parser of a subcommand, whose help ends with an example.
-
-    Parameters
-    ----------
-    commands : the object returned by `add_subparsers`
-    name : str
-    title : str
-        For the list of `rne --help`.
-    example : str
-        A command line.
-    """
+    """The parser of a subcommand, whose help ends with an example."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
         help=title,

@@ -7,6 +7,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .shared import (
     CommandError,
     add_parser,
@@ -98,8 +100,4 @@ def _times(duration: float, every: float | None) -> list[float] | None:
         return None
     if not 0 < every <= duration:
         raise CommandError(f"--every: must be positive and at most the duration of {duration:g} s, got {every:g}")
-    steps = int(duration / every * (1 + 1e-12))
-    times = [k * every for k in range(steps + 1)]
-    if duration - times[-1] > 1e-9 * every:
-        return [*times, duration]
-    return [*times[:-1], duration]
+    return [*np.arange(0.0, duration - 1e-9 * every, every).tolist(), duration]

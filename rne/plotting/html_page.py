@@ -37,6 +37,7 @@ th { vertical-align: bottom; }
 @media (max-width: 40rem) { table { width: max-content; } th { max-width: 10rem; } }
 h3 { margin: 2rem 0 .5rem; }
 nav ul { padding-left: 1.25rem; }
+nav .h3 { margin-left: 1.25rem; }
 @media (prefers-color-scheme: dark) { body { background: #121212; color: #ddd; } a { color: #7ab8f5; } }
 """
 FONT = 11.0  # smallest text [pt]; 11.2 px where the figure is 358 px wide, on a screen of 390 px
@@ -77,16 +78,7 @@ class Block(NamedTuple):
 
 
 class Report:
-    """Headings, text, tables and pictures, in order.
-
-    Parameters
-    ----------
-    title : str
-    say : callable
-        Called with each line of text as it is added.
-    folder : Path
-        Where the pictures and the HTML page are written; made if it does not exist.
-    """
+    """Headings, text, tables and pictures, in order: each line is said at once, the page is written into a folder."""
 
     def __init__(self, title: str, say: Callable[[str], None], folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -134,32 +126,21 @@ class Report:
         """Write the page as HTML into its folder, with a table of contents before the first heading."""
         if not has_matplotlib():
             self.text("matplotlib is not installed: no pictures (pip install 'rne[plot]').")
-        numbers = iter(range(1, len(self.blocks) + 1))
-        anchors = [f"s{next(numbers)}" if is_heading(block) else "" for block in self.blocks]
-        first = anchors.index("s1") if "s1" in anchors else len(anchors)
-        pieces = [_html(block, anchor) for block, anchor in zip(self.blocks, anchors, strict=True)]
-        before, after = "\n".join(pieces[:first]), "\n".join(pieces[first:])
+        listed = [(k, block) for k, block in enumerate(self.blocks) if is_heading(block)]
+        links = [f'<li class="{tag}"><a href="#s{k}">{escape(text)}</a></li>' for k, (tag, text) in listed]
+        pieces = [_html(block, k) for k, block in enumerate(self.blocks)]
+        if listed:
+            pieces.insert(listed[0][0], f"<nav><ul>{''.join(links)}</ul></nav>")
         head = (
             '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
             f"<title>{escape(self.title)}</title><style>{CSS}</style>"
         )
-        body = f"<h1>{escape(self.title)}</h1>{before}{self._contents()}{after}"
+        body = "\n".join([f"<h1>{escape(self.title)}</h1>", *pieces])
         path = self.folder / "index.html"
         path.write_text(
             f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n', encoding="utf-8"
         )
         return path
-
-    def _contents(self) -> str:
-        sections: list[list[str]] = []  # links, each to a section and to its parts
-        for k, (tag, text) in enumerate(filter(is_heading, self.blocks), 1):
-            link = f'<li><a href="#s{k}">{escape(text)}</a>'
-            if tag == "h2":
-                sections.append([link])
-            else:
-                sections[-1].append(f"{link}</li>")
-        items = [link + (f"<ul>{''.join(parts)}</ul>" if parts else "") + "</li>" for link, *parts in sections]
-        return f"<nav><ul>{''.join(items)}</ul></nav>" if items else ""
 
 
 def is_heading(block: Block) -> bool:
@@ -167,7 +148,7 @@ def is_heading(block: Block) -> bool:
     return block.tag in ("h2", "h3")
 
 
-def _html(block: Block, anchor: str) -> str:
+def _html(block: Block, number: int) -> str:
     tag, content = block
     if tag == "picture":
         name, caption = content
@@ -178,25 +159,14 @@ def _html(block: Block, anchor: str) -> str:
         head = "".join(f"<th>{cell}</th>" for cell in header)
         body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
         return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
-    attribute = f' id="{anchor}"' if anchor else ""
+    attribute = f' id="s{number}"' if is_heading(block) else ""
     return f"<{tag}{attribute}>{escape(content)}</{tag}>"
 
 
 def column(title: str, heights: Sequence[float], *, share: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of panels below each other, with room for a legend of two rows below all.
+    """A figure of panels of given heights [inch] below each other, with room for a legend of two rows below all.
 
-    Parameters
-    ----------
-    title : str
-        Wrapped to the width of the figure.
-    heights : sequence of float
-        Of the panels [inch].
-    share : bool
-        True for one time axis below all panels, False for one below each.
-
-    Returns
-    -------
-    matplotlib.figure.Figure, list of matplotlib.axes.Axes
+    They share one time axis at the bottom, or have one each.
     """
     text = textwrap.fill(title, LINE)
     axis = 0.55 if share else 0.45 * len(heights)

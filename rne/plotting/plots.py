@@ -6,7 +6,6 @@ import importlib.util
 import io
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -39,7 +38,6 @@ ENDINGS = {1: ", stopped by an event", -1: ", failed"}
 DASHED = (0, (4, 2))
 SEPARATE = 120  # samples whose points can still be told apart
 PALE, DARK = 0.18, 0.5  # opacity of the outermost and of the innermost band of a fan
-MAX_POINTS = 20000  # per curve; of longer ones the smallest and largest values of short spans are drawn
 LEGEND_ROWS = 12  # that fit beside one panel
 COLORS = 10  # in matplotlib's cycle
 WIDTH = 4.9  # of a figure for pages that are read on phones too [inch]
@@ -377,20 +375,9 @@ def curves(
     """Plot the columns of `values` over time."""
     drawn = []
     for column, name, color in zip(values.T, names, colors, strict=True):
-        shown = thinned(column)
         look = {"linewidth": 1.2, "marker": "." if len(t) == 1 else "", "label": literal(name), "color": color}
-        drawn += ax.plot(t[shown], column[shown], **look | style)
+        drawn += ax.plot(t, column, **look | style)
     return drawn
-
-
-def thinned(column: Array, most: int = MAX_POINTS) -> Array:
-    """Indices of the values to draw: all, or the smallest and the largest of each of many short spans."""
-    if len(column) <= most:
-        return np.arange(len(column))
-    edges = np.linspace(0, len(column), most // 2 + 1).astype(int)
-    low, high = (np.where(np.isnan(column), far, column) for far in (np.inf, -np.inf))
-    extremes = [a + int(k) for a, b in pairwise(edges) for k in (low[a:b].argmin(), high[a:b].argmax())]
-    return np.unique([0, *extremes, len(column) - 1])
 
 
 def literal(name: str) -> str:
