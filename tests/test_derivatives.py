@@ -7,11 +7,12 @@ import pytest
 
 import rne
 from benchmarks.random_robots import random_tree
-from rne.kernels.differentiation import complex_step, differentiate
+from rne.kernels.differentiation import differentiate
 from rne.kernels.graph import Graph
 from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs
+from rne.kernels.trace import by_recursion
 
 from .helpers import EPS, kept, relative, states
 from .quantities import QUANTITIES, arguments_of
@@ -42,7 +43,7 @@ def test_derivative_is_the_complex_step_of_the_recursion(robot, name):
             robot.kernel(function, *wrt)
         return
     kernel, arguments = robot.kernel(function, *wrt), arguments_of(function, tree.n, 4)
-    expected = complex_step(function, tree, arguments, wrt, {})[0]
+    expected = by_recursion(function, tree, arguments, wrt, {})[0]
     got = kernel(*arguments)
     assert got.shape == expected.shape
     kappa = np.linalg.cond(rne.dynamics.mass_matrix(tree, arguments[0])).max() if "forward" in name else 1.0
@@ -58,7 +59,7 @@ def test_derivative_is_the_complex_step_of_the_recursion(robot, name):
 def test_forward_dynamics_derivatives_are_the_complex_step(robot):
     tree = robot.model
     q, qd, tau = states(tree.n, 4, rate=2.0)
-    expected = complex_step(rne.dynamics.forward_dynamics, tree, (q, qd, tau), ("q", "qd", "tau"), {})[0]
+    expected = by_recursion(rne.dynamics.forward_dynamics, tree, (q, qd, tau), ("q", "qd", "tau"), {})[0]
     got = np.concatenate(robot.forward_dynamics_derivatives(q, qd, tau), axis=-1)
     kappa = np.linalg.cond(rne.dynamics.mass_matrix(tree, q)).max()
     assert np.abs(got - expected).max() <= EXACT * kappa * np.abs(expected).max()

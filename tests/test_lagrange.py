@@ -10,7 +10,7 @@ import pytest
 import rne
 from benchmarks.random_robots import random_tree
 from rne.dynamics.lagrange import bodies, gravity_terms, inertia_derivatives, inertia_matrix
-from rne.kernels.differentiation import complex_step
+from rne.kernels.trace import by_recursion
 from rne.model.abb_irb140 import irb140_mirrored
 from rne.model.builder import Part, assemble
 
@@ -77,7 +77,7 @@ def test_M_from_jacobians_is_M_from_composite_bodies(arm):
 def test_derivatives_of_M_are_those_of_its_complex_step(arm):
     arm = joints_only(arm)
     q = states(arm.n, 10)[0]
-    exact, _ = complex_step(rne.dynamics.mass_matrix, arm, [q], ["q"], {})
+    exact, _ = by_recursion(rne.dynamics.mass_matrix, arm, [q], ["q"], {})
     assert np.abs(inertia_derivatives(arm, bodies(arm, q), q) - exact).max() <= LAW * size(arm, q)
 
 
@@ -89,7 +89,7 @@ def test_gravity_is_that_of_the_recursion(arm):
 
 def test_christoffel_symbols_are_made_of_the_derivatives_of_M(arm):
     q = states(arm.n, 10)[0]
-    dM, _ = complex_step(rne.dynamics.mass_matrix, arm, [q], ["q"], {})  # [s, i, j, k] = dM_ij / dq_k
+    dM, _ = by_recursion(rne.dynamics.mass_matrix, arm, [q], ["q"], {})  # [s, i, j, k] = dM_ij / dq_k
     expected = (np.einsum("skji->sijk", dM) + np.einsum("skij->sijk", dM) - dM) / 2
     assert np.abs(rne.dynamics.christoffel_symbols(arm, q) - expected).max() <= LAW * size(arm, q)
 

@@ -15,11 +15,10 @@ from ..dynamics.forward import forward_dynamics
 from ..dynamics.quantity import Declared, PrecisionStatus
 from ..dynamics.rnea import External, inverse_dynamics
 from ..model.model import Model
-from .differentiation import complex_step
 from .kernel import Kernel, compile, derivative, engine_argument
 from .program import NeedsRecursion
 from .scalar import is_traced
-from .trace import inputs_as_arrays, wrench_links
+from .trace import by_recursion, wrench_links
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
 # joints, articulated bodies beyond the second.
@@ -78,7 +77,7 @@ class KernelCache:
         kernel = self._kernels.get(key)
         if kernel is None:
             if self._is_first_state(key, arrays):
-                return self._by_recursion(function, arrays, wrt, fixed)[0]
+                return by_recursion(function, self.model, arrays, wrt, fixed)[0]
             kernel = self.kernel(function, *wrt, **fixed)
         try:
             result = kernel.fast_single_state(*arrays)
@@ -102,7 +101,7 @@ class KernelCache:
         kernel = self._forward.get(tuple(inputs.items()) if inputs else ())
         if kernel is None:
             if self._is_first_state(("forward dynamics", *inputs.items()), arrays):
-                return self._by_recursion(self._candidates()[-1], arrays, (), inputs)
+                return by_recursion(self._candidates()[-1], self.model, arrays, (), inputs)
             kernel = self.forward_kernel(**inputs)
         return kernel.evaluate(*arrays)
 
@@ -117,14 +116,6 @@ class KernelCache:
         if one_state:
             self._called.add(key)
         return one_state
-
-    def _by_recursion(
-        self, function: Declared, arrays: Sequence[ArrayLike], wrt: Sequence[str], fixed: Mapping[str, Any]
-    ) -> tuple[Array, PrecisionStatus]:
-        function, rest = inputs_as_arrays(function, self.model, fixed)
-        if wrt:
-            return complex_step(function, self.model, arrays, wrt, rest)
-        return function.evaluate(self.model, *arrays, **rest)
 
     def _with_inputs(
         self,

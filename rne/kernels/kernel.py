@@ -19,14 +19,13 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, wrapped
 from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
 from ..model.model import Model, joint_array, joint_shaped, model_argument
-from .differentiation import complex_step
 from .graph import TooLarge
 from .numpy_backend import BlockProgram, check_out
 from .program import NeedsRecursion, Recursion, Trace
 from .python_backend import state_function
 from .scalar import is_traced
 from .source import Printable, entry_of_element, heading, to_source
-from .trace import argument_widths, inputs_as_arrays, named_by_function, quantity_of, trace, within_a_trace
+from .trace import argument_widths, by_recursion, inputs_as_arrays, named_by_function, trace, within_a_trace
 
 ENGINES = ("numpy", "numba")
 Run = Callable[[Sequence[Array], Array, Recursion], PrecisionStatus]  # (states, results, recursion)
@@ -85,8 +84,8 @@ class Kernel(InNotebooks):
         wrt: Sequence[str] = (),
         engine: str = "numpy",
     ) -> None:
-        self.function, self.fixed = inputs_as_arrays(function, model, fixed)
-        self.quantity = quantity_of(self.function)
+        self.function, self.fixed = function, dict(fixed)
+        self.quantity, self._rest = inputs_as_arrays(function, model, fixed)
         self.model = model_argument(model)
         self.wrt = tuple(wrt)
         self.engine = engine_argument(engine)
@@ -94,7 +93,7 @@ class Kernel(InNotebooks):
         self.names, self.widths = tuple(widths), tuple(widths.values())
         try:
             with np.errstate(all="ignore"):
-                self._trace: Trace | None = trace(self.quantity, model, self.fixed, self.wrt)
+                self._trace: Trace | None = trace(self.quantity, model, self._rest, self.wrt)
         except TooLarge:
             self._trace = None
         self.fast_single_state = _fast_single_state(self)
@@ -192,7 +191,7 @@ class Kernel(InNotebooks):
             if result is not None:
                 return result, OK
         if any(is_traced(a) for a in arguments):  # within a law that is being traced itself
-            return within_a_trace(self.quantity, self.model, arguments, self.fixed), OK
+            return within_a_trace(self.quantity, self.model, arguments, self._rest), OK
         whole_number("workers", workers)
         if len(arguments) != len(self.names):
             raise TypeError(f"this kernel takes {', '.join(self.names)}; got {len(arguments)} arguments")
@@ -256,7 +255,7 @@ class Kernel(InNotebooks):
         traced, title, entry = self.traced, name, None
         if element is not None:
             entry = entry_of_element(element, name, traced.shape)
-            traced, title = trace(self.quantity, self.model, self.fixed, self.wrt, entry), element
+            traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry), element
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
         return to_source(Printable(traced.program, title, self.names, self.widths, traced.shape, lines), language)
 
@@ -269,9 +268,7 @@ class Kernel(InNotebooks):
 
     def _by_function(self, arguments: Sequence[Any]) -> tuple[Array, PrecisionStatus]:
         """The function itself, or its derivatives by complex step."""
-        if self.wrt:
-            return complex_step(self.function, self.model, arguments, self.wrt, self.fixed)
-        return self.function.evaluate(self.model, *arguments, **self.fixed)
+        return by_recursion(self.function, self.model, arguments, self.wrt, self.fixed)
 
     def _batch(
         self, arrays: Sequence[Array], dtype: np.dtype[Any], out: Array | None, workers: int
@@ -438,8 +435,7 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
     >>> slopes.names
     ('q', 'parameters')
     """
-    function, fixed = inputs_as_arrays(function, model, fixed)
-    names = tuple(quantity_of(function).widths)
+    names = tuple(inputs_as_arrays(function, model, fixed)[0].widths)
     for name in wrt:
         if name not in names:
             cure = "; `parameters=True` makes them one" if name == "parameters" else ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from .program import Trace, lower
 from .scalar import inputs, references
 
 LIMIT = 50_000  # operations that are written out at most
+STEP = 1e-30  # of complex steps: its square vanishes beside 1, so nothing cancels and nothing is truncated
 
 
 def quantity_of(function: Declared) -> Quantity:
@@ -52,8 +53,8 @@ def trace(
     graph = Graph(limit=8 * LIMIT)
     widths = argument_widths(quantity, model)
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
-    arguments = {name: inputs(graph, (1, width), starts[name]) for name, width in widths.items()}
-    result, *judged = _parts(quantity, quantity.core(traced_model(quantity, model), **arguments, **fixed))
+    arrays = [inputs(graph, (1, width), starts[name]) for name, width in widths.items()]
+    result, *judged = _run_core(quantity, model, arrays, fixed)
     shape, outputs = np.shape(result)[1:], references(graph, result)
     if wrt:
         by = [starts[name] + j for name in wrt for j in range(widths[name])]
@@ -73,66 +74,27 @@ def trace(
     return Trace(program, tuple(widths.values()), shape, velocities, pivots)
 
 
-def _parts(quantity: Quantity, core_result: Any) -> tuple[Any, ...]:
-    return (core_result,) if quantity.check is None else core_result
+def _run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:
+    """The core's results on a model with masses moved inwards, where that changes nothing, and at the parameters."""
+    given = by_link(quantity, arrays, fixed)
+    model = with_fewest_terms(model) if quantity.base_parameters else model
+    if "parameters" in given:
+        model = at_parameters(model, given.pop("parameters"))
+    results = quantity.core(model, **given)
+    return (results,) if quantity.check is None else results
 
 
 def within_a_trace(quantity: Quantity, model: Model, arguments: Sequence[Any], fixed: Mapping[str, Any]) -> Array:
     """The result on traced numbers, of a quantity that another one calls; the core needs a batch axis."""
     arrays = [np.asarray(a) for a in arguments]
     single = all(a.ndim < 2 for a in arrays)
-    batch = [np.atleast_2d(a) for a in arrays] if single else arrays
-    result = _parts(quantity, quantity.core(traced_model(quantity, model), *batch, **fixed))[0]
+    result = _run_core(quantity, model, [np.atleast_2d(a) for a in arrays] if single else arrays, fixed)[0]
     return np.asarray(result[0] if single else result)
-
-
-def traced_model(quantity: Quantity, model: Model) -> Model:
-    """The model a quantity is traced on: with masses moved inwards, where that changes nothing."""
-    return with_fewest_terms(model) if quantity.base_parameters else model
 
 
 def argument_widths(quantity: Quantity, model: Model) -> dict[str, int]:
     """Length of each array argument along its last axis."""
     return {name: model.n if width is None else width for name, width in quantity.widths.items()}
-
-
-@dataclass(frozen=True)
-class OfArrays:
-    """A function of a model with wrenches, or the inertial parameters, as arrays behind its joint arrays.
-
-    Attributes
-    ----------
-    function : Declared
-    links : tuple of str
-        Links of the wrenches, in the order of their arrays.
-    bodies : int or None
-        Number of moving bodies if the inertial parameters are the last array; None if they are the model's.
-    """
-
-    function: Declared
-    links: tuple[str, ...]
-    bodies: int | None
-
-    @property
-    def quantity(self) -> Quantity:
-        """The function's quantity with further arrays: external_k of shape (..., 6), parameters (..., 10 bodies)."""
-        declared = self.function.quantity
-        wrenches = {f"external_{k}": link for k, link in enumerate(self.links, 1)}
-        widths = {**declared.widths, **dict.fromkeys(wrenches, 6)}
-        if self.bodies is not None:
-            widths["parameters"] = PARAMETERS * self.bodies
-        return replace(declared, core=self.core, widths=widths, wrenches=wrenches)
-
-    def core(self, model: Model, *arrays: Any, **named: Any) -> Any:
-        """The function's core, with wrenches by link, on the model at the parameters."""
-        given = by_link(self.quantity, arrays, named)
-        if self.bodies is not None:
-            model = at_parameters(model, given.pop("parameters"))
-        return self.function.quantity.core(model, **given)
-
-    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
-        """The function itself, with wrenches by link and `parameters`."""
-        return self.function.evaluate(model, **by_link(self.quantity, args, kwargs))
 
 
 def by_link(quantity: Quantity, arrays: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
@@ -142,31 +104,57 @@ def by_link(quantity: Quantity, arrays: Sequence[Any], named: Mapping[str, Any])
     return given | {"external": external} if external else given
 
 
-def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any]) -> tuple[Declared, dict[str, Any]]:
-    """Turn fixed arguments into arrays of the function: its joint arrays, then wrenches, then inertial parameters.
+def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any]) -> tuple[Quantity, dict[str, Any]]:
+    """The function's quantity with further arrays behind its joint arrays: wrenches, then inertial parameters.
 
-    `fixed` may have `external`, a sequence of link names, and `parameters`, True or False; it is returned without them.
-    A TypeError tells that the function takes no such input, or an argument is of another type, a ValueError that a
-    link is unknown or named twice.
+    `fixed` may have `external`, a sequence of link names, whose wrenches are external_1, ... of shape (..., 6), and
+    `parameters`, True or False, of shape (..., 10 nb); the rest of it is returned. A TypeError tells that the function
+    takes no such input, or an argument is of another type, a ValueError that a link is unknown or named twice.
     """
-    rest = dict(fixed)
+    quantity, rest = quantity_of(function), dict(fixed)
     external, parameters = rest.pop("external", None), rest.pop("parameters", False)
-    links: tuple[str, ...] = ()
+    wrenches: dict[str, str] = {}
     if external is not None:
-        quantity = quantity_of(function)
         if "external" not in inspect.signature(quantity.core).parameters:
             raise TypeError(f"rne.dynamics.{quantity.name} takes no external wrenches")
         links = wrench_links(model_argument(model), external)
+        wrenches = {f"external_{k}": link for k, link in enumerate(links, 1)}
     if not isinstance(parameters, bool):
         raise TypeError(
             f"`parameters` of a kernel must be True or False, got {type(parameters).__name__}; the parameters "
             "themselves are an argument of its calls"
         )
+    widths = dict.fromkeys(wrenches, 6)
     if parameters:
-        quantity_of(function).require_moments()
-    if not links and not parameters:
-        return function, rest
-    return OfArrays(function, links, model_argument(model).nb if parameters else None), rest
+        quantity.require_moments()
+        widths["parameters"] = PARAMETERS * model_argument(model).nb
+    return replace(quantity, widths={**quantity.widths, **widths}, wrenches=wrenches), rest
+
+
+def by_recursion(
+    function: Declared, model: Model, arrays: Sequence[Any], wrt: Sequence[str], fixed: Mapping[str, Any]
+) -> tuple[Array, PrecisionStatus]:
+    """What a kernel of the function gives, by the function itself; its derivatives `wrt` by complex step."""
+    quantity, rest = inputs_as_arrays(function, model, fixed)
+
+    def evaluate(arrays: Sequence[Any]) -> tuple[Array, PrecisionStatus]:
+        if len(quantity.widths) == len(function.quantity.widths):
+            return function.evaluate(model, *arrays, **rest)
+        return function.evaluate(model, **by_link(quantity, arrays, rest))
+
+    result, status = evaluate(arrays)  # names what is wrong with the arguments
+    if not wrt:
+        return result, status
+    names, arrays = list(quantity.widths), [np.asarray(a) for a in arrays]
+    real = np.result_type(*arrays, np.float32)
+    leading = len(np.broadcast_shapes(*(a.shape[:-1] for a in arrays)))
+    columns = []
+    for name in wrt:
+        k = names.index(name)
+        perturbed = [a[..., None, :] for a in arrays]
+        perturbed[k] = perturbed[k] + 1j * STEP * np.eye(arrays[k].shape[-1])
+        columns.append(np.moveaxis(evaluate(perturbed)[0].imag / STEP, leading, -1))
+    return np.concatenate(columns, axis=-1).astype(real), status
 
 
 def wrench_links(model: Model, external: Any) -> tuple[str, ...]:
