@@ -58,9 +58,9 @@ def _function(name: str, arguments: str, summary: str, example: str, result: str
     def function(*given: Any, **named: Any) -> Array:
         if named or len(given) != len(names):
             given = signature.bind(*given, **named).args
-        arrays = [plain_array(argument, value) for argument, value in zip(names, given, strict=True)]
-        of_numbers = not any(array.dtype == object for array in arrays)
-        return np.asarray((of_arrays if of_numbers else of_entries)(*arrays))
+        arrays = list(map(plain_array, names, given))
+        traced = any([array.dtype == object for array in arrays])
+        return np.asarray((of_entries if traced else of_arrays)(*arrays))
 
     imported = "less, where" if name == "where" else name
     function.__doc__ = DOCSTRING.format(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from .graph import Graph
 
 
@@ -34,42 +36,40 @@ def _signed(graph: Graph, slope: int, ref: int) -> int:
 
 
 def _slope(graph: Graph, index: int, slopes: list[int]) -> int:
-    """The derivative of one operation from those of its arguments."""
-    node = graph.nodes[index]
-    a, da = node.args[0], slopes[0]
-    if node.kind in ("add", "subtract"):
-        return graph.add(da, graph.negate(slopes[1]) if node.kind == "subtract" else slopes[1])
-    if node.kind == "multiply":
-        b, db = node.args[1], slopes[1]
-        return graph.add(graph.multiply(da, b), graph.multiply(a, db))
-    if node.kind == "divide":
-        b, db = node.args[1], slopes[1]
-        return graph.divide(graph.add(da, graph.negate(graph.multiply(2 * index, db))), b)
-    if node.kind in ("minimum", "maximum"):
-        first = graph.binary("less", *((a, node.args[1]) if node.kind == "minimum" else (node.args[1], a)))
-        return graph.where(first, da, slopes[1])
-    if node.kind == "arctan2":  # of y by x: (x dy - y dx) / (x^2 + y^2)
-        x, dx = node.args[1], slopes[1]
-        turn = graph.add(graph.multiply(x, da), graph.negate(graph.multiply(a, dx)))
-        return graph.divide(turn, graph.add(graph.multiply(x, x), graph.multiply(a, a)))
-    if node.kind == "where":
-        return graph.where(a, slopes[1], slopes[2])
-    return _unary_slope(graph, node.kind, 2 * index, a, da)
+    """The derivative of one operation from those of its arguments; 0 of signs and comparisons."""
+    kind, args = graph.nodes[index]
+    if kind == "where":
+        return graph.where(args[0], *slopes[1:])
+    rule = RULES.get(kind)
+    if rule is None:
+        return graph.constant(0.0)
+    return rule(graph, 2 * index, args[0], slopes[0], args[-1], slopes[-1])
 
 
-def _unary_slope(graph: Graph, kind: str, value: int, a: int, da: int) -> int:
-    if kind == "sin":
-        return graph.multiply(graph.unary("cos", a), da)
-    if kind == "cos":
-        return graph.negate(graph.multiply(graph.unary("sin", a), da))
-    if kind == "negative":
-        return graph.negate(da)
-    if kind == "sqrt":
-        return graph.divide(graph.multiply(da, graph.constant(0.5)), value)
-    if kind == "abs":
-        return graph.multiply(graph.unary("sign", a), da)
-    if kind == "tanh":
-        return graph.multiply(graph.add(graph.constant(1.0), graph.negate(graph.multiply(value, value))), da)
-    if kind == "exp":
-        return graph.multiply(value, da)
-    return graph.constant(0.0)  # sign and comparisons are piecewise constant
+def _quotient(g: Graph, value: int, a: int, da: int, b: int, db: int) -> int:
+    return g.divide(g.add(da, g.negate(g.multiply(value, db))), b)
+
+
+def _angle(g: Graph, value: int, y: int, dy: int, x: int, dx: int) -> int:
+    """(x dy - y dx) / (x^2 + y^2)."""
+    turn = g.add(g.multiply(x, dy), g.negate(g.multiply(y, dx)))
+    return g.divide(turn, g.add(g.multiply(x, x), g.multiply(y, y)))
+
+
+# d value of value = f(a, b), or f(a), from da and db
+RULES: dict[str, Callable[[Graph, int, int, int, int, int], int]] = {
+    "add": lambda g, v, a, da, b, db: g.add(da, db),
+    "subtract": lambda g, v, a, da, b, db: g.add(da, g.negate(db)),
+    "multiply": lambda g, v, a, da, b, db: g.add(g.multiply(da, b), g.multiply(a, db)),
+    "divide": _quotient,
+    "arctan2": _angle,
+    "minimum": lambda g, v, a, da, b, db: g.where(g.binary("less", a, b), da, db),
+    "maximum": lambda g, v, a, da, b, db: g.where(g.binary("less", b, a), da, db),
+    "sin": lambda g, v, a, da, *_: g.multiply(g.unary("cos", a), da),
+    "cos": lambda g, v, a, da, *_: g.negate(g.multiply(g.unary("sin", a), da)),
+    "negative": lambda g, v, a, da, *_: g.negate(da),
+    "sqrt": lambda g, v, a, da, *_: g.divide(g.multiply(da, g.constant(0.5)), v),
+    "abs": lambda g, v, a, da, *_: g.multiply(g.unary("sign", a), da),
+    "tanh": lambda g, v, a, da, *_: g.multiply(g.add(g.constant(1.0), g.negate(g.multiply(v, v))), da),
+    "exp": lambda g, v, a, da, *_: g.multiply(v, da),
+}

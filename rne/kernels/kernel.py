@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import builtins
 import importlib.util
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, cached_property
+from functools import cached_property
 from math import prod
-from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -312,23 +310,12 @@ def _fast_single_state(kernel: Kernel) -> Callable[..., Array | None]:
         return lambda *_: None
     namespace: dict[str, Any] = {f"s{k}": (width,) for k, width in enumerate(kernel.widths)}
     namespace |= {"ndarray": np.ndarray, "float64": FLOAT64, "state": first}
-    exec(_checked_call(len(kernel.widths)), namespace)
+    arguments = ", ".join(f"a{k}" for k in range(len(kernel.widths)))
+    check = "type(a{0}) is ndarray and a{0}.dtype is float64 and a{0}.shape == s{0}"
+    checks = " and ".join(check.format(k) for k in range(len(kernel.widths)))
+    exec(f"def call({arguments}):\n    if {checks}:\n        return state({arguments})\n", namespace)
     call: Callable[..., Array | None] = namespace["call"]
     return call
-
-
-@cache
-def _checked_call(count: int) -> CodeType:
-    arguments = ", ".join(f"a{k}" for k in range(count))
-    checks = [f"type(a{k}) is ndarray and a{k}.dtype is float64 and a{k}.shape == s{k}" for k in range(count)]
-    lines = [
-        f"def call({arguments}):",
-        f"    if {' and '.join(checks)}:",
-        f"        return state({arguments})",
-        "    return None",
-    ]
-    code: CodeType = builtins.compile("\n".join(lines) + "\n", "<rne call>", "exec")
-    return code
 
 
 def _run_in_threads(
