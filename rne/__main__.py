@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from .commands import COMMANDS
-from .commands.report import FOLDER, add_out, run_main_page
+from .commands.printing import FOLDER, add_out, run_main_page
 from .commands.shared import CommandError, Parser, fail, in_one_line, join_numbers, note
 from .errors import RneError
 

@@ -1,16 +1,16 @@
-"""The subcommands of the command line: each `add` registers a parser, whose `run` does the work.
+"""The subcommands of the command line: each `add_...` registers a parser, whose `run` does the work.
 
-A new subcommand is a function `add` in `COMMANDS`, which is the order of `rne --help`.
+A new subcommand is a function in `COMMANDS`, which is the order of `rne --help`.
 """
 
-from . import printing, report, simulate, torques, view
+from . import moving, printing
 
 COMMANDS = (
     printing.add_check,
-    view.add,
-    simulate.add,
-    torques.add,
+    moving.add_view,
+    moving.add_simulate,
+    moving.add_torques,
     printing.add_source,
     printing.add_urdf,
-    report.add,
+    printing.add_report,
 )

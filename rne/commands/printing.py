@@ -1,16 +1,19 @@
-"""rne check, rne urdf and rne source: what is wrong with a robot's file, the robot as URDF, its equations as code."""
+"""rne check, urdf, source and report: findings in a robot's file, the robot as URDF, as code, and as a page."""
 
 from __future__ import annotations
 
 import argparse
 import inspect
+import io
 import os
+from pathlib import Path
 from typing import Any
 
-from .shared import ROBOT, CommandError, add_parser, fail, in_one_line
+from .shared import ROBOT, CommandError, add_parser, check_folder, fail, in_one_line, say
 
 FIRST = 4096  # bytes that are looked at
 MARK = 8  # bytes that may precede "<": the mark of an encoding
+FOLDER = Path("rne-report")
 LANGUAGES = ("python", "numpy", "matlab", "c")
 
 
@@ -110,3 +113,40 @@ def run_source(arguments: argparse.Namespace) -> int:
         raise CommandError(str(error).replace("`element`", "--element")) from error
     print(text, end="")
     return 0
+
+
+def add_out(parser: argparse.ArgumentParser, default: Any) -> None:
+    """The option for the folder of a page."""
+    text = "folder of the page, made if it does not exist (default: rne-report)"
+    parser.add_argument("--out", metavar="DIR", type=Path, default=default, help=text)
+
+
+def add_report(commands: Any) -> None:
+    """Register `rne report`."""
+    parser = add_parser(commands, "report", "write a page on a robot", "rne report arm.urdf --out arm-page")
+    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    add_out(parser, argparse.SUPPRESS)  # where it is not given here, that before the subcommand holds
+    parser.set_defaults(run=run_report)
+
+
+def run_main_page(arguments: argparse.Namespace) -> int:
+    """Write the main page; 1 if a comparison exceeds its bound."""
+    from . import pages
+
+    check_folder(arguments.out)
+    return 0 if pages.write_main_page(arguments.out, say) else 1
+
+
+def run_report(arguments: argparse.Namespace) -> int:
+    """Write the page on the robot; 1 if a comparison exceeds its bound."""
+    import rne
+
+    from ..urdf.loading import resolve
+    from . import pages
+
+    robot = rne.load(arguments.robot)
+    check_folder(arguments.out)
+    printed = io.StringIO()
+    if isinstance(resolve(arguments.robot), str):  # the path of a file
+        rne.check(arguments.robot, out=printed)
+    return 0 if pages.write_robot_page(robot, printed.getvalue().strip(), arguments.out, say) else 1

@@ -1,0 +1,265 @@
+"""rne simulate, rne torques and rne view: motions from an initial state, of a file, and as pages with a 3-D view."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..basics.text import UNITS
+from . import motion_files as files
+from .shared import (
+    CommandError,
+    add_parser,
+    add_robot,
+    check_file,
+    fail,
+    in_one_line,
+    note,
+    number,
+    numbers,
+    robot_of,
+    say,
+    say_limits,
+    say_samples,
+    units_of,
+    used,
+    warnings_in_one_line,
+    written,
+)
+
+if TYPE_CHECKING:
+    import rne
+
+    from ..basics.spatial import Array
+
+NOT_GIVEN = " (not given: zero)"
+MOTIONS = (".npz", ".csv")
+SIMULATION = "rne simulate irb140 --q0 0 0.5 0 0 0 0 --duration 2 --out motion.csv"
+VIEW = "rne view panda.urdf --motion model.npz --other measured.csv --out panda.html"
+COLUMNS = ".npz of rne.Trajectory.save, or .csv with columns t and q.<joint> [s, rad or m]"
+PAGES = (".html", ".htm")
+NOISY = 0.05  # torque made by noise, relative to the torque of the joint (rms), above which a warning is given
+
+
+def add_simulate(commands: Any) -> None:
+    """Register `rne simulate`."""
+    title = "simulate a motion and write it to a file"
+    parser = add_parser(commands, "simulate", title, SIMULATION)
+    add_robot(parser)
+    joints = "one number per joint, separated by blanks or commas"
+    parser.add_argument("--q0", metavar="Q", type=numbers, help=f"initial positions [rad or m], {joints}; else zero")
+    parser.add_argument("--qd0", metavar="QD", type=numbers, help="initial velocities [rad/s or m/s]; else at rest")
+    parser.add_argument("--duration", metavar="S", type=number, required=True, help="[s]")
+    parser.add_argument("--torque", metavar="TAU", type=numbers, help="constant drive torques [N m or N]; else none")
+    parser.add_argument("--method", default="auto", help="solver of rne.simulate (default: auto)")
+    parser.add_argument("--rtol", type=number, default=1e-6, help="relative tolerance (default: 1e-6)")
+    parser.add_argument("--every", metavar="S", type=number, help="time between samples [s]; else the solver's steps")
+    out = "file to write: .npz for rne.Trajectory.load, .csv for anything else"
+    parser.add_argument("--out", metavar="FILE", type=Path, required=True, help=out)
+    parser.set_defaults(run=run_simulate)
+
+
+def run_simulate(arguments: argparse.Namespace) -> int:
+    """Simulate, write the file, and say from what and with which result; 1 if the simulation failed."""
+    import rne
+
+    check_file(arguments.out, suffixes=MOTIONS)
+    robot = robot_of(arguments)
+    times = _times(arguments.duration, arguments.every)
+    q0, qd0, torque = (_per_joint(robot, name, getattr(arguments, name)) for name in ("q0", "qd0", "torque"))
+    say(used(robot, arguments))
+    say(f"q0 {written(q0)} {units_of(robot, 'rad', 'm')}{NOT_GIVEN if arguments.q0 is None else ''}")
+    say(f"qd0 {written(qd0)} {units_of(robot, 'rad/s', 'm/s')}{NOT_GIVEN if arguments.qd0 is None else ''}")
+    say(f"torque {written(torque)} {units_of(robot, 'N m', 'N')}{NOT_GIVEN if arguments.torque is None else ''}")
+    say("rigid bodies alone: no friction, stops or torque limits")
+    try:
+        with warnings_in_one_line():
+            options = {"method": arguments.method, "rtol": arguments.rtol, "t_eval": times}
+            law = None if arguments.torque is None else torque
+            motion = rne.simulate(robot, q0, qd0, arguments.duration, torque=law, **options)
+    except ValueError as error:
+        raise CommandError(re.sub("`(method|rtol|duration)`", r"--\1", in_one_line(error))) from None
+    except rne.SimulationError as error:
+        fail(in_one_line(error))
+        return 1
+    (motion.save if arguments.out.suffix.lower() == ".npz" else motion.to_csv)(arguments.out)
+    say(motion.message)
+    say(f"energy drift {motion.energy_drift:.3g} J")
+    say_limits(say, robot, motion.check_limits())
+    say_samples(arguments.out, motion.t)
+    return 0
+
+
+def _per_joint(robot: rne.Robot, option: str, given: list[float] | None) -> list[float]:
+    if given is None:
+        return [0.0] * robot.n
+    if len(given) != robot.n:
+        names = ", ".join(robot.joint_names)
+        raise CommandError(f"--{option}: must be {robot.n} numbers, for {names}; got {len(given)}")
+    return given
+
+
+def _times(duration: float, every: float | None) -> list[float] | None:
+    """Samples at equal intervals from 0, the end included."""
+    if every is None:
+        return None
+    if not 0 < every <= duration:
+        raise CommandError(f"--every: must be positive and at most the duration of {duration:g} s, got {every:g}")
+    return [*np.arange(0.0, duration - 1e-9 * every, every).tolist(), duration]
+
+
+def add_torques(commands: Any) -> None:
+    """Register `rne torques`."""
+    title = "compute the torques of a motion in a CSV file"
+    parser = add_parser(commands, "torques", title, "rne torques irb140 motion.csv --out torques.csv")
+    add_robot(parser)
+    columns = "CSV with columns t and q.<joint>, if known qd.<joint> and qdd.<joint>, in any order [s, rad or m]"
+    parser.add_argument("motion", metavar="MOTION.csv", type=Path, help=columns)
+    degrees = "q, qd and qdd of rotating joints are in degrees"
+    parser.add_argument("--degrees", action="store_true", help=degrees)
+    cutoff = "filter the columns without delay before they are differentiated: Butterworth, cut off at HZ"
+    parser.add_argument("--cutoff", metavar="HZ", type=number, help=cutoff)
+    out = "CSV file to write, columns t and tau.<joint> (default: standard output)"
+    parser.add_argument("--out", metavar="FILE", type=Path, help=out)
+    parser.set_defaults(run=run_torques)
+
+
+def run_torques(arguments: argparse.Namespace) -> int:
+    """Write the torques, and say how they were computed: on standard error if the torques go to standard output."""
+    from ..simulation.limits import limit_violations
+
+    check_file(arguments.out)
+    robot = robot_of(arguments)
+    try:
+        given = files.read_motion(arguments.motion, robot, degrees=arguments.degrees)
+        if given.qd is None:
+            files.refuse_wrapped_angles(given, robot, arguments.motion)
+        motion, change = given, ""
+        if arguments.cutoff is not None:
+            motion, change = files.filtered(given, arguments.cutoff)
+        q, qd, qdd, source = files.differentiated(motion, arguments.motion)
+        with warnings_in_one_line():
+            tau = robot.inverse_dynamics(q, qd, qdd)
+    except ValueError as error:
+        raise CommandError(in_one_line(error)) from None
+    tell = note if arguments.out is None else say
+    tell(used(robot, arguments))
+    tell(source)
+    if change:
+        tell(change)
+    if given.qd is None or given.qdd is None:
+        files.warn_of_uneven_steps(given.t)
+        warn_of_noise(robot, given, arguments, tau)
+    tell(f"tau in {units_of(robot, *UNITS['tau'])}: rigid bodies alone, without friction and inertia of the drives")
+    say_limits(tell, robot, limit_violations(robot.model, motion.t, q, qd, tau))
+    text = _csv(robot, motion.t, tau)
+    if arguments.out is None:
+        print(text, end="")
+    else:
+        arguments.out.write_text(text, encoding="utf-8", newline="")
+        say_samples(arguments.out, motion.t)
+    return 0
+
+
+def warn_of_noise(robot: rne.Robot, given: files.SampledMotion, arguments: argparse.Namespace, tau: Array) -> None:
+    """Warn if noise makes more than 5 % of a joint's torque; computed by adding noise of the same size once more."""
+    name = "q" if given.qd is None else "qd"  # the column that is differentiated
+    x: Array = getattr(given, name)
+    sigma = files.noise(given.t, x)
+    if not sigma.any():
+        return
+    shaken = given._replace(**{name: x + sigma * np.random.default_rng(0).normal(size=x.shape)})
+    if arguments.cutoff is not None:
+        shaken, _ = files.filtered(shaken, arguments.cutoff)
+    q, qd, qdd, _ = files.differentiated(shaken, arguments.motion)
+    made, own = _rms(robot.inverse_dynamics(q, qd, qdd) - tau), _rms(tau) + _rms(robot.gravity_torque(q))
+    share = made / np.maximum(own, 1e-3 * own.max())  # a joint that carries nothing is compared with the others
+    if share.max() <= NOISY:
+        return
+    k, worst = int(np.where(share > NOISY, made, 0.0).argmax()), int(sigma.argmax())
+    cutoff = files.suggested_cutoff(given.t, x, sigma)
+    cure = "give samples at even steps and --cutoff" if cutoff is None else f"give --cutoff {cutoff:.2g}"
+    unit = UNITS["tau"][not files.rotating(robot)[k]]
+    note(
+        f"warning: {name}.{robot.joint_names[worst]} scatters by about {sigma[worst]:.1g} from sample to sample, and "
+        f"derivatives turn such noise into about {made[k]:.3g} {unit} (rms) on {robot.joint_names[k]}, more than "
+        f"{NOISY:.0%} of its torque: {cure}, or give velocities and accelerations"
+    )
+
+
+def _rms(x: Array) -> Array:
+    size: Array = np.sqrt((x**2).mean(axis=0))
+    return size
+
+
+def _csv(robot: rne.Robot, t: Array, tau: Array) -> str:
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["t", *(f"tau.{joint}" for joint in robot.joint_names)])
+    table.writerows([time, *row] for time, row in zip(t.tolist(), tau.tolist(), strict=True))
+    return text.getvalue()
+
+
+def add_view(commands: Any) -> None:
+    """Register `rne view`."""
+    parser = add_parser(commands, "view", "write a robot or its motion as an HTML page with a 3-D view", VIEW)
+    add_robot(parser)
+    parser.add_argument("--motion", metavar="FILE", type=Path, help=f"{COLUMNS}; else the zero position")
+    parser.add_argument("--other", metavar="FILE", type=Path, help="a second motion, shown half transparent")
+    parser.add_argument("--degrees", action="store_true", help="angles of .csv files are in degrees")
+    parser.add_argument("--out", metavar="FILE.html", type=Path, help="page to write (default: <name of ROBOT>.html)")
+    parser.add_argument("--speed", type=number, default=1.0, help="seconds of the motion per second (default: 1)")
+    parser.add_argument("--frames", action="store_true", help="show the links' frames at first")
+    parser.add_argument("--inertia", action="store_true", help="show centres of mass and inertia ellipsoids at first")
+    parser.set_defaults(run=run_view)
+
+
+def run_view(arguments: argparse.Namespace) -> int:
+    """Write the page, and say where and how large it is."""
+    import rne
+
+    out = arguments.out or Path(f"{Path(arguments.robot).stem}.html")
+    check_file(out, suffixes=PAGES)
+    robot = robot_of(arguments)
+    labels = [file.stem for file in (arguments.motion or out, arguments.other or out)]
+    try:
+        motion, other = (
+            None if file is None else _motion(file, robot, arguments.degrees)
+            for file in (arguments.motion, arguments.other)
+        )
+        shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
+        with warnings_in_one_line():
+            if isinstance(motion, rne.Trajectory):
+                page = rne.view(motion, out, other=other, labels=labels, **shown)
+            else:
+                t, q = (None, None) if motion is None else motion
+                page = rne.view(robot, out, q=q, t=t, other=other, labels=labels, **shown)
+    except (ValueError, ImportError) as error:
+        raise CommandError(in_one_line(error).replace("`speed`", "--speed")) from None
+    say(f"{page.path}: {len(page.html.encode()) / 1e6:.2f} MB")
+    return 0
+
+
+def _motion(file: Path, robot: rne.Robot, degrees: bool) -> rne.Trajectory | tuple[Array, Array]:
+    """The motion in a file: with this robot's model, or times and positions."""
+    import rne
+
+    if file.suffix.lower() == ".npz":
+        motion = rne.Trajectory.load(file)
+        if motion.q.shape[1] != robot.n:
+            raise ValueError(f"{file}: robot {robot.model.name!r} has {robot.n} joints, the motion {motion.q.shape[1]}")
+        names = () if motion.model is None else motion.model.joint_names
+        if names and names != robot.joint_names:
+            raise ValueError(f"{file}: the motion is of joints {list(names)}, the robot has {list(robot.joint_names)}")
+        return replace(motion, model=robot.model)
+    if file.suffix.lower() != ".csv":
+        raise ValueError(f"{file}: a motion must be a file ending in .npz or .csv")
+    samples = files.read_motion(file, robot, degrees=degrees)
+    return samples.t, samples.q
