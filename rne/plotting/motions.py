@@ -24,21 +24,11 @@ EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion to be drawn.
+    """A motion to be drawn."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (T,)
-        Times of the samples, never falling [s].
-    samples : dict of str to ndarray, shape (T, n)
-        Those of "q", "qd", "qdd" and "tau" that there are.
-    trajectory : Trajectory or None
-        The motion that can be evaluated between its samples; None for arrays, drawn as straight lines between them.
-    """
-
-    t: Array
-    samples: dict[str, Array]
-    trajectory: Trajectory | None = None
+    t: Array  # times of the samples, never falling, shape (T,) [s]
+    samples: dict[str, Array]  # those of "q", "qd", "qdd" and "tau" that there are, shape (T, n)
+    trajectory: Trajectory | None = None  # evaluated between its samples; None for arrays, drawn as straight lines
 
     @property
     def n(self) -> int:

@@ -27,29 +27,15 @@ Color = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A visual shape of a link.
-
-    Attributes
-    ----------
-    link : str
-    kind : {"cylinder", "box", "sphere", "mesh"}
-    pose : ndarray, shape (4, 4)
-        Of the shape's frame, which is in the middle of a cylinder, box or sphere, in the link's frame [1, m].
-    color : tuple of float, or None
-        Red, green, blue and opacity from 0 to 1, where the file gives them.
-    radius, length : float
-        Of a cylinder along z [m].
-    mesh : trimesh.Trimesh or None
-        The triangles of all other kinds, vertices in the shape's frame [m].
-    """
+    """A visual shape of a link; its frame is in the middle of a cylinder, box or sphere."""
 
     link: str
-    kind: str
-    pose: Array
-    color: Color | None = None
-    radius: float = 0.0
+    kind: str  # "cylinder", "box", "sphere" or "mesh"
+    pose: Array  # of the shape's frame in the link's, shape (4, 4) [1, m]
+    color: Color | None = None  # red, green, blue and opacity from 0 to 1, where the file gives them
+    radius: float = 0.0  # of a cylinder along z [m]
     length: float = 0.0
-    mesh: Trimesh | None = None
+    mesh: Trimesh | None = None  # the triangles of all other kinds, vertices in the shape's frame [m]
 
     def faces(self) -> Array:
         """Corners of the faces in the link's frame, shape (faces, 4, 3); triangles have their last one twice [m]."""
@@ -59,22 +45,12 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class PosedRobot:
-    """A robot, its shapes, and where its links are in each frame of a picture.
-
-    Attributes
-    ----------
-    model : Model
-    shapes : list of Shape
-    R : ndarray, shape (frames, n_links, 3, 3)
-        Orientation of every link.
-    p : ndarray, shape (frames, n_links, 3)
-        Position of its origin [m].
-    """
+    """A robot, its shapes, and where its links are in each frame of a picture."""
 
     model: Model
     shapes: Sequence[Shape]
-    R: Array
-    p: Array
+    R: Array  # orientation of every link, shape (frames, n_links, 3, 3)
+    p: Array  # position of its origin, shape (frames, n_links, 3) [m]
 
     @classmethod
     def at(cls, model: Model, poses: Array, shapes: Sequence[Shape] | None = None) -> PosedRobot:
@@ -109,13 +85,6 @@ def link_shapes(model: Model) -> list[Shape]:
     They are in the links' frames, so that a robot with a payload, with joints locked or mounted otherwise keeps them.
     One UserWarning names the links whose shapes are lost and why: a mesh is not found or not readable, or yourdfpy is
     not installed.
-
-    Examples
-    --------
-    >>> import rne
-    >>> from rne.plotting.shapes import link_shapes
-    >>> [(shape.link, shape.kind) for shape in link_shapes(rne.irb140())][:2]
-    [('link_1', 'cylinder'), ('link_2', 'cylinder')]
     """
     shapes = [_from_model(cylinder) for cylinder in model.shapes]
     if model.source is None:

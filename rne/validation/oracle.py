@@ -16,15 +16,7 @@ from ..model.model import Model
 
 
 class Oracle:
-    """Inverse dynamics, M, gravity, bias and forward dynamics of the same robot by Pinocchio.
-
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-    xml : str
-        The URDF text, which Pinocchio reads by itself.
-    """
+    """Pinocchio's results for a model, whose URDF text it reads by itself."""
 
     def __init__(self, model: Model, xml: str) -> None:
         import pinocchio
