@@ -69,7 +69,7 @@ def pytest_collection_finish():
     """What is imported stays: collections of garbage need not visit it again and again."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(50_000, 20, 20)
+    gc.set_threshold(200_000, 20, 100)
 
 
 @pytest.fixture(params=TREES, scope="session")

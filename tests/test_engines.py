@@ -554,6 +554,7 @@ class TestMotions:
             shared = rne.ensemble(scenes[1], q, 0 * q, 0.05, **how, executor=pool)
         np.testing.assert_allclose(shared.q, got.q, rtol=scale, atol=scale)
 
+    @pytest.mark.long  # another loop to compile
     def test_a_start_that_fails_is_named_with_its_time(self):
         arms = [rne.Robot(straight_chain(1), engine) for engine in kernel_module.ENGINES]
         q = np.zeros((300, 1))

@@ -39,7 +39,7 @@ SINGLE, DOUBLE = (
 def test_no_wrong_acceleration_without_a_warning(types, velocity):
     """Once 14 of 40 robots were more than 3 % off at 3000 rad/s in float32, without a warning."""
     wrong, warned = 0, 0
-    for seed in range(40):
+    for seed in range(20):
         model = spinner(seed).model
         narrow, narrow_model = [np.array([x], dtype=types[0]) for x in (0.3, velocity, 0.0)], model.astype(types[0])
         exact = rne.dynamics.forward_dynamics.core(narrow_model.astype(types[1]), *[x.astype(types[1]) for x in narrow])
@@ -52,4 +52,4 @@ def test_no_wrong_acceleration_without_a_warning(types, velocity):
     if velocity == 10.0:
         assert not warned
     if velocity in (1e4, 2e8):
-        assert wrong > 10
+        assert wrong > 5

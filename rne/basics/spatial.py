@@ -18,9 +18,10 @@ Array = NDArray[Any]
 SNAP = 4 * float(np.finfo(np.float64).eps)
 
 YZX, ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic orders of the axes
-# Small integers are promoted to the dtype of the other operand. Row k of CROSS is [e_k]x, flattened.
+# Small integers are promoted to the dtype of the other operand.
 IDENTITY = np.eye(3, dtype=np.int8)
-CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], np.int8)
+CROSS_ENTRIES = np.array([[0, 2, 1], [2, 0, 0], [1, 0, 0]])  # [v]x has these entries of v,
+CROSS_SIGNS = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]], np.int8)  # times these
 
 
 def zeros(shape: tuple[int, ...], like: Array) -> Array:
@@ -42,7 +43,8 @@ def dot(a: Array, b: Array) -> Array:
 
 def cross_matrix(v: Array) -> Array:
     """The matrix [v]x with [v]x u = v x u, shape (..., 3, 3)."""
-    return (v @ CROSS).reshape(*v.shape, 3)
+    product: Array = v.take(CROSS_ENTRIES, -1) * CROSS_SIGNS
+    return product
 
 
 def outer(a: Array, b: Array) -> Array:
