@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from .spatial import Array
 
 FULL_TURN = 6.3  # rad
+Sign = Literal["any", "not negative", "positive"]
 UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
 
 
@@ -69,20 +70,17 @@ def number_array(name: str, value: ArrayLike, shape: str) -> Array:
     return array
 
 
-def vector(name: str, value: ArrayLike, n: int, *, sign: Literal["any", "not negative", "positive"] = "any") -> Array:
+def vector(name: str, value: ArrayLike, n: int, *, sign: Sign = "any") -> Array:
     """A read-only float64 copy of n finite real numbers, all of the required sign."""
     array = np.array(real_array(name, value, f"({n},)"), dtype=np.float64)
     if sign != "any" and ((array < 0) | ((array == 0) & (sign == "positive"))).any():
-        raise ValueError(
-            f"`{name}` must {'be positive' if sign == 'positive' else 'not be negative'}, got {array.min()}"
-        )
+        need = "be positive" if sign == "positive" else "not be negative"
+        raise ValueError(f"`{name}` must {need}, got {array.min()}")
     array.flags.writeable = False
     return array
 
 
-def per_joint_array(
-    name: str, value: ArrayLike, n: int, *, sign: Literal["any", "not negative", "positive"] = "any"
-) -> Array:
+def per_joint_array(name: str, value: ArrayLike, n: int, *, sign: Sign = "any") -> Array:
     """A read-only float64 array of n finite real numbers: one per joint, or one number that is meant for all joints."""
     array = real_numbers(name, value, f"({n},)")
     return vector(name, array if array.ndim else np.full(n, array), n, sign=sign)

@@ -152,26 +152,25 @@ def six_digits(x: Any) -> str:
 
 def aligned(rows: Sequence[Row]) -> list[str]:
     """The rows as lines, every column's decimal points below each other."""
-    split = [[] if row.words else [_at_the_point(cell) for cell in row.cells] for row in rows]
     columns = range(max(len(row.cells) for row in rows))
-    before, after = (
-        [max((len(cells[k][side]) for cells in split if k < len(cells)), default=0) for k in columns] for side in (0, 1)
-    )
-    for row in rows:
-        for k, title in enumerate(row.cells if row.words else ()):
-            before[k] = max(before[k], len(title) - after[k])
+    ends = [[""] * len(row.cells) if row.words else [_from_the_point(cell) for cell in row.cells] for row in rows]
+    longest = [max((len(row[k]) for row in ends if k < len(row)), default=0) for k in columns]
+    padded = [
+        [cell if row.words else cell + " " * (longest[k] - len(end[k])) for k, cell in enumerate(row.cells)]
+        for row, end in zip(rows, ends, strict=True)
+    ]
+    widths = [max(len(cells[k]) for cells in padded if k < len(cells)) for k in columns]
     head = max((len(row.head) for row in rows if row.cells), default=0)
     lines = []
-    for row, cells in zip(rows, split, strict=True):
-        numbers = [f"{a:>{before[k]}}{b:<{after[k]}}" for k, (a, b) in enumerate(cells)]
-        numbers += [f"{title:>{before[k] + after[k]}}" for k, title in enumerate(row.cells if row.words else ())]
-        lines.append("  ".join([f"{row.head:<{head}}" if numbers else row.head, *numbers]).rstrip())
+    for row, cells in zip(rows, padded, strict=True):
+        texts = [cell.rjust(width) for cell, width in zip(cells, widths, strict=False)]
+        lines.append("  ".join([f"{row.head:<{head}}" if texts else row.head, *texts]).rstrip())
     return lines
 
 
-def _at_the_point(text: str) -> tuple[str, str]:
+def _from_the_point(text: str) -> str:
     match = re.search(r"(?<=\d)[.e].*", text)
-    return (text[: match.start()], match.group()) if match else (text, "")
+    return match.group() if match else ""
 
 
 class InNotebooks:

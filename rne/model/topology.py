@@ -21,9 +21,9 @@ def end_link(model: Model, *, axes_count: bool = False) -> str:
         reason = "its moving joints branch"
     elif mimics:
         reason = f"its joint {mimics[0]!r} mimics another"
-    elif not _at_one_point(model, ends):
+    elif not _all_same(model.link_translation[ends]):
         reason = "its last body ends at several points"
-    elif axes_count and not _of_one_orientation(model, ends):
+    elif axes_count and not _all_same(model.link_rotation[ends]):
         reason = "its last body ends in links with different axes, in which `com` and `inertia` are given"
     else:
         return model.link_names[ends[-1]]
@@ -41,7 +41,7 @@ def tip(model: Model) -> Array | None:
     points, or the chain branches.
     """
     ends = _ends(model)
-    if not model.nb or not _is_chain(model) or not _at_one_point(model, ends):
+    if not model.nb or not _is_chain(model) or not _all_same(model.link_translation[ends]):
         return None
     if model.link_joints[ends[-1]] == model.moving_joints[-1]:
         return None
@@ -64,12 +64,8 @@ def _ends(model: Model) -> list[int]:
     return [k for k in _leaves(model) if model.link_body[k] == model.nb - 1]
 
 
-def _of_one_orientation(model: Model, links: list[int]) -> bool:
-    return bool(np.all(model.link_rotation[links] == model.link_rotation[links[-1]]))
-
-
-def _at_one_point(model: Model, links: list[int]) -> bool:
-    return bool(np.all(model.link_translation[links] == model.link_translation[links[-1]]))
+def _all_same(values: Array) -> bool:
+    return bool(np.all(values == values[-1]))
 
 
 def pinocchio_order(model: Model) -> Array:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,17 +27,10 @@ from ..model.model import REVOLUTE_TYPES
 FAR = 10
 
 
-class Unrounded(NamedTuple):
-    """A joint's roll, pitch, yaw [rad] and unit axis in long double, nothing snapped."""
-
-    rpy: Array
-    axis: Array
-
-
-def slide_far_origins(parts: list[Part], unrounded: Sequence[Unrounded]) -> list[Part]:
+def slide_far_origins(parts: list[Part], unrounded: Sequence[tuple[Array, Array]]) -> list[Part]:
     """Parts with far joint origins slid along their axes, or `parts` itself if there are none.
 
-    `unrounded` has one entry per part; the root's is not used.
+    Of each part `unrounded` has its joint's roll, pitch and yaw [rad] and unit axis in long double, nothing snapped.
     """
     with np.errstate(all="ignore"):  # numbers near the largest double overflow here; the Model reports them
         distances = far_origins(parts)
@@ -81,15 +73,15 @@ def _at_zero(parts: Sequence[Part]) -> tuple[list[Array], list[Array], list[Arra
     return [p for _, p in poses], axes, coms
 
 
-def _moved(parts: list[Part], unrounded: Sequence[Unrounded], distances: Sequence[float]) -> list[Part]:
+def _moved(parts: list[Part], unrounded: Sequence[tuple[Array, Array]], distances: Sequence[float]) -> list[Part]:
     shifts: list[Array] = [np.zeros(3, dtype=Extended) for _ in parts]  # of each part's frame, in its own axes
     moved = [parts[0]]
     for k, part in enumerate(parts[1:], 1):
-        # nothing snapped: 4 eps of a double are 1e-9 m at a million metres
-        R = rotation_from_rpy(unrounded[k].rpy, snapped=False)
+        rpy, axis = unrounded[k]
+        R = rotation_from_rpy(rpy, snapped=False)  # 4 eps of a double are 1e-9 m at a million metres
         p, above = part.placement.p, shifts[part.parent]
         if distances[k]:
-            shifts[k] = distances[k] * unrounded[k].axis
+            shifts[k] = distances[k] * axis
         elif part.kind == "fixed" and any(above):  # a fixed link's frame moves to the near origin of its body
             shifts[k] = rotate_back(R, above - p)
         shift = shifts[k]

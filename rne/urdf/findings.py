@@ -91,10 +91,6 @@ class Report:
         """The errors among the findings."""
         return [finding for finding in self.findings if finding.severity == "error"]
 
-    def in_line_order(self) -> list[Finding]:
-        """The findings in the order of their lines, those about the whole file first."""
-        return sorted(self.findings, key=lambda finding: finding.line or 0)
-
     def raise_first_error(self) -> None:
         """Raise UrdfError for the first error, if there is one."""
         for finding in self.errors:

@@ -208,7 +208,7 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
             report.error(None, "robot", str(error), "fix the file")
         else:
             check_bodies(root, report)
-    findings = report.in_line_order()
+    findings = sorted(report.findings, key=lambda finding: finding.line or 0)
     stream = sys.stdout if out is None else out
     stream.write("\n".join(written(findings, report.file, grouped=grouped)) + "\n")
     return findings

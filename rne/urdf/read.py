@@ -15,7 +15,7 @@ from ..model.builder import Extended, Mimic, Part, Pose, assemble
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.solids import Cylinder
 from .document import LARGEST, parse, read_bytes
-from .far_origins import Unrounded, slide_far_origins
+from .far_origins import slide_far_origins
 from .findings import Report
 from .strict import cylinder_errors, link_of, mimics_of, validate
 
@@ -76,7 +76,7 @@ def validated(data: bytes | None, report: Report) -> Any | None:
 def model_of(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
     """The Model of a validated <robot>."""
     links, joints = _in_tree_order(root)
-    unrounded = [Unrounded(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
+    unrounded = [(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
     shapes = [shape for link in links.values() for shape in _cylinders(link)]
     parts = slide_far_origins(parts_of(root), unrounded)
     return assemble(root.get("name", ""), parts, gravity=gravity, shapes=shapes, source=source)
