@@ -45,15 +45,12 @@ class UrdfError(ModelError):
 
     Examples
     --------
-    >>> import pathlib, tempfile, rne
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = pathlib.Path(folder) / "arm.urdf"
-    ...     _ = file.write_text('<robot name="arm"><link name="a"/><link name="b"/></robot>')
-    ...     try:
-    ...         rne.load(file)
-    ...     except rne.UrdfError as error:
-    ...         print(error.finding.element)
-    robot
+    >>> import rne
+    >>> try:
+    ...     rne.load("pyproject.toml")
+    ... except rne.UrdfError as error:
+    ...     print(error.finding.cure)
+    fix the file, it may be truncated
     """
 
     def __init__(self, message: str, finding: Any = None) -> None:
@@ -96,16 +93,13 @@ class SingularMassMatrixError(RneError, LinAlgError):
 
     Examples
     --------
-    Two joints on one axis, and no inertia between them:
-
-    >>> import numpy as np, rne
-    >>> masses, centres, inertias = [0, 1], np.zeros((2, 3)), [np.zeros((3, 3)), np.eye(3)]
-    >>> robot = rne.Robot(rne.model.chain([np.eye(3)] * 2, np.zeros((2, 3)), masses, centres, inertias))
+    >>> import rne
+    >>> robot = rne.Robot(rne.dh_chain(a=[0.3], alpha=[0], d=[0], theta=[0]))  # massless
     >>> try:
-    ...     robot.forward_dynamics([0, 0], [0, 0], [1, 1])
+    ...     robot.forward_dynamics([0], [0], [1])
     ... except rne.SingularMassMatrixError as error:
     ...     print(error.joints)
-    ('joint_1', 'joint_2')
+    ('joint_1',)
     """
 
     def __init__(self, what: str, cause: str = "", joints: tuple[str, ...] = (), state: tuple[int, ...] = ()) -> None:

@@ -12,8 +12,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array, rotation_about, snap, transpose
-from .builder import Part, assemble, pose
+from ..basics.spatial import Array, rotation_about, snap
+from .chains import chain
 from .model import Model
 from .solids import Cylinder, cylinder_inertia
 
@@ -163,35 +163,20 @@ def irb140() -> Model:
     >>> rne.irb140().mass.sum().item()
     75.0
     """
-    ranges, speeds = (np.array(datum.value) for datum in (DATA_SHEET["ranges"], DATA_SHEET["speeds"]))
-    parts = [Part(link="base_link")]
-    origin: Vector = ORIGIN
-    for i, link in enumerate(LINKS):
-        R = frame_rotation(link)
-        parts.append(
-            Part(
-                link=f"link_{i + 1}",
-                joint=f"joint_{i + 1}",
-                kind="revolute",
-                parent=i,
-                placement=pose(R, origin),
-                axis=transpose(R)[:, 2],  # b_i: z_{i-1} seen from frame i (3.30)
-                mass=float(link.mass),
-                com=np.array(link.r_com, dtype=float),
-                inertia=cylinder_inertia(link.mass, link.radius, link.height, link.along),
-                lower=-math.radians(ranges[i] / 2),
-                upper=math.radians(ranges[i] / 2),
-                velocity=math.radians(speeds[i]),
-            )
-        )
-        origin = link.r_end
-    parts.append(Part(link="tool0", joint="flange", parent=6, placement=pose(np.eye(3), origin)))
-    return assemble(
-        "irb140",
-        parts,
-        shapes=[cylinder(f"link_{i}", link) for i, link in enumerate(LINKS, 1) if link.mass],
-        notes=_notes(),
+    ranges, speeds = (np.radians(DATA_SHEET[name].value) for name in ("ranges", "speeds"))
+    model = chain(
+        [frame_rotation(link) for link in LINKS],
+        [link.r_end for link in LINKS],
+        [link.mass for link in LINKS],
+        [link.r_com for link in LINKS],
+        [cylinder_inertia(link.mass, link.radius, link.height, link.along) for link in LINKS],
+        lower=-ranges / 2,
+        upper=ranges / 2,
+        velocity=speeds,
+        name="irb140",
     )
+    shapes = tuple(cylinder(f"link_{i}", link) for i, link in enumerate(LINKS, 1) if link.mass)
+    return replace(model, shapes=shapes, notes=_notes())
 
 
 def irb140_mirrored() -> Model:
