@@ -9,16 +9,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ..basics.spatial import Array, cross, cross_matrix, dot, rotate, rotate_back, transpose, zeros
 from ..model.model import Model
-from ..model.parameters import PARAMETERS, PRODUCTS
+from ..model.parameters import BASIS, PARAMETERS
 from .kinematics import BASE, body_poses, joint_transforms, joint_velocities, velocities
 from .quantity import quantity
-
-# BASIS[k] is the symmetric matrix that belongs to entry k
-BASIS = np.array([[[int({r, c} == {i, j}) for c in range(3)] for r in range(3)] for i, j in PRODUCTS], np.int8)
 
 
 class MotionVector(NamedTuple):

@@ -38,9 +38,7 @@ def pose(R: Any, p: Any) -> Pose:
     return Pose(np.array(R, dtype=Extended), np.array(p, dtype=Extended))
 
 
-def identity() -> Pose:
-    """No rotation, no offset."""
-    return pose(np.eye(3), np.zeros(3))
+NO_MOTION = pose(np.eye(3), np.zeros(3))
 
 
 class Mimic(NamedTuple):
@@ -64,7 +62,7 @@ class Part:
     joint: str = ""
     kind: str = "fixed"
     parent: int = -1
-    placement: Pose = field(default_factory=identity)
+    placement: Pose = NO_MOTION
     axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     link_origin: Array = field(default_factory=lambda: np.zeros(3))
     mass: Any = 0.0
@@ -98,14 +96,14 @@ def assemble(
     placements: list[Pose] = []  # of each body in its parent body's frame
     parents: list[int] = []
     for part in parts:
-        host, frame = (body_of[part.parent], frames[part.parent]) if part.parent >= 0 else (-1, identity())
+        host, frame = (body_of[part.parent], frames[part.parent]) if part.parent >= 0 else (-1, NO_MOTION)
         placed = frame.then(part.placement)
         if part.kind == "fixed":
             body_of.append(host)
             frames.append(placed)
         else:
             body_of.append(len(placements))
-            frames.append(identity())
+            frames.append(NO_MOTION)
             placements.append(placed)
             parents.append(host)
     members: list[list[tuple[Part, Pose]]] = [[] for _ in range(len(moving) + 1)]  # the base last

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
@@ -28,7 +29,9 @@ def check_model(values: Mapping[str, Any]) -> None:
     _check_mimics(model)
     _check_finite(model)
     for i, joint in enumerate(model.moving_joints):
-        _check_unit(f"joint {joint!r}: `axis`", model.axis[i])
+        length = float(np.linalg.norm(model.axis[i]))
+        if abs(length - 1) > UNIT_TOLERANCE:
+            raise ModelError(f"joint {joint!r}: `axis` must be a unit vector, got length {length:.17g}")
         _check_rotation(f"joint {joint!r}: `rotation`", model.rotation[i])
         error = inertia_error(float(model.mass[i]), model.com[i], model.inertia[i])
         if error:
@@ -101,11 +104,9 @@ def _check_shapes(model: SimpleNamespace) -> None:
 
 def _check_names(model: SimpleNamespace) -> None:
     for kind, names in (("joint", [j for j in model.link_joints if j]), ("link", model.link_names)):
-        seen: set[str] = set()
-        for name in names:
-            if name in seen:
+        for name, count in Counter(names).items():
+            if count > 1:
                 raise ModelError(f"{kind} {name!r} is duplicated")
-            seen.add(name)
     if not model.link_names:
         raise ModelError("a robot needs at least its root link")
 
@@ -148,12 +149,6 @@ def _check_finite(model: SimpleNamespace) -> None:
                 raise ModelError(f"`{name}` must be finite, got {value[index]} at index {index}")
     if not np.isfinite(model.base_mass):
         raise ModelError(f"`base_mass` must be finite, got {model.base_mass}")
-
-
-def _check_unit(what: str, axis: Array) -> None:
-    length = float(np.linalg.norm(axis))
-    if abs(length - 1) > UNIT_TOLERANCE:
-        raise ModelError(f"{what} must be a unit vector, got length {length:.17g}")
 
 
 def _check_rotation(what: str, R: Array) -> None:

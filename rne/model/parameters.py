@@ -23,6 +23,8 @@ PRODUCTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # entries of the in
 ROWS, COLUMNS = (np.array(indices) for indices in zip(*PRODUCTS, strict=True))
 ENTRIES = np.zeros((3, 3), np.intp)  # of a symmetric matrix: the place of each among the PRODUCTS
 ENTRIES[ROWS, COLUMNS] = ENTRIES[COLUMNS, ROWS] = range(len(PRODUCTS))
+# The inertia per unit of each of its entries; small integers are promoted to the dtype of the other operand.
+BASIS = np.array([[[int({r, c} == {i, j}) for c in range(3)] for r in range(3)] for i, j in PRODUCTS], np.int8)
 
 
 def of_states(model: Model, states: Any) -> Model:
@@ -72,23 +74,15 @@ def with_parameters(model: Model, parameters: ArrayLike) -> Model:
     for i in np.flatnonzero((mass == 0) & moment.any(axis=1)):
         raise ValueError(f"`parameters`: the body of joint {model.moving_joints[i]!r} has a first moment and no mass")
     centre = moment / np.where(mass == 0, 1.0, mass)[:, None]
-    inertia = np.empty((model.nb, 3, 3))
-    inertia[:, ROWS, COLUMNS] = inertia[:, COLUMNS, ROWS] = rows[:, 4:]
-    inertia = inertia - point_mass_inertia(mass[:, None, None], centre)
+    inertia = rows[:, 4:].take(ENTRIES, -1) - point_mass_inertia(mass[:, None, None], centre)
     return replace(model, mass=mass, com=centre + model.joint_origin, inertia=inertia, notes={})
 
 
 # P = sum over k of pi_k UNITS[k]: the pseudo-inertia per unit of each parameter
 UNITS = np.zeros((PARAMETERS, 4, 4))
 UNITS[0, 3, 3] = 1.0
-for _k in range(3):
-    UNITS[1 + _k, _k, 3] = UNITS[1 + _k, 3, _k] = 1.0
-for _k, (_i, _j) in enumerate(PRODUCTS):
-    if _i == _j:
-        UNITS[4 + _k, :3, :3] = np.eye(3) / 2
-        UNITS[4 + _k, _i, _i] -= 1.0
-    else:
-        UNITS[4 + _k, _i, _j] = UNITS[4 + _k, _j, _i] = -1.0
+UNITS[1:4, :3, 3] = UNITS[1:4, 3, :3] = np.eye(3)
+UNITS[4:, :3, :3] = np.trace(BASIS, axis1=1, axis2=2)[:, None, None] / 2 * np.eye(3) - BASIS
 
 
 def pseudo_inertia(pi: Array) -> Array:
