@@ -150,18 +150,13 @@ def animate(
     robot_argument(robot)
     shown = check_positions("motion", motion_argument("motion", motion), robot)
     file = output_file(path, ".gif")
-    delay = _hundredths(positive_number("fps", fps))
+    if not MIN_FPS <= positive_number("fps", fps) <= MAX_FPS:
+        raise ValueError(f"`fps` must be between {MIN_FPS:g} and {MAX_FPS:g}, got {fps:g}")
+    delay = round(100 / fps)  # [0.01 s]
     t = _frame_times(shown.t, delay, positive_number("speed", speed))
     images = _images(robot, t, robot.link_poses(shown.positions(t)))
     images[0].save(file, save_all=True, append_images=images[1:], duration=10 * delay, loop=0, disposal=1)
     return file
-
-
-def _hundredths(fps: float) -> int:
-    """Time of a frame [0.01 s]."""
-    if not MIN_FPS <= fps <= MAX_FPS:
-        raise ValueError(f"`fps` must be between {MIN_FPS:g} and {MAX_FPS:g}, got {fps:g}")
-    return round(100 / fps)
 
 
 def _frame_times(samples: Array, delay: int, speed: float) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -174,14 +175,11 @@ class Page:
         import tempfile
         import webbrowser
 
-        try:
-            from IPython import get_ipython
-            from IPython.display import HTML, display
-        except ModuleNotFoundError:
-            pass
-        else:
+        if "IPython" in sys.modules:
+            from IPython import display, get_ipython
+
             if get_ipython() is not None:
-                display(HTML(f"<div>{self._repr_html_()}</div>"))
+                display.display(display.HTML(f"<div>{self._repr_html_()}</div>"))
                 return
         if self.path is None:
             with tempfile.NamedTemporaryFile(suffix=".html", delete=False) as file:

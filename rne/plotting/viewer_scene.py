@@ -5,13 +5,13 @@ Everything hangs on nodes with the poses of links, so that a frame of the record
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..basics.spatial import Array, rotate, rotate_back
 from ..model.model import Model
-from .shapes import PosedRobot, Shape
+from .shapes import PosedRobot
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -28,14 +28,6 @@ AXIS, CENTRE, ELLIPSOID, LINE = (176, 48, 176), (30, 30, 30), (20, 140, 140), (9
 MAX_FACES = 20_000  # of a robot's meshes; with more, all are simplified alike
 SMALL = 60  # faces of a mesh that is never simplified
 CREASE = np.radians(35)  # of a mesh: edges that are sharper are shown as edges
-
-
-class Style(NamedTuple):
-    """How a robot is shown: the colour and opacity of all its shapes where they are not their own."""
-
-    color: Rgb | None = None
-    opacity: float | None = None
-    scale: float = 1.0
 
 
 class Group:
@@ -67,10 +59,10 @@ def build(scene: SceneApi, robot: PosedRobot, other: PosedRobot | None, *, frame
     """Add the robots to viser's scene, at the first frame."""
     size = float(np.ptp(corners(robot, np.array([0])), axis=0).max()) or 1.0
     groups = [Group(scene, "robot", robot)]
-    _add_robot(groups[0], size, Style(opacity=GLASS if frames or inertia else None))
+    _add_robot(groups[0], size, opacity=GLASS if frames or inertia else None)
     if other is not None:
         groups.append(Group(scene, "other", other))
-        _add_robot(groups[-1], size, Style(GHOST, GHOST_OPACITY, GHOST_SCALE))
+        _add_robot(groups[-1], size, GHOST, GHOST_OPACITY, GHOST_SCALE)
     groups += [Group(scene, "joint axes", robot), Group(scene, "link frames", robot, frames)]
     _add_axes(groups[-2], size)
     for k in range(len(robot.model.link_names)):
@@ -137,31 +129,32 @@ def _node(name: str) -> str:
     return name.replace("/", " ")
 
 
-def _add_robot(group: Group, size: float, style: Style) -> None:
-    robot = group.robot
+def _add_robot(
+    group: Group, size: float, color: Rgb | None = None, opacity: float | None = None, scale: float = 1.0
+) -> None:
+    """Shapes and, of links that have none, lines; colour and opacity are those of the file where none are given."""
+    robot, scene = group.robot, group.scene
     faces = sum(len(shape.mesh.faces) for shape in robot.shapes if shape.mesh is not None)
     keep = min(1.0, MAX_FACES / max(faces, 1))
     number: dict[int, int] = {}
     for shape in robot.shapes:
         k = robot.model.link_index(shape.link)
         number[k] = number.get(k, 0) + 1
-        r, g, b, opacity = shape.color or (*(x / 255 for x in TONES[k % 2]), 1.0)
-        color = style.color or (round(255 * r), round(255 * g), round(255 * b))
-        look = Style(color, style.opacity or (opacity if opacity < 1 else None), style.scale)
-        _add_shape(group.scene, group.on(k, f"{shape.kind} {number[k]}"), shape, look, keep)
+        *own, solid = shape.color or (*(x / 255 for x in TONES[k % 2]), 1.0)
+        look = _at(shape.pose[:3, :3], shape.pose[:3, 3]) | {
+            "scale": scale,
+            "color": color or [round(255 * x) for x in own],
+        }
+        look["opacity"] = opacity or (solid if solid < 1 else None)
+        name = group.on(k, f"{shape.kind} {number[k]}")
+        if shape.mesh is None:
+            scene.add_cylinder(name, shape.radius, shape.length, radial_segments=48, **look)
+        else:
+            mesh = simplified(shape.mesh, keep)
+            scene.add_mesh_simple(name, mesh.vertices, mesh.faces, side="double", **look)
     for k in set(range(len(robot.model.link_names))) - set(number):
         if bare := link_lines(robot, k):
-            color = style.color or LINE
-            group.scene.add_line_segments(group.on(k, "lines"), np.stack(bare), color, thickness=0.024 * size)
-
-
-def _add_shape(scene: SceneApi, name: str, shape: Shape, style: Style, keep: float) -> None:
-    look = style._asdict() | _at(shape.pose[:3, :3], shape.pose[:3, 3])
-    if shape.mesh is not None:
-        mesh = simplified(shape.mesh, keep)
-        scene.add_mesh_simple(name, mesh.vertices, mesh.faces, side="double", **look)
-    else:
-        scene.add_cylinder(name, shape.radius, shape.length, radial_segments=48, **look)
+            scene.add_line_segments(group.on(k, "lines"), np.stack(bare), color or LINE, thickness=0.024 * size)
 
 
 def simplified(mesh: Trimesh, keep: float) -> Trimesh:
