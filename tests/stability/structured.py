@@ -136,7 +136,9 @@ def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exa
     """
     robot, found = rne.Robot(case.model), {}
     if case.model.n <= COMPILED_UP_TO:
-        robot.compile()
+        for function in (rne.dynamics.inverse_dynamics, rne.dynamics.mass_matrix):
+            robot.kernel(function)
+        robot._kernels.forward_kernel()
     for quantity in quantities:
         arguments = [case.q] if quantity == "mass matrix" else [case.q, case.qd, case.qdd]
         if quantity == "forward dynamics":
