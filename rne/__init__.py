@@ -43,16 +43,14 @@ if TYPE_CHECKING:
     from .urdf import Finding, check, read_urdf, to_urdf
     from .urdf.loading import load, robots
 else:
-    NAMES = {  # of each module that is imported when one of them, or it itself, is first used (PEP 562)
-        "control": "",
+    # Imported when they are first used (PEP 562): modules, and names of modules
+    MODULES = {"control", "elementwise", "identification", "kernels", "plotting", "trajectories", "urdf"}
+    NAMES = {
         "control.gains": "Gains check_gains",
         "control.laws": "traceable",
-        "elementwise": "",
         "identification": "Consistency Excitation Identification ModelComparison "
         "compare_models consistency excitation identify",
-        "kernels": "",
         "kernels.kernel": "compile",
-        "plotting": "",
         "plotting.viewer": "view",
         "simulation.bearings": "BearingPeaks bearing_peaks",
         "simulation.ensembles": "Ensemble ensemble",
@@ -61,19 +59,17 @@ else:
         "simulation.scene": "Scene",
         "simulation.simulator": "simulate",
         "simulation.trajectory": "Trajectory",
-        "trajectories": "",
         "urdf": "Finding check read_urdf to_urdf",
         "urdf.loading": "load robots",
     }
     MODULE_OF = {name: module for module, names in NAMES.items() for name in names.split()}
 
     def __getattr__(name):
-        module = MODULE_OF.get(name, name)
-        if module not in NAMES:
+        if name in MODULES:
+            return import_module(f"rne.{name}")
+        if name not in MODULE_OF:
             raise AttributeError(f"module 'rne' has no attribute {name!r}")
-        value = import_module(f"rne.{module}")
-        if module != name:
-            globals()[name] = value = getattr(value, name)
+        globals()[name] = value = getattr(import_module(f"rne.{MODULE_OF[name]}"), name)
         return value
 
 

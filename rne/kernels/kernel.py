@@ -16,7 +16,7 @@ from ..basics.arrays import whole_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, wrapped
 from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
-from ..model.model import Model, joint_array, joint_shaped, model_argument
+from ..model.model import Model, joint_array, model_argument
 from .graph import TooLarge
 from .numpy_backend import BlockProgram, check_out
 from .program import NeedsRecursion, Recursion, Trace
@@ -202,7 +202,7 @@ class Kernel(InNotebooks):
         self, arguments: Sequence[Any], out: Array | None, workers: int
     ) -> tuple[Array, PrecisionStatus]:
         arrays = [
-            joint_shaped(name, a, self.model, width)
+            joint_array(name, a, self.model, width, may_be_infinite=True)
             for name, a, width in zip(self.names, arguments, self.widths, strict=True)
         ]
         dtype = common_dtype(arrays)

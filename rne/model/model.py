@@ -336,19 +336,12 @@ def model_argument(model: object) -> Model:
     return model
 
 
-def joint_shaped(name: str, value: ArrayLike, model: Model, width: int | None = None) -> Array:
-    """Check one array of joint values, or of `width` others, for its shape and dtype only."""
-    n = model.n if width is None else width
-    return _shaped(name, convert_numbers(name, value, f"(..., {n})"), model, n)
-
-
-def joint_array(name: str, value: ArrayLike, model: Model, width: int | None = None) -> Array:
+def joint_array(
+    name: str, value: ArrayLike, model: Model, width: int | None = None, *, may_be_infinite: bool = False
+) -> Array:
     """Check one array of joint values, or of `width` others: finite numbers, these along the last axis."""
     n = model.n if width is None else width
-    return _shaped(name, number_array(name, value, f"(..., {n})"), model, n)
-
-
-def _shaped(name: str, array: Array, model: Model, n: int) -> Array:
+    array = (convert_numbers if may_be_infinite else number_array)(name, value, f"(..., {n})")
     if array.ndim == 0 or array.shape[-1] != n:
         cure = ""
         if array.ndim == 2 and array.shape[0] == n:

@@ -103,8 +103,7 @@ def parts_of(root: Any) -> list[Part]:
             placement=_pose(joint),
             axis=snap(_axis(joint).astype(np.float64)),
             mimic=mimics.get(joint.get("name")),
-            **_limits(joint),
-            **_dynamics(joint),
+            **_limits_and_friction(joint),
             **_inertial(links[child]),
         )
         parts.append(part)
@@ -165,19 +164,15 @@ def _inertial(link: Any) -> dict[str, Any]:
     return {"mass": mass, "com": centre.p, "inertia": (inertia + inertia.T) / 2}
 
 
-def _limits(joint: Any) -> dict[str, Any]:
+def _limits_and_friction(joint: Any) -> dict[str, Any]:
     """Without <limit> there are none; <limit> without lower or upper means 0, as URDF defines."""
-    limit = joint.find("limit")
+    limit, friction = joint.find("limit"), {x: _number(joint.find("dynamics"), x, 0.0) for x in ("damping", "friction")}
     if limit is None:
-        return {}
+        return friction
     values = {name: _number(limit, name, np.inf) for name in ("effort", "velocity", "acceleration", "jerk")}
     if joint.get("type") in ("revolute", "prismatic"):
         values |= {name: _number(limit, name, 0.0) for name in ("lower", "upper")}
-    return {name: float(np.copysign(np.inf, x)) if abs(x) == LARGEST else x for name, x in values.items()}
-
-
-def _dynamics(joint: Any) -> dict[str, Any]:
-    return {name: _number(joint.find("dynamics"), name, 0.0) for name in ("damping", "friction")}
+    return friction | {name: float(np.copysign(np.inf, x)) if abs(x) == LARGEST else x for name, x in values.items()}
 
 
 def _mimics(joints: list[Any]) -> dict[str, tuple[str, Any, Any]]:
