@@ -184,14 +184,7 @@ def largest_over(
 
 
 class SampledLoop:
-    """The linearised loop of a robot under sampled PD control with gravity compensation, in many configurations.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    kp, kd : ndarray, shape (n,)
-    """
+    """The linearised loop of a robot under sampled PD control with gravity compensation, in many configurations."""
 
     def __init__(self, robot: Robot, kp: Array, kd: Array) -> None:
         self.robot, self.kp, self.kd = robot, kp, kd

@@ -90,38 +90,21 @@ OPTIONS = ("external", "link")
 class Quantity:
     """Declaration of a function of a model: its arguments, what its core returns, what tracing may assume.
 
-    Attributes
-    ----------
-    name : str
-    core : callable
-        core(model, *arrays, **options) -> result, or (result, pivots of M, diagonal of M) if there is a `check`.
-    widths : mapping of str to int or None
-        The arrays it takes, in order, each with its length along the last axis; None for one entry per coordinate.
-    check : callable, optional
-        Turns the pivots into a PrecisionStatus on the result.
-    velocities : (str, slice), optional
-        The argument, and its entries, that are joint velocities, whose squares may cost digits.
-    moments : bool
-        True if the result depends on the inertial parameters, and through `model.moments` alone, so that they may be
-        inputs: `rne.kernels.trace`.
-    base_parameters : bool
-        True if the result depends on the inertial parameters only through the base parameters, so that masses may be
-        redistributed between bodies; see ``rne/model/fewest_terms.py``.
-    returns_array : bool
-        False if the result is a record, which is not traced.
-    wrenches : mapping of str to str
-        The arrays that are external wrenches, of a kernel, each with its link.
+    core(model, *arrays, **options) gives the result, or (result, pivots of M, diagonal of M) if there is a `check`,
+    which turns the pivots into a PrecisionStatus. `moments`: the result depends on the inertial parameters, and through
+    `model.moments` alone, so that they may be inputs of a kernel (`rne.kernels.trace`). `base_parameters`: only through
+    the base parameters, so that masses may be redistributed between bodies (``rne/model/fewest_terms.py``).
     """
 
     name: str
     core: Callable[..., Any]
-    widths: Mapping[str, int | None]
+    widths: Mapping[str, int | None]  # of the arrays it takes, in order; None for one entry per coordinate
     moments: bool
     base_parameters: bool
     check: Check | None = None
-    velocities: tuple[str, slice] | None = None
-    returns_array: bool = True
-    wrenches: Mapping[str, str] = field(default_factory=dict)
+    velocities: tuple[str, slice] | None = None  # entries that are joint velocities, whose squares may cost digits
+    returns_array: bool = True  # False for a record, which is not traced
+    wrenches: Mapping[str, str] = field(default_factory=dict)  # arrays of a kernel that are wrenches, with their links
 
     def require_moments(self) -> None:
         """Refuse inertial parameters as an input, with a TypeError, if they cannot be one."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..dynamics.aba import articulated_forward_dynamics
-from ..dynamics.crba import factorise, mass_matrix, solve_factored
+from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.forward import forward_dynamics
 from ..dynamics.quantity import Declared, PrecisionStatus
 from ..dynamics.rnea import External, inverse_dynamics
@@ -190,7 +190,6 @@ class KernelCache:
         right = np.concatenate([-dq, -dqd, identity], axis=-1)
         if M.dtype.char in "fdFD":
             return np.linalg.solve(M, right), status
-        parent = self.model.coordinate_parent  # LAPACK has no other types
-        L, D = factorise(M, parent)
-        rows = solve_factored(L[..., None, :, :], D[..., None, :], parent, np.swapaxes(right, -1, -2))
+        # LAPACK has no other types
+        rows, *_ = solve_with_pivots(M[..., None, :, :], self.model.coordinate_parent, np.swapaxes(right, -1, -2))
         return np.swapaxes(rows, -1, -2), status

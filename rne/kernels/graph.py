@@ -48,13 +48,7 @@ class TooLarge(Exception):
 
 
 class Graph:
-    """Operations in the order in which they were first needed.
-
-    Parameters
-    ----------
-    limit : int
-        Number of nodes above which TooLarge is raised.
-    """
+    """Operations in the order in which they were first needed; TooLarge is raised for more than `limit`."""
 
     def __init__(self, limit: int = 10**9) -> None:
         self.nodes: list[Node] = []
@@ -62,9 +56,8 @@ class Graph:
         self._index: dict[tuple[Any, ...], int] = {}
         self._values: dict[int, float] = {}  # of constants, by their references of either sign
         self._references: dict[float, int] = {}  # of constants, by their values
-        self._factors: dict[
-            int, tuple[float, int]
-        ] = {}  # of nodes that are a constant times another, by their references
+        # of nodes that are a constant times another, by their references
+        self._factors: dict[int, tuple[float, int]] = {}
 
     def node(self, kind: str, *args: Any) -> int:
         """The reference of an operation; equal operations share one."""

@@ -38,20 +38,11 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """Instructions in order, and the operand that holds each output entry.
-
-    Attributes
-    ----------
-    instructions : tuple of Instruction
-    outputs : tuple of Operand
-        One for each entry.
-    inputs : int
-        Number of scalar inputs.
-    """
+    """Instructions in order, and the operand that holds each output entry."""
 
     instructions: tuple[Instruction, ...]
     outputs: tuple[Operand, ...]
-    inputs: int
+    inputs: int  # number of scalar inputs
 
     @property
     def operations(self) -> dict[str, int]:
@@ -93,24 +84,13 @@ class Conditions(Protocol):
 class Trace:
     """A quantity traced on one model, as the engines run it.
 
-    Attributes
-    ----------
-    program : Program
-        Its outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots.
-    widths : tuple of int
-        Number of inputs of each argument.
-    shape : tuple of int
-        Of the result for one state.
-    velocities : range
-        Inputs that are joint velocities whose squares may cost digits.
-    pivots : int
-        Number of pivots of M.
+    The program's outputs are the entries of the result, then the pivots of M, then M's diagonal, if there are pivots.
     """
 
     program: Program
-    widths: tuple[int, ...]
-    shape: tuple[int, ...]
-    velocities: range = range(0)
+    widths: tuple[int, ...]  # number of inputs of each argument
+    shape: tuple[int, ...]  # of the result for one state
+    velocities: range = range(0)  # inputs that are joint velocities whose squares may cost digits
     pivots: int = 0
 
     @property
