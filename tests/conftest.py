@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree
+from benchmarks.random_robots import random_tree, straight_chain
 
 from .helpers import Oracle, data_robots, loaded
 
@@ -86,6 +86,12 @@ def irb140():
 @pytest.fixture(scope="session")
 def irb140_oracle(irb140):
     return Oracle(irb140.model, rne.to_urdf(irb140.model))
+
+
+@pytest.fixture(scope="session")
+def two():
+    """Two links in a line."""
+    return rne.Robot(straight_chain(2))
 
 
 @pytest.fixture(scope="session")

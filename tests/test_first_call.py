@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import straight_chain
 from rne.kernels import kernel as kernel_module
 
 from .helpers import EPS, loaded, relative, states
@@ -47,8 +48,8 @@ def flat(result):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_one_state_is_traced_at_the_second_call_and_gives_the_same(traced, method):
-    robot, (count, programs) = rne.load("irb140"), METHODS[method]
-    arguments, call = states(6)[:count], getattr(robot, method)
+    robot, (count, programs) = rne.Robot(straight_chain(3)), METHODS[method]
+    arguments, call = states(3)[:count], getattr(robot, method)
     first = call(*arguments)
     assert traced == []
     second = call(*arguments)
@@ -62,8 +63,8 @@ def test_one_state_is_traced_at_the_second_call_and_gives_the_same(traced, metho
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_batch_is_traced_at_the_first_call(traced, method):
-    robot, (count, programs) = rne.load("irb140"), METHODS[method]
-    arguments = states(6, 3)[:count]
+    robot, (count, programs) = rne.Robot(straight_chain(3)), METHODS[method]
+    arguments = states(3, 3)[:count]
     batch = getattr(robot, method)(*arguments)
     assert len(traced) == programs
     one = getattr(robot, method)(*(x[1] for x in arguments))

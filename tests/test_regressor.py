@@ -24,9 +24,9 @@ def close(got, expected, bound=SAME):
     assert np.abs(got - expected).max(initial=0) <= bound * size
 
 
-@pytest.fixture(params=kept(["irb140", "panda", *TREES], ["irb140", "mixed", "mimics"]))
+@pytest.fixture(params=kept(["irb140", "panda", *TREES], ["irb140", "mixed", "mimics"]), scope="module")
 def robot(request):
-    return rne.Robot(TREES[request.param]) if request.param in TREES else rne.load(request.param)
+    return rne.Robot(TREES[request.param]) if request.param in TREES else loaded(request.param)
 
 
 @pytest.fixture(params=kept(LOADABLE, ONE_OF_EACH_KIND))

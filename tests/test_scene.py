@@ -130,15 +130,15 @@ class TestTracing:
         ],
         ids=["memory", "branch", "math.sin", "np.log1p", "spline"],
     )
-    def test_a_law_that_cannot_be_traced_is_called_and_the_log_says_so(self, irb140, law, reason, caplog):
-        scene = rne.Scene(irb140, controller=rne.traceable(law))
+    def test_a_law_that_cannot_be_traced_is_called_and_the_log_says_so(self, two, law, reason, caplog):
+        scene = rne.Scene(two, controller=rne.traceable(law))
         assert scene.cost()["law"] == "called"
         (line,) = [record.getMessage() for record in caplog.records if record.name == "rne"]
         assert line.startswith(f"`controller` is called, not traced: {reason}")
         if law(0.0, np.ones(1), np.ones(1)) != law(0.0, np.ones(1), np.ones(1)):
             return  # it has memory
-        motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.1)
-        assert np.array_equal(motion.q, rne.simulate(irb140, [0] * 6, [0] * 6, 0.1, torque=law).q)
+        motion = rne.simulate(scene, [0] * 2, [0] * 2, 0.1)
+        assert np.array_equal(motion.q, rne.simulate(two, [0] * 2, [0] * 2, 0.1, torque=law).q)
 
     @pytest.mark.parametrize(
         "law",
@@ -437,10 +437,6 @@ class TestDryFriction:
 class TestDryFrictionOfSeveralJoints:
     """Two rods in a row; each case once looped at one instant or chose modes that contradict the accelerations."""
 
-    @pytest.fixture
-    def two(self):
-        return rne.Robot(straight_chain(2))
-
     def scene(self, two, law=None, **friction):
         return rne.Scene(two, gravity=[0, 0, 0], friction=rne.Friction(smoothing=0, **friction), controller=law)
 
@@ -497,10 +493,6 @@ class TestDryFrictionOfSeveralJoints:
 
 
 class TestCornerCases:
-    @pytest.fixture
-    def two(self):
-        return rne.Robot(straight_chain(2))
-
     def test_drift_is_counted_from_the_start_not_the_first_sample(self, two):
         late = rne.simulate(
             rne.Scene(two, friction=rne.Friction(viscous=1.0)), [0.3, 0.2], [0, 0], 1.0, t_eval=[0.5, 1.0]
