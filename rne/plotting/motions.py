@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,33 +21,18 @@ POINTS = 600  # of a curve between samples, more where the solver's steps are sh
 EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 
 
-@dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion to be drawn."""
+    """A motion to be drawn: a trajectory, evaluated between its samples, or arrays, straight lines between them.
 
-    t: Array  # times of the samples, never falling, shape (T,) [s]
-    samples: dict[str, Array]  # those of "q", "qd", "qdd" and "tau" that there are, shape (T, n)
-    trajectory: Trajectory | None = None  # evaluated between its samples; None for arrays, drawn as straight lines
+    Samples are those of "q", "qd", "qdd" and "tau" that there are, shape (T, n), at times that never fall, shape (T,).
+    """
 
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return int(next(iter(self.samples.values())).shape[1])
-
-    @property
-    def model(self) -> Model | None:
-        """The robot's parameters, where they are known."""
-        return None if self.trajectory is None else self.trajectory.model
-
-    @property
-    def quantities(self) -> tuple[str, ...]:
-        """The names of the curves there are, of "q", "qd", "qdd", "tau", "energy" and "energy error"."""
-        return (*self.samples, *(() if self.trajectory is None else ("energy", "energy error")))
-
-    @property
-    def is_driven(self) -> bool:
-        """True if any torque is not zero."""
-        return bool(np.any(self.samples.get("tau", 0)))
+    def __init__(self, t: Array, samples: dict[str, Array], trajectory: Trajectory | None = None) -> None:
+        self.t, self.samples, self.trajectory = t, samples, trajectory
+        self.n = max((array.shape[1] for array in samples.values()), default=0)
+        self.model: Model | None = None if trajectory is None else trajectory.model
+        self.quantities = (*samples, *(() if trajectory is None else ("energy", "energy error")))
+        self.is_driven = bool(np.any(samples.get("tau", 0)))
 
     def curve(self, quantity: str) -> tuple[Array, Array]:
         """Times and values of a curve, shapes (P,) and (P, k); a time stands twice where the values jump."""

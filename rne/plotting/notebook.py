@@ -40,7 +40,6 @@ DPI = 200  # about two pixels for each of the page, for sharp text on dense scre
 COLORS_OF_A_PICTURE = 256
 SOURCE_LINES = 16  # of a kernel that are shown
 NOT_GIVEN = "not given"
-LINE = 100  # characters of a line of source
 BODIES = "Masses with the links on fixed joints included, in the axes of the link:"
 
 
@@ -101,7 +100,7 @@ def _(kernel: Kernel) -> str:
     unit = next(line.split(" - ", 1)[1] for line in source if line.startswith("# Unit of the result"))
     rows.append(("result", f"({', '.join(['...', *map(str, kernel.traced.shape)])})", unit))
     counts = kernel.operations | {"all operations": sum(kernel.operations.values())}
-    lines = [line if len(line) <= LINE else f"{line[: LINE - 3]}..." for line in source[:SOURCE_LINES]]
+    lines = source[:SOURCE_LINES]
     if len(source) > SOURCE_LINES:
         lines.append(f"    ... {len(source) - SOURCE_LINES} more lines: kernel.source()")
     return _page(

@@ -194,22 +194,19 @@ def _images(robot: Robot, t: Array, poses: Array) -> list[Image]:
     return [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
 
 
-def _blank_axes(title: str) -> Axes3D:
-    """3-D axes on a new figure, with room for a legend beside them."""
-    figure = blank_figure(7.4, 5.4)
+def _blank_axes(title: str, size: Sequence[float] = (7.4, 5.4), place: Any = (0.0, 0.05, 0.72, 0.88)) -> Axes3D:
+    """3-D axes on a new figure, with room for a legend beside or below them."""
+    figure = blank_figure(*size)
     figure.set_layout_engine("none")
-    ax: Any = figure.add_axes((0.0, 0.05, 0.72, 0.88), projection="3d")
+    ax: Any = figure.add_axes(place, projection="3d")
     ax.set_title(literal(title))
     return ax
 
 
 def small_picture(robot: Robot, q: ArrayLike) -> Figure:
     """The robot at q for narrow pages, with its legend below."""
-    figure = blank_figure(WIDTH, 5.6)
-    figure.set_layout_engine("none")
-    ax: Any = figure.add_axes((0.0, 0.24, 0.96, 0.76), projection="3d")
-    draw(robot, q, axes=ax)
-    beside = ax.get_legend()
+    ax = _blank_axes("", (WIDTH, 5.6), (0.0, 0.24, 0.96, 0.76))
+    figure, beside = draw(robot, q, axes=ax), ax.get_legend()
     if beside is not None:
         beside.remove()
         labels = [text.get_text() for text in beside.get_texts()]
@@ -228,7 +225,7 @@ class Picture:
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
         before = np.stack([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1) if ax.has_data() else None
-        robot = PosedRobot.at(model, poses)
+        robot = PosedRobot(model, poses)
         links = sorted({model.link_index(shape.link) for shape in robot.shapes})
         surfaces = [surface([x for x in robot.shapes if x.link == model.link_names[k]]) for k in links]
         counts = [len(faces) for faces in surfaces]

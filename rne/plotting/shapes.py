@@ -43,40 +43,22 @@ class Shape:
         return rotate(self.pose[:3, :3], own) + self.pose[:3, 3]
 
 
-@dataclass(frozen=True, eq=False)
 class PosedRobot:
-    """A robot, its shapes, and where its links are in each frame of a picture."""
+    """A robot, its shapes, and where its links are: poses of shape (frames, n_links, 4, 4) [1, m].
 
-    model: Model
-    shapes: Sequence[Shape]
-    R: Array  # orientation of every link, shape (frames, n_links, 3, 3)
-    p: Array  # position of its origin, shape (frames, n_links, 3) [m]
+    Without shapes, those of the model are read.
+    """
 
-    @classmethod
-    def at(cls, model: Model, poses: Array, shapes: Sequence[Shape] | None = None) -> PosedRobot:
-        """From poses of all links, shape (frames, n_links, 4, 4); without shapes, those of the model are read."""
+    def __init__(self, model: Model, poses: Array, shapes: Sequence[Shape] | None = None) -> None:
         T = poses.astype(np.float64)
-        return cls(model, link_shapes(model) if shapes is None else shapes, T[..., :3, :3], T[..., :3, 3])
-
-    @property
-    def carried(self) -> list[int]:
-        """The link that each moving joint carries."""
-        return [self.model.link_joints.index(joint) for joint in self.model.moving_joints]
-
-    @property
-    def axes(self) -> Array:
-        """Unit vectors along the joints' axes, shape (frames, nb, 3)."""
-        return rotate(self.R[:, self.carried], self.model.axis.astype(np.float64))
-
-    @property
-    def centres(self) -> Array:
-        """Centres of mass of the moving bodies, shape (frames, nb, 3) [m]."""
-        return rotate(self.R[:, self.carried], self.com) + self.p[:, self.carried]
-
-    @property
-    def com(self) -> Array:
-        """Centre of mass of each moving body in the frame of the link that its joint carries, shape (nb, 3) [m]."""
-        return (self.model.com - self.model.joint_origin).astype(np.float64)
+        self.model, self.shapes = model, link_shapes(model) if shapes is None else shapes
+        self.R, self.p = T[..., :3, :3], T[..., :3, 3]
+        # Of the moving joints: the link that each carries, unit vectors along the axes, shape (frames, nb, 3), and the
+        # bodies' centres of mass, in the frames of these links, shape (nb, 3), and of the root, (frames, nb, 3) [m].
+        self.carried = [model.link_joints.index(joint) for joint in model.moving_joints]
+        self.axes = rotate(self.R[:, self.carried], model.axis.astype(np.float64))
+        self.com = (model.com - model.joint_origin).astype(np.float64)
+        self.centres = rotate(self.R[:, self.carried], self.com) + self.p[:, self.carried]
 
 
 def link_shapes(model: Model) -> list[Shape]:

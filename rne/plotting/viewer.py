@@ -255,7 +255,7 @@ def placed(robot: Robot, motion: Motion, times: Array, first: PosedRobot | None 
         up[:3, :3] = Rotation.align_vectors([0.0, 0.0, 1.0], -model.gravity.astype(float))[0].as_matrix()
     poses = up @ robot.link_poses(motion.positions(np.clip(times, motion.t[0], motion.t[-1])))
     same = first is not None and model.source is not None and model.source == first.model.source
-    return PosedRobot.at(model, poses, first.shapes if first is not None and same else None)
+    return PosedRobot(model, poses, first.shapes if first is not None and same else None)
 
 
 @contextmanager

@@ -90,13 +90,12 @@ def validate(robot: Robot, samples: int = 1000, *, by_terms: bool = False) -> tu
     True
     """
     robot_argument(robot)
-    if has_pinocchio():
-        import pinocchio
+    if not has_pinocchio():
+        rows = against_energies(robot, samples, by_terms=by_terms)
+        return "energy and Lagrange identities (package pin is not installed)", list(rows)
+    import pinocchio
 
-        return f"Pinocchio {pinocchio.__version__}", list(against_pinocchio(robot, samples, by_terms=by_terms))
-    return "energy and Lagrange identities (package pin is not installed)", list(
-        against_energies(robot, samples, by_terms=by_terms)
-    )
+    return f"Pinocchio {pinocchio.__version__}", list(against_pinocchio(robot, samples, by_terms=by_terms))
 
 
 def against_pinocchio(robot: Robot, samples: int, xml: str | None = None, *, by_terms: bool = False) -> Iterator[Row]:
