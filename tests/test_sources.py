@@ -13,7 +13,7 @@ import rne
 from rne.__main__ import main
 from rne.commands.printing import LANGUAGES, quantities
 from rne.kernels.graph import Graph
-from rne.kernels.program import lower
+from rne.kernels.program import Trace, lower
 from rne.kernels.scalar import inputs, references
 from rne.kernels.source import LANGUAGES as PRINTED
 from rne.kernels.source import Printable, harmless, to_source
@@ -124,7 +124,7 @@ def every_operation():
     program = lower(graph, references(graph, outputs), 2)
 
     def printed(language):
-        return to_source(Printable(program, "every", ("a",), (2,), (len(parts),), ["all"]), language)
+        return to_source(Printable(Trace(program, (2,), (len(parts),)), "every", ("a",), ["all"]), language)
 
     points = np.array([[0.7, -1.5], [-1.5, 0.7], [2.0, 2.0], [-0.3, -0.4]])
     x, y = points.T

@@ -211,9 +211,9 @@ class Kernel(InNotebooks):
                 try:
                     return self.state_function(*(a.astype(FLOAT64, copy=False) for a in arrays)), OK
                 except NeedsRecursion:
-                    return self._by_function(arrays)
+                    return self.by_recursion(*arrays)
             return self._batch(arrays, dtype, out, workers)
-        result, status = self._by_function(arrays)
+        result, status = self.by_recursion(*arrays)
         if out is None or status.error is not None:
             return result, status
         check_out(out, result.shape, result.dtype, self.names, arrays)[...] = result
@@ -255,17 +255,10 @@ class Kernel(InNotebooks):
             entry = entry_of_element(element, name, traced.shape)
             traced, title = trace(self.quantity, self.model, self._rest, self.wrt, entry), element
         lines = heading(self.model, name, self.names, entry, self.quantity.wrenches)
-        return to_source(Printable(traced.program, title, self.names, self.widths, traced.shape, lines), language)
+        return to_source(Printable(traced, title, self.names, lines), language)
 
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
-        """Result and status of one state that the program leaves to the recursion; see `fast_single_state`."""
-        try:
-            return self._by_function(arguments)
-        except ValueError as error:
-            raise named_by_function(self.quantity, self.model, arguments, error) from None
-
-    def _by_function(self, arguments: Sequence[Any]) -> tuple[Array, PrecisionStatus]:
-        """The function itself, or its derivatives by complex step."""
+        """Result and status of states that the program leaves to the function itself, or to its complex steps."""
         return by_recursion(self.function, self.model, arguments, self.wrt, self.fixed)
 
     def _batch(
@@ -283,7 +276,7 @@ class Kernel(InNotebooks):
         def by_function(begin: int, end: int) -> tuple[Array, PrecisionStatus]:
             for name, array, width in zip(self.names, arrays, self.widths, strict=True):
                 joint_array(name, array, self.model, width)  # names NaN by its index
-            result, status = self._by_function([array[begin:end].astype(dtype) for array in states])
+            result, status = self.by_recursion(*[array[begin:end].astype(dtype) for array in states])
 
             def place(state: BatchIndex) -> BatchIndex:
                 k = begin + (state[0] if state else 0)

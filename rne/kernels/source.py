@@ -10,12 +10,11 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
-from math import prod
 from typing import NamedTuple
 
 from ..basics.text import UNITS
 from ..model.model import Model
-from .program import Program
+from .program import Trace
 from .python_backend import FUNCTIONS, expressions
 
 MAX_NAME = 60  # characters
@@ -30,14 +29,8 @@ LETTERS = {
     "inverse_dynamics": "tau",
     "forward_dynamics": "qdd",
 }
-PER_JOINT = {
-    "inverse_dynamics": "tau",
-    "bias_torque": "tau",
-    "gravity_torque": "tau",
-    "coriolis_torque": "tau",
-    "forward_dynamics": "qdd",
-    "articulated_forward_dynamics": "qdd",
-}
+PER_JOINT = dict.fromkeys(("inverse_dynamics", "bias_torque", "gravity_torque", "coriolis_torque"), "tau")
+PER_JOINT |= dict.fromkeys(("forward_dynamics", "articulated_forward_dynamics"), "qdd")
 MASS = ("kg m^2", "kg m", "kg")  # of an entry of M with none, one or two sliding joints
 SCALAR = {"kinetic_energy": "J", "potential_energy": "J"}
 # Quantities with a column for each inertial parameter.
@@ -49,14 +42,17 @@ TEN = (
 
 
 class Printable(NamedTuple):
-    """A program to print: its name, arguments with their lengths, shape of its result, lines of its heading."""
+    """A trace to print: its name, arguments, and lines of its heading."""
 
-    program: Program
+    trace: Trace
     name: str
     arguments: tuple[str, ...]
-    widths: tuple[int, ...]
-    shape: tuple[int, ...]
     heading: Sequence[str]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the result."""
+        return self.trace.shape
 
     @property
     def names(self) -> str:
@@ -74,10 +70,10 @@ def to_source(printable: Printable, language: str) -> str:
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
     entry, functions, text = LANGUAGES[language]
-    pairs = zip(printable.arguments, printable.widths, strict=True)
+    pairs = zip(printable.arguments, printable.trace.widths, strict=True)
     inputs = [entry(name, k) for name, width in pairs for k in range(width)]
-    lines, outputs = expressions(printable.program, inputs.__getitem__, FUNCTIONS | functions)
-    return "\n".join(text(printable, lines, outputs[: prod(printable.shape)])) + "\n"
+    lines, outputs = expressions(printable.trace.program, inputs.__getitem__, FUNCTIONS | functions)
+    return "\n".join(text(printable, lines, outputs[: printable.trace.entries])) + "\n"
 
 
 def _python(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
