@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .program import Instruction, NeedsRecursion, Operand, Program, Trace
+from .graph import UNARY
+from .program import NeedsRecursion, Operand, Program, Trace
 
 SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
 FUNCTIONS = {
@@ -31,15 +32,8 @@ FUNCTIONS = {
 }
 LONGEST_SUM = 64  # terms in one written-out sum
 DEEPEST = 12  # nested parentheses in one expression
-
-
-def sign(x: float) -> float:
-    """-1, 0 or 1."""
-    return math.copysign(1.0, x) if x else 0.0
-
-
 IMPORTED = ("atan2", "cos", "exp", "sin", "sqrt", "tanh")  # from math
-FUNCTION_NAMES: dict[str, Any] = {name: getattr(math, name) for name in IMPORTED} | {"sign": sign}
+FUNCTION_NAMES: dict[str, Any] = {name: getattr(math, name) for name in IMPORTED} | {"sign": UNARY["sign"]}
 
 
 def expressions(
@@ -61,23 +55,16 @@ def expressions(
 
     for k, instruction in enumerate(program.instructions):
         operand = Operand("result", k)
-        expression, depth = _expression(instruction, [text(arg) for arg in instruction.args], functions)
+        args, depths = zip(*[text(arg) for arg in instruction.args], strict=True)
+        symbol, depth = SYMBOLS.get(instruction.kind), 1 + max(depths)
+        expression = f" {symbol} ".join(args) if symbol else functions[instruction.kind].format(*args)
         if uses[operand] > 1 or depth >= DEEPEST:
             lines.append(f"t{k} = {expression}")
             expression, depth = f"t{k}", 0
-        elif instruction.kind in SYMBOLS or instruction.kind == "negative":
+        elif symbol or instruction.kind == "negative":
             expression = f"({expression})"
         texts[operand] = expression, depth
     return lines, [text(output)[0] for output in program.outputs]
-
-
-def _expression(
-    instruction: Instruction, args: Sequence[tuple[str, int]], functions: Mapping[str, str]
-) -> tuple[str, int]:
-    depth = 1 + max(d for _, d in args)
-    if instruction.kind in SYMBOLS:
-        return f" {SYMBOLS[instruction.kind]} ".join(a for a, _ in args), depth
-    return functions[instruction.kind].format(*(a for a, _ in args)), depth
 
 
 class _Text:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import numbers
 from collections.abc import Callable
 from typing import Any
@@ -54,7 +55,7 @@ class Scalar:
         """NumPy's functions, entry by entry, by the methods below."""
         if method != "__call__" or options:
             return NotImplemented
-        return ufunc(*[_as_entry(x) if isinstance(x, Scalar) else x for x in inputs])
+        return ufunc(*[np.array(x, dtype=object) if isinstance(x, Scalar) else x for x in inputs])
 
     def _other(self, other: Any) -> int:
         if isinstance(other, Scalar):
@@ -121,19 +122,10 @@ class Scalar:
         return f"Scalar({'-' if self.ref & 1 else ''}{self.graph.nodes[self.ref >> 1].kind})"
 
 
-def _as_entry(x: Scalar) -> Array:
-    array = np.empty((), dtype=object)
-    array[()] = x
-    return array
-
-
 def inputs(graph: Graph, shape: tuple[int, ...], start: int) -> Array:
     """An object array of traced inputs, numbered from `start`."""
-    count = int(np.prod(shape))
-    array = np.empty(count, dtype=object)
-    for k in range(count):
-        array[k] = Scalar(graph, graph.input(start + k))
-    return array.reshape(shape)
+    numbered = [Scalar(graph, graph.input(start + k)) for k in range(math.prod(shape))]
+    return np.array(numbered, dtype=object).reshape(shape)
 
 
 def references(graph: Graph, array: Array) -> list[int]:
