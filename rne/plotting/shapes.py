@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 INSTALL = "pip install 'rne[view]'"
 NAMED = 4  # shapes named in a warning; the others are counted
 SIDES = 32  # of the prism that approximates a cylinder, a multiple of 4
-Color = tuple[float, float, float, float]
+Color = tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +181,7 @@ def _own_color(visual: Any) -> Color | None:
 
 
 def _rgba(values: Any) -> Color:
-    r, g, b, a = np.clip(np.array(values, dtype=float), 0, 1).tolist()
-    return r, g, b, a
+    return tuple(np.clip(np.array(values, dtype=float), 0, 1).tolist())
 
 
 def surface(shapes: Sequence[Shape]) -> Array:

@@ -25,6 +25,7 @@ GHOST_OPACITY = 0.4
 GHOST_SCALE = 1.004  # where both motions agree, the surfaces of the other one are just outside
 GLASS = 0.35  # opacity of the links where what is inside them is to be seen
 AXIS, CENTRE, ELLIPSOID, LINE = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115)
+FLOOR: dict[str, Any] = {"cell_color": (196, 203, 212), "section_color": (160, 170, 182), "fade_strength": 0.0}
 MAX_FACES = 20_000  # of a robot's meshes; with more, all are simplified alike
 SMALL = 60  # faces of a mesh that is never simplified
 CREASE = np.radians(35)  # of a mesh: edges that are sharper are shown as edges
@@ -82,18 +83,7 @@ def add_floor(scene: SceneApi, points: Array) -> float:
     height = 0.0 if low[2] + high[2] >= 0 else low[2]
     middle = np.round((low + high)[:2] / 2 / cell) * cell
     edge = float(np.ceil(1.6 * across / cell)) * cell
-    scene.add_grid(
-        "/floor",
-        edge,
-        edge,
-        position=(*middle, height),
-        cell_color=(196, 203, 212),
-        cell_size=cell,
-        section_color=(160, 170, 182),
-        section_size=5 * cell,
-        shadow_opacity=0.15,
-        fade_strength=0.0,
-    )
+    scene.add_grid("/floor", edge, edge, position=(*middle, height), cell_size=cell, section_size=5 * cell, **FLOOR)
     return cell
 
 
