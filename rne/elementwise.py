@@ -9,16 +9,16 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, ParamSpec
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .basics.arrays import plain_array
 from .basics.spatial import Array
 
-DOCSTRING = """{summary}
-
-    Parameters
+P = ParamSpec("P")
+SECTIONS = """Parameters
     ----------
     {names} : array_like
         Numbers or traced numbers, broadcast against each other.
@@ -29,17 +29,11 @@ DOCSTRING = """{summary}
         Of the broadcast shape.
 
     Examples
-    --------
-    >>> from rne.elementwise import {imported}
-    >>> {example}
-    {result}
-    """
+"""
 
 
 def _entry(name: str, *x: Any) -> Any:
     """One entry of a result: the method of a traced number, or NumPy's function of numbers."""
-    if name == "clip":
-        return _entry("minimum", _entry("maximum", x[0], x[1]), x[2])
     if name == "less":
         return x[0] < x[1]
     if name in ("minimum", "maximum") and not hasattr(x[0], name):
@@ -49,68 +43,132 @@ def _entry(name: str, *x: Any) -> Any:
     return getattr(x[0], name)(*x[1:]) if hasattr(x[0], name) else getattr(np, name)(*x)[()]
 
 
-def _function(name: str, arguments: str, summary: str, example: str, result: str) -> Callable[..., Array]:
-    """NumPy's function of a name and these arguments, for traced numbers too, with its docstring."""
-    names = arguments.split(", ")
-    signature = inspect.Signature([inspect.Parameter(x, inspect.Parameter.POSITIONAL_OR_KEYWORD) for x in names])
-    of_arrays, of_entries = getattr(np, name), np.frompyfunc(partial(_entry, name), len(names), 1)
+def _apply(name: str, **x: ArrayLike) -> Array:
+    arrays = [plain_array(argument, value) for argument, value in x.items()]
+    if any(array.dtype == object for array in arrays):
+        return np.asarray(np.frompyfunc(partial(_entry, name), len(arrays), 1)(*arrays))
+    return np.asarray(getattr(np, name)(*arrays))
 
-    def function(*given: Any, **named: Any) -> Array:
-        if named or len(given) != len(names):
-            given = signature.bind(*given, **named).args
-        arrays = list(map(plain_array, names, given))
-        traced = any([array.dtype == object for array in arrays])
-        return np.asarray((of_entries if traced else of_arrays)(*arrays))
 
-    imported = "less, where" if name == "where" else name
-    function.__doc__ = DOCSTRING.format(
-        summary=summary, names=arguments, imported=imported, example=example, result=result
-    )
-    function.__name__ = function.__qualname__ = name
-    function.__signature__ = signature.replace(return_annotation=Array)  # type: ignore[attr-defined]
+def _documented(function: Callable[P, Array]) -> Callable[P, Array]:
+    """Put the sections on parameters and result, which all these functions share, before the example."""
+    names = ", ".join(inspect.signature(function).parameters)
+    function.__doc__ = (function.__doc__ or "").replace("Examples\n", SECTIONS.format(names=names))
     return function
 
 
-tanh = _function(
-    "tanh",
-    "x",
-    "Hyperbolic tangent: tanh(x / width) is a smooth replacement of `sign`.",
-    "tanh([-100.0, 0.0, 100.0]).tolist()",
-    "[-1.0, 0.0, 1.0]",
-)
-exp = _function("exp", "x", "Exponential function.", "exp([0.0, 1.0]).round(6).tolist()", "[1.0, 2.718282]")
-arctan2 = _function(
-    "arctan2",
-    "y, x",
-    "Angle of the vector (x, y), from -pi to pi; where y is 0 and x negative, a kernel may give either [rad].",
-    "arctan2([0.0, 1.0], [1.0, 0.0]).round(6).tolist()",
-    "[0.0, 1.570796]",
-)
-sign = _function("sign", "x", "Sign of each entry: -1, 0 or 1.", "sign([-3.0, 0.0, 2.0]).tolist()", "[-1.0, 0.0, 1.0]")
-minimum = _function(
-    "minimum", "a, b", "The smaller of two arrays, entry by entry.", "minimum([1.0, 5.0], 3.0).tolist()", "[1.0, 3.0]"
-)
-maximum = _function(
-    "maximum", "a, b", "The larger of two arrays, entry by entry.", "maximum([1.0, 5.0], 3.0).tolist()", "[3.0, 5.0]"
-)
-less = _function(
-    "less",
-    "a, b",
-    "True where a < b, or traced conditions, for `where`.",
-    "less([1.0, 5.0], 3.0).tolist()",
-    "[True, False]",
-)
-where = _function(
-    "where",
-    "condition, a, b",
-    "Entries of a where the condition holds, which `less` returns, and of b elsewhere.",
-    "where(less([1.0, 5.0], 3.0), 0.0, [7.0, 8.0]).tolist()",
-    "[0.0, 8.0]",
-)
-clip = _function(
-    "clip",
-    "x, lower, upper",
-    "Entries limited to the range from lower to upper.",
-    "clip([-50.0, 5.0, 50.0], -20.0, 20.0).tolist()",
-    "[-20.0, 5.0, 20.0]",
-)
+@_documented
+def tanh(x: ArrayLike) -> Array:
+    """Hyperbolic tangent: tanh(x / width) is a smooth replacement of `sign`.
+
+    Examples
+    --------
+    >>> from rne.elementwise import tanh
+    >>> tanh([-100.0, 0.0, 100.0]).tolist()
+    [-1.0, 0.0, 1.0]
+    """
+    return _apply("tanh", x=x)
+
+
+@_documented
+def exp(x: ArrayLike) -> Array:
+    """Exponential function.
+
+    Examples
+    --------
+    >>> from rne.elementwise import exp
+    >>> exp([0.0, 1.0]).round(6).tolist()
+    [1.0, 2.718282]
+    """
+    return _apply("exp", x=x)
+
+
+@_documented
+def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
+    """Angle of the vector (x, y), from -pi to pi; where y is 0 and x negative, a kernel may give either [rad].
+
+    Examples
+    --------
+    >>> from rne.elementwise import arctan2
+    >>> arctan2([0.0, 1.0], [1.0, 0.0]).round(6).tolist()
+    [0.0, 1.570796]
+    """
+    return _apply("arctan2", y=y, x=x)
+
+
+@_documented
+def sign(x: ArrayLike) -> Array:
+    """Sign of each entry: -1, 0 or 1.
+
+    Examples
+    --------
+    >>> from rne.elementwise import sign
+    >>> sign([-3.0, 0.0, 2.0]).tolist()
+    [-1.0, 0.0, 1.0]
+    """
+    return _apply("sign", x=x)
+
+
+@_documented
+def minimum(a: ArrayLike, b: ArrayLike) -> Array:
+    """The smaller of two arrays, entry by entry.
+
+    Examples
+    --------
+    >>> from rne.elementwise import minimum
+    >>> minimum([1.0, 5.0], 3.0).tolist()
+    [1.0, 3.0]
+    """
+    return _apply("minimum", a=a, b=b)
+
+
+@_documented
+def maximum(a: ArrayLike, b: ArrayLike) -> Array:
+    """The larger of two arrays, entry by entry.
+
+    Examples
+    --------
+    >>> from rne.elementwise import maximum
+    >>> maximum([1.0, 5.0], 3.0).tolist()
+    [3.0, 5.0]
+    """
+    return _apply("maximum", a=a, b=b)
+
+
+@_documented
+def less(a: ArrayLike, b: ArrayLike) -> Array:
+    """True where a < b, or traced conditions, for `where`.
+
+    Examples
+    --------
+    >>> from rne.elementwise import less
+    >>> less([1.0, 5.0], 3.0).tolist()
+    [True, False]
+    """
+    return _apply("less", a=a, b=b)
+
+
+@_documented
+def where(condition: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
+    """Entries of a where the condition holds, which `less` returns, and of b elsewhere.
+
+    Examples
+    --------
+    >>> from rne.elementwise import less, where
+    >>> where(less([1.0, 5.0], 3.0), 0.0, [7.0, 8.0]).tolist()
+    [0.0, 8.0]
+    """
+    return _apply("where", condition=condition, a=a, b=b)
+
+
+@_documented
+def clip(x: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
+    """Entries limited to the range from lower to upper.
+
+    Examples
+    --------
+    >>> from rne.elementwise import clip
+    >>> clip([-50.0, 5.0, 50.0], -20.0, 20.0).tolist()
+    [-20.0, 5.0, 20.0]
+    """
+    return minimum(maximum(x, lower), upper)
