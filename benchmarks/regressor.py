@@ -77,7 +77,7 @@ def regressors(robots: Robots, arrays: list[np.ndarray], repeats: int) -> Result
     one = [a[0].copy() for a in arrays]
     calls: dict[str, Any] = {"pinocchio": (theirs.loop, len(theirs.peer.columns))}
     for engine, robot in robots.items():
-        robot.kernel(rne.dynamics.regressor)
+        robot.compile(rne.dynamics.regressor)
         calls[f"{engine} single"] = many(lambda y=robot.regressor: y(*one), TIMES), TIMES
         calls[f"{engine} batch"] = many(lambda y=robot.regressor: y(*arrays), BATCHES), BATCHES * count
     each = per_state(calls, repeats)

@@ -87,12 +87,18 @@ def test_links_are_traced_each_by_itself(traced):
     assert traced == ["jacobian", "jacobian_rate"]
 
 
-def test_a_kernel_asked_for_is_traced_at_once_and_only_once(traced):
+def test_compile_traces_at_once_and_only_once(traced):
     robot = rne.load("irb140")
-    kernel = robot.kernel(rne.dynamics.inverse_dynamics)
-    robot.inverse_dynamics(*states(6))
-    assert robot.kernel(rne.dynamics.inverse_dynamics) is kernel
-    assert traced == ["inverse_dynamics"]
+    robot.compile()
+    expected = ["inverse_dynamics", "mass_matrix", "bias_torque", "gravity_torque", "forward_dynamics"]
+    assert traced == expected
+    q, qd, qdd = states(6)
+    robot.inverse_dynamics(q, qd, qdd)
+    robot.forward_dynamics(q, qd, qdd)
+    robot.compile()
+    assert traced == expected
+    robot.compile(rne.dynamics.kinetic_energy)
+    assert traced == [*expected, "kinetic_energy"]
 
 
 def test_recursion_and_kernel_refuse_a_state_in_the_same_words():

@@ -25,13 +25,16 @@ if TYPE_CHECKING:
     from ..kernels.kernel import Kernel
     from ..model.modify import LimitValues
 
+# compiled by Robot.compile without arguments, beside forward dynamics
+COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
+
 
 class Robot(InNotebooks):
     """A robot whose quantities are methods.
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
     angles in radians. The first call of a method for a single state runs the recursion; later calls and batches run its
-    kernel, traced for this robot (see `kernel`).
+    kernel, traced for this robot (see `compile`).
 
     Parameters
     ----------
@@ -179,6 +182,28 @@ class Robot(InNotebooks):
         from ..model.topology import pinocchio_order
 
         return pinocchio_order(self._model)
+
+    def compile(self, *functions: Declared) -> None:
+        """Trace quantities now, instead of at the second call or the first batch.
+
+        Parameters
+        ----------
+        *functions : callable
+            Functions of a model and joint arrays, such as `rne.dynamics.mass_matrix`. Without any: inverse dynamics,
+            M, bias and gravity torques, and forward dynamics.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140")
+        >>> robot.compile(rne.dynamics.mass_matrix)
+        >>> robot.mass_matrix([0] * 6).shape  # already by the kernel
+        (6, 6)
+        """
+        for function in functions or COMPILED:
+            self.kernel(function)
+        if not functions:
+            self._kernels.forward_kernel()
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
         """The function traced on this robot, on first use, and kept.

@@ -136,9 +136,7 @@ def measure(case, quantities=tuple(QUANTITIES), perturbations=PERTURBATIONS, exa
     """
     robot, found = rne.Robot(case.model), {}
     if case.model.n <= COMPILED_UP_TO:
-        for function in (rne.dynamics.inverse_dynamics, rne.dynamics.mass_matrix):
-            robot.kernel(function)
-        robot._kernels.forward_kernel()
+        robot.compile()
     for quantity in quantities:
         arguments = [case.q] if quantity == "mass matrix" else [case.q, case.qd, case.qdd]
         if quantity == "forward dynamics":
