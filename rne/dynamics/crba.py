@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..basics.spatial import (
-    Array,
-    cross,
-    cross_matrix,
-    dot,
-    mirrored,
-    rotate,
-    transpose,
-    zeros,
-)
+from ..basics.spatial import Array, cross, cross_matrix, dot, mirrored, rotate, transpose, zeros
 from ..model.model import Model
 from ..model.solids import Moments
 from .kinematics import BASE, joint_transforms

@@ -58,11 +58,8 @@ def coriolis_force(v: MotionVector, u: MotionVector) -> Wrenches:
 
     B u = (v x* I u + u x* I v - I (v x u)) / 2; Echeandia and Wensing 2021, (21). For u = v it is v x* I v.
     """
-    a, b, c = (
-        cross_force(v, momentum_matrix(u)),
-        cross_force(u, momentum_matrix(v)),
-        momentum_matrix(cross_motion(v, u)),
-    )
+    a, b = cross_force(v, momentum_matrix(u)), cross_force(u, momentum_matrix(v))
+    c = momentum_matrix(cross_motion(v, u))
     return Wrenches((a.moment + b.moment - c.moment) / 2, (a.force + b.force - c.force) / 2)
 
 

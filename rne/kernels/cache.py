@@ -171,11 +171,8 @@ class KernelCache:
         slopes = self.evaluate_quantity(inverse_dynamics, q, qd, qdd, wrt=("q", "qd"))
         n = self.model.n
         dq, dqd = slopes[..., :n], slopes[..., n:]
-        M = self.evaluate_quantity(mass_matrix, q)
-        if M.shape == dq.shape and M.dtype == dq.dtype:
-            return dq, dqd, M
         M = self.evaluate_quantity(mass_matrix, np.asarray(q).astype(slopes.dtype, copy=False))
-        return dq, dqd, np.broadcast_to(M, dq.shape).copy()
+        return dq, dqd, M if M.shape == dq.shape else np.broadcast_to(M, dq.shape).copy()
 
     def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, PrecisionStatus]:
         """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n).

@@ -55,7 +55,7 @@ class Scalar:
         """NumPy's functions, entry by entry, by the methods below."""
         if method != "__call__" or options:
             return NotImplemented
-        return ufunc(*[np.array(x, dtype=object) if isinstance(x, Scalar) else x for x in inputs])
+        return ufunc(*[_as_entry(x) if isinstance(x, Scalar) else x for x in inputs])
 
     def _other(self, other: Any) -> int:
         if isinstance(other, Scalar):
@@ -120,6 +120,12 @@ class Scalar:
 
     def __repr__(self) -> str:
         return f"Scalar({'-' if self.ref & 1 else ''}{self.graph.nodes[self.ref >> 1].kind})"
+
+
+def _as_entry(x: Scalar) -> Array:
+    array = np.empty((), dtype=object)  # np.array would ask x for an array
+    array[()] = x
+    return array
 
 
 def inputs(graph: Graph, shape: tuple[int, ...], start: int) -> Array:
