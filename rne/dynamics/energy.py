@@ -42,9 +42,19 @@ def link_kinetic_energies(model: Model, q: Array, qd: Array) -> Array:
     omega, v = velocities(model, *joint_transforms(model, q), qd)
     T = zeros((*q.shape[:-1], model.nb), like=q)
     for i in range(model.nb):
-        m, h, I = model.body_moments(i)  # about the frame's origin: bodies without mass have no centre
-        T[..., i] = (dot(v[i], m * v[i] + 2 * cross(omega[i], h)) + dot(omega[i], rotate(I, omega[i]))) / 2
+        T[..., i] = body_kinetic_energy(model, i, omega[i], v[i])
     return T
+
+
+def body_kinetic_energy(model: Model, i: int, omega: Array, v: Array) -> Array:
+    """(m v_c.v_c + omega.I omega) / 2, Høifødt 2011, (6.30), of a body whose frame's origin moves with v."""
+    if model.given_moments is not None:  # bodies without mass have no centre
+        m, h, I = model.body_moments(i)
+        twice = dot(v, m * v + 2 * cross(omega, h)) + dot(omega, rotate(I, omega))
+    else:
+        v_c = v + cross(omega, model.com[i])
+        twice = model.mass[i] * dot(v_c, v_c) + dot(omega, rotate(model.inertia[i], omega))
+    return twice / 2
 
 
 @quantity(moments=True)
@@ -85,9 +95,17 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
     R0, p0 = body_poses(model, q)
     total = zeros((*q.shape[:-1], 6), like=q)
     for i in range(model.nb):
-        m, h, I = model.body_moments(i)
-        linear = rotate(R0[i], m * v[i] + cross(omega[i], h))
-        angular = rotate(R0[i], rotate(I, omega[i]) + cross(h, v[i]))
+        linear, angular = (rotate(R0[i], part) for part in body_momentum(model, i, omega[i], v[i]))
         total[..., 3:] = total[..., 3:] + linear
         total[..., :3] = total[..., :3] + angular + cross(p0[i], linear)
     return total
+
+
+def body_momentum(model: Model, i: int, omega: Array, v: Array) -> tuple[Array, Array]:
+    """Linear momentum of a body, and angular momentum about its frame's origin, which moves with v."""
+    if model.given_moments is not None:  # bodies without mass have no centre
+        m, h, I = model.body_moments(i)
+        return m * v + cross(omega, h), rotate(I, omega) + cross(h, v)
+    c = model.com[i]
+    linear = model.mass[i] * (v + cross(omega, c))
+    return linear, rotate(model.inertia[i], omega) + cross(c, linear)

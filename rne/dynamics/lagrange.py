@@ -188,8 +188,8 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     """The matrix C(q, qd) of the Christoffel symbols: C qd is the Coriolis torque and dM/dt = C + C^T.
 
     A rigid body is a sum of point masses, and for a point mass C = m J^T dJ/dt gives the Christoffel symbols. Summed
-    over the body, with derivatives of components in its own axes, and a = dJv + [omega]x Jv of its frame's origin:
-    C = Jv^T (m a + (dJw + [omega]x Jw) x h) + Jw^T (h x a + I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw).
+    over the body, with derivatives of components in its own axes:
+    C = m Jc^T (dJc + [omega]x Jc) + Jw^T (I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw).
     dM/dt - 2C is skew: Siciliano et al. 2009, (7.49).
     Parameters, result and errors are those of `rne.Robot.coriolis_matrix`, with the model first.
     """
@@ -199,15 +199,32 @@ def coriolis_matrix(model: Model, q: Array, qd: Array) -> Array:
     all_dJw, all_dJv = body_jacobian_derivatives(model, R, p, qd, all_Jw, all_Jv)
     C = zeros((*q.shape[:-1], model.nb, model.nb), like=q)
     for i in range(model.nb):
-        m, h, I = model.body_moments(i)
-        m, h, Jw, Jv, dJw = m[..., None], h[..., None, :], all_Jw[i], all_Jv[i], all_dJw[i]  # rows are joints: J^T
-        omega = (Jw * qd[..., :, None]).sum(-2)
-        turn = omega[..., None, :]
-        a = all_dJv[i] + cross(turn, Jv)
-        f = m * a + cross(dJw, h) + cross(turn, cross(Jw, h))
-        trace = I[..., :1, :1] + I[..., 1:2, 1:2] + I[..., 2:, 2:]
-        spin = trace / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
-        C = C + Jv @ transpose(f) + Jw @ transpose(cross(h, a) + (dJw @ I + Jw @ transpose(spin)))
+        omega = (all_Jw[i] * qd[..., :, None]).sum(-2)
+        C = C + body_coriolis_matrix(model, i, omega, all_Jw[i], all_Jv[i], all_dJw[i], all_dJv[i])
     if model.has_mimics:
         C = model.coordinate_map.T @ C @ model.coordinate_map
     return C
+
+
+def body_coriolis_matrix(model: Model, i: int, omega: Array, Jw: Array, Jv: Array, dJw: Array, dJv: Array) -> Array:
+    """Share of a body in C, from Jacobians of its frame's origin; rows are joints: J^T of the docstring."""
+    if model.given_moments is not None:  # bodies without mass have no centre
+        m, h, I = model.body_moments(i)
+        m, h = m[..., None], h[..., None, :]
+        a = dJv + cross(omega[..., None, :], Jv)
+        f = m * a + cross(dJw, h) + cross(omega[..., None, :], cross(Jw, h))
+        by_moments: Array = Jv @ transpose(f) + Jw @ transpose(cross(h, a) + angular_part(I, omega, Jw, dJw))
+        return by_moments
+    m, c, I = model.mass[i], model.com[i], model.inertia[i]
+    Jc, dJc = Jv + cross(Jw, c), dJv + cross(dJw, c)
+    f = m * (dJc + cross(omega[..., None, :], Jc))
+    C: Array = Jc @ transpose(f) + Jw @ transpose(angular_part(I, omega, Jw, dJw))
+    return C
+
+
+def angular_part(I: Array, omega: Array, Jw: Array, dJw: Array) -> Array:
+    """I dJw + (tr(I)/2 [omega]x - [I omega]x) Jw, rows are joints."""
+    trace = I[..., :1, :1] + I[..., 1:2, 1:2] + I[..., 2:, 2:]
+    spin = trace / 2 * cross_matrix(omega) - cross_matrix(rotate(I, omega))
+    n: Array = dJw @ I + Jw @ transpose(spin)
+    return n
