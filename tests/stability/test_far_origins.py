@@ -11,7 +11,7 @@ from benchmarks.random_robots import random_tree
 from rne.model.builder import Part, pose
 from rne.urdf.far_origins import far_origins
 
-from ..helpers import data_robots, kept
+from ..helpers import data_robots, kept, states
 from .families import case
 from .far_file import exact_model, far_text
 from .structured import DIGITS, EPS, Reference, changed, compared, measure
@@ -224,3 +224,17 @@ def test_what_a_moved_joint_carries_stays_where_it_is(read):
     np.testing.assert_allclose(*torques, rtol=1e-9, atol=1e-9)
     places = [robot.model.link_index(link) for robot, link in ((far, "b"), (far, "tool"))]
     np.testing.assert_allclose(far.link_poses(q)[:, places], near.link_poses(q)[:, places], rtol=0, atol=1e-9)
+
+
+def test_energies_and_momenta_lose_the_digits_of_the_distance_once():
+    """A body far along its axis from its frame's origin, on a model that no file's reader has moved: about the origin
+    its energy is a difference of numbers as large as the distance squared, about its centre of mass of the distance."""
+    far, axes = 1e4, [[0, 0, 1.0], [0, 0, 1.0]]
+    turned = [np.eye(3), [[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]]]
+    model = rne.model.chain(
+        turned, [[-far, 0.1, 0.2], [0, 0, far]], [1.0] * 2, [[0, 0, 0], [0.1, 0.2, far]], [np.eye(3)] * 2, axes=axes
+    )
+    q, qd, _ = states(2, 20, rate=1.0)
+    for quantity in (rne.dynamics.kinetic_energy, rne.dynamics.momentum, rne.dynamics.coriolis_matrix):
+        exact = quantity(model, q.astype(np.longdouble), qd.astype(np.longdouble))
+        assert np.abs(quantity(model, q, qd) - exact).max() <= 50 * EPS * far * np.abs(exact).max(), quantity.__name__
