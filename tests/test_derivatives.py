@@ -29,7 +29,7 @@ TREES = {
 }
 
 
-@pytest.fixture(params=kept(TREES, ["single", "mimics"]), scope="module")
+@pytest.fixture(params=kept(TREES, ["mimics"]), scope="module")
 def robot(request):
     return rne.Robot(TREES[request.param])
 

@@ -65,7 +65,7 @@ def check_same(model, function, dtype=np.float64):
     assert apart(single, expected, size) <= bound
 
 
-@pytest.mark.parametrize("tree", kept(TREES, ["single", "mimics"]), indirect=True)
+@pytest.mark.parametrize("tree", kept(TREES, ["mimics"]), indirect=True)
 def test_kernel_is_the_recursion_on_trees(tree, function):
     check_same(tree, function)
 
