@@ -1,9 +1,9 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import dynamics, model
+from .basics.first_use import on_first_use
 from .errors import (
     IdentificationError,
     ModelError,
@@ -43,35 +43,31 @@ if TYPE_CHECKING:
     from .urdf import Finding, check, read_urdf, to_urdf
     from .urdf.loading import load, robots
 else:
-    # Imported when they are first used (PEP 562): modules, and names of modules
-    MODULES = {"control", "elementwise", "identification", "kernels", "plotting", "trajectories", "urdf"}
-    NAMES = {
-        "control.gains": "Gains check_gains",
-        "control.laws": "traceable",
-        "identification": "Consistency Excitation Identification ModelComparison "
-        "compare_models consistency excitation identify",
-        "kernels.kernel": "compile",
-        "plotting.viewer": "view",
-        "simulation.bearings": "BearingPeaks bearing_peaks",
-        "simulation.ensembles": "Ensemble ensemble",
-        "simulation.friction": "Friction",
-        "simulation.parts": "Payload",
-        "simulation.scene": "Scene",
-        "simulation.simulator": "simulate",
-        "simulation.trajectory": "Trajectory",
-        "urdf": "Finding check read_urdf to_urdf",
-        "urdf.loading": "load robots",
-    }
-    MODULE_OF = {name: module for module, names in NAMES.items() for name in names.split()}
-
-    def __getattr__(name):
-        if name in MODULES:
-            return import_module(f"rne.{name}")
-        if name not in MODULE_OF:
-            raise AttributeError(f"module 'rne' has no attribute {name!r}")
-        globals()[name] = value = getattr(import_module(f"rne.{MODULE_OF[name]}"), name)
-        return value
-
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            "control": "",
+            "control.gains": "Gains check_gains",
+            "control.laws": "traceable",
+            "elementwise": "",
+            "identification": "Consistency Excitation Identification ModelComparison "
+            "compare_models consistency excitation identify",
+            "kernels": "",
+            "kernels.kernel": "compile",
+            "plotting": "",
+            "plotting.viewer": "view",
+            "simulation.bearings": "BearingPeaks bearing_peaks",
+            "simulation.ensembles": "Ensemble ensemble",
+            "simulation.friction": "Friction",
+            "simulation.parts": "Payload",
+            "simulation.scene": "Scene",
+            "simulation.simulator": "simulate",
+            "simulation.trajectory": "Trajectory",
+            "trajectories": "",
+            "urdf": "Finding check read_urdf to_urdf",
+            "urdf.loading": "load robots",
+        },
+    )
 
 __version__ = "0.2.0"
 

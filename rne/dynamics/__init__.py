@@ -1,16 +1,31 @@
 """The quantities of a model as functions: one file per algorithm, `rnea.py` first."""
 
+from typing import TYPE_CHECKING
+
+from ..basics.first_use import on_first_use
 from .aba import articulated_forward_dynamics
-from .base_inertial_parameters import BaseParameters, base_parameters
 from .crba import mass_matrix
 from .energy import kinetic_energy, link_kinetic_energies, momentum, potential_energy
 from .forward import forward_dynamics
 from .kinematics import jacobian, jacobian_rate, link_poses
-from .lagrange import christoffel_symbols, coriolis_matrix, lagrange_forward_dynamics, lagrange_inverse_dynamics
 from .precision import Diagnosis, diagnose
-from .recursion_record import Recursion, bearing_loads, recursion
-from .regressors import control_regressor, kinetic_energy_regressor, potential_energy_regressor, regressor
 from .rnea import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
+
+if TYPE_CHECKING:
+    from .base_inertial_parameters import BaseParameters, base_parameters
+    from .lagrange import christoffel_symbols, coriolis_matrix, lagrange_forward_dynamics, lagrange_inverse_dynamics
+    from .recursion_record import Recursion, bearing_loads, recursion
+    from .regressors import control_regressor, kinetic_energy_regressor, potential_energy_regressor, regressor
+else:
+    __getattr__ = on_first_use(
+        __name__,
+        {
+            "base_inertial_parameters": "BaseParameters base_parameters",
+            "lagrange": "christoffel_symbols coriolis_matrix lagrange_forward_dynamics lagrange_inverse_dynamics",
+            "recursion_record": "Recursion bearing_loads recursion",
+            "regressors": "control_regressor kinetic_energy_regressor potential_energy_regressor regressor",
+        },
+    )
 
 __all__ = [
     "BaseParameters",
