@@ -120,7 +120,7 @@ class TestNumbers:
         for expected, got in zip(*(robot.inverse_dynamics_derivatives(*s) for robot in pair), strict=True):
             assert relative(got, expected) <= 50 * model.n * EPS
 
-    @pytest.mark.parametrize("dtype", ["float64", "float32"])
+    @pytest.mark.parametrize("dtype", kept(["float64", "float32"], ["float64"]))
     def test_M_is_symmetric_to_the_last_bit(self, gimbals, dtype):
         M = gimbals[1].mass_matrix(states(3, 11)[0].astype(dtype))
         assert np.array_equal(M, np.swapaxes(M, -1, -2))
