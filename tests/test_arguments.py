@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from fractions import Fraction
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +13,7 @@ from hypothesis.extra.numpy import mutually_broadcastable_shapes
 
 import rne
 from benchmarks.random_robots import random_tree
-from rne.basics.arrays import per_joint_array, real_array, vector
+from rne.basics.arrays import convert_numbers, per_joint_array, real_array, vector
 
 TREE = random_tree(3, seed=9)
 
@@ -328,3 +329,9 @@ def test_arrays_of_another_shape_are_refused(shape, right, wrong):
     for size in wrong:
         with pytest.raises(ValueError, match=f"^{re.escape(f'`x` must have shape {shape}, got {size}')}$"):
             real_array("x", np.zeros(size), shape)
+
+
+def test_mpmath_numbers_beside_pythons_keep_their_digits():
+    with mpmath.workdps(40):
+        third = mpmath.mpf(1) / 3
+        assert convert_numbers("q", [third, 2.0], "(..., 2)")[0] == third

@@ -1,5 +1,6 @@
 """Base parameters by rules, against the rank of regressors at random states and known counts."""
 
+import inspect
 import re
 from dataclasses import replace
 
@@ -307,3 +308,20 @@ def test_known_counts(irb140, ur5):
 def test_wrong_arguments(irb140, call, error, text):
     with pytest.raises(error, match=f"^{re.escape(text)}$"):
         call(irb140)
+
+
+def test_a_shaft_that_two_branches_share_is_a_parameter():
+    """Its inertia alone joins their coordinates in M."""
+    body = {"kind": "revolute", "parent": 0, "mass": 1.0, "com": np.array([0.3, 0.1, 0.2]), "inertia": np.eye(3)}
+    parts = [Part(link=link, joint=f"to {link}", axis=np.array([0, 0, 1.0]), **body) for link in ("left", "right")]
+    model = assemble("branches", [Part(link="base"), *parts])
+    check(model, rotor=True, shafts=[[1.0, 1.0]])
+    assert "Ia" in rne.dynamics.base_parameters(model, rotor=True, shafts=[[1.0, 1.0]]).formulas[-1]
+
+
+def test_methods_have_the_defaults_of_the_functions():
+    for name in ("base_parameters", "regressor", "diagnose"):
+        method, function = (inspect.signature(getattr(x, name)) for x in (rne.Robot, rne.dynamics))
+        assert [p.default for p in method.parameters.values()][1:] == [p.default for p in function.parameters.values()][
+            1:
+        ]

@@ -112,6 +112,11 @@ def test_the_weakest_motion_of_two_joints_is_of_both_however_light_one_is():
     assert (joints, eigenvalue) == (light.joint_names, pytest.approx(0.5, rel=1e-14))
 
 
+def test_the_weakest_motion_is_of_the_joints_that_move_nothing():
+    """Their diagonal entries are zero, and so is the eigenvalue."""
+    assert weakest_motion(straight_chain(2), np.array([[1.0, 0.0], [0.0, 0.0]])) == (("joint1",), 0.0)
+
+
 def test_digits_are_those_of_the_dtype(irb140):
     q = np.full(6, 0.3)
     single, double, long = (irb140.diagnose(q, dtype=t).digits for t in (np.float32, np.float64, np.longdouble))

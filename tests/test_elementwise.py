@@ -126,3 +126,17 @@ def test_numpys_functions_that_need_values_name_what_to_use(irb140, function, ca
         "`controller` is called, not traced: TypeError: a traced number has no value: a branch, float() or array "
         "conversion would freeze one outcome; rne.elementwise has where, less, minimum, maximum, clip and sign for this"
     ]
+
+
+@pytest.mark.parametrize("engine", kept(["numpy", "numba"], ["numpy"]))
+def test_the_sign_of_zero_is_zero(engine):
+    """Of a state, in a batch, and of a constant that is folded away."""
+
+    @quantity()
+    def torques(model: rne.Model, q: np.ndarray) -> np.ndarray:
+        """Torques of the law."""
+        return f.sign(q) + 10 * f.sign(0 * q)
+
+    kernel = rne.compile(torques, TREES["single"], engine=engine)
+    assert kernel([0.0]).tolist() == [0.0]
+    assert kernel([[0.0], [-2.0]]).tolist() == [[0.0], [-1.0]]

@@ -10,6 +10,7 @@ import pytest
 
 import rne
 from benchmarks.random_robots import random_tree
+from rne.dynamics.quantity import quantity
 from rne.model.parameters import at_parameters
 
 from .conftest import TREES
@@ -498,3 +499,14 @@ class TestErrors:
         text = "`wrt` must name arguments of ['q'], got 'parameters'; `parameters=True` makes them one"
         with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
             rne.kernels.derivative(rne.dynamics.gravity_torque, irb140.model, "parameters")
+
+
+def test_what_depends_on_base_parameters_alone_depends_on_moments_alone():
+    """So it may be given them, without a word on moments."""
+
+    @quantity(base_parameters=True)
+    def torque(model: rne.Model, q: np.ndarray) -> np.ndarray:
+        """The weight's torques."""
+        return rne.dynamics.gravity_torque.core(model, q)
+
+    assert torque.quantity.moments

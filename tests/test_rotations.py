@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.basics.spatial import rotation_about, rotation_from_rpy, rpy_from_rotation
+from rne.basics.spatial import combine_bodies, rotation_about, rotation_from_rpy, rpy_from_rotation, snap
 
 ROUNDING = 8 * np.finfo(float).eps  # sines and cosines of three angles, and two products
 X, Y, Z = np.eye(3)
@@ -55,3 +55,16 @@ def test_a_robot_with_links_near_the_pole_is_written_and_read_with_its_poses(tmp
     q = np.array([0.3, -1.1, 2.0])
     poses, again = (rne.dynamics.link_poses(model, q) for model in (arm, rne.read_urdf(file)))
     np.testing.assert_allclose(again, poses, rtol=0, atol=50 * np.finfo(float).eps)  # lengths of about 3 m
+
+
+def test_entries_within_four_roundings_of_0_and_1_are_these():
+    eps = np.finfo(float).eps
+    near = np.array([1 + 2 * eps, 1 - 4 * eps, -1 + 3 * eps, 3 * eps, -eps, 1 + 6 * eps, 2.0])
+    assert snap(near).tolist() == [1.0, 1.0, -1.0, 0.0, 0.0, 1 + 6 * eps, 2.0]
+
+
+def test_bodies_without_mass_keep_their_inertia_and_are_centred_at_the_origin():
+    mass, com, inertia = combine_bodies([(0.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 2.0, 3.0]))] * 2)
+    assert mass == 0
+    assert com.tolist() == [0, 0, 0]
+    assert inertia.tolist() == np.diag([2.0, 4.0, 6.0]).tolist()

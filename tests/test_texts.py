@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 
 from rne.basics.paths import output_file
-from rne.basics.text import Row, aligned, brief, brief_array, counted, listed, short, summary, wrapped
+from rne.basics.text import Row, aligned, brief, brief_array, counted, listed, short, six_digits, summary, wrapped
 
 
 @pytest.mark.parametrize(
@@ -97,3 +98,11 @@ def test_files_are_written_into_folders_that_exist(tmp_path):
         output_file(tmp_path / "m.txt", ".html", ".htm")
     with pytest.raises(FileNotFoundError, match=r"^`path` must be in an existing folder, got "):
         output_file(tmp_path / "none" / "m.html")
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [(2.5e-5, "0.000025"), (2.5e-6, "2.5e-6"), (123456.7, "123457"), (1234567.0, "1.23457e6"), (-0.0, "0")],
+)
+def test_six_digits_with_an_exponent_from_a_millionth_and_a_million_on(number, text):
+    assert six_digits(number) == six_digits(np.float64(number)) == six_digits(mpmath.mpf(number)) == text

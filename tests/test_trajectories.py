@@ -168,3 +168,10 @@ def test_a_short_ramp_keeps_the_way():
     short = rne.trajectories.trapezoidal([0.0], [1e-150], 1.0, 1e-200)
     assert short(1.0)[0].tolist() == [1e-150]
     assert short(0.5)[0].tolist() == [5e-151]
+
+
+def test_a_spline_shows_its_samples_and_keeps_them():
+    path = rne.trajectories.spline([0.0, 1.0, 2.0], [[0.0], [1.0], [0.0]])
+    assert "curve" not in repr(path)
+    for array in (path.t, path.q):
+        assert not array.flags.writeable

@@ -82,7 +82,9 @@ def start(tree, log, *, order=None, cpu, coverage=None):
     output = os.open(log.with_suffix(".out"), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
-    resource.setrlimit(resource.RLIMIT_CPU, (int(cpu) + 1, int(cpu) + 1))
+    seconds, allowed = int(cpu) + 1, resource.getrlimit(resource.RLIMIT_CPU)[1]
+    seconds = seconds if allowed == resource.RLIM_INFINITY else min(seconds, allowed)  # within a run of the same tool
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.alarm(WALL + int(10 * cpu))
     os.chdir(tree)
