@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from .events import Interpolant
+from .solver import states_at
 
 Powers = Callable[[Array, Array, Array | None], Array]  # times (N,), states (N, size), held torques -> (N, k)
 
@@ -167,31 +168,6 @@ class Ledger:
         s = np.clip(2 * (times - begins[k]) / lengths[k] - 1, -1, 1)
         found: Array = whole[k] + lengths[k, None] / 2 * (_antiderivatives(s)[:, :, None] * polynomials[k]).sum(axis=1)
         return found
-
-
-def states_at(times: Array, spans: list[Span]) -> Array:
-    """States on the interpolants of spans, of ascending times within them, shape (T, size)."""
-    which = np.searchsorted([span.end for span in spans[:-1]], times)
-    polynomials = [span.interpolant for span in spans]
-    if all(hasattr(p, "yh") for p in polynomials):
-        return _of_powers(times, which, polynomials)
-    used, firsts = np.unique(which, return_index=True)
-    cuts = [*firsts.tolist(), len(times)]
-    parts = [polynomials[k](times[a:b]) for k, a, b in zip(used.tolist(), cuts, cuts[1:], strict=False)]
-    return np.array(np.concatenate(parts, axis=1).T)
-
-
-def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
-    """The same for LSODA's interpolants, sums of yh_j ((t - t_n) / h)^j, all at once: one by one they take as long as
-    the steps."""
-    most = max(p.yh.shape[1] for p in polynomials)
-    coefficients = np.zeros((len(polynomials), len(polynomials[0].yh), most))
-    for k, p in enumerate(polynomials):
-        coefficients[k, :, : p.yh.shape[1]] = p.yh
-    t, h = (np.array([getattr(p, name) for p in polynomials])[which] for name in ("t", "h"))
-    powers = ((times - t) / h)[:, None] ** np.arange(most)
-    states: Array = np.einsum("tnj,tj->tn", coefficients[which], powers)
-    return states
 
 
 def _truncation(coefficients: Array) -> Array:

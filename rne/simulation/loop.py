@@ -7,6 +7,7 @@ begins, or the run ends at a stop. Times to report and the energies of the ledge
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from .symplectic import GaussSolver, Hamilton
 from .system import Stepper, System
 from .watch import Watch
 
+COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
 
 
@@ -100,17 +102,19 @@ class Loop:
             return self._free_steps(end)
         solver = self.solver
         while solver.is_running:
-            step = solver.step()
-            crossing = first_crossing(events, step.interpolant, step.begin, step.end) if events else None
+            steps, crossing = solver.steps(self.watch.steps_to_look), None
+            for k, step in enumerate(steps if events else ()):
+                crossing = first_crossing(events, step.interpolant, step.begin, step.end)
+                if crossing is not None:
+                    steps = steps[: k + 1]
+                    break
+            t, x = (steps[-1].end, steps[-1].x) if crossing is None else (crossing.t, crossing.x)
+            self.record.take(steps, t, x, self)
+            self._integrate(steps, t, is_last=crossing is not None or not solver.is_running)
             if crossing is not None:
-                self.record.take(step, crossing.t, crossing.x, self)
-                self._integrate(step, crossing.t, is_last=True)
-                return self._happen(events[crossing.event], crossing.t, crossing.x)
-            self.record.take(step, step.end, step.x, self)
-            if self.ledger is not None:
-                self._integrate(step, step.end, is_last=not solver.is_running)
-            self.t, self.x = step.end, step.x
-            if self._looks_further() and step.end < end:
+                return self._happen(events[crossing.event], t, x)
+            self.t, self.x = t, x
+            if self._looks_further(steps) and t < end:
                 break
         self.x = self.system.reported(self.x)
         return None
@@ -126,10 +130,11 @@ class Loop:
         """The same where nothing is looked for inside steps: a loop as short as the solver's own."""
         solver, add = self.solver, self.record.instants.append
         while solver.is_running:
-            step = solver.step()
+            steps = solver.steps(self.watch.steps_to_look)
+            for step in steps:
+                add(Instant(step.end, step.x, None, 0.0, None, None))
             self.t, self.x = step.end, step.x
-            add(Instant(self.t, self.x, None, 0.0, None, None))
-            if self._looks_further() and self.t < end:
+            if self._looks_further(steps) and self.t < end:
                 break
 
     def _begin_segment(self) -> tuple[float, bool]:
@@ -155,11 +160,14 @@ class Loop:
             return sample if sample < duration * (1 - 1e-12) else duration
         return next((b for b in self.breaks if b > self.t), duration)
 
-    def _integrate(self, step: Step, end: float, *, is_last: bool) -> None:
-        """Integrate the powers of a step as far as `end`."""
-        if self.ledger is not None:
-            span = Span(step.begin, end, step.interpolant)
-            self.ledger.add(span, self.plant.held, self.system.at_rest, is_last=is_last)
+    def _integrate(self, steps: Sequence[Step], end: float, *, is_last: bool) -> None:
+        """Integrate the powers of steps, the last as far as `end`."""
+        if self.ledger is None:
+            return
+        for step in steps:
+            here = step is steps[-1]
+            span = Span(step.begin, end if here else step.end, step.interpolant)
+            self.ledger.add(span, self.plant.held, self.system.at_rest, is_last=is_last and here)
 
     def _happen(self, event: Any, t: float, x: Array) -> None:
         """Go on from an event, or end at a stop."""
@@ -169,13 +177,13 @@ class Loop:
         else:
             self.watch.change(t)
 
-    def _looks_further(self) -> bool:
+    def _looks_further(self, steps: Sequence[Step]) -> bool:
         """Watch the run; True if it goes on with another method."""
         if self.hold is not None and self.plant.evaluations - self.evaluations_before > MAX_EVALUATIONS:
             raise _diverged(self)
         if self.task.method == GAUSS:
             return False
-        if not self.watch.changes_method(self.t, self.x):
+        if not self.watch.changes_method(steps):
             return False
         self.solver = AdaptiveSolver(self.watch.method, self.task.rtol, self.task.atol)
         return True
@@ -240,10 +248,13 @@ def _system_and_solver(plant: Plant, task: Task) -> tuple[System, Stepper]:
         hamilton = Hamilton(plant)
         return hamilton, GaussSolver(hamilton, task.duration, task.step)
     friction = plant.rhs.friction
-    solver = AdaptiveSolver(task.method, task.rtol, task.atol)
     if friction is not None and friction.sticks:
-        return DryPlant(plant, friction), solver
-    return plant, solver
+        return DryPlant(plant, friction), AdaptiveSolver(task.method, task.rtol, task.atol)
+    if plant.is_compiled and task.method in COMPILED:
+        from .runge_kutta import CompiledSolver
+
+        return plant, CompiledSolver(task.method, task.rtol, task.atol, plant.kernel)
+    return plant, AdaptiveSolver(task.method, task.rtol, task.atol)
 
 
 def _diverged(loop: Loop) -> NotFiniteError:

@@ -53,6 +53,11 @@ class Plant(SmoothSystem):
         self.kernel = rhs.kernel
         self._state_function = self.kernel.state_function_unguarded if self.kernel.is_unrolled else None
 
+    @property
+    def is_compiled(self) -> bool:
+        """True if no law is called and the kernel is machine code."""
+        return self.law is None and self.kernel.is_unrolled and self.robot.engine == "numba"
+
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Evaluate torques within the segment that begins here."""
         self.span = span

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
-from .solver import Step
+from .solver import Step, states_at
 
 SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
 
@@ -56,17 +57,19 @@ class Record:
         if self.t_eval is None:
             self._add(t, x, loop)
 
-    def take(self, step: Step, end: float, x: Array, loop: Any) -> None:
-        """A step was taken, as far as `end`, where the state is x."""
+    def take(self, steps: Sequence[Step], end: float, x: Array, loop: Any) -> None:
+        """Steps were taken, the last as far as `end`, where the state is x."""
         if self.t_eval is None:
             if self.every_step:
+                for step in steps[:-1]:
+                    self._add(step.end, step.x, loop)
                 self._add(end, x, loop)
             return
         first, self.asked = self.asked, int(np.searchsorted(self.t_eval, end * (1 - SAME), side="left"))
         times = self.t_eval[first : self.asked]
         if len(times):
-            for t, state in zip(times.tolist(), np.asarray(step.interpolant(times)).T, strict=True):
-                self._add(t, np.array(state), loop)
+            for t, state in zip(times.tolist(), states_at(times, steps), strict=True):
+                self._add(t, state, loop)
 
     def finish(self, t: float, x: Array, loop: Any, *, stopped: bool) -> None:
         """The run ends: the last instant, if it is asked for or a stop."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
@@ -71,6 +72,10 @@ class AdaptiveSolver:
         """False when the end was reached."""
         return bool(self._solver.status == "running")
 
+    def steps(self, most: int) -> Sequence[Step]:
+        """The next steps, at most so many: one."""
+        return [self.step()]
+
     def step(self) -> Step:
         """The next step; NotFiniteError if there is none or its end is not finite."""
         solver = self._solver
@@ -81,3 +86,39 @@ class AdaptiveSolver:
         if not isfinite(sum(solver.y.tolist())) and not np.isfinite(solver.y).all():
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
         return Step(solver, begin)
+
+
+def states_at(times: Array, spans: Sequence[Any]) -> Array:
+    """States at ascending times within steps, or parts of steps, on their interpolants, shape (T, size)."""
+    which = np.searchsorted([span.end for span in spans[:-1]], times)
+    polynomials = [span.interpolant for span in spans]
+    if all(hasattr(p, "yh") for p in polynomials):
+        return _of_powers(times, which, polynomials)
+    if all(hasattr(p, "block") for p in polynomials):
+        return _of_blocks(times, which, polynomials)
+    used, firsts = np.unique(which, return_index=True)
+    cuts = [*firsts.tolist(), len(times)]
+    parts = [polynomials[k](times[a:b]) for k, a, b in zip(used.tolist(), cuts, cuts[1:], strict=False)]
+    return np.array(np.concatenate(parts, axis=1).T)
+
+
+def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
+    """The same for LSODA's interpolants, sums of yh_j ((t - t_n) / h)^j, all at once: one by one they take as long as
+    the steps."""
+    most = max(p.yh.shape[1] for p in polynomials)
+    coefficients = np.zeros((len(polynomials), len(polynomials[0].yh), most))
+    for k, p in enumerate(polynomials):
+        coefficients[k, :, : p.yh.shape[1]] = p.yh
+    t, h = (np.array([getattr(p, name) for p in polynomials])[which] for name in ("t", "h"))
+    powers = ((times - t) / h)[:, None] ** np.arange(most)
+    states: Array = np.einsum("tnj,tj->tn", coefficients[which], powers)
+    return states
+
+
+def _of_blocks(times: Array, which: Array, polynomials: list[Any]) -> Array:
+    """The same for steps taken by a compiled loop, those of each block at once."""
+    blocks = {id(p.block): p.block for p in polynomials}
+    number = np.array([id(p.block) for p in polynomials])[which]
+    steps = np.array([p.k for p in polynomials])[which]
+    states: Array = np.concatenate([b.states(times[number == k], steps[number == k]) for k, b in blocks.items()])
+    return states

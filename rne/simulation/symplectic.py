@@ -106,8 +106,8 @@ class GaussSolver:
         """False when the end was reached."""
         return self.k < self.count
 
-    def step(self) -> GaussStep:
-        """The next step."""
+    def steps(self, most: int) -> list[GaussStep]:
+        """The next steps, at most so many: one."""
         k, h, x = self.k, self.h, self.x
         guess = self.weights[len(self.history) - 1] @ np.concatenate(self.history) if k else self.history[0]
         stages = solve_stages(self.system, x, h, WEIGHTS, guess)
@@ -116,7 +116,7 @@ class GaussSolver:
         self.lost = move - ((x + move) - x)
         self.x, self.k = x + move, k + 1
         end = self.duration if self.k == self.count else self.k * h
-        return GaussStep(k * h, end, self.x, h, x, stages)
+        return [GaussStep(k * h, end, self.x, h, x, stages)]
 
 
 class GaussStep(NamedTuple):

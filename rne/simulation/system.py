@@ -91,7 +91,7 @@ class SmoothSystem:
 
 
 class Stepper(Protocol):
-    """A solver, one step at a time."""
+    """A solver, a few steps at a time."""
 
     @property
     def is_running(self) -> bool: ...
@@ -102,5 +102,5 @@ class Stepper(Protocol):
     def resume(self, system: Any, t: float, x: Array, end: float) -> None:
         """Go on after a jump of the torques."""
 
-    def step(self) -> Any:
-        """The next step."""
+    def steps(self, most: int) -> Sequence[Any]:
+        """The next steps, at most so many and at least one."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
 from .plant import Plant
 from .run import Task
+from .solver import Step
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
@@ -43,14 +45,19 @@ class Watch:
         self.count, self.next_suspicion = 0, CHECKED
         self.changes: deque[float] = deque(maxlen=MAX_CHANGES)
 
-    def changes_method(self, t: float, x: Array) -> bool:
-        """A step was taken: True if the run goes on with another method."""
-        self.recent.append((t, x))
-        self.count += 1
+    @property
+    def steps_to_look(self) -> int:
+        """Steps until the next look."""
+        return CHECKED - self.count % CHECKED
+
+    def changes_method(self, steps: Sequence[Step]) -> bool:
+        """Steps were taken, as far as the next look at most: True if the run goes on with another method."""
+        self.recent.extend([(step.end, step.x) for step in steps])
+        self.count += len(steps)
         if self.count % CHECKED or len(self.recent) <= CHECKED:
             return False
         before = self.method
-        self._look(t, x)
+        self._look(*self.recent[-1])
         return self.method != before
 
     def _look(self, t: float, x: Array) -> None:

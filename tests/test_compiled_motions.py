@@ -1,0 +1,156 @@
+"""Motions by the loop in machine code are those of SciPy's solvers: errors, evaluations, ledger, events, failures.
+
+The estimate of a step's error is a difference that rounding moves, so that steps differ a little and errors are compared.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rne
+from benchmarks.random_robots import straight_chain
+from rne.kernels.numpy_backend import BlockProgram
+from rne.kernels.program import NeedsRecursion
+from rne.kernels.python_backend import state_function
+from rne.simulation.plant import Plant
+
+from .helpers import kept
+
+pytest.importorskip("numba", reason="Numba is not installed")
+runge_kutta = pytest.importorskip("rne.simulation.runge_kutta")
+
+EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
+
+
+def interpreted(monkeypatch):
+    """A copy of a robot for which the loop's text is run by Python, which needs no compiler."""
+
+    def evaluate(rates, t, x, u, k):
+        try:
+            k[0] = rates(t[0], x[0], u[0]) if u.size else rates(t[0], x[0])
+        except NeedsRecursion:
+            return False
+        return True
+
+    loop = runge_kutta.take_steps, runge_kutta.add_stages
+    monkeypatch.setattr(runge_kutta, "evaluate", evaluate)
+    monkeypatch.setattr(runge_kutta, "compiled", lambda with_torques: loop)
+    monkeypatch.setattr(BlockProgram, "function", lambda self, dtype: state_function(self.trace), raising=False)
+    is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
+    monkeypatch.setattr(Plant, "is_compiled", is_meant)
+    return lambda model: rne.Robot(replace(model, name="interpreted"))
+
+
+@pytest.fixture(scope="module", params=kept(["interpreted", "numba"], ["interpreted"]))
+def free(request):
+    """Two links, run by SciPy's solvers and by the loop."""
+    model = straight_chain(2)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        by_loop = interpreted(monkeypatch) if request.param == "interpreted" else lambda m: rne.Robot(m, "numba")
+        yield rne.Robot(model), by_loop(model)
+
+
+@pytest.fixture(scope="module")
+def driven(free):
+    """All that a compiled right-hand side may have: a law of time and state, friction, limits."""
+
+    @rne.traceable
+    def law(t, q, qd):
+        return 3 * np.sin(5 * t) - 2 * q - 0.5 * qd
+
+    parts = {"controller": law, "friction": rne.Friction(viscous=0.1, coulomb=0.2), "effort_limit": [2.0] * 2}
+    return [rne.Scene(robot, **parts) for robot in free]
+
+
+def check(pair, start, duration, *, worse=1.2, **how):
+    """Errors at most 1.2 times SciPy's on a grid of times, and the same words; as many evaluations, but for interpolants:
+    those of DOP853 take three of fifteen, and are made for all steps of a block."""
+    times = np.linspace(0, duration, 97)
+    exact = rne.simulate(pair[0], *start, duration, t_eval=times, **(how | EXACT))
+    expected, got = (rne.simulate(one, *start, duration, t_eval=times, **how) for one in pair)
+    for name in ("q", "qd", "work"):
+        errors = [np.abs(getattr(motion, name) - getattr(exact, name)).max() for motion in (expected, got)]
+        assert errors[1] <= worse * errors[0] + 1e-12 * max(1.0, np.abs(getattr(exact, name)).max()), name
+    assert 0.97 * expected.evaluations <= got.evaluations <= 1.25 * expected.evaluations
+    assert (got.method, got.message.split(",")[0]) == (expected.method, expected.message.split(",")[0])
+    return got
+
+
+@pytest.mark.parametrize("method", kept(["RK45", "DOP853"], ["DOP853"]))
+def test_a_free_swing(free, method):
+    motion = check(free, ([0.5, 0.2], [0, 0]), 2.0, method=method, rtol=1e-8)
+    assert motion.energy_drift <= 1e-6
+
+
+@pytest.mark.parametrize("method", kept(["RK45", "DOP853"], ["RK45"]))
+def test_a_law_of_time_with_friction_and_limits(driven, method):
+    """Its ledger is integrated on the interpolants of the same steps."""
+    motion = check(driven, ([0.5, 0.2], [0, 0]), 1.5, method=method, rtol=1e-7)
+    assert motion.energy_drift <= 1e-5
+    assert motion.dissipated.keys() == {"viscous", "coulomb"}
+
+
+def test_the_steps_themselves_are_reported_and_end_at_the_end(free):
+    expected, got = (rne.simulate(r, [0.5, 0.2], [0, 0], 1.0, method="DOP853", rtol=1e-8) for r in free)
+    assert got.t[-1] == expected.t[-1] == 1.0
+    assert len(got.t) == pytest.approx(len(expected.t), rel=0.05)
+    assert (np.diff(got.t) > 0).all()
+    at_expected = got(expected.t)[0]  # a quintic polynomial between steps
+    np.testing.assert_allclose(at_expected, expected.q, atol=1e-6)
+
+
+def test_states_that_must_be_examined_are_left_to_scipys_solver(free):
+    """Beyond the velocities whose squares may cost digits the recursion examines each state."""
+    expected, got = (rne.simulate(r, [0.5, 0.2], [3e8, -2e8], 1e-8, method="DOP853") for r in free)
+    np.testing.assert_allclose(got.q, expected.q, rtol=1e-8)
+    assert got.evaluations >= expected.evaluations
+
+
+def test_a_stop_is_met_at_the_same_time(free):
+    ends = {"lower": np.array([-0.1, -3.0]), "upper": np.array([3.0, 3.0])}
+    robots = [rne.Robot(replace(robot.model, **ends), robot.engine) for robot in free]
+    expected, got = (
+        rne.simulate(rne.Scene(r, stops=True), [0.5, 0.2], [0, 0], 3.0, method="DOP853", rtol=1e-10) for r in robots
+    )
+    assert expected.status == got.status == 1
+    assert got.t[-1] == pytest.approx(expected.t[-1], abs=1e-8)
+    np.testing.assert_allclose(got.q[-1], expected.q[-1], atol=1e-8)
+
+
+def test_a_torque_that_becomes_nan_is_named_with_its_time(free):
+    law = rne.traceable(lambda t, q, qd: np.sqrt(0.5 - t) - q)
+    for robot in free:
+        with (
+            np.errstate(invalid="ignore"),
+            pytest.raises(rne.SimulationError, match=r"torque of 'joint0' is nan at t = 0\.5") as caught,
+        ):
+            rne.simulate(rne.Scene(robot, controller=law), [0.1, 0.1], [0, 0], 1.0, method="DOP853")
+        assert 0.3 < caught.value.trajectory.t[-1] <= 0.5
+
+
+@pytest.mark.long
+def test_sampled_torques_and_breaks_are_stepped_onto(free):
+    laws = [rne.control.pd(r, [20.0] * 2, [4.0] * 2, [0.3] * 2) for r in free]
+    sampled = [rne.Scene(law.robot, controller=law, sample_time=0.01) for law in laws]
+    check(sampled, ([0.1, 0.1], [0, 0]), 0.5, rtol=1e-8)
+    ramps = rne.trajectories.trapezoidal([0, 0], [1.0, -1.0], 1.0, 0.25)
+    following = [rne.Scene(r, controller=rne.control.computed_torque(r, 100, 20, ramps)) for r in free]
+    check(following, ([0.1, 0], [0, 0]), 1.2, method="DOP853")
+
+
+@pytest.mark.long
+def test_a_motion_that_becomes_stiff_goes_on_with_lsoda(free):
+    scenes = [rne.Scene(r, friction=rne.Friction(coulomb=2.0)) for r in free]
+    expected, got = (rne.simulate(s, [0, 0], [1, 1], 2.0) for s in scenes)
+    assert expected.method == got.method == "LSODA"
+    assert "LSODA from t = " in got.message
+    np.testing.assert_allclose(got.q[-1], expected.q[-1], atol=1e-4)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rtol", [1e-5, 1e-8, 1e-11])
+@pytest.mark.parametrize("name", ["irb140", "ur5"])
+def test_swings_of_arms(name, rtol):
+    pair = [rne.load(name), rne.load(name, engine="numba")]
+    check(pair, ([0.1] * 6, [0] * 6), 2.0, method="DOP853", rtol=rtol, atol=rtol / 1e3, worse=1.5)
