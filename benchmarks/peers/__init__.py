@@ -1,4 +1,5 @@
-"""Other packages, whose calls chart A times beside ours. A package that is not installed is left out by name.
+"""Other packages, whose calls chart A times beside ours. One that is not installed is left out by name, but for
+Pinocchio, which all are compared with.
 
 To add one, write one file in this folder. Its function takes a `Case`, returns a list of `Point`, and is decorated:
 

@@ -61,7 +61,7 @@ def add_simulate(commands: Any) -> None:
     parser.add_argument("--method", default="auto", help="solver of rne.simulate (default: auto)")
     parser.add_argument("--rtol", type=number, default=1e-6, help="relative tolerance (default: 1e-6)")
     parser.add_argument("--every", metavar="S", type=number, help="time between samples [s]; else the solver's steps")
-    out = "file to write: .npz for rne.Trajectory.load, .csv for anything else"
+    out = "file to write: .npz, for rne.Trajectory.load, or .csv, for other programs"
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help=out)
     parser.set_defaults(run=run_simulate)
 

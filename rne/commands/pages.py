@@ -152,7 +152,7 @@ def _gravity(robot: Robot, q: Array, place: str, page: Report) -> None:
 
 
 def _positions(robot: Robot) -> Array:
-    """Random positions within the ranges of the joints; where one has no end, it is 2 pi long."""
+    """Random positions within the ranges of the joints; where one has no end, it is at least 2 pi long."""
     low = np.where(np.isfinite(robot.lower), robot.lower, np.minimum(-np.pi, robot.upper - 2 * np.pi))
     high = np.where(np.isfinite(robot.upper), robot.upper, np.maximum(np.pi, low + 2 * np.pi))
     return np.random.default_rng(0).uniform(low, high, (SAMPLES, robot.n))

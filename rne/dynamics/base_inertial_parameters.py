@@ -280,8 +280,8 @@ def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
 def independent_columns(rows: Array) -> list[int]:
     """As many columns as there are orthonormal rows, independent: the first ones that leave no large coefficients.
 
-    Threshold pivoting. A combination of the rows that is orthogonal to the kept columns has unit length; the next
-    column's entry in it must not be small beside the largest. The largest column left always passes, so the loop ends.
+    Threshold pivoting: what is orthogonal to the kept columns is left of the rows, and the next column must not be
+    small in it beside the largest. The largest column left always passes, so the loop ends.
     """
     kept: list[int] = []
     left = rows.copy()
@@ -295,7 +295,7 @@ def independent_columns(rows: Array) -> list[int]:
 
 
 class Reach(NamedTuple):
-    """Bases of the spans of the energies and velocities that a body meets in all motions, as rows."""
+    """Bases, as rows, of all energies and velocities that a body can have while the robot moves."""
 
     energies: Array  # Phi, flat, then 1 for gravity's, shape (..., 17)
     velocities: Array  # xi, flat, then the velocities of the shafts, shape (..., 16 + s)
@@ -344,7 +344,7 @@ def observed_combinations(standard: StandardParameters, tolerance: float) -> tup
 
 
 def scaled(model: Model) -> tuple[Model, float, float, Array]:
-    """The model in units of its longest offset between joints and of gravity, both, and the unit of each coordinate."""
+    """The model in units of its longest offset between joints and of gravity, these two, and each coordinate's unit."""
     length = float(np.linalg.norm(model.translation, axis=1).max(initial=0)) or 1.0
     gravity = float(np.linalg.norm(model.gravity)) or 1.0
     joint_units = np.where(model.is_revolute, 1.0, length)

@@ -25,9 +25,9 @@ from .quantity import OK, BatchIndex, PrecisionLoss, PrecisionStatus, check_argu
 from .rnea import External, bias_torque, gravity_torque
 
 MIN_DIGITS = 3.0  # decimal digits below which a result is warned of
-# Rounding changes a pivot of M by up to some n eps M_kk (Higham 2002, Accuracy and Stability, theorem 10.3). Up to 8 of
-# them, the errors of M's own entries included, it is nothing else: M is singular, an error. A pivot above 10^MIN_DIGITS
-# of them keeps MIN_DIGITS digits; below, the digits left are estimated.
+# Rounding changes a pivot of M by up to some n eps M_kk (Higham 2002, Accuracy and Stability, theorem 10.3). A pivot of
+# up to 8 of these, which include the errors of M's own entries, may be rounding alone: M is singular, an error. A pivot
+# above 10^MIN_DIGITS of them keeps MIN_DIGITS digits; below, the digits left are estimated.
 SINGULAR, NEARLY_SINGULAR = 8.0, 10**MIN_DIGITS
 NEGATIVE = 1e-9  # of M's largest entry, or of M scaled to unit diagonal: more below zero is no rounding error
 
@@ -38,7 +38,10 @@ def pivot_bound(units: float, n: int, dtype: DTypeLike) -> float:
 
 
 def pivots_below(units: float, pivots: Array, diagonal: Array) -> Array:
-    """Where a pivot of M is at most `units` n eps of M's diagonal entry, or not a number, shape (..., n)."""
+    """Where a pivot of M is at most `units` n eps of M's diagonal entry, or not a number, shape (..., n).
+
+    Of mpmath numbers, whose eps is not that of a dtype, where it is not positive.
+    """
     pivots, diagonal = pivots.real, diagonal.real
     bound = pivot_bound(units, pivots.shape[-1], pivots.dtype) if pivots.dtype != object else 0.0
     return ~np.asarray(pivots > bound * diagonal, dtype=bool)
@@ -270,7 +273,7 @@ def diagnose(
 
 
 def _condition(M: Array, model: Model, arithmetic: np.dtype[Any]) -> tuple[Array, Array]:
-    """Condition number of M scaled to unit diagonal, and the smallest pivot ratio; inf and 0 if M is singular."""
+    """Condition number of M scaled to unit diagonal, and the smallest pivot ratio; inf if M is singular."""
     if model.n == 0:
         return np.ones(M.shape[:-2]), np.ones(M.shape[:-2])
     diagonal = np.diagonal(M, axis1=-2, axis2=-1)

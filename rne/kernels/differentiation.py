@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .graph import Graph
+from .graph import COMPARISONS, Graph
 
 
 def differentiate(graph: Graph, outputs: list[int], inputs: list[int]) -> list[int]:
@@ -40,10 +40,9 @@ def _slope(graph: Graph, index: int, slopes: list[int]) -> int:
     kind, args = graph.nodes[index]
     if kind == "where":
         return graph.where(args[0], *slopes[1:])
-    rule = RULES.get(kind)
-    if rule is None:
+    if kind == "sign" or kind in COMPARISONS:
         return graph.constant(0.0)
-    return rule(graph, 2 * index, args[0], slopes[0], args[-1], slopes[-1])
+    return RULES[kind](graph, 2 * index, args[0], slopes[0], args[-1], slopes[-1])
 
 
 def _quotient(g: Graph, value: int, a: int, da: int, b: int, db: int) -> int:

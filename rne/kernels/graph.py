@@ -2,7 +2,8 @@
 
 A reference is a signed node: 2 * node + 1 denotes its negative. Signs move outwards through products, sums and odd
 functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last
-digits at most: nothing is rewritten that could overflow, cancel or divide by zero where the original would not.
+digits at most: nothing is rewritten that could cancel or divide by zero where the original would not. Where a product
+of constants and inputs comes to overflow, the recursion computes the state.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ class Graph:
         return self.node("input", k)
 
     def constant(self, value: float) -> int:
-        """A number; kept positive, its sign in the reference."""
+        """A number: a node of its size, and the sign in the reference."""
         ref = self._references.get(value)
         if ref is None:
             size = abs(value)

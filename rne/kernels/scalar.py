@@ -98,7 +98,7 @@ class Scalar:
             return self
         return half * half * self if k % 2 else half * half
 
-    # By these names NumPy's functions ask the entries of an object array.
+    # By these names NumPy's functions, and for some of them rne.elementwise, ask the entries of an object array.
     __abs__, sin, cos, sqrt, tanh, exp, sign = map(_elementary, ("abs", "sin", "cos", "sqrt", "tanh", "exp", "sign"))
     minimum = _operator(lambda graph, x, y: graph.binary("minimum", x, y))
     maximum = _operator(lambda graph, x, y: graph.binary("maximum", x, y))

@@ -75,7 +75,7 @@ def trace(
 
 
 def _run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:
-    """The core's results on a model with masses moved inwards, where that changes nothing, and at the parameters."""
+    """The core's results at given parameters, or with masses moved inwards, where that changes nothing."""
     given = by_link(quantity, arrays, fixed)
     model = with_fewest_terms(model) if quantity.base_parameters else model
     if "parameters" in given:

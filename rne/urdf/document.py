@@ -147,7 +147,8 @@ RULES = {
     "geometry": Rule(once="cylinder box sphere mesh capsule"),
     "cylinder": Rule("radius length"),
 }
-# The numbers of those attributes that hold some: how many, and what a missing one means; None if it must be there.
+# The attributes that hold numbers: how many, and the text that stands for a missing one; None if it must be there.
+# Missing efforts, velocities, accelerations and jerks are infinite once read, as no limit is meant.
 NUMBERS: dict[str, dict[str, tuple[int, str | None]]] = {
     "origin": {"xyz": (3, "0 0 0"), "rpy": (3, "0 0 0")},
     "mass": {"value": (1, None)},

@@ -42,7 +42,7 @@ def far_origins(parts: Sequence[Part]) -> list[float]:
     origins, axes, coms = _at_zero(parts)
     masses = [Extended(part.mass) for part in parts]
     firsts = [m * c for m, c in zip(masses, coms, strict=True)]
-    sizes = []  # squares of lengths
+    sizes = []  # of bodies, squared [m^2]
     slides: list[float] = [0.0] * len(parts)
     centre = sum(firsts[1:], np.zeros(3)) / (sum(masses[1:]) or 1)
     for k in reversed(range(1, len(parts))):
