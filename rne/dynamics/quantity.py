@@ -4,8 +4,8 @@ A core is the bare recursion. It takes arrays that are finite, of one dtype and 
 branches on a value. `function.core` is that recursion, to be read, tested or traced on its own.
 
 Arguments named q, qd, qdd, qdr, qddr and tau are joint arrays, checked and traced; `external` (wrenches by link) and
-`link` are the other arguments that a quantity may have. For a kernel the wrenches become arrays too: `rne.kernels.trace`.
-`evaluate` also takes `parameters`, the inertial parameters in place of the model's.
+`link` are the other arguments that a quantity may have. For a kernel the wrenches become arrays too, see
+`rne.kernels.trace`. `evaluate` also takes `parameters`, the inertial parameters in place of the model's.
 """
 
 from __future__ import annotations
