@@ -169,7 +169,7 @@ def test_unknown_payload_is_learnt(arm, irb140, joints):
     robot, last = {3: (arm, "joint_3"), 6: (irb140, "joint_6")}[joints]
     reference = {3: short_circle, 6: circle}[joints]
     scene_errors = {}
-    end = {3: 6.0, 6: 10.0}[joints]
+    end = {3: 4.0, 6: 10.0}[joints]
     times = np.linspace(end - 2, end, 201)
     laws = {
         "computed torque": rne.control.computed_torque(robot, BANDWIDTH**2, 2 * BANDWIDTH, reference),

@@ -90,6 +90,7 @@ def measured(robot, torques, seed):
     return record(true, seed, torque_noise=0.02 * np.sqrt((true.tau**2).mean(0)), position_noise=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["friction"])
 def test_fault_is_named_in_a_measured_motion(label):
     robot = loaded("irb140")

@@ -518,7 +518,8 @@ class TestMotions:
                 robot, controller=law, friction=rne.Friction(viscous=2.0, coulomb=1.0), armature=[1.0] * 2, **more
             )
 
-    @pytest.mark.parametrize("method", kept(["LSODA", "DOP853", "Radau", "auto"], ["LSODA"]))
+    @pytest.mark.long  # the loop's text is run without a compiler in test_compiled_motions.py
+    @pytest.mark.parametrize("method", ["LSODA", "DOP853", "Radau", "auto"])
     def test_are_those_of_numpy(self, arms, method):
         runs = [rne.simulate(s, [0.1] * 2, [0] * 2, 0.3, method=method, rtol=1e-9) for s in self.scenes(arms)]
         expected, got = runs

@@ -119,7 +119,7 @@ def test_a_joint_that_can_be_held_stays_when_another_turns_back():
     np.testing.assert_allclose(motion.q[-1], [0.0, -0.4375], atol=1e-9)
 
 
-@pytest.mark.parametrize("duration", kept([0.1, 0.6], [0.1]))
+@pytest.mark.parametrize("duration", kept([0.06, 0.6], [0.06]))
 def test_an_arm_that_follows_small_sines_against_dry_friction(irb140, duration):
     """Stiff control, 50 mrad at 2 rad/s: every joint stops and breaks away; once 26 mrad wrong. The second way: breaks
     every 10 ms, so that no step can miss an event."""

@@ -279,7 +279,7 @@ def test_joints_that_mimic_keep_their_own_limits():
     model = random_tree(4, seed=6, mimics=2)
     assert model.n < model.nb
     robot = limited(model)
-    motion = rne.excitation(robot, DURATION, 3, starts=1, iterations=10)
+    motion = rne.excitation(robot, DURATION, 2, starts=1, iterations=4)
     q, qd, _ = fine(motion)
     positions = q @ model.coordinate_map.T + model.offset
     assert (np.abs(positions).max(0) <= 1).all()

@@ -70,9 +70,9 @@ def errors_in_standard_errors(scene, motion, seeds, **options):
 
 
 def test_truth_lies_within_three_standard_errors(scene, motions):
-    z, _ = errors_in_standard_errors(scene, motions[0], range(4), consistent=False)
+    z, _ = errors_in_standard_errors(scene, motions[0], range(3), consistent=False)
     assert np.mean(np.abs(z) < 3) > 0.985
-    assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.16)  # 192 errors: three deviations
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.18)  # 144 errors: three deviations
 
 
 @pytest.mark.long

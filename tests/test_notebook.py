@@ -19,7 +19,11 @@ from rne.plotting.notebook import SOURCE_LINES
 
 from .helpers import kept, loaded
 
-ROBOTS = {"irb140": lambda: loaded("irb140"), "chain of 30": lambda: rne.Robot(straight_chain(30))}
+ROBOTS = {
+    "two links": lambda: rne.Robot(straight_chain(2)),
+    "irb140": lambda: loaded("irb140"),
+    "chain of 30": lambda: rne.Robot(straight_chain(30)),
+}
 HOSTILE = "<b>&\"'</td><script>"
 
 

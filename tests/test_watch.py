@@ -38,7 +38,7 @@ def test_auto_goes_on_with_lsoda_where_a_motion_becomes_stiff(irb140):
 
 @pytest.mark.parametrize(
     ("kind", "method"),
-    kept(CHATTERING, [("called", "auto"), ("traced", "auto"), ("dry", "LSODA")]),
+    kept(CHATTERING, [("called", "auto"), ("dry", "LSODA")]),
 )
 def test_a_sliding_mode_ends_with_an_error_that_says_what_to_smooth(block, kind, method):
     """Once without end: 60 s take 1e9 steps. The surface q + qd = 0 is reached after 0.41 s, 0.48 s with friction."""

@@ -45,7 +45,7 @@ def test_check_gains_knows_the_sampled_limit(irb140, gains, fastest):
 @pytest.mark.parametrize("methods", [("auto", "LSODA"), pytest.param(("Radau",), marks=pytest.mark.long)], ids=len)
 def test_stiff_damping_costs_implicit_methods_nothing(chain, methods):
     """Explicit steps shrink in proportion to 1/damping; "auto" never takes an explicit method there."""
-    mild, stiff = (motions.stiff_damping(chain, damping, methods, duration=0.3) for damping in (100.0, 1e5))
+    mild, stiff = (motions.stiff_damping(chain, damping, methods, duration=0.15) for damping in (100.0, 1e5))
     for method in methods:
         assert stiff[method].evaluations <= 1.5 * mild[method].evaluations
         assert stiff[method].error <= 1e-5
