@@ -12,6 +12,7 @@ import rne
 from rne.__main__ import main
 from rne.commands import COMMANDS
 from rne.commands.shared import join_numbers
+from rne.plotting import html_page
 
 from .helpers import ROOT
 
@@ -404,7 +405,8 @@ def test_a_robot_of_example_robot_data_goes_by_its_name(tmp_path, capsys):
 
 
 class TestReportOnARobot:
-    def test_page_on_a_file(self, lift, tmp_path, capsys):
+    def test_page_on_a_file(self, lift, tmp_path, capsys, monkeypatch):
+        monkeypatch.setattr(html_page, "DPI", 50)  # the pictures are not looked at
         assert main(["report", lift, "--out", str(tmp_path / "page")]) == 0
         said = capsys.readouterr().out
         page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")

@@ -111,7 +111,8 @@ def test_called_laws_and_breaks_are_followed(irb140, end):
     assert motion.trusted_horizon(accuracy) == pytest.approx(t[np.argmax(wrong > accuracy)], rel=0.1)
 
 
-@pytest.mark.parametrize("method", kept(["LSODA", "Radau"], ["LSODA"]))
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["LSODA", "Radau"])
 def test_a_called_stiff_law_is_trusted_to_the_end(irb140, method):
     """Steps over many time constants, where extrapolation does not converge, count with their tolerance."""
 
