@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +18,6 @@ from .modify import limit_array
 
 FLANGE = "flange"  # the fixed joint in front of the last frame
 X, _, Z = np.eye(3, dtype=Extended)
-Given = SimpleNamespace  # arguments of `chain` or `dh_chain`, as the user gave them
 
 
 def chain(
@@ -98,10 +96,13 @@ def chain(
     >>> rne.Robot(rod).gravity_torque([0.0]).round(6).tolist()  # 2 kg at a quarter metre
     [4.905]
     """
-    given = Given(**locals())
     R = extended("rotations", rotations, "(n, 3, 3)")
     n = len(R)
     ends = extended("positions", positions, f"({n}, 3)")
+    given = Links(
+        masses, centres, inertias, types, lower, upper, velocity, effort, gravity,
+        name, joint_names, link_names, base, tip,
+    )  # fmt: skip
     joints, _ = names_of(given, n)
     for i, joint in enumerate(joints):
         if not is_rotation(R[i].astype(np.float64)):
@@ -189,7 +190,6 @@ def dh_chain(
     >>> rne.dynamics.link_poses(arm, [0.0, 0.0])[-1, :3, 3].tolist()
     [0.5, 0.0, 0.1]
     """
-    given = Given(**locals())
     if convention not in ("standard", "modified"):
         raise ValueError(f"`convention` must be 'standard' or 'modified', got {convention!r}")
     length = extended("a", a, "(n,)")
@@ -199,6 +199,10 @@ def dh_chain(
     )
     refuse_degrees("alpha", twist)
     refuse_degrees("theta", angle)
+    given = Links(
+        masses, centres, inertias, types, lower, upper, velocity, effort, gravity,
+        name, joint_names, link_names, base, tip,
+    )  # fmt: skip
     Rx, Rz = snap(rotation_about(X, twist)), snap(rotation_about(Z, angle))
     along_x, along_z, none = length[:, None] * X, offset[:, None] * Z, np.zeros((n, 3), dtype=Extended)
     if convention == "modified":  # frame i is the joint's frame
@@ -208,7 +212,26 @@ def dh_chain(
     return _chain_model(given, Rz @ Rx, np.concatenate([np.zeros((1, 3)), ends]), Rx[:, 2, :], ends)
 
 
-def _chain_model(given: Given, R: Array, origins: Array, axes: Array, shifts: Array) -> Model:
+class Links(NamedTuple):
+    """Arguments of `chain` and `dh_chain` that describe links and joints, as the user gave them."""
+
+    masses: ArrayLike | None
+    centres: ArrayLike | None
+    inertias: ArrayLike | None
+    types: str | Sequence[str]
+    lower: ArrayLike | None
+    upper: ArrayLike | None
+    velocity: ArrayLike | None
+    effort: ArrayLike | None
+    gravity: ArrayLike
+    name: str
+    joint_names: Sequence[str] | None
+    link_names: Sequence[str] | None
+    base: str
+    tip: str
+
+
+def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Array) -> Model:
     """The Model of an unbranched chain; raises ValueError for what `load` would refuse in a file.
 
     Joint i has orientation R[i] and origin origins[i] in the frame before it, and the last frame is at origins[n];
@@ -235,7 +258,7 @@ def extended(name: str, value: ArrayLike, shape: str) -> Array:
     return real_array(name, value, shape).astype(Extended)
 
 
-def names_of(given: Given, n: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def names_of(given: Links, n: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the joints, and of all links from the base to the last frame, none of them empty or given twice."""
     joints = _names("joint_names", given.joint_names, [f"joint_{i}" for i in range(1, n + 1)])
     links = _names("link_names", given.link_names, [f"link_{i}" for i in range(1, n + 1)])
@@ -261,7 +284,7 @@ def _names(argument: str, given: Sequence[str] | None, default: list[str]) -> tu
     return names
 
 
-def _types(given: Given, joints: tuple[str, ...]) -> list[str]:
+def _types(given: Links, joints: tuple[str, ...]) -> list[str]:
     """The type of every joint; one string is the type of all."""
     types = [given.types] * len(joints) if isinstance(given.types, str) else list(given.types)
     if len(types) != len(joints):
@@ -282,7 +305,7 @@ def _directions(axes: ArrayLike, joints: tuple[str, ...]) -> Array:
     return snap(directions)
 
 
-def _bodies(given: Given, links: Sequence[str]) -> list[tuple[Any, Array, Array]]:
+def _bodies(given: Links, links: Sequence[str]) -> list[tuple[Any, Array, Array]]:
     """Mass, centre and inertia of each link; all zero if none is given."""
     n = len(links)
     shapes = {"masses": f"({n},)", "centres": f"({n}, 3)", "inertias": f"({n}, 3, 3)"}
@@ -305,7 +328,7 @@ def _bodies(given: Given, links: Sequence[str]) -> list[tuple[Any, Array, Array]
     return bodies
 
 
-def _limits(given: Given, joints: tuple[str, ...], types: list[str]) -> dict[str, Array]:
+def _limits(given: Links, joints: tuple[str, ...], types: list[str]) -> dict[str, Array]:
     """Limits by the names of a Part's fields, infinite where not given."""
     limits = {}
     for name, default in (("lower", -np.inf), ("upper", np.inf), ("velocity", np.inf), ("effort", np.inf)):
