@@ -28,6 +28,7 @@ from .symplectic import GaussSolver, Hamilton
 from .system import Stepper, System
 from .watch import Watch
 
+FEWEST = 8  # steps taken at first, where an event may throw them away
 COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
 
@@ -100,9 +101,10 @@ class Loop:
         events: list[Event] = [*self.system.events, *self.task.stops]
         if not events and self.ledger is None and self.system is self.plant and self.record.takes_steps:
             return self._free_steps(end)
-        solver = self.solver
+        solver, most = self.solver, FEWEST if events else self.watch.steps_to_look
         while solver.is_running:
-            steps, crossing = solver.steps(self.watch.steps_to_look), None
+            steps, crossing = solver.steps(min(most, self.watch.steps_to_look)), None
+            most = 2 * most
             for k, step in enumerate(steps if events else ()):
                 crossing = first_crossing(events, step.interpolant, step.begin, step.end)
                 if crossing is not None:

@@ -21,7 +21,6 @@ from ..basics.spatial import Array
 from ..kernels.kernel import Kernel
 from .solver import AdaptiveSolver
 
-FEWEST = 8  # steps of the first call
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
 SOLVERS: dict[str, Any] = {"RK45": RK45, "DOP853": DOP853}
 GIVEN = types.Array(types.float64, 2, "A", readonly=True, aligned=False)
@@ -215,19 +214,17 @@ class CompiledSolver(AdaptiveSolver):
         super().__init__(method, rtol, atol)
         self.rates = kernel.blocks.function(np.dtype(np.float64))
         self.take_steps, self.add_stages = compiled("u" in kernel.names)
-        self.length = FEWEST
 
     def start(
         self, system: Any, t: float, x: Array, end: float, longest: float = np.inf, first: float | None = None
     ) -> None:
         """Begin anew at time t; steps are at most `longest` long."""
         super().start(system, t, x, end, longest, first)
-        self.plant, self.length = system, FEWEST
+        self.plant = system
 
     def steps(self, most: int) -> Sequence[Any]:
         """The next steps, at most so many."""
-        solver, M = self._solver, min(self.length, most)
-        self.length = 2 * M
+        solver, M = self._solver, most
         n, rows = len(solver.y), solver.n_stages + 1 + len(getattr(solver, "C_EXTRA", ()))
         T, X, H = np.empty(M + 1), np.empty((M + 1, n)), np.empty(M + 1)
         K, count = np.empty((M, rows, n)), np.zeros(M, dtype=np.int64)
