@@ -154,3 +154,38 @@ def test_a_motion_that_becomes_stiff_goes_on_with_lsoda(free):
 def test_swings_of_arms(name, rtol):
     pair = [rne.load(name), rne.load(name, engine="numba")]
     check(pair, ([0.1] * 6, [0] * 6), 2.0, method="DOP853", rtol=rtol, atol=rtol / 1e3, worse=1.5)
+
+
+LAWS = {
+    "sampled": {"controller": lambda t, q, qd: np.array([3.0, 1.0]) * np.sin(40 * t) - qd, "sample_time": 0.02},
+    "of time": {"controller": rne.traceable(lambda t, q, qd: 3 * np.sin(40 * t) - qd)},
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_stages_of_interpolants_that_must_be_examined_are_left_to_the_recursion(monkeypatch, law):
+    """Under the torques held when the step was taken: the ledger asks for them when others are held."""
+    make, model = interpreted(monkeypatch), straight_chain(2)
+    monkeypatch.setattr(Plant, "is_compiled", property(lambda plant: plant.law is None))
+
+    def run():
+        scene = rne.Scene(make(model), friction=rne.Friction(viscous=0.3), **LAWS[law])
+        return rne.simulate(scene, [0.5, 0.2], [0, 0], 0.3, method="DOP853", t_eval=[0.0, 0.3], rtol=1e-9)
+
+    expected = run()
+    loop = runge_kutta.take_steps, lambda *_: False
+    monkeypatch.setattr(runge_kutta, "compiled", lambda with_torques: loop)
+    got = run()
+    np.testing.assert_allclose(got.dissipated["viscous"], expected.dissipated["viscous"], rtol=1e-12)
+    assert got.evaluations == expected.evaluations
+
+
+def test_a_step_that_is_cut_ends_exactly_at_the_end(monkeypatch):
+    """Where t + (end - t) is one rounding short of the end, no step of one rounding follows."""
+    monkeypatch.setattr(runge_kutta, "evaluate", lambda rates, t, x, u, k: not k.fill(0.0))
+    t, end = next((a, b) for a, b in np.random.default_rng(0).uniform(0, [0.1, 1.0], (10**4, 2)) if a + (b - a) < b)
+    T, X, H = np.full(9, t), np.ones((9, 1)), np.full(9, 10.0)
+    K, count, method = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), runge_kutta.tableau("RK45")
+    limits = end, np.inf, 1e-6, 1e-9, -0.2, -np.inf, np.inf
+    assert runge_kutta.take_steps(None, np.zeros((1, 0)), limits, *method, T, X, K, H, count) == 1
+    assert T[1] == end

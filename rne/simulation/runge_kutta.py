@@ -44,7 +44,7 @@ def _evaluate(rates, t, x, u, k):  # type: ignore[no-untyped-def]
 def take_steps(
     rates: Any, u: Any, limits: Any, A: Any, B: Any, C: Any, E: Any, T: Any, X: Any, K: Any, H: Any, count: Any
 ) -> int:
-    """Steps into T, X and K from T[0], Y[0] and the slope K[0, 0]; how many.
+    """Steps into T, X and K from T[0], X[0] and the slope K[0, 0]; how many.
 
     `limits` has the end, the longest step, rtol, atol, the power of the error, and the times within which torques
     are evaluated. H[k] is the length with which step k is tried first, `count` has the evaluations of each step.
@@ -59,9 +59,9 @@ def take_steps(
         rejected = False
         while True:
             if not h >= smallest:
-                H[step] = h
                 return step
-            h = min(t + h, end) - t
+            reached = min(t + h, end)
+            h = reached - t
             for s in range(1, stages + 1):
                 row, ahead = (A[s], C[s] * h) if s < stages else (B, h)
                 x[0] = 0.0
@@ -74,7 +74,6 @@ def take_steps(
                 time[0, 0] = min(max(t + ahead, first), last)
                 count[step] += 1
                 if not evaluate(rates, time, x, u, k[s : s + 1]):
-                    H[step] = h
                     return step
             fifth, third = 0.0, 0.0
             for i in range(n):
@@ -88,7 +87,7 @@ def take_steps(
             error = h * fifth / np.sqrt((fifth + 0.01 * third) * n) if fifth > 0 else 0.0
             if error < 1:
                 factor = LARGEST if error == 0 else min(LARGEST, SAFETY * error**power)
-                T[step + 1], X[step + 1] = min(t + h, end), x[0]
+                T[step + 1], X[step + 1] = reached, x[0]
                 h *= min(1.0, factor) if rejected else factor
                 break
             h *= max(SMALLEST, SAFETY * error**power)
@@ -224,10 +223,10 @@ class CompiledSolver(AdaptiveSolver):
 
     def steps(self, most: int) -> Sequence[Any]:
         """The next steps, at most so many."""
-        solver, M = self._solver, most
+        solver = self._solver
         n, rows = len(solver.y), solver.n_stages + 1 + len(getattr(solver, "C_EXTRA", ()))
-        T, X, H = np.empty(M + 1), np.empty((M + 1, n)), np.empty(M + 1)
-        K, count = np.empty((M, rows, n)), np.zeros(M, dtype=np.int64)
+        T, X, H = np.empty(most + 1), np.empty((most + 1, n)), np.empty(most + 1)
+        K, count = np.empty((most, rows, n)), np.zeros(most, dtype=np.int64)
         T[0], X[0], K[0, 0], H[0] = solver.t, solver.y, solver.f, solver.h_abs
         u = np.zeros((1, 0)) if self.plant.held is None else np.array(self.plant.held[None])
         limits = (solver.t_bound, solver.max_step, self.rtol, self.atol, solver.error_exponent, *self.plant.span)
@@ -249,6 +248,8 @@ class CompiledSolver(AdaptiveSolver):
         if self.add_stages(self.rates, block.u, block.span, A, C, T, X, K):
             self.plant.evaluations += len(C) * len(K)
             return
+        u = block.u[0] if block.u.size else None  # what was held then
         for t, h, x, k in zip(T, np.diff(T), X, K, strict=False):
             for s, (a, c) in enumerate(zip(A, C, strict=True), start=len(k) - len(C)):
-                k[s] = self.plant(t + c * h, x + h * (a[:s] @ k[:s]))
+                self.plant.evaluations += 1
+                k[s] = self.plant.rates(np.clip(t + c * h, *block.span), x + h * (a[:s] @ k[:s]), u)
