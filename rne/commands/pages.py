@@ -25,6 +25,7 @@ from ..simulation.simulator import simulate
 from ..simulation.trajectory import Trajectory
 from ..urdf.loading import load
 from ..validation.agreement import validate
+from .shared import units_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -134,14 +135,15 @@ def _gravity(robot: Robot, q: Array, place: str, page: Report) -> None:
     holding, largest = robot.gravity_torque(q), np.abs(robot.gravity_torque(_positions(robot))).max(axis=0)
     rounding = ROUNDING * largest.max(initial=0.0)
     carried = carried_masses(robot.model)[list(robot.model.independent_joints)]
+    unit = units_of(robot, "N m", "N")
     page.text(f"At {place}, and the largest over {SAMPLES} random positions within the joints' ranges:")
     numbers = zip(robot.joint_names, carried, holding, largest, robot.effort_limit, strict=True)
     page.table(
         [
             "joint",
             "mass behind the joint [kg]",
-            "at that position [N m or N]",
-            "largest [N m or N]",
+            f"at that position [{unit}]",
+            f"largest [{unit}]",
             "largest / effort",
         ],
         [

@@ -1,4 +1,4 @@
-"""SciPy's solvers, one step at a time."""
+"""SciPy's solvers, one step at a time, and the states inside steps."""
 
 from __future__ import annotations
 
@@ -103,8 +103,8 @@ def states_at(times: Array, spans: Sequence[Any]) -> Array:
 
 
 def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
-    """The same for LSODA's interpolants, sums of yh_j ((t - t_n) / h)^j, all at once: one by one they take as long as
-    the steps."""
+    """States on LSODA's interpolants, sums of yh_j ((t - t_n) / h)^j, all at once: one by one they take as long as the
+    steps."""
     most = max(p.yh.shape[1] for p in polynomials)
     coefficients = np.zeros((len(polynomials), len(polynomials[0].yh), most))
     for k, p in enumerate(polynomials):
@@ -116,9 +116,10 @@ def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
 
 
 def _of_blocks(times: Array, which: Array, polynomials: list[Any]) -> Array:
-    """The same for steps taken by a compiled loop, those of each block at once."""
+    """States within steps that a compiled loop took, those of each block at once."""
     blocks = {id(p.block): p.block for p in polynomials}
     number = np.array([id(p.block) for p in polynomials])[which]
     steps = np.array([p.k for p in polynomials])[which]
-    states: Array = np.concatenate([b.states(times[number == k], steps[number == k]) for k, b in blocks.items()])
+    asked = [(block, number == k) for k, block in blocks.items() if (number == k).any()]
+    states: Array = np.concatenate([block.states(times[here], steps[here]) for block, here in asked])
     return states
