@@ -94,6 +94,7 @@ class Kernel(InNotebooks):
                 self._trace: Trace | None = trace(self.quantity, model, self._rest, self.wrt)
         except TooLarge:
             self._trace = None
+        self._libraries: dict[int, Any] = {}  # of `address`, by lanes
         self.fast_single_state = _fast_single_state(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -142,6 +143,18 @@ class Kernel(InNotebooks):
     def blocks(self) -> Any:
         """The program on batches."""
         return backends(self.engine)[1](self.traced)
+
+    def address(self, lanes: int = 1) -> int:
+        """The program in machine code, for loops: address of int64 f(const double* a0, ..., double* out).
+
+        It returns 1 if the result is sound, 0 if the recursion must examine the state. Argument k has shape (width,
+        lanes) in C order, out (entries, lanes). The address is valid as long as the kernel lives.
+        """
+        if lanes not in self._libraries:
+            from .llvm_backend import plain_function
+
+            self._libraries[lanes] = plain_function(self.traced, lanes)
+        return int(self._libraries[lanes].address["function"])
 
     def __call__(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> Array:
         """Run the kernel.

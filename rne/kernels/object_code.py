@@ -1,0 +1,67 @@
+"""LLVM instructions to object code for this processor, and object code to functions in memory."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from llvmlite import binding
+
+LOCK = threading.RLock()  # one compilation at a time
+NAMES = itertools.count()  # of libraries, which LLVM wants to be unique
+
+
+@functools.cache
+def host() -> tuple[str, str]:
+    """The processor's name and features."""
+    return binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+
+
+@functools.cache
+def _target_machine() -> Any:
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    name, features = host()
+    target = binding.Target.from_triple(binding.get_process_triple())
+    return target.create_target_machine(name, features, opt=3, reloc="pic", codemodel="small")
+
+
+@functools.cache
+def _linker() -> Any:
+    _target_machine()
+    return binding.create_lljit_compiler(use_jit_link=True)
+
+
+def compiled(text: str, *, loops: bool = False) -> bytes:
+    """Object code of a module of LLVM instructions; `loops` asks for vectors in loops too."""
+    with LOCK:
+        machine = _target_machine()
+        module = binding.parse_assembly(text)
+        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+        options = binding.create_pipeline_tuning_options(speed_level=2)
+        options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = loops
+        passes = binding.create_pass_builder(machine, options)
+        passes.getModulePassManager().run(module, passes)
+        code: bytes = machine.emit_object(module)
+    return code
+
+
+class Library:
+    """Object code in memory; its functions may be called as long as it lives.
+
+    Attributes
+    ----------
+    address : dict
+        Of each of its functions, by name.
+    """
+
+    def __init__(self, code: bytes, functions: Sequence[str]) -> None:
+        builder = binding.JITLibraryBuilder().add_object_img(code).add_current_process()
+        for function in functions:
+            builder.export_symbol(function)
+        with LOCK:
+            self._tracker = builder.link(_linker(), f"rne{next(NAMES)}")
+        self.address: dict[str, int] = {function: self._tracker[function] for function in functions}

@@ -1,0 +1,95 @@
+"""Loops in machine code around kernels: one text, run by the interpreter or compiled, around functions or addresses."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+import rne
+from benchmarks.random_robots import straight_chain
+from rne.kernels import loops
+
+from .helpers import EPS, relative, states
+
+pytest.importorskip("numba", reason="Numba is not installed")
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    return rne.compile(rne.dynamics.forward_dynamics, straight_chain(2), engine="numba")
+
+
+def called(address, arguments, out):
+    """A C function of the interface, called by ctypes."""
+    function = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * (len(arguments) + 1))(address)
+    return function(*(a.ctypes.data for a in (*arguments, out)))
+
+
+class TestAddress:
+    def test_of_one_state(self, kernel):
+        one, out = [s[0].copy() for s in states(2, 1)], np.empty(2)
+        assert called(kernel.address(), one, out) == 1
+        assert relative(out[None], kernel(*one)[None]) <= 100 * EPS
+
+    def test_of_states_side_by_side(self, kernel):
+        s, out = states(2, loops.LANES), np.empty((2, loops.LANES))
+        assert called(kernel.address(loops.LANES), [a.T.copy() for a in s], out) == 1
+        assert relative(out.T, kernel(*s)) <= 100 * EPS
+
+    @pytest.mark.parametrize("lanes", [1, loops.LANES])
+    @pytest.mark.parametrize("wrong", [np.nan, np.inf])
+    def test_a_state_to_be_examined_gives_0(self, kernel, lanes, wrong):
+        s = [a.T.copy() for a in states(2, lanes)]
+        s[1][1, -1] = wrong
+        assert called(kernel.address(lanes), s, np.empty((2, lanes))) == 0
+
+    def test_an_angle_beyond_the_polynomials_gives_0_in_lanes(self, kernel):
+        s = [a.T.copy() for a in states(2, loops.LANES)]
+        s[0][1, 2] = 1.1e5
+        assert called(kernel.address(loops.LANES), s, np.empty((2, loops.LANES))) == 0
+
+
+@loops.inline
+def size(x):
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i] * x[i]
+    return total
+
+
+def sizes(function, arguments, out, found, weights):
+    """Sizes of a kernel's result while the first argument grows; how many were sound."""
+    for k in range(len(found)):
+        if not loops.evaluate(function, arguments, out):
+            return k
+        found[k] = weights[0] * size(out) + weights[1]
+        for i in range(len(arguments[0])):
+            arguments[0][i] *= 2.0
+    return len(found)
+
+
+def interpreted(kernel):
+    def function(*arguments):
+        result, status = kernel.evaluate(*arguments[:-1])
+        arguments[-1][:] = result
+        return status.error is None
+
+    return function
+
+
+def run(loop, function, found):
+    q, qd, tau = (s[0].copy() for s in states(2, 1))
+    return loop(function, (q, qd, tau), np.empty(2), found, (0.5, 1.0))
+
+
+@pytest.mark.long
+def test_a_text_is_the_same_loop_compiled_and_interpreted(kernel):
+    found, expected = np.empty(5), np.empty(5)
+    assert run(loops.compiled(sizes), kernel.address(), found) == 5
+    assert run(sizes, interpreted(kernel), expected) == 5
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_a_text_stops_where_the_function_says_so(kernel):
+    answers = iter([True, True, False])
+    assert run(sizes, lambda *_: next(answers), np.empty(5)) == 2
