@@ -1,56 +1,88 @@
-"""Events inside a solver's step: crossings of zero that come and go between the ends of the step.
+"""Events inside a solver's steps: crossings of zero that come and go between the ends of a step; the joints' stops.
 
-An event is a function of (t, x), negative before it happens and positive after. It is evaluated on the step's
-interpolant at NODES points, and around each local maximum between them, so that a value that passes zero and returns is
-found.
+An event is a function of times and states, negative before it happens and positive after. All are evaluated on the
+interpolants of some steps at NODES points of each; only where one may have happened is it searched for, between those
+points and around each local maximum, so that a value that passes zero and returns is found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
+from ..errors import RneError
+from ..model.model import Model
+from .solver import Interpolant, states_at
 
 NODES = 10  # intervals per step at whose ends events are evaluated
 NEXT = 1e-3  # of an interval: distance from the ends of the step of two more points, which show where values rise there
 HIGHEST = 4  # how far a peak may lie above the highest point, in units of the rise to it; a parabola's, 1/4
 CLOSE = 1e-14  # [s] of the time of an event, beside rounding
+EPS = float(np.finfo(np.float64).eps)
+PLACES = np.array([0, NEXT, *range(1, NODES), NODES - NEXT, NODES]) / NODES  # of the points in a step
 
-Event = Callable[[float, Array], float]
-Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of shape (m,) give (size, m)
+Event = Callable[[Array, Array], Array]  # times (m,), states (m, size) -> values (m,)
 
 
 class Crossing(NamedTuple):
-    """The first event of a step: its place in the list, its time, and the state there."""
+    """The first event of some steps: its step, its place in the list of events, its time, and the state there."""
 
+    step: int
     event: int
     t: float
     x: Array
 
 
-def first_crossing(events: Sequence[Event], interpolant: Interpolant, begin: float, end: float) -> Crossing | None:
-    """The first event on a step's interpolant, or None."""
-    times = np.linspace(begin, end, NODES + 1)
-    near = NEXT * (times[1] - times[0])
-    times = np.concatenate([[begin, begin + near], times[1:-1], [end - near, end]])
-    states = interpolant(times)
-    values = [[event(float(t), x) for event in events] for t, x in zip(times, states.T, strict=True)]
-    found = []
-    for k, event in enumerate(events):
-        bracket = _bracket(event, interpolant, times.tolist(), [row[k] for row in values])
-        if bracket is not None:
-            found.append((_root(event, interpolant, *bracket), k))
-    if not found:
+def first_crossing(events: Sequence[Event], steps: Sequence[Any]) -> Crossing | None:
+    """The first event on the interpolants of steps that follow one another, or None."""
+    if not events:
         return None
-    t, k = min(found)
-    return Crossing(k, t, np.array(interpolant(t)))
+    begins, ends = (np.array([getattr(step, name) for step in steps])[:, None] for name in ("begin", "end"))
+    times = begins + (ends - begins) * PLACES
+    times[:, -1:] = ends  # exactly
+    try:
+        states = states_at(times.ravel(), steps)
+        values = np.stack([event(times.ravel(), states) for event in events], axis=-1)
+    except (RneError, ValueError):  # perhaps in a step that an event before it makes void
+        if len(steps) == 1:
+            raise
+        half = len(steps) // 2
+        second = None if (first := first_crossing(events, steps[:half])) else first_crossing(events, steps[half:])
+        return first or (second and second._replace(step=second.step + half))
+    values = values.reshape(*times.shape, len(events))
+    for k, suspects in enumerate(_may_happen(values)):
+        found = []
+        for j in np.flatnonzero(suspects).tolist():
+            value = _along(events[j], steps[k].interpolant)
+            bracket = _bracket(value, times[k].tolist(), values[k, :, j].tolist())
+            if bracket is not None:
+                found.append((_root(value, *bracket), j))
+        if found:
+            t, j = min(found)
+            return Crossing(k, j, t, np.array(steps[k].interpolant(t)))
+    return None
+
+
+def _may_happen(values: Array) -> Array:
+    """Which events pass zero in each step, or come close, of values of shape (steps, points, events)."""
+    rises = ((values[:, :-1] <= 0) & (values[:, 1:] > 0)).any(axis=1)
+    before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
+    is_peak = (here < 0) & (before <= here) & (here >= after)
+    is_near = here + HIGHEST * (here - np.minimum(before, after)) >= 0
+    may_happen: Array = rises | (is_peak & is_near).any(axis=1)
+    return may_happen
+
+
+def _along(event: Event, interpolant: Interpolant) -> Callable[[float], float]:
+    """The value of an event at one time of a step."""
+    return lambda t: float(event(np.array([t]), interpolant(t)[None])[0])
 
 
 def _bracket(
-    event: Event, interpolant: Interpolant, times: list[float], values: list[float]
+    value: Callable[[float], float], times: Sequence[float], values: Sequence[float]
 ) -> tuple[float, float] | None:
     """Times before and after the first passage from negative to positive."""
     for j in range(len(times) - 1):
@@ -58,27 +90,66 @@ def _bracket(
             return times[j], times[j + 1]
         is_peak = j > 0 and values[j] < 0 and values[j - 1] <= values[j] >= values[j + 1]
         if is_peak and values[j] + HIGHEST * (values[j] - min(values[j - 1], values[j + 1])) >= 0:
-            peak = _peak(event, interpolant, times[j - 1], times[j + 1])
-            if event(peak, interpolant(peak)) > 0:
+            peak = _peak(value, times[j - 1], times[j + 1])
+            if value(peak) > 0:
                 return times[j - 1], peak
     return None
 
 
-def _peak(event: Event, interpolant: Interpolant, begin: float, end: float) -> float:
+def _peak(value: Callable[[float], float], begin: float, end: float) -> float:
     """Where an event comes closest to happening between two times."""
     from scipy.optimize import minimize_scalar
 
-    found = minimize_scalar(
-        lambda t: -event(t, interpolant(t)),
-        bounds=(begin, end),
-        method="bounded",
-        options={"xatol": 1e-10 * (end - begin)},
-    )
+    width = {"xatol": 1e-10 * (end - begin)}
+    found = minimize_scalar(lambda t: -value(t), bounds=(begin, end), method="bounded", options=width)
     return float(found.x)
 
 
-def _root(event: Event, interpolant: Interpolant, before: float, after: float) -> float:
-    """The time of the passage."""
+def _root(value: Callable[[float], float], before: float, after: float) -> float:
+    """The time of the passage; an end where rounding has moved it beyond that end."""
     from scipy.optimize import brentq
 
-    return float(brentq(lambda t: event(t, interpolant(t)), before, after, xtol=CLOSE))
+    if value(before) > 0:
+        return before
+    return float(brentq(value, before, after, xtol=CLOSE)) if value(after) > 0 else after
+
+
+class Stop:
+    """One end of a joint's range, for a joint at `multiplier * q[coordinate] + offset`: mimic joints have stops too.
+
+    As an event it is the distance beyond the stop.
+    """
+
+    def __init__(self, model: Model, i: int, bound: float, sign: float) -> None:
+        self.joint, self.bound, self.sign = model.moving_joints[i], bound, sign
+        self.coordinate = int(model.coordinate[i])
+        self.multiplier, self.offset = float(model.multiplier[i]), float(model.offset[i])
+        self.slack = 4 * EPS * max(1.0, abs(bound))  # a joint at rest on its stop has not just reached it
+
+    def position(self, X: Array) -> Array:
+        """The joint's position in states of shape (..., size) [rad or m]."""
+        return self.multiplier * X[..., self.coordinate] + self.offset
+
+    def __call__(self, t: Array, X: Array) -> Array:
+        return self.sign * (self.position(X) - self.bound) - self.slack
+
+    def message(self, t: float) -> str:
+        """The message of a run that ended here."""
+        return f"{self.joint!r} reached its stop at {self.bound:.6g} at t = {t:.6g} s"
+
+
+def stops(model: Model) -> list[Stop]:
+    """The stops of every moving joint."""
+    ends = [(i, model.upper[i], 1.0) for i in range(len(model.moving_joints))]
+    ends += [(i, model.lower[i], -1.0) for i in range(len(model.moving_joints))]
+    return [Stop(model, i, float(bound), sign) for i, bound, sign in ends if np.isfinite(bound)]
+
+
+def check_within_stops(found: Sequence[Stop], x0: Array) -> None:
+    """Refuse an initial state beyond a stop."""
+    for stop in found:
+        if stop(np.zeros(()), x0) > 0:
+            raise ValueError(
+                f"`q0` must be within the stops, got {stop.position(x0):.6g} for joint {stop.joint!r}, "
+                f"whose stop is at {stop.bound:.6g}"
+            )

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from .events import Interpolant
-from .solver import states_at
+from .solver import Interpolant, states_at
 
 Powers = Callable[[Array, Array, Array | None], Array]  # times (N,), states (N, size), held torques -> (N, k)
 

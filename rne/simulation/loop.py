@@ -14,7 +14,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
-from .events import Event, first_crossing
+from .events import Event, Stop, first_crossing
 from .ledger import Ledger, Span
 from .plant import Plant
 from .record import Instant, Record
@@ -22,7 +22,6 @@ from .run import Failure, Run, Task
 from .sampled import MAX_EVALUATIONS, ZeroOrderHold
 from .solver import AdaptiveSolver, Step
 from .stick_slip import DryPlant
-from .stops import Stop
 from .symplectic import METHOD as GAUSS
 from .symplectic import GaussSolver, Hamilton
 from .system import Stepper, System
@@ -103,13 +102,11 @@ class Loop:
             return self._free_steps(end)
         solver, most = self.solver, FEWEST if events else self.watch.steps_to_look
         while solver.is_running:
-            steps, crossing = solver.steps(min(most, self.watch.steps_to_look)), None
+            steps = solver.steps(min(most, self.watch.steps_to_look))
             most = 2 * most
-            for k, step in enumerate(steps if events else ()):
-                crossing = first_crossing(events, step.interpolant, step.begin, step.end)
-                if crossing is not None:
-                    steps = steps[: k + 1]
-                    break
+            crossing = first_crossing(events, steps)
+            if crossing is not None:
+                steps = steps[: crossing.step + 1]
             t, x = (steps[-1].end, steps[-1].x) if crossing is None else (crossing.t, crossing.x)
             self.record.take(steps, t, x, self)
             self._integrate(steps, t, is_last=crossing is not None or not solver.is_running)

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
+from .events import Stop
 from .plant import Plant
-from .stops import Stop
 from .trajectory import Trajectory
 
 ROUNDING = 1e-9  # of the largest value of a joint: what differs by less has not jumped

@@ -16,13 +16,13 @@ from ..model.model import joint_array
 from ..robot import Robot
 from .equations_of_motion import RightHandSide
 from .error_growth import error_growth
+from .events import check_within_stops, stops
 from .loop import Loop
 from .plant import Plant
 from .repetition import repeated_error
 from .run import Run, Task, build_trajectory
 from .sampled import ZeroOrderHold
 from .scene import Scene, scene_of_robot
-from .stops import check_within_stops, stops
 from .symplectic import METHOD as GAUSS
 from .trajectory import ErrorEstimate, Trajectory
 from .watch import STIFF, fastest_decay

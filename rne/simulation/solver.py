@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
-from .events import Interpolant
+
+Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of shape (m,) give (size, m)
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 EXPLICIT = ("RK45", "RK23", "DOP853")

@@ -36,8 +36,8 @@ class Rest:
         self.joint, self.place, self.sign = joint, place, sign
         self.offset = AT_REST * scale  # a joint that just started from rest has not come to rest
 
-    def __call__(self, t: float, x: Array) -> float:
-        return -self.sign * float(x[self.place]) - self.offset
+    def __call__(self, t: Array, X: Array) -> Array:
+        return -self.sign * X[:, self.place] - self.offset
 
 
 class Overload:
@@ -46,8 +46,8 @@ class Overload:
     def __init__(self, dry: DryPlant, joint: int) -> None:
         self.dry, self.joint = dry, joint
 
-    def __call__(self, t: float, x: Array) -> float:
-        return float(-self.dry.margins(t, x)[self.joint])
+    def __call__(self, t: Array, X: Array) -> Array:
+        return -self.dry.margins(t, X)[:, self.joint]
 
 
 class DryPlant(SmoothSystem):
@@ -75,6 +75,7 @@ class DryPlant(SmoothSystem):
         self.changes, self.begun, self.at_once = 0, -np.inf, 0
         self.overloaded: list[int] = []  # joints that broke away in the event that just happened
         self.last_key: Any = None
+        self.asked, self.last_margins = np.zeros((0, n)), np.zeros((0, n))
         self.last_accelerations = (np.zeros(n), np.zeros(n), np.zeros(n), np.ones(n))
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
@@ -224,9 +225,12 @@ class DryPlant(SmoothSystem):
         self.mode = before
         return False
 
-    def margins(self, t: float, x: Array) -> Array:
-        """Static friction of each sticking joint minus its load."""
-        return self._margin(self.accelerations(t, x)[1])
+    def margins(self, t: Array, X: Array) -> Array:
+        """Static friction of each joint minus its load, in many states; those last asked for are kept."""
+        if X is not self.asked:
+            found = [self._margin(self.accelerations(time, x)[1]) for time, x in zip(t.tolist(), X, strict=True)]
+            self.asked, self.last_margins = X, np.array(found)
+        return self.last_margins
 
     def _margin(self, needed: Array) -> Array:
         """Static friction of each joint minus its load; a load equal to the static friction is still held."""
