@@ -1,0 +1,271 @@
+"""Rodas5P, a Rosenbrock method for stiff motions, as a loop over steps that may run in machine code.
+
+Steinebach 2023, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia Differential
+Equations package, BIT Numerical Mathematics 63: order 5, eight stages, L-stable, stiffly accurate, with an estimate of
+order 4 of the error and an interpolant of order 4. In the form of Hairer and Wanner 1996, IV.7 (7.25), a stage is
+
+    (1 / (h gamma) - f_x) u_i = f(t + alpha_i h, x + sum_j a_ij u_j) + sum_j c_ij u_j / h + gamma_i h f_t
+
+The state is x = (q, qd, z). K, D, Z, M and R_t are slopes of the equations of motion R(t, x, qdd) = 0 by q, qd, z, qdd
+and t. The rows of qd are multiplied by M, and those of q, u_q c - u_qd = b_q with c = 1 / (h gamma), eliminate u_qd:
+
+    (c^2 M + c D + K) u_q + Z u_z = M b_qd + (c M + D) b_q,    u_qd = c u_q - b_q
+
+so that M is not inverted and the system has the size of (q, z).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .loops import evaluate, inline
+
+SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as those of SciPy's methods
+POWER = -0.2  # of the error in such a factor: the estimate is of order 4
+STAGES = 8
+GAMMA = 0.21193756319429014
+# fmt: off
+STAGE = [  # a_ij, below the first stage, where it is the state itself
+    [3.0],
+    [2.849394379747939, 0.45842242204463923],
+    [-6.954028509809101, 2.489845061869568, -10.358996098473584],
+    [2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641],
+    [-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946],
+]  # the last ones and the step's end add one u_j after another to that
+COUPLING = [  # c_ij
+    [-14.155112264123755],
+    [-17.97296035885952, -2.859693295451294],
+    [147.12150275711716, -1.41221402718213, 71.68940251302358],
+    [165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306],
+    [24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125, -0.6610691825249471],
+    [30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783, -19.097331116725623,
+     -28.087943162872662],
+    [37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047, -40.06618937091002,
+     -54.66780262877968, -9.48861652309627],
+]
+INTERPOLANT = np.array([
+    [25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204, 0.524948541321073,
+     1.1241088310450404, 0.4272876194431874, -0.17202221070155493],
+    [-9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796, 20.176138334709044,
+     15.98066361424651, -6.789040303419874, -6.710236069923372],
+    [11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643, -52.072871366152654,
+     -59.78993626266729, -0.15582684282751913, 4.883087185713722],
+])
+# fmt: on
+
+
+def _tableau() -> tuple[Array, Array, Array, Array]:
+    """a_ij with the step's end as the last row, c_ij, alpha_i and gamma_i.
+
+    The last two are sums of the rows of alpha and Gamma, where a = alpha Gamma^-1 and c = 1 / gamma - Gamma^-1.
+    """
+    A, C = np.zeros((STAGES + 1, STAGES)), np.zeros((STAGES, STAGES))
+    for s, row in enumerate(STAGE, start=1):
+        A[s, :s] = row
+    for s in range(len(STAGE) + 1, STAGES + 1):
+        A[s], A[s, s - 1] = A[s - 1], 1.0
+    for s, row in enumerate(COUPLING, start=1):
+        C[s, :s] = row
+    sums = np.linalg.inv(np.eye(STAGES) / GAMMA - C).sum(axis=1)
+    return A, C, A[:STAGES] @ sums, sums
+
+
+A, C, ALPHA, GAMMAS = _tableau()
+
+
+TABLEAU = (A, C, ALPHA, GAMMAS, INTERPOLANT)
+
+
+@inline
+def set_up(S: Any, n: Any, c: Any, W: Any) -> None:
+    """[matrix, factors of (b_q, b_qd, b_z) and of gamma_i h f_t] of the linear systems, from the slopes S."""
+    rows = len(W)
+    size = n + rows
+    for i in range(rows):
+        for j in range(n):
+            if i < n:
+                damped = c * S[i, size + j] + S[i, n + j]
+                W[i, j] = c * damped + S[i, j]
+                W[i, rows + j] = damped
+                W[i, rows + n + j] = S[i, size + j]
+            else:
+                W[i, j] = -(c * S[i, n + j] + S[i, j])
+                W[i, rows + j] = -S[i, n + j]
+                W[i, rows + n + j] = 0.0
+        for j in range(n, rows):
+            W[i, j] = S[i, n + j] if i < n else -S[i, n + j]
+            W[i, rows + n + j] = 0.0
+        if i >= n:
+            W[i, i] += c
+            W[i, rows + n + i] = 1.0
+        W[i, rows + size] = -S[i, size + n] if i < n else S[i, size + n]
+
+
+@inline
+def eliminate(W: Any, G: Any) -> bool:
+    """G, transposed, from [W, G] by Gauss and Jordan's elimination with row pivots; False if W is singular."""
+    rows, columns = W.shape
+    for k in range(rows):
+        best = k
+        for i in range(k + 1, rows):
+            if abs(W[i, k]) > abs(W[best, k]):
+                best = i
+        if not abs(W[best, k]) > 0.0:
+            return False
+        factor = 1.0 / W[best, k]
+        for j in range(k, columns):
+            moved = W[k, j]
+            W[k, j] = factor * W[best, j]
+            if best != k:
+                W[best, j] = moved
+        for i in range(rows):
+            factor = W[i, k]
+            if i != k:
+                for j in range(k + 1, columns):
+                    W[i, j] -= factor * W[k, j]
+    for i in range(rows):
+        for j in range(len(G)):
+            G[j, i] = W[i, rows + j]
+    return True
+
+
+@inline
+def solve_stage(G: Any, n: Any, c: Any, ahead: Any, f: Any, b: Any, u: Any) -> None:
+    """A stage from f, the right-hand side without f_t, whose factor gamma_i h is `ahead`."""
+    rows, size = len(b), len(f)
+    for i in range(rows):
+        b[i] = ahead * G[size, i]
+    for j in range(size):
+        for i in range(rows):
+            b[i] += G[j, i] * f[j]
+    for i in range(n):
+        u[i] = b[i]
+        u[n + i] = c * b[i] - f[i]
+    for i in range(n, rows):
+        u[n + i] = b[i]
+
+
+@inline
+def copy(values: Any, into: Any) -> None:
+    """A vector into another one."""
+    for i in range(len(into)):
+        into[i] = values[i]
+
+
+@inline
+def combine(weights: Any, count: Any, factor: Any, U: Any, total: Any) -> None:
+    """Add the weighted sum of the first stages."""
+    for j in range(count):
+        weight, u = weights[j] * factor, U[j]
+        for i in range(len(total)):
+            total[i] += weight * u[i]
+
+
+@inline
+def next_length(h: Any, error: Any) -> Any:
+    """Length of the next trial; an error that is not a number shortens it most."""
+    if error == 0.0:
+        return LARGEST * h
+    factor = SAFETY * error**POWER
+    return h * (min(factor, LARGEST) if factor > SMALLEST else SMALLEST)
+
+
+def take_steps(
+    rates: Any,
+    slopes: Any,
+    state: Any,
+    point: Any,
+    limits: Any,
+    tableau: Any,
+    T: Any,
+    X: Any,
+    P: Any,
+    H: Any,
+    count: Any,
+    work: Any,
+) -> int:
+    """Steps into T and X from T[0] and X[0], and their interpolants' vectors into P, (steps, 3, size); how many.
+
+    `rates` is a function of `state` (t, x, and torques where they are held), `slopes` of `point` (t, x, qdd, torques);
+    both share t and x, which are overwritten. `limits` has the end, the longest step, rtol, atol, and the times within
+    which torques are evaluated. H[k] is the length with which step k is tried first; count[0] and [1] gain the
+    evaluations of both. `work` is what `workspace` makes.
+    """
+    end, longest, rtol, atol, first, last = limits
+    A, C, ahead, by_time, interpolant = tableau
+    S, W, G, b, U, start, f = work
+    time, x, qdd = state[0], state[1], point[2]
+    size, n = len(x), len(qdd)
+    for step in range(len(T) - 1):
+        t, y = T[step], X[step]
+        smallest = 10 * abs(np.nextafter(t, np.inf) - t)
+        h = min(max(H[step], smallest), longest)
+        time[0] = min(max(t, first), last)
+        copy(y, x)
+        count[0] += 1
+        if not evaluate(rates, state, start):
+            return step
+        for i in range(n):
+            qdd[i] = start[n + i]
+        count[1] += 1
+        if not evaluate(slopes, point, S):
+            return step
+        rejected = False
+        while True:
+            if not h >= smallest:
+                return step
+            tried, reached = h, min(t + h, end)
+            h = reached - t
+            c = 1.0 / (h * GAMMA)
+            set_up(S, n, c, W)
+            error = math.inf
+            if eliminate(W, G):
+                copy(start, f)
+                for s in range(STAGES):
+                    if s > 0:
+                        copy(y, x)
+                        combine(A[s], s, 1.0, U, x)
+                        time[0] = min(max(t + ahead[s] * h, first), last)
+                        count[0] += 1
+                        if not evaluate(rates, state, f):
+                            return step
+                        combine(C[s], s, 1.0 / h, U, f)
+                    solve_stage(G, n, c, by_time[s] * h, f, b, U[s])
+                error = 0.0
+                for i in range(size):
+                    x[i] += U[STAGES - 1, i]
+                    error += (U[STAGES - 1, i] / (atol + rtol * max(abs(y[i]), abs(x[i])))) ** 2
+                error = math.sqrt(error / size)
+            if error < 1:
+                break
+            h = next_length(h, error)
+            rejected = True
+        longer = next_length(h, error)
+        H[step + 1] = max(min(h, longer) if rejected else longer, tried if h < tried else 0.0)
+        T[step + 1] = reached
+        copy(x, X[step + 1])
+        for k in range(len(interpolant)):
+            for i in range(size):
+                P[step, k, i] = 0.0
+            combine(interpolant[k], STAGES, 1.0, U, P[step, k])
+        if reached >= end:
+            return step + 1
+    return len(T) - 1
+
+
+def workspace(n: int, size: int) -> tuple[Array, ...]:
+    """What `take_steps` overwrites, for n coordinates and a state of this size."""
+    rows = size - n
+    shapes = (rows, size + n + 1), (rows, rows + size + 1), (size + 1, rows), (rows,), (STAGES, size), (size,), (size,)
+    return tuple(np.zeros(shape) for shape in shapes)
+
+
+def inside(begin: Array, end: Array, vectors: Array, s: Array) -> Array:
+    """States at fractions s of steps, shape (..., 1), from those at the ends and the vectors (..., 3, size)."""
+    first, second, third = (vectors[..., k, :] for k in range(3))
+    states: Array = (1 - s) * begin + s * (end + (1 - s) * (first + s * (second + s * third)))
+    return states

@@ -1,0 +1,142 @@
+"""Rodas5P: its orders, its control of steps, and motions by it against closed forms and tight runs of Radau."""
+
+import numpy as np
+import pytest
+
+from rne.kernels import rosenbrock
+
+
+class Wanted:
+    """(2 + sin q) qdd + 0.3 qd + q^2 - z = g(t) and dz/dt = -(1 + q) z + qd / 2 + p(t), with g and p such that q = sin t and
+    z = cos 2t: M depends on q, both equations on time, and each on the states of the other."""
+
+    n, size = 1, 3
+
+    @staticmethod
+    def solution(t):
+        return np.stack([np.sin(t), np.cos(t), np.cos(2 * t)], axis=-1)
+
+    @staticmethod
+    def drive(t):
+        g = (2 + np.sin(np.sin(t))) * -np.sin(t) + 0.3 * np.cos(t) + np.sin(t) ** 2 - np.cos(2 * t)
+        return g, -2 * np.sin(2 * t) + (1 + np.sin(t)) * np.cos(2 * t) - np.cos(t) / 2
+
+    def rates(self, t, x, out):
+        (q, qd, z), (g, p) = x, self.drive(t[0])
+        out[:] = qd, (g + z - q**2 - 0.3 * qd) / (2 + np.sin(q)), p - (1 + q) * z + qd / 2
+        return True
+
+    def slopes(self, t, x, a, out):
+        (q, _, z), tiny = x, 1e-30
+        by_time = [part.imag / tiny for part in self.drive(t[0] + tiny * 1j)]
+        out[0] = 2 * q + np.cos(q) * a[0], 0.3, -1.0, 2 + np.sin(q), -by_time[0]
+        out[1] = -z, 0.5, -(1 + q), 0.0, by_time[1]
+        return True
+
+
+class Relaxing:
+    """0.01 qdd = -c (q - cos t), overdamped by qd: a fast mode beside a slow motion, at rest where it starts."""
+
+    n, size = 1, 2
+
+    def __init__(self, stiffness):
+        self.c = stiffness
+
+    def rates(self, t, x, out):
+        out[:] = x[1], -100 * self.c * (x[1] + x[0] - np.cos(t[0]) + np.sin(t[0]))
+        return True
+
+    def slopes(self, t, x, a, out):
+        out[0] = self.c, self.c, 0.01, self.c * (np.sin(t[0]) + np.cos(t[0]))
+        return True
+
+
+def steps(problem, x0, end, *, h=None, rtol=1e-6, atol=1e-9, most=2000, functions=None):
+    """Steps by the text as it stands: equal ones of length h, or by control of the error."""
+    equal = h is not None
+    most = round(end / h) if equal else most
+    T, X, P = np.zeros(most + 1), np.zeros((most + 1, problem.size)), np.zeros((most, 3, problem.size))
+    H, count = np.full(most + 1, h if equal else 1e-4), np.zeros(2, dtype=np.int64)
+    X[0] = x0
+    limits = (end, h, 1e9, 1e9) if equal else (end, np.inf, rtol, atol)
+    state = np.zeros(1), np.zeros(problem.size)
+    rates, slopes = functions or (problem.rates, problem.slopes)
+    taken = rosenbrock.take_steps(
+        rates, slopes, state, (*state, np.zeros(problem.n)), (*limits, -np.inf, np.inf), rosenbrock.TABLEAU,
+        T, X, P, H, count, rosenbrock.workspace(problem.n, problem.size),
+    )  # fmt: skip
+    return T[: taken + 1], X[: taken + 1], P[:taken], count
+
+
+def order(errors, ratio):
+    return np.log(errors[0] / errors[1]) / np.log(ratio)
+
+
+def test_the_sums_of_the_coefficients_are_the_published_ones():
+    """alpha_i and gamma_i are not in the table but follow from it; these are those of OrdinaryDiffEq.jl."""
+    alpha = [0.0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1, 1, 1]
+    gamma = [0.21193756319429014, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.325825639765069, 0, 0, 0]  # fmt: skip
+    np.testing.assert_allclose(rosenbrock.ALPHA, alpha, rtol=0, atol=2e-14)
+    np.testing.assert_allclose(rosenbrock.GAMMAS, gamma, rtol=0, atol=2e-14)
+
+
+def test_orders_of_the_steps_and_of_the_interpolant():
+    """On a motion that depends on time, with a state of the controller: 5, and errors of order 5 inside steps."""
+    problem, ends, inside = Wanted(), [], []
+    for h in (0.1, 0.05):
+        T, X, P, _ = steps(problem, problem.solution(0.0), 2.0, h=h)
+        assert len(T) == round(2 / h) + 1
+        ends.append(np.abs(X[-1] - problem.solution(2.0)).max())
+        s = np.array([0.2, 0.5, 0.7])
+        times = T[:-1, None] + np.diff(T)[:, None] * s
+        found = rosenbrock.inside(X[:-1, None], X[1:, None], P[:, None], s[:, None])
+        inside.append(np.abs(found - problem.solution(times)).max())
+    assert 4.6 < order(ends, 2) < 5.6
+    assert 4.4 < order(inside, 2) < 5.6
+
+
+@pytest.mark.parametrize("column", [2, 4])
+def test_slopes_by_states_and_by_time_count(column):
+    """Without them the order falls: a method of this kind needs the whole Jacobian."""
+    problem, errors = Wanted(), []
+
+    def lacking(*arguments):
+        problem.slopes(*arguments)
+        arguments[-1][:, column] = 0.0
+        return True
+
+    for h in (0.1, 0.05):
+        _, X, _, _ = steps(problem, problem.solution(0.0), 2.0, h=h, functions=(problem.rates, lacking))
+        errors.append(np.abs(X[-1] - problem.solution(2.0)).max())
+    assert order(errors, 2) < 3
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-7])
+def test_errors_follow_the_tolerance_and_the_interpolants_too(rtol):
+    problem = Wanted()
+    T, X, P, count = steps(problem, problem.solution(0.0), 3.0, rtol=rtol, atol=rtol)
+    assert T[-1] == 3.0
+    assert np.abs(X - problem.solution(T)).max() < 5 * rtol
+    middle = rosenbrock.inside(X[:-1], X[1:], P, np.full((len(P), 1), 0.5))
+    assert np.abs(middle - problem.solution((T[:-1] + T[1:]) / 2)).max() < 5 * rtol
+    assert count[1] == len(T) - 1
+    assert 8 * count[1] <= count[0]  # of rejected steps the first stage is not repeated
+
+
+@pytest.mark.parametrize("stiffness", [1e2, 1e6, 1e10])
+def test_steps_follow_the_slow_motion_however_fast_the_fast_mode(stiffness):
+    """q + qd = cos t - sin t in the limit, of which q = cos t; the fast mode decays with 100 c."""
+    T, X, _, _ = steps(Relaxing(stiffness), [1.0, 0.0], 5.0)
+    assert len(T) < 60
+    assert np.abs(X[:, 0] - np.cos(T)).max() < 2e-4 + 0.1 / stiffness
+
+
+def test_an_unsound_evaluation_and_a_singular_matrix_end_the_steps():
+    problem = Wanted()
+    until_1 = (lambda t, *rest: t[0] < 1 and problem.rates(t, *rest)), problem.slopes
+    T, _, _, _ = steps(problem, problem.solution(0.0), 3.0, functions=until_1)
+    assert 0.3 < T[-1] <= 1.0
+    singular = problem.rates, lambda *arguments: arguments[-1].fill(0.0) is None
+    with np.errstate(all="ignore"):  # steps become as short as numbers can be
+        T, _, _, _ = steps(problem, problem.solution(0.0), 3.0, functions=singular)
+    assert len(T) == 1
