@@ -4,9 +4,6 @@ The oracles are closed forms: parabolas under gravity, and a block under sums of
 zeros of its rate and load.
 """
 
-from itertools import pairwise
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.integrate import simpson
@@ -15,6 +12,7 @@ from scipy.optimize import brentq
 import rne
 from rne.model.builder import Mimic, Part, assemble
 from rne.simulation.events import first_crossing
+from rne.simulation.solver import Steps
 
 from .helpers import kept
 
@@ -61,9 +59,14 @@ def test_a_start_beyond_a_stop_is_refused():
         rne.simulate(rne.Scene(slider(upper=0.45), stops=True), [0.5], [0.0], 1.0)
 
 
-def steps_along(curve, times):
-    """Steps between the times, with a curve as the interpolant of each."""
-    return [SimpleNamespace(begin=a, end=b, interpolant=lambda t: np.stack([curve(t)])) for a, b in pairwise(times)]
+class TimeItself(Steps):
+    """Steps along x(t) = t."""
+
+    def __init__(self, times):
+        super().__init__(np.array(times), np.array(times)[:, None])
+
+    def states(self, times, k):
+        return times[:, None]
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -71,14 +74,14 @@ def test_the_first_event_of_many_steps_is_that_of_each_alone(seed):
     """Among them passages of zero that return within a part of a step, which show as a peak below zero alone."""
     rng = np.random.default_rng(seed)
     phases, levels = rng.uniform(0, 6, 3), np.array([0.7, 0.97, 0.99995])
-    steps = steps_along(lambda t: t, np.concatenate([[0], np.cumsum(rng.uniform(0.1, 0.5, 12))]))
+    steps = TimeItself(np.concatenate([[0], np.cumsum(rng.uniform(0.1, 0.5, 12))]))
     events = [lambda t, X, p=p, h=h: np.sin(X[:, 0] + p) - h for p, h in zip(phases, levels, strict=True)]
     passages = (np.arcsin(levels) - phases) % (2 * np.pi)
     found = first_crossing(events, steps)
-    alone = [(k, hit) for k, step in enumerate(steps) if (hit := first_crossing(events, [step]))]
+    alone = [(k, hit) for k in range(12) if (hit := first_crossing(events, steps, k, k + 1))]
     if found is None:
         assert not alone
-        assert passages.min() > steps[-1].end
+        assert passages.min() > steps.T[-1]
         return
     k, one = alone[0]
     assert (found.step, found.event, found.t) == (k, one.event, one.t)
@@ -92,7 +95,7 @@ def test_an_error_of_an_event_counts_before_a_crossing_only():
             raise rne.NotFiniteError("beyond", 1.0)
         return X[:, 0] - 0.35
 
-    steps, last = steps_along(lambda t: t, np.linspace(0, 1, 11)), 0.45
+    steps, last = TimeItself(np.linspace(0, 1, 11)), 0.45
     assert first_crossing([event], steps).step == 3
     last = 0.25
     with pytest.raises(rne.NotFiniteError, match=r"^beyond$"):

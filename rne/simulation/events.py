@@ -8,14 +8,14 @@ points and around each local maximum, so that a value that passes zero and retur
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import RneError
 from ..model.model import Model
-from .solver import Interpolant, states_at
+from .solver import Interpolant, Steps
 
 NODES = 10  # intervals per step at whose ends events are evaluated
 NEXT = 1e-3  # of an interval: distance from the ends of the step of two more points, which show where values rise there
@@ -36,33 +36,33 @@ class Crossing(NamedTuple):
     x: Array
 
 
-def first_crossing(events: Sequence[Event], steps: Sequence[Any]) -> Crossing | None:
-    """The first event on the interpolants of steps that follow one another, or None."""
+def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: int | None = None) -> Crossing | None:
+    """The first event on the interpolants of steps, or of those from `first` to before `last`, or None."""
     if not events:
         return None
-    begins, ends = (np.array([getattr(step, name) for step in steps])[:, None] for name in ("begin", "end"))
+    numbers = np.arange(len(steps.T) - 1)[first:last]
+    begins, ends = steps.T[numbers, None], steps.T[numbers + 1, None]
     times = begins + (ends - begins) * PLACES
     times[:, -1:] = ends  # exactly
     try:
-        states = states_at(times.ravel(), steps)
+        states = steps.states(times.ravel(), np.repeat(numbers, len(PLACES)))
         values = np.stack([event(times.ravel(), states) for event in events], axis=-1)
     except (RneError, ValueError):  # perhaps in a step that an event before it makes void
-        if len(steps) == 1:
+        if len(numbers) == 1:
             raise
-        half = len(steps) // 2
-        second = None if (first := first_crossing(events, steps[:half])) else first_crossing(events, steps[half:])
-        return first or (second and second._replace(step=second.step + half))
+        half = first + len(numbers) // 2
+        return first_crossing(events, steps, first, half) or first_crossing(events, steps, half, last)
     values = values.reshape(*times.shape, len(events))
-    for k, suspects in enumerate(_may_happen(values)):
-        found = []
+    for row, suspects in enumerate(_may_happen(values)):
+        found, interpolant = [], steps.inside(first + row)
         for j in np.flatnonzero(suspects).tolist():
-            value = _along(events[j], steps[k].interpolant)
-            bracket = _bracket(value, times[k].tolist(), values[k, :, j].tolist())
+            value = _along(events[j], interpolant)
+            bracket = _bracket(value, times[row].tolist(), values[row, :, j].tolist())
             if bracket is not None:
                 found.append((_root(value, *bracket), j))
         if found:
             t, j = min(found)
-            return Crossing(k, j, t, np.array(steps[k].interpolant(t)))
+            return Crossing(first + row, j, t, np.array(interpolant(t)))
     return None
 
 

@@ -7,14 +7,15 @@ halved; the number of steps in a panel follows from how often that happens.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
-from .solver import Interpolant, states_at
+from .solver import Span, Steps, states_at
 
 Powers = Callable[[Array, Array, Array | None], Array]  # times (N,), states (N, size), held torques -> (N, k)
 
@@ -25,6 +26,7 @@ EASY = 1e-2  # of NEGLIGIBLE: below it panels may be twice as long
 HALVINGS, SHORTEST = 12, 1e-13  # panels are not halved more often, nor below that part of the time
 BLOCK = 24  # panels evaluated together
 FIRST_STEPS, MOST_STEPS = 4, 64  # in a panel
+MOST_KEPT = 20_000  # steps whose interpolants are kept
 ALIKE = 4.0  # largest ratio of its steps' lengths: a jump hides among short steps, where a long panel has no node
 
 
@@ -37,20 +39,12 @@ def gauss() -> tuple[Array, Array]:
     return nodes, np.linalg.inv(legendre.legvander(nodes, DEGREE))
 
 
-class Span(NamedTuple):
-    """A step, or its part before an event."""
-
-    begin: float
-    end: float
-    interpolant: Interpolant
-
-
 class Panel(NamedTuple):
     """Some spans, or a part of them from `begin` to `end`, in which the same torques are held and joints at rest."""
 
     begin: float
     end: float
-    spans: tuple[Span, ...]
+    spans: list[Span]
     held: Array | None
     at_rest: Array | None
 
@@ -71,50 +65,72 @@ class Ledger:
     ----------
     powers : callable
         The powers in many states.
-    count : int
-        How many there are.
+    names : sequence of str
+        Theirs.
     """
 
-    def __init__(self, powers: Powers, count: int) -> None:
-        self.powers, self.count = powers, count
+    def __init__(self, powers: Powers, names: Sequence[str]) -> None:
+        self.powers, self.names = powers, names
         self.pieces: list[tuple[float, float, Array]] = []  # begin, length and coefficients, shape (DEGREE + 1, k)
         self.exchanged = 0.0  # integral of the powers' sizes
         self.steps = FIRST_STEPS  # in a panel
-        self._spans: list[Span] = []
-        self._first_length = 0.0  # of the first of them
-        self._held: Array | None = None
-        self._at_rest: Array | None = None
-        self._panels: list[Panel] = []
+        self._groups: list[Panel] = []  # of steps under the same torques, to be integrated
+        self._is_open = False  # the next steps belong to the last group
+        self._count = 0  # steps in the groups
 
     @property
     def end(self) -> float:
         """The time up to which it was integrated."""
         return self.pieces[-1][0] + self.pieces[-1][1] if self.pieces else 0.0
 
-    def add(self, span: Span, held: Array | None, at_rest: Array | None, *, is_last: bool) -> None:
-        """Integrate over a step; the last one before the torques that are held or the joints at rest change."""
-        length = span.end - span.begin
-        if self._spans and not 1 / ALIKE <= length / self._first_length <= ALIKE:
-            self._close_panel()
-        if not self._spans:
-            self._first_length = length
-        if length > 0:
-            self._spans.append(span)
-        self._held, self._at_rest = held, at_rest
-        if is_last or len(self._spans) >= self.steps:
-            self._close_panel()
+    def add(self, steps: Steps, count: int, end: float, held: Array | None, at_rest: Array | None) -> None:
+        """So many steps were taken, the last as far as `end`."""
+        steps.keep()
+        ends = [*steps.T[:count].tolist(), end]
+        own = steps.torques(np.arange(count))
+        for k, (begin, until) in enumerate(pairwise(ends)):
+            if own is not None:
+                self._is_open &= k > 0 and bool((own[k] == own[k - 1]).all())
+                held = own[k]
+            if not self._is_open:
+                self._groups.append(Panel(begin, until, [], held, at_rest))
+                self._is_open = True
+            self._groups[-1].spans.append(Span(begin, until, steps, k))
+        self._count += count
+        if self._count > MOST_KEPT:
+            self.integrate()
 
-    def _close_panel(self) -> None:
-        """Make a panel of the steps that were added since the last; enough of them are integrated together."""
-        if self._spans:
-            spans, self._spans = tuple(self._spans), []
-            self._panels.append(Panel(spans[0].begin, spans[-1].end, spans, self._held, self._at_rest))
-            if len(self._panels) >= BLOCK:
-                self.integrate()
+    def close(self) -> None:
+        """The torques that are held, or the joints at rest, change here."""
+        self._is_open = False
 
     def integrate(self) -> None:
-        """Integrate over the panels that were added."""
-        panels, self._panels = self._panels, []
+        """Integrate over the steps that were added."""
+        groups, self._groups, self._is_open, self._count = self._groups, [], False, 0
+        panels: list[Panel] = []
+        for group in groups:
+            spans = [span for span in group.spans if span.end > span.begin]
+            first = 0
+            while first < len(spans):
+                last = self._last(spans, first)
+                begin, end = spans[first].begin, spans[last - 1].end
+                panels.append(group._replace(begin=begin, end=end, spans=spans[first:last]))
+                first = last
+                if len(panels) >= BLOCK:
+                    self._integrate(panels)
+                    panels = []
+        self._integrate(panels)
+
+    def _last(self, spans: list[Span], first: int) -> int:
+        """Where a panel of steps of similar lengths ends that begins with span `first`."""
+        length, last = spans[first].end - spans[first].begin, first + 1
+        while last < min(len(spans), first + self.steps):
+            if not 1 / ALIKE <= (spans[last].end - spans[last].begin) / length <= ALIKE:
+                break
+            last += 1
+        return last
+
+    def _integrate(self, panels: list[Panel]) -> None:
         done: list[tuple[float, float, Array]] = []
         for halving in range(HALVINGS + 1):
             if not panels:
@@ -153,16 +169,17 @@ class Ledger:
         for k, panel in enumerate(panels):
             if panel.at_rest is not None:
                 states[k * (DEGREE + 1) : (k + 1) * (DEGREE + 1), panel.at_rest] = 0.0
-        return self.powers(times, states, held).reshape(len(panels), DEGREE + 1, self.count)
+        return self.powers(times, states, held).reshape(len(panels), DEGREE + 1, len(self.names))
 
     def at(self, times: Array) -> Array:
         """Energies since the start at times that were integrated over, shape (T, k)."""
-        self._close_panel()
         self.integrate()
         if not self.pieces:
-            return np.zeros((len(times), self.count))
+            return np.zeros((len(times), len(self.names)))
         begins, lengths, polynomials = (np.array(part) for part in zip(*self.pieces, strict=True))
-        whole = np.concatenate([np.zeros((1, self.count)), np.cumsum(lengths[:, None] * polynomials[:, 0], axis=0)])
+        whole = np.concatenate(
+            [np.zeros((1, len(self.names))), np.cumsum(lengths[:, None] * polynomials[:, 0], axis=0)]
+        )
         k = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
         s = np.clip(2 * (times - begins[k]) / lengths[k] - 1, -1, 1)
         found: Array = whole[k] + lengths[k, None] / 2 * (_antiderivatives(s)[:, :, None] * polynomials[k]).sum(axis=1)

@@ -1,95 +1,85 @@
-"""The instants of a run that are reported: those asked for, or the solver's steps, or a controller's samples."""
+"""The instants of a run that are reported: those asked for, or the solver's steps."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
-from .solver import Step, states_at
+from .solver import Span, Steps, states_at
 
 SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
 
 
-class Instant(NamedTuple):
-    """What is reported of one instant.
-
-    Held torques and their work, a sampled controller's states, and accelerations, where they apply.
-    """
-
-    t: float
-    x: Array
-    held: Array | None
-    work: float
-    controller_state: Array | None
-    qdd: Array | None
-
-
 class Record:
-    """Instants in ascending order; where something jumps, the values after the jump.
+    """Times and states in ascending order; where something jumps, those after the jump.
 
     Parameters
     ----------
     t_eval : ndarray, shape (T,), or None
-        Times to report; None for the beginnings of segments and, with `every_step`, the ends of steps.
-    every_step : bool
+        Times to report; None for the beginnings of segments and the ends of steps.
+    size : int
+        Length of the state.
     """
 
-    def __init__(self, t_eval: Array | None, every_step: bool) -> None:
-        self.t_eval, self.every_step = t_eval, every_step
-        self.instants: list[Instant] = []
+    def __init__(self, t_eval: Array | None, size: int) -> None:
+        self.t_eval, self.size = t_eval, size
+        self.parts: list[tuple[Array, Array, Array | None]] = []  # times, states, accelerations where they are given
         self.asked = 0  # times of `t_eval` that were reported
 
     @property
-    def takes_steps(self) -> bool:
-        """True if the end of every step is reported."""
-        return self.t_eval is None and self.every_step
+    def last(self) -> float:
+        """The last time so far."""
+        return float(self.parts[-1][0][-1]) if self.parts else -np.inf
 
-    @property
-    def t(self) -> Array:
-        """The times so far."""
-        return np.array([instant.t for instant in self.instants])
+    def arrays(self) -> tuple[Array, Array, Array | None]:
+        """Times (T,), states (T, size) and, where they are given, accelerations (T, n)."""
+        if not self.parts:
+            return np.zeros(0), np.zeros((0, self.size)), None
+        t, x, qdd = zip(*self.parts, strict=True)
+        return np.concatenate(t), np.concatenate(x), None if qdd[0] is None else np.concatenate(qdd)
 
-    def begin(self, t: float, x: Array, loop: Any) -> None:
+    def begin(self, t: float, x: Array, system: Any) -> None:
         """A segment begins."""
         if self.t_eval is None:
-            self._add(t, x, loop)
+            self.add(np.array([t]), x[None], system)
 
-    def take(self, steps: Sequence[Step], end: float, x: Array, loop: Any) -> None:
-        """Steps were taken, the last as far as `end`, where the state is x."""
+    def take(self, steps: Steps, count: int, end: float, x: Array, system: Any) -> None:
+        """So many steps were taken, the last as far as `end`, where the state is x."""
         if self.t_eval is None:
-            if self.every_step:
-                for step in steps[:-1]:
-                    self._add(step.end, step.x, loop)
-                self._add(end, x, loop)
-            return
+            before = slice(1, count)
+            return self.add(np.append(steps.T[before], end), np.concatenate([steps.X[before], x[None]]), system)
         first, self.asked = self.asked, int(np.searchsorted(self.t_eval, end * (1 - SAME), side="left"))
         times = self.t_eval[first : self.asked]
         if len(times):
-            for t, state in zip(times.tolist(), states_at(times, steps), strict=True):
-                self._add(t, state, loop)
+            spans = [Span(0.0, t, steps, k) for k, t in enumerate(steps.T[1 : count + 1].tolist())]
+            self.add(times, states_at(times, spans), system)
+        return None
 
-    def finish(self, t: float, x: Array, loop: Any, *, stopped: bool) -> None:
+    def finish(self, t: float, x: Array, system: Any, *, stopped: bool) -> None:
         """The run ends: the last instant, if it is asked for or a stop."""
-        if self.t_eval is None:
-            self._add(t, x, loop)
-            return
-        for time in self.t_eval[self.asked :]:
-            if time <= t * (1 + SAME):
-                self._add(float(time), x, loop)
-        if stopped and not (self.instants and self.instants[-1].t >= t):
-            self._add(t, x, loop)
+        times = np.array([t]) if self.t_eval is None else self.t_eval[self.asked :]
+        if self.t_eval is not None:
+            times = times[times <= t * (1 + SAME)]
+        if len(times):
+            self.add(times, np.repeat(x[None], len(times), axis=0), system)
+        if stopped and not self.last >= t:
+            self.add(np.array([t]), x[None], system)
 
     def cut(self, end: float) -> None:
         """Forget what follows."""
-        self.instants = [instant for instant in self.instants if instant.t <= end]
+        t, x, qdd = self.arrays()
+        here = t <= end
+        self.parts = [(t[here], x[here], None if qdd is None else qdd[here])] if here.any() else []
 
-    def _add(self, t: float, x: Array, loop: Any) -> None:
-        instants, system, held = self.instants, loop.system, loop.plant.held
-        if instants and instants[-1].t >= t:
-            instants.pop()
-        z = None if loop.hold is None else loop.hold.state
-        work = 0.0 if held is None else loop.work(x)
-        instants.append(Instant(t, system.reported(x), held, work, z, system.accelerations_at(t, x)))
+    def add(self, t: Array, x: Array, system: Any) -> None:
+        """Instants that follow those before, of which the last gives way if it is not earlier."""
+        while self.parts and self.last >= t[0]:
+            before, states, qdd = self.parts.pop()
+            if len(before) > 1:
+                self.parts.append((before[:-1], states[:-1], None if qdd is None else qdd[:-1]))
+        if system.at_rest is not None:
+            x = x.copy()
+            x[:, system.at_rest] = 0.0
+        self.parts.append((t, x, system.accelerations_at(t, x)))

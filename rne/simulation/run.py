@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 from .events import Stop
+from .ledger import Ledger
 from .plant import Plant
+from .record import SAME
+from .sampled import Samples
 from .trajectory import Trajectory
 
 ROUNDING = 1e-9  # of the largest value of a joint: what differs by less has not jumped
@@ -43,68 +47,92 @@ class Run(NamedTuple):
 
     t: Array
     x: Array
-    status: int
-    ending: str
-    u: Array | None  # torques that were held, where they were
     qdd: Array | None  # accelerations, where they do not follow from time, state and torques
-    controller_state: Array | None  # states of a sampled controller
-    energies: Mapping[str, Array]  # of the ledger, (T,) each
-    failure: Failure | None
-    method: str
+    samples: Samples | None = None  # of a sampled controller
+    status: int = 0
+    ending: str = ""
+    ledger: Ledger | None = None
+    failure: Failure | None = None
+    method: str = ""
     ends: Run | None = None  # the same just before the ends of segments, where something may jump
 
+    def held(self, same: float = SAME) -> Array | None:
+        """The torques that are held, (T, n), where they are; after a sample those that begin there, up to rounding."""
+        return None if self.samples is None else self.samples.u[self.samples.held(self.t, same)]
 
-def build_trajectory(plant: Plant, task: Task, run: Run, reason: str) -> tuple[Trajectory, Failure | None]:
-    """The motion with its torques and energies, up to the first instant that is not finite."""
-    rhs = plant.rhs
+
+def build_trajectory(
+    plant: Plant, task: Task, run: Run, reason: str, **known: Any
+) -> tuple[Trajectory, Failure | None]:
+    """The motion; its torques and energies up to the first instant that is not finite.
+
+    Where no law must be called, they are computed when they are asked for.
+    """
+    rhs, T = plant.rhs, len(run.t)
+    later = partial(_derived, plant, task, run)
+    failure, derived = run.failure, None
+    if failure is not None or plant.law is not None:
+        derived = later(may_fail=True)
+        found = derived.pop("failure")
+        T, failure = len(derived["tau"]), failure or found
     n = rhs.robot.n
-    tau, qdd, failure = _torques_and_accelerations(plant, run._replace(t=_just_after(run.t, task.breaks)))
-    failure = run.failure or failure
+    z = run.x[:T, 2 * n : 2 * n + rhs.controller_states]
+    if run.samples is not None:
+        z = run.samples.z[run.samples.held(run.t[:T], SAME)]
+    known |= {
+        "t": run.t[:T],
+        "q": run.x[:T, :n],
+        "qd": run.x[:T, n : 2 * n],
+        "evaluations": plant.evaluations,
+        "method": run.method,
+        "status": -1 if failure else run.status,
+        "message": failure.cause if failure else f"{reason}; {run.ending}",
+        "controller_state": z,
+        "model": rhs.robot.model,
+        "at_steps": task.t_eval is None,
+    }
+    return (Trajectory.later(known, later) if derived is None else Trajectory(**known, **derived)), failure
+
+
+def _derived(plant: Plant, task: Task, run: Run, *, may_fail: bool = False) -> dict[str, Any]:
+    """Torques, accelerations and energies of a motion, and its jumps; the failure where there may be one."""
+    robot, n = plant.robot, plant.robot.n
+    now = run._replace(t=_just_after(run.t, task.breaks))
+    tau, qdd, failure = _torques_and_accelerations(plant, now, run.held())
+    if failure is not None and not may_fail:
+        raise NotFiniteError(failure.cause, failure.time)
     T = len(tau)
-    if run.qdd is not None:
-        qdd = run.qdd[:T]
-    t, x = run.t[:T], run.x[:T]
-    q, qd, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + rhs.controller_states]
-    entries = {name: energy[:T] for name, energy in run.energies.items()}
-    work = entries.pop("drives", np.zeros(T))
-    kinetic, potential = rhs.robot.kinetic_energy(q, qd), rhs.robot.potential_energy(q)
-    energy = kinetic + potential
-    taken = sum(entries.values(), np.zeros(T))
-    start = float(rhs.robot.kinetic_energy(*np.split(task.x0[: 2 * n], 2)) + rhs.robot.potential_energy(task.x0[:n]))
-    drift = float(np.abs(energy - start - work + taken).max()) if T else 0.0
+    qdd = qdd if run.qdd is None else run.qdd[:T]
+    t, q, qd = run.t[:T], run.x[:T, :n], run.x[:T, n : 2 * n]
+    entries, work = {}, np.zeros(T)
+    if run.ledger is not None:
+        entries = dict(zip(run.ledger.names, run.ledger.at(t).T, strict=True))
+        work = entries.pop("drives", work)
+    if run.samples is not None:
+        work = run.samples.work(q, run.samples.held(t, SAME))
+    kinetic, potential = robot.kinetic_energy(q, qd), robot.potential_energy(q)
+    q0, qd0 = task.x0[:n], task.x0[n : 2 * n]
+    start = float(robot.kinetic_energy(q0, qd0) + robot.potential_energy(q0))
+    balance = kinetic + potential - start - work + sum(entries.values(), np.zeros(T))
     jumps, qdd_before, tau_before = _jumps(plant, run.ends, t, qdd, tau)
-    motion = Trajectory(
-        t,
-        q,
-        qd,
-        qdd,
-        tau,
-        kinetic,
-        potential,
-        energy,
-        work,
-        drift,
-        plant.evaluations,
-        run.method,
-        -1 if failure else run.status,
-        failure.cause if failure else f"{reason}; {run.ending}",
-        entries,
-        z if run.controller_state is None else run.controller_state[:T],
-        start,
-        model=rhs.robot.model,
-        jumps=jumps,
-        qdd_before=qdd_before,
-        tau_before=tau_before,
-        at_steps=task.t_eval is None,
-    )
-    return motion, failure
+    found: dict[str, Any] = {
+        "qdd": qdd,
+        "tau": tau,
+        "kinetic": kinetic,
+        "potential": potential,
+        "energy": kinetic + potential,
+    }
+    found |= {"work": work, "dissipated": entries, "energy_start": start}
+    found |= {"energy_drift": float(np.abs(balance).max()) if T else 0.0}
+    found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
+    return found | {"failure": failure} if may_fail else found
 
 
 def _jumps(plant: Plant, ends: Run | None, t: Array, qdd: Array, tau: Array) -> tuple[Array, Array, Array]:
     """Times at which accelerations or torques jump, and both just before."""
     if ends is None or not len(ends.t) or not len(t):
         return np.zeros(0), np.zeros((0, plant.robot.n)), np.zeros((0, plant.robot.n))
-    tau_before, qdd_before, _ = _torques_and_accelerations(plant, ends)
+    tau_before, qdd_before, _ = _torques_and_accelerations(plant, ends, ends.held(0.0))
     if ends.qdd is not None:
         qdd_before = ends.qdd[: len(tau_before)]
     place = np.searchsorted(t, ends.t[: len(tau_before)], side="right")
@@ -126,27 +154,25 @@ def _just_after(t: Array, breaks: Sequence[float]) -> Array:
     return np.where(np.isin(t, breaks), np.nextafter(t, np.inf), t)
 
 
-def _torques_and_accelerations(plant: Plant, run: Run) -> tuple[Array, Array, Failure | None]:
+def _torques_and_accelerations(plant: Plant, run: Run, u: Array | None) -> tuple[Array, Array, Failure | None]:
     """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
     n = plant.robot.n
     try:
-        u = run.u
-        if u is None and plant.law is not None:
-            u = plant.torques_at(run.t, run.x)
-        rates = plant.all_rates(run.t, run.x, u)
-        drives = plant.drives_under(run.t, run.x, u)
+        given = plant.torques_at(run.t, run.x) if u is None and plant.law is not None else u
+        rates = plant.all_rates(run.t, run.x, given)
+        drives = plant.drives_under(run.t, run.x, given)
         tau = np.zeros((len(run.t), n)) if drives is None else drives
         return tau, rates[:, n : 2 * n], None
     except (NotFiniteError, SingularMassMatrixError, ValueError):  # found by looking at each
-        return _one_by_one(plant, run)
+        return _one_by_one(plant, run, u)
 
 
-def _one_by_one(plant: Plant, run: Run) -> tuple[Array, Array, Failure | None]:
+def _one_by_one(plant: Plant, run: Run, held: Array | None) -> tuple[Array, Array, Failure | None]:
     n = plant.robot.n
     tau, qdd = np.zeros((len(run.t), n)), np.zeros((len(run.t), n))
     for k, (time, x) in enumerate(zip(run.t.tolist(), run.x, strict=True)):
         try:
-            u = plant.torque(time, x) if run.u is None else run.u[k]
+            u = plant.torque(time, x) if held is None else held[k]
             drives, _ = plant.rhs.drives(np.array([time]), x, u)
             tau[k] = 0.0 if drives is None else drives
             qdd[k] = plant.rates(time, x, u)[n : 2 * n]

@@ -8,7 +8,6 @@ step that becomes too small, is left to SciPy's solver, which names it.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from scipy.integrate import DOP853, RK45
 
 from ..basics.spatial import Array
 from ..kernels.kernel import Kernel
-from .solver import AdaptiveSolver
+from .solver import AdaptiveSolver, Steps
 
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
 SOLVERS: dict[str, Any] = {"RK45": RK45, "DOP853": DOP853}
@@ -150,12 +149,12 @@ def tableau(method: str) -> Method:
     )
 
 
-class Block:
-    """Steps that follow one another, and the motion in them."""
+class Block(Steps):
+    """Steps of the compiled loop."""
 
     def __init__(self, solver: CompiledSolver, u: Array, T: Array, X: Array, K: Array) -> None:
-        self.solver, self.u, self.span = solver, u, solver.plant.span
-        self.T, self.X, self.K = T, X, K
+        super().__init__(T, X)
+        self.solver, self.u, self.span, self.K = solver, u, solver.plant.span, K
 
     @cached_property
     def polynomials(self) -> Array:
@@ -182,27 +181,6 @@ class Block:
         return states
 
 
-class BlockInterpolant:
-    """The states inside one of a block's steps."""
-
-    def __init__(self, block: Block, k: int) -> None:
-        self.block, self.k = block, k
-
-    def __call__(self, t: Array | float) -> Array:
-        times = np.asarray(t, dtype=np.float64)
-        states = self.block.states(times.reshape(-1), np.full(times.size, self.k)).T
-        return states if times.ndim else states[:, 0]
-
-
-class BlockStep(NamedTuple):
-    """A step of a block, as `solver.Step`."""
-
-    begin: float
-    end: float
-    x: Array
-    interpolant: BlockInterpolant
-
-
 class CompiledSolver(AdaptiveSolver):
     """An explicit method of SciPy's whose steps are taken in machine code, many per call.
 
@@ -221,7 +199,7 @@ class CompiledSolver(AdaptiveSolver):
         super().start(system, t, x, end, longest, first)
         self.plant = system
 
-    def steps(self, most: int) -> Sequence[Any]:
+    def steps(self, most: int) -> Steps:
         """The next steps, at most so many."""
         solver = self._solver
         n, rows = len(solver.y), solver.n_stages + 1 + len(getattr(solver, "C_EXTRA", ()))
@@ -234,12 +212,10 @@ class CompiledSolver(AdaptiveSolver):
         self.plant.evaluations += int(count.sum())
         solver.h_abs = H[taken]
         if not taken:
-            return [self.step()]
+            return super().steps(1)
         solver.t, solver.y, solver.f = float(T[taken]), X[taken], K[taken - 1, solver.n_stages].copy()
         solver.status = "finished" if solver.t >= solver.t_bound else "running"
-        block = Block(self, u, T[: taken + 1], X[: taken + 1], K[:taken])
-        ends = T[: taken + 1].tolist()
-        return [BlockStep(ends[k], ends[k + 1], X[k + 1], BlockInterpolant(block, k)) for k in range(taken)]
+        return Block(self, u, T[: taken + 1], X[: taken + 1], K[:taken])
 
     def extend(self, block: Block) -> None:
         """Add the stages that only interpolants need, by the recursion where a state must be examined."""

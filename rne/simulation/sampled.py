@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from ..basics.spatial import Array
@@ -9,6 +11,26 @@ from ..control.gains import check_gains
 from .law import torques_and_rates
 from .plant import Plant
 from .scene import Scene
+
+
+class Samples(NamedTuple):
+    """Samples of a controller: times (k,), positions and torques (k, n), and the controller's states (k, m)."""
+
+    t: Array
+    q: Array
+    u: Array
+    z: Array
+
+    def held(self, t: Array, same: float = 0.0) -> Array:
+        """Numbers of the samples whose torques are held at times, or a relative rounding of them later."""
+        return np.searchsorted(self.t, t * (1 + same), side="right") - 1
+
+    def work(self, q: Array, k: Array) -> Array:
+        """Work of the drives since the start up to positions reached under the torques of samples k [J]."""
+        done = np.append(0.0, np.cumsum((self.u[:-1] * np.diff(self.q, axis=0)).sum(axis=1)))
+        work: Array = done[k] + ((q - self.q[k]) * self.u[k]).sum(axis=1)
+        return work
+
 
 MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
 
@@ -29,6 +51,8 @@ class ZeroOrderHold:
         self.period = float(scene.sample_time or 0.0)
         self.state = self.next_state = np.zeros(int(getattr(scene.controller, "states", 0)))
         self.is_first = True
+        self.table: list[tuple[Any, ...]] = []  # of samples: time, positions, torques, states
+        self.count, self.evaluations_before = 0, 0  # samples, and evaluations before the last one
         self._caller = Plant(plant.rhs, self._law, plant.law_name)
         plant.law, plant.held = None, np.zeros(scene.n)  # the solver sees torques that are held
 
@@ -43,6 +67,25 @@ class ZeroOrderHold:
             step = parts.torque_rate * self.period
             u = np.clip(u, held - step, held + step)
         self.plant.held, self.is_first = u, False
+        self.table.append((t, x[: len(u)], u, self.state))
+        self.count += 1
+        self.evaluations_before = self.plant.evaluations
+
+    @property
+    def next(self) -> float:
+        """Time of the next sample."""
+        return self.count * self.period
+
+    def finish(self, t: float, x: Array) -> None:
+        """The run ends: the controller's states are those of a sample that would follow at its end."""
+        if t >= self.next:
+            self.table.append((t, x[: self.scene.n], self.plant.held, self.next_state))
+
+    def samples(self) -> Samples:
+        """All samples so far."""
+        n, m, rows = self.scene.n, len(self.state), list(zip(*self.table, strict=True)) or [()] * 4
+        shapes = (-1,), (-1, n), (-1, n), (len(self.table), m)
+        return Samples(*(np.array(row, np.float64).reshape(shape) for row, shape in zip(rows, shapes, strict=True)))
 
     def _law(self, t: float, q: Array, qd: Array) -> Array:
         if not self.state.size:

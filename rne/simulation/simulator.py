@@ -130,8 +130,7 @@ def simulate(
     task = Task(
         x0, end, chosen, relative, absolute, times, longest_step, _breaks(scene, breaks), ends, method == "auto"
     )
-    motion = _run(plant, task, hold, reason, lambda other: _repeat(scene, rhs, name, other))
-    motion = replace(motion, scene=repr(scene))
+    motion = _run(plant, task, hold, reason, scene, lambda other: _repeat(scene, rhs, name, other))
     plant.verdict.raise_or_warn(stacklevel=2)
     return motion
 
@@ -173,16 +172,15 @@ def _repeat(scene: Scene, rhs: RightHandSide, name: str, task: Task) -> Run:
 
 
 def _run(
-    plant: Plant, task: Task, hold: ZeroOrderHold | None, reason: str, repeat: Callable[[Task], Run]
+    plant: Plant, task: Task, hold: ZeroOrderHold | None, reason: str, scene: Scene, repeat: Callable[[Task], Run]
 ) -> Trajectory:
     run = Loop(plant, task, hold).run()
-    motion, failure = build_trajectory(plant, task, run, reason)
     estimates: list[ErrorEstimate] = []
     if hold is None and run.qdd is None:
         estimates.append(lambda bound: error_growth(repeat, plant, task, run, bound))
     if not _is_smooth(plant, hold, run):
         estimates.append(lambda bound: repeated_error(repeat, plant.robot.n, task, run))
-    motion = replace(motion, error_estimates=tuple(estimates))
+    motion, failure = build_trajectory(plant, task, run, reason, scene=repr(scene), error_estimates=tuple(estimates))
     if failure is None:
         return motion
     raise SimulationError(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
+from itertools import pairwise
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,21 +19,66 @@ IMPLICIT = ("Radau", "BDF", "LSODA")
 EXPLICIT = ("RK45", "RK23", "DOP853")
 
 
-class Step:
-    """The last step of a solver: its ends, and the state at the end."""
+class Steps:
+    """Steps of a solver that follow one another, and the motion inside them.
 
-    __slots__ = ("_interpolant", "_solver", "begin", "end", "x")
+    Parameters
+    ----------
+    T : ndarray, shape (k + 1,)
+        The ends of the steps [s].
+    X : ndarray, shape (k + 1, size)
+        The states there.
+    """
 
-    def __init__(self, solver: Any, begin: float) -> None:
-        self._solver, self._interpolant = solver, None
-        self.begin, self.end, self.x = begin, float(solver.t), solver.y.copy()
+    def __init__(self, T: Array, X: Array) -> None:
+        self.T, self.X = T, X
 
-    @property
-    def interpolant(self) -> Interpolant:
-        """The states inside the step; to be asked for before the next step."""
-        if self._interpolant is None:
-            self._interpolant = self._solver.dense_output()
-        return self._interpolant  # type: ignore[return-value]
+    def states(self, times: Array, k: Array) -> Array:
+        """States at times within the steps numbered k, shape (m, size)."""
+        raise NotImplementedError
+
+    def keep(self) -> None:
+        """Make what the interpolants need, while the solver still has it."""
+
+    def torques(self, k: Array) -> Array | None:
+        """Torques held in the steps k, shape (m, n), where samples were taken between them."""
+        return None
+
+    def inside(self, k: int) -> Interpolant:
+        """The states inside one step: (size,) at a time, (size, m) at times of shape (m,)."""
+
+        def interpolant(t: Array | float) -> Array:
+            times = np.asarray(t, dtype=np.float64)
+            states = self.states(times.reshape(-1), np.full(times.size, k)).T
+            return states if times.ndim else states[:, 0]
+
+        return interpolant
+
+
+class SolverStep(Steps):
+    """The last step of one of SciPy's solvers; its interpolant is to be asked for before the next step."""
+
+    def __init__(self, solver: Any, begin: float, x: Array) -> None:
+        super().__init__(np.array([begin, solver.t]), np.stack([x, solver.y]))
+        self._solver = solver
+
+    @cached_property
+    def interpolant(self) -> Any:
+        """SciPy's."""
+        return self._solver.dense_output()
+
+    def keep(self) -> None:
+        """Ask for the interpolant."""
+        _ = self.interpolant
+
+    def states(self, times: Array, k: Array) -> Array:
+        """States at times within the step."""
+        found: Array = self.interpolant(times).T
+        return found
+
+    def inside(self, k: int) -> Interpolant:
+        """SciPy's interpolant itself."""
+        return self.interpolant  # type: ignore[no-any-return]
 
 
 class AdaptiveSolver:
@@ -73,34 +120,36 @@ class AdaptiveSolver:
         """False when the end was reached."""
         return bool(self._solver.status == "running")
 
-    def steps(self, most: int) -> Sequence[Step]:
-        """The next steps, at most so many: one."""
-        return [self.step()]
-
-    def step(self) -> Step:
-        """The next step; NotFiniteError if there is none or its end is not finite."""
+    def steps(self, most: int) -> Steps:
+        """The next steps, at most so many: one. NotFiniteError if there is none or its end is not finite."""
         solver = self._solver
-        begin = float(solver.t)
+        begin, x = float(solver.t), np.array(solver.y)
         message = solver.step()
         if solver.status == "failed":
             raise NotFiniteError(f"{self.method} gave up: {message}", begin)
         if not isfinite(sum(solver.y.tolist())) and not np.isfinite(solver.y).all():
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
-        return Step(solver, begin)
+        return SolverStep(solver, begin, x)
 
 
-def states_at(times: Array, spans: Sequence[Any]) -> Array:
-    """States at ascending times within steps, or parts of steps, on their interpolants, shape (T, size)."""
+class Span(NamedTuple):
+    """One of a solver's steps, or its part before an event."""
+
+    begin: float
+    end: float
+    steps: Steps
+    k: int
+
+
+def states_at(times: Array, spans: Sequence[Span]) -> Array:
+    """States at ascending times within spans, on their steps' interpolants, shape (T, size)."""
     which = np.searchsorted([span.end for span in spans[:-1]], times)
-    polynomials = [span.interpolant for span in spans]
-    if all(hasattr(p, "yh") for p in polynomials):
-        return _of_powers(times, which, polynomials)
-    if all(hasattr(p, "block") for p in polynomials):
-        return _of_blocks(times, which, polynomials)
-    used, firsts = np.unique(which, return_index=True)
-    cuts = [*firsts.tolist(), len(times)]
-    parts = [polynomials[k](times[a:b]) for k, a, b in zip(used.tolist(), cuts, cuts[1:], strict=False)]
-    return np.array(np.concatenate(parts, axis=1).T)
+    if all(hasattr(getattr(span.steps, "interpolant", None), "yh") for span in spans):
+        return _of_powers(times, which, [span.steps.interpolant for span in spans])  # type: ignore[attr-defined]
+    numbers = np.array([span.k for span in spans])[which]
+    block = np.array([id(span.steps) for span in spans])[which]
+    cuts = [0, *(1 + np.flatnonzero(block[1:] != block[:-1])).tolist(), len(times)]
+    return np.concatenate([spans[which[a]].steps.states(times[a:b], numbers[a:b]) for a, b in pairwise(cuts)])
 
 
 def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
@@ -113,14 +162,4 @@ def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
     t, h = (np.array([getattr(p, name) for p in polynomials])[which] for name in ("t", "h"))
     powers = ((times - t) / h)[:, None] ** np.arange(most)
     states: Array = np.einsum("tnj,tj->tn", coefficients[which], powers)
-    return states
-
-
-def _of_blocks(times: Array, which: Array, polynomials: list[Any]) -> Array:
-    """States within steps that a compiled loop took, those of each block at once."""
-    blocks = {id(p.block): p.block for p in polynomials}
-    number = np.array([id(p.block) for p in polynomials])[which]
-    steps = np.array([p.k for p in polynomials])[which]
-    asked = [(block, number == k) for k, block in blocks.items() if (number == k).any()]
-    states: Array = np.concatenate([block.states(times[here], steps[here]) for block, here in asked])
     return states

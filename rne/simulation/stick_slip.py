@@ -117,9 +117,9 @@ class DryPlant(SmoothSystem):
         x[self.n : 2 * self.n] *= self.mode != 0
         return x
 
-    def accelerations_at(self, t: float, x: Array) -> Array:
+    def accelerations_at(self, t: Array, X: Array) -> Array:
         """Accelerations under the present modes."""
-        return self.accelerations(t, x)[0]
+        return np.array([self.accelerations(time, x)[0] for time, x in zip(t.tolist(), X, strict=True)])
 
     def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
         """M, the net torque without dry friction, and the rates of the controller's states, inside the segment."""

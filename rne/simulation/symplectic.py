@@ -7,7 +7,6 @@ Hamilton's equations. Hairer, Lubich, Wanner 2006, Geometric Numerical Integrati
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from ..errors import NotFiniteError
 from ..kernels.program import NeedsRecursion
 from ..model.model import Model
 from .plant import Plant
+from .solver import Steps
 from .system import SmoothSystem
 
 METHOD = "gauss-4"
@@ -106,7 +106,7 @@ class GaussSolver:
         """False when the end was reached."""
         return self.k < self.count
 
-    def steps(self, most: int) -> list[GaussStep]:
+    def steps(self, most: int) -> GaussStep:
         """The next steps, at most so many: one."""
         k, h, x = self.k, self.h, self.x
         guess = self.weights[len(self.history) - 1] @ np.concatenate(self.history) if k else self.history[0]
@@ -116,23 +116,20 @@ class GaussSolver:
         self.lost = move - ((x + move) - x)
         self.x, self.k = x + move, k + 1
         end = self.duration if self.k == self.count else self.k * h
-        return [GaussStep(k * h, end, self.x, h, x, stages)]
+        return GaussStep(np.array([k * h, end]), np.stack([x, self.x]), h, stages)
 
 
-class GaussStep(NamedTuple):
-    """One step: its ends, the state at the end, and what its interpolant needs."""
+class GaussStep(Steps):
+    """One step, with what its interpolant needs."""
 
-    begin: float
-    end: float
-    x: Array
-    h: float
-    start: Array
-    stages: Array
+    def __init__(self, T: Array, X: Array, h: float, stages: Array) -> None:
+        super().__init__(T, X)
+        self.h, self.stages = h, stages
 
-    def interpolant(self, t: Any) -> Array:
-        """The states (2 n, m) at times (m,) inside the step."""
-        s = (np.asarray(t) - self.begin) / self.h
-        return self.start[:, None] + self.h * self.stages.T @ _weights(NODES, s)
+    def states(self, times: Array, k: Array) -> Array:
+        """States at times within the step."""
+        found: Array = self.X[0] + self.h * (_weights(NODES, (times - self.T[0]) / self.h).T @ self.stages)
+        return found
 
 
 def solve_stages(system: Hamilton, x: Array, h: float, a: Array, guess: Array) -> Array:

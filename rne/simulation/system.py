@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from ..basics.spatial import Array
 from .events import Event
+from .solver import Steps
 
 
 class System(Protocol):
@@ -47,8 +48,8 @@ class System(Protocol):
     def reported(self, x: Array) -> Array:
         """The state to report of a solver's state."""
 
-    def accelerations_at(self, t: float, x: Array) -> Array | None:
-        """Accelerations to report, where they do not follow from time, state and torques."""
+    def accelerations_at(self, t: Array, X: Array) -> Array | None:
+        """Accelerations to report, (T, n), at times (T,), where they do not follow from time, state and torques."""
 
     def states(self, X: Array) -> Array:
         """All reported states, shape (T, size), as (q, qd, z)."""
@@ -81,7 +82,7 @@ class SmoothSystem:
         """The state itself."""
         return x
 
-    def accelerations_at(self, t: float, x: Array) -> Array | None:
+    def accelerations_at(self, t: Array, X: Array) -> Array | None:
         """They follow from time, state and torques."""
         return None
 
@@ -102,5 +103,5 @@ class Stepper(Protocol):
     def resume(self, system: Any, t: float, x: Array, end: float) -> None:
         """Go on after a jump of the torques."""
 
-    def steps(self, most: int) -> Sequence[Any]:
+    def steps(self, most: int) -> Steps:
         """The next steps, at most so many and at least one."""

@@ -90,7 +90,7 @@ class Trajectory(MotionFiles, InNotebooks):
     message: str
     dissipated: Mapping[str, Array] = field(default_factory=dict)
     controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    energy_start: float = 0.0
+    energy_start: float = field(default_factory=float)  # no attribute of the class, as it may be computed later
     error_estimates: tuple[ErrorEstimate, ...] = field(default=(), repr=False)
     model: Model | None = field(default=None, repr=False)
     jumps: Array = field(default_factory=lambda: np.zeros(0), repr=False)
@@ -100,6 +100,21 @@ class Trajectory(MotionFiles, InNotebooks):
     at_steps: bool = field(default=True, repr=False)
 
     __repr__ = trajectory_summary
+
+    @classmethod
+    def later(cls, known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
+        """A motion whose other attributes are computed when one of them is asked for."""
+        motion = object.__new__(cls)
+        motion.__dict__.update({"error_estimates": (), "scene": ""} | dict(known), _derive=derive)
+        return motion
+
+    def __getattr__(self, name: str) -> Any:
+        derive = self.__dict__.get("_derive")
+        if derive is None or name.startswith("_") or name not in {f.name for f in fields(self)}:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        self.__dict__.update(derive())
+        self.__dict__.pop("_derive", None)
+        return self.__dict__[name]
 
     def __getstate__(self) -> dict[str, Any]:
         values = {f.name: getattr(self, f.name) for f in fields(self)}

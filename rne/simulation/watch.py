@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
 from .plant import Plant
 from .run import Task
-from .solver import Step
+from .solver import Steps
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
@@ -50,10 +49,10 @@ class Watch:
         """Steps until the next look."""
         return CHECKED - self.count % CHECKED
 
-    def changes_method(self, steps: Sequence[Step]) -> bool:
+    def changes_method(self, steps: Steps) -> bool:
         """Steps were taken, as far as the next look at most: True if the run goes on with another method."""
-        self.recent.extend([(step.end, step.x) for step in steps])
-        self.count += len(steps)
+        self.recent.extend(zip(steps.T[1:].tolist(), steps.X[1:], strict=True))
+        self.count += len(steps.T) - 1
         if self.count % CHECKED or len(self.recent) <= CHECKED:
             return False
         before = self.method
