@@ -43,10 +43,16 @@ class TestAddress:
         s[1][1, -1] = wrong
         assert called(kernel.address(lanes), s, np.empty((2, lanes))) == 0
 
-    def test_an_angle_beyond_the_polynomials_gives_0_in_lanes(self, kernel):
-        s = [a.T.copy() for a in states(2, loops.LANES)]
-        s[0][1, 2] = 1.1e5
-        assert called(kernel.address(loops.LANES), s, np.empty((2, loops.LANES))) == 0
+    @pytest.mark.parametrize("lanes", [1, loops.LANES])
+    def test_an_angle_beyond_the_polynomials_does_not_touch_its_neighbours(self, kernel, lanes):
+        s = [a.T.copy() for a in states(2, lanes)]
+        before, after = np.empty((2, lanes)), np.empty((2, lanes))
+        assert called(kernel.address(lanes), s, before) == 1
+        s[0][1, -1] = 1.1e5
+        assert called(kernel.address(lanes), s, after) == 1
+        assert np.array_equal(after[:, :-1], before[:, :-1])
+        expected = rne.dynamics.forward_dynamics(kernel.model, *(a[:, -1] for a in s))
+        assert relative(after[:, -1:].T, expected[None]) <= 1e-10  # an angle has 1.5e-11 rad of rounding there
 
 
 @loops.inline

@@ -80,7 +80,7 @@ class KernelCache:
                 return by_recursion(function, self.model, arrays, wrt, fixed)[0]
             kernel = self.kernel(function, *wrt, **fixed)
         try:
-            result = kernel.fast_single_state(*arrays)
+            result = kernel.fast_call(*arrays)
         except NeedsRecursion:
             return kernel.by_recursion(*arrays)[0]
         return kernel.evaluate(*arrays)[0] if result is None else result

@@ -27,6 +27,7 @@ from .trace import argument_widths, by_recursion, inputs_as_arrays, named_by_fun
 
 ENGINES = ("numpy", "numba")
 Run = Callable[[Sequence[Array], Array, Recursion], PrecisionStatus]  # (states, results, recursion)
+ALONE = 1  # thread
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
 
 
@@ -42,12 +43,12 @@ def engine_argument(engine: str) -> str:
 def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Callable[[Trace], Any]]:
     """The makers of an engine: of a trace's function of one state, and of its program on batches.
 
-    Numba is imported when its first kernel is compiled.
+    LLVM is imported when its first kernel is compiled.
     """
     if engine == "numba":
-        from . import numba_backend
+        from . import llvm_backend
 
-        return numba_backend.state_function, numba_backend.BatchProgram
+        return llvm_backend.state_function, llvm_backend.BatchProgram
     return state_function, BlockProgram
 
 
@@ -95,7 +96,6 @@ class Kernel(InNotebooks):
         except TooLarge:
             self._trace = None
         self._libraries: dict[int, Any] = {}  # of `address`, by lanes
-        self.fast_single_state = _fast_single_state(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kernel, (self.function, self.model, self.fixed, self.wrt, self.engine)
@@ -129,6 +129,21 @@ class Kernel(InNotebooks):
             raise TypeError(f"{self!r}: too large to be written out")
         return self._trace
 
+    def fast_call(self, *arguments: Any) -> Array | None:
+        """The shortest way to a result; None for arguments that are not plain float64 arrays.
+
+        It raises NeedsRecursion where the recursion must compute the state. The first call replaces it.
+        """
+        call: Callable[..., Array | None] = lambda *_: None  # noqa: E731
+        if self.is_unrolled and self.engine == "numba":
+            from .llvm_backend import fast_call
+
+            call = fast_call(self)
+        elif self.is_unrolled:
+            call = _fast_call(self)
+        vars(self)["fast_call"] = call
+        return call(*arguments)
+
     @cached_property
     def state_function(self) -> Callable[..., Array]:
         """The program on one float64 vector per argument; raises NeedsRecursion where the recursion must compute it."""
@@ -151,12 +166,17 @@ class Kernel(InNotebooks):
         lanes) in C order, out (entries, lanes). The address is valid as long as the kernel lives.
         """
         if lanes not in self._libraries:
-            from .llvm_backend import plain_function
+            from .llvm_backend import lanes_library
 
-            self._libraries[lanes] = plain_function(self.traced, lanes)
+            own = lanes == 1 and self.engine == "numba"
+            self._libraries[lanes] = (
+                self.state_function.library  # type: ignore[attr-defined]
+                if own
+                else lanes_library(self.traced, lanes)
+            )
         return int(self._libraries[lanes].address["function"])
 
-    def __call__(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> Array:
+    def __call__(self, *arguments: Any, out: Array | None = None, workers: int = ALONE) -> Array:
         """Run the kernel.
 
         Parameters
@@ -192,11 +212,13 @@ class Kernel(InNotebooks):
             status.raise_or_warn(stacklevel=2)
         return result
 
-    def evaluate(self, *arguments: Any, out: Array | None = None, workers: int = 1) -> tuple[Array, PrecisionStatus]:
+    def evaluate(
+        self, *arguments: Any, out: Array | None = None, workers: int = ALONE
+    ) -> tuple[Array, PrecisionStatus]:
         """The result and its PrecisionStatus, not yet announced; see `__call__` for the arguments."""
-        if out is None and workers == 1 and len(arguments) == len(self.names):
+        if out is None and workers is ALONE and len(arguments) == len(self.names):
             try:
-                result = self.fast_single_state(*arguments)
+                result = self.fast_call(*arguments)
             except NeedsRecursion:
                 return self.by_recursion(*arguments)
             if result is not None:
@@ -301,26 +323,24 @@ class Kernel(InNotebooks):
         return out, _run_in_threads(self.blocks.run, states, rows, by_function, workers)
 
 
-def _fast_single_state(kernel: Kernel) -> Callable[..., Array | None]:
-    """The shortest way to the result for one state: a function of float64 vectors, which returns None for all else.
+def _fast_call(kernel: Kernel) -> Callable[..., Array | None]:
+    """`Kernel.fast_call` by NumPy's engine, for one state.
 
-    It raises NeedsRecursion where the recursion must compute the state. The checks are written out, because a loop over
-    the arguments would cost as much as the kernel, which is compiled at the first call.
+    The checks are written out, because a loop over the arguments would cost as much as the kernel, which is compiled
+    at the first call.
     """
 
     def first(*arrays: Array) -> Array:
         namespace["state"] = kernel.state_function
         return kernel.state_function(*arrays)
 
-    if not kernel.is_unrolled:
-        return lambda *_: None
     namespace: dict[str, Any] = {f"s{k}": (width,) for k, width in enumerate(kernel.widths)}
     namespace |= {"ndarray": np.ndarray, "float64": FLOAT64, "state": first}
     arguments = ", ".join(f"a{k}" for k in range(len(kernel.widths)))
     check = "type(a{0}) is ndarray and a{0}.dtype is float64 and a{0}.shape == s{0}"
     checks = " and ".join(check.format(k) for k in range(len(kernel.widths)))
     exec(f"def call({arguments}):\n    if {checks}:\n        return state({arguments})\n", namespace)
-    call: Callable[..., Array | None] = namespace["call"]
+    call: Callable[..., Array | None] = namespace.pop("call")
     return call
 
 

@@ -1,39 +1,72 @@
-"""A program compiled by LLVM alone: functions in machine code that take arrays by their addresses."""
+"""A program compiled by LLVM: machine code for one state and for batches, which releases the interpreter's lock.
+
+A batch runs in groups of as many states as a vector register holds. A state that must be examined is left to the
+recursion.
+"""
 
 from __future__ import annotations
 
+import logging
+import threading
+import time
+import weakref
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 
-from .machine_code import LARGEST, NUMBERS, Emitter
-from .object_code import Library, compiled
-from .program import Trace
+from ..basics.spatial import Array
+from ..dynamics.quantity import OK, PrecisionStatus
+from .machine_code import NUMBERS, Emitter
+from .object_code import REGISTER_BITS, Library, compiled
+from .program import NeedsRecursion, Recursion, Trace
+from .python_calls import BYTES, INTEGER, emit_call, python_function
 
-INTEGER = ir.IntType(64)
+LOGGER = logging.getLogger("rne")
+LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once
+SLOW = 1.0  # s of a compilation of which the logger tells afterwards
+FLOAT64 = np.dtype("float64")
+LONG = 5000  # operations of a program whose compilation it announces
+FEW, MANY = 16, 1024  # states that the recursion examines together
 
 
-def emit_section(emitter: Emitter, trace: Trace, dtype: str, inputs: list[Any], store: Any) -> Any:
-    """The program on the states in the lanes; true if the results are sound.
+class Inputs:
+    """A program's inputs, loaded where they are first read."""
+
+    def __init__(self, loads: Sequence[Callable[[], Any]]) -> None:
+        self.loads = loads
+        self.values: dict[int, Any] = {}
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, slice):
+            return [self[k] for k in range(*key.indices(len(self.loads)))]
+        if key not in self.values:
+            self.values[key] = self.loads[key]()
+        return self.values[key]
+
+
+def emit_group(
+    emitter: Emitter, trace: Trace, loads: Sequence[Callable[[], Any]], store: Callable[[list[Any]], None]
+) -> Any:
+    """The program on the states in the lanes; a number with one bit for each lane, set where its results are sound.
 
     Results are stored before it is known whether they are sound; those that are not are computed anew.
     """
-    outputs, angles = emitter.outputs(trace.program, inputs)
-    for k, result in enumerate(outputs[: trace.entries]):
-        store(k, result)
-    sound = trace.sound_inputs(inputs, dtype, emitter) + trace.sound_results(outputs, dtype, emitter)
-    moderate = [emitter.at_most(emitter.intrinsic("fabs", angle), emitter.constant(LARGEST)) for angle in angles]
-    return emitter.all(sound + moderate)
+    inputs = Inputs(loads)
+    conditions = trace.sound_inputs(inputs, emitter.dtype, emitter)
+    outputs = emitter.outputs(trace.program, inputs)
+    store(outputs[: trace.entries])
+    return emitter.lanes_of(conditions + trace.sound_results(outputs, emitter.dtype, emitter))
 
 
-def plain_function(trace: Trace, lanes: int) -> Library:
-    """`function`, int64 f(const double* a0, ..., double* out): 1 if the results are sound, else 0.
+def emit_plain(module: Any, trace: Trace, lanes: int) -> Any:
+    """int64 f(const double* a0, ..., double* out): 1 if the results are sound, else 0.
 
     Argument k has shape (width, lanes), out (entries, lanes), in C order.
     """
-    module = ir.Module("rne")
-    number = NUMBERS["float64"]
-    pointers = [number.as_pointer()] * (len(trace.widths) + 1)
+    pointers = [NUMBERS["float64"].as_pointer()] * (len(trace.widths) + 1)
     function = ir.Function(module, ir.FunctionType(INTEGER, pointers), "function")
     builder = ir.IRBuilder(function.append_basic_block())
     emitter = Emitter(builder, "float64", lanes)
@@ -41,15 +74,299 @@ def plain_function(trace: Trace, lanes: int) -> Library:
     def place(array: Any, k: int) -> Any:
         return builder.bitcast(builder.gep(array, [ir.Constant(INTEGER, k * lanes)]), emitter.type.as_pointer())
 
+    def load(array: Any, k: int) -> Callable[[], Any]:
+        return lambda: builder.load(place(array, k), align=1)
+
+    def store(values: list[Any]) -> None:
+        for k, value in enumerate(values):
+            builder.store(value, place(out, k), align=1)
+
     *given, out = function.args
-    inputs = [
-        builder.load(place(array, k), align=8)
-        for array, width in zip(given, trace.widths, strict=True)
-        for k in range(width)
-    ]
+    out.add_attribute("noalias")
+    loads = [load(a, k) for a, width in zip(given, trace.widths, strict=True) for k in range(width)]
+    sound = emit_group(emitter, trace, loads, store)
+    builder.ret(builder.zext(builder.icmp_unsigned("==", sound, ir.Constant(sound.type, -1)), INTEGER))
+    return function
 
-    def store(k: int, value: Any) -> None:
-        builder.store(value, place(out, k), align=8)
 
-    builder.ret(builder.zext(emit_section(emitter, trace, "float64", inputs, store), INTEGER))
+class Rows:
+    """Rows of a row-major array, one for each lane, by their addresses."""
+
+    def __init__(self, emitter: Emitter, addresses: Sequence[Any], width: int) -> None:
+        self.emitter, self.addresses, self.width = emitter, addresses, width
+        self.pairs: dict[int, Any] = {}
+
+    def _pointer(self, lane: int, column: int, kind: Any) -> Any:
+        builder = self.emitter.builder
+        offset = ir.Constant(INTEGER, column * np.dtype(self.emitter.dtype).itemsize)
+        return builder.bitcast(builder.gep(self.addresses[lane], [offset]), kind.as_pointer())
+
+    def load(self, column: int) -> Any:
+        """One column."""
+        emitter, builder = self.emitter, self.emitter.builder
+        if self.width == 1:
+            lanes = range(emitter.lanes)
+            return emitter.pack([builder.load(self._pointer(k, 0, emitter.number), align=1) for k in lanes])
+        first = min(column // 2 * 2, self.width - 2)
+        if first not in self.pairs:
+            self.pairs[first] = self._pair(first)
+        return self.pairs[first][column - first]
+
+    def _pair(self, first: int) -> tuple[Any, Any]:
+        """Two neighbouring columns: both numbers of each row at once, the even rows' beside the odd rows'."""
+        emitter, builder = self.emitter, self.emitter.builder
+        two = ir.VectorType(emitter.number, 2)
+        rows = [builder.load(self._pointer(lane, first, two), align=1) for lane in range(emitter.lanes)]
+        even, odd = (joined(builder, rows[k::2]) for k in (0, 1))
+        places = [[k + side for k in range(0, emitter.lanes, 2) for side in (j, emitter.lanes + j)] for j in (0, 1)]
+        return shuffled(builder, even, odd, places[0]), shuffled(builder, even, odd, places[1])
+
+    def store(self, values: list[Any]) -> None:
+        """Set all columns."""
+        emitter, builder = self.emitter, self.emitter.builder
+        two, lanes = ir.VectorType(emitter.number, 2), emitter.lanes
+        for first in range(0, self.width - 1, 2):
+            left, right = values[first : first + 2]
+            for odd in (0, 1):  # rows
+                mixed = shuffled(builder, left, right, [k + side for k in range(odd, lanes, 2) for side in (0, lanes)])
+                for k in range(0, lanes, 2):
+                    row = shuffled(builder, mixed, mixed, [k, k + 1])
+                    builder.store(row, self._pointer(k + odd, first, two), align=1)
+        if self.width % 2:
+            for lane, number in enumerate(emitter.unpack(values[-1])):
+                builder.store(number, self._pointer(lane, self.width - 1, emitter.number), align=1)
+
+
+def shuffled(builder: Any, a: Any, b: Any, places: Sequence[int]) -> Any:
+    """The elements at some places of two vectors, one behind the other."""
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), list(places))
+    return builder.shuffle_vector(a, b, mask)
+
+
+def joined(builder: Any, vectors: Sequence[Any]) -> Any:
+    """Vectors one behind the other; as many as a power of two."""
+    while len(vectors) > 1:
+        size = 2 * vectors[0].type.count
+        vectors = [shuffled(builder, a, b, range(size)) for a, b in zip(vectors[::2], vectors[1::2], strict=True)]
+    return vectors[0]
+
+
+def emit_rows(module: Any, trace: Trace, dtype: str) -> Any:
+    """int64 f(const char* a0, int64 stride0, ..., number* out, int64 begin, int64 end) for rows of arrays.
+
+    The number of the first state to be examined, or `end`. The last group overlaps the one before it, and of fewer
+    states than lanes the last fills the rest, so that bits do not depend on the number of states.
+    """
+    lanes = REGISTER_BITS // 8 // np.dtype(dtype).itemsize
+    kind = ir.FunctionType(INTEGER, [BYTES, INTEGER] * (len(trace.widths) + 1) + [INTEGER, INTEGER])
+    function = ir.Function(module, kind, "rows")
+    *given, begin, end = function.args
+    start, group, after, stop = (function.append_basic_block(name) for name in ("start", "group", "after", "stop"))
+    builder = ir.IRBuilder(start)
+
+    def least(a: Any, b: Any) -> Any:
+        return builder.select(builder.icmp_signed("<", a, b), a, b)
+
+    def number(k: int) -> Any:
+        return ir.Constant(INTEGER, k)
+
+    filled = least(number(lanes), builder.sub(end, begin))
+    last = [least(number(lane), builder.sub(filled, number(1))) for lane in range(lanes)]
+    offsets = [[builder.mul(lane, stride) for lane in last] for stride in given[1::2]]
+    builder.cbranch(builder.icmp_signed("<", begin, end), group, stop)
+
+    builder.position_at_end(group)
+    first = builder.phi(INTEGER)
+    first.add_incoming(begin, start)
+    emitter = Emitter(builder, dtype, lanes)
+    arrays = []
+    for array, stride, offset, width in zip(
+        given[::2], given[1::2], offsets, (*trace.widths, trace.entries), strict=True
+    ):
+        row = builder.gep(array, [builder.mul(first, stride)])
+        arrays.append(Rows(emitter, [builder.gep(row, [k]) for k in offset], width))
+    *read, written = arrays
+    loads = [partial(rows.load, k) for rows in read for k in range(rows.width)]
+    sound = emit_group(emitter, trace, loads, written.store)
+    following = builder.add(first, number(lanes))
+    overlapping = builder.sub(end, filled)
+    first.add_incoming(least(following, overlapping), after)
+    examined = builder.block
+    lane = builder.cttz(builder.not_(builder.zext(sound, INTEGER)), ir.Constant(ir.IntType(1), 1))
+    unsound = builder.add(first, lane)
+    builder.cbranch(builder.icmp_unsigned("==", sound, ir.Constant(sound.type, -1)), after, stop)
+
+    builder.position_at_end(after)
+    builder.cbranch(builder.icmp_signed("<", following, end), group, stop)
+
+    builder.position_at_end(stop)
+    result = builder.phi(INTEGER)
+    result.add_incoming(end, start)
+    result.add_incoming(end, after)
+    result.add_incoming(unsound, examined)
+    builder.ret(result)
+    return function
+
+
+def state_library(trace: Trace) -> Library:
+    """The program on one state: "function" by the interface of loops, "call" from Python."""
+    module = ir.Module("rne")
+    emit_call(module, emit_plain(module, trace, 1), trace.widths, "float64")
+    return Library(compiled(str(module)), ["function", "call"])
+
+
+def lanes_library(trace: Trace, lanes: int) -> Library:
+    """The program on states side by side: "function" by the interface of loops."""
+    module = ir.Module("rne")
+    emit_plain(module, trace, lanes)
     return Library(compiled(str(module)), ["function"])
+
+
+def rows_library(trace: Trace, dtype: str) -> Library:
+    """The program on batches: "rows", and "call" from Python."""
+    module = ir.Module("rne")
+    emit_call(module, emit_rows(module, trace, dtype), trace.widths, dtype, trace.entries)
+    return Library(compiled(str(module)), ["rows", "call"])
+
+
+def state_function(trace: Trace) -> Callable[..., Array]:
+    """A function of one float64 vector per argument, as `python_backend.state_function`."""
+    library, seconds = timed(trace, lambda: state_library(trace))
+    function = from_text(STATE, trace, state=python_function(library, "call", np.ndarray, FLOAT64))
+    function.seconds, function.library = seconds, library
+    return function  # type: ignore[no-any-return]
+
+
+def fast_call(kernel: Any) -> Callable[..., Array | None]:
+    """The shortest way to a result: a function of plain float64 arrays, vectors or rows; None of all else.
+
+    Each form is compiled at its first call.
+    """
+    kept: Any = weakref.ref(kernel)  # a cycle would keep machine code until it is looked for
+
+    def state(*arrays: Any) -> Any:
+        names = kept().fast_call.__globals__
+        names["state"] = kept().state_function.__globals__["state"]
+        return names["state"](*arrays)
+
+    def rows(*arrays: Any) -> Any:
+        names = kept().fast_call.__globals__
+        names["rows"] = kept().blocks.compiled(FLOAT64)
+        return names["rows"](*arrays)
+
+    return from_text(FAST, kernel.traced, state=state, rows=rows)  # type: ignore[no-any-return]
+
+
+def from_text(text: str, trace: Trace, **names: Any) -> Any:
+    """The `function` of a text, whose arguments are those of a trace."""
+    arguments = ", ".join(f"a{k}" for k in range(len(trace.widths)))
+    namespace = {"empty": np.empty, "array": np.array, "ndarray": np.ndarray, "shape": trace.shape, **names}
+    namespace["NeedsRecursion"] = NeedsRecursion
+    exec(text.format(arguments=arguments, result="out" if trace.shape else "out[()]"), namespace)
+    return namespace.pop("function")
+
+
+# An array that Python makes costs less than one that machine code hands over.
+STATE = """def function({arguments}):
+    out = empty(shape)
+    sound = state({arguments}, out)
+    if sound == -1:
+        sound = state(*[array(a, "float64") for a in ({arguments},)], out)
+    if sound == 1:
+        return {result}
+    if sound == 0:
+        raise NeedsRecursion
+    raise TypeError("not one vector per argument")
+"""
+FAST = """def function({arguments}):
+    if type(a0) is not ndarray:
+        return
+    if a0.ndim == 1:
+        out = empty(shape)
+        sound = state({arguments}, out)
+        if sound == 1:
+            return {result}
+        if sound == 0:
+            raise NeedsRecursion
+    elif a0.ndim == 2:
+        out = empty((len(a0), *shape))
+        if rows({arguments}, out, 0) == len(a0):
+            return out
+"""
+
+
+class BatchProgram:
+    """A trace that runs on arrays of states, as `numpy_backend.BlockProgram`."""
+
+    def __init__(self, trace: Trace) -> None:
+        self.trace = trace
+        self.seconds = 0.0  # that compilations took
+        self.libraries: dict[np.dtype[Any], Library] = {}
+        self._functions: dict[np.dtype[Any], Any] = {}
+        self._loops: dict[Any, Any] = {}
+
+    def function(self, dtype: np.dtype[Any]) -> Any:
+        """The same for loops compiled by Numba: f(*arguments, out, begin, end)."""
+        from .numba_bridge import rows_function
+
+        if dtype not in self._loops:
+            self.compiled(dtype)
+            self._loops[dtype] = rows_function(self.libraries[dtype].address["rows"], len(self.trace.widths), dtype)
+        return self._loops[dtype]
+
+    def loop(self, key: Any, make: Callable[[], Any]) -> Any:
+        """A compiled loop that calls `function`, made once for each key."""
+        if key not in self._loops:
+            self._loops[key] = make()
+        return self._loops[key]
+
+    def compiled(self, dtype: np.dtype[Any]) -> Any:
+        """f(*arguments, out, begin) -> number of the first state to be examined, or of states; -1 for other arrays."""
+        if dtype not in self._functions:
+            with LOCK:
+                if dtype not in self._functions:
+                    library, seconds = timed(self.trace, lambda: rows_library(self.trace, dtype.name))
+                    self.seconds += seconds
+                    self.libraries[dtype] = library
+                    self._functions[dtype] = python_function(library, "call", np.ndarray, dtype)
+        return self._functions[dtype]
+
+    def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus:
+        """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
+
+        States that are not known to be sound are left to the recursion: few at first, more where they follow one
+        another. Its first error ends the run.
+        """
+        function, count, status, stretch = self.compiled(results.dtype), len(results), OK, FEW
+        if not count:
+            return OK
+        begin = function(*states, results, 0)
+        if begin < 0:
+            with np.errstate(all="ignore"):
+                states = [np.array(a, results.dtype, order="C") for a in states]
+            begin = function(*states, results, 0)
+            assert begin >= 0
+        while begin < count:
+            end = min(begin + stretch, count)
+            with np.errstate(all="ignore"):
+                block, found = recursion(begin, end)
+            status = status.worse(found)
+            if status.error is not None:
+                break
+            results[begin:end] = block
+            begin = function(*states, results, end)
+            stretch = min(2 * stretch, MANY) if begin == end else FEW
+        return status
+
+
+def timed(trace: Trace, make: Callable[[], Library]) -> tuple[Library, float]:
+    """A library, and the time that it took [s]."""
+    count = len(trace.program.instructions)
+    if count > LONG:
+        LOGGER.info("LLVM compiles a kernel of %d operations, which takes some seconds", count)
+    began = time.perf_counter()
+    library = make()
+    seconds = time.perf_counter() - began
+    if seconds > SLOW:
+        LOGGER.info("LLVM took %.1f s to compile a kernel", seconds)
+    return library, seconds

@@ -19,10 +19,10 @@ INLINED: list[Callable[..., Any]] = []  # texts that other texts call, not yet k
 
 def _lanes() -> int:
     try:
-        from .object_code import host
+        from .object_code import REGISTER_BITS
     except ImportError:
         return 4
-    return 8 if "+avx512f" in host()[1].split(",") else 4
+    return REGISTER_BITS // 64
 
 
 LANES = _lanes()  # float64 in a vector register

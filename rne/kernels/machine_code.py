@@ -1,6 +1,6 @@
 """A program as LLVM instructions, on one number or on a vector of states per operand.
 
-LLVM, through Numba, does the rest: registers, order, machine code. Products and sums may be fused and the sign of zero
+LLVM does the rest: registers, order, machine code. Products and sums may be fused and the sign of zero
 ignored; nothing is reassociated and no operand is assumed to be finite, so that NaN shows where it would in NumPy.
 """
 
@@ -13,13 +13,14 @@ from typing import Any
 
 from llvmlite import ir
 
-from .program import Instruction, Operand, Program
+from .program import Operand, Program
 
 FAST = ("contract", "nsz")
 ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 NUMBERS = {"float64": ir.DoubleType(), "float32": ir.FloatType()}
 SUFFIXES = {"double": "f64", "float": "f32"}
 INDEX = ir.IntType(32)
+SIDE_BY_SIDE = 8  # angles of one state
 LARGEST = 1e5  # rad
 HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)  # 33 + 33 + 53 bits
 SINE = (
@@ -44,12 +45,11 @@ ROUNDER = 1.5 * 2.0**52  # a whole number added to it stands in its last bits
 class Emitter:
     """Appends instructions in float64 or float32 to a function that is being built.
 
-    An operand has one number for each lane. A single lane takes the C library's sine and cosine; several are vectors,
-    with polynomials for angles up to LARGEST.
+    An operand has one number for each lane; of several lanes it is a vector.
     """
 
     def __init__(self, builder: Any, dtype: str, lanes: int) -> None:
-        self.builder, self.lanes = builder, lanes
+        self.builder, self.dtype, self.lanes = builder, dtype, lanes
         self.number = NUMBERS[dtype]
         self.type = self.number if lanes == 1 else ir.VectorType(self.number, lanes)
 
@@ -86,34 +86,56 @@ class Emitter:
         full = f"llvm.{name}.{suffix if self.lanes == 1 else f'v{self.lanes}{suffix}'}"
         return self.builder.call(self._declared(full, self.type, len(args)), args)
 
-    def _by_the_c_library(self, name: str, *args: Any) -> Any:
+    def by_the_c_library(self, name: str, *args: Any) -> Any:
         """A function that LLVM has no instruction for, state by state."""
         full = name if str(self.number) == "double" else f"{name}f"
         function = self._declared(full, self.number, len(args))
         return self.pack([self.builder.call(function, lane) for lane in zip(*map(self.unpack, args), strict=True)])
 
-    def outputs(self, program: Program, inputs: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-        """The program's outputs, and the angles whose sine or cosine it took."""
-        results: list[Any] = []
-        pairs: dict[Operand, tuple[Any, Any]] = {}
+    def outputs(self, program: Program, inputs: Any) -> list[Any]:
+        """The program's outputs. Sines of what no other sine is needed for come first, all at once."""
+        early, needed = early_angles(program)
+        results: list[Any] = [None] * len(program.instructions)
 
         def value(arg: Operand) -> Any:
             if arg.kind == "constant":
                 return self.constant(arg.value)
             return (inputs if arg.kind == "input" else results)[int(arg.value)]
 
-        for instruction in program.instructions:
-            if instruction.kind in ("sin", "cos") and self.lanes > 1:
-                (angle,) = instruction.args
+        def append(k: int) -> None:
+            kind, args = program.instructions[k]
+            if kind in ("sin", "cos"):
+                (angle,) = args
                 if angle not in pairs:
-                    pairs[angle] = sine_and_cosine(self, value(angle))
-                results.append(pairs[angle][instruction.kind == "cos"])
+                    pairs[angle] = self.sines([value(angle)])[0]
+                results[k] = pairs[angle][kind == "cos"]
             else:
-                results.append(self._result(instruction, [value(arg) for arg in instruction.args]))
-        return [value(output) for output in program.outputs], [value(angle) for angle in pairs]
+                results[k] = self._result(kind, [value(arg) for arg in args])
 
-    def _result(self, instruction: Instruction, args: list[Any]) -> Any:
-        kind, builder = instruction.kind, self.builder
+        pairs: dict[Operand, Any] = {}
+        for k in sorted(needed):
+            append(k)
+        pairs.update(zip(early, self.sines([value(angle) for angle in early]), strict=True))
+        for k in range(len(results)):
+            if k not in needed:
+                append(k)
+        return [value(output) for output in program.outputs]
+
+    def sines(self, angles: Sequence[Any]) -> list[tuple[Any, Any]]:
+        """Sine and cosine of each angle; those of one state are computed side by side."""
+        if self.lanes > 1:
+            return sines_and_cosines(self, angles)
+        pairs: list[tuple[Any, Any]] = []
+        while len(pairs) < len(angles):
+            some = angles[len(pairs) : len(pairs) + SIDE_BY_SIDE]
+            lanes = next(lanes for lanes in (2, 4, SIDE_BY_SIDE) if lanes >= len(some))
+            wide = Emitter(self.builder, self.dtype, lanes)
+            ((sine, cosine),) = sines_and_cosines(wide, [wide.pack([*some, *[some[0]] * (lanes - len(some))])])
+            pairs += list(zip(wide.unpack(sine), wide.unpack(cosine), strict=True))[: len(some)]
+        return pairs
+
+    def _result(self, kind: str, args: list[Any]) -> Any:
+        builder = self.builder
         if kind in ARITHMETIC:
             return getattr(builder, ARITHMETIC[kind])(*args, flags=FAST)
         if kind == "negative":
@@ -125,7 +147,7 @@ class Emitter:
         if kind == "sign":
             return self._sign(args[0])
         if kind == "arctan2":
-            return self._by_the_c_library("atan2", *args)
+            return self.by_the_c_library("atan2", *args)
         return self.intrinsic("fabs" if kind == "abs" else kind, *args)
 
     def _sign(self, x: Any) -> Any:
@@ -160,45 +182,77 @@ class Emitter:
         pairs = zip(values, least, strict=True)
         return functools.reduce(self.builder.and_, [self.builder.fcmp_ordered(">", a, b) for a, b in pairs])
 
+    def lanes_of(self, conditions: Sequence[Any]) -> Any:
+        """A number with one bit for each lane, set if all conditions hold there."""
+        return self.builder.bitcast(functools.reduce(self.builder.and_, conditions), ir.IntType(self.lanes))
+
     def all(self, conditions: Sequence[Any]) -> Any:
         """True if all conditions hold in all lanes."""
-        result = functools.reduce(self.builder.and_, conditions)
-        if self.lanes == 1:
-            return result
-        bits = ir.IntType(self.lanes)
-        return self.builder.icmp_unsigned("==", self.builder.bitcast(result, bits), ir.Constant(bits, -1))
+        bits = ir.Constant(ir.IntType(self.lanes), -1)
+        return self.builder.icmp_unsigned("==", self.lanes_of(conditions), bits)
 
 
-class Rows:
-    """A row-major array of states: its address, its strides in bytes, and the row of the first lane.
+def early_angles(program: Program) -> tuple[list[Operand], set[int]]:
+    """The angles that are known before any sine or cosine, and the instructions that give them."""
+    late: set[int] = set()  # instructions that need a sine
+    early: dict[Operand, None] = {}
+    for k, (kind, args) in enumerate(program.instructions):
+        if any(arg.kind == "result" and arg.value in late for arg in args):
+            late.add(k)
+        elif kind in ("sin", "cos"):
+            late.add(k)
+            early[args[0]] = None
+    needed: set[int] = set()
+    open_ones = list(early)
+    while open_ones:
+        arg = open_ones.pop()
+        if arg.kind == "result" and arg.value not in needed:
+            needed.add(int(arg.value))
+            open_ones += program.instructions[int(arg.value)].args
+    return list(early), needed
 
-    The array of one state has one axis; its row is 0.
-    """
 
-    def __init__(self, emitter: Emitter, array: Any, ndim: int, row: Any) -> None:
-        self.emitter, self.row = emitter, row
-        builder = emitter.builder
-        self.address = builder.ptrtoint(array.data, row.type)
-        strides = [builder.extract_value(array.strides, k) for k in range(ndim)]
-        self.row_stride, self.column_stride = strides[0], strides[-1]
+def sines_and_cosines(emitter: Emitter, angles: Sequence[Any]) -> list[tuple[Any, Any]]:
+    """Sine and cosine of vectors of angles, by polynomials; where one exceeds LARGEST, by the C library."""
+    if not angles:
+        return []
+    builder, largest = emitter.builder, emitter.constant(LARGEST)
+    near = [sine_and_cosine(emitter, angle) for angle in angles]
+    moderate = emitter.all([emitter.at_most(emitter.intrinsic("fabs", angle), largest) for angle in angles])
+    begin = builder.block
+    with builder.if_then(builder.not_(moderate), likely=False):
+        far = [builder.call(_far(emitter), [angle, *pair]) for angle, pair in zip(angles, near, strict=True)]
+        far_pairs = [[builder.extract_value(pair, k) for k in range(2)] for pair in far]
+        end = builder.block
+    chosen = []
+    for pair, far_pair in zip(near, far_pairs, strict=True):
+        phis = [builder.phi(emitter.type) for _ in pair]
+        for phi, value, far_value in zip(phis, pair, far_pair, strict=True):
+            phi.add_incoming(value, begin)
+            phi.add_incoming(far_value, end)
+        chosen.append((phis[0], phis[1]))
+    return chosen
 
-    def _pointer(self, lane: int, column: int) -> Any:
-        builder, integer = self.emitter.builder, self.row.type
-        row = builder.add(self.row, ir.Constant(integer, lane))
-        offset = builder.add(
-            builder.mul(row, self.row_stride), builder.mul(ir.Constant(integer, column), self.column_stride)
-        )
-        return builder.inttoptr(builder.add(self.address, offset), self.emitter.number.as_pointer())
 
-    def load(self, column: int) -> Any:
-        """One column of the states in the lanes; of the alignment of the owner's array nothing is known."""
-        emitter = self.emitter
-        return emitter.pack([emitter.builder.load(self._pointer(k, column), align=1) for k in range(emitter.lanes)])
-
-    def store(self, column: int, value: Any) -> None:
-        """Set one column of the states in the lanes."""
-        for lane, number in enumerate(self.emitter.unpack(value)):
-            self.emitter.builder.store(number, self._pointer(lane, column), align=1)
+def _far(emitter: Emitter) -> Any:
+    """A function of angles, their sines and cosines, which replaces those of angles beyond LARGEST."""
+    module, name = emitter.builder.module, f"far_{emitter.dtype}_{emitter.lanes}"
+    if name in module.globals:
+        return module.globals[name]
+    pair = ir.LiteralStructType([emitter.type] * 2)
+    function = ir.Function(module, ir.FunctionType(pair, [emitter.type] * 3), name)
+    function.linkage = "internal"
+    for attribute in ("noinline", "cold"):
+        function.attributes.add(attribute)
+    angle, *near = function.args
+    own = Emitter(ir.IRBuilder(function.append_basic_block()), emitter.dtype, emitter.lanes)
+    moderate = own.at_most(own.intrinsic("fabs", angle), own.constant(LARGEST))
+    result: Any = ir.Constant(pair, ir.Undefined)
+    for k, name in enumerate(("sin", "cos")):
+        value = own.builder.select(moderate, near[k], own.by_the_c_library(name, angle))
+        result = own.builder.insert_value(result, value, k)
+    own.builder.ret(result)
+    return function
 
 
 def sine_and_cosine(emitter: Any, angle: Any) -> tuple[Any, Any]:
@@ -206,7 +260,7 @@ def sine_and_cosine(emitter: Any, angle: Any) -> tuple[Any, Any]:
 
     Reduction by pi/2 as Cody and Waite, in three parts with the rounding of the remainder kept; two polynomials on
     [-pi/4, pi/4] with the coefficients of fdlibm (Sun Microsystems 1993, k_sin.c and k_cos.c), chosen by quadrant.
-    Errors stay below 1 unit in the last place up to LARGEST; larger angles are left to the C library.
+    Errors stay below 1 unit in the last place up to LARGEST; beyond it they mean nothing.
     """
     builder = emitter.builder
     if isinstance(emitter.number, ir.DoubleType):

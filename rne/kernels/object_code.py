@@ -20,6 +20,9 @@ def host() -> tuple[str, str]:
     return binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
 
 
+REGISTER_BITS = 512 if "+avx512f" in host()[1].split(",") else 256
+
+
 @functools.cache
 def _target_machine() -> Any:
     binding.initialize_native_target()
