@@ -58,6 +58,14 @@ def repeats_within(calls: Sequence[Callable[[], Any]], seconds: float, least: in
     return min(max(int(seconds / (time.perf_counter() - start)), least), most)
 
 
+def within(call: Callable[[], Any], seconds: float, most: int = 50) -> int:
+    """How often a call fits into a time, at least once."""
+    call()
+    start = time.perf_counter()
+    call()
+    return min(max(int(seconds / (time.perf_counter() - start)), 1), most)
+
+
 def many(call: Callable[[], Any], times: int) -> Callable[[], None]:
     """The call repeated, for calls too short to time alone."""
 

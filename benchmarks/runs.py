@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 import rne
-from benchmarks.measure import interleaved, ratio
+from benchmarks.measure import interleaved, many, ratio, within
 from benchmarks.peers.pinocchio import Pinocchio
 from rne.simulation.plant import Plant
 from rne.simulation.solver import IMPLICIT
@@ -23,7 +23,7 @@ WAYS = {
     "mujoco": "MuJoCo's own steps",
 }
 Rates = Callable[[float, np.ndarray], np.ndarray]
-Side = tuple[Rates, Rates]  # dx/dt and its exact Jacobian
+Side = tuple[Rates, Rates | None]  # dx/dt and its exact Jacobian, if it is given
 Motion = tuple[np.ndarray, np.ndarray]  # q and qd, shapes (T, n)
 Row = dict[str, Any]
 
@@ -41,7 +41,7 @@ def tolerance(method: str, rtol: float) -> dict[str, Any]:
 def in_solve_ivp(side: Side, x0: np.ndarray, duration: float, options: dict[str, Any], **more: Any) -> Motion:
     """A run of SciPy's own solver."""
     rates, jacobian = side
-    exact = {"jac": jacobian} if options["method"] in IMPLICIT else {}
+    exact = {"jac": jacobian} if jacobian is not None and options["method"] in IMPLICIT else {}
     y = solve_ivp(rates, (0.0, duration), x0, **options, **exact, **more).y.T
     n = len(x0) // 2
     return y[:, :n], y[:, n:]
@@ -100,10 +100,12 @@ def measured(
     repeats: int,
     warm_ups: int = 1,
     pairs: Sequence[tuple[str, str]] = (),
+    turn: float = 0.0,
 ) -> Row:
     """One method at one setting in each of the given ways: median seconds, errors, and times Pinocchio's time.
 
-    For each of the `pairs` of ways also the time of the first over that of the second.
+    For each of the `pairs` of ways also the time of the first over that of the second. Short calls fill their `turn` of
+    so many seconds: alone, they would find the caches as the long ones leave them.
     """
     found: dict[str, Motion] = {}
 
@@ -113,7 +115,11 @@ def measured(
 
         return run
 
-    seconds = interleaved({who: kept(who, call) for who, call in calls.items()}, repeats, warm_ups)
+    kept_calls = {who: kept(who, call) for who, call in calls.items()}
+    counts = {who: within(call, turn) if turn else 1 for who, call in kept_calls.items()}
+    turns = {who: many(call, counts[who]) for who, call in kept_calls.items()}
+    seconds = interleaved(turns, repeats, warm_ups)
+    seconds = {who: [s / counts[who] for s in runs] for who, runs in seconds.items()}
     others = [who for who in calls if who != "pinocchio" and "pinocchio" in calls]
     return {
         "method": method,

@@ -1,7 +1,8 @@
-"""Single motions by both engines beside Pinocchio's functions, each under the same SciPy method.
+"""Single motions by both engines beside Pinocchio: swings, control sampled at 1 kHz, and the thesis's stiff loop.
 
-Of every engine rne.simulate, with all that it reports, and SciPy's solve_ivp on the same compiled right-hand side: what
-the latter saves is what rne.simulate adds around the solver.
+Of every engine `rne.simulate` alone, and with all read that a trajectory offers. Pinocchio's functions are driven by
+SciPy's solvers, in the sampled loop by one step of RK4 per sample. Errors are the largest of the joint positions, at
+the end or at the times of `t_eval`, against runs with tight tolerances.
 """
 
 from __future__ import annotations
@@ -11,114 +12,172 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 import rne
 from benchmarks.cases import load
 from benchmarks.closed_loop import LOOP, their_loop
-from benchmarks.measure import interleaved, ratio
-from benchmarks.runs import Motion, Row, Side, in_solve_ivp, measured, simulated, start, their_side, tolerance
-from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
-from rne.simulation.plant import Plant
+from benchmarks.hard_scenes import KD, KP, TARGET, read
+from benchmarks.runs import Motion, Row, in_solve_ivp, measured, start, their_arm, their_side, tolerance
+from rne.model.abb_irb140 import KD as LOOP_KD
+from rne.model.abb_irb140 import KP as LOOP_KP
 
-METHODS = (("DOP853", 1e-8), ("LSODA", 1e-10))
-STIFF_METHODS = (("LSODA", 1e-6), ("LSODA", 1e-10))
-TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
-STIFF_TIGHT = {"method": "LSODA", "rtol": 1e-12, "atol": 1e-14}
+TOLERANCES = (1e-5, 1e-8, 1e-11)
+STIFF_TOLERANCES = (1e-6, 1e-10)
+TURN = 0.02  # [s] that short calls fill
+SAMPLES = 500  # times of t_eval
+SAMPLE_TIME = 1e-3  # [s]
+ALL = "{}, all read"
+EXACT = "pinocchio, exact Jacobian"
+Engines = tuple[str, ...]
 
 
-def bare_side(scene: rne.Scene) -> Side:
-    """The compiled right-hand side of a scene, and its Jacobian, without anything around them."""
-    rates, now = scene.kernel.state_function_unguarded, np.zeros(1)
+def run(engines: Engines, few: Engines, quick: bool) -> dict[str, Any]:
+    """Every motion; a quick run uses all engines for the UR5's swing alone."""
+    repeats, swing = (1, 0.2) if quick else (15, None)
+    return {
+        "swing of the ur5": swings("ur5", engines, swing or 10.0, repeats, quick),
+        "swing of the irb140": swings("irb140", few, swing or 4.0, repeats, quick),
+        "PD at 1 kHz": sampled(few, 0.01 if quick else 5.0, 1 if quick else 5),
+        "closed loop 6.5-1": stiff_loop(few, 0.02 if quick else 5.0, repeats, quick),
+    }
 
-    def slope(t: float, x: np.ndarray) -> np.ndarray:
-        now[0] = t
-        return rates(now, x)
 
-    return slope, Plant(scene.right_hand_side, None).jacobian
+def swings(name: str, engines: Engines, duration: float, repeats: int, quick: bool) -> dict[str, Any]:
+    """Free swings of one robot by DOP853, at the solver's steps and at times that are asked for."""
+    scenes = {engine: rne.Scene(load(name, engine)) for engine in engines}
+    arm = scenes["numpy"].resolved.robot
+    x0, theirs = start(arm.n), their_side(arm)
+    grid = np.linspace(0.0, duration, SAMPLES)
+    exact = _motion(scenes["numpy"], x0, duration, {"t_eval": grid, **tolerance("DOP853", 1e-13)})[0]
+    runs: list[Row] = []
+    first = {engine: first_run(scene, x0, duration) for engine, scene in scenes.items()}
+    for times in (None, grid):
+        for rtol in TOLERANCES[1:2] if quick else TOLERANCES:
+            o = tolerance("DOP853", rtol) | {"t_eval": times}
+            calls = {"pinocchio": lambda o=o: in_solve_ivp(theirs, x0, duration, o)} | ours(scenes, x0, duration, o)
+            setting = f"{rtol:g}" if times is None else f"{rtol:g}, {SAMPLES} times"
+            runs.append(measured("DOP853", setting, calls, _error(exact, times), repeats, turn=TURN))
+    return {"duration": duration, "first_run_s": first, "runs": runs}
+
+
+def stiff_loop(engines: Engines, duration: float, repeats: int, quick: bool) -> dict[str, Any]:
+    """The IRB 140 in the closed loop 6.5-1; Pinocchio's side computes gravity, PD law and ABA in Python."""
+    scenes = {engine: controlled(load("irb140", engine)) for engine in engines}
+    x0 = np.concatenate([LOOP.start, np.zeros(6)])
+    rates, jacobian = their_loop(scenes["numpy"].resolved.robot)
+    grid = np.linspace(0.0, duration, SAMPLES)
+    exact = _motion(scenes["numpy"], x0, duration, {"t_eval": grid, **tolerance("Radau", 1e-6 if quick else 1e-12)})[0]
+    first = {engine: first_run(scene, x0, duration) for engine, scene in scenes.items()}
+    runs: list[Row] = []
+    for rtol in STIFF_TOLERANCES[:1] if quick else STIFF_TOLERANCES:
+        o = tolerance("LSODA", rtol) | {"t_eval": grid}
+        calls: dict[str, Callable[[], Motion]] = {
+            "pinocchio": lambda o=o: in_solve_ivp((rates, None), x0, duration, o),
+            EXACT: lambda o=o: in_solve_ivp((rates, jacobian), x0, duration, o),
+        }
+        calls |= ours(scenes, x0, duration, o | {"method": "auto"})
+        pairs = [(who, EXACT) for who in calls if "pinocchio" not in who]
+        runs.append(
+            measured("LSODA", f"{rtol:g}, {SAMPLES} times", calls, _error(exact, grid), repeats, pairs=pairs, turn=TURN)
+        )
+    chosen = {engine: rne.simulate(s, x0[:6], x0[6:], duration, t_eval=grid).message for engine, s in scenes.items()}
+    return {"duration": duration, "first_run_s": first, "chosen": chosen, "runs": runs}
+
+
+def sampled(engines: Engines, duration: float, repeats: int) -> dict[str, Any]:
+    """PD with gravity compensation at 1 kHz under viscous friction, from rest at zero."""
+    scenes = {engine: sampled_scene(load("irb140", engine)) for engine in engines}
+    x0, law = np.zeros(12), SampledArm(scenes["numpy"].resolved.robot)
+    exact, _ = law.motion(duration, law.solver_step)
+    first = {engine: first_run(scene, x0, duration) for engine, scene in scenes.items()}
+    runs: list[Row] = []
+    for times in (None, SAMPLE_TIME * np.arange(len(exact))):
+        calls = {"pinocchio": lambda: law.motion(duration, law.rk4_step)}
+        calls |= ours(scenes, x0, duration, {"rtol": 1e-6, "t_eval": times})
+        setting = "1e-06" if times is None else f"1e-06, {len(exact)} times"
+        runs.append(measured("RK4 per sample", setting, calls, _error(exact, times), repeats, turn=TURN))
+    return {"duration": duration, "first_run_s": first, "runs": runs}
 
 
 def controlled(robot: rne.Robot) -> rne.Scene:
     """The thesis's closed loop 6.5-1."""
-    return rne.Scene(robot, controller=rne.control.pd_gravity(robot, KP, KD, LOOP.reference))
+    return rne.Scene(robot, controller=rne.control.pd_gravity(robot, LOOP_KP, LOOP_KD, LOOP.reference))
 
 
-def swings(name: str, engines: tuple[str, ...], duration: float, repeats: int, quick: bool) -> dict[str, Any]:
-    """Free swings of one robot by SciPy's methods."""
-    scenes = {engine: rne.Scene(load(name, engine)) for engine in engines}
-    arm = scenes["numpy"].resolved.robot
-    methods = METHODS[:1] if quick else METHODS
-    return compared(scenes, their_side(arm), start(arm.n), duration, methods, TIGHT, repeats)
+def sampled_scene(robot: rne.Robot) -> rne.Scene:
+    """The loop at 1 kHz."""
+    law = rne.control.pd_gravity(robot, KP, KD, TARGET)
+    return rne.Scene(robot, controller=law, sample_time=SAMPLE_TIME, friction=rne.Friction(viscous=1.0))
 
 
-def stiff_loop(engines: tuple[str, ...], duration: float, repeats: int, quick: bool) -> dict[str, Any]:
-    """The IRB 140 in the closed loop; Pinocchio's side computes gravity, PD law and ABA in Python."""
-    robots = {engine: load("irb140", engine) for engine in engines}
-    scenes = {engine: controlled(robot) for engine, robot in robots.items()}
-    x0 = np.concatenate([LOOP.start, np.zeros(6)])
-    methods = STIFF_METHODS[:1] if quick else STIFF_METHODS
-    return compared(scenes, their_loop(robots["numpy"]), x0, duration, methods, STIFF_TIGHT, repeats)
+class SampledArm:
+    """The sampled loop by Pinocchio."""
+
+    def __init__(self, robot: rne.Robot) -> None:
+        self.model, self.data = their_arm(robot)
+        self.kp, self.kd, self.target = (np.array(x, dtype=float) for x in (KP, KD, TARGET))
+
+    def motion(self, duration: float, step: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Motion:
+        """The motion at the samples."""
+        X = np.zeros((round(duration / SAMPLE_TIME) + 1, 12))
+        for k in range(len(X) - 1):
+            q, qd = X[k, :6], X[k, 6:]
+            gravity = pin.computeGeneralizedGravity(self.model, self.data, q)
+            X[k + 1] = step(X[k], gravity - self.kp * (q - self.target) - self.kd * qd)
+        return X[:, :6], X[:, 6:]
+
+    def rates(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """dx/dt under held torques and friction."""
+        qd = x[6:]
+        return np.concatenate([qd, pin.aba(self.model, self.data, x[:6], qd, u - qd)])
+
+    def rk4_step(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """One step of RK4."""
+        h, f = SAMPLE_TIME, self.rates
+        k1 = f(x, u)
+        k2 = f(x + h / 2 * k1, u)
+        k3 = f(x + h / 2 * k2, u)
+        k4 = f(x + h * k3, u)
+        following: np.ndarray = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+        return following
+
+    def solver_step(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """The same span by DOP853 with tight tolerances, for the reference."""
+        side: Any = (lambda _t, x: self.rates(x, u), None)
+        q, qd = in_solve_ivp(side, x, SAMPLE_TIME, tolerance("DOP853", 1e-12))
+        return np.concatenate([q[-1], qd[-1]])
 
 
-def compared(
-    scenes: Mapping[str, rne.Scene],
-    theirs: Side,
-    x0: np.ndarray,
-    duration: float,
-    methods: tuple[tuple[str, float], ...],
-    tight: dict[str, Any],
-    repeats: int,
-) -> dict[str, Any]:
-    """Every engine in both ways, and Pinocchio; errors are those of the joint positions at the end."""
-    first = {engine: first_run(scene, x0, duration) for engine, scene in scenes.items()}
-    bare = {engine: bare_side(scene) for engine, scene in scenes.items()}
-    exact = simulated(scenes["numpy"], x0, duration, **tight)[0][-1]
+def ours(
+    scenes: Mapping[str, rne.Scene], x0: np.ndarray, duration: float, options: dict[str, Any]
+) -> dict[str, Callable[[], Motion]]:
+    """Every engine, alone and with all read."""
+    calls: dict[str, Callable[[], Motion]] = {}
+    for engine, scene in scenes.items():
+        calls[engine] = lambda s=scene: _motion(s, x0, duration, options)
+        calls[ALL.format(engine)] = lambda s=scene: _motion(s, x0, duration, options, all_read=True)
+    return calls
 
-    def error(motion: Motion) -> float:
-        return float(np.abs(motion[0][-1] - exact).max())
 
-    rows: list[Row] = []
-    for method, rtol in methods:
-        o = tolerance(method, rtol)
-        calls: dict[str, Callable[[], Motion]] = {
-            "pinocchio": lambda o=o: in_solve_ivp(theirs, x0, duration, o),
-        }
-        for engine, scene in scenes.items():
-            calls[engine] = lambda o=o, s=scene: simulated(s, x0, duration, **o)
-            calls[f"{engine} bare"] = lambda o=o, b=bare[engine]: in_solve_ivp(b, x0, duration, o)
-        pairs = [(engine, f"{engine} bare") for engine in scenes]
-        rows.append(measured(method, f"{rtol:g}", calls, error, repeats, pairs=pairs))
-    return {"duration": duration, "first_run_s": first, "runs": rows}
+def _motion(
+    scene: rne.Scene, x0: np.ndarray, duration: float, options: dict[str, Any], all_read: bool = False
+) -> Motion:
+    n = len(x0) // 2
+    motion = rne.simulate(scene, x0[:n], x0[n:], duration, **options)
+    if all_read:
+        read(motion)
+    return motion.q, motion.qd
+
+
+def _error(exact: np.ndarray, times: np.ndarray | None) -> Callable[[Motion], float]:
+    """The largest error of the positions, at the end alone if the times are the solver's own."""
+    span = slice(-1, None) if times is None else slice(None)
+    return lambda motion: float(np.abs(motion[0][span] - exact[span]).max())
 
 
 def first_run(scene: rne.Scene, x0: np.ndarray, duration: float) -> float:
     """Seconds of the first rne.simulate of a scene, which traces and compiles what it needs."""
     begun = time.perf_counter()
-    simulated(scene, x0, duration)
+    _motion(scene, x0, duration, {})
     return time.perf_counter() - begun
-
-
-def automatic(repeats: int, duration: float) -> list[dict[str, Any]]:
-    """Method "auto" beside RK45 on the thesis's three closed loops, by NumPy."""
-    robot = load("irb140")
-    rows = []
-    for loop in CLOSED_LOOPS:
-        scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, KP, KD, loop.reference))
-        motions: dict[str, rne.Trajectory] = {}
-
-        def run(method: str, s: rne.Scene = scene, q0: Any = loop.start, m: Any = motions) -> Callable[[], None]:
-            def go() -> None:
-                m[method] = rne.simulate(s, q0, [0] * 6, duration, method=method, t_eval=[0.0, duration])
-
-            return go
-
-        rne.simulate(scene, loop.start, [0] * 6, 1e-3)
-        seconds = interleaved({method: run(method) for method in ("auto", "RK45")}, repeats, warm_ups=0)
-        rows.append(
-            {
-                "evaluations": motions["auto"].evaluations,
-                "RK45_evaluations": motions["RK45"].evaluations,
-                "auto_times_faster": ratio(seconds, "RK45", "auto"),
-                "difference": float(np.abs(motions["auto"].q[-1] - motions["RK45"].q[-1]).max()),
-            }
-        )
-    return rows

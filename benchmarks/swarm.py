@@ -1,100 +1,92 @@
-"""An ensemble of the IRB 140 by RK4: both engines, beside their right-hand sides alone, Pinocchio, and two threads."""
+"""A thousand swings of the IRB 140 at once: both engines with step control beside a loop of Pinocchio in SciPy.
+
+Also two threads beside one, and steps of equal length beside step control at the same error. Where `rne.ensemble` has
+no step control, its RK4 with equal steps stands in.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 import rne
 from benchmarks.cases import load
 from benchmarks.measure import interleaved, ratio
-from benchmarks.peers.pinocchio import Pinocchio
+from benchmarks.runs import Side, in_solve_ivp, their_side
 
-STEP = 1e-3  # [s]
-State = tuple[np.ndarray, np.ndarray]
-
-
-def pinocchio_rk4(model: Any, q: np.ndarray, qd: np.ndarray, steps: int) -> State:
-    """The same method on columns of states, its accelerations by abaInParallel on one thread."""
-    pool = pin.ModelPool(model, 1)
-    x = np.asfortranarray(np.concatenate([q.T, qd.T]))
-    n = model.nv
-    tau, qdd = np.asfortranarray(np.zeros((n, len(q)))), np.asfortranarray(np.zeros((n, len(q))))
-
-    def slope(x: np.ndarray) -> np.ndarray:
-        pin.abaInParallel(1, pool, np.asfortranarray(x[:n]), np.asfortranarray(x[n:]), tau, qdd)
-        return np.concatenate([x[n:], qdd])
-
-    for _ in range(steps):
-        k1 = slope(x)
-        k2 = slope(x + STEP / 2 * k1)
-        k3 = slope(x + STEP / 2 * k2)
-        k4 = slope(x + STEP * k3)
-        x = x + STEP / 6 * (k1 + 2 * (k2 + k3) + k4)
-    return x[:n].T, x[n:].T
+RTOL, ATOL = 1e-6, 1e-9
+STEP = 1e-3  # [s] of RK4
+HAS_STEP_CONTROL = "rtol" in inspect.signature(rne.ensemble).parameters
+CONTROLLED: dict[str, Any] = {"rtol": RTOL, "atol": ATOL} if HAS_STEP_CONTROL else {"step": STEP}
+Ends = np.ndarray  # positions at the end, shape (N, n) [rad]
 
 
-def run(engines: Sequence[str], count: int, steps: int, pieces: int) -> dict[str, Any]:
-    """Every engine and Pinocchio from the same starts, piece by piece in turn."""
-    arms = {engine: load("irb140", engine) for engine in engines}
+def run(engines: Sequence[str], count: int, duration: float, repeats: int) -> dict[str, Any]:
+    """Every engine and Pinocchio from the same starts, in turn."""
+    scenes = {engine: rne.Scene(load("irb140", engine)) for engine in engines}
     q0 = np.random.default_rng(0).uniform(-1, 1, (count, 6))
-    theirs = Pinocchio(arms["numpy"].model, [q0[:1]] * 3).model
-    at: dict[str, State] = {}
+    theirs, ends = their_side(scenes["numpy"].resolved.robot), {}
+    exact = their_ends(theirs, q0, duration, 1e-12, 1e-14)
+
+    def kept(who: str, call: Callable[[], Ends]) -> Callable[[], None]:
+        return lambda: ends.__setitem__(who, call())
+
+    steps = {engine: equal_step(scene, q0, duration, exact) for engine, scene in scenes.items()}
     with ThreadPoolExecutor(2) as pool:
-        calls = {"pinocchio": moved(at, "pinocchio", lambda q, qd: pinocchio_rk4(theirs, q, qd, steps))}
-        for engine, robot in arms.items():
-            scene = rne.Scene(robot)
-            calls[engine] = moved(at, engine, our_motion(scene, steps, None))
-            calls[f"{engine} two threads"] = moved(at, f"{engine} two threads", our_motion(scene, steps, pool))
-            calls[f"{engine} rates alone"] = rates_alone(scene, q0, steps)
-        start = q0, 0 * q0
-        at |= dict.fromkeys(calls, start)
-        seconds = interleaved(calls, pieces)
-    figures = {"starts": count, "steps": steps * pieces, "pinocchio_seconds": sum(seconds["pinocchio"])}
-    return figures | {engine: of_engine(engine, seconds, at) for engine in arms}
+        calls = {"pinocchio": lambda: their_ends(theirs, q0, duration, RTOL, ATOL)}
+        for engine, scene in scenes.items():
+            calls[engine] = lambda s=scene: our_ends(s, q0, duration, **CONTROLLED)
+            calls[f"{engine}, two threads"] = lambda s=scene: our_ends(s, q0, duration, executor=pool, **CONTROLLED)
+            calls[f"{engine}, equal steps"] = lambda s=scene, h=steps[engine]: our_ends(s, q0, duration, step=h)
+        seconds = interleaved({who: kept(who, call) for who, call in calls.items()}, repeats)
+    errors = {who: np.abs(end - exact).max(axis=1) for who, end in ends.items()}
+    found = {
+        "starts": count,
+        "duration": duration,
+        "rtol": RTOL,
+        "step_control": HAS_STEP_CONTROL,
+        "pinocchio_seconds": float(np.median(seconds["pinocchio"])),
+        "errors": {who: [float(np.median(e)), float(e.max())] for who, e in errors.items()},
+    }
+    return found | {engine: of_engine(engine, seconds, steps[engine]) for engine in engines}
 
 
-def of_engine(engine: str, seconds: dict[str, list[float]], at: dict[str, State]) -> dict[str, Any]:
+def of_engine(engine: str, seconds: Mapping[str, list[float]], step: float) -> dict[str, Any]:
     """The figures of one engine."""
     return {
-        "seconds": sum(seconds[engine]),
-        "times_its_right_hand_sides": ratio(seconds, engine, f"{engine} rates alone"),
+        "seconds": float(np.median(seconds[engine])),
         "times_faster_than_pinocchio": ratio(seconds, "pinocchio", engine),
-        "two_threads_times_faster": ratio(seconds, engine, f"{engine} two threads"),
-        "difference": float(np.abs(at[engine][0] - at["pinocchio"][0]).max()),
+        "two_threads_times_faster": ratio(seconds, engine, f"{engine}, two threads"),
+        "equal_step": step,
+        "times_faster_than_equal_steps": ratio(seconds, f"{engine}, equal steps", engine),
     }
 
 
-def our_motion(scene: rne.Scene, steps: int, executor: Executor | None) -> Callable[[np.ndarray, np.ndarray], State]:
+def their_ends(side: Side, q0: np.ndarray, duration: float, rtol: float, atol: float) -> Ends:
+    """A loop of SciPy's DOP853 around Pinocchio's ABA."""
+    o = {"method": "DOP853", "rtol": rtol, "atol": atol}
+    return np.array([in_solve_ivp(side, np.concatenate([q, 0 * q]), duration, o)[0][-1] for q in q0])
+
+
+def our_ends(scene: rne.Scene, q0: np.ndarray, duration: float, **options: Any) -> Ends:
     """A run of rne.ensemble."""
-
-    def motion(q: np.ndarray, qd: np.ndarray) -> State:
-        runs = rne.ensemble(scene, q, qd, STEP * steps, step=STEP, executor=executor)
-        return runs.q[-1], runs.qd[-1]
-
-    return motion
+    ends: Ends = rne.ensemble(scene, q0, 0 * q0, duration, **options).q[-1]
+    return ends
 
 
-def moved(at: dict[str, State], who: str, motion: Callable[[np.ndarray, np.ndarray], State]) -> Callable[[], None]:
-    """A call that continues a motion from where it is."""
+def equal_step(scene: rne.Scene, q0: np.ndarray, duration: float, exact: Ends) -> float:
+    """The step of RK4 whose median error is that of step control, by its order of four."""
 
-    def call() -> None:
-        at[who] = motion(*at[who])
+    def error(**options: Any) -> float:
+        return float(np.median(np.abs(our_ends(scene, q0, duration, **options) - exact).max(axis=1)))
 
-    return call
-
-
-def rates_alone(scene: rne.Scene, q0: np.ndarray, steps: int) -> Callable[[], None]:
-    """The right-hand sides that the steps evaluate, in calls of all states."""
-    x, t = np.concatenate([q0, 0 * q0], axis=1), np.zeros((len(q0), 1))
-    out = scene.kernel(t, x)
-
-    def call() -> None:
-        for _ in range(4 * steps):
-            scene.kernel(t, x, out=out)
-
-    return call
+    if not HAS_STEP_CONTROL:
+        return STEP
+    step, wanted = STEP, error(**CONTROLLED)
+    for _ in range(3):
+        step = min(step * (wanted / error(step=step)) ** 0.25, duration / 10)
+    return step
