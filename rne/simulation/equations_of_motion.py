@@ -24,11 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ..basics.spatial import Array, rotate
+from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.lagrange import lagrange_forward_dynamics
-from ..dynamics.precision import check_accelerations
+from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import OK, PrecisionStatus, Quantity, check_result
-from ..dynamics.rnea import inverse_dynamics
+from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
 from ..kernels.kernel import Kernel
 from ..model.model import Model
@@ -296,6 +297,81 @@ class RightHandSide(AppliedTorques):
     def residual(self) -> Residual:
         """The equations of motion, for Jacobians."""
         return Residual(self.dynamics)
+
+    @cached_property
+    def under_modes(self) -> RatesUnderModes:
+        """dx/dt while some joints slip and others stick."""
+        return RatesUnderModes(self.dynamics)
+
+    @cached_property
+    def loads(self) -> LoadsUnderModes:
+        """What dry friction must hold while some joints slip and others stick."""
+        return LoadsUnderModes(self.dynamics)
+
+
+class RatesUnderModes(RightHandSide):
+    """dx/dt while some joints stick, the others slip under dry friction.
+
+    `u` ends with the modes: 1 for each joint that slips and 0 for one that sticks, then the dry friction torques of
+    those that slip. The place of a sticking joint's rate has the acceleration that its load would give it if nothing
+    held it, for the error control to follow.
+    """
+
+    name = "rates_under_modes"
+
+    @property
+    def _widths(self) -> dict[str, int | None]:
+        widths = super()._widths
+        return widths | {"u": (widths.get("u") or 0) + 2 * self.robot.n}
+
+    @property
+    def quantity(self) -> Quantity:
+        """What is traced: M's pivots are those of the joints that slip."""
+        widths = self._widths
+        return Quantity(
+            name=self.name, core=self.core, widths=widths, check=self._check, moments=True, base_parameters=True
+        )
+
+    def balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
+        """Accelerations, loads, net torques without dry friction, rates of further states, M's diagonal, pivots.
+
+        The rows and columns of sticking joints in M are those of the unit matrix: M_ss qdd_s = (net - dry)_s.
+        """
+        assert self.friction is not None
+        n = self.robot.n
+        given, slips, dry = u[..., : -2 * n], u[..., -2 * n : -n], u[..., -n:]
+        q, qd = x[..., :n], slips * x[..., n : 2 * n]
+        moving = np.concatenate([q, qd, x[..., 2 * n :]], axis=-1)
+        drives, rates = self.drives(t, moving, given if self.torque_given else None)
+        resisting = bias_torque.core(model, q, qd) + self.friction.viscous_torque(qd)
+        net = -resisting if drives is None else drives - resisting
+        M = mass_matrix.core(model, q)
+        among = M * slips[..., :, None] * slips[..., None, :] + np.eye(n) * (1 - slips)[..., None]
+        qdd, pivots, diagonal = solve_with_pivots(among, model.coordinate_parent, slips * (net - dry))
+        loads = slips * dry + (1 - slips) * (net - rotate(M, qdd))
+        return qdd, loads, net, [] if rates is None else [rates], np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
+
+    def core(self, model: Model, t: Array, x: Array, u: Array) -> Any:  # type: ignore[override]
+        """(dx/dt, pivots, their diagonal), traced."""
+        n = self.robot.n
+        slips = u[..., -2 * n : -n]
+        qdd, loads, _, further, inertia, pivots, diagonal = self.balance(model, t, x, u)
+        held = (1 - slips) * loads / (slips + (1 - slips) * inertia)
+        return np.concatenate([slips * x[..., n : 2 * n], qdd + held, *further], axis=-1), pivots, diagonal
+
+    def _check(self, model: Model, arguments: Any, rates: Array, pivots: Array, diagonal: Array) -> PrecisionStatus:
+        return check_singularity(model, {"q": arguments["x"][..., : self.robot.n]}, rates, pivots, diagonal)
+
+
+class LoadsUnderModes(RatesUnderModes):
+    """[accelerations, dry friction torques or loads of sticking joints, net torques without dry friction]."""
+
+    name = "loads_under_modes"
+
+    def core(self, model: Model, t: Array, x: Array, u: Array) -> Any:  # type: ignore[override]
+        """The three, pivots, their diagonal, traced."""
+        *found, _, _, pivots, diagonal = self.balance(model, t, x, u)
+        return np.concatenate(found, axis=-1), pivots, diagonal
 
 
 def _difference(torques: AppliedTorques, kernel: Kernel) -> float:

@@ -182,12 +182,14 @@ def _system_and_solver(plant: Plant, task: Task) -> tuple[System, Stepper]:
         return hamilton, GaussSolver(hamilton, task.duration, task.step)
     friction = plant.rhs.friction
     if friction is not None and friction.sticks:
-        return DryPlant(plant, friction), AdaptiveSolver(task.method, task.rtol, task.atol)
-    if plant.is_compiled and task.method in COMPILED:
+        system: Plant | DryPlant = DryPlant(plant, friction)
+    else:
+        system = plant
+    if system.is_compiled and task.method in COMPILED:
         from .runge_kutta import CompiledSolver
 
-        return plant, CompiledSolver(task.method, task.rtol, task.atol, plant.kernel)
-    return plant, AdaptiveSolver(task.method, task.rtol, task.atol)
+        return system, CompiledSolver(task.method, task.rtol, task.atol, system.kernel)
+    return system, AdaptiveSolver(task.method, task.rtol, task.atol)
 
 
 def _diverged(loop: Loop) -> NotFiniteError:

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.precision import SINGULAR, pivots_below, singular_error
-from ..errors import NotFiniteError
+from ..errors import NotFiniteError, SingularMassMatrixError
 from .events import Event
 from .friction import Friction
 from .plant import Plant
@@ -53,8 +51,7 @@ class Overload:
 class DryPlant(SmoothSystem):
     """The equations of motion for given modes of the joints: +1 and -1 slip, 0 sticks.
 
-    A sticking joint stays at rest. In its place in the state the solver integrates the rate that its load would give
-    it if nothing held it, so that the error control follows loads that change while a joint sticks.
+    A sticking joint stays at rest; see `RatesUnderModes` for what stands in its place in the state.
     """
 
     jacobian = None  # the modes change between two steps
@@ -62,6 +59,9 @@ class DryPlant(SmoothSystem):
     def __init__(self, plant: Plant, friction: Friction) -> None:
         n = plant.robot.n
         self.plant, self.friction, self.n = plant, friction, n
+        self.smooth, self.loaded = Plant(plant.rhs.under_modes, None), Plant(plant.rhs.loads, None)
+        self.kernel = self.smooth.kernel
+        self.is_compiled = plant.law is None and self.smooth.is_compiled
         self.forward = np.broadcast_to(np.asarray(friction.coulomb, dtype=float), (n,))
         self.back = np.broadcast_to(np.asarray(friction.coulomb_back, dtype=float), (n,))
         self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
@@ -71,12 +71,25 @@ class DryPlant(SmoothSystem):
         self.span = (-np.inf, np.inf)
         self.events: Sequence[Event] = ()
         self.fastest = 0.0  # largest rate so far [rad/s or m/s]
-        self.largest_load = 0.0  # of any joint, when loads were last evaluated [N m or N]
         self.changes, self.begun, self.at_once = 0, -np.inf, 0
         self.overloaded: list[int] = []  # joints that broke away in the event that just happened
-        self.last_key: Any = None
         self.asked, self.last_margins = np.zeros((0, n)), np.zeros((0, n))
-        self.last_accelerations = (np.zeros(n), np.zeros(n), np.zeros(n), np.ones(n))
+
+    @property
+    def evaluations(self) -> int:
+        """Calls of the right-hand side, which are the plant's."""
+        return self.plant.evaluations
+
+    @evaluations.setter
+    def evaluations(self, count: int) -> None:
+        self.plant.evaluations = count
+
+    @property
+    def held(self) -> Array:
+        """What the equations take beside time and state: torques that are held, and the modes."""
+        slips = self.mode != 0
+        modes = np.concatenate([slips, np.where(self.mode > 0, self.forward, -self.back) * slips])
+        return modes if self.plant.held is None else np.concatenate([self.plant.held, modes])
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Settle the modes, just after t; further on if the torques jump here without being declared."""
@@ -119,50 +132,29 @@ class DryPlant(SmoothSystem):
 
     def accelerations_at(self, t: Array, X: Array) -> Array:
         """Accelerations under the present modes."""
-        return np.array([self.accelerations(time, x)[0] for time, x in zip(t.tolist(), X, strict=True)])
 
-    def loads(self, t: float, x: Array) -> tuple[Array, Array, Array]:
-        """M, the net torque without dry friction, and the rates of the controller's states, inside the segment."""
+    def accelerations_at(self, t: Array, X: Array) -> Array:
+        """Accelerations under the present modes."""
+        return self.loads_at(t, X)[0]
+
+    def inputs(self, t: float, x: Array) -> Array:
+        """`held`, or the torques that a law returns and the modes."""
+        u = None if self.plant.law is None else self.plant.torque(t, self.reported(x))
+        return self.held if u is None else np.concatenate([u, self.held])
+
+    def loads(self, t: float, x: Array) -> list[Array]:
+        """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction."""
         t = min(max(t, self.span[0]), self.span[1])
-        n, robot, rhs = self.n, self.plant.robot, self.plant.rhs
-        q, qd = x[:n], x[n : 2 * n]
-        u, rates = rhs.drives(np.array([t]), x, self.plant.torque(t, x))
-        net = -robot.bias_torque(q, qd) - np.asarray(self.friction.viscous_torque(qd))
-        if u is not None:
-            net = net + np.asarray(u)
-        self.largest_load = float(np.abs(net).max(initial=0.0))
-        return robot.mass_matrix(q), net, np.zeros(0) if rates is None else np.asarray(rates)
+        return np.split(self.loaded.rates(t, x, self.inputs(t, x)), 3)
 
-    def accelerations(self, t: float, x: Array) -> tuple[Array, Array, Array, Array]:
-        """Accelerations, dry friction torques, rates of the controller's states, diagonal of M; the last is kept."""
-        key = t, x.tobytes(), self.mode.tobytes(), self.span
-        if key != self.last_key:  # the events of all sticking joints ask for it at the same instant
-            self.last_accelerations, self.last_key = self._accelerations(t, self.reported(x)), key
-        return self.last_accelerations
-
-    def _accelerations(self, t: float, x: Array) -> tuple[Array, Array, Array, Array]:
-        M, net, rates = self.loads(t, x)
-        slips = self.mode != 0
-        dry = np.where(self.mode > 0, self.forward, -self.back) * slips
-        qdd = np.zeros(self.n)
-        if slips.any():
-            qdd[slips] = self._accelerated(M, net - dry, slips)
-        needed = net - M @ qdd
-        return qdd, np.where(slips, dry, needed), rates, np.diagonal(M)
-
-    def _accelerated(self, M: Array, torque: Array, slips: Array) -> Array:
-        """Accelerations of the slipping joints, the others at rest; an error that names joints if M is singular.
-
-        Cholesky's factors from the tips inwards: the order that loses no digits of a light tip.
-        """
-        from scipy.linalg.lapack import dpotrf, dpotrs
-
-        part = M[slips][:, slips][::-1, ::-1]
-        factor, failed = dpotrf(part, lower=1)
-        if failed or pivots_below(SINGULAR, factor.diagonal() ** 2, part.diagonal()).any():
-            raise singular_error(self.plant.robot.model, M, ())
-        solution: Array = dpotrs(factor, torque[slips][::-1], lower=1)[0][::-1]
-        return solution
+    def loads_at(self, t: Array, X: Array) -> list[Array]:
+        """The same in many states, shape (T, n) each."""
+        if self.plant.law is None:
+            try:
+                return np.split(self.loaded.all_rates(np.clip(t, *self.span), X, self.held), 3, axis=1)
+            except (NotFiniteError, SingularMassMatrixError):
+                pass  # found by looking at each
+        return [np.array(part) for part in zip(*map(self.loads, t.tolist(), X), strict=True)]
 
     def static(self, direction: Array) -> Array:
         """Static friction of each joint against a load in the given direction."""
@@ -186,7 +178,7 @@ class DryPlant(SmoothSystem):
         self.mode = np.where(rests, 0, np.sign(qd)).astype(int)
         self.mode[self.frictionless] = np.where(qd[self.frictionless] < 0, -1, 1)
         for k in overloaded:  # the event that just occurred, whose margin rounding may place on either side of zero
-            self.mode[k] = int(np.sign(self.accelerations(t, x)[1][k]))
+            self.mode[k] = int(np.sign(self.loads(t, x)[1][k]))
         if self.friction.static is not None and self._wrong(t, x, rests).any():
             held = rests & (self.mode == 0)
             order = [*np.flatnonzero(held & ~stuck).tolist(), *np.flatnonzero(held & stuck).tolist()]
@@ -197,13 +189,13 @@ class DryPlant(SmoothSystem):
             if not len(wrong):
                 return
             k = int(wrong[0])
-            self.mode[k] = 0 if self.mode[k] else int(np.sign(self.accelerations(t, x)[1][k]))
+            self.mode[k] = 0 if self.mode[k] else int(np.sign(self.loads(t, x)[1][k]))
         raise NotFiniteError(f"no modes of sticking and slipping fit the loads at t = {t:.6g} s", t)
 
     def _wrong(self, t: float, x: Array, rests: Array) -> Array:
         """The joints at rest that stick under too great a load, or slip against their acceleration."""
-        qdd, needed, *_ = self.accelerations(t, x)
-        breaks = rests & (self.mode == 0) & (self._margin(needed) < 0)
+        qdd, needed, net = self.loads(t, x)
+        breaks = rests & (self.mode == 0) & (self._margin(needed, net) < 0)
         turns = rests & (qdd * self.mode < -ROUNDING * np.abs(qdd).max(initial=0.0))
         wrong: Array = breaks | turns
         return wrong
@@ -228,19 +220,22 @@ class DryPlant(SmoothSystem):
     def margins(self, t: Array, X: Array) -> Array:
         """Static friction of each joint minus its load, in many states; those last asked for are kept."""
         if X is not self.asked:
-            found = [self._margin(self.accelerations(time, x)[1]) for time, x in zip(t.tolist(), X, strict=True)]
-            self.asked, self.last_margins = X, np.array(found)
+            _, loads, net = self.loads_at(t, X)
+            self.asked, self.last_margins = X, self._margin(loads, net)
         return self.last_margins
 
-    def _margin(self, needed: Array) -> Array:
+    def _margin(self, loads: Array, net: Array) -> Array:
         """Static friction of each joint minus its load; a load equal to the static friction is still held."""
-        margin: Array = self.static(needed) * (1 + ROUNDING) + ROUNDING * self.largest_load - np.abs(needed)
+        largest = np.abs(net).max(axis=-1, keepdims=True, initial=0.0)
+        margin: Array = self.static(loads) * (1 + ROUNDING) + ROUNDING * largest - np.abs(loads)
         return margin
 
     def __call__(self, t: float, x: Array) -> Array:
         """dx/dt, with the rates of sticking joints at zero."""
-        self.plant.evaluations += 1
-        n = self.n
-        qdd, dry, rates, inertia = self.accelerations(t, x)
-        sticks = self.mode == 0
-        return np.concatenate([x[n : 2 * n] * ~sticks, np.where(sticks, dry / inertia, qdd), rates])
+        self.evaluations += 1
+        t = min(max(t, self.span[0]), self.span[1])
+        return self.rates(t, x, self.inputs(t, x))
+
+    def rates(self, t: float, x: Array, u: Array) -> Array:
+        """dx/dt under given torques and modes."""
+        return self.smooth.rates(t, x, u)
