@@ -118,6 +118,25 @@ def test_a_stop_is_met_at_the_same_time(free):
     np.testing.assert_allclose(got.q[-1], expected.q[-1], atol=1e-8)
 
 
+@pytest.mark.parametrize("static", kept([None, 0.7], [0.7]))
+def test_joints_that_stick_and_slip(free, static, monkeypatch):
+    """As many changes, at the same times; no step is left to SciPy's solver, but for the first lengths of steps."""
+    law = rne.traceable(lambda t, q, qd: np.array([3.0, 1.0]) * np.sin(6 * t) - q)
+    friction = rne.Friction(viscous=0.1, coulomb=0.5, static=static, smoothing=0)
+    scenes = [rne.Scene(r, friction=friction, effort_limit=[2.0, 0.8], controller=law) for r in free]
+    run = ([0.3, 0.2], [0.0, 1.0], 1.5)
+    how = {"method": "DOP853", "t_eval": np.linspace(0, 1.5, 40), "atol": 1e-11}
+    expected = rne.simulate(scenes[0], *run, **how, rtol=1e-10)
+    monkeypatch.setattr("rne.simulation.solver.AdaptiveSolver.step", lambda self: pytest.fail("a step by SciPy"))
+    got = rne.simulate(scenes[1], *run, **how, rtol=1e-8)
+    assert got.message == expected.message
+    assert "changes" in got.message
+    assert (got.qd == 0).sum() > 10
+    np.testing.assert_allclose(got.q, expected.q, atol=1e-7)
+    np.testing.assert_allclose(got.qd, expected.qd, atol=1e-6)
+    assert got.energy_drift <= 1e-6
+
+
 def test_a_torque_that_becomes_nan_is_named_with_its_time(free):
     law = rne.traceable(lambda t, q, qd: np.sqrt(0.5 - t) - q)
     for robot in free:

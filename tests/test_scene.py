@@ -482,6 +482,32 @@ class TestDryFrictionOfSeveralJoints:
             assert (np.abs(needed)[dry.mode == 0] <= np.array([0.5, 0.2])[dry.mode == 0] * (1 + 1e-8)).all()
         assert len(modes) == 9
 
+    @pytest.mark.parametrize("seed", range(4))
+    def test_rates_and_loads_under_modes_are_those_of_the_joints_that_slip(self, tree, seed):
+        """M_ss qdd_s = (net - dry)_s; what sticks carries the rest, and its rate is as if nothing held it."""
+        robot, rng = rne.Robot(tree), np.random.default_rng(seed)
+        n = robot.n
+        friction = rne.Friction(viscous=rng.uniform(0, 1, n), coulomb=1.0, smoothing=0)
+        law = rne.traceable(lambda t, q, qd: np.sin(t) - qd)
+        rhs = rne.Scene(robot, friction=friction, controller=law).right_hand_side
+        q, qd, t = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(0, 1, 1)
+        slips = rng.integers(0, 2, n).astype(float)
+        dry = slips * rng.uniform(-1, 1, n)
+        x, modes = np.concatenate([q, qd]), np.concatenate([slips, dry])
+        moving = slips * qd
+        net = np.sin(t) - moving - friction.viscous * moving - robot.bias_torque(q, moving)
+        M, s = robot.mass_matrix(q), slips == 1
+        qdd = np.zeros(n)
+        qdd[s] = np.linalg.solve(M[np.ix_(s, s)], (net - dry)[s])
+        load = np.where(s, dry, net - M @ qdd)
+        rates = np.concatenate([moving, np.where(s, qdd, load / np.diagonal(M))])
+        for found in (rhs.under_modes.kernel(t, x, modes), rhs.under_modes.evaluate(robot.model, t, x, modes)[0]):
+            np.testing.assert_allclose(found, rates, rtol=1e-9, atol=1e-9 * np.abs(rates).max())
+        found = np.split(rhs.loads.kernel(t, x, modes), 3)
+        largest = np.abs(net).max()
+        for got, expected in zip(found, (qdd, load, net), strict=True):
+            np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * max(largest, np.abs(expected).max()))
+
     def test_pid_with_limits_passes_through_many_events(self, two):
         law = rne.control.pid(two, [50, 20], [30, 10], [10, 4], [0.3, -0.2], gravity=True)
         friction = rne.Friction(viscous=0.1, coulomb=[0.5, 0.2], smoothing=0)
