@@ -132,9 +132,6 @@ class DryPlant(SmoothSystem):
 
     def accelerations_at(self, t: Array, X: Array) -> Array:
         """Accelerations under the present modes."""
-
-    def accelerations_at(self, t: Array, X: Array) -> Array:
-        """Accelerations under the present modes."""
         return self.loads_at(t, X)[0]
 
     def inputs(self, t: float, x: Array) -> Array:
