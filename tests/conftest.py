@@ -72,6 +72,12 @@ def pytest_collection_finish():
     gc.set_threshold(200_000, 20, 100)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def object_code_of_this_run(tmp_path_factory):
+    """Nothing is read that an earlier run compiled."""
+    os.environ["RNE_CACHE"] = str(tmp_path_factory.mktemp("object_code"))
+
+
 @pytest.fixture(params=TREES, scope="session")
 def tree(request):
     """A random tree: joints of all types, branches, tools on fixed joints, any direction of gravity."""

@@ -20,14 +20,13 @@ from llvmlite import ir
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
 from .machine_code import NUMBERS, Emitter
-from .object_code import REGISTER_BITS, Library, compiled
+from .object_code import REGISTER_BITS, Library, library
 from .program import NeedsRecursion, Recursion, Trace
-from .python_calls import BYTES, INTEGER, emit_call, python_function
+from .python_calls import BYTES, FLOAT64, INTEGER, emit_rows_call, emit_state_call, python_function
 
 LOGGER = logging.getLogger("rne")
 LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble ask for the same one at once
 SLOW = 1.0  # s of a compilation of which the logger tells afterwards
-FLOAT64 = np.dtype("float64")
 LONG = 5000  # operations of a program whose compilation it announces
 FEW, MANY = 16, 1024  # states that the recursion examines together
 
@@ -210,30 +209,52 @@ def emit_rows(module: Any, trace: Trace, dtype: str) -> Any:
 
 def state_library(trace: Trace) -> Library:
     """The program on one state: "function" by the interface of loops, "call" from Python."""
-    module = ir.Module("rne")
-    emit_call(module, emit_plain(module, trace, 1), trace.widths, "float64")
-    return Library(compiled(str(module)), ["function", "call"])
+
+    def emit(module: Any) -> None:
+        emit_state_call(module, emit_plain(module, trace, 1), trace.widths)
+
+    return _library(trace, ("state",), ("function", "call"), emit)
 
 
 def lanes_library(trace: Trace, lanes: int) -> Library:
     """The program on states side by side: "function" by the interface of loops."""
-    module = ir.Module("rne")
-    emit_plain(module, trace, lanes)
-    return Library(compiled(str(module)), ["function"])
+    return _library(trace, ("lanes", str(lanes)), ("function",), lambda module: emit_plain(module, trace, lanes))
 
 
 def rows_library(trace: Trace, dtype: str) -> Library:
     """The program on batches: "rows", and "call" from Python."""
-    module = ir.Module("rne")
-    emit_call(module, emit_rows(module, trace, dtype), trace.widths, dtype, trace.entries)
-    return Library(compiled(str(module)), ["rows", "call"])
+
+    def emit(module: Any) -> None:
+        function = emit_rows(module, trace, dtype)
+        emit_rows_call(module, function, trace.widths, trace.entries, np.dtype(dtype).itemsize)
+
+    return _library(trace, ("rows", dtype), ("rows", "call"), emit)
+
+
+def _library(trace: Trace, form: Sequence[str], functions: Sequence[str], emit: Callable[[Any], Any]) -> Library:
+    """A form of the program; how long it took [s] is noted."""
+    began = time.perf_counter()
+
+    def text() -> str:
+        count = len(trace.program.instructions)
+        if count > LONG:
+            LOGGER.info("LLVM compiles a kernel of %d operations, which takes some seconds", count)
+        module = ir.Module("rne")
+        emit(module)
+        return str(module)
+
+    found = library(functions, (*form, repr(trace)), text, loops=False)
+    found.seconds = time.perf_counter() - began
+    if found.seconds > SLOW:
+        LOGGER.info("LLVM took %.1f s to compile a kernel", found.seconds)
+    return found
 
 
 def state_function(trace: Trace) -> Callable[..., Array]:
     """A function of one float64 vector per argument, as `python_backend.state_function`."""
-    library, seconds = timed(trace, lambda: state_library(trace))
-    function = from_text(STATE, trace, state=python_function(library, "call", np.ndarray, FLOAT64))
-    function.seconds, function.library = seconds, library
+    found = state_library(trace)
+    function = from_text(STATE, trace, state=python_function(found))
+    function.seconds, function.library = found.seconds, found
     return function  # type: ignore[no-any-return]
 
 
@@ -270,7 +291,7 @@ def from_text(text: str, trace: Trace, **names: Any) -> Any:
 STATE = """def function({arguments}):
     out = empty(shape)
     sound = state({arguments}, out)
-    if sound == -1:
+    if sound is None:
         sound = state(*[array(a, "float64") for a in ({arguments},)], out)
     if sound == 1:
         return {result}
@@ -321,14 +342,13 @@ class BatchProgram:
         return self._loops[key]
 
     def compiled(self, dtype: np.dtype[Any]) -> Any:
-        """f(*arguments, out, begin) -> number of the first state to be examined, or of states; -1 for other arrays."""
+        """f(*arguments, out, begin) -> number of the first state to be examined, or of states; None of others."""
         if dtype not in self._functions:
             with LOCK:
                 if dtype not in self._functions:
-                    library, seconds = timed(self.trace, lambda: rows_library(self.trace, dtype.name))
-                    self.seconds += seconds
-                    self.libraries[dtype] = library
-                    self._functions[dtype] = python_function(library, "call", np.ndarray, dtype)
+                    found = self.libraries[dtype] = rows_library(self.trace, dtype.name)
+                    self.seconds += found.seconds
+                    self._functions[dtype] = python_function(found, dtype)
         return self._functions[dtype]
 
     def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus:
@@ -341,11 +361,10 @@ class BatchProgram:
         if not count:
             return OK
         begin = function(*states, results, 0)
-        if begin < 0:
+        if begin is None:
             with np.errstate(all="ignore"):
                 states = [np.array(a, results.dtype, order="C") for a in states]
             begin = function(*states, results, 0)
-            assert begin >= 0
         while begin < count:
             end = min(begin + stretch, count)
             with np.errstate(all="ignore"):
@@ -357,16 +376,3 @@ class BatchProgram:
             begin = function(*states, results, end)
             stretch = min(2 * stretch, MANY) if begin == end else FEW
         return status
-
-
-def timed(trace: Trace, make: Callable[[], Library]) -> tuple[Library, float]:
-    """A library, and the time that it took [s]."""
-    count = len(trace.program.instructions)
-    if count > LONG:
-        LOGGER.info("LLVM compiles a kernel of %d operations, which takes some seconds", count)
-    began = time.perf_counter()
-    library = make()
-    seconds = time.perf_counter() - began
-    if seconds > SLOW:
-        LOGGER.info("LLVM took %.1f s to compile a kernel", seconds)
-    return library, seconds

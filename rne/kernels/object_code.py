@@ -5,10 +5,13 @@ from __future__ import annotations
 import functools
 import itertools
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import llvmlite
 from llvmlite import binding
+
+from . import disk_cache
 
 LOCK = threading.RLock()  # one compilation at a time
 NAMES = itertools.count()  # of libraries, which LLVM wants to be unique
@@ -18,6 +21,12 @@ NAMES = itertools.count()  # of libraries, which LLVM wants to be unique
 def host() -> tuple[str, str]:
     """The processor's name and features."""
     return binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+
+
+@functools.cache
+def compiler() -> str:
+    """The versions of LLVM and of llvmlite."""
+    return f"LLVM {binding.llvm_version_info} llvmlite {llvmlite.__version__}"
 
 
 REGISTER_BITS = 512 if "+avx512f" in host()[1].split(",") else 256
@@ -66,7 +75,11 @@ class Library:
     ----------
     address : dict
         Of each of its functions, by name.
+    seconds : float
+        Time that it took to make.
     """
+
+    seconds = 0.0
 
     def __init__(self, code: bytes, functions: Sequence[str]) -> None:
         builder = binding.JITLibraryBuilder().add_object_img(code).add_current_process()
@@ -75,3 +88,13 @@ class Library:
         with LOCK:
             self._tracker = builder.link(_linker(), f"rne{next(NAMES)}")
         self.address: dict[str, int] = {function: self._tracker[function] for function in functions}
+
+
+def library(functions: Sequence[str], description: Sequence[str], text: Callable[[], str], *, loops: bool) -> Library:
+    """The library of what a description stands for, from the disk or compiled and kept there."""
+    name = disk_cache.key(compiler(), *host(), *description)
+    code = disk_cache.read(name)
+    if code is None:
+        code = compiled(text(), loops=loops)
+        disk_cache.write(name, code)
+    return Library(code, functions)

@@ -1,7 +1,8 @@
 """Machine code that Python calls as it calls its own functions in C, and that reads arrays where they are.
 
 An array is taken as it is: the addresses of its numbers, of its shape and of its strides stand behind the head that all
-of Python's objects have (numpy/ndarraytypes.h, PyArrayObject_fields).
+of Python's objects have (numpy/ndarraytypes.h, PyArrayObject_fields). Arguments of other types than the code was made
+for are refused: the result is then None.
 """
 
 from __future__ import annotations
@@ -15,10 +16,14 @@ from llvmlite import ir
 
 from .object_code import Library
 
-INTEGER, BYTES = ir.IntType(64), ir.IntType(8).as_pointer()
+INTEGER, NUMBER, BYTES = ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_pointer()
 HEAD = object.__basicsize__  # ends with the type
-DATA, AXES, SHAPE, STRIDES, DTYPE = (HEAD + k for k in (0, 8, 16, 24, 40))
+DATA, AXES, SHAPE, STRIDES, DTYPE, FLAGS = (HEAD + k for k in (0, 8, 16, 24, 40, 48))
+PLAIN = 0x101  # NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED
 FASTCALL = 0x80  # METH_FASTCALL: f(self, arguments, their number)
+# What `self` holds, in this order, for comparisons.
+FLOAT64, INT64 = np.dtype("float64"), np.dtype("int64")
+KNOWN = (None, np.ndarray, int, float, np.float64, tuple, INT64, FLOAT64)
 
 
 class Method(ctypes.Structure):
@@ -32,81 +37,130 @@ class Method(ctypes.Structure):
     )
 
 
-def python_function(library: Library, name: str, *self_items: Any) -> Any:
-    """A function of a library as a function of Python's; its `self` is a tuple of some objects."""
-    method = Method(name.encode(), library.address[name], FASTCALL, None)
+def python_function(library: Library, dtype: np.dtype[Any] = FLOAT64) -> Any:
+    """ "call" of a library as a function of Python's; arrays of numbers are of this dtype."""
+    method = Method(b"call", library.address["call"], FASTCALL, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype, make.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
-    return make(ctypes.addressof(method), (*self_items, library, method), None)  # which keeps them alive
+    # The last two are there to be kept as long as the function.
+    return make(ctypes.addressof(method), (*KNOWN[:-1], dtype, library, method), None)
 
 
-class _Reader:
-    """Reads the fields of objects."""
+class Call:
+    """The body of "call" in a module: it takes its arguments one by one, and refuses those that it was not made for."""
 
-    def __init__(self, builder: ir.IRBuilder) -> None:
-        self.builder = builder
+    def __init__(self, module: Any) -> None:
+        self.module = module
+        function = ir.Function(module, ir.FunctionType(BYTES, [BYTES, BYTES, INTEGER]), "call")
+        self.own, self.given, _ = function.args
+        self.builder = ir.IRBuilder(function.append_basic_block())
+        self.refused = function.append_basic_block("refused")
+        with self.builder.goto_block(self.refused):
+            self.builder.ret(self.c_function("Py_NewRef", BYTES, self.known(None)))
+
+    def c_function(self, name: str, result: Any, *args: Any) -> Any:
+        """A call of one of Python's functions in C."""
+        known = self.module.globals
+        if name not in known:
+            ir.Function(self.module, ir.FunctionType(result, [a.type for a in args]), name)
+        return self.builder.call(known[name], args)
 
     def field(self, address: Any, offset: int, kind: Any = BYTES) -> Any:
+        """A field of an object."""
         place = self.builder.gep(address, [ir.Constant(INTEGER, offset)])
         return self.builder.load(self.builder.bitcast(place, kind.as_pointer()))
 
-    def all_equal(self, pairs: Sequence[tuple[Any, Any]]) -> Any:
-        result: Any = ir.Constant(ir.IntType(1), 1)
-        for a, b in pairs:
-            expected = ir.Constant(a.type, b) if isinstance(b, int) else b
-            result = self.builder.and_(result, self.builder.icmp_unsigned("==", a, expected))
+    def known(self, what: Any) -> Any:
+        """The address of one of the objects of KNOWN."""
+        return self.field(self.own, tuple.__basicsize__ + 8 * next(k for k, x in enumerate(KNOWN) if x is what))
+
+    def argument(self, k: int) -> Any:
+        """The address of an argument."""
+        return self.field(self.given, 8 * k)
+
+    def require(self, a: Any, *choices: Any) -> None:
+        """Refuse the call unless a is one of the choices: numbers or addresses."""
+        builder = self.builder
+        equal: Any = ir.Constant(ir.IntType(1), 0)
+        for b in choices:
+            b = ir.Constant(a.type, b) if isinstance(b, int) else b
+            equal = builder.or_(equal, builder.icmp_unsigned("==", a, b))
+        following = builder.append_basic_block()
+        builder.cbranch(equal, following, self.refused)
+        builder.position_at_end(following)
+
+    def array(self, array: Any, dtype: Any, axes: int) -> tuple[Any, Any, Any]:
+        """The addresses of an array's numbers, shape and strides."""
+        self.require(self.field(array, HEAD - 8), self.known(np.ndarray))
+        self.require(self.field(array, DTYPE), self.known(dtype))
+        self.require(self.field(array, AXES, ir.IntType(32)), axes)
+        return self.field(array, DATA), self.field(array, SHAPE), self.field(array, STRIDES)
+
+    def plain_array(self, array: Any, dtype: Any, axes: int) -> tuple[Any, list[Any]]:
+        """The address of the numbers of an array in C order, and its shape."""
+        data, shape, _ = self.array(array, dtype, axes)
+        flags = self.builder.and_(self.field(array, FLAGS, ir.IntType(32)), ir.Constant(ir.IntType(32), PLAIN))
+        self.require(flags, PLAIN)
+        return data, [self.field(shape, 8 * k, INTEGER) for k in range(axes)]
+
+    def integer(self, value: Any) -> Any:
+        """The number of an int."""
+        self.require(self.field(value, HEAD - 8), self.known(int))
+        return self.c_function("PyLong_AsSsize_t", INTEGER, value)
+
+    def number(self, value: Any) -> Any:
+        """The number of a float."""
+        self.require(self.field(value, HEAD - 8), self.known(float), self.known(np.float64))
+        return self.c_function("PyFloat_AsDouble", NUMBER, value)
+
+    def items(self, value: Any, count: int) -> list[Any]:
+        """The addresses of a tuple's items."""
+        self.require(self.field(value, HEAD - 8), self.known(tuple))
+        self.require(self.field(value, HEAD, INTEGER), count)
+        return [self.field(value, tuple.__basicsize__ + 8 * k) for k in range(count)]
+
+    def unlocked(self, function: Any, args: Sequence[Any]) -> Any:
+        """A call during which other threads may run Python."""
+        thread = self.c_function("PyEval_SaveThread", BYTES)
+        result = self.builder.call(function, args)
+        restore = ir.FunctionType(ir.VoidType(), [BYTES])
+        self.builder.call(ir.Function(self.module, restore, "PyEval_RestoreThread"), [thread])
         return result
 
+    def give(self, integer: Any) -> None:
+        """Return an int."""
+        self.builder.ret(self.c_function("PyLong_FromSsize_t", BYTES, integer))
 
-def emit_call(module: Any, function: Any, widths: Sequence[int], dtype: str, entries: int | None = None) -> None:
-    """Add "call", which gives `function` the addresses of arrays if each is an array of this dtype and width.
 
-    `self` begins with the type of arrays and the dtype. For batches, where `entries` are given, the arguments are
-    followed by `out` and the first row; rows have any stride, and the lock is released. For one state they are vectors,
-    followed by `out`. The result is the function's, or -1 for other arguments.
+def emit_state_call(module: Any, function: Any, widths: Sequence[int]) -> None:
+    """Add "call" of one float64 vector per argument, followed by `out`; its result is the function's."""
+    call = Call(module)
+    data = []
+    for k, width in enumerate(widths):
+        numbers, shape = call.plain_array(call.argument(k), FLOAT64, 1)
+        call.require(shape[0], width)
+        data.append(numbers)
+    data.append(call.field(call.argument(len(widths)), DATA))
+    addresses = [call.builder.bitcast(d, a.type) for d, a in zip(data, function.args, strict=True)]
+    call.give(call.builder.call(function, addresses))
+
+
+def emit_rows_call(module: Any, function: Any, widths: Sequence[int], entries: int, size: int) -> None:
+    """Add "call" of one array of rows per argument, followed by `out` and the first row to begin with.
+
+    Rows have any stride; numbers in a row follow one another. The interpreter's lock is released.
     """
-    size = np.dtype(dtype).itemsize
-    kind = ir.FunctionType(BYTES, [BYTES, BYTES, INTEGER])
-    call = ir.Function(module, kind, "call")
-    own, given, _ = call.args
-    builder = ir.IRBuilder(call.append_basic_block())
-    reader = _Reader(builder)
-    field, c_function = reader.field, functions_of_c(module)
-    answer = builder.alloca(INTEGER)
-    builder.store(ir.Constant(INTEGER, -1), answer)
-    arrays = [field(given, 8 * k) for k in range(len(widths) + 1)]
-    array_type, array_dtype = (field(own, tuple.__basicsize__ + 8 * k) for k in range(2))
-    with builder.if_then(reader.all_equal([(field(a, HEAD - 8), array_type) for a in arrays])):
-        shapes, strides = ([field(a, offset) for a in arrays] for offset in (SHAPE, STRIDES))
-        axes = 1 if entries is None else 2
-        wanted = [(field(a, DTYPE), array_dtype) for a in arrays[:-1]]
-        wanted += [(field(a, AXES, ir.IntType(32)), axes) for a in arrays[:-1]]
-        with builder.if_then(reader.all_equal(wanted)):
-            last = 8 * (axes - 1)
-            wanted = [(field(s, last, INTEGER), width) for s, width in zip(shapes, widths, strict=False)]
-            wanted += [(field(s, last, INTEGER), size) for s, width in zip(strides, widths, strict=False) if width > 1]
-            if entries is not None:
-                count = field(shapes[-1], 0, INTEGER)
-                wanted += [(field(s, 0, INTEGER), count) for s in shapes[:-1]]
-            with builder.if_then(reader.all_equal(wanted)):
-                data = [field(a, DATA) for a in arrays]
-                if entries is None:
-                    result = builder.call(
-                        function, [builder.bitcast(d, a.type) for d, a in zip(data, function.args, strict=True)]
-                    )
-                else:
-                    begin = builder.call(
-                        c_function("PyLong_AsSsize_t", INTEGER, BYTES), [field(given, 8 * len(arrays))]
-                    )
-                    row_strides = [field(s, 0, INTEGER) for s in strides[:-1]] + [ir.Constant(INTEGER, entries * size)]
-                    pairs = [x for pair in zip(data, row_strides, strict=True) for x in pair]
-                    thread = builder.call(c_function("PyEval_SaveThread", BYTES), [])
-                    result = builder.call(function, [*pairs, begin, count])
-                    builder.call(c_function("PyEval_RestoreThread", ir.VoidType(), BYTES), [thread])
-                builder.store(result, answer)
-    builder.ret(builder.call(c_function("PyLong_FromSsize_t", BYTES, INTEGER), [builder.load(answer)]))
-
-
-def functions_of_c(module: Any) -> Any:
-    """Declares functions of Python's in a module."""
-    return lambda name, result, *kinds: ir.Function(module, ir.FunctionType(result, kinds), name)
+    call = Call(module)
+    out = call.argument(len(widths))
+    count = call.field(call.field(out, SHAPE), 0, INTEGER)
+    pairs = []
+    for k, width in enumerate(widths):
+        numbers, shape, strides = call.array(call.argument(k), FLOAT64, 2)
+        call.require(call.field(shape, 0, INTEGER), count)
+        call.require(call.field(shape, 8, INTEGER), width)
+        if width > 1:
+            call.require(call.field(strides, 8, INTEGER), size)
+        pairs += [numbers, call.field(strides, 0, INTEGER)]
+    pairs += [call.field(out, DATA), ir.Constant(INTEGER, entries * size)]
+    begin = call.integer(call.argument(len(widths) + 1))
+    call.give(call.unlocked(function, [*pairs, begin, count]))
