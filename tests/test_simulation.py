@@ -261,7 +261,7 @@ class TestFailures:
         ({"rtol": 0.0}, "`rtol` must be positive, got 0.0"),
         (
             {"method": "Euler"},
-            "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Radau', 'BDF', 'LSODA', "
+            "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Radau', 'BDF', 'LSODA', 'Rodas5P', "
             "'gauss-4'], got 'Euler'",
         ),
         ({"torque": [1.0]}, "`torque` must have shape (2,), got (1,)"),

@@ -209,6 +209,11 @@ class Residual(AppliedTorques):
         wrt = ("x", "a", "u") if self.torque_given else ("x", "a")
         return Kernel(self, self.robot.model, {}, wrt, self.robot.engine)
 
+    @cached_property
+    def slopes_in_time(self) -> Kernel:
+        """Its exact derivatives by x, a and t."""
+        return Kernel(self, self.robot.model, {}, ("x", "a", "t"), self.robot.engine)
+
 
 class RightHandSide(AppliedTorques):
     """dx/dt of a scene.

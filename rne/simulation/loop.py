@@ -16,6 +16,8 @@ from .events import Event, Stop, first_crossing
 from .ledger import Ledger
 from .plant import Plant
 from .record import Record
+from .rosenbrock import METHOD as RODAS
+from .rosenbrock import RosenbrockSolver
 from .run import Failure, Run, Task
 from .sampled import MAX_EVALUATIONS, ZeroOrderHold
 from .solver import AdaptiveSolver, Steps
@@ -46,7 +48,7 @@ class Loop:
         self.system, self.solver = _system_and_solver(plant, task)
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
-        self.watch = Watch(plant, task)
+        self.watch = Watch(plant, task, None if hold is None else hold.period)
         self.ledger = Ledger(plant.powers, plant.integrated) if plant.integrated else None
         self.record = Record(task.t_eval, len(task.x0))
         self.ends = Record(None, len(task.x0))  # of segments, just before what may jump there
@@ -149,7 +151,7 @@ class Loop:
             return False
         if not self.watch.changes_method(steps):
             return False
-        self.solver = AdaptiveSolver(self.watch.method, self.task.rtol, self.task.atol)
+        self.solver = _solver(self.system, self.task, self.watch.method)
         return True
 
     def _result(self, failure: Failure | None) -> Run:
@@ -185,11 +187,18 @@ def _system_and_solver(plant: Plant, task: Task) -> tuple[System, Stepper]:
         system: Plant | DryPlant = DryPlant(plant, friction)
     else:
         system = plant
-    if system.is_compiled and task.method in COMPILED:
+    return system, _solver(system, task, task.method)
+
+
+def _solver(system: Any, task: Task, method: str) -> Stepper:
+    """A method's loop in machine code where there is one, or SciPy's solver."""
+    if method == RODAS:
+        return RosenbrockSolver(task.rtol, task.atol, system)
+    if method in COMPILED and system.is_compiled:
         from .runge_kutta import CompiledSolver
 
-        return system, CompiledSolver(task.method, task.rtol, task.atol, system.kernel)
-    return system, AdaptiveSolver(task.method, task.rtol, task.atol)
+        return CompiledSolver(method, task.rtol, task.atol, system.kernel)
+    return AdaptiveSolver(method, task.rtol, task.atol)
 
 
 def _diverged(loop: Loop) -> NotFiniteError:

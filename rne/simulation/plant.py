@@ -58,6 +58,11 @@ class Plant(SmoothSystem):
         """True if no law is called and the kernel is machine code."""
         return self.law is None and self.kernel.is_unrolled and self.robot.engine == "numba"
 
+    @property
+    def is_conservative(self) -> bool:
+        """True without drives and friction: nothing damps the motion."""
+        return self.rhs.friction is None and self.rhs.law is None and not self.rhs.torque_given
+
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Evaluate torques within the segment that begins here."""
         self.span = span
@@ -204,7 +209,9 @@ class Plant(SmoothSystem):
         """From M qdd + h - torques = 0: M dqdd = -d(M qdd + h - torques) at constant qdd."""
         n, size = self.robot.n, x.shape[-1]
         qdd = rates[..., n : 2 * n]
-        slopes = self.rhs.residual.slopes(t, x, qdd, *(() if u is None else (u,)))
+        residual = self.rhs.residual
+        kernel = residual.slopes_in_time if self.is_compiled else residual.slopes
+        slopes = kernel(t, x, qdd, *(() if u is None else (u,)))
         by_x, M = slopes[..., :size], slopes[..., :n, size : size + n]
         if by_law is not None:
             by_x = by_x + slopes[..., size + n :] @ by_law

@@ -20,12 +20,15 @@ from .events import check_within_stops, stops
 from .loop import Loop
 from .plant import Plant
 from .repetition import repeated_error
+from .rosenbrock import METHOD as RODAS
+from .rosenbrock import is_available
 from .run import Run, Task, build_trajectory
 from .sampled import ZeroOrderHold
 from .scene import Scene, scene_of_robot
+from .solver import EXPLICIT, IMPLICIT
 from .symplectic import METHOD as GAUSS
 from .trajectory import ErrorEstimate, Trajectory
-from .watch import STIFF, fastest_decay
+from .watch import STIFF, STIFF_SAMPLE, fastest_decay, stiff_method
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
@@ -39,7 +42,7 @@ SWITCHING = {
     "abs",
     "arctan2",
 }  # operations that are not smooth
-METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA")
+METHODS = (*EXPLICIT, *IMPLICIT, RODAS)
 
 
 def simulate(
@@ -69,11 +72,12 @@ def simulate(
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
         Drive torques, for a robot or a scene without a controller; zero if not given [N m or N].
     method : str
-        "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), or for long motions without drives and friction
-        "gauss-4", whose energy error stays bounded. "auto" takes LSODA if the fastest decay of the loop, linearised at
-        the start, times the duration exceeds 1000 (a stiff loop), and DOP853 otherwise; with a sampled controller the
-        sample time counts instead of the duration, and RK45 replaces DOP853. For this a called law is evaluated some
-        times before the run.
+        "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), "Rodas5P" for stiff motions in machine code
+        (engine "numba", a law that is traced or sampled), or for long motions without drives and friction "gauss-4",
+        whose energy error stays bounded. "auto" begins with an implicit method, Rodas5P or else LSODA, if the fastest
+        decay of the loop, linearised at the start, times the duration exceeds 1000 (a stiff loop), and with DOP853
+        otherwise; with a sampled controller the sample time counts, of which the bound is 30, and RK45 replaces DOP853.
+        For this a called law is evaluated some times before the run.
     rtol, atol : float
         Relative and absolute tolerance of the state, per step, for SciPy's methods.
     t_eval : array_like, shape (T,), optional
@@ -101,7 +105,8 @@ def simulate(
     -----
     A Robot is simulated without friction, stops or limits: those are parts of a Scene. The energies of the ledger are
     the integrals of the powers along the motion that is returned. Runs of "auto" that begin with DOP853 or RK45 go on
-    with LSODA from where stability, not accuracy, limits the steps.
+    with LSODA from where stability, not accuracy, limits the steps; in machine code they go on with Rodas5P, back where
+    that ends, and with the method before where that covered more time per operation. The message says so.
 
     Examples
     --------
@@ -124,7 +129,7 @@ def simulate(
     name = "controller" if torque is None else "torque"
     plant, hold = _plant(scene, rhs, name)
     chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, scene)
-    _check_method(chosen, step, scene)
+    _check_method(chosen, step, scene, plant)
     ends = stops(robot.model) if scene.stops else []
     check_within_stops(ends, x0)
     task = Task(
@@ -135,7 +140,12 @@ def simulate(
     return motion
 
 
-def _check_method(method: str, step: float | None, scene: Scene) -> None:
+def _check_method(method: str, step: float | None, scene: Scene, plant: Plant) -> None:
+    if method == RODAS and not is_available(plant):
+        raise ValueError(
+            f"`method` {RODAS!r} runs in machine code: it needs a robot of engine 'numba', a controller that is traced "
+            "(rne.traceable) or sampled, and friction that does not stick; 'LSODA' and 'Radau' need none of these"
+        )
     if method == GAUSS:
         _check_free(scene, method)
     elif step is not None:
@@ -143,21 +153,25 @@ def _check_method(method: str, step: float | None, scene: Scene) -> None:
 
 
 def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tuple[str, str]:
-    """The solver for this run, and why: the fastest decaying mode of the motion linearised at the start decides."""
-    decay = fastest_decay(plant, 0.0, x0)
-    if scene.sample_time is not None:
-        if decay * scene.sample_time > STIFF:
-            return "LSODA", f"LSODA: under held torques the fastest mode at the start decays at {decay:.4g} 1/s"
-        return "RK45", f"RK45: torques are held for {scene.sample_time:g} s, and motion under held torques is not stiff"
+    """The solver to begin with, and why: the fastest decaying mode of the motion linearised at the start decides."""
+    if plant.is_conservative:
+        return "DOP853", "DOP853: not stiff, nothing damps the motion"
+    decay, period = fastest_decay(plant, 0.0, x0), scene.sample_time
+    explicit = "DOP853" if period is None else "RK45"
     if not np.isfinite(decay):
-        return "DOP853", "DOP853: the motion cannot be linearised at the start"
-    times = f"{decay * duration:.3g} times over the run"
-    if decay * duration > STIFF:
-        return "LSODA", f"LSODA: stiff, the fastest mode at the start decays at {decay:.4g} 1/s, {times} (> {STIFF:g})"
-    return (
-        "DOP853",
-        f"DOP853: not stiff, no mode at the start decays faster than {decay:.4g} 1/s, {times} (<= {STIFF:g})",
-    )
+        return explicit, f"{explicit}: the motion cannot be linearised at the start"
+    if period is None:
+        times, bound, over = decay * duration, STIFF, "times over the run"
+    else:
+        times, bound, over = decay * period, STIFF_SAMPLE, "times between two samples"
+    if times > bound:
+        method = stiff_method(plant)
+        if method == "LSODA" and period is not None and times > STIFF:
+            method = "Radau"  # LSODA, which begins anew at each sample with short steps, needs more
+        why = f"stiff, the fastest mode at the start decays at {decay:.4g} 1/s, {times:.3g} {over} (> {bound:g})"
+        return method, f"{method}: {why}"
+    why = f"not stiff, no mode at the start decays faster than {decay:.4g} 1/s, {times:.3g} {over} (<= {bound:g})"
+    return explicit, f"{explicit}: {why}"
 
 
 def _plant(scene: Scene, rhs: RightHandSide, name: str) -> tuple[Plant, ZeroOrderHold | None]:

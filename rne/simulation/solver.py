@@ -109,7 +109,8 @@ class AdaptiveSolver:
     def resume(self, system: Any, t: float, x: Array, end: float) -> None:
         """Go on after a jump of the torques: an explicit solver with the length of its last step."""
         if self._solver is None or self.method not in EXPLICIT:
-            return self.start(system, t, x, end, first=end - t if self._solver is None else None)
+            first = end - t if self._solver is None and self.method != "LSODA" else None  # its first step must be short
+            return self.start(system, t, x, end, first=first)
         solver = self._solver  # a Runge-Kutta method stores one slope
         solver.t, solver.y, solver.f = t, np.array(x), system(t, x)
         solver.t_bound, solver.status = end, "running"

@@ -9,15 +9,26 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
+from ..kernels.rosenbrock import STAGES
 from .plant import Plant
+from .rosenbrock import METHOD as RODAS
+from .rosenbrock import is_available
 from .run import Task
-from .solver import Steps
+from .solver import EXPLICIT, Steps
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
 STIFF = 1000.0
+# The same for the time between two samples: RK45 reaches 3.3 time constants a step, and an implicit method that begins
+# anew at each sample takes as many evaluations as nine steps.
+STIFF_SAMPLE = 30.0
 HELD_BACK = 1.5  # steps of this many time constants of the fastest mode: stability limits them, not accuracy
-CHECKED = 100  # steps between two looks
+REACHED = {"DOP853": 4.0, "RK45": 2.5}  # time constants of the fastest mode in a step that stability limits, at least
+WORTH = 2.0  # times as much time per work, which makes a change from Rodas5P worth trying
+CHECKED = 100  # steps between two looks at first; of a compiled loop, which is faster than a look, then twice as many
+MOST_CHECKED = 800
+SLOPES = 3  # times the time of an operation of the right-hand side takes one of the slopes, which registers do not hold
+PATIENCE = 4  # times as many looks until the next change, after one that did not pay
 SLOW = 2000  # looks' worth of steps that the whole run would take at a pace that is suspicious
 EXAMINED = 10  # of the last steps are examined for a jump of the torques nearby
 REACH = 4  # steps' lengths along the motion within which a jump is looked for
@@ -30,42 +41,114 @@ SAME_SPAN = 1e-4
 class Watch:
     """Looks at a run every so many steps.
 
+    Parameters
+    ----------
+    plant : Plant
+    task : Task
+    period : float, optional
+        Time between two samples of the controller, whose torques are held in between [s].
+
     Attributes
     ----------
     method : str
         The method to go on with.
-    note : str
-        What has been changed, for the run's message.
     """
 
-    def __init__(self, plant: Plant, task: Task) -> None:
-        self.plant, self.task, self.method, self.note = plant, task, task.method, ""
+    def __init__(self, plant: Plant, task: Task, period: float | None = None) -> None:
+        self.plant, self.task, self.period, self.method = plant, task, period, task.method
         self.recent: deque[tuple[float, Array]] = deque(maxlen=CHECKED + 1)
         self.count, self.next_suspicion = 0, CHECKED
+        self.next_look = self.interval = CHECKED
+        self.notes: list[str] = []
+        self.before: tuple[str, float] | None = None  # the method before a change, and how fast it was
+        self.next_change, self.patience = 0, CHECKED
         self.changes: deque[float] = deque(maxlen=MAX_CHANGES)
+
+    @property
+    def note(self) -> str:
+        """What has been changed, for the run's message."""
+        left_out = f"{len(self.notes) - 4} more changes" if len(self.notes) > 5 else ""
+        return "; ".join(self.notes if not left_out else [*self.notes[:3], left_out, self.notes[-1]])
 
     @property
     def steps_to_look(self) -> int:
         """Steps until the next look."""
-        return CHECKED - self.count % CHECKED
+        return self.next_look - self.count
 
     def changes_method(self, steps: Steps) -> bool:
         """Steps were taken, as far as the next look at most: True if the run goes on with another method."""
         self.recent.extend(zip(steps.T[1:].tolist(), steps.X[1:], strict=True))
         self.count += len(steps.T) - 1
-        if self.count % CHECKED or len(self.recent) <= CHECKED:
+        if self.count < self.next_look:
             return False
+        self.interval = min(2 * self.interval, MOST_CHECKED) if self.plant.is_compiled else CHECKED
         before = self.method
-        self._look(*self.recent[-1])
+        if len(self.recent) > CHECKED:
+            self._look(*self.recent[-1])
+        if self.method != before:
+            self.interval = CHECKED
+            self.recent = deque([self.recent[-1]], maxlen=CHECKED + 1)
+        self.next_look = self.count + self.interval
         return self.method != before
 
     def _look(self, t: float, x: Array) -> None:
-        pace = t - self.recent[0][0]  # time covered since the last look
+        pace = t - self.recent[0][0]  # time covered by the last steps
         if self.plant.held is None and pace * SLOW < self.task.duration and self.count >= self.next_suspicion:
             self.next_suspicion = 2 * self.count
             self._check_chatter()
-        if self.task.is_auto and self.method in ("DOP853", "RK45"):
-            self._check_stiffness(t, x, pace / CHECKED)
+        h = pace / CHECKED
+        if not self.task.is_auto or self._returns(t, x, h) or self.count < self.next_change:
+            return
+        if self.method in EXPLICIT:
+            self._check_stiffness(t, x, h)
+        elif self.method == RODAS:
+            self._check_ease(t, x, h)
+
+    def _returns(self, t: float, x: Array, h: float) -> bool:
+        """After a change: True if the method before covered more time per work, and is taken again."""
+        if self.before is None:
+            return False
+        (method, speed), self.before = self.before, None
+        if method != RODAS:
+            speed = min(speed, self._stable_speed(method, t, x))
+        if not speed > h / work_per_step(self.plant, self.method):
+            return False
+        self.notes.append(f"{method} from t = {t:.4g} s on, which is faster")
+        self.method, self.patience = method, PATIENCE * self.patience
+        self.next_change = self.count + self.patience
+        return True
+
+    def _change(self, method: str, h: float, note: str) -> None:
+        """Go on with another method; where its work is known, look soon whether it is faster."""
+        if RODAS in (method, self.method):
+            self.before = self.method, h / work_per_step(self.plant, self.method)
+        self.method = method
+        self.notes.append(note)
+
+    def _check_stiffness(self, t: float, x: Array, h: float) -> None:
+        """Go on with an implicit method where stability holds back the steps of an explicit one."""
+        if self.plant.is_conservative:
+            return
+        decay = fastest_decay(self.plant, t, x)
+        if self.period is None:
+            is_stiff = decay * (self.task.duration - t) > STIFF
+        else:
+            is_stiff = decay * self.period > STIFF_SAMPLE
+        if is_stiff and decay * h > HELD_BACK:
+            method = stiff_method(self.plant)
+            mode = f"where the fastest mode decays at {decay:.4g} 1/s"
+            self._change(method, h, f"{method} from t = {t:.4g} s on, {mode} and {self.method} was held to short steps")
+
+    def _check_ease(self, t: float, x: Array, h: float) -> None:
+        """Go on with an explicit method where its stability would allow steps that are worth it."""
+        method = "DOP853" if self.period is None else "RK45"
+        if self._stable_speed(method, t, x) > WORTH * h / work_per_step(self.plant, RODAS):
+            self._change(method, h, f"{method} from t = {t:.4g} s on, where stability would allow it longer steps")
+
+    def _stable_speed(self, method: str, t: float, x: Array) -> float:
+        """Time per work that the stability of an explicit method allows; NaN where that is not known."""
+        fastest = float(np.abs(modes(self.plant, t, x)).max(initial=1e-300))
+        return REACHED[method] / fastest / work_per_step(self.plant, method)
 
     def change(self, t: float) -> None:
         """A joint stuck or slipped."""
@@ -76,17 +159,6 @@ class Watch:
                 f"t = {t:.6g} s: the torques chatter; smooth the law or sample it",
                 t,
             )
-
-    def _check_stiffness(self, t: float, x: Array, h: float) -> None:
-        """Go on with LSODA where stability holds back the steps of an explicit method."""
-        decay = fastest_decay(self.plant, t, x)
-        remaining = self.task.duration - t if self.plant.held is None else 0.0
-        if decay * remaining > STIFF and decay * h > HELD_BACK:
-            self.note = (
-                f"LSODA from t = {t:.4g} s on, where the fastest mode decays at {decay:.4g} 1/s and {self.method} was "
-                "held to short steps"
-            )
-            self.method = "LSODA"
 
     def _check_chatter(self) -> None:
         """Refuse torques that jump right beside most of the last states: the motion is held at the jump."""
@@ -133,12 +205,34 @@ class Watch:
         return jump if np.abs(jump).max() > change / 4 else None
 
 
-def fastest_decay(plant: Plant, t: float, x: Array) -> float:
-    """Fastest decay of the motion linearised in one state [1/s]; NaN where it cannot be linearised."""
+def stiff_method(plant: Plant) -> str:
+    """The implicit method for a plant."""
+    return RODAS if is_available(plant) else "LSODA"
+
+
+def work_per_step(plant: Plant, method: str) -> float:
+    """Operations of a step of a compiled loop: evaluations, sums of stages, linear systems."""
+    operations, size, n = sum(plant.kernel.operations.values()), plant.rhs.size, plant.robot.n
+    if method != RODAS:
+        stages = {"RK45": 6, "DOP853": 12}[method]
+        return stages * operations + stages * (stages + 1) * size
+    slopes, rows = sum(plant.rhs.residual.slopes_in_time.operations.values()), size - n
+    systems = 2 * rows**2 * (rows + size) + 2 * STAGES * rows * size
+    return STAGES * operations + SLOPES * slopes + systems + 2 * STAGES * (STAGES + 3) * size
+
+
+def modes(plant: Plant, t: float, x: Array) -> Array:
+    """Eigenvalues of the motion linearised in one state [1/s]; NaN where it cannot be linearised."""
     try:
         A = plant.jacobian(t, x)
     except RneError:
-        return float("nan")
-    if not A.size or not np.isfinite(A).all():
-        return float("nan")
-    return float(max(-np.linalg.eigvals(A).real.min(), 0.0)) + 0.0  # no negative zero
+        return np.full(1, np.nan)
+    if not np.isfinite(A).all():
+        return np.full(1, np.nan)
+    return np.linalg.eigvals(A)
+
+
+def fastest_decay(plant: Plant, t: float, x: Array) -> float:
+    """Fastest decay of the motion linearised in one state [1/s]; NaN where it cannot be linearised."""
+    decays = modes(plant, t, x).real
+    return float(max(-decays.min(), 0.0)) + 0.0 if decays.size else float("nan")  # no negative zero

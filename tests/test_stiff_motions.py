@@ -1,0 +1,287 @@
+"""Stiff motions: Rodas5P in machine code against tight runs of Radau, and how "auto" chooses and changes its method."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import rne
+from benchmarks.random_robots import straight_chain
+from rne.kernels.kernel import Kernel
+from rne.kernels.program import NeedsRecursion
+from rne.kernels.python_backend import state_function
+from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
+from rne.simulation import loop, rosenbrock
+from rne.simulation.plant import Plant
+from rne.simulation.run import Task
+from rne.simulation.solver import Steps
+from rne.simulation.watch import Watch
+
+from .helpers import kept
+
+pytest.importorskip("numba", reason="Numba is not installed")
+EXACT = {"method": "Radau", "rtol": 1e-11, "atol": 1e-13}
+LOOP = CLOSED_LOOPS[0]
+
+
+def by_interpreter(kernel):
+    """A kernel's program run by Python, as machine code answers."""
+    function = state_function(kernel.traced)
+
+    def answer(*arguments):
+        try:
+            arguments[-1][:] = function(*arguments[:-1])
+        except NeedsRecursion:
+            return False
+        return True
+
+    return answer
+
+
+@pytest.fixture(scope="module", params=kept(["interpreted", "numba"], ["interpreted"]))
+def pair(request):
+    """Two links run by NumPy, and with the loop's text run by Python, or compiled."""
+    model = straight_chain(2)
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "interpreted":
+            patch.setattr(rosenbrock, "compiled", lambda text: text)
+            patch.setattr(Kernel, "address", lambda kernel: by_interpreter(kernel))
+            is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
+            patch.setattr(Plant, "is_compiled", is_meant)
+            yield rne.Robot(model), rne.Robot(replace(model, name="interpreted"))
+        else:
+            yield rne.Robot(model), rne.Robot(model, "numba")
+
+
+@rne.traceable
+def of_time(t, q, qd):
+    return 3 * np.sin(5 * t) - 20 * q - 40 * qd
+
+
+class Integral:
+    """A law with states, the integrals of the errors."""
+
+    states, traceable = 2, True
+
+    def __call__(self, t, q, qd, z):
+        error = q - 0.3 * np.cos(t)
+        return -30 * error - 60 * qd - 20 * z, error
+
+
+PARTS = {
+    "of time": {"controller": of_time},
+    "with states": {"controller": Integral()},
+    "friction": {"friction": rne.Friction(viscous=50.0, coulomb=1.0)},
+    "limits": {"controller": of_time, "effort_limit": [4.0, 2.0]},
+    "sampled": {"controller": of_time, "sample_time": 0.02, "friction": rne.Friction(viscous=100.0)},
+}
+
+
+@pytest.mark.parametrize("parts", kept(PARTS, ["with states", "sampled"]))
+def test_motions_are_those_of_a_tight_run(pair, parts):
+    """States, ledger and steps' interpolants, with all that a scene may have."""
+    scenes = [rne.Scene(robot, **PARTS[parts]) for robot in pair]
+    start, end, times = ([0.5, 0.2], [0.0, 1.0]), 0.3, np.linspace(0, 0.3, 17)
+    tight = {"rtol": 1e-10, "atol": 1e-12} if parts == "sampled" else {}  # Radau begins anew at each sample
+    exact = rne.simulate(scenes[0], *start, end, t_eval=times, **(EXACT | tight))
+    got = rne.simulate(scenes[1], *start, end, t_eval=times, method="Rodas5P", rtol=1e-7, atol=1e-10)
+    assert got.method == "Rodas5P"
+    for name in ("q", "qd", "controller_state", "work"):
+        np.testing.assert_allclose(getattr(got, name), getattr(exact, name), rtol=0, atol=2e-5, err_msg=name)
+    assert got.energy_drift < 1e-4
+    at_steps = rne.simulate(scenes[1], *start, end, method="Rodas5P", rtol=1e-7, atol=1e-10)
+    assert at_steps.t[-1] == end
+    np.testing.assert_allclose(at_steps.q[-1], exact.q[-1], atol=1e-5)
+
+
+def test_a_stop_is_met_inside_a_step(pair):
+    ends = {"lower": np.array([0.3, -3.0]), "upper": np.array([3.0, 3.0])}
+    robots = [rne.Robot(replace(robot.model, **ends), robot.engine) for robot in pair]
+    expected, got = (
+        rne.simulate(rne.Scene(r, friction=rne.Friction(viscous=5.0), stops=True), [0.5, 0.2], [0, 2.0], 1.0, **how)
+        for r, how in zip(robots, (EXACT, {"method": "Rodas5P", "rtol": 1e-9, "atol": 1e-12}), strict=True)
+    )
+    assert expected.status == got.status == 1
+    assert got.t[-1] == pytest.approx(expected.t[-1], abs=1e-6)
+
+
+def test_a_torque_that_becomes_nan_is_named_with_its_time(pair):
+    law = rne.traceable(lambda t, q, qd: np.sqrt(1.2 - t) - q - 30 * qd)
+    with pytest.raises(rne.SimulationError, match=r"torque of 'joint0' is nan at t = 1\.") as caught:
+        rne.simulate(rne.Scene(pair[1], controller=law), [0.1, 0.1], [0, 0], 1.5, method="Rodas5P")
+    assert 1.0 < caught.value.trajectory.t[-1] <= 1.2
+
+
+def test_states_that_must_be_examined_are_stepped_through_by_the_interpreter(pair):
+    """Beyond the velocities whose squares may cost digits the recursion examines each state."""
+    scenes = [rne.Scene(robot, friction=rne.Friction(viscous=1e3)) for robot in pair]
+    expected, got = (
+        rne.simulate(s, [0.5, 0.2], [3e8, -2e8], 1e-10, method=m, rtol=1e-8)
+        for s, m in zip(scenes, ("Radau", "Rodas5P"), strict=True)
+    )
+    np.testing.assert_allclose(got.q[-1], expected.q[-1], rtol=1e-6)
+
+
+REFUSED = (
+    "`method` 'Rodas5P' runs in machine code: it needs a robot of engine 'numba', a controller that is traced "
+    "(rne.traceable) or sampled, and friction that does not stick; 'LSODA' and 'Radau' need none of these"
+)
+
+
+def test_rodas5p_is_refused_where_it_cannot_run(two):
+    compiled = rne.Robot(two.model, "numba")
+    called, sticking = {"controller": lambda t, q, qd: -qd}, {"friction": rne.Friction(coulomb=1.0, smoothing=0)}
+    for scene in (rne.Scene(two), rne.Scene(compiled, **called), rne.Scene(compiled, **sticking)):
+        with pytest.raises(ValueError, match="^" + re.escape(REFUSED) + "$"):
+            rne.simulate(scene, [0, 0], [0, 0], 1.0, method="Rodas5P")
+
+
+class Linear:
+    """What a Watch asks of a plant: modes that may change, and the work of its methods."""
+
+    is_compiled, is_conservative, held = True, False, np.zeros(2)
+    robot = SimpleNamespace(n=2)
+    kernel = SimpleNamespace(operations={"multiply": 500})
+    residual = SimpleNamespace(slopes_in_time=SimpleNamespace(operations={"multiply": 500}, is_unrolled=True))
+    rhs = SimpleNamespace(size=4, residual=residual, friction=None)
+    fastest = 1.0
+
+    def jacobian(self, t, x):
+        return np.diag([-self.fastest, -1.0, -1.0, -1.0])
+
+
+def watched(start="DOP853"):
+    plant = Linear()
+    watch = Watch(plant, Task(np.zeros(4), 100.0, start, 1e-6, 1e-9, is_auto=True))
+
+    def walk(h, count):
+        """Steps of length h, at most so many, until the method changes; the method."""
+        before, last = watch.method, watch.recent[-1][0] if watch.recent else 0.0
+        while count > 0 and watch.method == before:
+            T = last + h * np.arange(min(count, watch.steps_to_look) + 1)
+            watch.changes_method(Steps(T, np.zeros((len(T), 4))))
+            count, last = count - len(T) + 1, T[-1]
+        return watch.method
+
+    return plant, watch, walk
+
+
+def test_an_explicit_method_that_stability_holds_back_is_left_for_rodas5p_and_taken_again_where_that_ends():
+    plant, watch, walk = watched()
+    plant.fastest = 1e4
+    assert walk(1e-5, 300) == "DOP853"  # accuracy asks for short steps
+    assert walk(5e-4, 1000) == "Rodas5P"
+    assert walk(1e-2, 2000) == "Rodas5P"
+    plant.fastest = 10.0
+    assert walk(1e-2, 2000) == "DOP853"
+    assert walk(4e-2, 2000) == "DOP853"
+    assert watch.note.count(" from t = ") == 2
+
+
+def test_a_change_that_does_not_pay_is_undone_and_not_soon_tried_again():
+    plant, watch, walk = watched()
+    plant.fastest = 1e3
+    assert walk(4e-3, 1000) == "Rodas5P"
+    assert walk(3e-3, 100) == "DOP853"  # an explicit step is about as much work
+    assert watch.note.endswith("on, which is faster")
+    assert walk(4e-3, 300) == "DOP853"
+    assert walk(4e-3, 1000) == "Rodas5P"
+
+
+def test_rodas5p_stays_where_an_explicit_method_was_faster_before_the_motion_became_stiff():
+    plant, _, walk = watched()
+    plant.fastest = 1e2
+    assert walk(2e-2, 1000) == "Rodas5P"
+    plant.fastest = 1e5
+    assert walk(1e-3, 2000) == "Rodas5P"
+
+
+def test_a_sampled_motion_that_stability_holds_back_is_known_by_the_time_between_samples(irb140):
+    """Friction that decays 700 times between two samples: RK45 took 72,908 evaluations over 0.05 s, LSODA 7,035."""
+    law = rne.control.pd_gravity(irb140, kp=[50] * 6, kd=[2] * 6, reference=[0.5] * 6)
+    scene = rne.Scene(irb140, controller=law, sample_time=1e-3, friction=rne.Friction(viscous=1000.0))
+    motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.01)
+    assert motion.message.startswith(
+        "LSODA: stiff, the fastest mode at the start decays at 6.95e+05 1/s, 695 times between"
+    )
+    assert motion.evaluations < 2500
+    exact = rne.simulate(scene, [0] * 6, [0] * 6, 0.01, method="Radau", rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(motion.q[-1], exact.q[-1], rtol=1e-5)
+
+
+@pytest.mark.parametrize("method", ["auto", "LSODA"])
+def test_sampled_motions_with_very_stiff_friction_begin(irb140, method):
+    """LSODA gave up at the first sample, whose whole time was its first step. Each joint creeps with torque / viscous."""
+    law = rne.control.pd_gravity(irb140, kp=[50] * 6, kd=[2] * 6, reference=[0.5] * 6)
+    scene = rne.Scene(irb140, controller=law, sample_time=1e-3, friction=rne.Friction(viscous=20000.0))
+    motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.005, method=method)
+    creep = (motion.tau[-1] - irb140.gravity_torque(motion.q[-1])) / 20000.0
+    np.testing.assert_allclose(motion.qd[-1], creep, rtol=1e-5, atol=1e-12)  # torque of the sample after
+
+
+def test_a_motion_that_nothing_damps_is_not_stiff_however_long(two):
+    """Long swings were once called stiff: the unstable direction of a pendulum times the duration."""
+    motion = rne.simulate(two, [3.1, 0.0], [0, 0], 0.5)
+    assert motion.message == "DOP853: not stiff, nothing damps the motion; the end was reached"
+
+
+def methods_that_ran(patch):
+    """Methods in the order in which the loop began with them."""
+    ran, make = [], loop._solver
+
+    def noted(system, task, method):
+        ran.append(method)
+        return make(system, task, method)
+
+    patch.setattr(loop, "_solver", noted)
+    return ran
+
+
+@rne.traceable
+def fading(t, q, qd):
+    return -2000 * np.exp(-20 * t) * qd - 0.1 * qd
+
+
+@rne.traceable
+def coming_and_going(t, q, qd):
+    return -50 * (1 + np.sin(3 * t)) ** 4 * qd - 0.1 * qd
+
+
+CHANGING = {
+    "begins": ({"friction": rne.Friction(coulomb=2.0)}, 1.0, ["DOP853", "Rodas5P"]),
+    "ends": ({"controller": fading}, 5.0, ["Rodas5P", "DOP853"]),
+    "comes and goes": ({"controller": coming_and_going}, 3.0, ["Rodas5P", "DOP853", "Rodas5P"]),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", CHANGING)
+def test_the_message_names_the_methods_that_ran_in_their_order(monkeypatch, case):
+    parts, end, expected = CHANGING[case]
+    scenes = [rne.Scene(rne.load("irb140", engine=engine), **parts) for engine in ("numpy", "numba")]
+    exact = rne.simulate(scenes[0], [0.5] * 6, [1] * 6, end, method="LSODA", rtol=1e-11, atol=1e-13)
+    ran = methods_that_ran(monkeypatch)
+    motion = rne.simulate(scenes[1], [0.5] * 6, [1] * 6, end)
+    assert ran == expected
+    assert re.findall(r"(\w+)(?:: | from t = )", motion.message) == expected
+    assert motion.method == expected[-1]
+    np.testing.assert_allclose(motion.q[-1], exact.q[-1], atol=1e-4)
+
+
+@pytest.mark.long
+def test_the_thesis_loop_at_both_tolerances():
+    """Errors below those of LSODA."""
+    robots = [rne.load("irb140", engine=engine) for engine in ("numpy", "numba")]
+    laws = [rne.control.pd_gravity(robot, KP, KD, LOOP.reference) for robot in robots]
+    scenes = [rne.Scene(r, controller=law) for r, law in zip(robots, laws, strict=True)]
+    times, start = np.linspace(0, 5, 101), (LOOP.start, np.zeros(6))
+    exact = rne.simulate(scenes[0], *start, 5.0, t_eval=times, method="LSODA", rtol=1e-12, atol=1e-14)
+    for rtol in (1e-6, 1e-10):
+        how = {"t_eval": times, "rtol": rtol, "atol": rtol / 1e3}
+        lsoda = rne.simulate(scenes[0], *start, 5.0, method="LSODA", **how)
+        got = rne.simulate(scenes[1], *start, 5.0, **how)
+        assert got.message.startswith("Rodas5P: stiff, the fastest mode at the start decays at 1.529e+04 1/s, ")
+        errors = [max(np.abs(m.q - exact.q).max(), np.abs(m.qd - exact.qd).max()) for m in (lsoda, got)]
+        assert errors[1] < errors[0]
