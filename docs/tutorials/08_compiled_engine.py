@@ -27,8 +27,9 @@ print("engines:", plain.engine, "and", compiled.engine)
 # Nothing so far: each quantity is compiled at its first call, once for single states
 # and once for batches, for this robot only. (A robot's very first call for one state
 # runs the recursion as it is written, and the second one the kernel; here the kernel is
-# called itself.) The code lives as long as the process. What the first call takes
-# longer than the later ones is the time of compiling.
+# called itself.) The code lives as long as the kernel, and a copy on disk, which later
+# processes load; ``rne cache`` shows where. What the first call takes longer than the
+# later ones is the time of compiling or loading.
 
 rng = np.random.default_rng(0)
 q, qd, qdd = rng.uniform(-1, 1, (3, 100_000, 6)) * [[[np.pi]], [[2.0]], [[10.0]]]

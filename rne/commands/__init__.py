@@ -13,4 +13,5 @@ COMMANDS = (
     printing.add_source,
     printing.add_urdf,
     printing.add_report,
+    printing.add_cache,
 )

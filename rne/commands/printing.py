@@ -150,3 +150,35 @@ def run_report(arguments: argparse.Namespace) -> int:
     if isinstance(resolve(arguments.robot), str):  # the path of a file
         rne.check(arguments.robot, out=printed)
     return 0 if pages.write_robot_page(robot, printed.getvalue().strip(), arguments.out, say) else 1
+
+
+def add_cache(commands: Any) -> None:
+    """Register `rne cache`."""
+    title = "show where object code of compiled kernels is kept, or remove it"
+    parser = add_parser(commands, "cache", title, "rne cache --clear")
+    parser.add_argument("--clear", action="store_true", help="remove all of it")
+    parser.set_defaults(run=run_cache)
+
+
+def run_cache(arguments: argparse.Namespace) -> int:
+    """Print the cache's place, size and number of files."""
+    from ..kernels import disk_cache
+
+    place = disk_cache.folder()
+    if place is None:
+        empty = os.environ.get("RNE_CACHE") == ""
+        print("no cache:", "RNE_CACHE is empty" if empty else "platformdirs is not installed: pip install 'rne[numba]'")
+        return 0
+    sizes = [state.st_size for _, state in disk_cache.entries(place)]
+    if disk_cache.is_refused(place):
+        text = "not used, since another user owns it or may write to it"
+    elif arguments.clear:
+        text = f"{disk_cache.clear()} files removed"
+    elif sizes:
+        text = (
+            f"{len(sizes)} files of object code, {sum(sizes) / 1e6:.1f} MB of at most {disk_cache.LIMIT / 1e6:.1f} MB"
+        )
+    else:
+        text = "empty"
+    print(f"{place}: {text}")
+    return 0

@@ -379,10 +379,10 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
     model : Model
         The robot's parameters.
     engine : {"numpy", "numba"}
-        What runs the kernel. "numba" is machine code, compiled at the first call of one state and at the first batch:
-        0.2 to 1 s each for an arm, and for thousands of operations some 0.3 ms per operation for one state and 1 to
-        3 ms for batches. The code of a kernel, 1 to 2 MB, stays until the process ends. It needs the extra `numba`:
-        `pip install 'rne[numba]'`.
+        What runs the kernel. "numba" is machine code, compiled by LLVM at the first call of one state and at the first
+        batch, some 0.2 ms per operation, and kept on disk for other processes: in the platform's folder for caches, or
+        that of the environment variable RNE_CACHE (empty: nowhere); `rne cache` shows it. In memory it lives as long
+        as the kernel. It needs the extra `numba`: `pip install 'rne[numba]'`.
     **fixed
         Arguments other than joint arrays, such as `link="link_6"` for `rne.dynamics.jacobian`. Of `external` the names
         of the links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in order.

@@ -2,19 +2,28 @@
 
 A loop's text is Python that works on arrays of float64 or int64, C-contiguous, on numbers and on tuples of these. It
 allocates nothing, raises nothing, and calls only `evaluate`, texts marked by `inline` and functions of `math`. Run as
-it stands it is the same algorithm with functions in place of addresses.
+it stands it is the same algorithm with functions in place of addresses. Numba translates it once; what LLVM makes of
+that is kept on disk, so that other processes need no Numba.
 """
 
 from __future__ import annotations
 
 import functools
+import importlib.util
+import inspect
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
+
+import numpy as np
 
 from ..basics.spatial import Array
 
 Text = TypeVar("Text", bound=Callable[..., Any])
 INLINED: list[Callable[..., Any]] = []  # texts that other texts call, not yet known to Numba
+OPTIONS: Any = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def _lanes() -> int:
@@ -43,24 +52,103 @@ def inline(text: Text) -> Text:
 
 
 def compiled(text: Callable[..., Any]) -> Callable[..., Any]:
-    """A text in machine code, called like the text itself; compiled for the types of its first arguments."""
+    """A text in machine code, called like the text itself; compiled for the kinds of its arguments at a first call."""
+    made: dict[str, Any] = {}
+    last: Any = lambda *_: None  # noqa: E731
 
     @functools.wraps(text)
     def call(*arguments: Any) -> Any:
-        return _dispatcher(text)(*arguments)
+        nonlocal last
+        result = last(*arguments)
+        if result is None:  # it was made for other kinds of arguments
+            arguments = _plain(arguments)
+            kind = kind_of(arguments)
+            if kind not in made:
+                made[kind] = _compiled(text, arguments, kind)
+            last = made[kind]
+            result = last(*arguments)
+            assert result is not None
+        return result
 
     return call
 
 
+def _plain(value: Any) -> Any:
+    """An argument as an array, an int, a float or a tuple of these."""
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
+    if isinstance(value, np.ndarray):
+        for dtype in (np.dtype("float64"), np.dtype("int64")):
+            if value.dtype == dtype and value.flags.c_contiguous and value.flags.aligned:
+                return value.view(np.ndarray).view(dtype)
+        raise TypeError(f"loops take C-contiguous arrays of float64 or int64, got {value.dtype}, {value.strides}")
+    return int(value) if isinstance(value, (int, np.integer, np.bool_)) else float(value)
+
+
+def kind_of(value: Any) -> str:
+    """What machine code is made for: "f2" for a matrix of float64, "i" for an int, (f1 f) for a tuple."""
+    if isinstance(value, tuple):
+        return f"({' '.join(map(kind_of, value))})"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype.kind}{value.ndim}"
+    return "i" if isinstance(value, int) else "f"
+
+
+def _compiled(text: Callable[..., Any], arguments: tuple[Any, ...], kind: str) -> Any:
+    from .object_code import library
+    from .python_calls import python_function
+
+    if text.__closure__:
+        raise TypeError(f"{text.__qualname__} depends on variables of the function that it stands in")
+    source = Path(inspect.getfile(text)).read_text(encoding="utf-8")
+    description = ("loop", numba_version(), source, text.__qualname__, kind)
+    return python_function(library(["call"], description, lambda: _llvm_text(text, arguments), loops=True))
+
+
 @functools.cache
-def _dispatcher(text: Callable[..., Any]) -> Any:
-    from numba import njit
+def numba_version() -> str:
+    """The version of Numba, found without importing it; empty if it is not installed."""
+    found = importlib.util.find_spec("numba")
+    if found is None or found.origin is None:
+        return ""
+    return " ".join(sorted(path.name for path in Path(found.origin).parents[1].glob("numba-*")))
+
+
+def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
+    """The text as LLVM's instructions, with "call" for Python, and nothing in it that belongs to Numba."""
+    from llvmlite import ir
+    from numba import njit, types
     from numba.extending import register_jitable
+
+    from .python_calls import RETURNED, emit_loop_call
 
     _teach_evaluate()
     while INLINED:
-        register_jitable(fastmath={"contract", "nsz"})(INLINED.pop())
-    return njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz"})(text)
+        register_jitable(**OPTIONS)(INLINED.pop())
+    kinds = tuple(map(_numba_type, arguments))
+    function: Any = njit(kinds, **OPTIONS, **BARE)(text)  # type: ignore[call-overload]
+    made = function.overloads[kinds]
+    name, returned = made.fndesc.llvm_func_name, str(types.unliteral(made.signature.return_type))  # type: ignore[no-untyped-call]
+    if returned not in RETURNED:
+        raise TypeError(f"{text.__qualname__} returns {returned}, not one of {', '.join(RETURNED)}")
+    module = ir.Module("call")
+    emit_loop_call(module, name, arguments, returned)
+    call = [line for line in str(module).splitlines() if not line.startswith(("target", f'declare i32 @"{name}"'))]
+    body = re.sub(r"^define (linkonce_odr )?", "define internal ", made.library.get_llvm_str(), flags=re.M)
+    # Loops own no memory: they count no references.
+    count = r"^define internal [^{]*@(NRT_\w+)\(.*?^}"
+    body = re.sub(count, r"define internal void @\1(ptr %0) alwaysinline {\n  ret void\n}", body, flags=re.M | re.S)
+    return "\n".join([body, *call])
+
+
+def _numba_type(value: Any) -> Any:
+    from numba import types
+
+    if isinstance(value, tuple):
+        return types.Tuple([_numba_type(item) for item in value])  # type: ignore[no-untyped-call]
+    if isinstance(value, np.ndarray):
+        return types.Array(types.float64 if value.dtype.kind == "f" else types.int64, value.ndim, "C")
+    return types.int64 if isinstance(value, int) else types.float64
 
 
 @functools.cache

@@ -164,3 +164,43 @@ def emit_rows_call(module: Any, function: Any, widths: Sequence[int], entries: i
     pairs += [call.field(out, DATA), ir.Constant(INTEGER, entries * size)]
     begin = call.integer(call.argument(len(widths) + 1))
     call.give(call.unlocked(function, [*pairs, begin, count]))
+
+
+RETURNED = {"int64": INTEGER, "float64": NUMBER, "bool": ir.IntType(8), "none": BYTES}
+
+
+def emit_loop_call(module: Any, name: str, arguments: Sequence[Any], returned: str) -> None:
+    """Add "call" of a function that Numba made for such arguments, and that returns a type of RETURNED.
+
+    Numba's convention (numba.core.callconv.CPUCallConv): int32 f(result*, error**, flattened arguments); an array is
+    its owner, its parent, number and size of its numbers, their address, shape and strides.
+    """
+    call = Call(module)
+    values = [x for k, kind in enumerate(arguments) for x in _flattened(call, call.argument(k), kind)]
+    result, error = call.builder.alloca(RETURNED[returned]), call.builder.alloca(BYTES)
+    native = ir.FunctionType(ir.IntType(32), [x.type for x in (result, error, *values)])
+    call.unlocked(ir.Function(module, native, name), [result, error, *values])
+    found = call.builder.load(result)
+    if returned == "float64":
+        call.builder.ret(call.c_function("PyFloat_FromDouble", BYTES, found))
+    elif returned == "bool":
+        call.builder.ret(call.c_function("PyBool_FromLong", BYTES, call.builder.zext(found, INTEGER)))
+    else:
+        call.give(found if returned == "int64" else ir.Constant(INTEGER, 0))
+
+
+def _flattened(call: Call, value: Any, kind: Any) -> list[Any]:
+    """An argument like `kind` in Numba's form."""
+    if isinstance(kind, tuple):
+        pairs = zip(call.items(value, len(kind)), kind, strict=True)
+        return [x for item, like in pairs for x in _flattened(call, item, like)]
+    if isinstance(kind, int):
+        return [call.integer(value)]
+    if isinstance(kind, float):
+        return [call.number(value)]
+    nothing, size = ir.Constant(BYTES, None), ir.Constant(INTEGER, 8)
+    numbers, shape = call.plain_array(value, FLOAT64 if kind.dtype.kind == "f" else INT64, kind.ndim)
+    strides = [size]
+    for count in reversed(shape):
+        strides.insert(0, call.builder.mul(strides[0], count))
+    return [nothing, nothing, call.builder.sdiv(strides[0], size), size, numbers, *shape, *strides[1:]]

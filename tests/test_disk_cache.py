@@ -1,0 +1,186 @@
+"""Object code kept on disk: found by other processes, of bounded size, never run if damaged or somebody else's."""
+
+import logging
+import os
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+import rne
+from benchmarks.random_robots import straight_chain
+from rne.__main__ import main
+from rne.kernels import disk_cache, object_code
+
+from .helpers import ROOT
+
+pytest.importorskip("llvmlite", reason="Numba is not installed")
+OWN = hasattr(os, "getuid")
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """An empty cache."""
+    monkeypatch.setenv("RNE_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def run_kernel(gravity=-9.81):
+    model = straight_chain(2, gravity=[0, 0, gravity]) if gravity != -9.81 else straight_chain(2)
+    kernel = rne.compile(rne.dynamics.gravity_torque, model, engine="numba")
+    return kernel(np.full((9, 2), 0.3))
+
+
+@pytest.fixture
+def compilations(monkeypatch):
+    """Counts them."""
+    texts, compiled = [], object_code.compiled
+    monkeypatch.setattr(object_code, "compiled", lambda text, loops: texts.append(text) or compiled(text, loops=loops))
+    return texts
+
+
+class TestKernels:
+    def test_are_compiled_once(self, place, compilations):
+        assert np.array_equal(run_kernel(), run_kernel())
+        assert len(compilations) == len(list(place.iterdir())) == 1
+
+    def test_of_other_programs_processors_and_versions_are_others(self, place, compilations, monkeypatch):
+        run_kernel()
+        rne.compile(rne.dynamics.kinetic_energy, straight_chain(2), engine="numba")(*np.ones((2, 9, 2)))
+        monkeypatch.setattr(object_code, "compiler", lambda: "another version")
+        run_kernel()
+        monkeypatch.setattr(object_code, "host", lambda: ("another processor", ""))
+        run_kernel()
+        monkeypatch.setattr(disk_cache, "versions", lambda: "other files")
+        run_kernel()
+        assert len(compilations) == 5
+
+    def test_without_a_cache_nothing_is_written(self, place, compilations, monkeypatch):
+        monkeypatch.setenv("RNE_CACHE", "")
+        run_kernel()
+        run_kernel()
+        assert len(compilations) == 2
+        assert not place.exists()
+
+    @pytest.mark.parametrize("damage", [b"", b"short", None])
+    def test_damaged_files_are_compiled_anew(self, place, compilations, damage):
+        expected = run_kernel()
+        (path,) = place.iterdir()
+        content = path.read_bytes()
+        path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]) if damage is None else damage)
+        assert np.array_equal(run_kernel(), expected)
+        assert len(compilations) == 2
+        assert path.read_bytes() == content
+
+    @pytest.mark.skipif(not OWN, reason="there are no owners")
+    @pytest.mark.parametrize("what", ["folder", "file"])
+    def test_what_others_may_write_to_is_refused(self, place, compilations, what, caplog):
+        run_kernel()
+        (path,) = place.iterdir()
+        (place if what == "folder" else path).chmod(0o777)
+        with caplog.at_level(logging.WARNING, logger="rne"):
+            run_kernel()
+        assert len(compilations) == 2
+        assert "another user owns it or may write to it" in caplog.text
+
+    @pytest.mark.skipif(not OWN, reason="there are no owners")
+    def test_what_another_user_owns_is_refused(self, place, compilations, monkeypatch):
+        run_kernel()
+        monkeypatch.setattr(os, "getuid", lambda: os.geteuid() + 1)
+        run_kernel()
+        assert len(compilations) == 2
+
+    def test_a_folder_that_cannot_be_made_is_no_error(self, place, compilations):
+        place.write_text("a file")
+        run_kernel()
+        assert len(compilations) == 1
+
+
+class TestFiles:
+    def test_the_least_recently_used_are_removed(self, place, monkeypatch):
+        monkeypatch.setattr(disk_cache, "LIMIT", 10_000)
+        for k in range(9):
+            disk_cache.write(f"{k}", bytes(1000))
+            os.utime(place / f"{k}.rne", (k, k))
+        os.utime(place / "0.rne")  # used again
+        disk_cache.write("last", bytes(1000))
+        left = {path.stem for path in place.iterdir()}
+        assert left == {"0", "last", "8", "7", "6", "5", "4"}
+        assert disk_cache.read("1") is None
+        assert disk_cache.read("last") == bytes(1000)
+
+    def test_reading_counts_as_use(self, place):
+        disk_cache.write("a", b"code")
+        os.utime(place / "a.rne", (1, 1))
+        disk_cache.read("a")
+        assert (place / "a.rne").stat().st_mtime > 1
+
+    def test_writers_and_readers_at_once_see_whole_files(self, place):
+        contents, wrong = [bytes([k]) * 100_000 for k in range(4)], []
+
+        def work(k):
+            for _ in range(20):
+                disk_cache.write("same", contents[k])
+                if disk_cache.read("same") not in contents:
+                    wrong.append(k)
+
+        threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert not wrong
+        assert len(list(place.iterdir())) == 1
+
+
+def test_a_second_process_needs_no_compiler_and_no_numba(place, tmp_path):
+    (tmp_path / "text.py").write_text(
+        "def total(x, factor):\n    s = 0.0\n    for i in range(len(x)):\n        s += factor * x[i]\n    return s\n"
+    )
+    code = (
+        "import sys, numpy as np, rne, text; from benchmarks.random_robots import straight_chain;"
+        "from rne.kernels import loops, object_code;"
+        "compiled = object_code.compiled; texts = [];"
+        "object_code.compiled = lambda text, loops: texts.append(text) or compiled(text, loops=loops);"
+        "kernel = rne.compile(rne.dynamics.gravity_torque, straight_chain(2), engine='numba');"
+        "found = kernel(np.ones((9, 2))).sum(), loops.compiled(text.total)(np.arange(4.0), 0.5);"
+        "print(repr(found), len(texts), 'numba' in sys.modules)"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
+    first, second = (
+        subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+        for _ in range(2)
+    )
+    assert first.endswith(" 2 True\n")
+    assert second == first.replace(" 2 True", " 0 False")
+
+
+class TestCommand:
+    def test_it_shows_place_size_and_count_and_clears(self, place, capsys):
+        assert main(["cache"]) == 0
+        assert capsys.readouterr().out == f"{place}: empty\n"
+        disk_cache.write("a", bytes(1_500_000))
+        disk_cache.write("b", bytes(500_000))
+        main(["cache"])
+        assert capsys.readouterr().out == f"{place}: 2 files of object code, 2.0 MB of at most 67.1 MB\n"
+        main(["cache", "--clear"])
+        assert capsys.readouterr().out == f"{place}: 2 files removed\n"
+        assert list(place.iterdir()) == []
+
+    def test_without_a_cache_it_says_so(self, monkeypatch, capsys):
+        monkeypatch.setenv("RNE_CACHE", "")
+        assert main(["cache"]) == 0
+        assert capsys.readouterr().out == "no cache: RNE_CACHE is empty\n"
+        monkeypatch.delenv("RNE_CACHE")
+        monkeypatch.setitem(sys.modules, "platformdirs", None)
+        main(["cache", "--clear"])
+        assert capsys.readouterr().out == "no cache: platformdirs is not installed: pip install 'rne[numba]'\n"
+
+    @pytest.mark.skipif(not OWN, reason="there are no owners")
+    def test_it_says_that_a_folder_is_refused(self, place, capsys):
+        place.mkdir()
+        place.chmod(0o777)
+        main(["cache"])
+        assert capsys.readouterr().out == f"{place}: not used, since another user owns it or may write to it\n"
