@@ -1,6 +1,7 @@
 """Loops in machine code around kernels: one text, run by the interpreter or compiled, around functions or addresses."""
 
 import ctypes
+import math
 
 import numpy as np
 import pytest
@@ -57,6 +58,7 @@ class TestAddress:
 
 @loops.inline
 def size(x):
+    """A sum of squares."""
     total = 0.0
     for i in range(len(x)):
         total += x[i] * x[i]
@@ -99,3 +101,23 @@ def test_a_text_is_the_same_loop_compiled_and_interpreted(kernel):
 def test_a_text_stops_where_the_function_says_so(kernel):
     answers = iter([True, True, False])
     assert run(sizes, lambda *_: next(answers), np.empty(5)) == 2
+
+
+def beside(x, k):
+    """Functions that Numba has copies of."""
+    return math.nextafter(x, math.inf) + math.hypot(x, 4.0) + x**k
+
+
+@pytest.mark.long
+def test_functions_of_math(kernel):
+    assert loops.compiled(beside)(3.0, 3) == beside(3.0, 3)
+
+
+@pytest.mark.long
+def test_other_kinds_of_arguments_are_compiled_for_or_refused():
+    total = loops.compiled(size)
+    x = np.arange(4.0)
+    assert total(x) == total(np.arange(4)) == total(x) == 14.0
+    for wrong in (x[::2], x.astype(np.float32)):
+        with pytest.raises(TypeError, match=r"^loops take C-contiguous arrays of float64 or int64, got "):
+            total(wrong)

@@ -51,6 +51,7 @@ def inline(text: Text) -> Text:
     return text
 
 
+@functools.cache
 def compiled(text: Callable[..., Any]) -> Callable[..., Any]:
     """A text in machine code, called like the text itself; compiled for the kinds of its arguments at a first call."""
     made: dict[str, Any] = {}
@@ -135,6 +136,8 @@ def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
     emit_loop_call(module, name, arguments, returned)
     call = [line for line in str(module).splitlines() if not line.startswith(("target", f'declare i32 @"{name}"'))]
     body = re.sub(r"^define (linkonce_odr )?", "define internal ", made.library.get_llvm_str(), flags=re.M)
+    body = re.sub(r" = common \w+ global ptr null$", " = internal global ptr null", body, flags=re.M)
+    body = re.sub(r"@numba_(\w+)", r"@\1", body)  # Numba's copies of functions of the C library
     # Loops own no memory: they count no references.
     count = r"^define internal [^{]*@(NRT_\w+)\(.*?^}"
     body = re.sub(count, r"define internal void @\1(ptr %0) alwaysinline {\n  ret void\n}", body, flags=re.M | re.S)
