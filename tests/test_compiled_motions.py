@@ -10,33 +10,37 @@ import pytest
 
 import rne
 from benchmarks.random_robots import straight_chain
-from rne.kernels.numpy_backend import BlockProgram
+from rne.kernels import runge_kutta
+from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
+from rne.simulation import compiled
 from rne.simulation.plant import Plant
 
 from .helpers import kept
 
-pytest.importorskip("numba", reason="Numba is not installed")
-runge_kutta = pytest.importorskip("rne.simulation.runge_kutta")
-
+TEXTS = "take_steps", "take_samples", "add_stages", "add_sampled_stages"
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
 
 
 def interpreted(monkeypatch):
     """A copy of a robot for which the loop's text is run by Python, which needs no compiler."""
 
-    def evaluate(rates, t, x, u, k):
-        try:
-            k[0] = rates(t[0], x[0], u[0]) if u.size else rates(t[0], x[0])
-        except NeedsRecursion:
-            return False
-        return True
+    def address(kernel, lanes=1):
+        function = state_function(kernel.traced)
 
-    loop = runge_kutta.take_steps, runge_kutta.add_stages
-    monkeypatch.setattr(runge_kutta, "evaluate", evaluate)
-    monkeypatch.setattr(runge_kutta, "compiled", lambda with_torques: loop)
-    monkeypatch.setattr(BlockProgram, "function", lambda self, dtype: state_function(self.trace), raising=False)
+        def call(*arguments):
+            try:
+                arguments[-1][:] = function(*arguments[:-1])
+            except NeedsRecursion:
+                return False
+            return True
+
+        return call
+
+    for name in TEXTS:
+        monkeypatch.setattr(compiled, name, getattr(runge_kutta, name))
+    monkeypatch.setattr(Kernel, "address", address)
     is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
     monkeypatch.setattr(Plant, "is_compiled", is_meant)
     return lambda model: rne.Robot(replace(model, name="interpreted"))
@@ -192,19 +196,24 @@ def test_stages_of_interpolants_that_must_be_examined_are_left_to_the_recursion(
         return rne.simulate(scene, [0.5, 0.2], [0, 0], 0.3, method="DOP853", t_eval=[0.0, 0.3], rtol=1e-9)
 
     expected = run()
-    loop = runge_kutta.take_steps, lambda *_: False
-    monkeypatch.setattr(runge_kutta, "compiled", lambda with_torques: loop)
+    for name in ("add_stages", "add_sampled_stages"):
+        monkeypatch.setattr(compiled, name, lambda *_: False)
     got = run()
     np.testing.assert_allclose(got.dissipated["viscous"], expected.dissipated["viscous"], rtol=1e-12)
     assert got.evaluations == expected.evaluations
 
 
-def test_a_step_that_is_cut_ends_exactly_at_the_end(monkeypatch):
+def test_a_step_that_is_cut_ends_exactly_at_the_end():
     """Where t + (end - t) is one rounding short of the end, no step of one rounding follows."""
-    monkeypatch.setattr(runge_kutta, "evaluate", lambda rates, t, x, u, k: not k.fill(0.0))
     t, end = next((a, b) for a, b in np.random.default_rng(0).uniform(0, [0.1, 1.0], (10**4, 2)) if a + (b - a) < b)
     T, X, H = np.full(9, t), np.ones((9, 1)), np.full(9, 10.0)
     K, count, method = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), runge_kutta.tableau("RK45")
     limits = end, np.inf, 1e-6, 1e-9, -0.2, -np.inf, np.inf
-    assert runge_kutta.take_steps(None, np.zeros((1, 0)), limits, *method, T, X, K, H, count) == 1
+    arguments = np.zeros(1), np.zeros(1)
+
+    def at_rest(t, x, rates):
+        rates[:] = 0.0
+        return True
+
+    assert runge_kutta.take_steps(at_rest, arguments, limits, runge_kutta.GO_ON, method, T, X, K, H, count) == 1
     assert T[1] == end

@@ -172,6 +172,10 @@ class AppliedTorques:
             return None
         return f"traced, it differs by {worst:.3g} from a call: it has memory, noise or a branch"
 
+    def is_current(self) -> bool:
+        """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
+        return _difference(self, self.kernel) <= AGREEMENT
+
 
 class Residual(AppliedTorques):
     """[M a + C qd + g - net torques, dz/dt] at accelerations a: its slopes linearise the motion, see Plant.jacobian."""
@@ -286,7 +290,7 @@ class RightHandSide(AppliedTorques):
 
     def is_current(self) -> bool:
         """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
-        return self.law is None or _difference(self.torques, self.torques.kernel) <= AGREEMENT
+        return self.law is None or self.torques.is_current()
 
     @cached_property
     def kernel_at_parameters(self) -> Kernel:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import NotFiniteError, SingularMassMatrixError
+from .compiled import CompiledSolver, SampledSolver
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
 from .plant import Plant
@@ -28,6 +29,7 @@ from .system import Stepper, System
 from .watch import Watch
 
 FEWEST = 8  # steps taken at first, where an event may throw them away
+LONGEST = 1000  # steps taken at once
 COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
 
@@ -45,7 +47,7 @@ class Loop:
 
     def __init__(self, plant: Plant, task: Task, hold: ZeroOrderHold | None = None) -> None:
         self.plant, self.task, self.hold = plant, task, hold
-        self.system, self.solver = _system_and_solver(plant, task)
+        self.system, self.solver = _system_and_solver(plant, task, hold)
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
         self.watch = Watch(plant, task, None if hold is None else hold.period)
@@ -91,9 +93,10 @@ class Loop:
         else:
             self.solver.start(self.system, self.t, self.x, end, self.system.longest_step(self.task.duration))
         events: list[Event] = [*self.system.events, *self.task.stops]
-        solver, most = self.solver, FEWEST if events else self.watch.steps_to_look
+        solver, most = self.solver, FEWEST if events else LONGEST
         while solver.is_running:
-            steps = solver.steps(min(most, self.watch.steps_to_look))
+            at_once = LONGEST if isinstance(solver, SampledSolver) else self.watch.steps_to_look
+            steps = solver.steps(min(most, at_once))
             most = 2 * most
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
@@ -111,12 +114,18 @@ class Loop:
     def _leave(self) -> None:
         """Note the values just before the end of a segment, whose instant reports those after it."""
         before = float(np.nextafter(self.t, 0.0))  # of several segments that end at this time the first
-        if self.task.t_eval is None and self.t < self.task.duration and self.ends.last < before:
+        is_known = self.hold is not None and self.system is self.plant  # of samples
+        if self.task.t_eval is None and not is_known and self.t < self.task.duration and self.ends.last < before:
             self.ends.add(np.array([before]), self.x[None], self.system)
+
+    @property
+    def _own_hold(self) -> ZeroOrderHold | None:
+        """The controller that is sampled here, not by the solver."""
+        return None if isinstance(self.solver, SampledSolver) else self.hold
 
     def _begin_segment(self) -> tuple[float, bool]:
         """Sample the controller if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
-        t, hold = self.t, self.hold
+        t, hold = self.t, self._own_hold
         is_sample = hold is not None and t >= hold.next
         if hold is not None and is_sample:
             hold.sample(t, self.x)
@@ -130,9 +139,9 @@ class Loop:
 
     def _next_switch(self) -> float:
         """The next sample, the next break or the end."""
-        duration = self.task.duration
-        if self.hold is not None:
-            return self.hold.next if self.hold.next < duration * (1 - 1e-12) else duration
+        duration, hold = self.task.duration, self._own_hold
+        if hold is not None:
+            return hold.next if hold.next < duration * (1 - 1e-12) else duration
         return next((b for b in self.breaks if b > self.t), duration)
 
     def _happen(self, event: Any) -> None:
@@ -151,11 +160,14 @@ class Loop:
             return False
         if not self.watch.changes_method(steps):
             return False
-        self.solver = _solver(self.system, self.task, self.watch.method)
+        self.solver = _solver(self.system, self.task, self.watch.method, self.hold)
         return True
 
     def _result(self, failure: Failure | None) -> Run:
         samples = None if self.hold is None else self.hold.samples()
+        if samples is not None and self.task.t_eval is None and self.system is self.plant:
+            within = (samples.t > 0) & (samples.t < self.task.duration)
+            self.ends.parts = [(np.nextafter(samples.t[within], 0.0), samples.x[within], None)]
         parts = []
         for record in (self.ends, self.record):
             t, x, qdd = record.arrays()
@@ -177,7 +189,7 @@ class Loop:
         return "; ".join(part for part in parts if part) or "the end was reached"
 
 
-def _system_and_solver(plant: Plant, task: Task) -> tuple[System, Stepper]:
+def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> tuple[System, Stepper]:
     """What is integrated, and by what."""
     if task.method == GAUSS:
         hamilton = Hamilton(plant)
@@ -187,18 +199,19 @@ def _system_and_solver(plant: Plant, task: Task) -> tuple[System, Stepper]:
         system: Plant | DryPlant = DryPlant(plant, friction)
     else:
         system = plant
-    return system, _solver(system, task, task.method)
+    return system, _solver(system, task, task.method, hold)
 
 
-def _solver(system: Any, task: Task, method: str) -> Stepper:
+def _solver(system: Any, task: Task, method: str, hold: ZeroOrderHold | None = None) -> Stepper:
     """A method's loop in machine code where there is one, or SciPy's solver."""
     if method == RODAS:
         return RosenbrockSolver(task.rtol, task.atol, system)
-    if method in COMPILED and system.is_compiled:
-        from .runge_kutta import CompiledSolver
-
-        return CompiledSolver(method, task.rtol, task.atol, system.kernel)
-    return AdaptiveSolver(method, task.rtol, task.atol)
+    if method not in COMPILED or not system.is_compiled:
+        return AdaptiveSolver(method, task.rtol, task.atol)
+    how = method, task.rtol, task.atol, system.kernel
+    if hold is None or hold.traced is None or isinstance(system, DryPlant):
+        return CompiledSolver(*how)
+    return SampledSolver(*how, hold)
 
 
 def _diverged(loop: Loop) -> NotFiniteError:

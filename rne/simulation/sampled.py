@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,10 +14,10 @@ from .scene import Scene
 
 
 class Samples(NamedTuple):
-    """Samples of a controller: times (k,), positions and torques (k, n), and the controller's states (k, m)."""
+    """Samples of a controller: times (k,), states (k, 2 n), torques (k, n), and the controller's states (k, m)."""
 
     t: Array
-    q: Array
+    x: Array
     u: Array
     z: Array
 
@@ -27,8 +27,9 @@ class Samples(NamedTuple):
 
     def work(self, q: Array, k: Array) -> Array:
         """Work of the drives since the start up to positions reached under the torques of samples k [J]."""
-        done = np.append(0.0, np.cumsum((self.u[:-1] * np.diff(self.q, axis=0)).sum(axis=1)))
-        work: Array = done[k] + ((q - self.q[k]) * self.u[k]).sum(axis=1)
+        start = self.x[:, : q.shape[1]]
+        done = np.append(0.0, np.cumsum((self.u[:-1] * np.diff(start, axis=0)).sum(axis=1)))
+        work: Array = done[k] + ((q - start[k]) * self.u[k]).sum(axis=1)
         return work
 
 
@@ -44,14 +45,16 @@ class ZeroOrderHold:
     ----------
     state : ndarray
         The controller's states at the last sample.
+    traced : AppliedTorques or None
+        The law, where it is traced.
     """
 
     def __init__(self, scene: Scene, plant: Plant) -> None:
         self.scene, self.plant = scene, plant
         self.period = float(scene.sample_time or 0.0)
         self.state = self.next_state = np.zeros(int(getattr(scene.controller, "states", 0)))
-        self.is_first = True
-        self.table: list[tuple[Any, ...]] = []  # of samples: time, positions, torques, states
+        self.traced = scene.traced_samples
+        self.table: list[Samples] = []
         self.count, self.evaluations_before = 0, 0  # samples, and evaluations before the last one
         self._caller = Plant(plant.rhs, self._law, plant.law_name)
         plant.law, plant.held = None, np.zeros(scene.n)  # the solver sees torques that are held
@@ -63,13 +66,28 @@ class ZeroOrderHold:
         u = np.asarray(self._caller.torque(t, x))
         if parts.effort_limit is not None:
             u = np.clip(u, -parts.effort_limit, parts.effort_limit)
-        if parts.torque_rate is not None and not self.is_first:
+        if parts.torque_rate is not None and self.count:
             step = parts.torque_rate * self.period
             u = np.clip(u, held - step, held + step)
-        self.plant.held, self.is_first = u, False
-        self.table.append((t, x[: len(u)], u, self.state))
-        self.count += 1
+        self.plant.held = u
+        self._append(Samples(np.array([t]), x[None, : 2 * len(u)], u[None], self.state[None]))
         self.evaluations_before = self.plant.evaluations
+
+    def bounds(self) -> Array:
+        """Bounds of the torques, and of their change from one sample to the next, shape (2, n)."""
+        parts = self.scene.resolved
+        limit, rate = (np.inf if bound is None else bound for bound in (parts.effort_limit, parts.torque_rate))
+        return np.array([np.broadcast_to(bound, self.scene.n) for bound in (limit, rate * self.period)])
+
+    def note(self, samples: Samples, states: Array, evaluations: int) -> None:
+        """Samples were taken in machine code: with the controller's states at the last and the next one."""
+        self._append(samples)
+        self.state, self.next_state = states
+        self.plant.held, self.evaluations_before = samples.u[-1], evaluations
+
+    def _append(self, samples: Samples) -> None:
+        self.table.append(samples)
+        self.count += len(samples.t)
 
     @property
     def next(self) -> float:
@@ -77,15 +95,19 @@ class ZeroOrderHold:
         return self.count * self.period
 
     def finish(self, t: float, x: Array) -> None:
-        """The run ends: the controller's states are those of a sample that would follow at its end."""
-        if t >= self.next:
-            self.table.append((t, x[: self.scene.n], self.plant.held, self.next_state))
+        """The run ends at t: what was sampled behind it is void, and what follows a sample there counts."""
+        samples = self.samples()
+        before = samples.t <= t
+        self.table = [Samples(*(part[before] for part in samples))]
+        if before.all() and t >= self.next:
+            self.table.append(Samples(np.array([t]), x[None], samples.u[-1:], self.next_state[None]))
+        self.count = int(before.sum())
 
     def samples(self) -> Samples:
         """All samples so far."""
-        n, m, rows = self.scene.n, len(self.state), list(zip(*self.table, strict=True)) or [()] * 4
-        shapes = (-1,), (-1, n), (-1, n), (len(self.table), m)
-        return Samples(*(np.array(row, np.float64).reshape(shape) for row, shape in zip(rows, shapes, strict=True)))
+        n, m = self.scene.n, len(self.state)
+        none = Samples(np.zeros(0), np.zeros((0, 2 * n)), np.zeros((0, n)), np.zeros((0, m)))
+        return Samples(*(np.concatenate(parts) for parts in zip(none, *self.table, strict=True)))
 
     def _law(self, t: float, q: Array, qd: Array) -> Array:
         if not self.state.size:

@@ -178,12 +178,28 @@ class Scene:
         """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
         if self.sample_time is not None or not getattr(self.controller, "traceable", False):
             return None
-        dynamics = SceneDynamics(self.resolved.robot, None, None, self.controller, torque_given=False)
-        reason = AppliedTorques(dynamics).why_not_traced()
+        reason = self._law_alone.why_not_traced()
         if reason is None:
             return self.controller
         _announce(self.controller, reason)
         return None
+
+    @property
+    def _law_alone(self) -> AppliedTorques:
+        return AppliedTorques(SceneDynamics(self.resolved.robot, None, None, self.controller, torque_given=False))
+
+    @property
+    def traced_samples(self) -> AppliedTorques | None:
+        """A controller that is sampled, where machine code can do it; traced anew if it has changed."""
+        if self.sample_time is None or not getattr(self.controller, "traceable", False):
+            return None
+        if self.resolved.robot.engine != "numba":
+            return None
+        law = self.__dict__.get("_samples")
+        if law is None or not law.is_current():
+            law = self._law_alone
+            law = self.__dict__["_samples"] = law if law.why_not_traced() is None else None
+        return law
 
     def current_right_hand_side(self) -> RightHandSide:
         """The right-hand side, traced anew if the controller has changed since it was traced."""

@@ -117,6 +117,11 @@ class AdaptiveSolver:
         return None
 
     @property
+    def length(self) -> float:
+        """Length with which an explicit solver tries the next step [s]."""
+        return float(self._solver.h_abs)
+
+    @property
     def is_running(self) -> bool:
         """False when the end was reached."""
         return bool(self._solver.status == "running")

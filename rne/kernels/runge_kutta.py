@@ -1,0 +1,273 @@
+"""SciPy's explicit Runge-Kutta methods as loops in machine code, which take many steps per call.
+
+Coefficients, norms and the control of steps are those of `scipy.integrate`: Hairer, Norsett and Wanner 1993, II.4 and
+II.5. Of a state x at time t the right-hand side takes `arguments`: arrays for t and x, and what else it depends on.
+What a loop cannot decide, an evaluation to be examined or a step that becomes too small, is left to the caller.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .loops import evaluate, inline
+
+SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
+GO_ON, AFTER_A_JUMP, ANEW = 0, 1, 2  # how the first step begins: with slope and length, with its length, with neither
+
+
+class Limits(NamedTuple):
+    """Of the steps of a block."""
+
+    end: float
+    longest: float  # step
+    rtol: float
+    atol: float
+    power: float  # of the error, in the factor between two steps
+    first: float  # times within which the right-hand side is evaluated
+    last: float
+
+
+@inline
+def slope(rates: Any, arguments: Any, limits: Any, t: Any, x: Any, k: Any) -> bool:
+    """dx/dt into k; True if it is sound."""
+    arguments[0][0] = min(max(t, limits[5]), limits[6])
+    for i in range(len(x)):
+        arguments[1][i] = x[i]
+    return evaluate(rates, arguments, k)
+
+
+@inline
+def stage(
+    rates: Any, arguments: Any, limits: Any, t: Any, x: Any, h: Any, row: Any, K: Any, s: Any, ahead: Any
+) -> bool:
+    """The slope K[s] at t + ahead and x + h row K; True if it is sound."""
+    y = arguments[1]
+    arguments[0][0] = min(max(t + ahead, limits[5]), limits[6])
+    for i in range(len(x)):
+        y[i] = 0.0
+    for j in range(s):
+        if row[j] != 0.0:
+            for i in range(len(x)):
+                y[i] += row[j] * K[j, i]
+    for i in range(len(x)):
+        y[i] = x[i] + h * y[i]
+    return evaluate(rates, arguments, K[s])
+
+
+@inline
+def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, rtol: Any, atol: Any) -> float:
+    """The estimated error of a step from x to y, in units of the tolerance; DOP853's of two estimates."""
+    fifth, third = 0.0, 0.0
+    for i in range(len(x)):
+        scale = atol + rtol * max(abs(x[i]), abs(y[i]))
+        e5, e3 = 0.0, 0.0
+        for j in range(len(K)):
+            e5 += E[0, j] * K[j, i]
+            e3 += E[1, j] * K[j, i]
+        fifth += (e5 / scale) ** 2
+        third += (e3 / scale) ** 2
+    return h * fifth / ((fifth + 0.01 * third) * len(x)) ** 0.5 if fifth > 0 else 0.0
+
+
+@inline
+def first_length(rates: Any, arguments: Any, limits: Any, t: Any, x: Any, K: Any) -> float:
+    """Length of the first step: Hairer, Norsett and Wanner 1993, II.4, as in SciPy; 0 if a slope is not sound."""
+    end, longest, rtol, atol, power = limits[:5]
+    d0, d1, d2, y = 0.0, 0.0, 0.0, arguments[1]
+    for i in range(len(x)):
+        scale = atol + rtol * abs(x[i])
+        d0 += (x[i] / scale) ** 2
+        d1 += (K[0, i] / scale) ** 2
+    d0, d1 = (d0 / len(x)) ** 0.5, (d1 / len(x)) ** 0.5
+    h = min(1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1, end - t)
+    arguments[0][0] = min(max(t + h, limits[5]), limits[6])
+    for i in range(len(x)):
+        y[i] = x[i] + h * K[0, i]
+    if not evaluate(rates, arguments, K[1]):
+        return 0.0
+    for i in range(len(x)):
+        d2 += ((K[1, i] - K[0, i]) / (atol + rtol * abs(x[i]))) ** 2
+    d2 = (d2 / len(x)) ** 0.5 / h
+    step = max(1e-6, h * 1e-3) if max(d1, d2) <= 1e-15 else (0.01 / max(d1, d2)) ** -power
+    return float(min(100 * h, step, end - t, longest))
+
+
+@inline
+def begin(rates: Any, arguments: Any, limits: Any, how: Any, T: Any, X: Any, K: Any, H: Any, count: Any) -> bool:
+    """The slope at T[0], X[0] and the first step's length, as far as `how` asks for them; True if they are sound."""
+    if how == GO_ON:
+        return True
+    count[0] += 1
+    if not slope(rates, arguments, limits, T[0], X[0], K[0, 0]):
+        return False
+    if how == ANEW:
+        count[0] += 1
+        H[0] = first_length(rates, arguments, limits, T[0], X[0], K[0])
+    return bool(H[0] > 0)
+
+
+@inline
+def take_steps(
+    rates: Any, arguments: Any, limits: Any, how: Any, tableau: Any, T: Any, X: Any, K: Any, H: Any, count: Any
+) -> int:
+    """Steps into T, X and K from T[0] and X[0] on, as far as `limits` or the arrays allow; how many.
+
+    K has the slopes of each step's stages, K[0, 0] that at T[0] unless `how` asks for it; H[k] is the length with which
+    step k is tried first, `count` has the evaluations of each step.
+    """
+    end, longest, rtol, atol, power = limits[:5]
+    A, B, C, E = tableau
+    stages, y = len(B), arguments[1]
+    if not begin(rates, arguments, limits, how, T, X, K, H, count):
+        return 0
+    for step in range(len(T) - 1):
+        t, x, k = T[step], X[step], K[step]
+        smallest = 10 * abs(np.nextafter(t, np.inf) - t)
+        h = min(max(H[step], smallest), longest)
+        rejected = False
+        while True:
+            if not h >= smallest:
+                return step
+            reached = min(t + h, end)
+            h = reached - t
+            for s in range(1, stages + 1):
+                row, ahead = (A[s], C[s] * h) if s < stages else (B, h)
+                count[step] += 1
+                if not stage(rates, arguments, limits, t, x, h, row, k, s, ahead):
+                    return step
+            error = error_norm(E, k[: stages + 1], h, x, y, rtol, atol)
+            if error < 1:
+                factor = LARGEST if error == 0 else min(LARGEST, SAFETY * error**power)
+                T[step + 1] = reached
+                for i in range(len(x)):
+                    X[step + 1, i] = y[i]
+                h *= min(1.0, factor) if rejected else factor
+                break
+            h *= max(SMALLEST, SAFETY * error**power)
+            rejected = True
+        H[step + 1] = h
+        if T[step + 1] >= end:
+            return step + 1
+        if step + 2 < len(T):
+            for i in range(len(x)):
+                K[step + 1, 0, i] = k[stages, i]
+    return len(T) - 1
+
+
+@inline
+def add_stages(rates: Any, arguments: Any, limits: Any, A: Any, C: Any, T: Any, X: Any, K: Any) -> bool:
+    """The stages that only interpolants need, in the last rows of K; False if one of them is not sound."""
+    sound = True
+    for step in range(len(K)):
+        h, k = T[step + 1] - T[step], K[step]
+        for extra in range(len(C)):
+            s = len(k) - len(C) + extra
+            sound &= stage(rates, arguments, limits, T[step], X[step], h, A[extra], k, s, C[extra] * h)
+    return sound
+
+
+class Method(NamedTuple):
+    """A method's tableau, and two estimates of its error, of which the second may be zero."""
+
+    A: Array
+    B: Array
+    C: Array
+    E: Array
+
+
+@functools.cache
+def tableau(method: str) -> Method:
+    """The coefficients of "RK45" or "DOP853"."""
+    import scipy.integrate
+
+    solver: Any = getattr(scipy.integrate, method)
+    errors = (solver.E5, solver.E3) if method == "DOP853" else (solver.E, 0 * solver.E)
+    return Method(
+        *(np.ascontiguousarray(x, dtype=np.float64) for x in (solver.A, solver.B, solver.C, np.stack(errors)))
+    )
+
+
+@functools.cache
+def power(method: str) -> float:
+    """Of the error, in the factor between two steps: minus one by the order of the error's estimate, plus one."""
+    import scipy.integrate
+
+    return -1.0 / (float(getattr(scipy.integrate, method).error_estimator_order) + 1.0)
+
+
+def take_samples(
+    law: Any,
+    law_arguments: Any,
+    found: Any,
+    rates: Any,
+    arguments: Any,
+    limits: Any,
+    period: Any,
+    how: Any,
+    tableau: Any,
+    T: Any,
+    X: Any,
+    K: Any,
+    H: Any,
+    count: Any,
+    samples: Any,
+) -> int:
+    """`take_steps` with a controller that is sampled, and whose torques arguments[2] are held between two samples.
+
+    The law gives torques and the rates of its states in `found`; the states go on by Euler's rule. `samples` has the
+    number of samples so far, how often the law was sampled here, the bounds of torques and of their change, (2, n), the
+    states z at the last sample and the next, (2, m), the steps that began with a sample, the torques in each step,
+    and z at each sample.
+    """
+    number, bounds, z, begun, U, Z = samples
+    u, n, step, end = arguments[2], len(arguments[2]), 0, limits[0]
+    number[1] = 0
+    while step < len(T) - 1 and T[step] < end:
+        if T[step] >= number[0] * period:
+            for j in range(len(z[0])):
+                z[0, j] = z[1, j]
+                law_arguments[1][2 * n + j] = z[0, j]
+            law_arguments[0][0] = T[step]
+            for i in range(2 * n):
+                law_arguments[1][i] = X[step, i]
+            if not evaluate(law, law_arguments, found):
+                return step
+            for i in range(n):
+                torque = min(max(found[i], -bounds[0, i]), bounds[0, i])
+                held = min(max(torque, u[i] - bounds[1, i]), u[i] + bounds[1, i])
+                u[i] = torque if number[0] == 0 else held
+                U[step, i] = u[i]
+            for j in range(len(z[0])):
+                z[1, j] = z[0, j] + period * found[n + j]
+                Z[number[1], j] = z[0, j]
+            begun[number[1]] = step
+            how = ANEW if number[0] == 0 else AFTER_A_JUMP
+            number[0] += 1
+            number[1] += 1
+        next_sample = number[0] * period
+        until = next_sample if next_sample < end * (1 - 1e-12) else end
+        now = (until, limits[1], limits[2], limits[3], limits[4], limits[5], limits[6])
+        rest = T[step:], X[step:], K[step:], H[step:], count[step:]
+        taken = take_steps(rates, arguments, now, how, tableau, rest[0], rest[1], rest[2], rest[3], rest[4])
+        for k in range(step, step + taken):
+            for i in range(n):
+                U[k, i] = u[i]
+        step += taken
+        if T[step] < until:
+            return step
+    return step
+
+
+def add_sampled_stages(rates: Any, arguments: Any, limits: Any, A: Any, C: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
+    """`add_stages` under the torques U of each step."""
+    sound = True
+    for step in range(len(K)):
+        for i in range(len(U[step])):
+            arguments[2][i] = U[step, i]
+        one = slice(step, step + 1)
+        sound &= add_stages(rates, arguments, limits, A, C, T[step:], X[step:], K[one])
+    return sound

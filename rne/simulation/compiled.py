@@ -1,0 +1,209 @@
+"""SciPy's explicit Runge-Kutta methods in machine code, many steps per call, for laws that are traced or held."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..kernels import runge_kutta
+from ..kernels.kernel import Kernel
+from ..kernels.loops import compiled
+from ..kernels.runge_kutta import AFTER_A_JUMP, ANEW, GO_ON, power, tableau
+from .sampled import Samples, ZeroOrderHold
+from .solver import AdaptiveSolver, Steps
+
+take_steps, take_samples = compiled(runge_kutta.take_steps), compiled(runge_kutta.take_samples)
+add_stages, add_sampled_stages = compiled(runge_kutta.add_stages), compiled(runge_kutta.add_sampled_stages)
+
+
+class Block(Steps):
+    """Steps of a compiled loop.
+
+    Parameters
+    ----------
+    solver : CompiledSolver
+    T, X : ndarray
+        As of Steps.
+    K : ndarray, shape (k, stages, size)
+        The slopes of each step's stages.
+    u : ndarray or None
+        What the right-hand side took beside time and state: torques that are held, and modes of friction.
+    U : ndarray, shape (k, n), optional
+        The torques held in each step, where samples were taken between them.
+    """
+
+    def __init__(
+        self, solver: CompiledSolver, T: Array, X: Array, K: Array, u: Array | None, U: Array | None = None
+    ) -> None:
+        super().__init__(T, X)
+        self.solver, self.K, self.u, self.U = solver, K, u, U
+        self.span = solver.system.span
+
+    def torques(self, k: Array) -> Array | None:
+        """Torques held in the steps k."""
+        return None if self.U is None else self.U[k]
+
+    @cached_property
+    def polynomials(self) -> Array:
+        """The coefficients of each step's interpolant, as SciPy's: F of DOP853, Q of RK45."""
+        from scipy.integrate import DOP853, RK45
+
+        h, K = np.diff(self.T)[:, None], self.K
+        if self.solver.method == "RK45":
+            Q: Array = h[:, None] * (np.swapaxes(K, 1, 2) @ RK45.P)
+            return Q
+        self.solver.extend(self)
+        change, first, last = np.diff(self.X, axis=0), h * K[:, 0], h * K[:, DOP853.n_stages]
+        low = np.stack([change, first - change, 2 * change - first - last], axis=1)
+        return np.concatenate([low, h[:, None] * (DOP853.D @ K)], axis=1)
+
+    def states(self, times: Array, k: Array) -> Array:
+        """States at times within the steps k, shape (m, size)."""
+        x = ((times - self.T[k]) / (self.T[k + 1] - self.T[k]))[:, None]
+        P, found = self.polynomials[k], 0.0
+        if self.solver.method == "RK45":
+            found = (P @ (x ** np.arange(1, P.shape[-1] + 1))[:, :, None])[..., 0]
+        else:  # Horner's scheme in x and 1 - x by turns
+            for j in reversed(range(P.shape[1])):
+                found = (found + P[:, j]) * (x if j % 2 == 0 else 1 - x)
+        states: Array = self.X[k] + found
+        return states
+
+
+class CompiledSolver:
+    """An explicit method of SciPy's whose steps are taken in machine code, many per call.
+
+    A step that the compiled loop leaves undone is taken by SciPy's solver, which names what is wrong.
+
+    Parameters
+    ----------
+    method : {"RK45", "DOP853"}
+    rtol, atol : float
+    kernel : Kernel
+        The right-hand side, of time, state and what the system gives as `inputs`.
+    """
+
+    def __init__(self, method: str, rtol: float, atol: float, kernel: Kernel) -> None:
+        self.method, self.rtol, self.atol, self.kernel = method, rtol, atol, kernel
+        self.rates, self.tableau = kernel.address(), tableau(method)
+        self.h, self.longest, self.how = 0.0, np.inf, ANEW
+        self.size = 16 if method == "DOP853" else 7  # slopes of a step, those for interpolants included
+
+    def start(self, system: Any, t: float, x: Array, end: float, longest: float = np.inf) -> None:
+        """Begin anew at time t; steps are at most `longest` long."""
+        self.longest, self.h = longest, 0.0
+        self.resume(system, t, x, end)
+
+    def resume(self, system: Any, t: float, x: Array, end: float) -> None:
+        """Go on after a jump of the torques with the length of the last step."""
+        self.system, self.t, self.x, self.end = system, t, x, end
+        self.how = AFTER_A_JUMP if self.h > 0 else ANEW
+        self.f = np.zeros(len(x))
+
+    @property
+    def is_running(self) -> bool:
+        """False when the end was reached."""
+        return self.t < self.end
+
+    def steps(self, most: int) -> Steps:
+        """The next steps, at most so many."""
+        work = self._arrays(most)
+        u = None if self.system.held is None else np.array(self.system.held)
+        arguments = _arguments(len(self.x), u)
+        taken = take_steps(self.rates, arguments, self._limits(), self.how, self.tableau, *work)
+        return self._taken(taken, work, u) if taken else self._examined(self.end)
+
+    def _arrays(self, most: int) -> tuple[Array, ...]:
+        """T, X, K, H and the counts of evaluations, with what is known."""
+        n = len(self.x)
+        T, X, K = np.empty(most + 1), np.empty((most + 1, n)), np.empty((most, self.size, n))
+        H, count = np.empty(most + 1), np.zeros(most, dtype=np.int64)
+        T[0], X[0], K[0, 0], H[0] = self.t, self.x, self.f, self.h
+        return T, X, K, H, count
+
+    def _limits(self) -> tuple[float, ...]:
+        return self.end, self.longest, self.rtol, self.atol, power(self.method), *self.system.span
+
+    def _taken(self, taken: int, work: tuple[Array, ...], u: Array | None, U: Array | None = None) -> Block:
+        """The block, behind which the next one begins."""
+        T, X, K, H, count = work
+        self.system.evaluations += int(count.sum())
+        self.t, self.x, self.h, self.how = float(T[taken]), X[taken], float(H[taken]), GO_ON
+        self.f = K[taken - 1, len(self.tableau.B)]
+        return Block(self, T[: taken + 1], X[: taken + 1], K[:taken], u, U)
+
+    def _examined(self, end: float) -> Steps:
+        """One step by SciPy's solver."""
+        solver = AdaptiveSolver(self.method, self.rtol, self.atol)
+        first = min(self.h, end - self.t) if self.h > 0 else None
+        solver.start(self.system, self.t, self.x, end, self.longest, first)
+        steps = solver.steps(1)
+        self.t, self.x, self.h, self.how = float(steps.T[-1]), steps.X[-1], solver.length, AFTER_A_JUMP
+        return steps
+
+    def extend(self, block: Block) -> None:
+        """Add the stages that only interpolants need, by the recursion where a state must be examined."""
+        from scipy.integrate import DOP853
+
+        A, C = (np.ascontiguousarray(x) for x in (DOP853.A_EXTRA, DOP853.C_EXTRA))
+        arguments = _arguments(block.X.shape[1], None if block.u is None else block.u.copy())
+        limits = (0.0, 0.0, 0.0, 0.0, 0.0, *block.span)
+        given = self.rates, arguments, limits, A, C, block.T, block.X, block.K
+        sound = add_stages(*given) if block.U is None else add_sampled_stages(*given, block.U)
+        if sound:
+            self.system.evaluations += len(C) * len(block.K)
+            return
+        for k, (t, h, x, K) in enumerate(zip(block.T, np.diff(block.T), block.X, block.K, strict=False)):
+            u = block.u if block.U is None else block.U[k]
+            for s, (a, c) in enumerate(zip(A, C, strict=True), start=len(K) - len(C)):
+                self.system.evaluations += 1
+                K[s] = self.system.rates(np.clip(t + c * h, *block.span), x + h * (a[:s] @ K[:s]), u)
+
+
+class SampledSolver(CompiledSolver):
+    """The same with a traced controller that is sampled between the steps.
+
+    Parameters
+    ----------
+    method, rtol, atol, kernel
+        As of CompiledSolver.
+    hold : ZeroOrderHold
+        With a traced law.
+    """
+
+    def __init__(self, method: str, rtol: float, atol: float, kernel: Kernel, hold: ZeroOrderHold) -> None:
+        super().__init__(method, rtol, atol, kernel)
+        assert hold.traced is not None
+        self.hold, self.law = hold, hold.traced.kernel
+        self.bounds = hold.bounds()
+
+    def steps(self, most: int) -> Steps:
+        """The next steps, at most so many."""
+        hold, n, m = self.hold, len(self.system.held), len(self.hold.state)
+        work, u = self._arrays(most), np.array(self.system.held)
+        arguments, law_arguments = _arguments(len(self.x), u), _arguments(2 * n + m, None)
+        number, z = np.array([hold.count, 0]), np.stack([hold.state, hold.next_state])
+        begun, U, Z = np.empty(most + 1, dtype=np.int64), np.empty((most + 1, n)), np.empty((most + 1, m))
+        found = np.empty(self.law.traced.entries)
+        taken = take_samples(
+            *(self.law.address(), law_arguments, found, self.rates, arguments, self._limits(), hold.period, self.how),
+            *(self.tableau, *work, (number, self.bounds, z, begun, U, Z)),
+        )
+        begun = begun[: number[1]]
+        if len(begun):
+            before = int(work[-1][: begun[-1]].sum())
+            samples = Samples(work[0][begun], work[1][begun], U[begun], Z[: len(begun)])
+            hold.note(samples, z, self.system.evaluations + before)
+        if taken:
+            return self._taken(taken, work, u, U[:taken])
+        if self.t >= hold.next:
+            hold.sample(self.t, self.x)
+        return self._examined(min(hold.next, self.end))
+
+
+def _arguments(size: int, u: Array | None) -> tuple[Array, ...]:
+    """Arrays for the arguments of a right-hand side."""
+    return (np.empty(1), np.empty(size)) if u is None else (np.empty(1), np.empty(size), u)
