@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ NEGLIGIBLE = 1e-8  # estimated error of a panel, in units of all energy exchange
 DECAY = 1.5  # the first coefficient left out is this power of the decay of the last ones times them
 EASY = 1e-2  # of NEGLIGIBLE: below it panels may be twice as long
 HALVINGS, SHORTEST = 12, 1e-13  # panels are not halved more often, nor below that part of the time
-BLOCK = 24  # panels evaluated together
+BLOCK, MOST_AT_ONCE = 24, 768  # panels evaluated together, at first and later
 FIRST_STEPS, MOST_STEPS = 4, 64  # in a panel
 MOST_KEPT = 20_000  # steps whose interpolants are kept
 ALIKE = 4.0  # largest ratio of its steps' lengths: a jump hides among short steps, where a long panel has no node
@@ -73,10 +72,10 @@ class Ledger:
         self.powers, self.names = powers, names
         self.pieces: list[tuple[float, float, Array]] = []  # begin, length and coefficients, shape (DEGREE + 1, k)
         self.exchanged = 0.0  # integral of the powers' sizes
-        self.steps = FIRST_STEPS  # in a panel
-        self._groups: list[Panel] = []  # of steps under the same torques, to be integrated
-        self._is_open = False  # the next steps belong to the last group
-        self._count = 0  # steps in the groups
+        self.steps, self.block = FIRST_STEPS, BLOCK  # in a panel, and panels evaluated together
+        self._taken: list[tuple[Steps, int, float, Array | None, Array | None, bool]] = []  # to be integrated
+        self._is_open = False  # the torques that are held, and the joints at rest, are those of the steps before
+        self._count = 0  # of steps taken
 
     @property
     def end(self) -> float:
@@ -86,17 +85,8 @@ class Ledger:
     def add(self, steps: Steps, count: int, end: float, held: Array | None, at_rest: Array | None) -> None:
         """So many steps were taken, the last as far as `end`."""
         steps.keep()
-        ends = [*steps.T[:count].tolist(), end]
-        own = steps.torques(np.arange(count))
-        for k, (begin, until) in enumerate(pairwise(ends)):
-            if own is not None:
-                self._is_open &= k > 0 and bool((own[k] == own[k - 1]).all())
-                held = own[k]
-            if not self._is_open:
-                self._groups.append(Panel(begin, until, [], held, at_rest))
-                self._is_open = True
-            self._groups[-1].spans.append(Span(begin, until, steps, k))
-        self._count += count
+        self._taken.append((steps, count, end, held, at_rest, self._is_open))
+        self._is_open, self._count = True, self._count + count
         if self._count > MOST_KEPT:
             self.integrate()
 
@@ -106,19 +96,18 @@ class Ledger:
 
     def integrate(self) -> None:
         """Integrate over the steps that were added."""
-        groups, self._groups, self._is_open, self._count = self._groups, [], False, 0
+        taken, self._taken, self._is_open, self._count = self._taken, [], False, 0
         panels: list[Panel] = []
-        for group in groups:
-            spans = [span for span in group.spans if span.end > span.begin]
-            first = 0
+        for group in _groups(taken):
+            first, spans = 0, group.spans
             while first < len(spans):
                 last = self._last(spans, first)
                 begin, end = spans[first].begin, spans[last - 1].end
                 panels.append(group._replace(begin=begin, end=end, spans=spans[first:last]))
                 first = last
-                if len(panels) >= BLOCK:
+                if len(panels) >= self.block:
                     self._integrate(panels)
-                    panels = []
+                    panels, self.block = [], min(2 * self.block, MOST_AT_ONCE)
         self._integrate(panels)
 
     def _last(self, spans: list[Span], first: int) -> int:
@@ -184,6 +173,23 @@ class Ledger:
         s = np.clip(2 * (times - begins[k]) / lengths[k] - 1, -1, 1)
         found: Array = whole[k] + lengths[k, None] / 2 * (_antiderivatives(s)[:, :, None] * polynomials[k]).sum(axis=1)
         return found
+
+
+def _groups(taken: Sequence[tuple[Steps, int, float, Array | None, Array | None, bool]]) -> list[Panel]:
+    """Steps that were taken under the same torques, with the same joints at rest."""
+    groups: list[Panel] = []
+    for steps, count, until, held, at_rest, goes_on in taken:
+        ends, own = [*steps.T[:count].tolist(), until], steps.torques(np.arange(count))
+        new = np.zeros(count, dtype=bool)
+        new[0] = own is not None or not goes_on
+        if own is not None:
+            new[1:] = (own[1:] != own[:-1]).any(axis=1)
+        for k, is_new in enumerate(new.tolist()):
+            if is_new:
+                groups.append(Panel(ends[k], ends[k + 1], [], held if own is None else own[k], at_rest))
+            if ends[k + 1] > ends[k]:
+                groups[-1].spans.append(Span(ends[k], ends[k + 1], steps, k))
+    return groups
 
 
 def _truncation(coefficients: Array) -> Array:
