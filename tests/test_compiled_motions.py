@@ -14,7 +14,7 @@ from rne.kernels import runge_kutta
 from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
-from rne.simulation import compiled
+from rne.simulation import compiled, rosenbrock
 from rne.simulation.plant import Plant
 
 from .helpers import kept
@@ -40,6 +40,7 @@ def interpreted(monkeypatch):
 
     for name in TEXTS:
         monkeypatch.setattr(compiled, name, getattr(runge_kutta, name))
+    monkeypatch.setattr(rosenbrock, "compiled", lambda text: text)
     monkeypatch.setattr(Kernel, "address", address)
     is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
     monkeypatch.setattr(Plant, "is_compiled", is_meant)
