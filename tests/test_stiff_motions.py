@@ -12,6 +12,7 @@ from benchmarks.random_robots import straight_chain
 from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
+from rne.kernels.rosenbrock import take_steps
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.simulation import loop, rosenbrock
 from rne.simulation.plant import Plant
@@ -46,7 +47,7 @@ def pair(request):
     model = straight_chain(2)
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "interpreted":
-            patch.setattr(rosenbrock, "compiled", lambda text: text)
+            patch.setattr(rosenbrock, "compiled_steps", take_steps)
             patch.setattr(Kernel, "address", lambda kernel: by_interpreter(kernel))
             is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
             patch.setattr(Plant, "is_compiled", is_meant)

@@ -26,6 +26,7 @@ from .loops import evaluate, inline
 
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as those of SciPy's methods
 POWER = -0.2  # of the error in such a factor: the estimate is of order 4
+ROUNDING, TINY = 2.3e-15, 1e-300  # of the time, and at time 0: the shortest steps
 STAGES = 8
 GAMMA = 0.21193756319429014
 # fmt: off
@@ -202,7 +203,7 @@ def take_steps(
     size, n = len(x), len(qdd)
     for step in range(len(T) - 1):
         t, y = T[step], X[step]
-        smallest = 10 * abs(np.nextafter(t, np.inf) - t)
+        smallest = ROUNDING * abs(t) + TINY
         h = min(max(H[step], smallest), longest)
         time[0] = min(max(t, first), last)
         copy(y, x)

@@ -19,6 +19,7 @@ from .plant import Plant
 from .solver import Steps
 
 METHOD = "Rodas5P"
+compiled_steps = compiled(take_steps)
 FIRST = 1e-6  # of the time to go: a first step to try, from which they grow tenfold
 
 
@@ -56,7 +57,6 @@ class RosenbrockSolver:
 
     def __init__(self, rtol: float, atol: float, plant: Plant) -> None:
         self.rtol, self.atol, self.plant = rtol, atol, plant
-        self.take_steps: Callable[..., int] = compiled(take_steps)
         self.slopes = plant.rhs.residual.slopes_in_time
         self.functions: tuple[Any, Any] = (plant.kernel.address(), self.slopes.address())
         self.t = self.end = self.h = 0.0
@@ -80,7 +80,7 @@ class RosenbrockSolver:
 
     def steps(self, most: int) -> Steps:
         """The next steps, at most so many; NotFiniteError if there is none."""
-        steps = self._take(most, self.take_steps, self.functions)
+        steps = self._take(most, compiled_steps, self.functions)
         if len(steps.T) == 1:
             with np.errstate(all="ignore"):
                 steps = self._take(1, take_steps, (self._rates, self._slopes))

@@ -25,8 +25,11 @@ STIFF_SAMPLE = 30.0
 HELD_BACK = 1.5  # steps of this many time constants of the fastest mode: stability limits them, not accuracy
 REACHED = {"DOP853": 4.0, "RK45": 2.5}  # time constants of the fastest mode in a step that stability limits, at least
 WORTH = 2.0  # times as much time per work, which makes a change from Rodas5P worth trying
-CHECKED = 100  # steps between two looks at first; of a compiled loop, which is faster than a look, then twice as many
-MOST_CHECKED = 800
+CHECKED = 100  # steps between two looks, and after a change of the method
+IN_MACHINE_CODE, UNDAMPED = (
+    2,
+    10,
+)  # times as many of a compiled loop, whose steps cost less than a look, and of free motion
 SLOPES = 3  # times the time of an operation of the right-hand side takes one of the slopes, which registers do not hold
 PATIENCE = 4  # times as many looks until the next change, after one that did not pay
 SLOW = 2000  # looks' worth of steps that the whole run would take at a pace that is suspicious
@@ -58,7 +61,8 @@ class Watch:
         self.plant, self.task, self.period, self.method = plant, task, period, task.method
         self.recent: deque[tuple[float, Array]] = deque(maxlen=CHECKED + 1)
         self.count, self.next_suspicion = 0, CHECKED
-        self.next_look = self.interval = CHECKED
+        times = 1 if not plant.is_compiled else UNDAMPED if plant.is_conservative else IN_MACHINE_CODE
+        self.next_look = self.interval = times * CHECKED
         self.notes: list[str] = []
         self.before: tuple[str, float] | None = None  # the method before a change, and how fast it was
         self.next_change, self.patience = 0, CHECKED
@@ -81,15 +85,14 @@ class Watch:
         self.count += len(steps.T) - 1
         if self.count < self.next_look:
             return False
-        self.interval = min(2 * self.interval, MOST_CHECKED) if self.plant.is_compiled else CHECKED
         before = self.method
         if len(self.recent) > CHECKED:
             self._look(*self.recent[-1])
-        if self.method != before:
-            self.interval = CHECKED
+        changed = self.method != before
+        if changed:
             self.recent = deque([self.recent[-1]], maxlen=CHECKED + 1)
-        self.next_look = self.count + self.interval
-        return self.method != before
+        self.next_look = self.count + (CHECKED if changed else self.interval)
+        return changed
 
     def _look(self, t: float, x: Array) -> None:
         pace = t - self.recent[0][0]  # time covered by the last steps
