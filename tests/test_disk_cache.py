@@ -22,7 +22,9 @@ OWN = hasattr(os, "getuid")
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """An empty cache."""
+    """An empty cache, and nothing in memory."""
+    monkeypatch.setattr(object_code, "RECENT", {})
+    monkeypatch.setattr(object_code, "MOST_RECENT", 0)
     monkeypatch.setenv("RNE_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
@@ -98,6 +100,38 @@ class TestKernels:
         assert len(compilations) == 1
 
 
+class TestNumbers:
+    def loaded(self, mass):
+        model = rne.model.with_payload(straight_chain(2), mass, [0.1, 0.2, 0.3])
+        return model, rne.compile(rne.dynamics.inverse_dynamics, model, engine="numba")
+
+    def test_programs_that_differ_in_numbers_alone_share_the_code(self, place, compilations):
+        q, qd, qdd = np.random.default_rng(0).normal(size=(3, 20, 2))
+        for mass in (2.3, 3.7, 2.3):
+            model, kernel = self.loaded(mass)
+            expected = rne.dynamics.inverse_dynamics(model, q, qd, qdd)
+            np.testing.assert_allclose(kernel(q, qd, qdd), expected, rtol=1e-12)
+            np.testing.assert_allclose(kernel(q[3], qd[3], qdd[3]), expected[3], rtol=1e-12)
+            single = kernel(*(x.astype(np.float32) for x in (q, qd, qdd)))
+            np.testing.assert_allclose(single, expected, rtol=1e-4)
+        assert len(compilations) == 3  # one state, and batches in two precisions
+
+    def test_kernels_with_numbers_of_their_own_live_beside_one_another(self, place):
+        q, qd, qdd = np.random.default_rng(0).normal(size=(3, 20, 2))
+        kernels = [self.loaded(mass) for mass in (2.3, 3.7)]
+        for _ in range(2):
+            for model, kernel in kernels:
+                expected = rne.dynamics.inverse_dynamics(model, q, qd, qdd)
+                np.testing.assert_allclose(kernel(q, qd, qdd), expected, rtol=1e-12)
+
+    def test_code_is_shared_in_memory_where_there_is_no_folder(self, place, compilations, monkeypatch):
+        monkeypatch.setenv("RNE_CACHE", "")
+        monkeypatch.setattr(object_code, "MOST_RECENT", 2)
+        for mass in (2.3, 3.7):
+            self.loaded(mass)[1](*np.ones((3, 9, 2)))
+        assert len(compilations) == len(object_code.RECENT) == 1
+
+
 class TestFiles:
     def test_the_least_recently_used_are_removed(self, place, monkeypatch):
         monkeypatch.setattr(disk_cache, "LIMIT", 10_000)
@@ -164,7 +198,7 @@ class TestCommand:
         disk_cache.write("a", bytes(1_500_000))
         disk_cache.write("b", bytes(500_000))
         main(["cache"])
-        assert capsys.readouterr().out == f"{place}: 2 files of object code, 2.0 MB of at most 67.1 MB\n"
+        assert capsys.readouterr().out == f"{place}: 2 files of object code, 2.0 MB of at most 64.0 MB\n"
         main(["cache", "--clear"])
         assert capsys.readouterr().out == f"{place}: 2 files removed\n"
         assert list(place.iterdir()) == []

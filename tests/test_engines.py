@@ -482,7 +482,9 @@ class TestWhatKeepsItsEngine:
         clock = iter([100.0, 100.0 + seconds])
         monkeypatch.setattr(llvm_backend, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
         monkeypatch.setattr(object_code, "compiled", lambda text, loops: b"")
-        monkeypatch.setattr(object_code, "Library", lambda code, names: SimpleNamespace(address={"call": 0}))
+        monkeypatch.setattr(
+            object_code, "Library", lambda code, names: SimpleNamespace(address={"call": 0, "table": 0})
+        )
         graph = Graph()
         (x,) = inputs(graph, (1,), 0)
         for k in range(operations):

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 LOGGER = logging.getLogger("rne")
-LIMIT = 64 * 2**20  # bytes
+LIMIT = 64_000_000  # bytes
 KEPT = 0.8  # of the limit, once it is exceeded
 ENDING, UNFINISHED = ".rne", "unfinished-"
 DIGEST = hashlib.sha256

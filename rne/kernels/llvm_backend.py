@@ -6,11 +6,13 @@ recursion.
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import threading
 import time
 import weakref
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -21,7 +23,7 @@ from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
 from .machine_code import NUMBERS, Emitter
 from .object_code import REGISTER_BITS, Library, library
-from .program import NeedsRecursion, Recursion, Trace
+from .program import NeedsRecursion, Recursion, Trace, with_table
 from .python_calls import BYTES, FLOAT64, INTEGER, emit_rows_call, emit_state_call, python_function
 
 LOGGER = logging.getLogger("rne")
@@ -210,40 +212,49 @@ def emit_rows(module: Any, trace: Trace, dtype: str) -> Any:
 def state_library(trace: Trace) -> Library:
     """The program on one state: "function" by the interface of loops, "call" from Python."""
 
-    def emit(module: Any) -> None:
+    def emit(module: Any, trace: Trace) -> None:
         emit_state_call(module, emit_plain(module, trace, 1), trace.widths)
 
-    return _library(trace, ("state",), ("function", "call"), emit)
+    return _library(trace, "state", "float64", ("function", "call"), emit)
 
 
 def lanes_library(trace: Trace, lanes: int) -> Library:
     """The program on states side by side: "function" by the interface of loops."""
-    return _library(trace, ("lanes", str(lanes)), ("function",), lambda module: emit_plain(module, trace, lanes))
+    return _library(trace, f"{lanes} lanes", "float64", ("function",), partial(emit_plain, lanes=lanes))
 
 
 def rows_library(trace: Trace, dtype: str) -> Library:
     """The program on batches: "rows", and "call" from Python."""
 
-    def emit(module: Any) -> None:
+    def emit(module: Any, trace: Trace) -> None:
         function = emit_rows(module, trace, dtype)
         emit_rows_call(module, function, trace.widths, trace.entries, np.dtype(dtype).itemsize)
 
-    return _library(trace, ("rows", dtype), ("rows", "call"), emit)
+    return _library(trace, "rows", dtype, ("rows", "call"), emit)
 
 
-def _library(trace: Trace, form: Sequence[str], functions: Sequence[str], emit: Callable[[Any], Any]) -> Library:
-    """A form of the program; how long it took [s] is noted."""
+def _library(
+    trace: Trace, form: str, dtype: str, functions: tuple[str, ...], emit: Callable[[Any, Trace], Any]
+) -> Library:
+    """A form of the program. Programs that differ in numbers alone share the object code, with tables of their own."""
     began = time.perf_counter()
+    program, numbers = with_table(trace.program)
+    shared = replace(trace, program=program)
 
     def text() -> str:
-        count = len(trace.program.instructions)
+        count = len(program.instructions)
         if count > LONG:
             LOGGER.info("LLVM compiles a kernel of %d operations, which takes some seconds", count)
         module = ir.Module("rne")
-        emit(module)
+        table = ir.GlobalVariable(module, ir.ArrayType(NUMBERS[dtype], max(len(numbers), 1)), "table")
+        table.initializer = ir.Constant(table.value_type, None)
+        emit(module, shared)
         return str(module)
 
-    found = library(functions, (*form, repr(trace)), text, loops=False)
+    found = library((*functions, "table"), (form, dtype, repr(shared)), text, loops=False)
+    with np.errstate(over="ignore"):
+        content = np.array(numbers, dtype).tobytes()
+    ctypes.memmove(found.address["table"], content, len(content))
     found.seconds = time.perf_counter() - began
     if found.seconds > SLOW:
         LOGGER.info("LLVM took %.1f s to compile a kernel", found.seconds)

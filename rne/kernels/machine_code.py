@@ -58,6 +58,18 @@ class Emitter:
         one = ir.Constant(self.number, float(value))
         return one if self.lanes == 1 else ir.Constant(self.type, [one] * self.lanes)
 
+    def from_table(self, k: int) -> Any:
+        """Number k of the module's table, which is filled when the code is loaded."""
+        table = self.builder.module.globals["table"]
+        zero = ir.Constant(INDEX, 0)
+        one = self.builder.load(self.builder.gep(table, [zero, ir.Constant(INDEX, k)]))
+        if self.lanes == 1:
+            return one
+        first = self.builder.insert_element(ir.Constant(self.type, ir.Undefined), one, zero)
+        return self.builder.shuffle_vector(
+            first, first, ir.Constant(ir.VectorType(INDEX, self.lanes), [0] * self.lanes)
+        )
+
     def pack(self, numbers: Sequence[Any]) -> Any:
         """One operand of the numbers of all lanes."""
         if self.lanes == 1:
@@ -100,6 +112,8 @@ class Emitter:
         def value(arg: Operand) -> Any:
             if arg.kind == "constant":
                 return self.constant(arg.value)
+            if arg.kind == "table":
+                return self.from_table(int(arg.value))
             return (inputs if arg.kind == "input" else results)[int(arg.value)]
 
         def append(k: int) -> None:

@@ -14,6 +14,8 @@ from llvmlite import binding
 from . import disk_cache
 
 LOCK = threading.RLock()  # one compilation at a time
+RECENT: dict[str, bytes] = {}  # object code by name, the last used at the end
+MOST_RECENT = 64
 NAMES = itertools.count()  # of libraries, which LLVM wants to be unique
 
 
@@ -91,10 +93,13 @@ class Library:
 
 
 def library(functions: Sequence[str], description: Sequence[str], text: Callable[[], str], *, loops: bool) -> Library:
-    """The library of what a description stands for, from the disk or compiled and kept there."""
+    """The library of what a description stands for, from memory, from the disk, or compiled and kept in both."""
     name = disk_cache.key(compiler(), *host(), *description)
-    code = disk_cache.read(name)
+    code = RECENT.pop(name, None) or disk_cache.read(name)
     if code is None:
         code = compiled(text(), loops=loops)
         disk_cache.write(name, code)
+    RECENT[name] = code
+    for old in list(RECENT)[: len(RECENT) - MOST_RECENT]:
+        RECENT.pop(old, None)
     return Library(code, functions)

@@ -23,9 +23,9 @@ Recursion = Callable[[int, int], tuple[Array, PrecisionStatus]]
 
 
 class Operand(NamedTuple):
-    """An operand of an instruction: input k, a constant, or the result of instruction k."""
+    """An operand of an instruction: input k, a constant, number k of a table, or the result of instruction k."""
 
-    kind: str  # "input", "constant", "result"
+    kind: str  # "input", "constant", "table", "result"
     value: float | int
 
 
@@ -61,6 +61,23 @@ class Program:
         read = [arg for instruction in self.instructions for arg in instruction.args]
         used = {arg.value for arg in (*read, *self.outputs) if arg.kind == "input"}
         return [k for k in range(self.inputs) if k not in used]
+
+
+def with_table(program: Program) -> tuple[Program, list[float]]:
+    """The program with its constants other than 0, 1 and -1 in a table: those that differ in these alone are equal."""
+    table: list[float] = []
+
+    def place(args: tuple[Operand, ...]) -> tuple[Operand, ...]:
+        return tuple(map(moved, args))
+
+    def moved(arg: Operand) -> Operand:
+        if arg.kind != "constant" or arg.value in (0, 1, -1):
+            return arg
+        table.append(arg.value)
+        return Operand("table", len(table) - 1)
+
+    instructions = tuple(Instruction(kind, place(args)) for kind, args in program.instructions)
+    return Program(instructions, place(program.outputs), program.inputs), table
 
 
 class NeedsRecursion(Exception):
