@@ -218,6 +218,48 @@ class TestFiles:
         with pytest.raises(ValueError, match="is of another version of this package: expected 'rne motion 1'"):
             rne.Trajectory.load(file)
 
+    @pytest.mark.parametrize(
+        ("name", "change", "message"),
+        [
+            ("q", lambda q: q[:, :5], "`qd` must have shape (T, 5), got (T, 6)"),
+            ("qd", lambda qd: qd[:-1], "`qd` must have shape (T, 6), got (T-1, 6)"),
+            ("tau", lambda tau: tau.ravel(), "`tau` must have shape (T, 6), got (6T,)"),
+            ("q", lambda q: np.where(np.arange(6) == 2, np.nan, q), "`q` must be finite, got nan at index (0, 2)"),
+            ("energy", lambda e: e / 0.0, "`energy` must be finite, got "),
+            ("t", lambda t: t[::-1], "`t` must ascend, got "),
+            ("kinetic", lambda e: e.astype(str), "`kinetic` must be an array of real numbers, got dtype <U32"),
+        ],
+    )
+    @pytest.mark.filterwarnings("ignore:divide by zero")
+    def test_changed_arrays_are_refused(self, swing, tmp_path, name, change, message):
+        file = swing.save(tmp_path / "swing.npz")
+        with np.load(file) as archive:
+            arrays = dict(archive)
+        np.savez(file, **(arrays | {name: change(arrays[name])}))
+        T = len(swing.t)
+        for letters, number in (("6T", 6 * T), ("T-1", T - 1), ("(T", f"({T}")):
+            message = message.replace(letters, str(number))
+        with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}: {message}')}"):
+            rne.Trajectory.load(file)
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            (lambda texts: [*texts], " is not a motion written by Trajectory.save"),
+            (lambda texts: texts | {"status": "ended"}, ": `status` must be a whole number, got 'ended'"),
+            (lambda texts: texts | {"energy_drift": float("nan")}, ": `energy_drift` must be finite, got nan"),
+            (lambda texts: texts | {"method": None}, ": `method` must be a text, got None"),
+            (lambda texts: texts | {"dissipated": 1}, " is not a complete motion: "),
+        ],
+    )
+    def test_changed_texts_are_refused(self, swing, tmp_path, change, message):
+        file = swing.save(tmp_path / "swing.npz")
+        with np.load(file) as archive:
+            arrays = dict(archive)
+        np.savez(file, **(arrays | {"texts": np.array(json.dumps(change(json.loads(str(arrays["texts"])))))}))
+        with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}{message}')}"):
+            rne.Trajectory.load(file)
+
 
 class TestEnsembles:
     def test_torques_are_those_of_the_law(self, irb140):

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import fields
+from math import isfinite
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
@@ -29,6 +30,20 @@ DAMAGED = (
 FORGOTTEN = ("error_estimates",)  # functions
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
+SHAPES: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("t", "kinetic", "potential", "energy", "work"), ("T",)),
+    **dict.fromkeys(("q", "qd", "qdd", "tau"), ("T", "n")),
+    "controller_state": ("T", "m"),
+    "jumps": ("K",),
+    **dict.fromkeys(("qdd_before", "tau_before"), ("K", "n")),
+}
+MAY_BE_EMPTY = ("controller_state", "qdd_before", "tau_before")
+KINDS: dict[str, type | tuple[type, ...]] = {
+    **dict.fromkeys(("method", "message", "scene"), str),
+    **dict.fromkeys(("evaluations", "status"), int),
+    **dict.fromkeys(("energy_drift", "energy_start"), (int, float)),
+    "at_steps": bool,
+}
 
 
 class MotionFiles:
@@ -88,7 +103,8 @@ class MotionFiles:
         Raises
         ------
         ValueError
-            If the file is no such archive, or a damaged one.
+            If the file is no such archive, or a damaged one, or an entry of it has the wrong shape or type or is not
+            finite, or the times do not ascend.
         FileNotFoundError
             If there is no such file.
 
@@ -104,6 +120,10 @@ class MotionFiles:
             motion: Self = cls(**(arrays | texts | parts))
         except (KeyError, TypeError) as error:
             raise ValueError(f"{str(path)!r} is not a complete motion: {error}") from None
+        try:
+            _check(motion)
+        except ValueError as error:
+            raise ValueError(f"{str(path)!r}: {error}") from None
         return motion
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
@@ -198,12 +218,50 @@ def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        texts: dict[str, Any] = json.loads(str(arrays.pop(TEXTS)))
+        texts: dict[str, Any] = dict(json.loads(str(arrays.pop(TEXTS))).items())
     except DAMAGED:
         raise ValueError(f"{str(file)!r} is not a motion written by Trajectory.save") from None
     if texts.pop("form", None) != FORM:
         raise ValueError(f"{str(file)!r} is of another version of this package: expected {FORM!r}")
     return arrays, texts
+
+
+def _check(motion: Any) -> None:
+    """A ValueError that names the first entry with a wrong type or shape, a number that is not finite, or late time."""
+    for name, kind in KINDS.items():
+        value = getattr(motion, name)
+        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+            expected = {str: "a text", int: "a whole number", bool: "true or false"}.get(kind, "a number")  # type: ignore[arg-type]
+            raise ValueError(f"`{name}` must be {expected}, got {value!r}")
+        if isinstance(value, float) and not isfinite(value):
+            raise ValueError(f"`{name}` must be finite, got {value}")
+    sizes: dict[str, int] = {}
+    for name, shape in SHAPES.items():
+        _check_array(name, getattr(motion, name), shape, sizes)
+    for name, energy in motion.dissipated.items():
+        _check_array(f"dissipated.{name}", energy, ("T",), sizes)
+    late = np.flatnonzero(np.diff(motion.t) <= 0)
+    if late.size:
+        before, after = motion.t[late[0] : late[0] + 2].tolist()
+        raise ValueError(f"`t` must ascend, got {after:.6g} s after {before:.6g} s")
+    if motion.model is not None and len(motion.model.joint_names) != sizes["n"]:
+        raise ValueError(f"`q` must have {len(motion.model.joint_names)} columns, as its model, got {sizes['n']}")
+
+
+def _check_array(name: str, value: Any, shape: tuple[str, ...], sizes: dict[str, int]) -> None:
+    """Check an array; letters of its shape that are not among the `sizes` yet are added to them."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
+        got = f"dtype {value.dtype}" if isinstance(value, np.ndarray) else repr(value)
+        raise ValueError(f"`{name}` must be an array of real numbers, got {got}")
+    if name in MAY_BE_EMPTY and not value.size:
+        return
+    expected = ", ".join(str(sizes.get(letter, letter)) for letter in shape)
+    same = (sizes.setdefault(letter, length) == length for letter, length in zip(shape, value.shape, strict=False))
+    if value.ndim != len(shape) or not all(same):
+        raise ValueError(f"`{name}` must have shape ({expected}{',' * (len(shape) == 1)}), got {value.shape}")
+    if not np.isfinite(value).all():
+        place = tuple(int(k) for k in np.argwhere(~np.isfinite(value))[0])
+        raise ValueError(f"`{name}` must be finite, got {value[place]} at index {place}")
 
 
 def _model(arrays: dict[str, Array], texts: dict[str, Any]) -> Model | None:
@@ -215,9 +273,8 @@ def _model(arrays: dict[str, Array], texts: dict[str, Any]) -> Model | None:
         for name in [name for name in part if name.startswith("model.")]:
             value = part.pop(name)
             values[name.removeprefix("model.")] = tuple(value) if isinstance(value, list) else value
-    shapes = values["shapes"]
-    values["shapes"] = tuple(Cylinder(link, r, h, tuple(p), tuple(rpy)) for link, r, h, p, rpy in shapes)
     try:
+        values["shapes"] = tuple(Cylinder(link, r, h, tuple(p), tuple(rpy)) for link, r, h, p, rpy in values["shapes"])
         return Model(**values)
-    except (TypeError, ModelError) as error:
+    except (KeyError, TypeError, ValueError, ModelError) as error:
         raise ValueError(f"the model in the file is not complete: {error}") from None
