@@ -259,6 +259,8 @@ class TestFailures:
         ({"qd0": [0, np.nan]}, "`qd0` must be finite, got nan at index (1,)"),
         ({"duration": -1.0}, "`duration` must be positive, got -1.0"),
         ({"rtol": 0.0}, "`rtol` must be positive, got 0.0"),
+        ({"rtol": 1e-20}, "`rtol` must be at least 2.3e-14, as rounding errors exceed less, got 1e-20"),
+        ({"atol": 1e-30}, "`atol` must be at least 1e-20, as rounding errors exceed less, got 1e-30"),
         (
             {"method": "Euler"},
             "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Radau', 'BDF', 'LSODA', 'Rodas5P', "
@@ -275,6 +277,56 @@ def test_wrong_arguments_are_named(double, changes, text):
     arguments = {"q0": [0, 0], "qd0": [0, 0], "duration": 1.0} | changes
     with pytest.raises(ValueError, match="^" + re.escape(text) + "$"):
         rne.simulate(double, **arguments)
+
+
+def test_the_smallest_tolerances_take_bounded_work(irb140):
+    """From rest at zero, where the absolute tolerance alone counts: some times the work at 1e-12."""
+    usual, least = (
+        rne.simulate(irb140, [0] * 6, [0] * 6, 0.2, rtol=rtol, atol=atol)
+        for rtol, atol in ((1e-12, 1e-15), (2.3e-14, 1e-20))
+    )
+    assert least.evaluations < 10 * usual.evaluations
+    np.testing.assert_allclose(least.q[-1], usual.q[-1], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("law", "got"),
+    [(lambda t, q: -q, "(t, q)"), (lambda: 0, "()"), (lambda t, q, qd, z: -q, "(t, q, qd, z)")],
+)
+def test_a_law_of_other_arguments_is_named(double, law, got):
+    text = f"must be a function of (t, q, qd), got one of {got}"
+    with pytest.raises(TypeError, match=f"^{re.escape(f'`torque` {text}')}$"):
+        rne.simulate(double, [0, 0], [0, 0], 1.0, torque=law)
+    for options in ({}, {"sample_time": 0.1}):
+        with pytest.raises(TypeError, match=f"^{re.escape(f'`controller` {text}')}$"):
+            rne.Scene(double, controller=law, **options)
+
+
+def test_a_law_with_states_takes_them(double):
+    class Integral:
+        states = 2
+
+        def __call__(self, t, q, qd):
+            return -q, q
+
+    text = "`controller` must be a function of (t, q, qd, z), as it has `states`, got one of (t, q, qd)"
+    with pytest.raises(TypeError, match=f"^{re.escape(text)}$"):
+        rne.Scene(double, controller=Integral())
+
+
+def test_smoothed_friction_creeps_as_its_notes_say_and_dry_friction_holds(pendulum):
+    """Under the torque of gravity, the smaller; what remains is the change of gravity's torque by the creep itself."""
+    start, duration = [0.3], 10.0
+    gravity = abs(pendulum.gravity_torque(start)[0])
+    smoothed, dry = (
+        rne.simulate(
+            rne.Scene(pendulum, friction=rne.Friction(coulomb=5 * gravity, **smoothing)), start, [0.0], duration
+        )
+        for smoothing in ({}, {"smoothing": 0})
+    )
+    crept = abs(smoothed.q[-1, 0] - start[0])
+    assert crept == pytest.approx(0.01 * np.arctanh(0.2) * duration, rel=0.1)
+    assert dry.q[-1, 0] == start[0]
 
 
 def test_a_model_is_not_a_robot():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +11,21 @@ import numpy as np
 from ..basics.spatial import Array
 
 AGREEMENT = 1e-9  # relative: torques that differ by less are the same
+
+
+def check_law(name: str, law: Any) -> None:
+    """Raise a TypeError if a law cannot be called with its arguments."""
+    expected = "(t, q, qd, z), as it has `states`" if hasattr(law, "states") else "(t, q, qd)"
+    if not callable(law):
+        raise TypeError(f"`{name}` must be a function of {expected}, got {type(law).__name__}")
+    try:
+        signature = inspect.signature(law)
+    except (TypeError, ValueError):  # of compiled functions, which show none
+        return
+    try:
+        signature.bind(*range(4 if hasattr(law, "states") else 3))
+    except TypeError:
+        raise TypeError(f"`{name}` must be a function of {expected}, got one of {signature}") from None
 
 
 class TracedLaw:

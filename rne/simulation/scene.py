@@ -21,6 +21,7 @@ from ..kernels.kernel import Kernel
 from ..robot import Robot
 from .equations_of_motion import AppliedTorques, RightHandSide, SceneDynamics
 from .friction import Friction
+from .law import check_law
 from .parts import Payload, ResolvedScene, bounds_of, resolved_friction, resolved_limit
 
 LOGGER = logging.getLogger("rne")
@@ -44,13 +45,15 @@ class Scene:
     locked : mapping of str to float, optional
         Joints held at a position, by name; they are not coordinates of the scene [rad or m].
     friction : Friction or "urdf", optional
-        "urdf" takes the damping and friction of the file's `<dynamics>`.
+        "urdf" takes the damping and friction of the file's `<dynamics>`. Under Coulomb friction that is smoothed, as
+        by default, joints at rest creep: `Friction(..., smoothing=0)` holds them.
     armature : float or array_like, shape (n,), optional
         Inertia of the drives reflected to the joints [kg m^2 or kg].
     effort_limit : float or array_like, shape (n,), or "urdf", optional
         Largest torque of each drive; "urdf" takes the file's `effort`, as far as it limits any [N m or N].
     torque_rate : float or array_like, shape (n,), optional
-        Largest change of a drive's torque per second, from one sample to the next [N m/s or N/s].
+        Largest change of a drive's torque per second, from one sample to the next; the first sample's torque is taken
+        as if it had been held before the start [N m/s or N/s].
     stops : bool
         True to end a run, with status 1, when a joint reaches a limit of its range.
     controller : callable, optional
@@ -66,6 +69,8 @@ class Scene:
     ------
     ValueError
         If a part has the wrong shape, is negative or not finite, or needs another part that is not there.
+    TypeError
+        If a part is of another type, or the controller takes other arguments.
 
     Examples
     --------
@@ -94,8 +99,8 @@ class Scene:
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
             raise TypeError(f"`robot` must be an rne.Robot, got {type(self.robot).__name__}")
-        if self.controller is not None and not callable(self.controller):
-            raise TypeError(f"`controller` must be a function of (t, q, qd), got {type(self.controller).__name__}")
+        if self.controller is not None:
+            check_law("controller", self.controller)
         if self.sample_time is not None:
             if self.controller is None:
                 raise ValueError("`sample_time` needs a `controller`")

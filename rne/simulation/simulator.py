@@ -17,6 +17,7 @@ from ..robot import Robot
 from .equations_of_motion import RightHandSide
 from .error_growth import error_growth
 from .events import check_within_stops, stops
+from .law import check_law
 from .loop import Loop
 from .plant import Plant
 from .repetition import repeated_error
@@ -43,6 +44,7 @@ SWITCHING = {
     "arctan2",
 }  # operations that are not smooth
 METHODS = (*EXPLICIT, *IMPLICIT, RODAS)
+LEAST = (2.3e-14, 1e-20)  # tolerances: 100 roundings in float64, as SciPy's solvers demand, and far below any state
 
 
 def simulate(
@@ -79,7 +81,7 @@ def simulate(
         otherwise; with a sampled controller the sample time counts, of which the bound is 30, and RK45 replaces DOP853.
         For this a called law is evaluated some times before the run.
     rtol, atol : float
-        Relative and absolute tolerance of the state, per step, for SciPy's methods.
+        Relative and absolute tolerance of the state, per step, for SciPy's methods; at least 2.3e-14 and 1e-20.
     t_eval : array_like, shape (T,), optional
         Times to report, ascending within [0, duration] [s].
     step : float, optional
@@ -97,6 +99,8 @@ def simulate(
     ------
     ValueError
         If an argument has the wrong shape, is not finite or is out of range.
+    TypeError
+        If `scene_or_robot` is neither, or `torque` takes other arguments.
     SimulationError
         If a state or torque is not finite, M becomes singular, the solver fails, a law chatters, or a sampled loop
         diverges before the end; has the time and the trajectory so far.
@@ -124,7 +128,7 @@ def simulate(
     x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(rhs.size - 2 * robot.n)])
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else _check_times(t_eval, end)
-    relative, absolute = positive_number("rtol", rtol), positive_number("atol", atol)
+    relative, absolute = tolerances(rtol, atol)
     longest_step = None if step is None else positive_number("step", step)
     name = "controller" if torque is None else "torque"
     plant, hold = _plant(scene, rhs, name)
@@ -138,6 +142,15 @@ def simulate(
     motion = _run(plant, task, hold, reason, scene, lambda other: _repeat(scene, rhs, name, other))
     plant.verdict.raise_or_warn(stacklevel=2)
     return motion
+
+
+def tolerances(rtol: float, atol: float) -> tuple[float, float]:
+    """Both tolerances; a ValueError for one that rounding exceeds, so that steps would shrink without end."""
+    checked = positive_number("rtol", rtol), positive_number("atol", atol)
+    for name, value, least in zip(("rtol", "atol"), checked, LEAST, strict=True):
+        if value < least:
+            raise ValueError(f"`{name}` must be at least {least:g}, as rounding errors exceed less, got {value:g}")
+    return checked
 
 
 def _check_method(method: str, step: float | None, scene: Scene, plant: Plant) -> None:
@@ -238,6 +251,7 @@ def _with_law(scene: Scene, torque: ArrayLike | TorqueLaw) -> Scene:
     if callable(torque):
         if hasattr(torque, "states"):
             raise ValueError("`torque` with states needs a scene: rne.Scene(robot, controller=...)")
+        check_law("torque", torque)
         return replace(scene, controller=CalledLaw(torque))
     n = scene.n
     constant = real_array("torque", torque, f"({n},)")
