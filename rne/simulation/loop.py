@@ -50,7 +50,7 @@ class Loop:
         self.system, self.solver = _system_and_solver(plant, task, hold)
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
-        self.watch = Watch(plant, task, None if hold is None else hold.period)
+        self.watch = Watch(plant, task, hold)
         self.ledger = Ledger(plant.powers, plant.integrated) if plant.integrated else None
         self.record = Record(task.t_eval, len(task.x0))
         self.ends = Record(None, len(task.x0))  # of segments, just before what may jump there

@@ -15,6 +15,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError
 from ..kernels.loops import compiled
 from ..kernels.rosenbrock import TABLEAU, inside, take_steps, workspace
+from .compiled import CompiledSolver
 from .plant import Plant
 from .solver import Steps
 
@@ -43,7 +44,7 @@ class RosenbrockSteps(Steps):
         return inside(self.X[k], self.X[k + 1], self.vectors[k], s)
 
 
-class RosenbrockSolver:
+class RosenbrockSolver(CompiledSolver):
     """Rodas5P, many steps per call.
 
     Parameters
@@ -53,30 +54,11 @@ class RosenbrockSolver:
         One for which it `is_available`.
     """
 
-    method = METHOD
-
     def __init__(self, rtol: float, atol: float, plant: Plant) -> None:
-        self.rtol, self.atol, self.plant = rtol, atol, plant
+        self.method, self.rtol, self.atol, self.plant = METHOD, rtol, atol, plant
         self.slopes = plant.rhs.residual.slopes_in_time
         self.functions: tuple[Any, Any] = (plant.kernel.address(), self.slopes.address())
-        self.t = self.end = self.h = 0.0
-
-    def start(self, system: Any, t: float, x: Array, end: float, longest: float = np.inf) -> None:
-        """Begin anew at time t; steps are at most `longest` long."""
-        self.longest, self.h = longest, FIRST * (end - t)
-        self.resume(system, t, x, end)
-
-    def resume(self, system: Any, t: float, x: Array, end: float) -> None:
-        """Go on after a jump of the torques, with the length of the last step."""
-        if not self.h:
-            return self.start(system, t, x, end)
-        self.t, self.x, self.end = t, x, end
-        return None
-
-    @property
-    def is_running(self) -> bool:
-        """False when the end was reached."""
-        return self.t < self.end
+        self.h, self.longest = 0.0, np.inf
 
     def steps(self, most: int) -> Steps:
         """The next steps, at most so many; NotFiniteError if there is none."""
@@ -91,7 +73,7 @@ class RosenbrockSolver:
     def _take(self, most: int, loop: Callable[..., int], functions: tuple[Any, Any]) -> Steps:
         plant, n, size = self.plant, self.plant.robot.n, len(self.x)
         T, X, H, P = np.empty(most + 1), np.empty((most + 1, size)), np.empty(most + 1), np.empty((most, 3, size))
-        T[0], X[0], H[0] = self.t, self.x, self.h
+        T[0], X[0], H[0] = self.t, self.x, self.h or FIRST * (self.end - self.t)
         count, held = np.zeros(2, dtype=np.int64), () if plant.held is None else (np.array(plant.held),)
         limits = float(self.end), float(self.longest), self.rtol, self.atol, *map(float, plant.span)
         time, x = np.empty(1), np.empty(size)

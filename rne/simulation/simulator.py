@@ -29,7 +29,7 @@ from .scene import Scene, scene_of_robot
 from .solver import EXPLICIT, IMPLICIT
 from .symplectic import METHOD as GAUSS
 from .trajectory import ErrorEstimate, Trajectory
-from .watch import STIFF, STIFF_SAMPLE, fastest_decay, stiff_method
+from .watch import STIFF, fastest_decay, sample_bound, stiff_method
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
@@ -78,8 +78,8 @@ def simulate(
         (engine "numba", a law that is traced or sampled), or for long motions without drives and friction "gauss-4",
         whose energy error stays bounded. "auto" begins with an implicit method, Rodas5P or else LSODA, if the fastest
         decay of the loop, linearised at the start, times the duration exceeds 1000 (a stiff loop), and with DOP853
-        otherwise; with a sampled controller the sample time counts, of which the bound is 30, and RK45 replaces DOP853.
-        For this a called law is evaluated some times before the run.
+        otherwise; with a sampled controller the sample time counts, up to 30, or 150 where a traced law is sampled in
+        machine code, and RK45 replaces DOP853. For this a called law is evaluated some times before the run.
     rtol, atol : float
         Relative and absolute tolerance of the state, per step, for SciPy's methods; at least 2.3e-14 and 1e-20.
     t_eval : array_like, shape (T,), optional
@@ -132,7 +132,7 @@ def simulate(
     longest_step = None if step is None else positive_number("step", step)
     name = "controller" if torque is None else "torque"
     plant, hold = _plant(scene, rhs, name)
-    chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, scene)
+    chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, hold)
     _check_method(chosen, step, scene, plant)
     ends = stops(robot.model) if scene.stops else []
     check_within_stops(ends, x0)
@@ -165,21 +165,21 @@ def _check_method(method: str, step: float | None, scene: Scene, plant: Plant) -
         raise ValueError(f"`step` is for the equal steps of {GAUSS!r}; {method!r} chooses its own")
 
 
-def choose_method(plant: Plant, x0: Array, duration: float, scene: Scene) -> tuple[str, str]:
+def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold | None) -> tuple[str, str]:
     """The solver to begin with, and why: the fastest decaying mode of the motion linearised at the start decides."""
     if plant.is_conservative:
         return "DOP853", "DOP853: not stiff, nothing damps the motion"
-    decay, period = fastest_decay(plant, 0.0, x0), scene.sample_time
-    explicit = "DOP853" if period is None else "RK45"
+    decay = fastest_decay(plant, 0.0, x0)
+    explicit = "DOP853" if hold is None else "RK45"
     if not np.isfinite(decay):
         return explicit, f"{explicit}: the motion cannot be linearised at the start"
-    if period is None:
+    if hold is None:
         times, bound, over = decay * duration, STIFF, "times over the run"
     else:
-        times, bound, over = decay * period, STIFF_SAMPLE, "times between two samples"
+        times, bound, over = decay * hold.period, sample_bound(plant, hold), "times between two samples"
     if times > bound:
         method = stiff_method(plant)
-        if method == "LSODA" and period is not None and times > STIFF:
+        if method == "LSODA" and hold is not None and times > STIFF:
             method = "Radau"  # LSODA, which begins anew at each sample with short steps, needs more
         why = f"stiff, the fastest mode at the start decays at {decay:.4g} 1/s, {times:.3g} {over} (> {bound:g})"
         return method, f"{method}: {why}"

@@ -14,6 +14,7 @@ from .plant import Plant
 from .rosenbrock import METHOD as RODAS
 from .rosenbrock import is_available
 from .run import Task
+from .sampled import ZeroOrderHold
 from .solver import EXPLICIT, Steps
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
@@ -22,6 +23,7 @@ STIFF = 1000.0
 # The same for the time between two samples: RK45 reaches 3.3 time constants a step, and an implicit method that begins
 # anew at each sample takes as many evaluations as nine steps.
 STIFF_SAMPLE = 30.0
+STIFF_MACHINE_CODE = 150.0  # where the law is sampled in machine code, as fast as ten steps of RK45: Rodas5P is not
 HELD_BACK = 1.5  # steps of this many time constants of the fastest mode: stability limits them, not accuracy
 REACHED = {"DOP853": 4.0, "RK45": 2.5}  # time constants of the fastest mode in a step that stability limits, at least
 WORTH = 2.0  # times as much time per work, which makes a change from Rodas5P worth trying
@@ -48,8 +50,8 @@ class Watch:
     ----------
     plant : Plant
     task : Task
-    period : float, optional
-        Time between two samples of the controller, whose torques are held in between [s].
+    hold : ZeroOrderHold, optional
+        Of a controller that is sampled.
 
     Attributes
     ----------
@@ -57,8 +59,8 @@ class Watch:
         The method to go on with.
     """
 
-    def __init__(self, plant: Plant, task: Task, period: float | None = None) -> None:
-        self.plant, self.task, self.period, self.method = plant, task, period, task.method
+    def __init__(self, plant: Plant, task: Task, hold: ZeroOrderHold | None = None) -> None:
+        self.plant, self.task, self.hold, self.method = plant, task, hold, task.method
         self.recent: deque[tuple[float, Array]] = deque(maxlen=CHECKED + 1)
         self.count, self.next_suspicion = 0, CHECKED
         times = 1 if not plant.is_compiled else UNDAMPED if plant.is_conservative else IN_MACHINE_CODE
@@ -133,10 +135,10 @@ class Watch:
         if self.plant.is_conservative:
             return
         decay = fastest_decay(self.plant, t, x)
-        if self.period is None:
+        if self.hold is None:
             is_stiff = decay * (self.task.duration - t) > STIFF
         else:
-            is_stiff = decay * self.period > STIFF_SAMPLE
+            is_stiff = decay * self.hold.period > sample_bound(self.plant, self.hold)
         if is_stiff and decay * h > HELD_BACK:
             method = stiff_method(self.plant)
             mode = f"where the fastest mode decays at {decay:.4g} 1/s"
@@ -144,7 +146,7 @@ class Watch:
 
     def _check_ease(self, t: float, x: Array, h: float) -> None:
         """Go on with an explicit method where its stability would allow steps that are worth it."""
-        method = "DOP853" if self.period is None else "RK45"
+        method = "DOP853" if self.hold is None else "RK45"
         if self._stable_speed(method, t, x) > WORTH * h / work_per_step(self.plant, RODAS):
             self._change(method, h, f"{method} from t = {t:.4g} s on, where stability would allow it longer steps")
 
@@ -206,6 +208,11 @@ class Watch:
             return None
         jump: Array = (beyond - u).reshape(n)
         return jump if np.abs(jump).max() > change / 4 else None
+
+
+def sample_bound(plant: Plant, hold: ZeroOrderHold) -> float:
+    """Fastest decay times the sample time above which an implicit method takes less time."""
+    return STIFF_MACHINE_CODE if plant.is_compiled and hold.traced is not None else STIFF_SAMPLE
 
 
 def stiff_method(plant: Plant) -> str:
