@@ -10,6 +10,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
@@ -62,12 +63,12 @@ class DryPlant(SmoothSystem):
         self.smooth, self.loaded = Plant(plant.rhs.under_modes, None), Plant(plant.rhs.loads, None)
         self.kernel = self.smooth.kernel
         self.is_compiled = plant.law is None and self.smooth.is_compiled
-        self.forward = np.broadcast_to(np.asarray(friction.coulomb, dtype=float), (n,))
-        self.back = np.broadcast_to(np.asarray(friction.coulomb_back, dtype=float), (n,))
+        self.forward, self.back = _per_joint(friction.coulomb, n), _per_joint(friction.coulomb_back, n)
+        held = friction.static
+        self.statics = (self.forward, self.back) if held is None else (_per_joint(held, n),) * 2
         self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
-        self.frictionless = (
-            np.maximum(self.static(np.ones(n)), self.static(-np.ones(n))) == 0
-        )  # without friction, never sticks
+        self.modes: dict[bytes, Array] = {}  # as the equations take them
+        self.frictionless = np.maximum(*self.statics) == 0  # without friction, never sticks
         self.span = (-np.inf, np.inf)
         self.events: Sequence[Event] = ()
         self.fastest = 0.0  # largest rate so far [rad/s or m/s]
@@ -87,8 +88,10 @@ class DryPlant(SmoothSystem):
     @property
     def held(self) -> Array:
         """What the equations take beside time and state: torques that are held, and the modes."""
-        slips = self.mode != 0
-        modes = np.concatenate([slips, np.where(self.mode > 0, self.forward, -self.back) * slips])
+        modes = self.modes.get(key := self.mode.tobytes())
+        if modes is None:
+            slips = self.mode != 0
+            self.modes[key] = modes = np.concatenate([slips, np.where(self.mode > 0, self.forward, -self.back) * slips])
         return modes if self.plant.held is None else np.concatenate([self.plant.held, modes])
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
@@ -139,25 +142,27 @@ class DryPlant(SmoothSystem):
         u = None if self.plant.law is None else self.plant.torque(t, self.reported(x))
         return self.held if u is None else np.concatenate([u, self.held])
 
-    def loads(self, t: float, x: Array) -> list[Array]:
+    def loads(self, t: float, x: Array) -> tuple[Array, ...]:
         """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction."""
         t = min(max(t, self.span[0]), self.span[1])
-        return np.split(self.loaded.rates(t, x, self.inputs(t, x)), 3)
+        return self._parts(self.loaded.rates(t, x, self.inputs(t, x)))
 
-    def loads_at(self, t: Array, X: Array) -> list[Array]:
+    def loads_at(self, t: Array, X: Array) -> tuple[Array, ...]:
         """The same in many states, shape (T, n) each."""
         if self.plant.law is None:
             try:
-                return np.split(self.loaded.all_rates(np.clip(t, *self.span), X, self.held), 3, axis=1)
+                return self._parts(self.loaded.all_rates(np.clip(t, *self.span), X, self.held))
             except (NotFiniteError, SingularMassMatrixError):
                 pass  # found by looking at each
-        return [np.array(part) for part in zip(*map(self.loads, t.tolist(), X), strict=True)]
+        return self._parts(np.array([np.concatenate(self.loads(*state)) for state in zip(t.tolist(), X, strict=True)]))
+
+    def _parts(self, found: Array) -> tuple[Array, ...]:
+        n = self.n
+        return found[..., :n], found[..., n : 2 * n], found[..., 2 * n :]
 
     def static(self, direction: Array) -> Array:
         """Static friction of each joint against a load in the given direction."""
-        if self.friction.static is not None:
-            return np.broadcast_to(np.asarray(self.friction.static, dtype=float), (self.n,))
-        return np.where(direction > 0, self.forward, self.back)
+        return np.where(direction > 0, *self.statics)
 
     def settle(self, t: float, x: Array, overloaded: list[int]) -> None:
         """Set the modes of the joints from their rates, and of those at rest from their loads.
@@ -236,3 +241,7 @@ class DryPlant(SmoothSystem):
     def rates(self, t: float, x: Array, u: Array) -> Array:
         """dx/dt under given torques and modes."""
         return self.smooth.rates(t, x, u)
+
+
+def _per_joint(size: ArrayLike | None, n: int) -> Array:
+    return np.broadcast_to(np.asarray(size, dtype=float), (n,))
