@@ -1,6 +1,7 @@
 """Machine code gives what NumPy's kernels give: numbers, errors, warnings, and what may be given to them."""
 
 import logging
+import os
 import pickle
 import re
 import subprocess
@@ -456,6 +457,23 @@ class TestSoundness:
             assert asked, name
 
 
+PAYLOADS = "robot = arm.with_payload(1 + k / 64); robot.mass_matrix([[0.1] * 2] * 2)"
+SWINGS = "; rne.simulate(rne.Scene(robot, friction=rne.Friction(1.0)), [0] * 2, [0] * 2, 0.01)"
+MEMORY = """
+import resource, sys
+import rne
+from benchmarks.random_robots import straight_chain
+arm = rne.Robot(straight_chain(2), "numba")
+def largest():  # [MB]
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+for k in range(10 + {count}):
+    if k == 10:
+        before = largest()
+    {work}
+print(largest() - before)
+"""
+
+
 class TestWhatKeepsItsEngine:
     def test_what_is_derived_from_a_robot(self, pair):
         robot = pair[1]
@@ -475,6 +493,13 @@ class TestWhatKeepsItsEngine:
             "r.mass_matrix([0.0] * 2); r.mass_matrix([0.0] * 2); assert 'numba' not in sys.modules"
         )
         subprocess.run([sys.executable, "-c", code], check=True)
+
+    @pytest.mark.parametrize(("count", "work"), kept([(60, PAYLOADS), (30, PAYLOADS + SWINGS)], [(60, PAYLOADS)]))
+    def test_memory_of_machine_code_is_given_back(self, count, work):
+        """Each robot has another payload and is compiled anew; a compilation that stayed would keep a megabyte or more."""
+        command = [sys.executable, "-c", MEMORY.format(work=work, count=count)]
+        run = subprocess.run(command, check=True, capture_output=True, text=True, env=os.environ | {"RNE_CACHE": ""})
+        assert float(run.stdout) < 0.2 * count  # [MB]; measured 0 to 2 in all
 
     @pytest.mark.parametrize(("operations", "seconds"), [(5000, 0.9), (5001, 0.9), (5000, 1.1)])
     def test_long_compilations_are_announced_and_told(self, monkeypatch, caplog, operations, seconds):
