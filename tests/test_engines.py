@@ -1,5 +1,6 @@
 """Machine code gives what NumPy's kernels give: numbers, errors, warnings, and what may be given to them."""
 
+import gc
 import logging
 import os
 import pickle
@@ -7,6 +8,7 @@ import re
 import subprocess
 import sys
 import warnings
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
@@ -455,6 +457,36 @@ class TestSoundness:
 
             batches.run([np.full((9, 1), np.inf)], np.zeros((9, 1)), recursion)
             assert asked, name
+
+
+class TestMemory:
+    def kernel(self, length):
+        kernel = rne.compile(rne.dynamics.inverse_dynamics, straight_chain(2, length=length), engine="numba")
+        s = states(2, 9)
+        kernel(*s)
+        kernel(*(a[0] for a in s))
+        kernel.address(8)
+        return kernel
+
+    def test_machine_code_goes_with_its_kernel(self):
+        """At once: nothing that keeps it refers to itself."""
+        kernel = self.kernel(0.5)
+        libraries = [kernel.state_function.library, *kernel.blocks.libraries.values(), *kernel._libraries.values()]
+        kept = [weakref.ref(library) for library in libraries]
+        assert len(set(libraries)) == 3
+        gc.disable()
+        try:
+            del kernel, libraries
+            assert [library() for library in kept] == [None] * 3
+        finally:
+            gc.enable()
+
+    def test_a_function_keeps_its_machine_code(self):
+        kernel = self.kernel(0.5)
+        q, qd, qdd = (a[0] for a in states(2, 9))
+        function, expected = kernel.state_function, kernel(q, qd, qdd)
+        del kernel
+        assert np.array_equal(function(q, qd, qdd), expected)
 
 
 PAYLOADS = "robot = arm.with_payload(1 + k / 64); robot.mass_matrix([[0.1] * 2] * 2)"
