@@ -20,10 +20,11 @@ INTEGER, NUMBER, BYTES = ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_point
 HEAD = object.__basicsize__  # ends with the type
 DATA, AXES, SHAPE, STRIDES, DTYPE, FLAGS = (HEAD + k for k in (0, 8, 16, 24, 40, 48))
 PLAIN = 0x101  # NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED
+TUPLES = 1 << 26  # Py_TPFLAGS_TUPLE_SUBCLASS
 FASTCALL = 0x80  # METH_FASTCALL: f(self, arguments, their number)
 # What `self` holds, in this order, for comparisons.
 FLOAT64, INT64 = np.dtype("float64"), np.dtype("int64")
-KNOWN = (None, np.ndarray, int, float, np.float64, tuple, INT64, FLOAT64)
+KNOWN = (None, np.ndarray, int, float, np.float64, INT64, FLOAT64)
 
 
 class Method(ctypes.Structure):
@@ -114,8 +115,9 @@ class Call:
         return self.c_function("PyFloat_AsDouble", NUMBER, value)
 
     def items(self, value: Any, count: int) -> list[Any]:
-        """The addresses of a tuple's items."""
-        self.require(self.field(value, HEAD - 8), self.known(tuple))
+        """The addresses of the items of a tuple, named or not."""
+        flags = self.c_function("PyType_GetFlags", INTEGER, self.field(value, HEAD - 8))
+        self.require(self.builder.and_(flags, ir.Constant(INTEGER, TUPLES)), TUPLES)
         self.require(self.field(value, HEAD, INTEGER), count)
         return [self.field(value, tuple.__basicsize__ + 8 * k) for k in range(count)]
 
