@@ -1,19 +1,21 @@
-"""All charts: python -m benchmarks [--quick]
+"""All charts: python -m benchmarks [--quick] [--only CHART]
 
 Evaluation, integration, growth and scenes, with Pinocchio in the same interleaved runs, one thread each. Writes
 benchmarks/results/charts.json, and the tables and pictures of docs/benchmarks/index.md, whose text is written by hand.
-Peers that are installed take part in the first chart: pip install $(python -m benchmarks.peers)
+Peers that are installed take part in the first chart: pip install $(python -m benchmarks.peers). With `--only`, other
+charts stay as they were kept.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from typing import Any
 
 from benchmarks import evaluation, evaluation_picture, growth, growth_picture, integration, integration_picture, scenes
 from benchmarks.cases import engines_left_out
-from benchmarks.measure import QUICK_NOTE, is_quick, machine, write
+from benchmarks.measure import QUICK_NOTE, RESULTS, command_line, machine, write
 from benchmarks.pages import DOCS, rewrite
 from benchmarks.peers import left_out, versions
 
@@ -41,17 +43,21 @@ def about(refused: dict[str, dict[str, str]]) -> str:
 
 
 def main() -> None:
-    quick = is_quick(__doc__)
+    parser = command_line(__doc__)
+    parser.add_argument("--only", nargs="+", default=list(CHARTS), choices=list(CHARTS), help="charts to measure anew")
+    given = parser.parse_args()
     results: dict[str, Any] = {}
-    for name, (module, _) in CHARTS.items():
+    for name, module in ((name, CHARTS[name][0]) for name in given.only):
         start = time.perf_counter()
-        results[name] = module.run(quick)
+        results[name] = module.run(given.quick)
         print("\n\n".join(module.tables(results[name]).values()) + "\n", flush=True)
         print(f"{name} took {time.perf_counter() - start:.1f} s", file=sys.stderr)
-    figures = {name: picture(results[name]) for name, (_, picture) in CHARTS.items()}
-    if quick:
+    figures = {name: CHARTS[name][1](results[name]) for name in results}
+    if given.quick:
         print(QUICK_NOTE)
         return
+    if len(results) < len(CHARTS):
+        results = json.loads((RESULTS / "charts.json").read_text(encoding="utf-8"))["charts"] | results
     write("charts.json", {"compared": versions(), "left_out": left_out(), "charts": results})
     for name, figure in figures.items():
         figure.savefig(DOCS / "benchmarks" / f"{name}.png", facecolor="white")

@@ -12,12 +12,25 @@ import numpy as np
 import pinocchio as pin
 
 import rne
-from benchmarks.runs import Motion, Side, by_state, in_solve_ivp, measured, simulated, their_arm, tolerance
+from benchmarks.runs import (
+    TURN,
+    WAYS,
+    Arms,
+    Motion,
+    Side,
+    by_state,
+    in_solve_ivp,
+    measured,
+    simulated,
+    their_arm,
+    tolerance,
+)
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 
 DURATION = 1.0  # [s]
 TOLERANCES: dict[str, tuple[float, ...]] = {
     "LSODA": (1e-4, 1e-6, 1e-8, 1e-10),
+    "Rodas5P": (1e-4, 1e-6, 1e-8, 1e-10),
     "Radau": (1e-4, 1e-6, 1e-8),
     "BDF": (1e-4, 1e-6, 1e-8),
     "RK45": (1e-6,),
@@ -54,9 +67,12 @@ def reference(scene: rne.Scene, theirs: Side, x0: np.ndarray, rtol: float) -> tu
     return end, float(max(np.abs(other - end).max(), np.abs(third - end).max()))
 
 
-def run(robot: rne.Robot, quick: bool) -> dict[str, Any]:
-    """On the IRB 140; the reference's runs are the warm-up."""
-    scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, KP, KD, LOOP.reference))
+def run(arms: Arms, quick: bool) -> dict[str, Any]:
+    """On the IRB 140; Rodas5P, which is machine code, has no counterpart."""
+    robot, scenes = arms["numpy"], {}
+    for engine, arm in arms.items():
+        scenes[engine] = rne.Scene(arm, controller=rne.control.pd_gravity(arm, KP, KD, LOOP.reference))
+    scene = scenes["numpy"]
     x0 = np.concatenate([LOOP.start, np.zeros(robot.n)])
     theirs = their_loop(robot)
     end, uncertain = reference(scene, theirs, x0, 1e-8 if quick else 1e-12)
@@ -68,12 +84,12 @@ def run(robot: rne.Robot, quick: bool) -> dict[str, Any]:
         return float(np.abs(motion[0][-1] - end).max())
 
     for method, levels in tolerances.items():
-        for o in (tolerance(method, rtol) for rtol in levels):
-            calls = {
-                "simulate": lambda o=o: simulated(scene, x0, DURATION, **o),
-                "pinocchio": lambda o=o: in_solve_ivp(theirs, x0, DURATION, o),
-            }
-            rows.append(measured(method, f"{o['rtol']:.0e}", calls, error, repeats, warm_ups=0))
-    chosen = rne.simulate(scene, LOOP.start, [0] * robot.n, DURATION).message
-    found = {robot.model.name: {"reference_uncertainty": uncertain, "runs": rows, "auto": chosen.split(";")[0]}}
+        by = {e: s for e, s in scenes.items() if method != "Rodas5P" or e == "numba"}
+        for o in (tolerance(method, rtol) for rtol in levels if by):
+            calls = {"pinocchio": lambda o=o: in_solve_ivp(theirs, x0, DURATION, o)} if len(by) == len(scenes) else {}
+            calls |= {engine: lambda o=o, s=s: simulated(s, x0, DURATION, **o) for engine, s in by.items()}
+            rows.append(measured(method, f"{o['rtol']:.0e}", calls, error, repeats, turn=TURN))
+    auto = {WAYS[e]: rne.simulate(s, LOOP.start, [0] * robot.n, DURATION).method for e, s in scenes.items()}
+    chosen = " and ".join(f"{method} ({way})" for way, method in auto.items())
+    found = {robot.model.name: {"reference_uncertainty": uncertain, "runs": rows, "auto": chosen}}
     return {"duration": DURATION, "repeats": repeats, "robots": found}

@@ -1,7 +1,7 @@
 """Chart B: wall time against the error of simulations, beside Pinocchio's ABA and MuJoCo's integrators.
 
-Four comparisons: a free swing of 1 s (error of the joint positions at the end), free swings of 10 s and of 100 s
-(energy drift), and the stiff closed loop of the thesis (error of the joint positions at the end).
+A free swing of 1 s (error of the joint positions at the end), free swings of 10 s and of 100 s (energy drift), the
+stiff closed loop of the thesis and control sampled at 1 kHz (errors of the positions), and an ensemble of swings.
 """
 
 from __future__ import annotations
@@ -9,21 +9,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from benchmarks import closed_loop, long_runs, swing
-from benchmarks.cases import load
+from benchmarks import closed_loop, long_runs, sampled_loop, swarm, swing
+from benchmarks.cases import engines, load
 from benchmarks.pages import table, three
 from benchmarks.runs import WAYS, Row
 
 
 def run(quick: bool) -> dict[str, Any]:
-    """All four."""
-    irb140, ur5 = ({name: load(name)} for name in ("irb140", "ur5"))
+    """All of them; a quick run is NumPy's."""
+    there = engines()[:1] if quick else engines()
+    irb140, ur5 = ({name: {engine: load(name, engine) for engine in there}} for name in ("irb140", "ur5"))
     both = irb140 if quick else irb140 | ur5
     return {
         "swing": swing.run(both, quick),
         "drift-10": long_runs.run(both, "10 s", quick),
         "drift-100": long_runs.run(ur5 if quick else both, "100 s", quick),
         "closed-loop": closed_loop.run(irb140["irb140"], quick),
+        "sampled": sampled_loop.run(irb140["irb140"], quick),
+        "ensemble": swarm.panel(irb140["irb140"], quick),
     }
 
 

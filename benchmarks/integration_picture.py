@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.pictures import OTHER, OURS, PINOCCHIO
+from benchmarks.pictures import NUMBA, OTHER, OURS, PINOCCHIO
 from benchmarks.runs import WAYS
 from rne.plotting.plots import blank_figure
 
-COLORS = {"rne": OURS, "simulate": OURS, "pinocchio": PINOCCHIO, "mujoco": OTHER}
+COLORS = {"numba": NUMBA, "numpy": OURS, "pinocchio": PINOCCHIO, "mujoco": OTHER}
 MARKERS = {
     "RK45": "o",
     "DOP853": "s",
     "LSODA": "^",
+    "Rodas5P": "P",
     "Radau": "D",
     "BDF": "v",
     "gauss-4": "*",
@@ -22,6 +23,11 @@ MARKERS = {
     "RK4": "h",
 }
 ERROR, DRIFT = "error of the joint positions at the end [rad]", "energy drift, largest |E(t) - E(0)| [J]"
+LABELS = {
+    "sampled": "error of the joint positions at the samples [rad]",
+    "ensemble": "median error of the joint positions at the end [rad]",
+}
+HEADS = {"closed-loop": "stiff closed loop", "sampled": "PD sampled at 1 kHz", "ensemble": "{} free swings"}
 
 
 def picture(results: dict[str, Any]) -> Any:
@@ -29,7 +35,7 @@ def picture(results: dict[str, Any]) -> Any:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     panels = [
-        (f"{robot}, {_head(name)} of {panel['duration']:g} s", DRIFT if name.startswith("drift") else ERROR, result)
+        (f"{robot}, {_head(name, panel)} of {panel['duration']:g} s", _label(name), result)
         for name, panel in results.items()
         for robot, result in panel["robots"].items()
     ]
@@ -50,14 +56,12 @@ def picture(results: dict[str, Any]) -> Any:
     return figure
 
 
-def _head(name: str) -> str:
-    return "stiff closed loop" if name == "closed-loop" else "free swing"
+def _head(name: str, panel: dict[str, Any]) -> str:
+    return HEADS.get(name, "free swing").format(panel.get("starts"))
 
 
-def style(who: str) -> dict[str, Any]:
-    """A colour for each project; hollow and dotted for rne.simulate."""
-    simulate = who == "simulate"
-    return {"color": COLORS[who], "linestyle": ":" if simulate else "-", "fillstyle": "none" if simulate else "full"}
+def _label(name: str) -> str:
+    return DRIFT if name.startswith("drift") else LABELS.get(name, ERROR)
 
 
 def lines(ax: Any, result: dict[str, Any]) -> None:
@@ -67,8 +71,8 @@ def lines(ax: Any, result: dict[str, Any]) -> None:
             rows = [row for row in result["runs"] if row["method"] == method and who in row["seconds"]]
             seconds = [row["seconds"][who] * 1e3 for row in rows]
             errors = [row["errors"][who] for row in rows]
-            size = 8 if marker in "*X" else 5.5
-            ax.plot(seconds, errors, marker=marker, markersize=size, linewidth=1.1, **style(who))
+            size = 8 if marker in "*XP" else 5.5
+            ax.plot(seconds, errors, marker=marker, markersize=size, linewidth=1.1, color=COLORS[who])
     uncertain = result.get("reference_uncertainty")
     if uncertain is None:
         return
@@ -90,8 +94,8 @@ def legend(ax: Any, rows: list[dict[str, Any]]) -> None:
 
     ways = [who for who in WAYS if any(who in row["seconds"] for row in rows)]
     methods = [m for m in MARKERS if any(row["method"] == m for row in rows)]
-    lines = [Line2D([], [], marker="o", linewidth=1.6, label=WAYS[who], **style(who)) for who in ways]
+    lines = [Line2D([], [], marker="o", linewidth=1.6, label=WAYS[who], color=COLORS[who]) for who in ways]
     shapes = [Line2D([], [], color="0.2", marker=MARKERS[m], markersize=7, linestyle="", label=m) for m in methods]
     look = {"frameon": False, "fontsize": "large", "title_fontsize": "large", "alignment": "left"}
-    ax.add_artist(ax.legend(handles=lines, title="Who: colour and line", loc="upper left", **look))
+    ax.add_artist(ax.legend(handles=lines, title="Who: colour", loc="upper left", **look))
     ax.legend(handles=shapes, title="Method: marker", loc="upper left", bbox_to_anchor=(0.0, 0.6), ncols=2, **look)

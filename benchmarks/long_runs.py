@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import rne
 from benchmarks.mujoco_runs import INTEGRATORS, stepper
-from benchmarks.runs import Motion, Row, in_solve_ivp, measured, simulated, start, their_side, tolerance
+from benchmarks.runs import Arms, Motion, Row, in_solve_ivp, measured, simulated, start, their_side, tolerance
 
 
 class Plan(NamedTuple):
@@ -53,13 +52,15 @@ def shortened(plan: Plan) -> Plan:
     return Plan(0.25, 25, 1, *first)
 
 
-def compare(robot: rne.Robot, plan: Plan) -> dict[str, Any]:
+def compare(arms: Arms, plan: Plan) -> dict[str, Any]:
     """Every method and setting, without warm-up: a short run compiles the kernels first."""
+    robot = arms["numpy"]
     x0, duration = start(robot.n), plan.duration
     grid = np.linspace(0.0, duration, plan.samples + 1)
     theirs = their_side(robot)
-    for method in ("RK45", *plan.steps):
-        simulated(robot, x0, 0.05, method=method)
+    for method in ("RK45", *plan.tolerances, *plan.steps):
+        for arm in arms.values():
+            simulated(arm, x0, 0.05, method=method, t_eval=[0.05])
 
     def drift(motion: Motion) -> float:
         energy = robot.kinetic_energy(*motion) + robot.potential_energy(motion[0])
@@ -68,18 +69,17 @@ def compare(robot: rne.Robot, plan: Plan) -> dict[str, Any]:
     def timed(method: str, setting: str, calls: dict[str, Any]) -> Row:
         return measured(method, setting, calls, drift, plan.repeats, warm_ups=0)
 
+    def ours(**o: Any) -> dict[str, Any]:
+        return {name: lambda arm=arm: simulated(arm, x0, duration, t_eval=grid, **o) for name, arm in arms.items()}
+
     rows = []
     for method, levels in plan.tolerances.items():
         for o in (tolerance(method, rtol) for rtol in levels):
-            calls = {
-                "simulate": lambda o=o: simulated(robot, x0, duration, t_eval=grid, **o),
-                "pinocchio": lambda o=o: in_solve_ivp(theirs, x0, duration, o, t_eval=grid),
-            }
-            rows.append(timed(method, f"{o['rtol']:.0e}", calls))
+            calls = {"pinocchio": lambda o=o: in_solve_ivp(theirs, x0, duration, o, t_eval=grid)}
+            rows.append(timed(method, f"{o['rtol']:.0e}", calls | ours(**o)))
     for method, steps in plan.steps.items():
         for h in steps:
-            call = {"simulate": lambda m=method, h=h: simulated(robot, x0, duration, method=m, step=h, t_eval=grid)}
-            rows.append(timed(method, f"{h * 1e3:g} ms", call))
+            rows.append(timed(method, f"{h * 1e3:g} ms", ours(method=method, step=h)))
     peer = stepper(robot, x0, grid)
     if isinstance(peer, str):
         return {"runs": rows, "refused": {"MuJoCo": peer}}
@@ -88,8 +88,8 @@ def compare(robot: rne.Robot, plan: Plan) -> dict[str, Any]:
     return {"runs": rows, "refused": {}}
 
 
-def run(found: dict[str, rne.Robot], length: str, quick: bool) -> dict[str, Any]:
+def run(found: Mapping[str, Arms], length: str, quick: bool) -> dict[str, Any]:
     """On each robot."""
     plan = shortened(PLANS[length]) if quick else PLANS[length]
-    rows = {name: compare(robot, plan) for name, robot in found.items()}
+    rows = {name: compare(arms, plan) for name, arms in found.items()}
     return {"duration": plan.duration, "repeats": plan.repeats, "robots": rows}

@@ -25,11 +25,16 @@ Call = Callable[[], Any]
 Spread = tuple[float, float, float]  # median, smallest, largest
 
 
-def is_quick(doc: str | None) -> bool:
-    """Read the command line, whose only option is --quick."""
+def command_line(doc: str | None) -> argparse.ArgumentParser:
+    """The command line that all have: --quick."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="few states, few repeats, no file is written")
-    return bool(parser.parse_args().quick)
+    return parser
+
+
+def is_quick(doc: str | None) -> bool:
+    """Read a command line that has no other option."""
+    return bool(command_line(doc).parse_args().quick)
 
 
 def interleaved(calls: Mapping[str, Callable[[], Any]], repeats: int, warm_ups: int = 1) -> dict[str, list[float]]:

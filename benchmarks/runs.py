@@ -1,4 +1,4 @@
-"""Simulations timed beside their errors: rne.simulate, rne in solve_ivp, and Pinocchio in solve_ivp."""
+"""Simulations timed beside their errors: rne.simulate by both engines, and Pinocchio in SciPy's solvers."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from scipy.integrate import solve_ivp
 import rne
 from benchmarks.measure import interleaved, many, ratio, within
 from benchmarks.peers.pinocchio import Pinocchio
-from rne.simulation.plant import Plant
 from rne.simulation.solver import IMPLICIT
 
 WAYS = {
-    "rne": "rne in solve_ivp",
-    "simulate": "rne.simulate",
-    "pinocchio": "Pinocchio in solve_ivp",
+    "numba": "rne, machine code",
+    "numpy": "rne, NumPy",
+    "pinocchio": "Pinocchio in Python loops",
     "mujoco": "MuJoCo's own steps",
 }
+TURN = 0.02  # [s] that short calls fill
+Arms = Mapping[str, rne.Robot]  # one robot by the name of its engine
 Rates = Callable[[float, np.ndarray], np.ndarray]
 Side = tuple[Rates, Rates | None]  # dx/dt and its exact Jacobian, if it is given
 Motion = tuple[np.ndarray, np.ndarray]  # q and qd, shapes (T, n)
@@ -52,12 +53,6 @@ def simulated(scene: rne.Scene | rne.Robot, x0: np.ndarray, duration: float, **o
     n = len(x0) // 2
     motion = rne.simulate(scene, x0[:n], x0[n:], duration, **options)
     return motion.q, motion.qd
-
-
-def our_side(robot: rne.Robot) -> Side:
-    """A bare arm by rne."""
-    plant = Plant(rne.Scene(robot).right_hand_side, None)
-    return plant, plant.jacobian
 
 
 def their_arm(robot: rne.Robot) -> tuple[Any, Any]:

@@ -8,7 +8,6 @@ of medians, with the smallest and largest of neighbouring runs. A whole run writ
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -17,7 +16,7 @@ from typing import Any
 
 from benchmarks import fixed_costs, hard_scenes, second_process, single_motions, swarm
 from benchmarks.cases import ENGINES, engines, engines_left_out
-from benchmarks.measure import QUICK_NOTE, write
+from benchmarks.measure import QUICK_NOTE, command_line, write
 from benchmarks.pages import table, three
 
 Results = dict[str, Any]
@@ -143,8 +142,7 @@ TIMED = ("run_seconds", "read_seconds")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="few states, few repeats, no file is written")
+    parser = command_line(__doc__)
     parser.add_argument("--only", nargs="+", default=(), choices=list(parts(True)), help="parts; no file is written")
     parser.add_argument("--before", type=Path, help="the folder of another tree, for the scenes with friction")
     given = parser.parse_args()

@@ -12,21 +12,19 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 import rne
 from benchmarks.cases import load
 from benchmarks.closed_loop import LOOP, their_loop
-from benchmarks.hard_scenes import KD, KP, TARGET, read
-from benchmarks.runs import Motion, Row, in_solve_ivp, measured, start, their_arm, their_side, tolerance
+from benchmarks.hard_scenes import read
+from benchmarks.runs import TURN, Motion, Row, in_solve_ivp, measured, start, their_side, tolerance
+from benchmarks.sampled_loop import SAMPLE_TIME, SampledArm, sampled_scene
 from rne.model.abb_irb140 import KD as LOOP_KD
 from rne.model.abb_irb140 import KP as LOOP_KP
 
 TOLERANCES = (1e-5, 1e-8, 1e-11)
 STIFF_TOLERANCES = (1e-6, 1e-10)
-TURN = 0.02  # [s] that short calls fill
 SAMPLES = 500  # times of t_eval
-SAMPLE_TIME = 1e-3  # [s]
 ALL = "{}, all read"
 EXACT = "pinocchio, exact Jacobian"
 Engines = tuple[str, ...]
@@ -89,11 +87,11 @@ def sampled(engines: Engines, duration: float, repeats: int) -> dict[str, Any]:
     """PD with gravity compensation at 1 kHz under viscous friction, from rest at zero."""
     scenes = {engine: sampled_scene(load("irb140", engine)) for engine in engines}
     x0, law = np.zeros(12), SampledArm(scenes["numpy"].resolved.robot)
-    exact, _ = law.motion(duration, law.solver_step)
+    exact, _ = law.motion(duration, law.solver_steps)
     first = {engine: first_run(scene, x0, duration) for engine, scene in scenes.items()}
     runs: list[Row] = []
     for times in (None, SAMPLE_TIME * np.arange(len(exact))):
-        calls = {"pinocchio": lambda: law.motion(duration, law.rk4_step)}
+        calls = {"pinocchio": lambda: law.motion(duration, law.rk4_steps)}
         calls |= ours(scenes, x0, duration, {"rtol": 1e-6, "t_eval": times})
         setting = "1e-06" if times is None else f"1e-06, {len(exact)} times"
         runs.append(measured("RK4 per sample", setting, calls, _error(exact, times), repeats, turn=TURN))
@@ -103,50 +101,6 @@ def sampled(engines: Engines, duration: float, repeats: int) -> dict[str, Any]:
 def controlled(robot: rne.Robot) -> rne.Scene:
     """The thesis's closed loop 6.5-1."""
     return rne.Scene(robot, controller=rne.control.pd_gravity(robot, LOOP_KP, LOOP_KD, LOOP.reference))
-
-
-def sampled_scene(robot: rne.Robot) -> rne.Scene:
-    """The loop at 1 kHz."""
-    law = rne.control.pd_gravity(robot, KP, KD, TARGET)
-    return rne.Scene(robot, controller=law, sample_time=SAMPLE_TIME, friction=rne.Friction(viscous=1.0))
-
-
-class SampledArm:
-    """The sampled loop by Pinocchio."""
-
-    def __init__(self, robot: rne.Robot) -> None:
-        self.model, self.data = their_arm(robot)
-        self.kp, self.kd, self.target = (np.array(x, dtype=float) for x in (KP, KD, TARGET))
-
-    def motion(self, duration: float, step: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Motion:
-        """The motion at the samples."""
-        X = np.zeros((round(duration / SAMPLE_TIME) + 1, 12))
-        for k in range(len(X) - 1):
-            q, qd = X[k, :6], X[k, 6:]
-            gravity = pin.computeGeneralizedGravity(self.model, self.data, q)
-            X[k + 1] = step(X[k], gravity - self.kp * (q - self.target) - self.kd * qd)
-        return X[:, :6], X[:, 6:]
-
-    def rates(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """dx/dt under held torques and friction."""
-        qd = x[6:]
-        return np.concatenate([qd, pin.aba(self.model, self.data, x[:6], qd, u - qd)])
-
-    def rk4_step(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """One step of RK4."""
-        h, f = SAMPLE_TIME, self.rates
-        k1 = f(x, u)
-        k2 = f(x + h / 2 * k1, u)
-        k3 = f(x + h / 2 * k2, u)
-        k4 = f(x + h * k3, u)
-        following: np.ndarray = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
-        return following
-
-    def solver_step(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The same span by DOP853 with tight tolerances, for the reference."""
-        side: Any = (lambda _t, x: self.rates(x, u), None)
-        q, qd = in_solve_ivp(side, x, SAMPLE_TIME, tolerance("DOP853", 1e-12))
-        return np.concatenate([q[-1], qd[-1]])
 
 
 def ours(

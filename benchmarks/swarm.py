@@ -16,10 +16,12 @@ import numpy as np
 import rne
 from benchmarks.cases import load
 from benchmarks.measure import interleaved, ratio
-from benchmarks.runs import Side, in_solve_ivp, their_side
+from benchmarks.runs import TURN, Arms, Row, Side, in_solve_ivp, measured, their_side
 
 RTOL, ATOL = 1e-6, 1e-9
 STEP = 1e-3  # [s] of RK4
+PANEL_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
+PANEL_STEPS = (1e-2, 5e-3, 2e-3, 1e-3)  # [s]
 HAS_STEP_CONTROL = "rtol" in inspect.signature(rne.ensemble).parameters
 CONTROLLED: dict[str, Any] = {"rtol": RTOL, "atol": ATOL} if HAS_STEP_CONTROL else {"step": STEP}
 Ends = np.ndarray  # positions at the end, shape (N, n) [rad]
@@ -90,3 +92,27 @@ def equal_step(scene: rne.Scene, q0: np.ndarray, duration: float, exact: Ends) -
     for _ in range(3):
         step = min(step * (wanted / error(step=step)) ** 0.25, duration / 10)
     return step
+
+
+def panel(arms: Arms, quick: bool) -> dict[str, Any]:
+    """Wall time against the median error, for chart B."""
+    count, duration, repeats = (5, 0.05, 1) if quick else (200, 1.0, 3)
+    robot, scenes = arms["numpy"], {engine: rne.Scene(arm) for engine, arm in arms.items()}
+    q0, theirs = np.random.default_rng(0).uniform(-1, 1, (count, 6)), their_side(robot)
+    exact = their_ends(theirs, q0, duration, 1e-12, 1e-14)
+
+    def error(ends: Any) -> float:
+        return float(np.median(np.abs(ends - exact).max(axis=1)))
+
+    def ours(**o: Any) -> dict[str, Callable[[], Any]]:
+        return {engine: lambda s=s: our_ends(s, q0, duration, **o) for engine, s in scenes.items()}
+
+    rows: list[Row] = []
+    for rtol in PANEL_TOLERANCES[:1] if quick else PANEL_TOLERANCES:
+        o = {"rtol": rtol, "atol": 1e-3 * rtol}
+        calls: dict[str, Any] = {"pinocchio": lambda o=o: their_ends(theirs, q0, duration, **o)}
+        calls |= ours(**o) if HAS_STEP_CONTROL else {}
+        rows.append(measured("DOP853", f"{rtol:.0e}", calls, error, repeats, turn=TURN))
+    for step in PANEL_STEPS[:1] if quick else PANEL_STEPS:
+        rows.append(measured("RK4", f"{step * 1e3:g} ms", ours(step=step), error, repeats, turn=TURN))
+    return {"starts": count, "duration": duration, "repeats": repeats, "robots": {robot.model.name: {"runs": rows}}}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import rne
-from benchmarks.runs import Row, in_solve_ivp, measured, our_side, simulated, start, their_side, tolerance
+from benchmarks.runs import TURN, Arms, Motion, Row, in_solve_ivp, measured, simulated, start, their_side, tolerance
 from rne.simulation.error_growth import extrapolated
 
 DURATION = 1.0  # [s]
@@ -39,27 +39,29 @@ def reference(robot: rne.Robot, x0: np.ndarray, steps: int) -> tuple[np.ndarray,
     return fine, float(np.abs(fine - coarse).max())
 
 
-def compare(robot: rne.Robot, tolerances: dict[str, tuple[float, ...]], repeats: int, steps: int) -> dict[str, Any]:
-    """Every method and tolerance: rne and Pinocchio in SciPy's solver, and rne.simulate."""
+def compare(arms: Arms, tolerances: dict[str, tuple[float, ...]], repeats: int, steps: int) -> dict[str, Any]:
+    """Every method and tolerance: rne.simulate by each engine, and Pinocchio in SciPy's solver."""
+    robot = arms["numpy"]
     x0 = start(robot.n)
     end, uncertain = reference(robot, x0, steps)
-    ours, theirs = our_side(robot), their_side(robot)
+    theirs = their_side(robot)
     rows: list[Row] = []
+
+    def error(motion: Motion) -> float:
+        return float(np.abs(motion[0][-1] - end).max())
+
     for method, levels in tolerances.items():
         for rtol in levels:
             o = tolerance(method, rtol)
-            calls = {
-                "rne": lambda o=o: in_solve_ivp(ours, x0, DURATION, o),
-                "pinocchio": lambda o=o: in_solve_ivp(theirs, x0, DURATION, o),
-                "simulate": lambda o=o: simulated(robot, x0, DURATION, **o),
-            }
-            rows.append(measured(method, f"{rtol:.0e}", calls, lambda m: float(np.abs(m[0][-1] - end).max()), repeats))
+            calls = {"pinocchio": lambda o=o: in_solve_ivp(theirs, x0, DURATION, o)}
+            calls |= {engine: lambda o=o, arm=arm: simulated(arm, x0, DURATION, **o) for engine, arm in arms.items()}
+            rows.append(measured(method, f"{rtol:.0e}", calls, error, repeats, turn=TURN))
     return {"reference_uncertainty": uncertain, "runs": rows}
 
 
-def run(found: dict[str, rne.Robot], quick: bool) -> dict[str, Any]:
+def run(found: dict[str, Arms], quick: bool) -> dict[str, Any]:
     """On each robot."""
     tolerances = {m: TOLERANCES[m][:1] for m in ("RK45", "Radau")} if quick else TOLERANCES
     repeats, steps = (1, 2) if quick else (3, 40)
-    rows = {name: compare(robot, tolerances, repeats, steps) for name, robot in found.items()}
+    rows = {name: compare(arms, tolerances, repeats, steps) for name, arms in found.items()}
     return {"duration": DURATION, "repeats": repeats, "robots": rows}
