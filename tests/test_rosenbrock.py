@@ -1,5 +1,7 @@
 """Rodas5P: its orders, its control of steps, and motions by it against closed forms and tight runs of Radau."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
@@ -51,21 +53,32 @@ class Relaxing:
         return True
 
 
-def steps(problem, x0, end, *, h=None, rtol=1e-6, atol=1e-9, most=2000, functions=None):
+class Run(NamedTuple):
+    """What the text leaves: times, states, interpolants, lengths to try next, evaluations, stages of the last step."""
+
+    T: np.ndarray
+    X: np.ndarray
+    P: np.ndarray
+    H: np.ndarray
+    count: np.ndarray
+    stages: np.ndarray
+
+
+def steps(problem, x0, end, *, h=None, rtol=1e-6, atol=1e-9, most=2000, first=1e-4, begin=0.0, functions=None):
     """Steps by the text as it stands: equal ones of length h, or by control of the error."""
     equal = h is not None
     most = round(end / h) if equal else most
-    T, X, P = np.zeros(most + 1), np.zeros((most + 1, problem.size)), np.zeros((most, 3, problem.size))
-    H, count = np.full(most + 1, h if equal else 1e-4), np.zeros(2, dtype=np.int64)
+    T, X, P = np.full(most + 1, begin), np.zeros((most + 1, problem.size)), np.zeros((most, 3, problem.size))
+    H, count = np.full(most + 1, h if equal else first), np.zeros(2, dtype=np.int64)
     X[0] = x0
     limits = (end, h, 1e9, 1e9) if equal else (end, np.inf, rtol, atol)
-    state = np.zeros(1), np.zeros(problem.size)
+    state, work = (np.zeros(1), np.zeros(problem.size)), rosenbrock.workspace(problem.n, problem.size)
     rates, slopes = functions or (problem.rates, problem.slopes)
+    point, span = (*state, np.zeros(problem.n)), (-np.inf, np.inf)
     taken = rosenbrock.take_steps(
-        rates, slopes, state, (*state, np.zeros(problem.n)), (*limits, -np.inf, np.inf), rosenbrock.TABLEAU,
-        T, X, P, H, count, rosenbrock.workspace(problem.n, problem.size),
-    )  # fmt: skip
-    return T[: taken + 1], X[: taken + 1], P[:taken], count
+        rates, slopes, state, point, (*limits, *span), rosenbrock.TABLEAU, T, X, P, H, count, work
+    )
+    return Run(T[: taken + 1], X[: taken + 1], P[:taken], H[: taken + 1], count, work[4])
 
 
 def order(errors, ratio):
@@ -84,7 +97,7 @@ def test_orders_of_the_steps_and_of_the_interpolant():
     """On a motion that depends on time, with a state of the controller: 5, and errors of order 5 inside steps."""
     problem, ends, inside = Wanted(), [], []
     for h in (0.1, 0.05):
-        T, X, P, _ = steps(problem, problem.solution(0.0), 2.0, h=h)
+        T, X, P, *_ = steps(problem, problem.solution(0.0), 2.0, h=h)
         assert len(T) == round(2 / h) + 1
         ends.append(np.abs(X[-1] - problem.solution(2.0)).max())
         s = np.array([0.2, 0.5, 0.7])
@@ -106,7 +119,7 @@ def test_slopes_by_states_and_by_time_count(column):
         return True
 
     for h in (0.1, 0.05):
-        _, X, _, _ = steps(problem, problem.solution(0.0), 2.0, h=h, functions=(problem.rates, lacking))
+        _, X, *_ = steps(problem, problem.solution(0.0), 2.0, h=h, functions=(problem.rates, lacking))
         errors.append(np.abs(X[-1] - problem.solution(2.0)).max())
     assert order(errors, 2) < 3
 
@@ -114,7 +127,7 @@ def test_slopes_by_states_and_by_time_count(column):
 @pytest.mark.parametrize("rtol", [1e-4, 1e-7])
 def test_errors_follow_the_tolerance_and_the_interpolants_too(rtol):
     problem = Wanted()
-    T, X, P, count = steps(problem, problem.solution(0.0), 3.0, rtol=rtol, atol=rtol)
+    T, X, P, _, count, _ = steps(problem, problem.solution(0.0), 3.0, rtol=rtol, atol=rtol)
     assert T[-1] == 3.0
     assert np.abs(X - problem.solution(T)).max() < 5 * rtol
     middle = rosenbrock.inside(X[:-1], X[1:], P, np.full((len(P), 1), 0.5))
@@ -126,7 +139,7 @@ def test_errors_follow_the_tolerance_and_the_interpolants_too(rtol):
 @pytest.mark.parametrize("stiffness", [1e2, 1e6, 1e10])
 def test_steps_follow_the_slow_motion_however_fast_the_fast_mode(stiffness):
     """q + qd = cos t - sin t in the limit, of which q = cos t; the fast mode decays with 100 c."""
-    T, X, _, _ = steps(Relaxing(stiffness), [1.0, 0.0], 5.0)
+    T, X, *_ = steps(Relaxing(stiffness), [1.0, 0.0], 5.0)
     assert len(T) < 60
     assert np.abs(X[:, 0] - np.cos(T)).max() < 2e-4 + 0.1 / stiffness
 
@@ -134,9 +147,42 @@ def test_steps_follow_the_slow_motion_however_fast_the_fast_mode(stiffness):
 def test_an_unsound_evaluation_and_a_singular_matrix_end_the_steps():
     problem = Wanted()
     until_1 = (lambda t, *rest: t[0] < 1 and problem.rates(t, *rest)), problem.slopes
-    T, _, _, _ = steps(problem, problem.solution(0.0), 3.0, functions=until_1)
+    T, *_ = steps(problem, problem.solution(0.0), 3.0, functions=until_1)
     assert 0.3 < T[-1] <= 1.0
     singular = problem.rates, lambda *arguments: arguments[-1].fill(0.0) is None
     with np.errstate(all="ignore"):  # steps become as short as numbers can be
-        T, _, _, _ = steps(problem, problem.solution(0.0), 3.0, functions=singular)
+        T, *_ = steps(problem, problem.solution(0.0), 3.0, functions=singular)
     assert len(T) == 1
+
+
+def test_an_accepted_step_is_within_the_tolerance_and_the_next_at_most_ten_times_as_long():
+    problem, t, x, first = Wanted(), 0.0, Wanted.solution(0.0), 1e-9
+    for _ in range(30):
+        run = steps(problem, x, 3.0, most=1, begin=t, first=first, rtol=1e-5, atol=1e-5)
+        scale = 1e-5 + 1e-5 * np.maximum(np.abs(run.X[0]), np.abs(run.X[1]))
+        assert np.sqrt(((run.stages[-1] / scale) ** 2).mean()) < 1
+        assert run.H[1] <= 10 * (run.T[1] - run.T[0]) * (1 + 1e-6) or run.T[1] == 3.0
+        t, x, first = run.T[1], run.X[1], run.H[1]
+        if t == 3.0:
+            break
+    assert t == 3.0
+
+
+def test_after_a_rejected_step_the_next_is_not_longer():
+    problem = Wanted()
+    run = steps(problem, problem.solution(0.0), 3.0, most=1, first=1.5)
+    assert run.count[0] > 8
+    assert run.H[1] <= run.T[1]
+
+
+def test_a_step_cut_at_the_end_leaves_the_length_that_it_would_have_had():
+    problem = Wanted()
+    run = steps(problem, problem.solution(0.0), 1e-4, first=0.05)
+    assert len(run.T) == 2
+    assert run.H[1] == 0.05
+
+
+def test_rows_are_exchanged_before_a_pivot_that_is_zero():
+    W, G = np.array([[0.0, 2.0, 4.0], [1.0, 1.0, 3.0]]), np.zeros((1, 2))
+    assert rosenbrock.eliminate(W, G)
+    np.testing.assert_allclose(G, [[1.0, 2.0]])

@@ -18,7 +18,7 @@ from rne.simulation import loop, rosenbrock
 from rne.simulation.plant import Plant
 from rne.simulation.run import Task
 from rne.simulation.solver import Steps
-from rne.simulation.watch import Watch
+from rne.simulation.watch import Watch, work_per_step
 
 from .helpers import kept
 
@@ -153,9 +153,9 @@ class Linear:
         return np.diag([-self.fastest, -1.0, -1.0, -1.0])
 
 
-def watched(start="DOP853"):
+def watched(start="DOP853", hold=None):
     plant = Linear()
-    watch = Watch(plant, Task(np.zeros(4), 100.0, start, 1e-6, 1e-9, is_auto=True))
+    watch = Watch(plant, Task(np.zeros(4), 100.0, start, 1e-6, 1e-9, is_auto=True), hold)
 
     def walk(h, count):
         """Steps of length h, at most so many, until the method changes; the method."""
@@ -199,6 +199,50 @@ def test_rodas5p_stays_where_an_explicit_method_was_faster_before_the_motion_bec
     assert walk(1e-3, 2000) == "Rodas5P"
 
 
+def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
+    plant, _, walk = watched("Rodas5P")
+    plant.fastest = 4.0 / 1e-3 * work_per_step(plant, "Rodas5P") / work_per_step(plant, "DOP853") / 1.9
+    assert walk(1e-3, 1000) == "Rodas5P"
+    plant.fastest *= 1.9 / 2.1
+    assert walk(1e-3, 1000) == "DOP853"
+
+
+def test_between_samples_the_decay_until_the_next_one_counts():
+    plant, _, walk = watched("RK45", SimpleNamespace(period=1e-3, traced=None))
+    plant.fastest = 2e4
+    assert walk(1.5e-4, 1000) == "RK45"
+    plant.fastest = 4e4
+    assert walk(1.5e-4, 1000) == "Rodas5P"
+
+
+def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
+    solvers, times = [], []
+    for most in (1, 100):
+        plant = Plant(rne.Scene(pair[1], controller=of_time).right_hand_side, None)
+        solvers.append(rosenbrock.RosenbrockSolver(1e-6, 1e-9, plant))
+        solvers[-1].start(plant, 0.0, np.array([0.5, 0.2, 0, 1.0]), 0.1)
+        times.append([0.0])
+        while solvers[-1].is_running:
+            times[-1].extend(solvers[-1].steps(most).T[1:])
+    np.testing.assert_allclose(times[0], times[1], rtol=1e-9)
+    assert len(times[0]) > 10
+
+
+def test_evaluations_are_calls_and_one_per_component_of_the_state_for_each_jacobian(pair, monkeypatch):
+    counts, run = [], rosenbrock.compiled_steps
+
+    def noted(*arguments):
+        taken = run(*arguments)
+        counts.append(arguments[-2])
+        return taken
+
+    monkeypatch.setattr(rosenbrock, "compiled_steps", noted)
+    scene = rne.Scene(pair[1], controller=of_time)
+    motion = rne.simulate(scene, [0.5, 0.2], [0, 1], 0.1, method="Rodas5P")
+    calls, jacobians = np.sum(counts, axis=0)
+    assert motion.evaluations == calls + 4 * jacobians
+
+
 def test_a_sampled_motion_that_stability_holds_back_is_known_by_the_time_between_samples(irb140):
     """Friction that decays 700 times between two samples: RK45 took 72,908 evaluations over 0.05 s, LSODA 7,035."""
     law = rne.control.pd_gravity(irb140, kp=[50] * 6, kd=[2] * 6, reference=[0.5] * 6)
@@ -218,6 +262,7 @@ def test_sampled_motions_with_very_stiff_friction_begin(irb140, method):
     law = rne.control.pd_gravity(irb140, kp=[50] * 6, kd=[2] * 6, reference=[0.5] * 6)
     scene = rne.Scene(irb140, controller=law, sample_time=1e-3, friction=rne.Friction(viscous=20000.0))
     motion = rne.simulate(scene, [0] * 6, [0] * 6, 0.005, method=method)
+    assert motion.method == ("Radau" if method == "auto" else method)
     creep = (motion.tau[-1] - irb140.gravity_torque(motion.q[-1])) / 20000.0
     np.testing.assert_allclose(motion.qd[-1], creep, rtol=1e-5, atol=1e-12)  # torque of the sample after
 
