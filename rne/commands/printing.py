@@ -162,7 +162,7 @@ def add_cache(commands: Any) -> None:
 
 def run_cache(arguments: argparse.Namespace) -> int:
     """Print the cache's place, size and number of files."""
-    from ..kernels import disk_cache
+    from ..basics import disk_cache
 
     place = disk_cache.folder()
     if place is None:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import itertools
+import sys
 import threading
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import llvmlite
+import numpy as np
 from llvmlite import binding
 
-from . import disk_cache
+from ..basics import disk_cache
 
 LOCK = threading.RLock()  # one compilation at a time
 RECENT: dict[str, bytes] = {}  # object code by name, the last used at the end
@@ -26,9 +30,11 @@ def host() -> tuple[str, str]:
 
 
 @functools.cache
-def compiler() -> str:
-    """The versions of LLVM and of llvmlite."""
-    return f"LLVM {binding.llvm_version_info} llvmlite {llvmlite.__version__}"
+def versions() -> str:
+    """What object code depends on besides program and processor: versions, and the files that write it."""
+    files = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    others = f"llvmlite {llvmlite.__version__} LLVM {binding.llvm_version_info} numpy {np.__version__} {sys.version}"
+    return f"{hashlib.sha256(files).hexdigest()} {others} {sys.platform}"
 
 
 REGISTER_BITS = 512 if "+avx512f" in host()[1].split(",") else 256
@@ -94,7 +100,7 @@ class Library:
 
 def library(functions: Sequence[str], description: Sequence[str], text: Callable[[], str], *, loops: bool) -> Library:
     """The library of what a description stands for, from memory, from the disk, or compiled and kept in both."""
-    name = disk_cache.key(compiler(), *host(), *description)
+    name = disk_cache.key(versions(), *host(), *description)
     code = RECENT.pop(name, None) or disk_cache.read(name)
     if code is None:
         code = compiled(text(), loops=loops)

@@ -1,4 +1,4 @@
-"""Object code kept on disk, so that another process need not compile it.
+"""Files kept on disk for other processes: object code, which need not be compiled again.
 
 The folder is the platform's for caches, or what RNE_CACHE names; none if that is empty. Code that is read from it is
 run: a folder or a file that another user owns or may write to is refused. A file holds a digest of what follows; one
@@ -13,12 +13,9 @@ import hashlib
 import logging
 import os
 import stat
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-
-import numpy as np
 
 LOGGER = logging.getLogger("rne")
 LIMIT = 64_000_000  # bytes
@@ -39,19 +36,10 @@ def folder() -> Path | None:
     return user_cache_path("rne", appauthor=False)
 
 
-@functools.cache
-def versions() -> str:
-    """What object code depends on besides the program and the processor: versions, and the files that write it."""
-    digest = DIGEST()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    return " ".join([digest.hexdigest(), sys.version, sys.platform, f"numpy {np.__version__}"])
-
-
 def key(*parts: str) -> str:
-    """The name of what these parts describe, under these versions."""
+    """The name of what these parts describe."""
     digest = DIGEST()
-    for part in (versions(), *parts):
+    for part in parts:
         digest.update(f"{len(part)} {part}".encode())
     return digest.hexdigest()
 
