@@ -42,9 +42,13 @@ class Block(Steps):
         self.solver, self.K, self.u, self.U = solver, K, u, U
         self.span = solver.system.span
 
-    def torques(self, k: Array) -> Array | None:
-        """Torques held in the steps k."""
-        return None if self.U is None else self.U[k]
+    @property
+    def jumps(self) -> Array:
+        """Whether torques that are held change where a step begins."""
+        jumps = np.zeros(len(self.K), dtype=bool)
+        if self.U is not None:
+            jumps[0], jumps[1:] = True, (self.U[1:] != self.U[:-1]).any(axis=1)
+        return jumps
 
     @cached_property
     def polynomials(self) -> Array:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from .solver import Span, Steps, states_at
+from .solver import Steps, states_at
 
-Powers = Callable[[Array, Array, Array | None], Array]  # times (N,), states (N, size), held torques -> (N, k)
+Powers = Callable[[Array, Array], Array]  # times (N,), states (N, size) -> (N, k)
 
 DEGREE = 8  # of the polynomials
 NEGLIGIBLE = 1e-8  # estimated error of a panel, in units of all energy exchanged so far
@@ -38,23 +38,60 @@ def gauss() -> tuple[Array, Array]:
     return nodes, np.linalg.inv(legendre.legvander(nodes, DEGREE))
 
 
-class Panel(NamedTuple):
-    """Some spans, or a part of them from `begin` to `end`, in which the same torques are held and joints at rest."""
+class Part(NamedTuple):
+    """So many steps, the last as far as `end`, with some joints at rest; whether the part before goes on in it."""
 
-    begin: float
+    steps: Steps
+    taken: int
     end: float
-    spans: list[Span]
-    held: Array | None
     at_rest: Array | None
+    goes_on: bool
 
-    def halves(self) -> tuple[Panel, Panel]:
-        """Two halves: of the spans, between which the interpolants have corners, or of the only one."""
-        if len(self.spans) > 1:
-            first, second = self.spans[: len(self.spans) // 2], self.spans[len(self.spans) // 2 :]
-            middle = first[-1].end
-            return self._replace(end=middle, spans=first), self._replace(begin=middle, spans=second)
-        middle = (self.begin + self.end) / 2
-        return self._replace(end=middle), self._replace(begin=middle)
+
+class Taken:
+    """Steps that were taken one behind the other, as arrays with an entry for each."""
+
+    def __init__(self, parts: Sequence[Part]) -> None:
+        self.parts = parts
+        counts = [part.taken for part in parts]
+        ends = [np.append(part.steps.T[: part.taken], part.end) for part in parts]
+        starts = [part.steps.jumps[: part.taken].copy() for part in parts]
+        for part, start in zip(parts, starts, strict=True):
+            start[0] |= not part.goes_on
+        self.part, self.number = np.repeat(np.arange(len(parts)), counts), np.concatenate([*map(np.arange, counts)])
+        self.begin, self.end = np.concatenate([t[:-1] for t in ends]), np.concatenate([t[1:] for t in ends])
+        self.starts = np.concatenate(starts)  # where something jumps
+
+    def panel(self, first: int, most: int) -> int:
+        """Where a panel ends that begins with step `first`: of steps of similar lengths between which nothing jumps."""
+        ends, last = self.end, first + 1
+        length = ends[first] - self.begin[first]
+        while last < min(len(ends), first + most) and not self.starts[last]:
+            if not 1 / ALIKE <= (ends[last] - ends[last - 1]) / length <= ALIKE:
+                break
+            last += 1
+        return last
+
+    def halves(self, panels: Array) -> Array:
+        """Two halves of each panel: of its steps, between which the interpolants have corners, or of the only one."""
+        begin, end, first, last = panels.T
+        middle = (first + last) // 2
+        several = last - first > 1
+        time = np.where(several, self.begin[middle.astype(int)], (begin + end) / 2)
+        before = np.stack([begin, time, first, np.where(several, middle, last)], axis=1)
+        after = np.stack([time, end, np.where(several, middle, first), last], axis=1)
+        return np.stack([before, after], axis=1).reshape(-1, 4)
+
+    def states(self, panels: Array, nodes: Array) -> tuple[Array, Array]:
+        """Times and states at nodes in [-1, 1] of each panel, shapes (P N,) and (P N, size)."""
+        begin, end = panels[:, :1], panels[:, 1:2]
+        times = (begin + (end - begin) * (1 + nodes) / 2).ravel()
+        first, last = (np.repeat(panels[:, k].astype(int), len(nodes)) for k in (2, 3))
+        k = np.clip(np.searchsorted(self.end, times), first, last - 1)
+        states = states_at(times, [part.steps for part in self.parts], self.part[k], self.number[k])
+        for number in np.unique(self.part[k]).tolist() if self.parts[0].at_rest is not None else ():
+            states[np.ix_(self.part[k] == number, self.parts[number].at_rest)] = 0.0
+        return times, states
 
 
 class Ledger:
@@ -73,19 +110,20 @@ class Ledger:
         self.pieces: list[tuple[float, float, Array]] = []  # begin, length and coefficients, shape (DEGREE + 1, k)
         self.exchanged = 0.0  # integral of the powers' sizes
         self.steps, self.block = FIRST_STEPS, BLOCK  # in a panel, and panels evaluated together
-        self._taken: list[tuple[Steps, int, float, Array | None, Array | None, bool]] = []  # to be integrated
-        self._is_open = False  # the torques that are held, and the joints at rest, are those of the steps before
-        self._count = 0  # of steps taken
+        self._parts: list[Part] = []  # to be integrated
+        self._is_open = False  # no torques jump, and no joint comes to rest, before the next step
+        self._count = 0  # of steps in the parts
 
     @property
     def end(self) -> float:
         """The time up to which it was integrated."""
         return self.pieces[-1][0] + self.pieces[-1][1] if self.pieces else 0.0
 
-    def add(self, steps: Steps, count: int, end: float, held: Array | None, at_rest: Array | None) -> None:
+    def add(self, steps: Steps, count: int, end: float, at_rest: Array | None) -> None:
         """So many steps were taken, the last as far as `end`."""
         steps.keep()
-        self._taken.append((steps, count, end, held, at_rest, self._is_open))
+        if end > steps.T[0]:
+            self._parts.append(Part(steps, count, end, at_rest, self._is_open))
         self._is_open, self._count = True, self._count + count
         if self._count > MOST_KEPT:
             self.integrate()
@@ -96,48 +134,36 @@ class Ledger:
 
     def integrate(self) -> None:
         """Integrate over the steps that were added."""
-        taken, self._taken, self._is_open, self._count = self._taken, [], False, 0
-        panels: list[Panel] = []
-        for group in _groups(taken):
-            first, spans = 0, group.spans
-            while first < len(spans):
-                last = self._last(spans, first)
-                begin, end = spans[first].begin, spans[last - 1].end
-                panels.append(group._replace(begin=begin, end=end, spans=spans[first:last]))
-                first = last
-                if len(panels) >= self.block:
-                    self._integrate(panels)
-                    panels, self.block = [], min(2 * self.block, MOST_AT_ONCE)
-        self._integrate(panels)
+        parts, self._parts, self._is_open, self._count = self._parts, [], False, 0
+        if not parts:
+            return
+        taken, panels, first = Taken(parts), [], 0
+        while first < len(taken.end):
+            last = taken.panel(first, self.steps)
+            panels.append((taken.begin[first], taken.end[last - 1], first, last))
+            first = last
+            if len(panels) >= self.block or last == len(taken.end):
+                self._integrate(taken, np.array(panels))
+                panels, self.block = [], min(2 * self.block, MOST_AT_ONCE)
 
-    def _last(self, spans: list[Span], first: int) -> int:
-        """Where a panel of steps of similar lengths ends that begins with span `first`."""
-        length, last = spans[first].end - spans[first].begin, first + 1
-        while last < min(len(spans), first + self.steps):
-            if not 1 / ALIKE <= (spans[last].end - spans[last].begin) / length <= ALIKE:
-                break
-            last += 1
-        return last
-
-    def _integrate(self, panels: list[Panel]) -> None:
+    def _integrate(self, taken: Taken, panels: Array) -> None:
+        """Integrate over panels, rows of (begin, end, first step, last step)."""
         done: list[tuple[float, float, Array]] = []
         for halving in range(HALVINGS + 1):
-            if not panels:
+            if not len(panels):
                 break
-            lengths = np.array([panel.end - panel.begin for panel in panels])
-            coefficients = gauss()[1] @ self._at_nodes(panels)
+            lengths = panels[:, 1] - panels[:, 0]
+            powers = self.powers(*taken.states(panels, gauss()[0]))
+            coefficients = gauss()[1] @ powers.reshape(len(panels), DEGREE + 1, len(self.names))
             errors = lengths * _truncation(coefficients)
             if halving == 0:
                 self.exchanged += float((lengths * np.abs(coefficients[:, 0]).sum(axis=1)).sum())
                 self._adapt(errors)
-            divisible = lengths > SHORTEST * np.array([abs(panel.end) for panel in panels])
+            divisible = lengths > SHORTEST * np.abs(panels[:, 1])
             rough = (errors > NEGLIGIBLE * self.exchanged) & divisible & (halving < HALVINGS)
-            done += [
-                (panel.begin, float(length), c)
-                for panel, length, c, bad in zip(panels, lengths, coefficients, rough, strict=True)
-                if not bad
-            ]
-            panels = [half for panel, bad in zip(panels, rough, strict=True) if bad for half in panel.halves()]
+            begins, well = panels[:, 0].tolist(), np.flatnonzero(~rough).tolist()
+            done += [(begins[k], float(lengths[k]), coefficients[k]) for k in well]
+            panels = taken.halves(panels[rough])
         self.pieces += sorted(done, key=lambda piece: piece[0])
 
     def _adapt(self, errors: Array) -> None:
@@ -146,19 +172,6 @@ class Ledger:
             self.steps = max(1, self.steps // 2)
         elif np.mean(errors > EASY * NEGLIGIBLE * self.exchanged) < 0.1:
             self.steps = min(MOST_STEPS, self.steps * 2)
-
-    def _at_nodes(self, panels: list[Panel]) -> Array:
-        """Powers at the nodes of each panel, shape (P, DEGREE + 1, k)."""
-        begins, ends = (np.array([panel[k] for panel in panels])[:, None] for k in (0, 1))
-        times = (begins + (ends - begins) * (1 + gauss()[0]) / 2).ravel()
-        states = states_at(times, [span for panel in panels for span in panel.spans])
-        held = None
-        if panels[0].held is not None:
-            held = np.repeat([panel.held for panel in panels], DEGREE + 1, axis=0)
-        for k, panel in enumerate(panels):
-            if panel.at_rest is not None:
-                states[k * (DEGREE + 1) : (k + 1) * (DEGREE + 1), panel.at_rest] = 0.0
-        return self.powers(times, states, held).reshape(len(panels), DEGREE + 1, len(self.names))
 
     def at(self, times: Array) -> Array:
         """Energies since the start at times that were integrated over, shape (T, k)."""
@@ -173,23 +186,6 @@ class Ledger:
         s = np.clip(2 * (times - begins[k]) / lengths[k] - 1, -1, 1)
         found: Array = whole[k] + lengths[k, None] / 2 * (_antiderivatives(s)[:, :, None] * polynomials[k]).sum(axis=1)
         return found
-
-
-def _groups(taken: Sequence[tuple[Steps, int, float, Array | None, Array | None, bool]]) -> list[Panel]:
-    """Steps that were taken under the same torques, with the same joints at rest."""
-    groups: list[Panel] = []
-    for steps, count, until, held, at_rest, goes_on in taken:
-        ends, own = [*steps.T[:count].tolist(), until], steps.torques(np.arange(count))
-        new = np.zeros(count, dtype=bool)
-        new[0] = own is not None or not goes_on
-        if own is not None:
-            new[1:] = (own[1:] != own[:-1]).any(axis=1)
-        for k, is_new in enumerate(new.tolist()):
-            if is_new:
-                groups.append(Panel(ends[k], ends[k + 1], [], held if own is None else own[k], at_rest))
-            if ends[k + 1] > ends[k]:
-                groups[-1].spans.append(Span(ends[k], ends[k + 1], steps, k))
-    return groups
 
 
 def _truncation(coefficients: Array) -> Array:

@@ -103,7 +103,7 @@ class Loop:
             self.t, self.x = (float(steps.T[-1]), steps.X[-1]) if crossing is None else (crossing.t, crossing.x)
             self.record.take(steps, count, self.t, self.x, self.system)
             if self.ledger is not None:
-                self.ledger.add(steps, count, self.t, self.plant.held, self.system.at_rest)
+                self.ledger.add(steps, count, self.t, self.system.at_rest)
             if crossing is not None:
                 return self._happen(events[crossing.event])
             if self._looks_further(steps) and self.t < end:

@@ -159,9 +159,11 @@ class Plant(SmoothSystem):
         """The energies to integrate: the work of torques that are held is exact without."""
         return tuple(name for name in self.rhs.ledger if name != "drives" or self.held is None)
 
-    def powers(self, t: Array, X: Array, held: Array | None) -> Array:
-        """Powers of the `integrated` at many times, shapes (T,), (T, size) and (T, n) of torques that are held."""
-        u = held if self.law is None else self.torques_at(t, X)
+    def powers(self, t: Array, X: Array) -> Array:
+        """Powers of the `integrated` at many times, shapes (T,) and (T, size); that of held torques is not among them."""
+        u = None if self.held is None else np.zeros((len(t), self.robot.n))
+        if self.law is not None:
+            u = self.torques_at(t, X)
         arguments = (t[:, None], X) if u is None else (t[:, None], X, u)
         found, _ = self.rhs.torques.kernel.evaluate(*arguments)
         return found[:, -len(self.integrated) :]

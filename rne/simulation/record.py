@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .solver import Span, Steps, states_at
+from .solver import Steps
 
 SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
 
@@ -53,8 +53,7 @@ class Record:
         first, self.asked = self.asked, int(np.searchsorted(self.t_eval, end * (1 - SAME), side="left"))
         times = self.t_eval[first : self.asked]
         if len(times):
-            spans = [Span(0.0, t, steps, k) for k, t in enumerate(steps.T[1 : count + 1].tolist())]
-            self.add(times, states_at(times, spans), system)
+            self.add(times, steps.states(times, np.searchsorted(steps.T[1:count], times)), system)
         return None
 
     def finish(self, t: float, x: Array, system: Any, *, stopped: bool) -> None:

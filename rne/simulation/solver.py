@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import pairwise
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -40,9 +40,10 @@ class Steps:
     def keep(self) -> None:
         """Make what the interpolants need, while the solver still has it."""
 
-    def torques(self, k: Array) -> Array | None:
-        """Torques held in the steps k, shape (m, n), where samples were taken between them."""
-        return None
+    @property
+    def jumps(self) -> Array:
+        """Whether torques that are held change where a step begins, shape (k,)."""
+        return np.zeros(len(self.T) - 1, dtype=bool)
 
     def inside(self, k: int) -> Interpolant:
         """The states inside one step: (size,) at a time, (size, m) at times of shape (m,)."""
@@ -138,24 +139,12 @@ class AdaptiveSolver:
         return SolverStep(solver, begin, x)
 
 
-class Span(NamedTuple):
-    """One of a solver's steps, or its part before an event."""
-
-    begin: float
-    end: float
-    steps: Steps
-    k: int
-
-
-def states_at(times: Array, spans: Sequence[Span]) -> Array:
-    """States at ascending times within spans, on their steps' interpolants, shape (T, size)."""
-    which = np.searchsorted([span.end for span in spans[:-1]], times)
-    if all(hasattr(getattr(span.steps, "interpolant", None), "yh") for span in spans):
-        return _of_powers(times, which, [span.steps.interpolant for span in spans])  # type: ignore[attr-defined]
-    numbers = np.array([span.k for span in spans])[which]
-    block = np.array([id(span.steps) for span in spans])[which]
-    cuts = [0, *(1 + np.flatnonzero(block[1:] != block[:-1])).tolist(), len(times)]
-    return np.concatenate([spans[which[a]].steps.states(times[a:b], numbers[a:b]) for a, b in pairwise(cuts)])
+def states_at(times: Array, steps: Sequence[Steps], which: Array, k: Array) -> Array:
+    """States at ascending times, each within step k of one of some steps, shape (T, size)."""
+    if all(hasattr(getattr(one, "interpolant", None), "yh") for one in steps):
+        return _of_powers(times, which, [one.interpolant for one in steps])  # type: ignore[attr-defined]
+    cuts = [0, *(1 + np.flatnonzero(which[1:] != which[:-1])).tolist(), len(times)]
+    return np.concatenate([steps[which[a]].states(times[a:b], k[a:b]) for a, b in pairwise(cuts)])
 
 
 def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
