@@ -59,18 +59,23 @@ def stage(
 
 
 @inline
-def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, rtol: Any, atol: Any) -> float:
-    """The estimated error of a step from x to y, in units of the tolerance; DOP853's of two estimates."""
-    fifth, third = 0.0, 0.0
-    for i in range(len(x)):
-        scale = atol + rtol * max(abs(x[i]), abs(y[i]))
-        e5, e3 = 0.0, 0.0
-        for j in range(len(K)):
-            e5 += E[0, j] * K[j, i]
-            e3 += E[1, j] * K[j, i]
-        fifth += (e5 / scale) ** 2
-        third += (e3 / scale) ** 2
-    return h * fifth / ((fifth + 0.01 * third) * len(x)) ** 0.5 if fifth > 0 else 0.0
+def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, rtol: Any, atol: Any, work: Any) -> float:
+    """The estimated error of a step from x to y, in units of the tolerance: of two estimates, or of one, as E has."""
+    n, sums = len(x), (0.0, 0.0)
+    for e in range(len(E)):
+        for i in range(n):
+            work[i] = E[e, 0] * K[0, i]
+        for j in range(1, len(K)):
+            for i in range(n):
+                work[i] += E[e, j] * K[j, i]
+        total = 0.0
+        for i in range(n):
+            total += (work[i] / (atol + rtol * max(abs(x[i]), abs(y[i])))) ** 2
+        sums = (total, sums[0])
+    if len(E) == 1:
+        return float(h * (sums[0] / n) ** 0.5)
+    third, fifth = sums
+    return float(h * fifth / ((fifth + 0.01 * third) * n) ** 0.5) if fifth > 0 else 0.0
 
 
 @inline
@@ -120,7 +125,7 @@ def take_steps(
     step k is tried first, `count` has the evaluations of each step.
     """
     end, longest, rtol, atol, power = limits[:5]
-    A, B, C, E = tableau
+    A, B, C, E, work = tableau
     stages, y = len(B), arguments[1]
     if not begin(rates, arguments, limits, how, T, X, K, H, count):
         return 0
@@ -139,7 +144,7 @@ def take_steps(
                 count[step] += 1
                 if not stage(rates, arguments, limits, t, x, h, row, k, s, ahead):
                     return step
-            error = error_norm(E, k[: stages + 1], h, x, y, rtol, atol)
+            error = error_norm(E, k[: stages + 1], h, x, y, rtol, atol, work)
             if error < 1:
                 factor = LARGEST if error == 0 else min(LARGEST, SAFETY * error**power)
                 T[step + 1] = reached
@@ -171,7 +176,7 @@ def add_stages(rates: Any, arguments: Any, limits: Any, A: Any, C: Any, T: Any, 
 
 
 class Method(NamedTuple):
-    """A method's tableau, and two estimates of its error, of which the second may be zero."""
+    """A method's tableau, and one or two estimates of its error."""
 
     A: Array
     B: Array
@@ -185,7 +190,7 @@ def tableau(method: str) -> Method:
     import scipy.integrate
 
     solver: Any = getattr(scipy.integrate, method)
-    errors = (solver.E5, solver.E3) if method == "DOP853" else (solver.E, 0 * solver.E)
+    errors = (solver.E5, solver.E3) if method == "DOP853" else (solver.E,)
     return Method(
         *(np.ascontiguousarray(x, dtype=np.float64) for x in (solver.A, solver.B, solver.C, np.stack(errors)))
     )

@@ -117,7 +117,7 @@ class CompiledSolver:
         work = self._arrays(most)
         u = None if self.system.held is None else np.array(self.system.held)
         arguments = _arguments(len(self.x), u)
-        taken = take_steps(self.rates, arguments, self._limits(), self.how, self.tableau, *work)
+        taken = take_steps(self.rates, arguments, self._limits(), self.how, self._method(), *work)
         return self._taken(taken, work, u) if taken else self._examined(self.end)
 
     def _arrays(self, most: int) -> tuple[Array, ...]:
@@ -127,6 +127,10 @@ class CompiledSolver:
         H, count = np.empty(most + 1), np.zeros(most, dtype=np.int64)
         T[0], X[0], K[0, 0], H[0] = self.t, self.x, self.f, self.h
         return T, X, K, H, count
+
+    def _method(self) -> tuple[Array, ...]:
+        """The tableau, and room for an estimate of errors."""
+        return (*self.tableau, np.empty(len(self.x)))
 
     def _limits(self) -> tuple[float, ...]:
         return self.end, self.longest, self.rtol, self.atol, power(self.method), *self.system.span
@@ -194,7 +198,7 @@ class SampledSolver(CompiledSolver):
         found = np.empty(self.law.traced.entries)
         taken = take_samples(
             *(self.law.address(), law_arguments, found, self.rates, arguments, self._limits(), hold.period, self.how),
-            *(self.tableau, *work, (number, self.bounds, z, begun, U, Z)),
+            *(self._method(), *work, (number, self.bounds, z, begun, U, Z)),
         )
         begun = begun[: number[1]]
         if len(begun):

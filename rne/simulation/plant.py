@@ -160,7 +160,7 @@ class Plant(SmoothSystem):
         return tuple(name for name in self.rhs.ledger if name != "drives" or self.held is None)
 
     def powers(self, t: Array, X: Array) -> Array:
-        """Powers of the `integrated` at many times, shapes (T,) and (T, size); that of held torques is not among them."""
+        """Powers of the `integrated` at many times, shapes (T,) and (T, size); held torques have none among them."""
         u = None if self.held is None else np.zeros((len(t), self.robot.n))
         if self.law is not None:
             u = self.torques_at(t, X)

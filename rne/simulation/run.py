@@ -62,14 +62,14 @@ class Run(NamedTuple):
 
 
 def build_trajectory(
-    plant: Plant, task: Task, run: Run, reason: str, **known: Any
+    plant: Plant, task: Task, run: Run, reason: str, scene: Any, **known: Any
 ) -> tuple[Trajectory, Failure | None]:
     """The motion; its torques and energies up to the first instant that is not finite.
 
     Where no law must be called, they are computed when they are asked for.
     """
     rhs, T = plant.rhs, len(run.t)
-    later = partial(_derived, plant, task, run)
+    later = partial(_derived, plant, task, run, scene)
     failure, derived = run.failure, None
     if failure is not None or plant.law is not None:
         derived = later(may_fail=True)
@@ -94,7 +94,7 @@ def build_trajectory(
     return (Trajectory.later(known, later) if derived is None else Trajectory(**known, **derived)), failure
 
 
-def _derived(plant: Plant, task: Task, run: Run, *, may_fail: bool = False) -> dict[str, Any]:
+def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool = False) -> dict[str, Any]:
     """Torques, accelerations and energies of a motion, and its jumps; the failure where there may be one."""
     robot, n = plant.robot, plant.robot.n
     now = run._replace(t=_just_after(run.t, task.breaks))
@@ -125,6 +125,7 @@ def _derived(plant: Plant, task: Task, run: Run, *, may_fail: bool = False) -> d
     found |= {"work": work, "dissipated": entries, "energy_start": start}
     found |= {"energy_drift": float(np.abs(balance).max()) if T else 0.0}
     found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
+    found["scene"] = repr(scene)
     return found | {"failure": failure} if may_fail else found
 
 

@@ -96,12 +96,14 @@ class ZeroOrderHold:
 
     def finish(self, t: float, x: Array) -> None:
         """The run ends at t: what was sampled behind it is void, and what follows a sample there counts."""
-        samples = self.samples()
-        before = samples.t <= t
-        self.table = [Samples(*(part[before] for part in samples))]
-        if before.all() and t >= self.next:
-            self.table.append(Samples(np.array([t]), x[None], samples.u[-1:], self.next_state[None]))
-        self.count = int(before.sum())
+        if self.table and t < self.table[-1].t[-1]:
+            samples = self.samples()
+            before = samples.t <= t
+            self.table = [Samples(*(part[before] for part in samples))]
+            self.count = int(before.sum())
+        elif t >= self.next:
+            u = np.asarray(self.plant.held)
+            self.table.append(Samples(np.array([t]), x[None], u[None], self.next_state[None]))
 
     def samples(self) -> Samples:
         """All samples so far."""

@@ -207,7 +207,7 @@ def _run(
         estimates.append(lambda bound: error_growth(repeat, plant, task, run, bound))
     if not _is_smooth(plant, hold, run):
         estimates.append(lambda bound: repeated_error(repeat, plant.robot.n, task, run))
-    motion, failure = build_trajectory(plant, task, run, reason, scene=repr(scene), error_estimates=tuple(estimates))
+    motion, failure = build_trajectory(plant, task, run, reason, scene, error_estimates=tuple(estimates))
     if failure is None:
         return motion
     raise SimulationError(

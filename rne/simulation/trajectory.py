@@ -96,7 +96,7 @@ class Trajectory(MotionFiles, InNotebooks):
     jumps: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     qdd_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     tau_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    scene: str = field(default="", repr=False)
+    scene: str = field(default_factory=str, repr=False)
     at_steps: bool = field(default=True, repr=False)
 
     __repr__ = trajectory_summary
@@ -105,7 +105,7 @@ class Trajectory(MotionFiles, InNotebooks):
     def later(cls, known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
         """A motion whose other attributes are computed when one of them is asked for."""
         motion = object.__new__(cls)
-        motion.__dict__.update({"error_estimates": (), "scene": ""} | dict(known), _derive=derive)
+        motion.__dict__.update({"error_estimates": ()} | dict(known), _derive=derive)
         return motion
 
     def __getattr__(self, name: str) -> Any:

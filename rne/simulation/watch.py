@@ -83,7 +83,8 @@ class Watch:
 
     def changes_method(self, steps: Steps) -> bool:
         """Steps were taken, as far as the next look at most: True if the run goes on with another method."""
-        self.recent.extend(zip(steps.T[1:].tolist(), steps.X[1:], strict=True))
+        last = slice(max(1, len(steps.T) - CHECKED - 1), None)
+        self.recent.extend(zip(steps.T[last].tolist(), steps.X[last], strict=True))
         self.count += len(steps.T) - 1
         if self.count < self.next_look:
             return False
@@ -102,6 +103,8 @@ class Watch:
             self.next_suspicion = 2 * self.count
             self._check_chatter()
         h = pace / CHECKED
+        if self.hold is not None and 2 * h > self.hold.period:
+            return  # the samples cut the steps
         if not self.task.is_auto or self._returns(t, x, h) or self.count < self.next_change:
             return
         if self.method in EXPLICIT:
