@@ -164,17 +164,19 @@ class Loop:
         return True
 
     def _result(self, failure: Failure | None) -> Run:
-        samples = None if self.hold is None else self.hold.samples()
-        if samples is not None and self.task.t_eval is None and self.system is self.plant:
-            within = (samples.t > 0) & (samples.t < self.task.duration)
-            self.ends.parts = [(np.nextafter(samples.t[within], 0.0), samples.x[within], None)]
         parts = []
         for record in (self.ends, self.record):
             t, x, qdd = record.arrays()
-            parts.append((t, self.system.states(x), qdd))
-        ends = Run(*parts[0], samples=samples)
-        status = 0 if self.stop is None else 1
-        return Run(*parts[1], samples, status, self._ending(), self.ledger, failure, self.watch.method, ends)
+            parts.append((t, self.system.states(x), qdd, self.hold))
+        before, reported = (Run(*part) for part in parts)
+        return reported._replace(
+            status=0 if self.stop is None else 1,
+            ending=self._ending(),
+            ledger=self.ledger,
+            failure=failure,
+            method=self.watch.method,
+            ends=before,
+        )
 
     def _ending(self) -> str:
         """How the run went, for the message."""

@@ -14,7 +14,7 @@ from .events import Stop
 from .ledger import Ledger
 from .plant import Plant
 from .record import SAME
-from .sampled import Samples
+from .sampled import ZeroOrderHold
 from .trajectory import Trajectory
 
 ROUNDING = 1e-9  # of the largest value of a joint: what differs by less has not jumped
@@ -48,7 +48,7 @@ class Run(NamedTuple):
     t: Array
     x: Array
     qdd: Array | None  # accelerations, where they do not follow from time, state and torques
-    samples: Samples | None = None  # of a sampled controller
+    hold: ZeroOrderHold | None = None  # of a sampled controller
     status: int = 0
     ending: str = ""
     ledger: Ledger | None = None
@@ -58,7 +58,18 @@ class Run(NamedTuple):
 
     def held(self, same: float = SAME) -> Array | None:
         """The torques that are held, (T, n), where they are; after a sample those that begin there, up to rounding."""
-        return None if self.samples is None else self.samples.u[self.samples.held(self.t, same)]
+        if self.hold is None:
+            return None
+        samples = self.hold.samples()
+        return samples.u[samples.held(self.t, same)]
+
+    def before_samples(self) -> Run | None:
+        """The same just before each sample."""
+        if self.hold is None:
+            return None
+        samples = self.hold.samples()
+        within = (samples.t > 0) & (samples.t < self.t[-1])
+        return Run(np.nextafter(samples.t[within], 0.0), samples.x[within], None, self.hold)
 
 
 def build_trajectory(
@@ -76,9 +87,6 @@ def build_trajectory(
         found = derived.pop("failure")
         T, failure = len(derived["tau"]), failure or found
     n = rhs.robot.n
-    z = run.x[:T, 2 * n : 2 * n + rhs.controller_states]
-    if run.samples is not None:
-        z = run.samples.z[run.samples.held(run.t[:T], SAME)]
     known |= {
         "t": run.t[:T],
         "q": run.x[:T, :n],
@@ -87,7 +95,6 @@ def build_trajectory(
         "method": run.method,
         "status": -1 if failure else run.status,
         "message": failure.cause if failure else f"{reason}; {run.ending}",
-        "controller_state": z,
         "model": rhs.robot.model,
         "at_steps": task.t_eval is None,
     }
@@ -108,24 +115,22 @@ def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool =
     if run.ledger is not None:
         entries = dict(zip(run.ledger.names, run.ledger.at(t).T, strict=True))
         work = entries.pop("drives", work)
-    if run.samples is not None:
-        work = run.samples.work(q, run.samples.held(t, SAME))
+    z = run.x[:T, 2 * n : 2 * n + plant.rhs.controller_states]
+    if run.hold is not None:
+        samples = run.hold.samples()
+        held = samples.held(t, SAME)
+        z, work = samples.z[held], samples.work(q, held)
     kinetic, potential = robot.kinetic_energy(q, qd), robot.potential_energy(q)
     q0, qd0 = task.x0[:n], task.x0[n : 2 * n]
     start = float(robot.kinetic_energy(q0, qd0) + robot.potential_energy(q0))
     balance = kinetic + potential - start - work + sum(entries.values(), np.zeros(T))
-    jumps, qdd_before, tau_before = _jumps(plant, run.ends, t, qdd, tau)
-    found: dict[str, Any] = {
-        "qdd": qdd,
-        "tau": tau,
-        "kinetic": kinetic,
-        "potential": potential,
-        "energy": kinetic + potential,
-    }
+    ends = run.ends if run.qdd is not None or task.t_eval is not None or run.hold is None else run.before_samples()
+    jumps, qdd_before, tau_before = _jumps(plant, ends, t, qdd, tau)
+    found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic, "potential": potential}
+    found |= {"energy": kinetic + potential, "controller_state": z, "scene": repr(scene)}
     found |= {"work": work, "dissipated": entries, "energy_start": start}
     found |= {"energy_drift": float(np.abs(balance).max()) if T else 0.0}
     found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
-    found["scene"] = repr(scene)
     return found | {"failure": failure} if may_fail else found
 
 

@@ -107,9 +107,12 @@ class ZeroOrderHold:
 
     def samples(self) -> Samples:
         """All samples so far."""
+        if len(self.table) == 1:
+            return self.table[0]
         n, m = self.scene.n, len(self.state)
         none = Samples(np.zeros(0), np.zeros((0, 2 * n)), np.zeros((0, n)), np.zeros((0, m)))
-        return Samples(*(np.concatenate(parts) for parts in zip(none, *self.table, strict=True)))
+        self.table = [Samples(*(np.concatenate(parts) for parts in zip(none, *self.table, strict=True)))]
+        return self.table[0]
 
     def _law(self, t: float, q: Array, qd: Array) -> Array:
         if not self.state.size:
