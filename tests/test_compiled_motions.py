@@ -16,6 +16,7 @@ from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
 from rne.simulation import compiled, rosenbrock
 from rne.simulation.plant import Plant
+from rne.simulation.simulator import choose_method
 
 from .helpers import kept
 
@@ -158,6 +159,13 @@ def test_joints_that_stick_and_slip(free, static, monkeypatch):
     np.testing.assert_allclose(got.q, expected.q, atol=1e-7)
     np.testing.assert_allclose(got.qd, expected.qd, atol=1e-6)
     assert got.energy_drift <= 1e-6
+
+
+def test_many_short_steps_in_machine_code_are_worth_few_of_lsoda_where_joints_stick(free):
+    for robot, viscous, method in ((free[0], 1.0, "LSODA"), (free[1], 1.0, "DOP853"), (free[1], 100.0, "LSODA")):
+        friction = rne.Friction(viscous=500.0 * viscous, coulomb=0.5, smoothing=0)
+        plant = Plant(rne.Scene(robot, friction=friction).right_hand_side, None)
+        assert choose_method(plant, np.array([0.5, 0.2, 0.0, 0.0]), 1.0, None)[0] == method
 
 
 def test_a_torque_that_becomes_nan_is_named_with_its_time(free):

@@ -29,7 +29,7 @@ from .scene import Scene, scene_of_robot
 from .solver import EXPLICIT, IMPLICIT
 from .symplectic import METHOD as GAUSS
 from .trajectory import ErrorEstimate, Trajectory
-from .watch import STIFF, fastest_decay, sample_bound, stiff_method
+from .watch import STIFF, fastest_decay, sample_bound, stiff_bound, stiff_method
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
@@ -77,9 +77,10 @@ def simulate(
         "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), "Rodas5P" for stiff motions in machine code
         (engine "numba", a law that is traced or sampled), or for long motions without drives and friction "gauss-4",
         whose energy error stays bounded. "auto" begins with an implicit method, Rodas5P or else LSODA, if the fastest
-        decay of the loop, linearised at the start, times the duration exceeds 1000 (a stiff loop), and with DOP853
-        otherwise; with a sampled controller the sample time counts, up to 30, or 150 where a traced law is sampled in
-        machine code, and RK45 replaces DOP853. For this a called law is evaluated some times before the run.
+        decay of the loop, linearised at the start, times the duration exceeds 1000 (a stiff loop; 100 000 where joints
+        stick in machine code), and with DOP853 otherwise; with a sampled controller the sample time counts, up to 30,
+        or 150 where a traced law is sampled in machine code, and RK45 replaces DOP853. For this a called law is
+        evaluated some times before the run.
     rtol, atol : float
         Relative and absolute tolerance of the state, per step, for SciPy's methods; at least 2.3e-14 and 1e-20.
     t_eval : array_like, shape (T,), optional
@@ -174,7 +175,7 @@ def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold 
     if not np.isfinite(decay):
         return explicit, f"{explicit}: the motion cannot be linearised at the start"
     if hold is None:
-        times, bound, over = decay * duration, STIFF, "times over the run"
+        times, bound, over = decay * duration, stiff_bound(plant), "times over the run"
     else:
         times, bound, over = decay * hold.period, sample_bound(plant, hold), "times between two samples"
     if times > bound:

@@ -20,6 +20,7 @@ from .solver import EXPLICIT, Steps
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
 STIFF = 1000.0
+STIFF_STICKING = 1e5  # where joints stick and steps are taken in machine code, which LSODA's are not: 100 times as fast
 # The same for the time between two samples: RK45 reaches 3.3 time constants a step, and an implicit method that begins
 # anew at each sample takes as many evaluations as nine steps.
 STIFF_SAMPLE = 30.0
@@ -139,7 +140,7 @@ class Watch:
             return
         decay = fastest_decay(self.plant, t, x)
         if self.hold is None:
-            is_stiff = decay * (self.task.duration - t) > STIFF
+            is_stiff = decay * (self.task.duration - t) > stiff_bound(self.plant)
         else:
             is_stiff = decay * self.hold.period > sample_bound(self.plant, self.hold)
         if is_stiff and decay * h > HELD_BACK:
@@ -211,6 +212,12 @@ class Watch:
             return None
         jump: Array = (beyond - u).reshape(n)
         return jump if np.abs(jump).max() > change / 4 else None
+
+
+def stiff_bound(plant: Plant) -> float:
+    """Fastest decay times duration above which a motion is stiff."""
+    friction = plant.rhs.friction
+    return STIFF_STICKING if plant.is_compiled and friction is not None and friction.sticks else STIFF
 
 
 def sample_bound(plant: Plant, hold: ZeroOrderHold) -> float:
