@@ -84,6 +84,39 @@ class BlockProgram:
         store(outputs[: trace.entries], results)
         return True
 
+    def sound(self, states: Sequence[Array], results: Array) -> Array:
+        """As `run`, but no state affects another's bits: True for each that is sound, the others' results are void."""
+        count, dtype, trace = len(results), results.dtype, self.trace
+        length = min(block_length(self.layout.registers, dtype.itemsize), max(count, 1))
+        found = np.ones(count, dtype=bool)
+        with np.errstate(all="ignore"), self._workspace(length, dtype) as workspace:
+            for begin in range(0, count, length):
+                block = slice(begin, min(begin + length, count))
+                rows = workspace.rows[:, : block.stop - begin]
+                for place, array in zip(self.inputs, states, strict=True):
+                    rows[place] = array[block].T
+                conditions = trace.sound_inputs(rows, dtype, _OfStates())
+                for call, arguments in workspace.calls(block.stop - begin):
+                    call(*arguments)
+                outputs = rows[trace.program.inputs :]
+                for condition in (*conditions, *trace.sound_results(outputs, dtype, _OfStates())):
+                    found[block] &= condition
+                results[block] = outputs[: trace.entries].T
+        return found
+
+
+class _OfStates:
+    """Conditions of soundness, state by state."""
+
+    def finite(self, values: Sequence[Array]) -> Array:
+        return np.isfinite(sum(values))
+
+    def within(self, values: Array, bound: float) -> Array:
+        return np.abs(values).max(axis=0, initial=0.0) <= bound
+
+    def above(self, values: Array, factor: float, others: Array) -> Array:
+        return np.logical_and.reduce(values > factor * others)
+
 
 class _OfRows:
     """Conditions of soundness on whole rows: true if they hold in every state."""

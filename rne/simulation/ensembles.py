@@ -1,10 +1,11 @@
-"""Many initial states of one scene simulated at once, by equal steps of the batch kernel."""
+"""Many initial states of one scene simulated at once."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from math import ceil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,13 +13,14 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import counted, short
+from ..dynamics.quantity import OK
+from ..kernels.explicit_methods import CONTROLLED, FIXED
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .equal_steps import STEPPERS, Chunk, Plan, Progress, run_all
-from .equations_of_motion import RightHandSide
-from .plant import Plant
+from .ensemble_runs import Chunk, OneByOne, Plan, Progress, SideBySide, run_all, spans_between
 from .scene import Scene, scene_of_robot
+from .simulator import METHODS, check_times, law_breaks
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -43,11 +45,16 @@ class Ensemble:
     ledger : tuple of str, length k
         "drives", "viscous", "coulomb": those that the scene has.
     method : str
-        The method that ran.
-    step : float
-        Length of the steps [s].
+        The method that ran; several are joined by commas.
+    step : float or None
+        Length of the longest step, where these are fixed [s].
     evaluations : int
         Evaluations of the right-hand side, counted per state.
+    end : ndarray, shape (N,)
+        Time at which each motion ended: the duration, or that of its stop [s].
+    status : ndarray of int, shape (N,)
+        0 of motions that reached the duration, 1 of those that ended at a stop, whose values later than that are those
+        at the stop.
     model : Model
         The robot that moved.
     parameters : ndarray, shape (N, 10 nb), or None
@@ -57,7 +64,7 @@ class Ensemble:
     --------
     >>> import numpy as np, rne
     >>> starts = np.random.default_rng(0).uniform(-1, 1, (10, 6))
-    >>> motions = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3, keep=3)
+    >>> motions = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, t_eval=[0, 0.05, 0.1])
     >>> motions.t.tolist(), motions.q.shape
     ([0.0, 0.05, 0.1], (3, 10, 6))
     """
@@ -69,8 +76,10 @@ class Ensemble:
     energies: Array
     ledger: tuple[str, ...]
     method: str
-    step: float
+    step: float | None
     evaluations: int
+    end: Array
+    status: Array
     model: Model = field(repr=False)
     parameters: Array | None = field(repr=False, default=None)
 
@@ -98,7 +107,7 @@ class Ensemble:
         --------
         >>> import numpy as np, rne
         >>> starts = np.random.default_rng(0).uniform(-1, 1, (100, 6))
-        >>> swings = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3, keep=5)
+        >>> swings = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, keep=5)
         >>> swings.quantiles([0.05, 0.5, 0.95]).shape
         (3, 5, 6)
         """
@@ -114,10 +123,13 @@ class Ensemble:
 
     def __repr__(self) -> str:
         count, n = self.q.shape[1:]
+        step = "" if self.step is None else f", step {self.step:.6g} s"
+        stopped = f", {counted(int(self.status.sum()), 'motion')} stopped" if self.status.any() else ""
+        times = f"{self.t[0]:.6g} to {self.t[-1]:.6g} s, " if len(self.t) else ""
         return (
             f"Ensemble of '{short(self.model.name)}': {counted(count, 'motion')} of {counted(n, 'joint')}, "
-            f"0 to {self.t[-1]:.6g} s, {len(self.t)} stored times\n"
-            f"  {self.method}, step {self.step:.6g} s, {counted(self.evaluations, 'evaluation')}, "
+            f"{times}{len(self.t)} stored times{stopped}\n"
+            f"  {self.method}{step}, {counted(self.evaluations, 'evaluation')}, "
             f"energies: {', '.join(self.ledger) or 'none'}"
         )
 
@@ -128,92 +140,179 @@ def ensemble(
     qd0: ArrayLike,
     duration: float,
     *,
-    step: float,
+    rtol: float = 1e-6,
+    atol: float = 1e-9,
+    t_eval: ArrayLike | None = None,
     parameters: ArrayLike | None = None,
-    method: str = "rk4",
-    keep: int = 2,
+    method: str = "auto",
+    step: float | None = None,
+    keep: int | None = None,
     progress: Progress | None = None,
-    executor: Executor | None = None,
+    executor: Executor | Any = None,
 ) -> Ensemble:
-    """Simulate many initial states of one scene at once by equal steps.
+    """Simulate many initial states of one scene at once, each with its own steps.
 
     Parameters
     ----------
     scene_or_robot : Scene or Robot
-        Its controller, if any, must be traceable and not sampled; stops and sticking friction are refused.
+        What moves. Without stops, friction that sticks, samples and called controllers all motions run side by side;
+        with them one after another, as `rne.simulate` runs them.
     q0, qd0 : array_like, shape (N, n)
-        Initial positions and velocities [rad or m; rad/s or m/s]. If both are float32, so is the computation; see
-        docs/stability.md.
-    duration, step : float
-        Time to simulate, and the longest step; steps are equal [s].
+        Initial positions and velocities [rad or m; rad/s or m/s]. If both are float32 and `step` is given, so is the
+        computation; see docs/stability.md.
+    duration : float
+        Time to simulate [s].
+    rtol, atol : float
+        Relative and absolute tolerance of each motion's state, per step.
+    t_eval : array_like, shape (S,), optional
+        Times to report, ascending within [0, duration]; the start and the end if not given [s].
     parameters : array_like, shape (N, 10 nb), optional
         Inertial parameters in each motion, in the order of `Robot.parameters`. They replace those of the robot that
         carries the payload of the scene, so that the payload must be contained in them: start from
         `scene.resolved.robot.parameters`. With the parameters of the robot alone, its own `robot.parameters`, the
         payload is left out without a warning. Controllers keep the parameters that they were made with. The bodies
         need not be possible ones, but M must be positive definite.
-    method : {"rk4", "semi-implicit-euler"}
-        Of order 4 and 1, where torques do not jump. The step is not controlled: halve it and compare.
-    keep : int
-        Number of equally spaced times to store, the first and the last included.
+    method : str
+        "auto" is DOP853, or what `rne.simulate` chooses for motions that run one after another. RK45 runs side by side
+        as well, another method of `rne.simulate` one after another. With `step`: "rk4", of order 4 where torques do not
+        jump, which "auto" takes, or "semi-implicit-euler", of order 1.
+    step : float, optional
+        The longest step, for equal steps whose error is not controlled: halve it and compare. Friction that changes
+        its sign within some steps, smoothed or not, makes errors that shorter ones hardly reduce [s].
+    keep : int, optional
+        Number of equally spaced times to report, the start and the end included, instead of `t_eval`.
     progress : callable, optional
-        A function progress(done, total), called with numbers of steps over all initial states.
-    executor : concurrent.futures.Executor, optional
-        Runs chunks of initial states in parallel: a process pool, a Dask cluster's `client.get_executor()`, or with
-        engine "numba" a thread pool. Each process traces and compiles the right-hand side once.
+        A function progress(done, total), called with numbers of motions, or with `step` of steps over all motions.
+    executor : concurrent.futures.Executor or distributed.Client, optional
+        Runs chunks of initial states in parallel: a process pool, a Dask client, or with engine "numba" a thread pool.
+        Each process traces and compiles the right-hand side once.
 
     Returns
     -------
     Ensemble
-        The motions at `keep` times.
+        The motions at the times to report. The result of a motion does not depend on the others, nor on the executor.
 
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range, the scene cannot run in blocks, or its
+        If an argument has the wrong shape, is not finite or out of range, the scene cannot run by equal steps, or its
         controller cannot be sent to the processes of `executor`.
     NotFiniteError, SingularMassMatrixError
-        If a state overflows or M becomes singular; names the initial state by its number, and the time.
+        If a state overflows, steps become too short or M singular; names the initial state by its number, and the time.
+    SimulationError
+        The same of motions that run one after another.
+
+    Notes
+    -----
+    Side by side the energies of the ledger are integrated along with the states, outside of the control of the error.
 
     Examples
     --------
     >>> import numpy as np, rne
     >>> starts = np.random.default_rng(0).uniform(-1, 1, (100, 6))
-    >>> rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, step=1e-3).q.shape
+    >>> rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1).q.shape
     (2, 100, 6)
     """
     scene = scene_of_robot(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
     if not isinstance(scene, Scene):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
-    rhs = _blocks(scene)
-    n = scene.n
-    q, qd = (
-        joint_array(name, real_numbers(name, x, f"(N, {n})"), scene.resolved.robot.model)
-        for name, x in (("q0", q0), ("qd0", qd0))
+    q, qd = _starts(scene, q0, qd0, is_fixed=step is not None)
+    end = positive_number("duration", duration)
+    times = _times(t_eval, keep, end)
+    tolerances = positive_number("rtol", rtol), positive_number("atol", atol)
+    pi = None if parameters is None else _parameters(parameters, scene, len(q))
+    plan = _plan(scene, method, step, times, end, tolerances, with_parameters=pi is not None)
+    further = plan.rhs.size - 2 * scene.n if isinstance(plan, SideBySide) else 0
+    x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
+    starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
+    parts = run_all(plan, starts, progress, executor)
+    verdict = OK
+    for part in parts:
+        verdict = verdict.worse(part.verdict)
+    verdict.raise_or_warn(stacklevel=2)
+    arrays = (
+        np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("q", "qd", "tau", "energies")
     )
+    return Ensemble(
+        times,
+        *arrays,
+        scene.right_hand_side.ledger,
+        ", ".join(sorted({name for part in parts for name in part.methods})),
+        float(np.diff(plan.grid).max()) if isinstance(plan, SideBySide) and len(plan.grid) else None,
+        sum(part.evaluations for part in parts),
+        np.concatenate([part.end for part in parts]),
+        np.concatenate([part.stopped for part in parts]).astype(int),
+        scene.resolved.robot.model,
+        pi,
+    )
+
+
+def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike, *, is_fixed: bool) -> tuple[Array, Array]:
+    """Initial positions and velocities, float32 only for fixed steps."""
+    model, n = scene.resolved.robot.model, scene.n
+    q, qd = (joint_array(name, real_numbers(name, x, f"(N, {n})"), model) for name, x in (("q0", q0), ("qd0", qd0)))
     if q.ndim != 2 or q.shape != qd.shape:
         raise ValueError(f"`q0` and `qd0` must have the same shape (N, {n}), got {q.shape} and {qd.shape}")
-    if method not in STEPPERS:
-        raise ValueError(f"`method` must be one of {list(STEPPERS)}, got {method!r}")
-    end, near = positive_number("duration", duration), positive_number("step", step)
-    if not isinstance(keep, int | np.integer) or keep < 2:
+    dtype = np.result_type(q, qd) if is_fixed else np.float64
+    return q.astype(dtype), qd.astype(dtype)
+
+
+def _times(t_eval: ArrayLike | None, keep: int | None, end: float) -> Array:
+    """Times to report."""
+    if t_eval is not None:
+        if keep is not None:
+            raise ValueError("`keep` and `t_eval` both say which times to report: give one of them")
+        return check_times(t_eval, end)
+    count = 2 if keep is None else keep
+    if not isinstance(count, int | np.integer) or count < 2:
         raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
-    spans = keep - 1
-    steps = max(1, ceil(end / near / spans * (1 - 1e-12))) * spans
-    pi = None if parameters is None else _parameters(parameters, scene, len(q))
-    plan = Plan(rhs, method, end / steps, steps, spans, pi is not None)
-    x0 = np.concatenate([q, qd, np.zeros((len(q), rhs.size - 2 * n), q.dtype)], axis=1)
-    starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
-    kept = run_all(plan, starts, progress, executor)
-    t = np.linspace(0.0, end, keep)
-    count = {"rk4": 4, "semi-implicit-euler": 1}[method] * steps * len(q)
-    for _, verdict in kept:
-        verdict.raise_or_warn(stacklevel=2)
-    x = np.concatenate([part[0] for part in kept], axis=1) if kept else np.zeros((keep, 0, rhs.size), q.dtype)
-    energies = x[..., 2 * n + rhs.controller_states :]
-    tau = _drive_torques(rhs, t, x)
-    q, qd = x[..., :n], x[..., n : 2 * n]
-    return Ensemble(t, q, qd, tau, energies, rhs.ledger, method, end / steps, count, rhs.robot.model, pi)
+    return np.linspace(0.0, end, count)
+
+
+def _plan(
+    scene: Scene,
+    method: str,
+    step: float | None,
+    times: Array,
+    end: float,
+    tolerances: tuple[float, float],
+    *,
+    with_parameters: bool,
+) -> Plan:
+    """How the motions of a scene are run."""
+    friction = scene.resolved.friction
+    has_events = scene.sample_time is not None or scene.stops or (friction is not None and friction.sticks)
+    is_called = scene.current_right_hand_side().torque_given
+    if step is None:
+        if method not in ("auto", *METHODS):
+            needs = "; equal steps need `step`" if method in FIXED else ""
+            raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}{needs}")
+        if has_events or is_called or method not in ("auto", *CONTROLLED) or not scene.n:
+            rtol, atol = tolerances
+            return OneByOne(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
+        spans, grid = spans_between(law_breaks(scene.controller), end), np.zeros(0)
+        chosen = "DOP853" if method == "auto" else method
+    else:
+        if method not in ("auto", *FIXED):
+            raise ValueError(f"`method` must be one of {list(FIXED)}, got {method!r}")
+        if has_events:
+            raise ValueError(
+                "equal steps have no events: without `step` the scene may have `sample_time`, `stops` and sticking friction"
+            )
+        if is_called:
+            raise ValueError("the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)")
+        spans, grid = spans_between([], end), _grid(times, end, positive_number("step", step))
+        chosen = "rk4" if method == "auto" else method
+    return SideBySide(scene.right_hand_side_with_energies, chosen, times, spans, grid, *tolerances, with_parameters)
+
+
+def _grid(times: Array, end: float, step: float) -> Array:
+    """Ends of steps, equal between two times to report and at most `step` long."""
+    edges = np.unique(np.concatenate([[0.0], times, [end]])).tolist()
+    parts = [
+        np.linspace(a, b, max(1, ceil((b - a) / step * (1 - 1e-12))) + 1)[1:] for a, b in itertools.pairwise(edges)
+    ]
+    return np.concatenate([[0.0], *parts])
 
 
 def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
@@ -226,28 +325,3 @@ def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
     shape = (count, PARAMETERS * robot.model.nb)
     pi = real_array("parameters", parameters, f"{shape}, ten per body for each initial state")
     return np.asarray(pi, np.float64)
-
-
-def _drive_torques(rhs: RightHandSide, t: Array, x: Array) -> Array:
-    """Torques of the drives at stored times, shape (S, N, n)."""
-    shape = (*x.shape[:2], rhs.robot.n)
-    times = np.repeat(t, x.shape[1]).astype(x.dtype)
-    size = 2 * rhs.robot.n + rhs.controller_states
-    states = x[..., :size].reshape(len(times), size)
-    drives = Plant(rhs, None).drives_under(times, states, None)
-    return np.zeros(shape, x.dtype) if drives is None else drives.astype(x.dtype).reshape(shape)
-
-
-def _blocks(scene: Scene) -> RightHandSide:
-    if (
-        scene.sample_time is not None
-        or scene.stops
-        or (scene.resolved.friction is not None and scene.resolved.friction.sticks)
-    ):
-        raise ValueError(
-            "an ensemble has no events: its scene must have no `sample_time`, `stops` or sticking friction"
-        )
-    rhs = scene.right_hand_side_with_energies
-    if rhs.torque_given:
-        raise ValueError("the controller of an ensemble must be traceable (mark it with rne.traceable)")
-    return rhs

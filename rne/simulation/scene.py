@@ -172,7 +172,7 @@ class Scene:
         parts = self.resolved
         law, given = self._traced_law, self.controller is not None and self._traced_law is None
         states = int(getattr(self.controller, "states", 0)) if given and self.sample_time is None else 0
-        is_limited = parts.effort_limit is not None and self.sample_time is None and not with_energies
+        is_limited = parts.effort_limit is not None and self.sample_time is None
         dynamics = SceneDynamics(
             parts.robot, parts.friction, parts.effort_limit, law, given, states, with_impulses=is_limited
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -128,7 +129,7 @@ def simulate(
     rhs = _right_hand_side(scene_or_robot, scene)
     x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(rhs.size - 2 * robot.n)])
     end = positive_number("duration", duration, zero_allowed=True)
-    times = None if t_eval is None else _check_times(t_eval, end)
+    times = None if t_eval is None else check_times(t_eval, end)
     relative, absolute = tolerances(rtol, atol)
     longest_step = None if step is None else positive_number("step", step)
     name = "controller" if torque is None else "torque"
@@ -280,10 +281,14 @@ def _check_free(scene: Scene, method: str) -> None:
 
 def _breaks(scene: Scene, breaks: Sequence[float]) -> list[float]:
     own = real_array("breaks", breaks, "(k,)")
-    law = scene.controller
+    return law_breaks(scene.controller, own.tolist())
+
+
+def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
+    """Instants at which a law's torques jump, and others."""
     of_law = [*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ())]
     found: list[float] = []
-    for instant in sorted({*own.tolist(), *of_law}):
+    for instant in sorted({*further, *of_law}):
         if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # equal up to rounding
             found.append(float(instant))
     return found
@@ -294,7 +299,8 @@ def _start(name: str, value: ArrayLike, robot: Robot) -> Array:
     return real_array(name, array, f"({robot.n},), one state").astype(np.float64)
 
 
-def _check_times(t_eval: ArrayLike, duration: float) -> Array:
+def check_times(t_eval: ArrayLike, duration: float) -> Array:
+    """Times to report, ascending within the run."""
     times = real_array("t_eval", t_eval, "(T,)").astype(np.float64)
     if times.size and (times[0] < 0 or times[-1] > duration or (np.diff(times) <= 0).any()):
         raise ValueError(f"`t_eval` must ascend within [0, {duration:g}], got {times.min():g} ... {times.max():g}")

@@ -1,0 +1,295 @@
+"""Many motions by an explicit method, LANES of them side by side in vector registers, as loops in machine code.
+
+Each motion has its own time and its own steps. One that has ended makes room for the next; its result does not depend
+on its neighbours. A motion with a state that must be examined is left, marked, to the caller. Arrays of the lanes are
+flat, component by component: entry i LANES + k is component i of lane k.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .explicit_methods import EPS, LARGEST, SAFETY, SMALLEST, Method
+from .loops import LANES, evaluate, inline
+
+NOBODY = -1  # in place of a motion's number
+# Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q;
+# of `step`: begin, length and end of the step, its errors, the length to try next.
+MOTION, TIME, STEPS, TAKEN, WANTS, LANE_ROWS = 0, 1, 2, 3, 4, 5
+NOW, LENGTH, AHEAD, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
+
+
+def workspace(widths: tuple[int, ...], method: Method) -> tuple[Any, ...]:
+    """Arrays for `run_all`, of a kernel's arguments of these widths, the second of which is the state."""
+    inputs, saved = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
+    entries, rows = widths[1] * LANES, max(len(method.B) + 1, method.D.shape[1])
+    y, new, total, h = np.zeros((4, entries))
+    slopes = np.zeros((rows, entries)), np.zeros((max(1, len(method.D)), entries))
+    numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
+    return inputs, saved, (y, new, total, h), slopes, *numbers
+
+
+@inline
+def combine(weights: Any, K: Any, count: Any, total: Any) -> None:
+    """The sum of weights[j] K[j] over j < count."""
+    for e in range(len(total)):
+        total[e] = 0.0
+    for j in range(count):
+        w = weights[j]
+        if w != 0.0:
+            for e in range(len(total)):
+                total[e] += w * K[j, e]
+
+
+@inline
+def put_motion(sources: Any, motion: Any, inputs: Any, k: Any) -> None:
+    """A motion's rows into a lane."""
+    for a in range(len(inputs)):
+        for i in range(sources[a].shape[1]):
+            inputs[a][i * LANES + k] = sources[a][motion, i]
+
+
+@inline
+def copy_lane(array: Any, source: Any, k: Any) -> None:
+    """One lane into another."""
+    for i in range(0, len(array), LANES):
+        array[i + k] = array[i + source]
+
+
+@inline
+def mark_unsound(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, code: Any, asks: Any) -> None:
+    """Evaluate each lane's inputs alone and mark the motions that must be examined.
+
+    If it `asks`, only those that want the result.
+    """
+    for a in range(len(inputs)):
+        for e in range(len(inputs[a])):
+            saved[a][e] = inputs[a][e]
+    for k in range(LANES):
+        if lane[MOTION, k] >= 0 and (not asks or lane[WANTS, k]):
+            for a in range(len(inputs)):
+                for e in range(len(inputs[a])):
+                    inputs[a][e] = saved[a][e - e % LANES + k]
+            if not evaluate(function, inputs, out):
+                code[lane[MOTION, k]] = True
+                lane[MOTION, k] = NOBODY
+    for a in range(len(inputs)):
+        for e in range(len(inputs[a])):
+            inputs[a][e] = saved[a][e]
+
+
+def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> None:
+    """dx/dt of every motion into F, from rows of times, states and perhaps parameters; some are marked."""
+    inputs, saved, vectors, _, lane, _ = work
+    count, out = len(F), vectors[0]
+    for begin in range(0, count, LANES):
+        for k in range(LANES):
+            lane[MOTION, k] = min(begin + k, count - 1)
+            put_motion(sources, lane[MOTION, k], inputs, k)
+        is_sound = evaluate(function, inputs, out)
+        for k in range(min(LANES, count - begin)):
+            for i in range(F.shape[1]):
+                F[begin + k, i] = out[i * LANES + k]
+        if not is_sound:
+            mark_unsound(function, inputs, saved, out, lane, code, False)
+
+
+@inline
+def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any) -> Any:
+    """The next of the waiting motions into lanes without one, or a copy of another lane's; who waits, NOBODY at the end."""
+    inputs, _, (y, _, _, _), (K, _), lane, step = work
+    source = NOBODY
+    for k in range(LANES):
+        while lane[MOTION, k] == NOBODY and waiting < len(F):
+            if not code[waiting]:
+                put_motion(sources, waiting, inputs, k)
+                for i in range(F.shape[1]):
+                    y[i * LANES + k], K[0, i * LANES + k] = sources[1][waiting, i], F[waiting, i]
+                step[NOW, k], step[NEXT, k] = sources[0][waiting, 0], H[waiting]
+                lane[MOTION, k], lane[TIME, k], lane[STEPS, k], lane[TAKEN, k] = waiting, 0, 0, 1
+            waiting += 1
+        if lane[MOTION, k] >= 0:
+            source = k
+    for k in range(LANES):
+        if lane[MOTION, k] == NOBODY and source >= 0:
+            for a in range(len(inputs)):
+                copy_lane(inputs[a], source, k)
+            copy_lane(y, source, k)
+            copy_lane(K[0], source, k)
+            step[NOW, k] = step[NOW, source]
+    return waiting if source >= 0 else NOBODY
+
+
+@inline
+def choose_lengths(grid: Any, end: Any, lane: Any, step: Any, h: Any, code: Any) -> None:
+    """The end of each lane's step: that of the grid, or by the length to be tried; too short a step is marked."""
+    for k in range(LANES):
+        t, length, motion = step[NOW, k], step[NEXT, k], lane[MOTION, k]
+        step[AHEAD, k], smallest = t, 10 * EPS * abs(t)
+        if motion >= 0:
+            if len(grid):
+                step[AHEAD, k] = grid[lane[STEPS, k] + 1]
+            elif not lane[TAKEN, k] and not length >= smallest:
+                code[motion], lane[MOTION, k] = True, NOBODY
+            else:
+                step[AHEAD, k] = min(t + max(length, smallest), end)
+        step[LENGTH, k] = step[AHEAD, k] - t
+    for i in range(0, len(h), LANES):
+        for k in range(LANES):
+            h[i + k] = step[LENGTH, k]
+
+
+@inline
+def put_stage(y: Any, total: Any, h: Any, ahead: Any, span: Any, inputs: Any, step: Any) -> None:
+    """Times and states of a stage: y + h total, `ahead` of a step later."""
+    times, x = inputs[0], inputs[1]
+    for e in range(len(y)):
+        x[e] = y[e] + h[e] * total[e]
+    for k in range(LANES):
+        times[k] = min(max(step[NOW, k] + ahead * step[LENGTH, k], span[0]), span[1])
+
+
+@inline
+def judge(y: Any, new: Any, total: Any, K: Any, E: Any, controls: Any, step: Any) -> None:
+    """The error of each lane's step, by the norm of `controls`: number of components, rtol, atol."""
+    count, rtol, atol = controls
+    for estimate in range(2):
+        combine(E[estimate], K, E.shape[1], total)
+        for e in range(len(y)):
+            error = total[e] / (atol + rtol * max(abs(y[e]), abs(new[e])))
+            total[e] = error * error
+        for k in range(LANES):
+            step[FIFTH + estimate, k] = 0.0
+        for i in range(count):
+            for k in range(LANES):
+                step[FIFTH + estimate, k] += total[i * LANES + k]
+    for k in range(LANES):
+        fifth, third = step[FIFTH, k], step[THIRD, k]
+        step[FIFTH, k] = step[LENGTH, k] * fifth / ((fifth + 0.01 * third) * count) ** 0.5 if fifth > 0 else 0.0
+
+
+@inline
+def decide(is_fixed: Any, times: Any, power: Any, lane: Any, step: Any) -> bool:
+    """Which steps are taken, and the lengths to try next; True if a time to report is inside of one."""
+    wants = False
+    for k in range(LANES):
+        error, was_taken = step[FIFTH, k], lane[TAKEN, k]
+        if is_fixed:
+            lane[TAKEN, k], lane[WANTS, k] = 1, 0
+        elif error < 1:
+            factor = LARGEST if error == 0 else min(LARGEST, SAFETY * error**power)
+            step[NEXT, k] = step[LENGTH, k] * (factor if was_taken else min(1.0, factor))
+            lane[TAKEN, k], time = 1, lane[TIME, k]
+            lane[WANTS, k] = lane[MOTION, k] >= 0 and time < len(times) and times[time] < step[AHEAD, k]
+            wants = wants or lane[WANTS, k] == 1
+        else:
+            step[NEXT, k] = step[LENGTH, k] * max(SMALLEST, SAFETY * error**power)
+            lane[TAKEN, k], lane[WANTS, k] = 0, 0
+    return wants
+
+
+@inline
+def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X: Any) -> None:
+    """States of a lane at the times within its step, into X[time, motion]."""
+    motion, time = lane[MOTION, k], lane[TIME, k]
+    while time < len(times) and times[time] <= step[AHEAD, k]:
+        u = (times[time] - step[NOW, k]) / step[LENGTH, k]
+        for i in range(X.shape[2]):
+            e = i * LANES + k
+            if times[time] == step[AHEAD, k]:
+                X[time, motion, i] = new[e]
+            else:  # Horner's scheme in u and 1 - u by turns
+                found = 0.0
+                for j in range(Q.shape[0] - 1, -1, -1):
+                    found = (found + Q[j, e]) * (u if j % 2 == 0 else 1 - u)
+                X[time, motion, i] = y[e] + step[LENGTH, k] * found
+        time += 1
+    lane[TIME, k] = time
+
+
+@inline
+def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any, step: Any, count: Any) -> bool:
+    """Each lane to the end of its step, if that was taken; True if a lane has no motion."""
+    taken, vacant = 0, False
+    for k in range(LANES):
+        if lane[MOTION, k] >= 0:
+            count[lane[MOTION, k]] += last + lane[WANTS, k] * extra
+        if lane[TAKEN, k]:
+            step[NOW, k], lane[STEPS, k], taken = step[AHEAD, k], lane[STEPS, k] + 1, taken + 1
+            if step[AHEAD, k] >= end:
+                lane[MOTION, k] = NOBODY
+        vacant = vacant or lane[MOTION, k] == NOBODY
+    if taken == LANES:
+        for e in range(len(y)):
+            y[e], K[0, e] = new[e], K[last, e]
+    else:
+        for k in range(LANES):
+            for e in range(k, len(y) if lane[TAKEN, k] else 0, LANES):
+                y[e], K[0, e] = new[e], K[last, e]
+    return vacant
+
+
+def run_all(
+    function: Any,
+    method: Any,
+    span: Any,
+    controls: Any,
+    grid: Any,
+    times: Any,
+    sources: Any,
+    F: Any,
+    H: Any,
+    code: Any,
+    count: Any,
+    X: Any,
+    work: Any,
+) -> None:
+    """Every motion from its row of `sources` to the end; states at `times` into X[time, motion], evaluations into `count`.
+
+    F and H have each motion's first slope and the length to try first; `span` the times within which torques are
+    evaluated, and the end; `controls` the number of positions that move with new rates, that of components in the norm,
+    rtol, atol and the error's power; `grid` the ends of steps, if these are not controlled.
+    """
+    A, B, C, E, A2, C2, D = method
+    inputs, saved, (y, new, total, h), (K, Q), lane, step = work
+    positions, stages, is_fixed, waiting = controls[0] * LANES, len(B), len(grid) > 0, 0
+    lane[MOTION], vacant = NOBODY, True
+    while True:
+        if vacant:
+            waiting = fill_lanes(waiting, sources, F, H, code, work)
+        if waiting == NOBODY:
+            return
+        choose_lengths(grid, span[2], lane, step, h, code)
+        is_sound = True
+        for s in range(0 if is_fixed else 1, stages + 1):
+            combine(A[s] if s < stages else B, K, s, total)
+            put_stage(y, total, h, C[s] if s < stages else 1.0, span, inputs, step)
+            if s == stages:
+                for e in range(positions):
+                    inputs[1][e] = y[e] + h[e] * inputs[1][positions + e]
+                for e in range(len(y)):
+                    new[e] = inputs[1][e]
+            if s < stages or not is_fixed:
+                is_sound = evaluate(function, inputs, K[s])
+            if not is_sound:
+                mark_unsound(function, inputs, saved, total, lane, code, False)
+                vacant = True
+                break
+        if not is_sound:
+            continue
+        if not is_fixed:
+            judge(y, new, total, K, E, controls[1:4], step)
+        if decide(is_fixed, times, controls[4], lane, step):
+            for s in range(len(C2)):
+                combine(A2[s], K, stages + 1 + s, total)
+                put_stage(y, total, h, C2[s], span, inputs, step)
+                if not evaluate(function, inputs, K[stages + 1 + s]):
+                    mark_unsound(function, inputs, saved, total, lane, code, True)
+            for j in range(len(D)):
+                combine(D[j], K, K.shape[0], Q[j])
+        for k in range(LANES):
+            if lane[MOTION, k] >= 0 and lane[TAKEN, k]:
+                report(times, y, new, Q, lane, step, k, X)
+        vacant = move_on(y, new, K, stages, len(C2), span[2], lane, step, count)
