@@ -1,16 +1,23 @@
-"""Many starts at once are the single motions, on any executor, to the order of the method."""
+"""Many starts at once are the single motions, on any executor, to the tolerance or the order of the method."""
 
 import re
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import rne
 from benchmarks.random_robots import straight_chain
+from rne.kernels import many_motions
+from rne.kernels.kernel import Kernel
+from rne.kernels.numpy_backend import BlockProgram
+from rne.kernels.row_steps import FIXED, Course, by_rows
+from rne.kernels.runge_kutta import power
+from rne.simulation.simulator import METHODS
 
-from .helpers import states
+from .helpers import kept, states
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +86,7 @@ def test_a_process_pool_gives_the_same(chain, starts):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
 def test_a_dask_cluster_gives_the_same(chain, starts):
-    """A local cluster's executor is one like any other."""
+    """A client is taken as it is, and its executor is one like any other."""
     from distributed import Client, LocalCluster
 
     here = rne.ensemble(chain, *starts, 0.1, step=0.01)
@@ -88,8 +95,252 @@ def test_a_dask_cluster_gives_the_same(chain, starts):
         LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **pages) as cluster,
         Client(cluster) as client,
     ):
-        there = rne.ensemble(chain, *starts, 0.1, step=0.01, executor=client.get_executor())
-    assert np.abs(here.q - there.q).max() <= 1e-13
+        there = [rne.ensemble(chain, *starts, 0.1, step=0.01, executor=e) for e in (client, client.get_executor())]
+    assert max(np.abs(here.q - runs.q).max() for runs in there) <= 1e-13
+
+
+@pytest.fixture(scope="module")
+def smooth(irb140):
+    """All that motions side by side may have: a law of time and state, friction, limits of the torques."""
+
+    @rne.traceable
+    def law(t, q, qd):
+        return 40 * rne.elementwise.tanh(20 * t) - 60 * q - 20 * qd
+
+    friction = rne.Friction(viscous=1.0, coulomb=2.0)
+    return rne.Scene(irb140, controller=law, friction=friction, armature=[1.0] * 6, effort_limit=[30.0] * 6)
+
+
+@pytest.fixture(scope="module")
+def many():
+    q, qd, _ = states(6, 9, rate=1.0)
+    return q, qd
+
+
+TIMES = [0.02, 0.05, 0.051, 0.2, 0.25]
+
+
+@pytest.fixture(scope="module")
+def alone(smooth, many):
+    """Three of them by themselves, at the tightest tolerance."""
+    exact = {"rtol": 1e-12, "atol": 1e-13, "t_eval": TIMES}
+    return [rne.simulate(smooth, many[0][k], many[1][k], 0.25, **exact) for k in range(3)]
+
+
+def worst(runs, alone, name):
+    """Largest difference of a quantity from motions by themselves."""
+    return max(np.abs(getattr(runs, name)[:, k] - getattr(one, name)).max() for k, one in enumerate(alone))
+
+
+@pytest.mark.parametrize(("method", "rtol"), kept([("DOP853", 1e-9), ("RK45", 1e-7)], [("DOP853", 1e-7)]))
+def test_errors_are_of_the_size_of_the_tolerance(smooth, many, alone, method, rtol):
+    """Some hundred tolerances: errors of steps add up, and friction is stiff where it changes its sign."""
+    runs = rne.ensemble(smooth, *many, 0.25, rtol=rtol, atol=rtol / 1e3, t_eval=TIMES, method=method)
+    assert runs.t.tolist() == TIMES
+    assert (runs.method, runs.step) == (method, None)
+    assert worst(runs, alone, "q") <= 300 * rtol
+    assert worst(runs, alone, "qd") <= 3000 * rtol
+    assert worst(runs, alone, "tau") <= 3e5 * rtol  # gains of 60 and 20
+    for column, name in enumerate(runs.ledger):
+        for k, one in enumerate(alone):
+            expected = one.work if name == "drives" else one.dissipated[name]
+            assert np.abs(runs.energies[:, k, column] - expected).max() <= 1e5 * rtol
+
+
+def test_smoothed_friction_is_resolved(irb140):
+    """Fixed steps of 0.25 to 1 ms are wrong by 5e-3 rad alike: friction changes its sign within a step."""
+    scene, q = rne.Scene(irb140, friction=rne.Friction(viscous=1, coulomb=2)), states(6, 2)[0]
+    exact = np.array([rne.simulate(scene, one, 0 * one, 0.3, rtol=1e-11, atol=1e-12).q[-1] for one in q])
+    assert np.abs(rne.ensemble(scene, q, 0 * q, 0.3).q[-1] - exact).max() <= 1e-4
+
+
+@pytest.mark.parametrize("method", kept(["DOP853", "RK45"], ["DOP853"]))
+def test_no_motion_changes_the_bits_of_another(smooth, many, method):
+    """Not by its presence, nor by its place, nor by the chunk."""
+    how = {"t_eval": TIMES, "method": method}
+    runs, order = rne.ensemble(smooth, *many, 0.25, **how), np.random.default_rng(0).permutation(9)[:5]
+    some = rne.ensemble(smooth, *(x[order] for x in many), 0.25, **how)
+    with ThreadPoolExecutor(2) as pool:
+        shared = rne.ensemble(smooth, *many, 0.25, **how, executor=pool)
+    for name in ("q", "qd", "tau", "energies"):
+        assert np.array_equal(getattr(some, name), getattr(runs, name)[:, order]), name
+        assert np.array_equal(getattr(shared, name), getattr(runs, name)), name
+
+
+def test_a_state_that_must_be_examined_changes_no_other(chain, starts):
+    """Beyond some velocities the recursion examines each state."""
+    q, qd = (x[:6].copy() for x in starts)
+    calm = rne.ensemble(chain, q, qd, 1e-9)
+    qd[2] = 3e8, -2e8
+    runs, rest = rne.ensemble(chain, q, qd, 1e-9), [0, 1, 3, 4, 5]
+    assert np.array_equal(runs.q[:, rest], calm.q[:, rest])
+    fast = rne.simulate(chain, q[2], qd[2], 1e-9, rtol=1e-9)
+    np.testing.assert_allclose(runs.q[-1, 2], fast.q[-1], rtol=1e-8)
+
+
+def test_torques_that_jump_end_a_step(chain, starts):
+    @rne.traceable
+    class Push:
+        breaks = (0.0503, 0.12)
+
+        def __call__(self, t, q, qd):
+            return rne.elementwise.where(rne.elementwise.less(t, 0.0503), 4.0, -3.0) + 0 * q
+
+    scene, (q, qd) = rne.Scene(chain, controller=Push()), (x[:3] for x in starts)
+    times = [0.05, 0.0503, 0.1, 0.2]
+    runs = rne.ensemble(scene, q, qd, 0.2, t_eval=times, rtol=1e-10)
+    for k in range(3):
+        one = rne.simulate(scene, q[k], qd[k], 0.2, t_eval=times, rtol=1e-12, atol=1e-13)
+        assert np.abs(runs.q[:, k] - one.q).max() <= 1e-9
+
+
+def test_times_are_the_start_and_the_end_unless_they_are_asked_for(chain, starts):
+    assert rne.ensemble(chain, *starts, 0.1).t.tolist() == [0.0, 0.1]
+    runs = rne.ensemble(chain, *starts, 0.1, keep=5)
+    asked = rne.ensemble(chain, *starts, 0.1, t_eval=np.linspace(0, 0.1, 5))
+    assert np.array_equal(runs.q, asked.q)
+    assert np.array_equal(runs.q[0], starts[0])
+    assert not runs.status.any()
+    assert (runs.end == 0.1).all()
+    uneven = rne.ensemble(chain, *starts, 0.1, t_eval=[0.013, 0.1], step=1e-3)
+    finer = rne.ensemble(chain, *starts, 0.1, t_eval=[0.013, 0.1], rtol=1e-10)
+    assert np.abs(uneven.q - finer.q).max() <= 1e-9  # RK4 with its error of h^4
+
+
+class TestOneByOne:
+    """Scenes with events, samples and called laws: as rne.simulate runs them."""
+
+    def test_of_stops(self, chain):
+        model = replace(chain.model, lower=np.array([-0.1, -3.0]), upper=np.array([3.0, 3.0]))
+        scene, q = rne.Scene(rne.Robot(model), stops=True), np.array([[0.5, 0.2], [0.0, 0.0]])
+        runs = rne.ensemble(scene, q, 0 * q, 3.0, keep=31)
+        one = rne.simulate(scene, q[0], [0, 0], 3.0, t_eval=runs.t)
+        assert runs.status.tolist() == [one.status, 0 if runs.end[1] == 3.0 else 1]
+        assert runs.status[0] == 1
+        assert runs.end[0] == one.t[-1] < 3.0
+        later = runs.t > one.t[-1]
+        assert np.array_equal(runs.q[~later, 0], one.q[: (~later).sum()])
+        assert (runs.q[later, 0] == one.q[-1]).all()
+        assert "stopped" in repr(runs)
+
+    def test_of_dry_friction_with_parameters(self, chain):
+        scene = rne.Scene(chain, friction=rne.Friction(coulomb=3.0, smoothing=0.0))
+        q, pi = np.array([[0.5, 0.2], [0.1, -0.4]]), np.array([chain.parameters, 2 * chain.parameters])
+        runs = rne.ensemble(scene, q, 0 * q, 0.5, parameters=pi)
+        heavier = replace(scene, robot=chain.with_parameters(pi[1]))
+        one = rne.simulate(heavier, q[1], [0, 0], 0.5)
+        np.testing.assert_allclose(runs.q[-1, 1], one.q[-1], atol=1e-9)
+        np.testing.assert_allclose(runs.energies[-1, 1], [one.dissipated["coulomb"][-1]], atol=1e-7)
+
+    @pytest.mark.parametrize("sample_time", [None, 0.01])
+    def test_of_called_and_sampled_laws(self, chain, sample_time):
+        scene = rne.Scene(chain, controller=lambda t, q, qd: -3 * q - qd, sample_time=sample_time)
+        q, told = np.array([[0.5, 0.2], [0.1, -0.4]]), []
+        runs = rne.ensemble(scene, q, 0 * q, 0.1, progress=lambda *counts: told.append(counts))
+        one = rne.simulate(scene, q[1], [0, 0], 0.1)
+        for name in ("q", "qd", "tau"):
+            assert np.array_equal(getattr(runs, name)[-1, 1], getattr(one, name)[-1])
+        assert runs.energies[-1, 1, 0] == one.work[-1]
+        assert told == [(1, 2), (2, 2)]
+
+    def test_a_failure_is_named(self, chain):
+        scene = rne.Scene(chain, controller=lambda t, q, qd: q * np.nan if q[0] > 1 else q)
+        with pytest.raises(rne.SimulationError, match=r"^start 1: simulation stopped at t = 0 s of 0.1 s: torque of"):
+            rne.ensemble(scene, [[0.5, 0], [1.5, 0]], np.zeros((2, 2)), 0.1)
+
+
+class TestLanes:
+    """The loop for machine code, its text run by Python, beside NumPy's rows."""
+
+    @pytest.fixture
+    def plain(self, monkeypatch):
+        def address(kernel, lanes):
+            program = BlockProgram(kernel.traced)
+
+            def function(*arguments):
+                *given, out = (np.reshape(a, (-1, lanes)) for a in arguments)
+                return program.sound([a.T for a in given], out.T).all()
+
+            return function
+
+        monkeypatch.setattr(Kernel, "address", address)
+        monkeypatch.setattr(many_motions, "compiled", lambda text: text)
+
+    @pytest.mark.parametrize("count", [3, many_motions.LANES + 3])
+    @pytest.mark.parametrize("method", ["DOP853", "RK45", "rk4", "semi-implicit-euler"])
+    def test_are_the_rows(self, plain, chain, starts, count, method):
+        rhs, fixed = rne.Scene(chain).right_hand_side, method in FIXED
+        norm = (4, 1e-4, 1e-7, 0.0 if fixed else power(method))
+        times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
+        course = Course(
+            method,
+            0.0,
+            0.2,
+            -np.inf,
+            np.inf,
+            grid[[5, 7, 20]] if fixed else times,
+            grid,
+            norm,
+            2 * (method == FIXED[1]),
+        )
+        x = np.concatenate(starts, axis=1)[:count]
+        X, expected = np.zeros((2, 3, count, 4))
+        left, evaluations = many_motions.in_lanes(course, rhs.kernel, np.zeros((count, 0)), x, X)
+        rates = by_rows(course, rhs.kernel, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
+        assert not len(left)
+        np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)  # rounding moves the estimates of errors
+        assert 0.9 * rates.evaluations <= evaluations <= 1.1 * rates.evaluations
+
+    def test_motions_to_be_examined_are_left(self, plain, chain, starts):
+        rhs, x = rne.Scene(chain).right_hand_side, np.concatenate(starts, axis=1)[:12]
+        course = Course("RK45", 0.0, 1e-9, -np.inf, np.inf, np.array([1e-9]), np.zeros(0), (4, 1e-3, 1e-6, -0.2))
+        x[[0, 7], 2:] = 3e8, -2e8
+        x[11, 1] = np.inf
+        X = np.zeros((1, 12, 4))
+        left, _ = many_motions.in_lanes(course, rhs.kernel, np.zeros((12, 0)), x, X)
+        assert left.tolist() == [0, 7, 11]
+        rest = np.delete(np.arange(12), left)
+        np.testing.assert_allclose(X[0, rest], x[rest], atol=1e-7)
+
+
+@pytest.mark.long
+class TestMachineCode:
+    """Motions in the lanes of vector registers."""
+
+    @pytest.fixture(scope="class")
+    def compiled(self, smooth):
+        pytest.importorskip("numba", reason="Numba is not installed")
+        return replace(smooth, robot=rne.Robot(smooth.robot.model, "numba"))
+
+    @pytest.mark.parametrize("method", ["DOP853", "RK45"])
+    def test_errors_are_of_the_size_of_the_tolerance(self, compiled, many, alone, method):
+        test_errors_are_of_the_size_of_the_tolerance(compiled, many, alone, method, 1e-7)
+
+    @pytest.mark.parametrize("method", ["DOP853", "RK45"])
+    def test_no_motion_changes_the_bits_of_another(self, compiled, many, method):
+        test_no_motion_changes_the_bits_of_another(compiled, many, method)
+
+    def test_with_parameters(self, compiled, many):
+        pi = compiled.resolved.robot.parameters * np.linspace(1, 2, 9)[:, None]
+        plain = replace(compiled, robot=rne.Robot(compiled.robot.model))
+        runs, expected = (rne.ensemble(scene, *many, 0.1, parameters=pi, rtol=1e-9) for scene in (compiled, plain))
+        np.testing.assert_allclose(runs.q, expected.q, atol=1e-7)
+
+    def test_states_to_be_examined_are_finished_by_rows(self, chain, starts):
+        test_a_state_that_must_be_examined_changes_no_other(rne.Robot(chain.model, "numba"), starts)
+        test_a_motion_that_diverges_is_named(rne.Robot(chain.model, "numba"))
+
+    def test_torques_that_jump_end_a_step(self, chain, starts):
+        test_torques_that_jump_end_a_step(rne.Robot(chain.model, "numba"), starts)
+
+
+def test_a_motion_that_diverges_is_named(chain):
+    """Torques of the rates' cube: rates reach infinity in finite time."""
+    scene, starts = rne.Scene(chain, controller=rne.traceable(lambda t, q, qd: 1e3 * qd**3)), np.zeros((20, 2))
+    rates = starts.copy()
+    rates[13, 0] = 1.0
+    with pytest.raises(rne.NotFiniteError, match=r"^start 13 at t = \S+ s: the (step needed|right-hand side)"):
+        rne.ensemble(scene, starts, rates, 0.5)
 
 
 def test_no_starts_give_no_motions(chain):
@@ -107,6 +358,12 @@ def test_no_starts_give_no_motions(chain):
             "`method` must be one of ['rk4', 'semi-implicit-euler'], got 'euler'",
         ),
         ({"keep": 1}, "`keep` must be a whole number, at least 2, got 1"),
+        ({"keep": 3, "t_eval": [0.1]}, "`keep` and `t_eval` both say which times to report: give one of them"),
+        ({"step": None, "rtol": 0}, "`rtol` must be positive, got 0.0"),
+        (
+            {"step": None, "method": "rk4"},
+            f"`method` must be 'auto' or one of {list(METHODS)}, got 'rk4'; equal steps need `step`",
+        ),
     ],
 )
 def test_wrong_arguments_are_named(chain, changes, text):
@@ -141,10 +398,11 @@ def test_steps_too_long_for_friction_are_doubted(irb140):
     assert abs(rne.ensemble(weak, start, 0 * start, 0.1, step=2e-3).q).max() < 1
 
 
-def test_called_laws_are_refused(chain):
+def test_fixed_steps_refuse_called_laws(chain):
     scene = rne.Scene(chain, controller=lambda t, q, qd: -qd)
     with pytest.raises(
-        ValueError, match=r"^the controller of an ensemble must be traceable \(mark it with rne.traceable\)$"
+        ValueError,
+        match=r"^the controller of an ensemble with `step` must be traceable \(mark it with rne.traceable\)$",
     ):
         rne.ensemble(scene, [[0, 0]], [[0, 0]], 0.1, step=0.01)
 

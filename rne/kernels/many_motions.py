@@ -11,8 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from .explicit_methods import EPS, LARGEST, SAFETY, SMALLEST, Method
-from .loops import LANES, evaluate, inline
+from ..basics.spatial import Array
+from .kernel import Kernel
+from .loops import LANES, compiled, evaluate, inline
+from .row_steps import EPS, Coefficients, Course, coefficients, first_steps
+from .runge_kutta import LARGEST, SAFETY, SMALLEST
 
 NOBODY = -1  # in place of a motion's number
 # Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q;
@@ -21,12 +24,12 @@ MOTION, TIME, STEPS, TAKEN, WANTS, LANE_ROWS = 0, 1, 2, 3, 4, 5
 NOW, LENGTH, AHEAD, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
 
 
-def workspace(widths: tuple[int, ...], method: Method) -> tuple[Any, ...]:
+def workspace(widths: tuple[int, ...], table: Coefficients) -> tuple[Any, ...]:
     """Arrays for `run_all`, of a kernel's arguments of these widths, the second of which is the state."""
     inputs, saved = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
-    entries, rows = widths[1] * LANES, max(len(method.B) + 1, method.D.shape[1])
+    entries, rows = widths[1] * LANES, max(len(table.B) + 1, table.D.shape[1])
     y, new, total, h = np.zeros((4, entries))
-    slopes = np.zeros((rows, entries)), np.zeros((max(1, len(method.D)), entries))
+    slopes = np.zeros((rows, entries)), np.zeros((max(1, len(table.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
     return inputs, saved, (y, new, total, h), slopes, *numbers
 
@@ -98,7 +101,7 @@ def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> N
 
 @inline
 def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any) -> Any:
-    """The next of the waiting motions into lanes without one, or a copy of another lane's; who waits, NOBODY at the end."""
+    """Waiting motions into lanes without one, or a copy of another lane; who waits then, NOBODY at the end."""
     inputs, _, (y, _, _, _), (K, _), lane, step = work
     source = NOBODY
     for k in range(LANES):
@@ -152,9 +155,9 @@ def put_stage(y: Any, total: Any, h: Any, ahead: Any, span: Any, inputs: Any, st
 
 
 @inline
-def judge(y: Any, new: Any, total: Any, K: Any, E: Any, controls: Any, step: Any) -> None:
-    """The error of each lane's step, by the norm of `controls`: number of components, rtol, atol."""
-    count, rtol, atol = controls
+def judge(y: Any, new: Any, total: Any, K: Any, E: Any, norm: Any, step: Any) -> None:
+    """The error of each lane's step."""
+    count, rtol, atol, _ = norm
     for estimate in range(2):
         combine(E[estimate], K, E.shape[1], total)
         for e in range(len(y)):
@@ -166,8 +169,8 @@ def judge(y: Any, new: Any, total: Any, K: Any, E: Any, controls: Any, step: Any
             for k in range(LANES):
                 step[FIFTH + estimate, k] += total[i * LANES + k]
     for k in range(LANES):
-        fifth, third = step[FIFTH, k], step[THIRD, k]
-        step[FIFTH, k] = step[LENGTH, k] * fifth / ((fifth + 0.01 * third) * count) ** 0.5 if fifth > 0 else 0.0
+        fifth, third = step[FIFTH, k], step[THIRD, k]  # a product would be fused with the sum, in some lanes only
+        step[FIFTH, k] = step[LENGTH, k] * fifth / ((fifth + third / 100) * count) ** 0.5 if fifth > 0 else 0.0
 
 
 @inline
@@ -233,9 +236,10 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
 
 def run_all(
     function: Any,
-    method: Any,
+    table: Any,
     span: Any,
-    controls: Any,
+    positions: Any,
+    norm: Any,
     grid: Any,
     times: Any,
     sources: Any,
@@ -246,15 +250,14 @@ def run_all(
     X: Any,
     work: Any,
 ) -> None:
-    """Every motion from its row of `sources` to the end; states at `times` into X[time, motion], evaluations into `count`.
+    """Every motion from its row of `sources` to the end; states at `times` into X[time, motion].
 
-    F and H have each motion's first slope and the length to try first; `span` the times within which torques are
-    evaluated, and the end; `controls` the number of positions that move with new rates, that of components in the norm,
-    rtol, atol and the error's power; `grid` the ends of steps, if these are not controlled.
+    F and H have each motion's first slope and the length to try first, `span` the times within which torques are
+    evaluated, and the end; `count` takes evaluations; the rest as in `Course`.
     """
-    A, B, C, E, A2, C2, D = method
+    A, B, C, E, A2, C2, D = table
     inputs, saved, (y, new, total, h), (K, Q), lane, step = work
-    positions, stages, is_fixed, waiting = controls[0] * LANES, len(B), len(grid) > 0, 0
+    stages, is_fixed, waiting = len(B), len(grid) > 0, 0
     lane[MOTION], vacant = NOBODY, True
     while True:
         if vacant:
@@ -267,8 +270,8 @@ def run_all(
             combine(A[s] if s < stages else B, K, s, total)
             put_stage(y, total, h, C[s] if s < stages else 1.0, span, inputs, step)
             if s == stages:
-                for e in range(positions):
-                    inputs[1][e] = y[e] + h[e] * inputs[1][positions + e]
+                for e in range(positions * LANES):
+                    inputs[1][e] = y[e] + h[e] * inputs[1][positions * LANES + e]
                 for e in range(len(y)):
                     new[e] = inputs[1][e]
             if s < stages or not is_fixed:
@@ -280,8 +283,8 @@ def run_all(
         if not is_sound:
             continue
         if not is_fixed:
-            judge(y, new, total, K, E, controls[1:4], step)
-        if decide(is_fixed, times, controls[4], lane, step):
+            judge(y, new, total, K, E, norm, step)
+        if decide(is_fixed, times, norm[3], lane, step):
             for s in range(len(C2)):
                 combine(A2[s], K, stages + 1 + s, total)
                 put_stage(y, total, h, C2[s], span, inputs, step)
@@ -293,3 +296,27 @@ def run_all(
             if lane[MOTION, k] >= 0 and lane[TAKEN, k]:
                 report(times, y, new, Q, lane, step, k, X)
         vacant = move_on(y, new, K, stages, len(C2), span[2], lane, step, count)
+
+
+def in_lanes(course: Course, kernel: Kernel, parameters: Array, x: Array, X: Array) -> tuple[Array, int]:
+    """Motions from states x, shape (N, size), into X[time, motion]; the rows of those left, and evaluations."""
+    table, x, N = coefficients(course.method), np.ascontiguousarray(x), len(x)
+    work, address = workspace(kernel.widths, table), kernel.address(LANES)
+    more = (np.ascontiguousarray(parameters),)[: len(kernel.names) - 2]
+    code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)
+
+    def rates(t: Array, states: Array, F: Array) -> Array:
+        times = np.clip(t, course.first, course.last)[:, None]
+        compiled(rates_of_all)(address, (times, np.ascontiguousarray(states), *more), F, code, work)
+        return F
+
+    begin = np.full(N, course.begin)
+    if not len(course.grid):
+        rates(begin, x, F)
+        H = first_steps(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, course, x.T, F.T)
+        count += 2
+    span, sources = (course.first, course.last, course.end), (begin[:, None], x, *more)
+    grid, times = course.grid, course.times
+    arrays = (sources, F, H, code, count, X, work)
+    compiled(run_all)(address, tuple(table), span, course.positions, course.norm, grid, times, *arrays)
+    return np.flatnonzero(code), int(count.sum())

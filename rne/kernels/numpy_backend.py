@@ -109,13 +109,13 @@ class _OfStates:
     """Conditions of soundness, state by state."""
 
     def finite(self, values: Sequence[Array]) -> Array:
-        return np.isfinite(sum(values))
+        return np.asarray(np.isfinite(sum(values)))
 
     def within(self, values: Array, bound: float) -> Array:
-        return np.abs(values).max(axis=0, initial=0.0) <= bound
+        return np.asarray(np.abs(values).max(axis=0, initial=0.0) <= bound)
 
     def above(self, values: Array, factor: float, others: Array) -> Array:
-        return np.logical_and.reduce(values > factor * others)
+        return np.asarray((values > factor * others).all(axis=0))
 
 
 class _OfRows:

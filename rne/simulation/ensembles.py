@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, field
-from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,12 +11,12 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import counted, short
-from ..dynamics.quantity import OK
-from ..kernels.explicit_methods import CONTROLLED, FIXED
+from ..kernels.row_steps import CONTROLLED, FIXED
+from ..kernels.runge_kutta import power
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .ensemble_runs import Chunk, OneByOne, Plan, Progress, SideBySide, run_all, spans_between
+from .ensemble_runs import Chunk, OneByOne, Plan, Progress, SideBySide, courses, run_all
 from .scene import Scene, scene_of_robot
 from .simulator import METHODS, check_times, law_breaks
 
@@ -225,23 +223,20 @@ def ensemble(
     further = plan.rhs.size - 2 * scene.n if isinstance(plan, SideBySide) else 0
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
     starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
-    parts = run_all(plan, starts, progress, executor)
-    verdict = OK
-    for part in parts:
-        verdict = verdict.worse(part.verdict)
-    verdict.raise_or_warn(stacklevel=2)
-    arrays = (
-        np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("q", "qd", "tau", "energies")
-    )
+    part = run_all(plan, starts, progress, executor)
+    part.verdict.raise_or_warn(stacklevel=2)
     return Ensemble(
         times,
-        *arrays,
+        part.q,
+        part.qd,
+        part.tau,
+        part.energies,
         scene.right_hand_side.ledger,
-        ", ".join(sorted({name for part in parts for name in part.methods})),
-        float(np.diff(plan.grid).max()) if isinstance(plan, SideBySide) and len(plan.grid) else None,
-        sum(part.evaluations for part in parts),
-        np.concatenate([part.end for part in parts]),
-        np.concatenate([part.stopped for part in parts]).astype(int),
+        ", ".join(part.methods),
+        float(plan.steps.max()) if isinstance(plan, SideBySide) and len(plan.steps) else None,
+        part.evaluations,
+        part.end,
+        part.stopped.astype(int),
         scene.resolved.robot.model,
         pi,
     )
@@ -283,36 +278,25 @@ def _plan(
     friction = scene.resolved.friction
     has_events = scene.sample_time is not None or scene.stops or (friction is not None and friction.sticks)
     is_called = scene.current_right_hand_side().torque_given
+    rtol, atol = tolerances
     if step is None:
         if method not in ("auto", *METHODS):
             needs = "; equal steps need `step`" if method in FIXED else ""
             raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}{needs}")
         if has_events or is_called or method not in ("auto", *CONTROLLED) or not scene.n:
-            rtol, atol = tolerances
             return OneByOne(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
-        spans, grid = spans_between(law_breaks(scene.controller), end), np.zeros(0)
-        chosen = "DOP853" if method == "auto" else method
+        chosen, longest = "DOP853" if method == "auto" else method, None
     else:
         if method not in ("auto", *FIXED):
             raise ValueError(f"`method` must be one of {list(FIXED)}, got {method!r}")
         if has_events:
-            raise ValueError(
-                "equal steps have no events: without `step` the scene may have `sample_time`, `stops` and sticking friction"
-            )
+            raise ValueError("`step` is not for scenes with `sample_time`, `stops` or sticking friction: leave it out")
         if is_called:
             raise ValueError("the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)")
-        spans, grid = spans_between([], end), _grid(times, end, positive_number("step", step))
-        chosen = "rk4" if method == "auto" else method
-    return SideBySide(scene.right_hand_side_with_energies, chosen, times, spans, grid, *tolerances, with_parameters)
-
-
-def _grid(times: Array, end: float, step: float) -> Array:
-    """Ends of steps, equal between two times to report and at most `step` long."""
-    edges = np.unique(np.concatenate([[0.0], times, [end]])).tolist()
-    parts = [
-        np.linspace(a, b, max(1, ceil((b - a) / step * (1 - 1e-12))) + 1)[1:] for a, b in itertools.pairwise(edges)
-    ]
-    return np.concatenate([[0.0], *parts])
+        chosen, longest = "rk4" if method == "auto" else method, positive_number("step", step)
+    rhs, breaks = scene.right_hand_side_with_energies, law_breaks(scene.controller)
+    norm = rhs.size - len(rhs.ledger), rtol, atol, power(chosen) if longest is None else 0.0
+    return SideBySide(rhs, times, courses(chosen, times, end, breaks, longest, norm, scene.n), with_parameters)
 
 
 def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:

@@ -5,20 +5,91 @@ Entry [i, k] of an array is component i of motion k. No motion affects the bits 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK
 from ..errors import NotFiniteError, SingularMassMatrixError
-from ..kernels.explicit_methods import EPS, LARGEST, SAFETY, SMALLEST, Method
-from ..kernels.kernel import Kernel
-from ..kernels.numpy_backend import BlockProgram
+from .kernel import Kernel
+from .numpy_backend import BlockProgram
+from .runge_kutta import LARGEST, SAFETY, SMALLEST, tableau
 
+FIXED, CONTROLLED = ("rk4", "semi-implicit-euler"), ("RK45", "DOP853")
+EPS = float(np.finfo(np.float64).eps)
 EVERY = slice(None)
 FULL = 0.75  # part of the columns that are on their way, below which the others are dropped: a new width costs time
+Tick = Callable[[int], Any]
+
+
+class Coefficients(NamedTuple):
+    """A method's tableau and error estimates, as `runge_kutta.Method`, and its interpolant.
+
+    Within a step x(t + u h) is x plus h u (d_0 + (1 - u) (d_1 + u (d_2 + ...))), d = D k, with stages `A2`, `C2` that
+    only this needs.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    E: Array
+    A2: Array
+    C2: Array
+    D: Array
+
+
+@functools.cache
+def coefficients(method: str) -> Coefficients:
+    """Of a method with step control, as SciPy's, or with fixed steps; that of semi-implicit Euler is Euler's."""
+    A2, C2, D = np.zeros((0, 1)), np.zeros(0), np.zeros((0, 1))
+    if method == "rk4":
+        A, B, C = np.diag([0.5, 0.5, 1.0], -1), np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1])
+        return Coefficients(A, B, C, np.zeros((2, 1)), A2, C2, D)
+    if method == "semi-implicit-euler":
+        return Coefficients(np.zeros((1, 1)), np.ones(1), np.zeros(1), np.zeros((2, 1)), A2, C2, D)
+    import scipy.integrate
+
+    solver, table = getattr(scipy.integrate, method), tableau(method)
+    if method == "RK45":
+        P = solver.P.T  # of 1, u, u^2, u^3
+        return Coefficients(*table, A2, C2, np.stack([P.sum(0), -P[1:].sum(0), -P[2] - 2 * P[3], P[3]]))
+    unit, stages = np.eye(solver.D.shape[1]), len(table.B)
+    B, first, last = table.B @ unit[:stages], unit[0], unit[stages]
+    D = np.concatenate([[B, first - B, 2 * B - first - last], solver.D])
+    return Coefficients(*table, np.ascontiguousarray(solver.A_EXTRA), np.ascontiguousarray(solver.C_EXTRA), D)
+
+
+class Course(NamedTuple):
+    """How motions are run from one time to another.
+
+    Attributes
+    ----------
+    method : str
+    begin, end : float
+    first, last : float
+        Times within which torques are evaluated.
+    times : ndarray, shape (S,)
+        To report, ascending, the end as the last.
+    grid : ndarray
+        The begin, and the ends of steps that are not controlled; empty for those that are.
+    norm : (int, float, float, float)
+        The number of components whose errors count, rtol, atol, and the power of the error.
+    positions : int
+        The number of components that move with the rates at the end of the step.
+    """
+
+    method: str
+    begin: float
+    end: float
+    first: float
+    last: float
+    times: Array
+    grid: Array
+    norm: tuple[int, float, float, float]
+    positions: int = 0
 
 
 class Rates:
@@ -31,15 +102,12 @@ class Rates:
     parameters : ndarray, shape (N, 10 nb), or (N, 0)
     numbers : ndarray, shape (N,)
         Of the motions, for errors.
-    span : (float, float)
-        Times within which torques are evaluated.
-    cure : str
-        What may help where a state overflows.
+    course : Course
     """
 
-    def __init__(self, kernel: Kernel, parameters: Array, numbers: Array, span: tuple[float, float], cure: str) -> None:
-        self.kernel, self.parameters, self.numbers, self.span, self.cure = kernel, parameters, numbers, span, cure
-        self.verdict = OK
+    def __init__(self, kernel: Kernel, parameters: Array, numbers: Array, course: Course) -> None:
+        self.kernel, self.parameters, self.numbers, self.course = kernel, parameters, numbers, course
+        self.evaluations, self.moving, self.verdict = 0, len(numbers), OK
         self.program = None
         if kernel.is_unrolled:
             self.program = kernel.blocks if kernel.engine == "numpy" else BlockProgram(kernel.traced)
@@ -51,7 +119,9 @@ class Rates:
     def __call__(self, t: Any, x: Array, out: Array, chosen: Any = EVERY) -> None:
         """dx/dt at times t, of all motions or of some."""
         count = x.shape[1]
-        times = np.broadcast_to(np.clip(t, *self.span).astype(x.dtype), count)[:, None]
+        self.evaluations += self.moving if chosen is EVERY else count
+        within = np.clip(t, self.course.first, self.course.last)
+        times = np.broadcast_to(within.astype(x.dtype), count)[:, None]
         states = [times, x.T, self.parameters[chosen]][: len(self.kernel.names)]
         doubtful = np.arange(count) if self.program is None else np.flatnonzero(~self.program.sound(states, out.T))
         if len(doubtful):
@@ -68,7 +138,7 @@ class Rates:
             text = f"start {numbers[k]} at t = {states[0][k, 0]:.6g} s: {verdict.error.what}"
             raise SingularMassMatrixError(text, verdict.error.cause, verdict.error.joints)
         self.verdict = self.verdict.worse(verdict.with_state(lambda state: (int(numbers[state[0]]),)))
-        return rates.T
+        return np.asarray(rates.T)
 
     def _located(self, error: NotFiniteError, states: Sequence[Array], numbers: Array) -> NotFiniteError:
         """The error with the first motion at fault, the time, and what may help."""
@@ -78,13 +148,16 @@ class Rates:
             except NotFiniteError as found:
                 error = found
                 break
-        t = float(states[0][k, 0])
-        return NotFiniteError(f"start {numbers[k]} at t = {t:.6g} s: {error}{self.cure}", t)
+        t, grid = float(states[0][k, 0]), self.course.grid
+        cure = ""
+        if len(grid):
+            cure = f"; steps of {grid[1] - grid[0]:g} s may be too long for the fastest decay: try shorter ones"
+        return NotFiniteError(f"start {numbers[k]} at t = {t:.6g} s: {error}{cure}", t)
 
 
 def combine(weights: Array, K: Array) -> Array:
     """The sum of weights[j] K[j], term by term, so that each column's bits are its own."""
-    total, term = np.zeros_like(K[0]), np.empty_like(K[0])
+    total, term = np.zeros(K.shape[1:], K.dtype), np.empty(K.shape[1:], K.dtype)
     for w, k in zip(weights.tolist(), K, strict=False):
         if w:
             np.add(total, np.multiply(k, w, out=term), out=total)
@@ -99,93 +172,64 @@ def squares(values: Array) -> Array:
     return total
 
 
-def first_steps(
-    rates: Callable[[Array, Array], Array], t: float, x: Array, f: Array, longest: float, controls: tuple[Any, ...]
-) -> Array:
-    """Lengths to try first: Hairer, Norsett and Wanner 1993, II.4, as SciPy.
-
-    `controls` has the number of components that count, rtol, atol and the power of the error.
-    """
-    count, rtol, atol, power = controls
+def first_steps(rates: Callable[[Array, Array], Array], course: Course, x: Array, f: Array) -> Array:
+    """Lengths of the first steps: Hairer, Norsett and Wanner 1993, II.4, as SciPy's."""
+    (count, rtol, atol, order), longest = course.norm, course.end - course.begin
     scale = atol + rtol * np.abs(x[:count])
 
     def size(v: Array) -> Array:
-        return np.sqrt(squares(v) / count)
+        return np.asarray(np.sqrt(squares(v[:count] / scale) / count))
 
     with np.errstate(all="ignore"):
-        d0, d1 = size(x[:count] / scale), size(f[:count] / scale)
+        d0, d1 = size(x), size(f)
         h0 = np.minimum(np.where((d0 < 1e-5) | (d1 < 1e-5), 1e-6, 0.01 * d0 / d1), longest)
-        d2 = size((rates(t + h0, x + h0 * f) - f)[:count] / scale) / h0
-        flat = np.maximum(1e-6, h0 * 1e-3)
-        h1 = np.where((d1 <= 1e-15) & (d2 <= 1e-15), flat, (0.01 / np.maximum(d1, d2)) ** -power)
-        return np.minimum(np.minimum(100 * h0, h1), longest)
+        d2 = size(rates(course.begin + h0, x + h0 * f) - f) / h0
+        largest = np.maximum(d1, d2)
+        h1 = np.where(largest <= 1e-15, np.maximum(1e-6, h0 * 1e-3), (0.01 / largest) ** -order)
+        return np.asarray(np.minimum(np.minimum(100 * h0, h1), longest))
 
 
-def equal_steps(
-    rates: Rates, method: Method, positions: int, grid: Array, x: Array, times: Array, X: Array, tick: Any
-) -> None:
-    """Steps from one time of the grid to the next; states at `times`, which are among these, into X[time, motion]."""
-    B, C, x, reported = method.B, method.C.tolist(), x.T.copy(), 0
+def equal_steps(rates: Rates, course: Course, x: Array, X: Array, tick: Tick) -> None:
+    """Steps from one time of the grid to the next; states at the times to report into X[time, motion]."""
+    table, n, reported = coefficients(course.method), course.positions, 0
+    B, C, x = table.B, table.C.tolist(), x.T.copy()
     K = np.empty((len(B), *x.shape), x.dtype)
-    for t, end in zip(grid[:-1].tolist(), grid[1:].tolist(), strict=True):
+    for t, end in zip(course.grid[:-1].tolist(), course.grid[1:].tolist(), strict=True):
         h = end - t
         rates(t, x, K[0])
         for s in range(1, len(B)):
-            rates(t + C[s] * h, x + h * combine(method.A[s, :s], K), K[s])
+            rates(t + C[s] * h, x + h * combine(table.A[s, :s], K), K[s])
         new = x + h * combine(B, K)
-        new[:positions] = x[:positions] + h * new[positions : 2 * positions]
+        new[:n] = x[:n] + h * new[n : 2 * n] if n else new[:n]
         x = new
-        if end == times[reported]:
+        if end == course.times[reported]:
             X[reported] = x.T
             reported += 1
         tick(x.shape[1])
 
 
 class ControlledSteps:
-    """Steps of each motion's own lengths.
+    """Steps of each motion's own lengths; states at the times to report into X[time, motion]."""
 
-    Parameters
-    ----------
-    rates : Rates
-    method : Method
-    controls : tuple
-        The number of components whose errors count, rtol and atol.
-    span : (float, float)
-        Begin and end.
-    times : ndarray, shape (S,)
-        Times to report, ascending up to the end.
-    X : ndarray, shape (S, N, size)
-        The states at these times.
-    """
+    def __init__(self, rates: Rates, course: Course, X: Array) -> None:
+        self.rates, self.course, self.X = rates, course, X
+        self.table, self.times = coefficients(course.method), course.times
 
-    def __init__(
-        self,
-        rates: Rates,
-        method: Method,
-        controls: tuple[int, float, float],
-        span: tuple[float, float],
-        times: Array,
-        X: Array,
-    ) -> None:
-        self.rates, self.method, self.controls, self.times, self.X = rates, method, controls, times, X
-        self.begin, self.end = span
-
-    def run(self, x: Array, tick: Any) -> None:
+    def run(self, x: Array, tick: Tick) -> None:
         """From states x, shape (N, size), to the end."""
-        self.x, N = x.T.copy(), len(x)
-        self.t, self.row, self.reported = np.full(N, self.begin), np.arange(N), np.zeros(N, dtype=int)
-        self.K = np.empty((self.method.D.shape[1], *self.x.shape))
+        course, N = self.course, len(x)
+        self.x, self.t = x.T.copy(), np.full(N, course.begin)
+        self.row, self.reported = np.arange(N), np.zeros(N, dtype=int)
+        self.K = np.empty((self.table.D.shape[1], *self.x.shape))
         self.rates(self.t, self.x, self.K[0])
-        first = (*self.controls, self.method.power)
-        self.h = first_steps(self._trial, self.begin, self.x, self.K[0], self.end - self.begin, first)
+        self.h = first_steps(self._trial, course, self.x, self.K[0])
         self.taken = np.ones(N, dtype=bool)  # the step before
-        moving = len(x)
-        while moving:
+        while self.rates.moving:
             self._step()
-            on_its_way = self.t < self.end
-            before, moving = moving, int(on_its_way.sum())
-            tick(before - moving)
-            if moving <= FULL * len(on_its_way):
+            on_its_way = self.t < course.end
+            before, self.rates.moving = self.rates.moving, int(on_its_way.sum())
+            tick(before - self.rates.moving)
+            if self.rates.moving <= FULL * len(on_its_way):
                 self._keep(on_its_way)
 
     def _trial(self, t: Array, x: Array) -> Array:
@@ -206,35 +250,35 @@ class ControlledSteps:
         t, x, K = self.t, self.x, self.K
         smallest = 10 * EPS * np.abs(t)
         for k in np.flatnonzero(~self.taken & ~(self.h >= smallest)):
-            text = f"start {self.rates.numbers[k]} at t = {t[k]:.6g} s: the step needed is less than the spacing of numbers"
-            raise NotFiniteError(text, float(t[k]))
-        ahead = np.minimum(t + np.maximum(self.h, smallest), self.end)
+            where = f"start {self.rates.numbers[k]} at t = {t[k]:.6g} s"
+            raise NotFiniteError(f"{where}: the step needed is less than the spacing between numbers", float(t[k]))
+        ahead = np.minimum(t + np.maximum(self.h, smallest), self.course.end)
         h = ahead - t
         new = self._stages(h)
         error = self._error(h, new)
         with np.errstate(all="ignore"):
-            factor = SAFETY * error**self.method.power
+            factor = SAFETY * error ** self.course.norm[3]
         taken = error < 1
         factor = np.where(taken, np.minimum(np.where(self.taken, LARGEST, 1.0), factor), np.fmax(SMALLEST, factor))
         self._report(ahead, h, new, taken)
         self.x = np.where(taken, new, x)
-        K[0] = np.where(taken, K[len(self.method.B)], K[0])
+        K[0] = np.where(taken, K[len(self.table.B)], K[0])
         self.t, self.h, self.taken = np.where(taken, ahead, t), h * factor, taken
 
     def _stages(self, h: Array) -> Array:
         """The states after steps of lengths h, and the slopes."""
-        A, B, C = self.method.A, self.method.B, self.method.C
+        A, B, C = self.table.A, self.table.B, self.table.C
         t, x, K = self.t, self.x, self.K
         for s in range(1, len(B)):
             self.rates(t + C[s] * h, x + h * combine(A[s, :s], K), K[s])
         new = x + h * combine(B, K)
         self.rates(t + h, new, K[len(B)])
-        return new
+        return np.asarray(new)
 
     def _error(self, h: Array, new: Array) -> Array:
-        count, rtol, atol = self.controls
+        count, rtol, atol, _ = self.course.norm
         scale = atol + rtol * np.maximum(np.abs(self.x[:count]), np.abs(new[:count]))
-        fifth, third = (squares(combine(e, self.K[:, :count]) / scale) for e in self.method.E)
+        fifth, third = (squares(combine(e, self.K[:, :count]) / scale) for e in self.table.E)
         both = np.sqrt((fifth + 0.01 * third) * count)
         return h * np.divide(fifth, both, out=np.zeros_like(both), where=fifth > 0)
 
@@ -259,8 +303,18 @@ class ControlledSteps:
 
     def _interpolants(self, chosen: Array, h: Array) -> list[Array]:
         """Coefficients of the interpolants of some motions' steps."""
-        stages, (A, C, D) = len(self.method.B) + 1, self.method[4:7]
+        stages, (A, C, D) = len(self.table.B) + 1, self.table[4:7]
         t, x, h, K = self.t[chosen], self.x[:, chosen], h[chosen], self.K[:, :, chosen]
         for s in range(len(C)):
             self.rates(t + C[s] * h, x + h * combine(A[s], K[: stages + s]), K[stages + s], chosen)
         return [combine(d, K) for d in D]
+
+
+def by_rows(course: Course, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, tick: Tick) -> Rates:
+    """Motions from states x into X[time, motion]; what was evaluated, and how sound it was."""
+    rates = Rates(kernel, parameters, numbers, course)
+    if len(course.grid):
+        equal_steps(rates, course, x, X, tick)
+    else:
+        ControlledSteps(rates, course, X).run(x, tick)
+    return rates
