@@ -307,7 +307,7 @@ class TestLanes:
 class TestMachineCode:
     """Motions in the lanes of vector registers."""
 
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def compiled(self, smooth):
         pytest.importorskip("numba", reason="Numba is not installed")
         return replace(smooth, robot=rne.Robot(smooth.robot.model, "numba"))

@@ -18,7 +18,7 @@ from ..model.parameters import PARAMETERS
 from ..robot import Robot
 from .ensemble_runs import Chunk, OneByOne, Plan, Progress, SideBySide, courses, run_all
 from .scene import Scene, scene_of_robot
-from .simulator import METHODS, check_times, law_breaks
+from .simulator import METHODS, check_times, law_breaks, tolerances
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -217,9 +217,8 @@ def ensemble(
     q, qd = _starts(scene, q0, qd0, is_fixed=step is not None)
     end = positive_number("duration", duration)
     times = _times(t_eval, keep, end)
-    tolerances = positive_number("rtol", rtol), positive_number("atol", atol)
     pi = None if parameters is None else _parameters(parameters, scene, len(q))
-    plan = _plan(scene, method, step, times, end, tolerances, with_parameters=pi is not None)
+    plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), with_parameters=pi is not None)
     further = plan.rhs.size - 2 * scene.n if isinstance(plan, SideBySide) else 0
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
     starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
@@ -270,7 +269,7 @@ def _plan(
     step: float | None,
     times: Array,
     end: float,
-    tolerances: tuple[float, float],
+    tolerated: tuple[float, float],
     *,
     with_parameters: bool,
 ) -> Plan:
@@ -278,7 +277,7 @@ def _plan(
     friction = scene.resolved.friction
     has_events = scene.sample_time is not None or scene.stops or (friction is not None and friction.sticks)
     is_called = scene.current_right_hand_side().torque_given
-    rtol, atol = tolerances
+    rtol, atol = tolerated
     if step is None:
         if method not in ("auto", *METHODS):
             needs = "; equal steps need `step`" if method in FIXED else ""
