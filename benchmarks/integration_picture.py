@@ -27,7 +27,11 @@ LABELS = {
     "sampled": "error of the joint positions at the samples [rad]",
     "ensemble": "median error of the joint positions at the end [rad]",
 }
-HEADS = {"closed-loop": "stiff closed loop", "sampled": "PD sampled at 1 kHz", "ensemble": "{} free swings"}
+HEADS = {
+    "closed-loop": "stiff closed loop for {1:g} s",
+    "sampled": "PD sampled at 1 kHz for {1:g} s",
+    "ensemble": "{0} free swings of {1:g} s",
+}
 
 
 def picture(results: dict[str, Any]) -> Any:
@@ -35,7 +39,7 @@ def picture(results: dict[str, Any]) -> Any:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     panels = [
-        (f"{robot}, {_head(name, panel)} of {panel['duration']:g} s", _label(name), result)
+        (f"{robot}, {_head(name, panel)}", _label(name), result)
         for name, panel in results.items()
         for robot, result in panel["robots"].items()
     ]
@@ -57,7 +61,7 @@ def picture(results: dict[str, Any]) -> Any:
 
 
 def _head(name: str, panel: dict[str, Any]) -> str:
-    return HEADS.get(name, "free swing").format(panel.get("starts"))
+    return HEADS.get(name, "free swing of {1:g} s").format(panel.get("starts"), panel["duration"])
 
 
 def _label(name: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.mujoco_runs import INTEGRATORS, stepper
-from benchmarks.runs import Arms, Motion, Row, in_solve_ivp, measured, simulated, start, their_side, tolerance
+from benchmarks.runs import TURN, Arms, Motion, Row, in_solve_ivp, measured, simulated, start, their_side, tolerance
 
 
 class Plan(NamedTuple):
@@ -67,7 +67,7 @@ def compare(arms: Arms, plan: Plan) -> dict[str, Any]:
         return float(np.abs(energy - energy[0]).max())
 
     def timed(method: str, setting: str, calls: dict[str, Any]) -> Row:
-        return measured(method, setting, calls, drift, plan.repeats, warm_ups=0)
+        return measured(method, setting, calls, drift, plan.repeats, warm_ups=0, turn=TURN)
 
     def ours(**o: Any) -> dict[str, Any]:
         return {name: lambda arm=arm: simulated(arm, x0, duration, t_eval=grid, **o) for name, arm in arms.items()}

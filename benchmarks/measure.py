@@ -64,11 +64,14 @@ def repeats_within(calls: Sequence[Callable[[], Any]], seconds: float, least: in
 
 
 def within(call: Callable[[], Any], seconds: float, most: int = 50) -> int:
-    """How often a call fits into a time, at least once."""
-    call()
-    start = time.perf_counter()
-    call()
-    return min(max(int(seconds / (time.perf_counter() - start)), 1), most)
+    """How often a call fits into a time, at least once; the first call may compile."""
+    for _ in range(2):
+        start = time.perf_counter()
+        call()
+        took = time.perf_counter() - start
+        if took > 10 * seconds:
+            return 1
+    return min(max(int(seconds / took), 1), most)
 
 
 def many(call: Callable[[], Any], times: int) -> Callable[[], None]:
