@@ -36,15 +36,16 @@ qd0 = 0.3 * rng.normal(size=(2000, 6))  # [rad/s]
 
 
 def fall(executor=None):
-    return rne.ensemble(scene, q0, qd0, 0.3, step=5e-3, keep=31, executor=executor)
+    return rne.ensemble(scene, q0, qd0, 0.3, keep=31, executor=executor)
 
 
 # %%
 # One process
 # -----------
-# ``ensemble`` moves all initial states by equal Runge-Kutta steps of one batch. The
-# step is not controlled: half the step and the largest difference show whether it is
-# short enough. ``keep`` is the number of times that are stored.
+# ``ensemble`` moves all initial states together, each by steps of its own lengths, so
+# that the error of each step stays within ``rtol`` and ``atol``. A run at a hundredth of
+# the tolerance shows what these errors add up to. ``keep`` is the number of times that
+# are stored.
 #
 # Everything from here on stands under ``if __name__ == "__main__":``. Processes of a
 # pool import this file, and must not start pools of their own; the lines above are all
@@ -52,12 +53,12 @@ def fall(executor=None):
 
 if __name__ == "__main__":
     falls = fall()
-    finer = rne.ensemble(scene, q0, qd0, 0.3, step=2.5e-3)
+    finer = rne.ensemble(scene, q0, qd0, 0.3, rtol=1e-8, atol=1e-11)
     error = abs(finer.q[-1] - falls.q[-1]).max()
     print(
         f"{len(q0)} motions, {falls.evaluations} evaluations of the equations of motion"
     )
-    print(f"half the step changes the positions by at most {error:.1e} rad")
+    print(f"a finer tolerance changes the positions by at most {error:.1e} rad")
     assert error < 1e-4
 
 # %%
@@ -78,7 +79,7 @@ if __name__ == "__main__":
 # %%
 # Dask
 # ----
-# A Dask client has such an executor too. Here the cluster is two threads of this
+# A Dask client is taken as it is. Here the cluster is two threads of this
 # process, and its status pages are for this machine only; with the address of a
 # scheduler, ``Client("tcp://...")``, the same lines run on a real cluster, whose
 # machines need the same versions of rne and NumPy.
@@ -91,7 +92,7 @@ if __name__ == "__main__":
     )
     cluster = LocalCluster(n_workers=1, threads_per_worker=2, processes=False, **pages)
     with cluster, Client(cluster) as client:
-        on_dask = fall(client.get_executor())
+        on_dask = fall(client)
     print("Dask, same bits:", np.array_equal(on_dask.q, falls.q))
     assert np.array_equal(on_dask.q, falls.q)
 

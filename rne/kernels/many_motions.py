@@ -158,7 +158,9 @@ def put_stage(y: Any, total: Any, h: Any, ahead: Any, span: Any, inputs: Any, st
 def judge(y: Any, new: Any, total: Any, K: Any, E: Any, norm: Any, step: Any) -> None:
     """The error of each lane's step."""
     count, rtol, atol, _ = norm
-    for estimate in range(2):
+    for k in range(LANES):
+        step[THIRD, k] = 0.0
+    for estimate in range(E.shape[0]):
         combine(E[estimate], K, E.shape[1], total)
         for e in range(len(y)):
             error = total[e] / (atol + rtol * max(abs(y[e]), abs(new[e])))

@@ -278,8 +278,8 @@ class ControlledSteps:
     def _error(self, h: Array, new: Array) -> Array:
         count, rtol, atol, _ = self.course.norm
         scale = atol + rtol * np.maximum(np.abs(self.x[:count]), np.abs(new[:count]))
-        fifth, third = (squares(combine(e, self.K[:, :count]) / scale) for e in self.table.E)
-        both = np.sqrt((fifth + 0.01 * third) * count)
+        fifth, *third = (squares(combine(e, self.K[:, :count]) / scale) for e in self.table.E)
+        both = np.sqrt((fifth + sum(0.01 * t for t in third)) * count)
         return h * np.divide(fifth, both, out=np.zeros_like(both), where=fifth > 0)
 
     def _report(self, ahead: Array, h: Array, new: Array, taken: Array) -> None:

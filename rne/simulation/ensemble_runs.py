@@ -29,7 +29,7 @@ from .scene import Scene
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
-CHUNK = 1024  # motions side by side, so that their states stay in the cache
+CHUNK, SHARE = 8192, 250  # most motions side by side, and fewest of a share in NumPy, where few cost as much as many
 Progress = Callable[[int, int], Any]
 
 
@@ -113,6 +113,10 @@ class SideBySide:
         """Units of progress of one motion: its steps, or itself."""
         return max(len(self.steps), 1)
 
+    def most_shares(self, size: int) -> int:
+        """Into how many shares so many motions may be divided."""
+        return size if self.kernel.engine == "numba" else max(2, size // SHARE)
+
     def run(self, chunk: Chunk, tick: Tick) -> Part:
         """The motions of a chunk."""
         x, kernel, evaluations, verdict = chunk.x, self.kernel, 0, OK
@@ -165,6 +169,10 @@ class OneByOne:
     times: Array
     options: dict[str, Any]
     work = 1
+
+    def most_shares(self, size: int) -> int:
+        """Each motion may be one."""
+        return size
 
     def run(self, chunk: Chunk, tick: Tick) -> Part:
         """The motions of a chunk."""
@@ -221,7 +229,7 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
     size = len(starts.x)
     edges = [*range(0, max(size, 1), CHUNK), size]
     if executor is not None and size:
-        parts = max(len(edges) - 1, min(size, 8))
+        parts = max(len(edges) - 1, min(size, 8, plan.most_shares(size)))
         edges = [size * k // parts for k in range(parts + 1)]
     chunks = [starts.part(begin, end) for begin, end in itertools.pairwise(edges)]
     total, done = size * plan.work, 0
