@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import rne
 from benchmarks.runs import TURN, Arms, Motion, Row, in_solve_ivp, measured, simulated, start, their_side, tolerance
-from rne.simulation.error_growth import extrapolated
 
 DURATION = 1.0  # [s]
 TOLERANCES: dict[str, tuple[float, ...]] = {
@@ -18,6 +18,48 @@ TOLERANCES: dict[str, tuple[float, ...]] = {
     "Radau": (1e-4, 1e-6, 1e-8),
 }
 LEVELS = 9  # of the extrapolation, whose order is 18
+
+
+def extrapolated(
+    rates: Callable[[np.ndarray, np.ndarray], np.ndarray], t: np.ndarray, x: np.ndarray, h: np.ndarray, levels: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The states one step later, and how much the last level of extrapolation changed them.
+
+    The modified midpoint rule with 2, 4, 6, ... substeps, extrapolated to step size 0.
+    Gragg, Bulirsch and Stoer; Hairer, Norsett, Wanner 1993, Solving Ordinary Differential Equations I, II.9.
+
+    Parameters
+    ----------
+    rates : callable
+        f(t, x), shapes (...) and (..., size).
+    t, h : ndarray, shape (...)
+        Start and length of each step [s].
+    x : ndarray, shape (..., size)
+        The states at the start.
+    levels : int
+        The order is twice this.
+    """
+    ends = []
+    start = rates(t, x)
+    for level in range(1, levels + 1):
+        part = h / (2 * level)
+        before, now = x, x + part[..., None] * start
+        for k in range(1, 2 * level):
+            before, now = now, before + 2 * part[..., None] * rates(t + k * part, now)
+        ends.append((before + now + part[..., None] * rates(t + h, now)) / 2)
+    coarser = without_steps(ends[:-1])
+    finest = without_steps(ends)
+    return finest, np.abs(finest - coarser)
+
+
+def without_steps(ends: list[np.ndarray]) -> np.ndarray:
+    """The limit of results with steps h/2, h/4, h/6, ...: Neville's scheme in their squares."""
+    ends = list(ends)
+    for k in range(1, len(ends)):
+        for level in range(len(ends) - 1, k - 1, -1):
+            squared = (np.ones((), dtype=ends[0].dtype) * (level + 1) / (level + 1 - k)) ** 2
+            ends[level] = ends[level] + (ends[level] - ends[level - 1]) / (squared - 1)
+    return ends[-1]
 
 
 def reference(robot: rne.Robot, x0: np.ndarray, steps: int) -> tuple[np.ndarray, float]:

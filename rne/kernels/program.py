@@ -44,7 +44,7 @@ class Program:
     outputs: tuple[Operand, ...]
     inputs: int  # number of scalar inputs
 
-    @property
+    @cached_property
     def operations(self) -> dict[str, int]:
         """Number of operations by kind; a sine counts as one, however it is evaluated."""
         return dict(sorted(Counter(instruction.kind for instruction in self.instructions).items()))

@@ -19,11 +19,11 @@ PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer 
 OUTSIDE = 1e-12  # of the last time: by rounding, a solver's last step ends so far beyond it
 
 
-def between(t: Array) -> Array:
-    """The times of samples and further ones between them, each step in up to 16 parts."""
+def between(t: Array, most: int = PARTS) -> Array:
+    """The times of samples and further ones between them, each step in up to 16 parts, or `most`."""
     if len(t) < 2:
         return t
-    parts = int(np.clip(MOST // len(t), 1, PARTS))
+    parts = int(np.clip(MOST // len(t), 1, most))
     inside = t[:-1, None] + np.diff(t)[:, None] * (np.arange(parts) / parts)
     return np.append(inside.reshape(-1), t[-1])
 

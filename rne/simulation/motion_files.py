@@ -27,7 +27,7 @@ DAMAGED = (
     *(ValueError, KeyError, EOFError, AttributeError, TypeError, NotImplementedError),
     *(zipfile.BadZipFile, zlib.error),
 )
-FORGOTTEN = ("error_estimates",)  # functions
+FORGOTTEN = ("error_estimate",)  # functions
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
 SHAPES: dict[str, tuple[str, ...]] = {

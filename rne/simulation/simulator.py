@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -16,34 +17,22 @@ from ..errors import SimulationError
 from ..model.model import joint_array
 from ..robot import Robot
 from .equations_of_motion import RightHandSide
-from .error_growth import error_growth
 from .events import check_within_stops, stops
 from .law import check_law
 from .loop import Loop
 from .plant import Plant
-from .repetition import repeated_error
 from .rosenbrock import METHOD as RODAS
 from .rosenbrock import is_available
-from .run import Run, Task, build_trajectory
+from .run import Run, Task, build_trajectory, repeated_error
 from .sampled import ZeroOrderHold
 from .scene import Scene, scene_of_robot
 from .solver import EXPLICIT, IMPLICIT
 from .symplectic import METHOD as GAUSS
-from .trajectory import ErrorEstimate, Trajectory
+from .trajectory import Trajectory
 from .watch import STIFF, fastest_decay, sample_bound, stiff_bound, stiff_method
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
-SWITCHING = {
-    "less",
-    "less_equal",
-    "where",
-    "sign",
-    "minimum",
-    "maximum",
-    "abs",
-    "arctan2",
-}  # operations that are not smooth
 METHODS = (*EXPLICIT, *IMPLICIT, RODAS)
 LEAST = (2.3e-14, 1e-20)  # tolerances: 100 roundings in float64, as SciPy's solvers demand, and far below any state
 
@@ -204,24 +193,13 @@ def _run(
     plant: Plant, task: Task, hold: ZeroOrderHold | None, reason: str, scene: Scene, repeat: Callable[[Task], Run]
 ) -> Trajectory:
     run = Loop(plant, task, hold).run()
-    estimates: list[ErrorEstimate] = []
-    if hold is None and run.qdd is None:
-        estimates.append(lambda bound: error_growth(repeat, plant, task, run, bound))
-    if not _is_smooth(plant, hold, run):
-        estimates.append(lambda bound: repeated_error(repeat, plant.robot.n, task, run))
-    motion, failure = build_trajectory(plant, task, run, reason, scene, error_estimates=tuple(estimates))
+    error = partial(repeated_error, repeat, plant.robot.n, task, run)
+    motion, failure = build_trajectory(plant, task, run, reason, scene, error_estimate=error)
     if failure is None:
         return motion
     raise SimulationError(
         f"simulation stopped at t = {failure.time:.6g} s of {task.duration:g} s: {failure.cause}", failure.time, motion
     )
-
-
-def _is_smooth(plant: Plant, hold: ZeroOrderHold | None, run: Run) -> bool:
-    """True if nothing switches: no samples, no sticking, no law that is called, no comparison in a traced one."""
-    if hold is not None or run.qdd is not None or plant.rhs.torque_given:
-        return False
-    return plant.kernel.is_unrolled and not plant.kernel.operations.keys() & SWITCHING
 
 
 def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:

@@ -19,7 +19,7 @@ from .limits import Violation, limit_violations
 from .motion_files import MotionFiles
 from .summary import trajectory_summary
 
-ErrorEstimate = Callable[[float], tuple[Array, Array]]
+SUDDEN = 10.0  # times between two instants: within them an error may grow at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,8 @@ class Trajectory(MotionFiles, InNotebooks):
     at_steps : bool
         True if the samples are the solver's steps, or a controller's. Between times that `t_eval` asked for the motion
         is known only as far as their distance allows.
-    error_estimates : tuple of callable
-        f(bound) -> times and estimated errors of the positions until they exceed the bound; see `trusted_horizon`.
+    error_estimate : callable or None
+        Times and the estimated error of the positions until then, both of shape (K,); see `trusted_horizon`.
 
     Examples
     --------
@@ -91,7 +91,7 @@ class Trajectory(MotionFiles, InNotebooks):
     dissipated: Mapping[str, Array] = field(default_factory=dict)
     controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
     energy_start: float = field(default_factory=float)  # no attribute of the class, as it may be computed later
-    error_estimates: tuple[ErrorEstimate, ...] = field(default=(), repr=False)
+    error_estimate: Callable[[], tuple[Array, Array]] | None = field(default=None, repr=False)
     model: Model | None = field(default=None, repr=False)
     jumps: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     qdd_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
@@ -105,7 +105,7 @@ class Trajectory(MotionFiles, InNotebooks):
     def later(cls, known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
         """A motion whose other attributes are computed when one of them is asked for."""
         motion = object.__new__(cls)
-        motion.__dict__.update({"error_estimates": ()} | dict(known), _derive=derive)
+        motion.__dict__.update(dict(known), _derive=derive)
         return motion
 
     def __getattr__(self, name: str) -> Any:
@@ -118,7 +118,7 @@ class Trajectory(MotionFiles, InNotebooks):
 
     def __getstate__(self) -> dict[str, Any]:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return values | {"error_estimates": ()}  # they may hold laws that do not pickle
+        return values | {"error_estimate": None}  # they may hold laws that do not pickle
 
     def __copy__(self) -> Trajectory:
         return replace(self)
@@ -208,10 +208,9 @@ class Trajectory(MotionFiles, InNotebooks):
     def trusted_horizon(self, accuracy: float = 1e-3) -> float:
         """The time up to which the solver's tolerances, or its step, keep every joint within `accuracy` [s].
 
-        Each step's error is followed by the variational equation of the motion, in which chaos and unstable
-        equilibria make it grow; beyond this time the trajectory is no longer that of the given initial state. Where
-        something may switch (a law that is called or compares, sampled control, friction that sticks), the run is
-        repeated with a hundredth of the tolerances as well, and the shorter of the two horizons holds.
+        The run is repeated with a hundredth of the tolerances, or half the steps of "gauss-4", from a state that is one
+        rounding beside. Chaos, unstable equilibria and instants of switching make errors
+        grow; beyond this time the trajectory is no longer that of the given initial state.
 
         Parameters
         ----------
@@ -230,9 +229,8 @@ class Trajectory(MotionFiles, InNotebooks):
 
         Notes
         -----
-        See ``rne/simulation/error_growth.py`` and ``repetition.py``. A pulse that the solver stepped over, because
-        `breaks` does not name it, may not be seen here either. A law with memory must begin anew when it is called
-        with t = 0.
+        A pulse that the solver stepped over, because `breaks` does not name it, may not be seen here either. A law with
+        memory must begin anew when it is called with t = 0.
 
         Examples
         --------
@@ -241,11 +239,11 @@ class Trajectory(MotionFiles, InNotebooks):
         0.1
         """
         bound = positive_number("accuracy", accuracy)
-        if not self.error_estimates:
+        if self.error_estimate is None:
             raise ValueError(
                 "this trajectory was pickled or loaded from a file, and has forgotten its scene: repeat the simulation"
             )
-        return min(_horizon(bound, *estimate(bound)) for estimate in self.error_estimates)
+        return _horizon(bound, *self.error_estimate())
 
     def check_limits(self) -> list[Violation]:
         """Where the motion exceeds the ranges, speeds and efforts of its robot.
@@ -285,14 +283,14 @@ class Trajectory(MotionFiles, InNotebooks):
 
 
 def _horizon(bound: float, t: Array, error: Array) -> float:
-    """When an error first exceeds a bound; between two times it is an exponential."""
+    """When an error first exceeds a bound; between two times it is an exponential, unless it grows by much."""
     beyond = np.flatnonzero(~(error <= bound))
     if not len(beyond):
         return float(t[-1])
     k = int(beyond[0])
     if k == 0:
         return float(t[0])
-    if not (np.isfinite(error[k]) and error[k - 1] > 0):
+    if not (np.isfinite(error[k]) and error[k] < SUDDEN * error[k - 1]):
         return float(t[k - 1])
     part = np.log(bound / error[k - 1]) / np.log(error[k] / error[k - 1])
     return float(t[k - 1] + part * (t[k] - t[k - 1]))

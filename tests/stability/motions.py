@@ -98,7 +98,7 @@ def chaos(robot, tolerances, duration=8.0, points=801, accuracy=1e-3):
         run = rne.simulate(
             robot, Q0[: robot.n], np.zeros(robot.n), duration, method="DOP853", rtol=rtol, atol=1e-3 * rtol, t_eval=t
         )
-        times, estimated = run.error_estimates[0](1.0)
+        times, estimated = run.error_estimate()
         found[rtol] = Growing(
             t, np.abs(run.q - exact).max(axis=1), times, estimated, run.trusted_horizon(accuracy)
         )  # fmt: skip

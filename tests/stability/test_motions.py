@@ -83,7 +83,7 @@ def test_gauss_refuses_steps_over_fast_nutation():
         motions.released_top(1e4, method="gauss-4", duration=0.02)
 
 
-def test_chaos_errors_are_those_of_the_variational_equation(chain):
+def test_estimated_errors_of_a_chaotic_motion_are_those_measured(chain):
     """Until they saturate, measured and estimated errors agree; each passes the accuracy at the horizon."""
     for one in motions.chaos(chain, (1e-5, 1e-7), duration=4.0, points=401).values():
         inside = (one.t > 0.5) & (one.t < min(one.estimated_t[-1], 3.5)) & (one.measured < 1e-2)
