@@ -78,7 +78,7 @@ def released_top(spin, rtol=1e-9, duration=1.0, tilt=0.6, **options):
 
 
 class Growing(NamedTuple):
-    """Errors over time: as measured and as the variational equation says."""
+    """Errors over time: as measured and as estimated."""
 
     t: np.ndarray
     measured: np.ndarray
