@@ -26,7 +26,7 @@ from rne.kernels.graph import Graph
 from rne.kernels.program import NeedsRecursion, Trace, lower
 from rne.kernels.scalar import inputs, references
 
-from .helpers import EPS, gimbal, kept, loaded, relative, states
+from .helpers import EPS, ROOT, gimbal, kept, loaded, relative, states
 
 CALLS = {  # quantities, and the number of joint arrays that they take
     "inverse_dynamics": 3,
@@ -161,6 +161,16 @@ class TestSines:
         single = llvm_backend.state_function(Trace(program, (1,), (2,)))
         assert self.units(np.array([single(np.array([a])) for a in self.ANGLES]), exact) <= 1
 
+    def test_neighbours_beyond_the_polynomials_change_no_bit(self, program):
+        angles = np.random.default_rng(1).uniform(-1e3, 1e3, (4096, 1))
+        alone, beside = np.empty((2, 4096, 2))
+        batches = llvm_backend.BatchProgram(Trace(program, (1,), (2,)))
+        batches.run([angles], alone, None)
+        angles[::8] *= 1e6
+        batches.run([angles], beside, None)
+        same = np.arange(4096) % 8 != 0
+        assert np.array_equal(beside[same], alone[same])
+
     def test_float32_is_rounded_once(self, program):
         angles = self.ANGLES[np.abs(self.ANGLES) < 1e30].astype(np.float32)
         got = np.empty((len(angles), 2), np.float32)
@@ -280,6 +290,7 @@ MISTAKES = {
     "NaN in one state": with_entry([a[0] for a in S], 1, 4, np.nan),
     "overflow in a batch": with_entry(S, 1, (7, 0), 1e200),
     "overflow of one state": with_entry([a[0] for a in S], 1, 0, 1e200),
+    "wrong width of one state": [S[0][0, :5], S[1][0], S[2][0]],
     "wrong width": [S[0][:, :5], *S[1:]],
     "transposed": [S[0].T, *S[1:]],
     "leading shapes": [S[0][:3], *S[1:]],
@@ -287,6 +298,29 @@ MISTAKES = {
     "ragged": [[[1.0], [1.0, 2.0]], *S[1:]],
     "too few": [S[0]],
 }
+
+
+GUARDED = """
+import ctypes, mmap
+import numpy as np
+import rne
+from benchmarks.random_robots import straight_chain
+page = mmap.PAGESIZE
+memory = mmap.mmap(-1, 2 * page)
+behind = ctypes.addressof(ctypes.c_char.from_buffer(memory)) + page
+assert ctypes.CDLL(None).mprotect(ctypes.c_void_p(behind), page, 0) == 0
+for n in (1, 2, 3):
+    kernel = rne.compile(rne.dynamics.bias_torque, straight_chain(n), engine="numba")
+    for count in (1, 5, 8, 9):
+        q = np.frombuffer(memory, np.float64, n * count, page - 8 * n * count).reshape(count, n)
+        assert np.isfinite(kernel(np.zeros((count, n)), q)).all()
+    kernel(np.zeros(n), q[-1])
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a page of memory is made unreadable")
+def test_nothing_is_read_behind_an_array():
+    subprocess.run([sys.executable, "-c", GUARDED], check=True, cwd=ROOT)
 
 
 class TestErrors:
@@ -471,7 +505,8 @@ class TestMemory:
     def test_machine_code_goes_with_its_kernel(self):
         """At once: nothing that keeps it refers to itself."""
         kernel = self.kernel(0.5)
-        libraries = [kernel.state_function.library, *kernel.blocks.libraries.values(), *kernel._libraries.values()]
+        libraries = [kernel.state_function.library, kernel._libraries[8]]
+        libraries += [x for x in kernel.blocks.compiled(np.dtype("float64")).__self__ if type(x) is object_code.Library]
         kept = [weakref.ref(library) for library in libraries]
         assert len(set(libraries)) == 3
         gc.disable()

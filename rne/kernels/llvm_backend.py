@@ -161,6 +161,7 @@ def emit_rows(module: Any, trace: Trace, dtype: str) -> Any:
     lanes = REGISTER_BITS // 8 // np.dtype(dtype).itemsize
     kind = ir.FunctionType(INTEGER, [BYTES, INTEGER] * (len(trace.widths) + 1) + [INTEGER, INTEGER])
     function = ir.Function(module, kind, "rows")
+    function.linkage = "internal"
     *given, begin, end = function.args
     start, group, after, stop = (function.append_basic_block(name) for name in ("start", "group", "after", "stop"))
     builder = ir.IRBuilder(start)
@@ -224,13 +225,13 @@ def lanes_library(trace: Trace, lanes: int) -> Library:
 
 
 def rows_library(trace: Trace, dtype: str) -> Library:
-    """The program on batches: "rows", and "call" from Python."""
+    """The program on batches: "call" from Python."""
 
     def emit(module: Any, trace: Trace) -> None:
         function = emit_rows(module, trace, dtype)
         emit_rows_call(module, function, trace.widths, trace.entries, np.dtype(dtype).itemsize)
 
-    return _library(trace, "rows", dtype, ("rows", "call"), emit)
+    return _library(trace, "rows", dtype, ("call",), emit)
 
 
 def _library(
@@ -333,31 +334,14 @@ class BatchProgram:
     def __init__(self, trace: Trace) -> None:
         self.trace = trace
         self.seconds = 0.0  # that compilations took
-        self.libraries: dict[np.dtype[Any], Library] = {}
         self._functions: dict[np.dtype[Any], Any] = {}
-        self._loops: dict[Any, Any] = {}
-
-    def function(self, dtype: np.dtype[Any]) -> Any:
-        """The same for loops compiled by Numba: f(*arguments, out, begin, end)."""
-        from .numba_bridge import rows_function
-
-        if dtype not in self._loops:
-            self.compiled(dtype)
-            self._loops[dtype] = rows_function(self.libraries[dtype].address["rows"], len(self.trace.widths), dtype)
-        return self._loops[dtype]
-
-    def loop(self, key: Any, make: Callable[[], Any]) -> Any:
-        """A compiled loop that calls `function`, made once for each key."""
-        if key not in self._loops:
-            self._loops[key] = make()
-        return self._loops[key]
 
     def compiled(self, dtype: np.dtype[Any]) -> Any:
         """f(*arguments, out, begin) -> number of the first state to be examined, or of states; None of others."""
         if dtype not in self._functions:
             with LOCK:
                 if dtype not in self._functions:
-                    found = self.libraries[dtype] = rows_library(self.trace, dtype.name)
+                    found = rows_library(self.trace, dtype.name)
                     self.seconds += found.seconds
                     self._functions[dtype] = python_function(found, dtype)
         return self._functions[dtype]
