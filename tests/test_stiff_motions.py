@@ -327,6 +327,19 @@ def test_the_message_names_the_methods_that_ran_in_their_order(monkeypatch, case
 
 
 @pytest.mark.long
+def test_a_sampled_motion_changes_back_where_its_joints_move(two, monkeypatch):
+    """Smoothed Coulomb friction is stiff at rest only; the samples go on in machine code, and one by one again."""
+    friction = rne.Friction(coulomb=0.1, smoothing=1e-4)
+    scene = rne.Scene(rne.Robot(two.model, "numba"), controller=swaying, sample_time=0.01, friction=friction)
+    times, ran = np.linspace(0, 3, 7), methods_that_ran(monkeypatch)
+    motion = rne.simulate(scene, [0.5, 0.2], [0, 0], 3.0, t_eval=times)
+    assert ran == ["Rodas5P", "RK45", "Rodas5P"]
+    assert motion.message.endswith("on, which is faster; the controller was sampled 300 times, every 0.01 s")
+    exact = rne.simulate(scene, [0.5, 0.2], [0, 0], 3.0, t_eval=times, method="Rodas5P", rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(motion.q, exact.q, atol=1e-4)
+
+
+@pytest.mark.long
 def test_the_thesis_loop_at_both_tolerances():
     """Errors below those of LSODA."""
     robots = [rne.load("irb140", engine=engine) for engine in ("numpy", "numba")]

@@ -29,10 +29,7 @@ HELD_BACK = 1.5  # steps of this many time constants of the fastest mode: stabil
 REACHED = {"DOP853": 4.0, "RK45": 2.5}  # time constants of the fastest mode in a step that stability limits, at least
 WORTH = 2.0  # times as much time per work, which makes a change from Rodas5P worth trying
 CHECKED = 100  # steps between two looks, and after a change of the method
-IN_MACHINE_CODE, UNDAMPED = (
-    2,
-    10,
-)  # times as many of a compiled loop, whose steps cost less than a look, and of free motion
+IN_MACHINE_CODE, UNDAMPED = 2, 10  # times as many of a compiled loop, whose steps cost little, and of free motion
 SLOPES = 3  # times the time of an operation of the right-hand side takes one of the slopes, which registers do not hold
 PATIENCE = 4  # times as many looks until the next change, after one that did not pay
 SLOW = 2000  # looks' worth of steps that the whole run would take at a pace that is suspicious
@@ -104,7 +101,7 @@ class Watch:
             self.next_suspicion = 2 * self.count
             self._check_chatter()
         h = pace / CHECKED
-        if self.hold is not None and 2 * h > self.hold.period:
+        if self.hold is not None and 2 * h > self.hold.period and self.method in EXPLICIT:
             return  # the samples cut the steps
         if not self.task.is_auto or self._returns(t, x, h) or self.count < self.next_change:
             return
