@@ -16,6 +16,7 @@ from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
 from rne.simulation import compiled, rosenbrock
 from rne.simulation.plant import Plant
+from rne.simulation.sampled import ZeroOrderHold
 from rne.simulation.simulator import choose_method
 
 from .helpers import kept
@@ -159,6 +160,33 @@ def test_joints_that_stick_and_slip(free, static, monkeypatch):
     np.testing.assert_allclose(got.q, expected.q, atol=1e-7)
     np.testing.assert_allclose(got.qd, expected.qd, atol=1e-6)
     assert got.energy_drift <= 1e-6
+
+
+@pytest.mark.parametrize("method", kept(["RK45", "DOP853"], ["RK45"]))
+def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
+    """Steps under the torques of many samples, thrown away behind the first at which or after which a mode changes."""
+    called, sample = [], ZeroOrderHold.sample
+    monkeypatch.setattr(ZeroOrderHold, "sample", lambda hold, t, x: called.append(t) or sample(hold, t, x))
+    motions = []
+    for robot in free:
+        if robot.model.name == "interpreted":
+            monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: scene._law_alone))
+        law = rne.control.pid(robot, [30.0, 10.0], [30.0, 10.0], [4.0, 1.0], [0.4, -0.1], windup=2.0)
+        friction = rne.Friction(viscous=0.2, coulomb=[1.0, 0.2], static=[1.5, 0.25], smoothing=0)
+        limits = {"effort_limit": [9.0, 3.0], "torque_rate": [200.0, 100.0]}
+        scene = rne.Scene(robot, controller=law, sample_time=0.01, friction=friction, gravity=[0, 0, -3.0], **limits)
+        ways = [{}, {"t_eval": np.linspace(0, 0.4, 31)}]
+        motions.append([rne.simulate(scene, [0.3, 0.2], [0, 0], 0.4, method=method, **way) for way in ways])
+        called.append(np.inf)
+    own, by_loop = np.split(np.array(called)[:-1], [called.index(np.inf)])
+    assert len(own) == 80
+    assert len(by_loop) - 1 < 40
+    for expected, got in zip(*motions, strict=True):
+        assert got.message == expected.message
+        assert len(got.jumps) == len(expected.jumps)
+        for name in ("t", "q", "qd", "qdd", "tau", "work", "controller_state", "jumps", "qdd_before", "tau_before"):
+            one, other = (np.asarray(getattr(motion, name)) for motion in (got, expected))
+            np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7 * np.abs(other).max(initial=0.0), err_msg=name)
 
 
 def test_many_short_steps_in_machine_code_are_worth_few_of_lsoda_where_joints_stick(free):

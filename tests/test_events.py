@@ -75,7 +75,7 @@ def test_the_first_event_of_many_steps_is_that_of_each_alone(seed):
     rng = np.random.default_rng(seed)
     phases, levels = rng.uniform(0, 6, 3), np.array([0.7, 0.97, 0.99995])
     steps = TimeItself(np.concatenate([[0], np.cumsum(rng.uniform(0.1, 0.5, 12))]))
-    events = [lambda t, X, p=p, h=h: np.sin(X[:, 0] + p) - h for p, h in zip(phases, levels, strict=True)]
+    events = [lambda t, X, u, p=p, h=h: np.sin(X[:, 0] + p) - h for p, h in zip(phases, levels, strict=True)]
     passages = (np.arcsin(levels) - phases) % (2 * np.pi)
     found = first_crossing(events, steps)
     alone = [(k, hit) for k in range(12) if (hit := first_crossing(events, steps, k, k + 1))]
@@ -90,7 +90,7 @@ def test_the_first_event_of_many_steps_is_that_of_each_alone(seed):
 
 
 def test_an_error_of_an_event_counts_before_a_crossing_only():
-    def event(t, X):
+    def event(t, X, u):
         if (t > last).any():
             raise rne.NotFiniteError("beyond", 1.0)
         return X[:, 0] - 0.35

@@ -229,13 +229,15 @@ def take_samples(
     and z at each sample.
     """
     number, bounds, z, begun, U, Z = samples
-    u, n, step, end = arguments[2], len(arguments[2]), 0, limits[0]
+    u, n, step, end = arguments[2], len(bounds[0]), 0, limits[0]
     number[1] = 0
     while step < len(T) - 1 and T[step] < end:
         if T[step] >= number[0] * period:
             for j in range(len(z[0])):
                 z[0, j] = z[1, j]
                 law_arguments[1][2 * n + j] = z[0, j]
+            for i in range(len(u) // 3):  # behind torques, modes: 0 for a joint that sticks
+                X[step, n + i] *= u[n + i]
             law_arguments[0][0] = T[step]
             for i in range(2 * n):
                 law_arguments[1][i] = X[step, i]

@@ -165,7 +165,9 @@ class CompiledSolver:
             self.system.evaluations += len(C) * len(block.K)
             return
         for k, (t, h, x, K) in enumerate(zip(block.T, np.diff(block.T), block.X, block.K, strict=False)):
-            u = block.u if block.U is None else block.U[k]
+            u = block.u
+            if u is not None and block.U is not None:
+                u = np.concatenate([block.U[k], u[block.U.shape[1] :]])
             for s, (a, c) in enumerate(zip(A, C, strict=True), start=len(K) - len(C)):
                 self.system.evaluations += 1
                 K[s] = self.system.rates(np.clip(t + c * h, *block.span), x + h * (a[:s] @ K[:s]), u)
@@ -190,7 +192,7 @@ class SampledSolver(CompiledSolver):
 
     def steps(self, most: int) -> Steps:
         """The next steps, at most so many."""
-        hold, n, m = self.hold, len(self.system.held), len(self.hold.state)
+        hold, n, m = self.hold, self.bounds.shape[1], len(self.hold.state)
         work, u = self._arrays(most), np.array(self.system.held)
         arguments, law_arguments = _arguments(len(self.x), u), _arguments(2 * n + m, None)
         number, z = np.array([hold.count, 0]), np.stack([hold.state, hold.next_state])

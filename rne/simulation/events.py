@@ -24,14 +24,18 @@ CLOSE = 1e-14  # [s] of the time of an event, beside rounding
 EPS = float(np.finfo(np.float64).eps)
 PLACES = np.array([0, NEXT, *range(1, NODES), NODES - NEXT, NODES]) / NODES  # of the points in a step
 
-Event = Callable[[Array, Array], Array]  # times (m,), states (m, size) -> values (m,)
+# times (m,), states (m, size), torques that are held where samples were taken, or None -> values (m,)
+Event = Callable[[Array, Array, Array | None], Array]
 
 
 class Crossing(NamedTuple):
-    """The first event of some steps: its step, its place in the list of events, its time, and the state there."""
+    """The first event of some steps: its step, its place in the list of events, its time, and the state there.
+
+    Without an event some value is positive after a sample at the end of the step.
+    """
 
     step: int
-    event: int
+    event: int | None
     t: float
     x: Array
 
@@ -46,7 +50,8 @@ def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: 
     times[:, -1:] = ends  # exactly
     try:
         states = steps.states(times.ravel(), np.repeat(numbers, len(PLACES)))
-        values = np.stack([event(times.ravel(), states) for event in events], axis=-1)
+        u = None if steps.U is None else np.repeat(steps.U[numbers], len(PLACES), axis=0)
+        values = np.stack([event(times.ravel(), states, u) for event in events], axis=-1)
     except (RneError, ValueError):  # perhaps in a step that an event before it makes void
         if len(numbers) == 1:
             raise
@@ -54,15 +59,18 @@ def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: 
         return first_crossing(events, steps, first, half) or first_crossing(events, steps, half, last)
     values = values.reshape(*times.shape, len(events))
     for row, suspects in enumerate(_may_happen(values)):
-        found, interpolant = [], steps.inside(first + row)
+        k = first + row
+        if row and steps.U is not None and (values[row, 0] > 0).any():
+            return Crossing(k - 1, None, float(steps.T[k]), steps.X[k])
+        found, interpolant = [], steps.inside(k)
         for j in np.flatnonzero(suspects).tolist():
-            value = _along(events[j], interpolant)
+            value = _along(events[j], interpolant, None if steps.U is None else steps.U[k : k + 1])
             bracket = _bracket(value, times[row].tolist(), values[row, :, j].tolist())
             if bracket is not None:
                 found.append((_root(value, *bracket), j))
         if found:
             t, j = min(found)
-            return Crossing(first + row, j, t, np.array(interpolant(t)))
+            return Crossing(k, j, t, np.array(interpolant(t)))
     return None
 
 
@@ -76,9 +84,9 @@ def _may_happen(values: Array) -> Array:
     return may_happen
 
 
-def _along(event: Event, interpolant: Interpolant) -> Callable[[float], float]:
+def _along(event: Event, interpolant: Interpolant, u: Array | None) -> Callable[[float], float]:
     """The value of an event at one time of a step."""
-    return lambda t: float(event(np.array([t]), interpolant(t)[None])[0])
+    return lambda t: float(event(np.array([t]), interpolant(t)[None], u)[0])
 
 
 def _bracket(
@@ -130,7 +138,7 @@ class Stop:
         """The joint's position in states of shape (..., size) [rad or m]."""
         return self.multiplier * X[..., self.coordinate] + self.offset
 
-    def __call__(self, t: Array, X: Array) -> Array:
+    def __call__(self, t: Array, X: Array, u: Array | None = None) -> Array:
         return self.sign * (self.position(X) - self.bound) - self.slack
 
     def message(self, t: float) -> str:

@@ -50,10 +50,11 @@ class Loop:
         self.system, self.solver = _system_and_solver(plant, task, hold)
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
+        self.most = FEWEST  # steps taken at once
         self.watch = Watch(plant, task, hold)
         self.ledger = Ledger(plant.powers, plant.integrated) if plant.integrated else None
         self.record = Record(task.t_eval, len(task.x0))
-        self.ends = Record(None, len(task.x0))  # of segments, just before what may jump there
+        self.ends = Record(None, len(task.x0), same=0.0)  # of segments, just before what may jump there
         self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
 
     def run(self) -> Run:
@@ -93,20 +94,26 @@ class Loop:
         else:
             self.solver.start(self.system, self.t, self.x, end, self.system.longest_step(self.task.duration))
         events: list[Event] = [*self.system.events, *self.task.stops]
-        solver, most = self.solver, FEWEST if events else LONGEST
+        solver, samples = self.solver, isinstance(self.solver, SampledSolver)
+        if not resumes:
+            self.most = FEWEST if events else LONGEST
         while solver.is_running:
-            at_once = LONGEST if isinstance(solver, SampledSolver) else self.watch.steps_to_look
-            steps = solver.steps(min(most, at_once))
-            most = 2 * most
+            at_once = LONGEST if samples else self.watch.steps_to_look
+            steps = solver.steps(min(self.most, at_once))
+            self.most = 2 * self.most
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
             self.t, self.x = (float(steps.T[-1]), steps.X[-1]) if crossing is None else (crossing.t, crossing.x)
             self.record.take(steps, count, self.t, self.x, self.system)
             if self.ledger is not None:
                 self.ledger.add(steps, count, self.t, self.system.at_rest)
-            if crossing is not None:
+            if samples and self.system is not self.plant:
+                self._leave_samples(steps, count)
+            if crossing is not None and self.hold is not None:
+                self.hold.rewind(self.t)
+            if crossing is not None and crossing.event is not None:
                 return self._happen(events[crossing.event])
-            if self._looks_further(steps) and self.t < end:
+            if crossing is not None or (self._looks_further(steps) and self.t < end) or self._is_due(samples):
                 break
         self.x = self.system.reported(self.x)
         return None
@@ -118,10 +125,20 @@ class Loop:
         if self.task.t_eval is None and not is_known and self.t < self.task.duration and self.ends.last < before:
             self.ends.add(np.array([before]), self.x[None], self.system)
 
+    def _leave_samples(self, steps: Steps, count: int) -> None:
+        """The same before the samples within so many steps."""
+        rows = np.flatnonzero(steps.jumps[1:count]) + 1
+        if self.task.t_eval is None and len(rows):
+            self.ends.add(np.nextafter(steps.T[rows], 0.0), steps.X[rows], self.system)
+
+    def _is_due(self, samples: bool) -> bool:
+        """True if a segment ends because a sample is due, at which joints may break away."""
+        return samples and self.system is not self.plant and self.hold is not None and self.t >= self.hold.next
+
     @property
     def _own_hold(self) -> ZeroOrderHold | None:
-        """The controller that is sampled here, not by the solver."""
-        return None if isinstance(self.solver, SampledSolver) else self.hold
+        """The controller that is sampled here, at the beginning of a segment, not by the solver alone."""
+        return None if isinstance(self.solver, SampledSolver) and self.system is self.plant else self.hold
 
     def _begin_segment(self) -> tuple[float, bool]:
         """Sample the controller if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
@@ -139,8 +156,8 @@ class Loop:
 
     def _next_switch(self) -> float:
         """The next sample, the next break or the end."""
-        duration, hold = self.task.duration, self._own_hold
-        if hold is not None:
+        duration, hold = self.task.duration, self.hold
+        if hold is not None and not isinstance(self.solver, SampledSolver):
             return hold.next if hold.next < duration * (1 - 1e-12) else duration
         return next((b for b in self.breaks if b > self.t), duration)
 
@@ -211,8 +228,10 @@ def _solver(system: Any, task: Task, method: str, hold: ZeroOrderHold | None = N
     if method not in COMPILED or not system.is_compiled:
         return AdaptiveSolver(method, task.rtol, task.atol)
     how = method, task.rtol, task.atol, system.kernel
-    if hold is None or hold.traced is None or isinstance(system, DryPlant):
+    if hold is None or hold.traced is None:
         return CompiledSolver(*how)
+    if isinstance(system, DryPlant):
+        system.samples = hold.samples
     return SampledSolver(*how, hold)
 
 

@@ -21,10 +21,12 @@ class Record:
         Times to report; None for the beginnings of segments and the ends of steps.
     size : int
         Length of the state.
+    same : float
+        Relative: times that far before a sample are there.
     """
 
-    def __init__(self, t_eval: Array | None, size: int) -> None:
-        self.t_eval, self.size = t_eval, size
+    def __init__(self, t_eval: Array | None, size: int, same: float = SAME) -> None:
+        self.t_eval, self.size, self.same = t_eval, size, same
         self.parts: list[tuple[Array, Array, Array | None]] = []  # times, states, accelerations where they are given
         self.asked = 0  # times of `t_eval` that were reported
 
@@ -81,4 +83,4 @@ class Record:
         if system.at_rest is not None:
             x = x.copy()
             x[:, system.at_rest] = 0.0
-        self.parts.append((t, x, system.accelerations_at(t, x)))
+        self.parts.append((t, x, system.accelerations_at(t, x, self.same)))

@@ -94,14 +94,18 @@ class ZeroOrderHold:
         """Time of the next sample."""
         return self.count * self.period
 
-    def finish(self, t: float, x: Array) -> None:
-        """The run ends at t: what was sampled behind it is void, and what follows a sample there counts."""
+    def rewind(self, t: float) -> None:
+        """What was sampled behind t is void."""
         if self.table and t < self.table[-1].t[-1]:
             samples = self.samples()
-            before = samples.t <= t
-            self.table = [Samples(*(part[before] for part in samples))]
-            self.count = int(before.sum())
-        elif t >= self.next:
+            k = self.count = int(np.searchsorted(samples.t, t, side="right"))
+            self.next_state, self.state, self.plant.held = samples.z[k], samples.z[k - 1], samples.u[k - 1]
+            self.table = [Samples(*(part[:k] for part in samples))]
+
+    def finish(self, t: float, x: Array) -> None:
+        """The run ends at t: what was sampled behind it is void, and what follows a sample there counts."""
+        self.rewind(t)
+        if t >= self.next:
             u = np.asarray(self.plant.held)
             self.table.append(Samples(np.array([t]), x[None], u[None], self.next_state[None]))
 

@@ -30,6 +30,8 @@ class Steps:
         The states there.
     """
 
+    U: Array | None = None  # torques held in each step, where samples were taken between them
+
     def __init__(self, T: Array, X: Array) -> None:
         self.T, self.X = T, X
 

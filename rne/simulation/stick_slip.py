@@ -7,7 +7,7 @@ friction, and sticks or reverses when its rate passes through zero.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from ..errors import NotFiniteError, SingularMassMatrixError
 from .events import Event
 from .friction import Friction
 from .plant import Plant
+from .sampled import Samples
 from .system import SmoothSystem
 
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
@@ -35,7 +36,7 @@ class Rest:
         self.joint, self.place, self.sign = joint, place, sign
         self.offset = AT_REST * scale  # a joint that just started from rest has not come to rest
 
-    def __call__(self, t: Array, X: Array) -> Array:
+    def __call__(self, t: Array, X: Array, u: Array | None) -> Array:
         return -self.sign * X[:, self.place] - self.offset
 
 
@@ -45,8 +46,8 @@ class Overload:
     def __init__(self, dry: DryPlant, joint: int) -> None:
         self.dry, self.joint = dry, joint
 
-    def __call__(self, t: Array, X: Array) -> Array:
-        return -self.dry.margins(t, X)[:, self.joint]
+    def __call__(self, t: Array, X: Array, u: Array | None) -> Array:
+        return -self.dry.margins(t, X, u)[:, self.joint]
 
 
 class DryPlant(SmoothSystem):
@@ -73,6 +74,7 @@ class DryPlant(SmoothSystem):
         self.events: Sequence[Event] = ()
         self.fastest = 0.0  # largest rate so far [rad/s or m/s]
         self.changes, self.begun, self.at_once = 0, -np.inf, 0
+        self.samples: Callable[[], Samples] | None = None  # where they are taken between two steps
         self.overloaded: list[int] = []  # joints that broke away in the event that just happened
         self.asked, self.last_margins = np.zeros((0, n)), np.zeros((0, n))
 
@@ -133,9 +135,12 @@ class DryPlant(SmoothSystem):
         x[self.n : 2 * self.n] *= self.mode != 0
         return x
 
-    def accelerations_at(self, t: Array, X: Array) -> Array:
+    def accelerations_at(self, t: Array, X: Array, same: float) -> Array:
         """Accelerations under the present modes."""
-        return self.loads_at(t, X)[0]
+        if self.samples is None:
+            return self.loads_at(t, X)[0]
+        samples = self.samples()
+        return self.loads_at(t, X, samples.u[samples.held(t, same)])[0]
 
     def inputs(self, t: float, x: Array) -> Array:
         """`held`, or the torques that a law returns and the modes."""
@@ -147,11 +152,14 @@ class DryPlant(SmoothSystem):
         t = min(max(t, self.span[0]), self.span[1])
         return self._parts(self.loaded.rates(t, x, self.inputs(t, x)))
 
-    def loads_at(self, t: Array, X: Array) -> tuple[Array, ...]:
-        """The same in many states, shape (T, n) each."""
+    def loads_at(self, t: Array, X: Array, u: Array | None = None) -> tuple[Array, ...]:
+        """The same in many states, shape (T, n) each, under the torques that are held or others, (T, n)."""
         if self.plant.law is None:
+            held = self.held
+            if u is not None:
+                held = np.concatenate([u, np.broadcast_to(held[self.n :], (len(u), 2 * self.n))], axis=1)
             try:
-                return self._parts(self.loaded.all_rates(np.clip(t, *self.span), X, self.held))
+                return self._parts(self.loaded.all_rates(np.clip(t, *self.span), X, held))
             except (NotFiniteError, SingularMassMatrixError):
                 pass  # found by looking at each
         return self._parts(np.array([np.concatenate(self.loads(*state)) for state in zip(t.tolist(), X, strict=True)]))
@@ -219,10 +227,10 @@ class DryPlant(SmoothSystem):
         self.mode = before
         return False
 
-    def margins(self, t: Array, X: Array) -> Array:
+    def margins(self, t: Array, X: Array, u: Array | None) -> Array:
         """Static friction of each joint minus its load, in many states; those last asked for are kept."""
         if X is not self.asked:
-            _, loads, net = self.loads_at(t, X)
+            _, loads, net = self.loads_at(t, X, u)
             self.asked, self.last_margins = X, self._margin(loads, net)
         return self.last_margins
 

@@ -48,8 +48,11 @@ class System(Protocol):
     def reported(self, x: Array) -> Array:
         """The state to report of a solver's state."""
 
-    def accelerations_at(self, t: Array, X: Array) -> Array | None:
-        """Accelerations to report, (T, n), at times (T,), where they do not follow from time, state and torques."""
+    def accelerations_at(self, t: Array, X: Array, same: float) -> Array | None:
+        """Accelerations to report, (T, n), at times (T,), where they do not follow from time, state and torques.
+
+        Times up to a relative rounding `same` before a sample count as being there.
+        """
 
     def states(self, X: Array) -> Array:
         """All reported states, shape (T, size), as (q, qd, z)."""
@@ -82,7 +85,7 @@ class SmoothSystem:
         """The state itself."""
         return x
 
-    def accelerations_at(self, t: Array, X: Array) -> Array | None:
+    def accelerations_at(self, t: Array, X: Array, same: float) -> Array | None:
         """They follow from time, state and torques."""
         return None
 
