@@ -2,7 +2,8 @@
 
 Swings, sampled control and the thesis's stiff loop beside Pinocchio's functions in SciPy's solvers; an ensemble of a
 thousand swings; what a new process waits for; what a call costs whatever it computes; a dozen scenes with dry friction,
-stops and limits, beside another tree's if `--before` names its folder. Interleaved, one thread each; ratios are ratios
+stops and limits, beside another tree's if `--before` names its folder; how many of the fuzz's scenes run in machine
+code. Interleaved, one thread each; ratios are ratios
 of medians, with the smallest and largest of neighbouring runs. A whole run writes benchmarks/results/simulation.json.
 """
 
@@ -14,7 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import fixed_costs, hard_scenes, second_process, single_motions, swarm
+from benchmarks import fixed_costs, fuzz_share, hard_scenes, second_process, single_motions, swarm
 from benchmarks.cases import ENGINES, engines, engines_left_out
 from benchmarks.measure import QUICK_NOTE, command_line, write
 from benchmarks.pages import table, three
@@ -36,6 +37,7 @@ def parts(quick: bool, before: Path | None = None) -> Parts:
             lambda: hard_scenes.compare(before, few, *((1, 0.01) if quick else (5, 1.0))),
             of_scenes,
         ),
+        "fuzz": (lambda: fuzz_share.run(*((4, few[-1]) if quick else (200, few[-1]))), of_fuzz),
     }
 
 
@@ -136,6 +138,12 @@ def of_scenes(rows: list[Results]) -> str:
             line += ["-"] * 4
         lines.append([*line, row["message"]])
     return table(head, lines)
+
+
+def of_fuzz(found: Results) -> str:
+    """The share, and the scenes that need SciPy's steps."""
+    lines = [["all", f"{found['wholly']} of {found['scenes']} without a step of SciPy's solvers"]]
+    return table(["seed", "scenes of the fuzz"], lines + [[str(seed), why] for seed, why in found["others"].items()])
 
 
 TIMED = ("run_seconds", "read_seconds")

@@ -1,0 +1,53 @@
+"""How many of the fuzz's scenes machine code runs wholly: without a step of SciPy's solvers.
+
+Counted are scenes without a law or with one that is traced, and with a method that has a loop in machine code.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections import Counter
+from typing import Any
+
+from scipy.integrate import OdeSolver
+
+import rne
+from tests.fuzz.scenes import draw
+
+METHODS = ("auto", "RK45", "DOP853")
+
+
+def run(count: int, engine: str = "numba") -> dict[str, Any]:
+    """Of the scenes of the first seeds; for each that took steps of SciPy's, their number and what the run said."""
+    cases = [case for case in map(draw, range(count)) if case.method in METHODS and _is_traced(case.law)]
+    found = {case.seed: of_case(case, engine) for case in cases}
+    others = {seed: f"{steps} steps: {words}" for seed, (steps, words) in found.items() if steps}
+    return {"scenes": len(found), "wholly": len(found) - len(others), "others": others}
+
+
+def _is_traced(law: dict[str, Any] | None) -> bool:
+    return law is None or law["kind"] == "traced" or law["kind"].startswith("control.")
+
+
+def of_case(case: Any, engine: str) -> tuple[int, str]:
+    """Steps that SciPy's solvers took, and the message of the run."""
+    steps, names = Counter[str](), {}
+    step = OdeSolver.step
+
+    def counted(solver: Any) -> Any:
+        steps[type(solver).__name__] += 1
+        return step(solver)
+
+    OdeSolver.step = counted
+    script = re.sub(r"^(robot = .*)\)$", rf"\1, {engine!r})", case.script(), flags=re.MULTILINE)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            exec(script, names)
+        words = names["motion"].message
+    except rne.SimulationError as error:
+        words = str(error)
+    finally:
+        OdeSolver.step = step
+    return steps.total(), f"{case.method}, {words}"
