@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from .simulation.bearings import BearingPeaks, bearing_peaks
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
-    from .simulation.parts import Payload
-    from .simulation.scene import Scene
+    from .simulation.scene import Payload, Scene
     from .simulation.simulator import simulate
     from .simulation.trajectory import Trajectory
     from .urdf import Finding, check, read_urdf, to_urdf
@@ -59,8 +58,7 @@ else:
             "simulation.bearings": "BearingPeaks bearing_peaks",
             "simulation.ensembles": "Ensemble ensemble",
             "simulation.friction": "Friction",
-            "simulation.parts": "Payload",
-            "simulation.scene": "Scene",
+            "simulation.scene": "Payload Scene",
             "simulation.simulator": "simulate",
             "simulation.trajectory": "Trajectory",
             "trajectories": "",

@@ -24,8 +24,7 @@ from ..kernels.kernel import Kernel
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot
-from ..simulation.summary import trajectory_lines
-from ..simulation.trajectory import Trajectory
+from ..simulation.trajectory import Trajectory, trajectory_lines
 from .plots import has_matplotlib, small_plots
 from .robot_picture import small_picture
 

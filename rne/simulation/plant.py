@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any
 
@@ -14,11 +14,64 @@ from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.program import NeedsRecursion
 from .equations_of_motion import RightHandSide
+from .events import Event
 from .law import torques_and_rates
-from .system import SmoothSystem
 
 
-class Plant(SmoothSystem):
+class System:
+    """Equations of motion that a solver integrates, and what may switch in them: nothing by itself.
+
+    `Plant` is that of a scene, `DryPlant` of one with friction that sticks, `Hamilton` of a free motion in (q, p).
+
+    Attributes
+    ----------
+    events : sequence of callable
+        What ends a segment, beside samples, breaks and stops.
+    at_rest : ndarray or None
+        Entries of the state that are held at zero.
+    has_changed : bool
+        True if the equations changed at the beginning of the segment, so that the solver starts anew.
+    note : str
+        For the message of a run.
+    """
+
+    events: Sequence[Event] = ()
+    at_rest: Array | None = None
+    has_changed = False
+    note = ""
+
+    def start(self, x: Array) -> Array:
+        """The solver's state at the start of a run, of (q, qd, z)."""
+        return x
+
+    def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
+        """Prepare for a segment that begins at t; torques are evaluated within `span`."""
+
+    def after(self, event: Event, x: Array) -> Array:
+        """The state with which motion goes on after one of `events`."""
+        return x
+
+    def longest_step(self, duration: float) -> float:
+        """Longest step that the solver may take in a run of this duration [s]."""
+        return float("inf")
+
+    def reported(self, x: Array) -> Array:
+        """The state to report of a solver's state."""
+        return x
+
+    def accelerations_at(self, t: Array, X: Array, same: float) -> Array | None:
+        """Accelerations to report, (T, n), at times (T,), where they do not follow from time, state and torques.
+
+        Times up to a relative rounding `same` before a sample count as being there.
+        """
+        return None
+
+    def states(self, X: Array) -> Array:
+        """All reported states, shape (T, size), as (q, qd, z)."""
+        return X
+
+
+class Plant(System):
     """f(t, x) for a solver, counting its calls; an untraced law is called for the drives' torques.
 
     Nothing in it switches by itself; see `DryPlant` for what does.

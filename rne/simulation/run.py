@@ -14,8 +14,7 @@ from .events import Stop
 from .interpolation import between
 from .ledger import Ledger
 from .plant import Plant
-from .record import SAME
-from .sampled import ZeroOrderHold
+from .sampled import SAME, ZeroOrderHold
 from .symplectic import STEP
 from .trajectory import Trajectory
 

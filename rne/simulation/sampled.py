@@ -12,6 +12,8 @@ from .law import torques_and_rates
 from .plant import Plant
 from .scene import Scene
 
+SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
+
 
 class Samples(NamedTuple):
     """Samples of a controller: times (k,), states (k, 2 n), torques (k, n), and the controller's states (k, m)."""

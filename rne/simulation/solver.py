@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import pairwise
 from math import isfinite
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -56,6 +56,22 @@ class Steps:
             return states if times.ndim else states[:, 0]
 
         return interpolant
+
+
+class Stepper(Protocol):
+    """A solver, a few steps at a time."""
+
+    @property
+    def is_running(self) -> bool: ...
+
+    def start(self, system: Any, t: float, x: Array, end: float, longest: float) -> None:
+        """Begin anew at time t."""
+
+    def resume(self, system: Any, t: float, x: Array, end: float) -> None:
+        """Go on after a jump of the torques."""
+
+    def steps(self, most: int) -> Steps:
+        """The next steps, at most so many and at least one."""
 
 
 class SolverStep(Steps):

@@ -16,9 +16,8 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 from .events import Event
 from .friction import Friction
-from .plant import Plant
+from .plant import Plant, System
 from .sampled import Samples
-from .system import SmoothSystem
 
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
 AT_REST = 1e-12  # of the largest rate so far: rates below it count as zero
@@ -50,7 +49,7 @@ class Overload:
         return -self.dry.margins(t, X, u)[:, self.joint]
 
 
-class DryPlant(SmoothSystem):
+class DryPlant(System):
     """The equations of motion for given modes of the joints: +1 and -1 slip, 0 sticks.
 
     A sticking joint stays at rest; see `RatesUnderModes` for what stands in its place in the state.

@@ -17,9 +17,8 @@ from ..dynamics.quantity import quantity
 from ..errors import NotFiniteError
 from ..kernels.program import NeedsRecursion
 from ..model.model import Model
-from .plant import Plant
+from .plant import Plant, System
 from .solver import Steps
-from .system import SmoothSystem
 
 METHOD = "gauss-4"
 NODES = np.array([0.5 - sqrt(3) / 6, 0.5 + sqrt(3) / 6])  # the weights b are 1/2 and 1/2
@@ -37,7 +36,7 @@ def lagrangian(model: Model, q: Array, qd: Array) -> Array:
     return difference
 
 
-class Hamilton(SmoothSystem):
+class Hamilton(System):
     """dx/dt of x = (q, p) for a robot without drives and friction, in which nothing switches."""
 
     def __init__(self, plant: Plant) -> None:

@@ -12,14 +12,35 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks
+from ..basics.text import InNotebooks, counted, short, wrapped
 from ..model.model import Model
 from .interpolation import Interpolant, Knots, between
 from .limits import Violation, limit_violations
 from .motion_files import MotionFiles
-from .summary import trajectory_summary
 
+LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
+
+
+def trajectory_summary(motion: Trajectory) -> str:
+    """Robot, duration, solver, message and energies of a motion, in a few lines."""
+    return wrapped("\n  ".join(trajectory_lines(motion)))
+
+
+def trajectory_lines(motion: Trajectory) -> list[str]:
+    """What was simulated by what, how it ended, and the energies."""
+    of = "" if motion.model is None else f" of '{short(motion.model.name)}'"
+    t, message = motion.t, motion.message
+    if len(message) > LONGEST:
+        message = f"{message[: LONGEST - 3]}..."
+    span = f", {t[0]:.6g} to {t[-1]:.6g} s" if len(t) else ""
+    ends = f"energy {motion.energy[0]:.6g} to {motion.energy[-1]:.6g} J, " if len(t) else ""
+    return [
+        f"Trajectory{of}: {counted(motion.q.shape[1], 'joint')}{span}, {counted(len(t), 'sample')}, "
+        f"{motion.method}, {counted(motion.evaluations, 'evaluation')}",
+        f"status {motion.status}: {message}",
+        f"{ends}largest energy error {motion.energy_drift:.2g} J",
+    ]
 
 
 @dataclass(frozen=True, eq=False)
