@@ -135,22 +135,6 @@ def eliminate(W: Any, G: Any) -> bool:
 
 
 @inline
-def solve_stage(G: Any, n: Any, c: Any, ahead: Any, f: Any, b: Any, u: Any) -> None:
-    """A stage from f, the right-hand side without f_t, whose factor gamma_i h is `ahead`."""
-    rows, size = len(b), len(f)
-    for i in range(rows):
-        b[i] = ahead * G[size, i]
-    for j in range(size):
-        for i in range(rows):
-            b[i] += G[j, i] * f[j]
-    for i in range(n):
-        u[i] = b[i]
-        u[n + i] = c * b[i] - f[i]
-    for i in range(n, rows):
-        u[n + i] = b[i]
-
-
-@inline
 def copy(values: Any, into: Any) -> None:
     """A vector into another one."""
     for i in range(len(into)):
@@ -159,11 +143,25 @@ def copy(values: Any, into: Any) -> None:
 
 @inline
 def combine(weights: Any, count: Any, factor: Any, U: Any, total: Any) -> None:
-    """Add the weighted sum of the first stages."""
+    """Add the weighted sum of the first rows of U."""
     for j in range(count):
         weight, u = weights[j] * factor, U[j]
         for i in range(len(total)):
             total[i] += weight * u[i]
+
+
+@inline
+def solve_stage(G: Any, n: Any, c: Any, ahead: Any, f: Any, b: Any, u: Any) -> None:
+    """A stage from f, the right-hand side without f_t, whose factor gamma_i h is `ahead`."""
+    rows, size = len(b), len(f)
+    for i in range(rows):
+        b[i] = ahead * G[size, i]
+    combine(f, size, 1.0, G, b)
+    for i in range(n):
+        u[i] = b[i]
+        u[n + i] = c * b[i] - f[i]
+    for i in range(n, rows):
+        u[n + i] = b[i]
 
 
 @inline
