@@ -22,8 +22,8 @@ from ..basics.spatial import Array
 
 Text = TypeVar("Text", bound=Callable[..., Any])
 INLINED: list[Callable[..., Any]] = []  # texts that other texts call, not yet known to Numba
-OPTIONS: Any = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cpython_wrapper": True}
+OPTIONS |= {"no_cfunc_wrapper": True, "_nrt": False}  # loops own no memory: they count no references
 
 
 def _lanes() -> int:
@@ -127,7 +127,7 @@ def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
     while INLINED:
         register_jitable(**OPTIONS)(INLINED.pop())
     kinds = tuple(map(_numba_type, arguments))
-    function: Any = njit(kinds, **OPTIONS, **BARE)(text)  # type: ignore[call-overload]
+    function: Any = njit(kinds, **OPTIONS)(text)
     made = function.overloads[kinds]
     name, returned = made.fndesc.llvm_func_name, str(types.unliteral(made.signature.return_type))  # type: ignore[no-untyped-call]
     if returned not in RETURNED:
@@ -138,9 +138,6 @@ def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
     body = re.sub(r"^define (linkonce_odr )?", "define internal ", made.library.get_llvm_str(), flags=re.M)
     body = re.sub(r" = common \w+ global ptr null$", " = internal global ptr null", body, flags=re.M)
     body = re.sub(r"@numba_(\w+)", r"@\1", body)  # Numba's copies of functions of the C library
-    # Loops own no memory: they count no references.
-    count = r"^define internal [^{]*@(NRT_\w+)\(.*?^}"
-    body = re.sub(count, r"define internal void @\1(ptr %0) alwaysinline {\n  ret void\n}", body, flags=re.M | re.S)
     return "\n".join([body, *call])
 
 
