@@ -117,9 +117,10 @@ def _root(value: Callable[[float], float], before: float, after: float) -> float
     """The time of the passage; an end where rounding has moved it beyond that end."""
     from scipy.optimize import brentq
 
-    if value(before) > 0:
-        return before
-    return float(brentq(value, before, after, xtol=CLOSE)) if value(after) > 0 else after
+    try:
+        return float(brentq(value, before, after, xtol=CLOSE))
+    except ValueError:  # of two values of one sign, or of the event itself
+        return before if value(before) > 0 else after
 
 
 class Stop:

@@ -146,14 +146,18 @@ class DryPlant(System):
         u = None if self.plant.law is None else self.plant.torque(t, self.reported(x))
         return self.held if u is None else np.concatenate([u, self.held])
 
-    def loads(self, t: float, x: Array) -> tuple[Array, ...]:
-        """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction."""
+    def loads(self, t: float, x: Array, u: Array | None = None) -> tuple[Array, ...]:
+        """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction.
+
+        Under the torques that are held, or others.
+        """
         t = min(max(t, self.span[0]), self.span[1])
-        return self._parts(self.loaded.rates(t, x, self.inputs(t, x)))
+        inputs = self.inputs(t, x) if u is None else np.concatenate([u, self.held[self.n :]])
+        return self._parts(self.loaded.rates(t, x, inputs))
 
     def loads_at(self, t: Array, X: Array, u: Array | None = None) -> tuple[Array, ...]:
-        """The same in many states, shape (T, n) each, under the torques that are held or others, (T, n)."""
-        if self.plant.law is None:
+        """The same in many states, shape (T, n) each."""
+        if self.plant.law is None and len(t) > 1:
             held = self.held
             if u is not None:
                 held = np.concatenate([u, np.broadcast_to(held[self.n :], (len(u), 2 * self.n))], axis=1)
@@ -161,7 +165,9 @@ class DryPlant(System):
                 return self._parts(self.loaded.all_rates(np.clip(t, *self.span), X, held))
             except (NotFiniteError, SingularMassMatrixError):
                 pass  # found by looking at each
-        return self._parts(np.array([np.concatenate(self.loads(*state)) for state in zip(t.tolist(), X, strict=True)]))
+        each = [None] * len(t) if u is None else u
+        found = [np.concatenate(self.loads(*state)) for state in zip(t.tolist(), X, each, strict=True)]
+        return self._parts(np.array(found))
 
     def _parts(self, found: Array) -> tuple[Array, ...]:
         n = self.n
