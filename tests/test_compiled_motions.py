@@ -189,6 +189,17 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
             np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7 * np.abs(other).max(initial=0.0), err_msg=name)
 
 
+def test_samples_of_three_joints_that_cannot_stick(monkeypatch):
+    """There are no modes behind the torques."""
+    make, model = interpreted(monkeypatch), straight_chain(3)
+    monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: scene._law_alone))
+    ends = []
+    for robot in (rne.Robot(model), make(model)):
+        scene = rne.Scene(robot, controller=rne.control.pd(robot, 5.0, 1.0, [0.1] * 3), sample_time=0.01)
+        ends.append(rne.simulate(scene, [0.3, 0.2, 0.1], [0] * 3, 0.05).q[-1])
+    np.testing.assert_allclose(*ends, rtol=1e-9)
+
+
 def test_many_short_steps_in_machine_code_are_worth_few_of_lsoda_where_joints_stick(free):
     for robot, viscous, method in ((free[0], 1.0, "LSODA"), (free[1], 1.0, "DOP853"), (free[1], 100.0, "LSODA")):
         friction = rne.Friction(viscous=500.0 * viscous, coulomb=0.5, smoothing=0)

@@ -236,7 +236,7 @@ def take_samples(
             for j in range(len(z[0])):
                 z[0, j] = z[1, j]
                 law_arguments[1][2 * n + j] = z[0, j]
-            for i in range(len(u) // 3):  # behind torques, modes: 0 for a joint that sticks
+            for i in range(len(u) - 2 * n):  # behind torques, the modes: 0 for a joint that sticks
                 X[step, n + i] *= u[n + i]
             law_arguments[0][0] = T[step]
             for i in range(2 * n):

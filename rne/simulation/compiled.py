@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import accumulate
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from ..kernels.kernel import Kernel
 from ..kernels.loops import compiled
 from ..kernels.runge_kutta import AFTER_A_JUMP, ANEW, GO_ON, power, tableau
 from .sampled import Samples, ZeroOrderHold
-from .solver import AdaptiveSolver, Steps
+from .solver import AdaptiveSolver, Interpolant, Steps
 
 take_steps, take_samples = compiled(runge_kutta.take_steps), compiled(runge_kutta.take_samples)
 add_stages, add_sampled_stages = compiled(runge_kutta.add_stages), compiled(runge_kutta.add_sampled_stages)
@@ -52,29 +54,34 @@ class Block(Steps):
 
     @cached_property
     def polynomials(self) -> Array:
-        """The coefficients of each step's interpolant, as SciPy's: F of DOP853, Q of RK45."""
+        """The coefficients of each step's interpolant, as SciPy's, shape (k, degree, size): F of DOP853, Q of RK45."""
         from scipy.integrate import DOP853, RK45
 
         h, K = np.diff(self.T)[:, None], self.K
         if self.solver.method == "RK45":
-            Q: Array = h[:, None] * (np.swapaxes(K, 1, 2) @ RK45.P)
+            Q: Array = h[:, None] * (RK45.P.T @ K)
             return Q
         self.solver.extend(self)
         change, first, last = np.diff(self.X, axis=0), h * K[:, 0], h * K[:, DOP853.n_stages]
         low = np.stack([change, first - change, 2 * change - first - last], axis=1)
         return np.concatenate([low, h[:, None] * (DOP853.D @ K)], axis=1)
 
+    def _factors(self, s: Any) -> Array:
+        """What multiplies the coefficients at fractions s: s, s^2, ... of RK45, s, s (1 - s), s (1 - s) s, ..."""
+        is_power = self.solver.method == "RK45"
+        turns = [s if is_power or j % 2 == 0 else 1 - s for j in range(self.polynomials.shape[1])]
+        return np.array(list(accumulate(turns, mul)))
+
     def states(self, times: Array, k: Array) -> Array:
         """States at times within the steps k, shape (m, size)."""
-        x = ((times - self.T[k]) / (self.T[k + 1] - self.T[k]))[:, None]
-        P, found = self.polynomials[k], 0.0
-        if self.solver.method == "RK45":
-            found = (P @ (x ** np.arange(1, P.shape[-1] + 1))[:, :, None])[..., 0]
-        else:  # Horner's scheme in x and 1 - x by turns
-            for j in reversed(range(P.shape[1])):
-                found = (found + P[:, j]) * (x if j % 2 == 0 else 1 - x)
-        states: Array = self.X[k] + found
+        s = (times - self.T[k]) / (self.T[k + 1] - self.T[k])
+        states: Array = self.X[k] + np.einsum("jm,mjn->mn", self._factors(s), self.polynomials[k])
         return states
+
+    def inside(self, k: int) -> Interpolant:
+        """The states inside one step."""
+        begin, h, x, P = float(self.T[k]), float(self.T[k + 1] - self.T[k]), self.X[k], self.polynomials[k]
+        return lambda t: (x + self._factors((t - begin) / h).T @ P).T
 
 
 class CompiledSolver:
