@@ -176,7 +176,9 @@ class OneByOne:
 
     def run(self, chunk: Chunk, tick: Tick) -> Part:
         """The motions of a chunk."""
-        parts = []
+        S, n, k = len(self.times), self.scene.n, len(self.scene.right_hand_side.ledger)
+        nobody = (np.zeros((S, 0, width)) for width in (n, n, n, k))
+        parts = [Part(*nobody, np.zeros(0), np.zeros(0, bool), (), 0, OK)]  # type: ignore[call-arg, arg-type]
         for k, x in enumerate(chunk.x):
             parts.append(self._motion(x.astype(np.float64), chunk.parameters[k], chunk.first + k))
             tick(1)
