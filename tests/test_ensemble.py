@@ -207,6 +207,17 @@ def test_times_are_the_start_and_the_end_unless_they_are_asked_for(chain, starts
     assert np.abs(uneven.q - finer.q).max() <= 1e-9  # RK4 with its error of h^4
 
 
+def test_stiff_motions_are_run_as_alone(chain):
+    """Friction whose decay holds an explicit method to a million steps: after 500 it is left to rne.simulate."""
+    scene, q = rne.Scene(chain, friction=rne.Friction(viscous=5000.0)), np.array([[0.1, 0.2], [0.3, -0.2]])
+    runs = rne.ensemble(scene, q, 0 * q, 0.5)
+    one = rne.simulate(scene, q[1], [0, 0], 0.5)
+    assert runs.method == one.method
+    assert np.array_equal(runs.q[-1, 1], one.q[-1])
+    assert runs.evaluations < 50_000
+    assert runs.energies[-1, 1, 0] == one.dissipated["viscous"][-1]
+
+
 class TestOneByOne:
     """Scenes with events, samples and called laws: as rne.simulate runs them."""
 
@@ -285,9 +296,9 @@ class TestLanes:
         )
         x = np.concatenate(starts, axis=1)[:count]
         X, expected = np.zeros((2, 3, count, 4))
-        left, evaluations = many_motions.in_lanes(course, rhs.kernel, np.zeros((count, 0)), x, X)
+        code, evaluations = many_motions.in_lanes(course, rhs.kernel, np.zeros((count, 0)), x, X)
         rates = by_rows(course, rhs.kernel, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
-        assert not len(left)
+        assert not code.any()
         np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)  # rounding moves the estimates of errors
         assert 0.9 * rates.evaluations <= evaluations <= 1.1 * rates.evaluations
 
@@ -297,7 +308,8 @@ class TestLanes:
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X = np.zeros((1, 12, 4))
-        left, _ = many_motions.in_lanes(course, rhs.kernel, np.zeros((12, 0)), x, X)
+        code, _ = many_motions.in_lanes(course, rhs.kernel, np.zeros((12, 0)), x, X)
+        left = np.flatnonzero(code)
         assert left.tolist() == [0, 7, 11]
         rest = np.delete(np.arange(12), left)
         np.testing.assert_allclose(X[0, rest], x[rest], atol=1e-7)
@@ -329,6 +341,9 @@ class TestMachineCode:
     def test_states_to_be_examined_are_finished_by_rows(self, chain, starts):
         test_a_state_that_must_be_examined_changes_no_other(rne.Robot(chain.model, "numba"), starts)
         test_a_motion_that_diverges_is_named(rne.Robot(chain.model, "numba"))
+
+    def test_stiff_motions_are_run_as_alone(self, chain):
+        test_stiff_motions_are_run_as_alone(rne.Robot(chain.model, "numba"))
 
     def test_torques_that_jump_end_a_step(self, chain, starts):
         test_torques_that_jump_end_a_step(rne.Robot(chain.model, "numba"), starts)

@@ -14,10 +14,11 @@ import numpy as np
 from ..basics.spatial import Array
 from .kernel import Kernel
 from .loops import LANES, compiled, evaluate, inline
-from .row_steps import EPS, Coefficients, Course, coefficients, first_steps
+from .row_steps import EPS, LOOK, SLOW, STIFF, Coefficients, Course, coefficients, first_steps
 from .runge_kutta import LARGEST, SAFETY, SMALLEST
 
 NOBODY = -1  # in place of a motion's number
+EXAMINE, LEAVE = 1, 2  # codes of motions: with a state to be examined, and stiff
 # Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q;
 # of `step`: begin, length and end of the step, its errors, the length to try next.
 MOTION, TIME, STEPS, TAKEN, WANTS, LANE_ROWS = 0, 1, 2, 3, 4, 5
@@ -28,10 +29,10 @@ def workspace(widths: tuple[int, ...], table: Coefficients) -> tuple[Any, ...]:
     """Arrays for `run_all`, of a kernel's arguments of these widths, the second of which is the state."""
     inputs, saved = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
     entries, rows = widths[1] * LANES, max(len(table.B) + 1, table.D.shape[1])
-    y, new, total, h = np.zeros((4, entries))
+    y, new, total, h, before = np.zeros((5, entries))
     slopes = np.zeros((rows, entries)), np.zeros((max(1, len(table.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
-    return inputs, saved, (y, new, total, h), slopes, *numbers
+    return inputs, saved, (y, new, total, h, before), slopes, *numbers
 
 
 @inline
@@ -76,7 +77,7 @@ def mark_unsound(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, co
                 for e in range(len(inputs[a])):
                     inputs[a][e] = saved[a][e - e % LANES + k]
             if not evaluate(function, inputs, out):
-                code[lane[MOTION, k]] = True
+                code[lane[MOTION, k]] = EXAMINE
                 lane[MOTION, k] = NOBODY
     for a in range(len(inputs)):
         for e in range(len(inputs[a])):
@@ -102,7 +103,7 @@ def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> N
 @inline
 def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any) -> Any:
     """Waiting motions into lanes without one, or a copy of another lane; who waits then, NOBODY at the end."""
-    inputs, _, (y, _, _, _), (K, _), lane, step = work
+    inputs, _, (y, _, _, _, _), (K, _), lane, step = work
     source = NOBODY
     for k in range(LANES):
         while lane[MOTION, k] == NOBODY and waiting < len(F):
@@ -135,7 +136,7 @@ def choose_lengths(grid: Any, end: Any, lane: Any, step: Any, h: Any, code: Any)
             if len(grid):
                 step[AHEAD, k] = grid[lane[STEPS, k] + 1]
             elif not lane[TAKEN, k] and not length >= smallest:
-                code[motion], lane[MOTION, k] = True, NOBODY
+                code[motion], lane[MOTION, k] = EXAMINE, NOBODY
             else:
                 step[AHEAD, k] = min(t + max(length, smallest), end)
         step[LENGTH, k] = step[AHEAD, k] - t
@@ -215,6 +216,20 @@ def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X
 
 
 @inline
+def is_stiff(span: Any, slope: Any, other: Any, new: Any, before: Any, norm: Any, lane: Any, step: Any, k: Any) -> bool:
+    """As `row_steps.ControlledSteps`: from the slopes of the last two states, at the same time."""
+    steps, begin, end = lane[STEPS, k] + 1, span[3], span[2]
+    if steps % LOOK != 0 or not steps * (end - begin) > SLOW * (step[AHEAD, k] - begin):
+        return False
+    slopes, states = 0.0, 0.0
+    for i in range(norm[0]):
+        e = i * LANES + k
+        slopes += (slope[e] - other[e]) ** 2
+        states += (new[e] - before[e]) ** 2
+    return bool(step[LENGTH, k] ** 2 * slopes > STIFF**2 * states)
+
+
+@inline
 def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any, step: Any, count: Any) -> bool:
     """Each lane to the end of its step, if that was taken; True if a lane has no motion."""
     taken, vacant = 0, False
@@ -240,6 +255,7 @@ def run_all(
     function: Any,
     table: Any,
     span: Any,
+    watched: Any,
     positions: Any,
     norm: Any,
     grid: Any,
@@ -255,10 +271,10 @@ def run_all(
     """Every motion from its row of `sources` to the end; states at `times` into X[time, motion].
 
     F and H have each motion's first slope and the length to try first, `span` the times within which torques are
-    evaluated, and the end; `count` takes evaluations; the rest as in `Course`.
+    evaluated, the end and the begin; `count` takes evaluations; the rest as in `Course`.
     """
     A, B, C, E, A2, C2, D = table
-    inputs, saved, (y, new, total, h), (K, Q), lane, step = work
+    inputs, saved, (y, new, total, h, before), (K, Q), lane, step = work
     stages, is_fixed, waiting = len(B), len(grid) > 0, 0
     lane[MOTION], vacant = NOBODY, True
     while True:
@@ -276,6 +292,9 @@ def run_all(
                     inputs[1][e] = y[e] + h[e] * inputs[1][positions * LANES + e]
                 for e in range(len(y)):
                     new[e] = inputs[1][e]
+            if s == stages - 1:
+                for e in range(len(y)):
+                    before[e] = inputs[1][e]
             if s < stages or not is_fixed:
                 is_sound = evaluate(function, inputs, K[s])
             if not is_sound:
@@ -297,11 +316,13 @@ def run_all(
         for k in range(LANES):
             if lane[MOTION, k] >= 0 and lane[TAKEN, k]:
                 report(times, y, new, Q, lane, step, k, X)
+                if watched and is_stiff(span, K[stages], K[stages - 1], new, before, norm, lane, step, k):
+                    code[lane[MOTION, k]], lane[MOTION, k] = LEAVE, NOBODY
         vacant = move_on(y, new, K, stages, len(C2), span[2], lane, step, count)
 
 
 def in_lanes(course: Course, kernel: Kernel, parameters: Array, x: Array, X: Array) -> tuple[Array, int]:
-    """Motions from states x, shape (N, size), into X[time, motion]; the rows of those left, and evaluations."""
+    """Motions from states x, shape (N, size), into X[time, motion]; their codes, and evaluations."""
     table, x, N = coefficients(course.method), np.ascontiguousarray(x), len(x)
     work, address = workspace(kernel.widths, table), kernel.address(LANES)
     more = (np.ascontiguousarray(parameters),)[: len(kernel.names) - 2]
@@ -317,8 +338,9 @@ def in_lanes(course: Course, kernel: Kernel, parameters: Array, x: Array, X: Arr
         rates(begin, x, F)
         H = first_steps(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, course, x.T, F.T)
         count += 2
-    span, sources = (course.first, course.last, course.end), (begin[:, None], x, *more)
+    span, sources = (course.first, course.last, course.end, course.begin), (begin[:, None], x, *more)
     grid, times = course.grid, course.times
     arrays = (sources, F, H, code, count, X, work)
-    compiled(run_all)(address, tuple(table), span, course.positions, course.norm, grid, times, *arrays)
-    return np.flatnonzero(code), int(count.sum())
+    how = span, course.watched, course.positions, course.norm
+    compiled(run_all)(address, tuple(table), *how, grid, times, *arrays)
+    return code, int(count.sum())

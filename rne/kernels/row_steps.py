@@ -22,6 +22,8 @@ FIXED, CONTROLLED = ("rk4", "semi-implicit-euler"), ("RK45", "DOP853")
 EPS = float(np.finfo(np.float64).eps)
 EVERY = slice(None)
 FULL = 0.75  # part of the columns that are on their way, below which the others are dropped: a new width costs time
+LOOK = 500  # steps between two looks whether the motion is stiff
+SLOW, STIFF = 20_000, 3.0  # steps of the whole way at this pace, and time constants of the fastest mode in a step
 Tick = Callable[[int], Any]
 
 
@@ -79,6 +81,8 @@ class Course(NamedTuple):
         The number of components whose errors count, rtol, atol, and the power of the error.
     positions : int
         The number of components that move with the rates at the end of the step.
+    watched : bool
+        True to leave motions in which a fast decay, not the error, holds the steps to short ones.
     """
 
     method: str
@@ -90,6 +94,7 @@ class Course(NamedTuple):
     grid: Array
     norm: tuple[int, float, float, float]
     positions: int = 0
+    watched: bool = False
 
 
 class Rates:
@@ -108,6 +113,7 @@ class Rates:
     def __init__(self, kernel: Kernel, parameters: Array, numbers: Array, course: Course) -> None:
         self.kernel, self.parameters, self.numbers, self.course = kernel, parameters, numbers, course
         self.evaluations, self.moving, self.verdict = 0, len(numbers), OK
+        self.stiff = np.zeros(len(numbers), dtype=bool)  # motions that were left
         self.program = None
         if kernel.is_unrolled:
             self.program = kernel.blocks if kernel.engine == "numpy" else BlockProgram(kernel.traced)
@@ -219,7 +225,7 @@ class ControlledSteps:
         """From states x, shape (N, size), to the end."""
         course, N = self.course, len(x)
         self.x, self.t = x.T.copy(), np.full(N, course.begin)
-        self.row, self.reported = np.arange(N), np.zeros(N, dtype=int)
+        self.row, self.reported, self.steps = np.arange(N), np.zeros(N, dtype=int), np.zeros(N, dtype=int)
         self.K = np.empty((self.table.D.shape[1], *self.x.shape))
         self.rates(self.t, self.x, self.K[0])
         self.h = first_steps(self._trial, course, self.x, self.K[0])
@@ -239,7 +245,7 @@ class ControlledSteps:
 
     def _keep(self, chosen: Array) -> None:
         self.rates.keep(chosen)
-        for name in ("t", "row", "reported", "h", "taken"):
+        for name in ("t", "row", "reported", "steps", "h", "taken"):
             setattr(self, name, getattr(self, name)[chosen])
         self.x, first = self.x[:, chosen], self.K[0][:, chosen]
         self.K = np.empty((len(self.K), *self.x.shape))
@@ -261,16 +267,32 @@ class ControlledSteps:
         taken = error < 1
         factor = np.where(taken, np.minimum(np.where(self.taken, LARGEST, 1.0), factor), np.fmax(SMALLEST, factor))
         self._report(ahead, h, new, taken)
+        self.steps += taken
+        is_stiff = self._is_stiff(ahead, h, new) & taken
         self.x = np.where(taken, new, x)
         K[0] = np.where(taken, K[len(self.table.B)], K[0])
         self.t, self.h, self.taken = np.where(taken, ahead, t), h * factor, taken
+        self.t = np.where(is_stiff, self.course.end, self.t)
+        self.rates.stiff[self.row[is_stiff]] = True
+
+    def _is_stiff(self, ahead: Array, h: Array, new: Array) -> Array:
+        """By slopes of the last two states, which have one time: Hairer and Wanner 1996, IV.2."""
+        course, last, count = self.course, len(self.table.B), self.course.norm[0]
+        found = (self.steps % LOOK == 0) & (self.steps * (course.end - course.begin) > SLOW * (ahead - course.begin))
+        found &= course.watched
+        if found.any():
+            slopes, states = self.K[last] - self.K[last - 1], new - self.before
+            with np.errstate(all="ignore"):
+                found &= h * np.sqrt(squares(slopes[:count]) / squares(states[:count])) > STIFF
+        return np.asarray(found)
 
     def _stages(self, h: Array) -> Array:
         """The states after steps of lengths h, and the slopes."""
         A, B, C = self.table.A, self.table.B, self.table.C
         t, x, K = self.t, self.x, self.K
         for s in range(1, len(B)):
-            self.rates(t + C[s] * h, x + h * combine(A[s, :s], K), K[s])
+            self.before = x + h * combine(A[s, :s], K)  # in the end the state before the new one, at the same time
+            self.rates(t + C[s] * h, self.before, K[s])
         new = x + h * combine(B, K)
         self.rates(t + h, new, K[len(B)])
         return np.asarray(new)

@@ -60,7 +60,15 @@ class Part(NamedTuple):
 
 
 def courses(
-    method: str, times: Array, end: float, breaks: list[float], step: float | None, norm: tuple[Any, ...], n: int
+    method: str,
+    times: Array,
+    end: float,
+    breaks: list[float],
+    step: float | None,
+    norm: tuple[Any, ...],
+    n: int,
+    *,
+    watched: bool,
 ) -> tuple[Course, ...]:
     """The parts of the time between breaks; one part of equal steps, those between two times to report."""
     if step is not None:
@@ -73,7 +81,7 @@ def courses(
     for a, b in itertools.pairwise([0.0, *inner, end]):
         first, last = np.nextafter(a, np.inf) if a in inner else -np.inf, np.nextafter(b, 0.0) if b in inner else np.inf
         asked = np.unique([*times[(times > a) & (times < b)], b])
-        found.append(Course(method, a, b, float(first), float(last), asked, np.zeros(0), norm))
+        found.append(Course(method, a, b, float(first), float(last), asked, np.zeros(0), norm, watched=watched))
     return tuple(found)
 
 
@@ -91,12 +99,15 @@ class SideBySide:
         The parts of the time between which torques jump.
     with_parameters : bool
         True if each motion has its own inertial parameters.
+    otherwise : OneByOne
+        For motions that turn out to be stiff.
     """
 
     rhs: RightHandSide
     times: Array
     courses: tuple[Course, ...]
     with_parameters: bool
+    otherwise: OneByOne
 
     @property
     def kernel(self) -> Kernel:
@@ -120,25 +131,30 @@ class SideBySide:
     def run(self, chunk: Chunk, tick: Tick) -> Part:
         """The motions of a chunk."""
         x, kernel, evaluations, verdict = chunk.x, self.kernel, 0, OK
+        stiff = np.zeros(len(x), dtype=bool)
         kept = [x[None]] if 0.0 in self.times else []
         in_machine_code = kernel.engine == "numba" and kernel.is_unrolled and x.dtype == np.float64
         for course in self.courses:
             told = tick if course is self.courses[-1] else lambda count: None
             X, left = np.empty((len(course.times), *x.shape), x.dtype), np.arange(len(x))
             if in_machine_code:
-                from ..kernels.many_motions import in_lanes
+                from ..kernels.many_motions import EXAMINE, LEAVE, in_lanes
 
-                left, evaluated = in_lanes(course, kernel, chunk.parameters, x, X)
-                evaluations += evaluated
+                code, evaluated = in_lanes(course, kernel, chunk.parameters, x, X)
+                left, evaluations = np.flatnonzero(code == EXAMINE), evaluations + evaluated
+                stiff |= code == LEAVE
                 told(self.work * (len(x) - len(left)))
             if len(left):
                 some = np.empty((len(course.times), len(left), x.shape[1]), x.dtype)
                 rates = by_rows(course, kernel, chunk.parameters[left], chunk.first + left, x[left], some, told)
                 X[:, left] = some
+                stiff[left] |= rates.stiff
                 evaluations, verdict = evaluations + rates.evaluations, verdict.worse(rates.verdict)
+            X[:, stiff] = x[stiff]
             x = X[-1]
             kept.append(X[np.isin(course.times, self.times)])
-        return self._part(np.concatenate(kept), evaluations, verdict)
+        part = self._part(np.concatenate(kept), evaluations, verdict)
+        return self.otherwise.replaced(part, chunk, np.flatnonzero(stiff)) if stiff.any() else part
 
     def _part(self, x: Array, evaluations: int, verdict: PrecisionStatus) -> Part:
         """States as positions, velocities, torques and energies."""
@@ -183,6 +199,15 @@ class OneByOne:
             parts.append(self._motion(x.astype(np.float64), chunk.parameters[k], chunk.first + k))
             tick(1)
         return joined(parts)
+
+    def replaced(self, part: Part, chunk: Chunk, rows: Array) -> Part:
+        """Some motions of a part run anew."""
+        others = joined([self._motion(chunk.x[k], chunk.parameters[k], chunk.first + k) for k in rows.tolist()])
+        for name in ("q", "qd", "tau", "energies"):
+            getattr(part, name)[:, rows] = getattr(others, name)
+        methods = part.methods if len(rows) < len(chunk.x) else ()
+        evaluations = part.evaluations + others.evaluations
+        return part._replace(methods=tuple(sorted({*methods, *others.methods})), evaluations=evaluations)
 
     def _motion(self, x: Array, parameters: Array, number: int) -> Part:
         from .simulator import simulate

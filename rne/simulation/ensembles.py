@@ -171,7 +171,8 @@ def ensemble(
         payload is left out without a warning. Controllers keep the parameters that they were made with. The bodies
         need not be possible ones, but M must be positive definite.
     method : str
-        "auto" is DOP853, or what `rne.simulate` chooses for motions that run one after another. RK45 runs side by side
+        "auto" is DOP853, or what `rne.simulate` chooses for motions that run one after another and for those that turn
+        out to be stiff. RK45 runs side by side
         as well, another method of `rne.simulate` one after another. With `step`: "rk4", of order 4 where torques do not
         jump, which "auto" takes, or "semi-implicit-euler", of order 1.
     step : float, optional
@@ -278,12 +279,13 @@ def _plan(
     has_events = scene.sample_time is not None or scene.stops or (friction is not None and friction.sticks)
     is_called = scene.current_right_hand_side().torque_given
     rtol, atol = tolerated
+    otherwise = OneByOne(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
     if step is None:
         if method not in ("auto", *METHODS):
             needs = "; equal steps need `step`" if method in FIXED else ""
             raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}{needs}")
         if has_events or is_called or method not in ("auto", *CONTROLLED) or not scene.n:
-            return OneByOne(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
+            return otherwise
         chosen, longest = "DOP853" if method == "auto" else method, None
     else:
         if method not in ("auto", *FIXED):
@@ -295,7 +297,8 @@ def _plan(
         chosen, longest = "rk4" if method == "auto" else method, positive_number("step", step)
     rhs, breaks = scene.right_hand_side_with_energies, law_breaks(scene.controller)
     norm = rhs.size - len(rhs.ledger), rtol, atol, power(chosen) if longest is None else 0.0
-    return SideBySide(rhs, times, courses(chosen, times, end, breaks, longest, norm, scene.n), with_parameters)
+    parts = courses(chosen, times, end, breaks, longest, norm, scene.n, watched=method == "auto")
+    return SideBySide(rhs, times, parts, with_parameters, otherwise)
 
 
 def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:

@@ -9,7 +9,7 @@
 | sampled                      | by ZeroOrderHold; its torques are `u` | None   | True           |
 
 The state x is q, qd and the controller's states z. The ledger names the powers that the scene has: those of the drives
-and of viscous and Coulomb friction; an ensemble, whose steps are fixed, integrates them as further states.
+and of viscous and Coulomb friction; an ensemble integrates them as further states.
 
 While a drive is at its limit, the motion tells a solver nothing of the law, and steps grow until they jump over the
 time at which the torque leaves the limit. The error control therefore follows the law as well: the impulses of the
