@@ -232,6 +232,17 @@ class TestArguments:
             one = kernels[1](q[7], s[1][7], s[2][7])
             assert relative(one[None], expected[7][None]) <= 8 * 6 * EPS
 
+    def test_arrays_that_were_pickled_whose_dtype_is_another_object(self, kernels):
+        s = states(6, 9)
+        dtype = pickle.loads(pickle.dumps(np.dtype("float64").newbyteorder("=")))
+        moved = [np.frombuffer(pickle.loads(pickle.dumps(a)).tobytes(), dtype).reshape(9, 6) for a in s]
+        moved = [pickle.loads(pickle.dumps(a)) for a in moved]
+        assert moved[0].dtype is not s[0].dtype
+        fresh = rne.compile(rne.dynamics.inverse_dynamics, rne.irb140(), engine="numba")
+        for kernel in (fresh, kernels[1]):
+            assert np.array_equal(kernel(*moved), kernels[1](*s))
+            assert np.array_equal(kernel(*(a[0] for a in moved)), kernels[1](*(a[0] for a in s)))
+
     def test_leading_axes_broadcast_and_dtypes_mix(self, kernels):
         q, qd, qdd = states(6, 12)
         mixed = q.reshape(3, 4, 6), qd[:4], qdd[0].astype(np.float32)

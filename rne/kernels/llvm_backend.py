@@ -290,10 +290,17 @@ def fast_call(kernel: Any) -> Callable[..., Array | None]:
     return from_text(FAST, kernel.traced, state=state, rows=rows)  # type: ignore[no-any-return]
 
 
+def plain_copy(array: Array, dtype: np.dtype[Any] = FLOAT64) -> Array:
+    """A copy in C order whose dtype is this very object, as that of an array that was pickled is not."""
+    copy = np.empty(np.shape(array), dtype)
+    copy[...] = array
+    return copy
+
+
 def from_text(text: str, trace: Trace, **names: Any) -> Any:
     """The `function` of a text, whose arguments are those of a trace."""
     arguments = ", ".join(f"a{k}" for k in range(len(trace.widths)))
-    namespace = {"empty": np.empty, "array": np.array, "ndarray": np.ndarray, "shape": trace.shape, **names}
+    namespace = {"empty": np.empty, "plain_copy": plain_copy, "ndarray": np.ndarray, "shape": trace.shape, **names}
     namespace["NeedsRecursion"] = NeedsRecursion
     exec(text.format(arguments=arguments, result="out" if trace.shape else "out[()]"), namespace)
     return namespace.pop("function")
@@ -304,7 +311,7 @@ STATE = """def function({arguments}):
     out = empty(shape)
     sound = state({arguments}, out)
     if sound is None:
-        sound = state(*[array(a, "float64") for a in ({arguments},)], out)
+        sound = state(*[plain_copy(a) for a in ({arguments},)], out)
     if sound == 1:
         return {result}
     if sound == 0:
@@ -352,13 +359,14 @@ class BatchProgram:
         States that are not known to be sound are left to the recursion: few at first, more where they follow one
         another. Its first error ends the run.
         """
-        function, count, status, stretch = self.compiled(results.dtype), len(results), OK, FEW
+        dtype = np.dtype(results.dtype.type)  # the one that arrays share, but those that were pickled
+        function, count, status, stretch = self.compiled(dtype), len(results), OK, FEW
         if not count:
             return OK
         begin = function(*states, results, 0)
         if begin is None:
             with np.errstate(all="ignore"):
-                states = [np.array(a, results.dtype, order="C") for a in states]
+                states = [plain_copy(a, dtype) for a in states]
             begin = function(*states, results, 0)
         while begin < count:
             end = min(begin + stretch, count)
