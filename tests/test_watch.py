@@ -54,6 +54,19 @@ def test_a_sliding_mode_ends_with_an_error_that_says_what_to_smooth(block, kind,
     assert error.trajectory.evaluations < 20_000
 
 
+@pytest.mark.parametrize("kind", ["called", "traceable"])
+def test_a_law_with_noise_ends_after_bounded_work(block, kind):
+    """Once without end: no step control follows torques that differ at each call."""
+    rng = np.random.default_rng(0)
+    law = {"called": lambda law: law, "traceable": rne.traceable}[kind](lambda t, q, qd: rng.normal(size=1))
+    text = (
+        r"is -?[\d.]+ and, asked for again at the same time and state, -?[\d.]+ at t = .* noise or memory; sample it$"
+    )
+    with pytest.raises(rne.SimulationError, match=text) as caught:
+        rne.simulate(rne.Scene(block, controller=law), [0.0], [0.0], 10.0)
+    assert caught.value.trajectory.evaluations < 20_000
+
+
 @pytest.mark.parametrize("method", kept(["DOP853", "RK45"], ["DOP853"]))
 def test_a_stiff_loop_is_no_chatter(irb140, method):
     """An explicit method is held to tiny steps by stability; its torques are continuous."""

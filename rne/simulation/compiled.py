@@ -100,7 +100,7 @@ class CompiledSolver:
     def __init__(self, method: str, rtol: float, atol: float, kernel: Kernel) -> None:
         self.method, self.rtol, self.atol, self.kernel = method, rtol, atol, kernel
         self.rates, self.tableau = kernel.address(), tableau(method)
-        self.h, self.longest, self.how = 0.0, np.inf, ANEW
+        self.h, self.longest, self.how, self.examined = 0.0, np.inf, ANEW, 0
         self.size = 16 if method == "DOP853" else 7  # slopes of a step, those for interpolants included
 
     def start(self, system: Any, t: float, x: Array, end: float, longest: float = np.inf) -> None:
@@ -113,6 +113,11 @@ class CompiledSolver:
         self.system, self.t, self.x, self.end = system, t, x, end
         self.how = AFTER_A_JUMP if self.h > 0 else ANEW
         self.f = np.zeros(len(x))
+
+    @property
+    def note(self) -> str:
+        """For the message of a run."""
+        return f"in machine code{f', {self.examined} steps by SciPy' if self.examined else ''}"
 
     @property
     def is_running(self) -> bool:
@@ -152,6 +157,7 @@ class CompiledSolver:
 
     def _examined(self, end: float) -> Steps:
         """One step by SciPy's solver."""
+        self.examined += 1
         solver = AdaptiveSolver(self.method, self.rtol, self.atol)
         first = min(self.h, end - self.t) if self.h > 0 else None
         solver.start(self.system, self.t, self.x, end, self.longest, first)

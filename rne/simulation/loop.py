@@ -176,7 +176,7 @@ class Loop:
             return False
         if not self.watch.changes_method(steps):
             return False
-        self.solver = _solver(self.system, self.task, self.watch.method, self.hold)
+        self.solver = _solver(self.system, self.plant, self.task, self.watch.method, self.hold)
         return True
 
     def _result(self, failure: Failure | None) -> Run:
@@ -196,15 +196,15 @@ class Loop:
 
     def _ending(self) -> str:
         """How the run went, for the message."""
-        if self.stop is not None:
-            return self.stop.message(self.t)
         parts = [self.watch.note, self.system.note]
         if isinstance(self.solver, GaussSolver):
             parts.append(f"{self.solver.count} steps of {self.solver.h:.6g} s")
         if self.hold is not None:
             count = self.hold.count
             parts.append(f"the controller was sampled {count} times, every {self.hold.period:g} s")
-        return "; ".join(part for part in parts if part) or "the end was reached"
+        went = "; ".join(part for part in parts if part) or "the end was reached"
+        words = [getattr(self.solver, "note", ""), went if self.stop is None else self.stop.message(self.t)]
+        return "; ".join(word for word in words if word)
 
 
 class Record:
@@ -291,15 +291,19 @@ def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> 
         system: Plant | DryPlant = DryPlant(plant, friction)
     else:
         system = plant
-    return system, _solver(system, task, task.method, hold)
+    return system, _solver(system, plant, task, task.method, hold)
 
 
-def _solver(system: Any, task: Task, method: str, hold: ZeroOrderHold | None = None) -> Stepper:
+def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Stepper:
     """A method's loop in machine code where there is one, or SciPy's solver."""
     if method == RODAS:
         return RosenbrockSolver(task.rtol, task.atol, system)
     if method not in COMPILED or not system.is_compiled:
-        return AdaptiveSolver(method, task.rtol, task.atol)
+        solver = AdaptiveSolver(method, task.rtol, task.atol)
+        if method in COMPILED and plant.robot.engine == "numba":
+            why = "the law is called" if plant.law is not None else "the equations are too large to be written out"
+            solver.note = f"by SciPy, as {why}"
+        return solver
     how = method, task.rtol, task.atol, system.kernel
     if hold is None or hold.traced is None:
         return CompiledSolver(*how)

@@ -111,7 +111,7 @@ class AdaptiveSolver:
     """
 
     def __init__(self, method: str, rtol: float, atol: float) -> None:
-        self.method, self.rtol, self.atol = method, rtol, atol
+        self.method, self.rtol, self.atol, self.note = method, rtol, atol, ""
         self._solver: Any = None
 
     def start(

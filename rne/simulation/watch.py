@@ -168,6 +168,7 @@ class Watch:
 
     def _check_chatter(self) -> None:
         """Refuse torques that jump right beside most of the last states: the motion is held at the jump."""
+        self._check_repeats(*self.recent[-1])
         chosen = list(self.recent)[-EXAMINED - 1 :]
         found = [self._jump(t, x, end - t) for (t, x), (end, _) in itertools.pairwise(chosen)]
         jumps = np.array([jump for jump in found if jump is not None])
@@ -179,6 +180,20 @@ class Watch:
             f"motion stays at t = {t:.6g} s: the law chatters; smooth it, such as by tanh, or sample it",
             t,
         )
+
+    def _check_repeats(self, t: float, x: Array) -> None:
+        """Refuse a law that does not return the same torques again: no steps follow noise."""
+        if self.plant.law is None:
+            return
+        first, again = (self.plant.torques_at(np.array([t]), x[None])[0] for _ in range(2))
+        change, n = np.abs(again - first), self.plant.robot.n
+        if change.max() > NOTICED * np.abs(first).max():
+            k = int(np.argmax(change[:n]))
+            raise NotFiniteError(
+                f"the torque of {self.plant.robot.joint_names[k]!r} is {first[k]:.6g} and, asked for again at the same "
+                f"time and state, {again[k]:.6g} at t = {t:.6g} s: the law has noise or memory; sample it",
+                t,
+            )
 
     def _jump(self, t: float, x: Array, h: float) -> Array | None:
         """The jump of the torques between a state and one a few steps ahead, or None if they are continuous."""
