@@ -156,7 +156,7 @@ def test_joints_that_stick_and_slip(free, static, monkeypatch):
     expected = rne.simulate(scenes[0], *run, **how, rtol=1e-10)
     monkeypatch.setattr("rne.simulation.solver.AdaptiveSolver.steps", lambda self, most: pytest.fail("a step by SciPy"))
     got = rne.simulate(scenes[1], *run, **how, rtol=1e-8)
-    assert got.message == expected.message
+    assert got.message.replace("; in machine code", "") == expected.message
     assert "changes" in got.message
     assert (got.qd == 0).sum() > 10
     np.testing.assert_allclose(got.q, expected.q, atol=1e-7)
@@ -184,7 +184,7 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
     assert len(own) == 80
     assert len(by_loop) - 1 < 40
     for expected, got in zip(*motions, strict=True):
-        assert got.message == expected.message
+        assert got.message.replace("; in machine code", "") == expected.message
         assert len(got.jumps) == len(expected.jumps)
         for name in ("t", "q", "qd", "qdd", "tau", "work", "controller_state", "jumps", "qdd_before", "tau_before"):
             one, other = (np.asarray(getattr(motion, name)) for motion in (got, expected))
