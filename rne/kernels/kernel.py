@@ -129,20 +129,17 @@ class Kernel(InNotebooks):
             raise TypeError(f"{self!r}: too large to be written out")
         return self._trace
 
-    def fast_call(self, *arguments: Any) -> Array | None:
-        """The shortest way to a result; None for arguments that are not plain float64 arrays.
+    @cached_property
+    def fast_call(self) -> Callable[..., Array | None]:
+        """The shortest way to a result; gives None for arguments that are not plain float64 arrays.
 
-        It raises NeedsRecursion where the recursion must compute the state. The first call replaces it.
+        It raises NeedsRecursion where the recursion must compute the state.
         """
-        call: Callable[..., Array | None] = lambda *_: None  # noqa: E731
         if self.is_unrolled and self.engine == "numba":
             from .llvm_backend import fast_call
 
-            call = fast_call(self)
-        elif self.is_unrolled:
-            call = _fast_call(self)
-        vars(self)["fast_call"] = call
-        return call(*arguments)
+            return fast_call(self)
+        return _fast_call(self) if self.is_unrolled else lambda *_: None
 
     @cached_property
     def state_function(self) -> Callable[..., Array]:
@@ -160,10 +157,30 @@ class Kernel(InNotebooks):
         return backends(self.engine)[1](self.traced)
 
     def address(self, lanes: int = 1) -> int:
-        """The program in machine code, for loops: address of int64 f(const double* a0, ..., double* out).
+        """The program in machine code: address of a function for loops that are compiled.
 
-        It returns 1 if the result is sound, 0 if the recursion must examine the state. Argument k has shape (width,
-        lanes) in C order, out (entries, lanes). The address is valid as long as the kernel lives.
+        Parameters
+        ----------
+        lanes : int
+            States side by side that a call computes, 1 or `rne.kernels.loops.LANES`.
+
+        Returns
+        -------
+        int
+            Of int64 f(const double* a0, const double* a1, ..., double* out), valid as long as the kernel lives. It
+            returns 1 if the result is sound, 0 if a state must be examined by a call of the kernel. Argument k has the
+            shape (width, lanes) in C order, `out` (entries, lanes).
+
+        Raises
+        ------
+        TypeError
+            If the kernel is too large to be written out.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).address() > 0  # doctest: +SKIP
+        True
         """
         if lanes not in self._libraries:
             from .llvm_backend import lanes_library

@@ -16,7 +16,7 @@ from .ledger import Ledger
 from .plant import Plant
 from .sampled import SAME, ZeroOrderHold
 from .symplectic import STEP
-from .trajectory import Trajectory
+from .trajectory import Trajectory, trajectory_later
 
 FINER = 100.0  # times smaller tolerances
 FINEST, SMALLEST = 2.3e-14, 1e-20  # tolerances that SciPy's solvers take
@@ -140,7 +140,7 @@ def build_trajectory(
         "model": rhs.robot.model,
         "at_steps": task.t_eval is None,
     }
-    return (Trajectory.later(known, later) if derived is None else Trajectory(**known, **derived)), failure
+    return (trajectory_later(known, later) if derived is None else Trajectory(**known, **derived)), failure
 
 
 def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool = False) -> dict[str, Any]:

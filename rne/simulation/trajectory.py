@@ -22,6 +22,13 @@ LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
 
 
+def trajectory_later(known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
+    """A motion whose other attributes are computed when one of them is asked for."""
+    motion = object.__new__(Trajectory)
+    motion.__dict__.update(dict(known), _derive=derive)
+    return motion
+
+
 def trajectory_summary(motion: Trajectory) -> str:
     """Robot, duration, solver, message and energies of a motion, in a few lines."""
     return wrapped("\n  ".join(trajectory_lines(motion)))
@@ -121,13 +128,6 @@ class Trajectory(MotionFiles, InNotebooks):
     at_steps: bool = field(default=True, repr=False)
 
     __repr__ = trajectory_summary
-
-    @classmethod
-    def later(cls, known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
-        """A motion whose other attributes are computed when one of them is asked for."""
-        motion = object.__new__(cls)
-        motion.__dict__.update(dict(known), _derive=derive)
-        return motion
 
     def __getattr__(self, name: str) -> Any:
         derive = self.__dict__.get("_derive")
