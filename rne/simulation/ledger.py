@@ -60,13 +60,14 @@ class Taken:
             start[0] |= not part.goes_on
         self.part, self.number = np.repeat(np.arange(len(parts)), counts), np.concatenate([*map(np.arange, counts)])
         self.begin, self.end = np.concatenate([t[:-1] for t in ends]), np.concatenate([t[1:] for t in ends])
-        self.starts = np.concatenate(starts)  # where something jumps
+        jumps = np.concatenate(starts)
+        self.quick = self.begin.tolist(), self.end.tolist(), jumps.tolist()  # for one after the other
 
     def panel(self, first: int, most: int) -> int:
         """Where a panel ends that begins with step `first`: of steps of similar lengths between which nothing jumps."""
-        ends, last = self.end, first + 1
-        length = ends[first] - self.begin[first]
-        while last < min(len(ends), first + most) and not self.starts[last]:
+        (begins, ends, jumps), last = self.quick, first + 1
+        length, beyond = ends[first] - begins[first], min(len(ends), first + most)
+        while last < beyond and not jumps[last]:
             if not 1 / ALIKE <= (ends[last] - ends[last - 1]) / length <= ALIKE:
                 break
             last += 1
@@ -107,7 +108,8 @@ class Ledger:
 
     def __init__(self, powers: Powers, names: Sequence[str]) -> None:
         self.powers, self.names = powers, names
-        self.pieces: list[tuple[float, float, Array]] = []  # begin, length and coefficients, shape (DEGREE + 1, k)
+        # Begins and lengths of panels, shape (P,), and their coefficients, (P, DEGREE + 1, k)
+        self.pieces: list[tuple[Array, Array, Array]] = []
         self.exchanged = 0.0  # integral of the powers' sizes
         self.steps, self.block = FIRST_STEPS, BLOCK  # in a panel, and panels evaluated together
         self._parts: list[Part] = []  # to be integrated
@@ -117,7 +119,7 @@ class Ledger:
     @property
     def end(self) -> float:
         """The time up to which it was integrated."""
-        return self.pieces[-1][0] + self.pieces[-1][1] if self.pieces else 0.0
+        return float(self.pieces[-1][0][-1] + self.pieces[-1][1][-1]) if self.pieces else 0.0
 
     def add(self, steps: Steps, count: int, end: float, at_rest: Array | None) -> None:
         """So many steps were taken, the last as far as `end`."""
@@ -140,7 +142,7 @@ class Ledger:
         taken, panels, first = Taken(parts), [], 0
         while first < len(taken.end):
             last = taken.panel(first, self.steps)
-            panels.append((taken.begin[first], taken.end[last - 1], first, last))
+            panels.append((taken.quick[0][first], taken.quick[1][last - 1], first, last))
             first = last
             if len(panels) >= self.block or last == len(taken.end):
                 self._integrate(taken, np.array(panels))
@@ -148,7 +150,7 @@ class Ledger:
 
     def _integrate(self, taken: Taken, panels: Array) -> None:
         """Integrate over panels, rows of (begin, end, first step, last step)."""
-        done: list[tuple[float, float, Array]] = []
+        done: list[tuple[Array, Array, Array]] = []
         for halving in range(HALVINGS + 1):
             if not len(panels):
                 break
@@ -161,10 +163,11 @@ class Ledger:
                 self._adapt(errors)
             divisible = lengths > SHORTEST * np.abs(panels[:, 1])
             rough = (errors > NEGLIGIBLE * self.exchanged) & divisible & (halving < HALVINGS)
-            begins, well = panels[:, 0].tolist(), np.flatnonzero(~rough).tolist()
-            done += [(begins[k], float(lengths[k]), coefficients[k]) for k in well]
+            done.append((panels[~rough, 0], lengths[~rough], coefficients[~rough]))
             panels = taken.halves(panels[rough])
-        self.pieces += sorted(done, key=lambda piece: piece[0])
+        found = [np.concatenate(part) for part in zip(*done, strict=True)]
+        order = np.argsort(found[0])
+        self.pieces.append((found[0][order], found[1][order], found[2][order]))
 
     def _adapt(self, errors: Array) -> None:
         """The length of the next panels."""
@@ -178,7 +181,7 @@ class Ledger:
         self.integrate()
         if not self.pieces:
             return np.zeros((len(times), len(self.names)))
-        begins, lengths, polynomials = (np.array(part) for part in zip(*self.pieces, strict=True))
+        begins, lengths, polynomials = (np.concatenate(part) for part in zip(*self.pieces, strict=True))
         whole = np.concatenate(
             [np.zeros((1, len(self.names))), np.cumsum(lengths[:, None] * polynomials[:, 0], axis=0)]
         )
