@@ -68,7 +68,8 @@ def compiled(text: Callable[..., Any]) -> Callable[..., Any]:
                 made[kind] = _compiled(text, arguments, kind)
             last = made[kind]
             result = last(*arguments)
-            assert result is not None
+            if result is None:
+                raise RuntimeError(f"{text.__qualname__} raised an exception in machine code")
         return result
 
     return call

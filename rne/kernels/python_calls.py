@@ -181,7 +181,8 @@ def emit_loop_call(module: Any, name: str, arguments: Sequence[Any], returned: s
     values = [x for k, kind in enumerate(arguments) for x in _flattened(call, call.argument(k), kind)]
     result, error = call.builder.alloca(RETURNED[returned]), call.builder.alloca(BYTES)
     native = ir.FunctionType(ir.IntType(32), [x.type for x in (result, error, *values)])
-    call.unlocked(ir.Function(module, native, name), [result, error, *values])
+    status = call.unlocked(ir.Function(module, native, name), [result, error, *values])
+    call.require(status, 0, -2)  # anything else is an exception; -2 is None
     found = call.builder.load(result)
     if returned == "float64":
         call.builder.ret(call.c_function("PyFloat_FromDouble", BYTES, found))
