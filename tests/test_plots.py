@@ -16,7 +16,7 @@ import rne
 from benchmarks.random_robots import random_tree, straight_chain
 from rne.plotting.plots import DASHED
 
-from .helpers import kept
+from .helpers import EPS, kept
 
 SAME = 1e-12  # relative to the largest value of a curve: polynomials through samples round
 UNITS = {"q": ("rad", "m"), "qd": ("rad/s", "m/s"), "qdd": ("rad/s²", "m/s²"), "tau": ("N m", "N")}
@@ -78,6 +78,8 @@ def test_curves_pass_through_the_samples(motion, quantity, request):
     values = getattr(motion, quantity)
     for curve, column in zip(ax.lines, values.T, strict=True):
         atol = SAME * np.abs(values).max()
+        if quantity == "qdd":  # a second derivative of positions over steps that samples cut short
+            atol += 20 * EPS * np.abs(motion.q).max() / np.diff(motion.t).min() ** 2
         np.testing.assert_allclose(at(curve, motion.t, "last"), column, rtol=0, atol=atol)
 
 
