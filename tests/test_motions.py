@@ -1,6 +1,7 @@
 """Motions as they are used afterwards: between the samples, at jumps, in files; quantiles of many motions."""
 
 import csv
+import dataclasses
 import json
 import pickle
 import re
@@ -322,3 +323,17 @@ def test_times_asked_for_are_marked(irb140, tmp_path):
     assert not motion.at_steps
     assert not rne.Trajectory.load(motion.save(tmp_path / "m.npz")).at_steps
     assert rne.simulate(irb140, [0] * 6, [0] * 6, 0.2).at_steps
+
+
+@pytest.mark.parametrize("name", ["energy_start", "tau", "dissipated", "jumps", "scene"])
+def test_torques_and_energies_are_computed_when_one_of_them_is_asked_for(irb140, name):
+    """Whichever comes first, as those of a motion that has them all; a called law's are there at once."""
+    scene = rne.Scene(irb140, friction=rne.Friction(viscous=1.0))
+    motion, whole = (rne.simulate(scene, [0.1] * 6, [0] * 6, 0.2) for _ in range(2))
+    assert name not in vars(motion)
+    expected, found = (getattr(m, name) for m in (dataclasses.replace(whole), motion))
+    assert str(found) == str(expected)
+    assert name in vars(motion)
+    assert "tau" in vars(rne.simulate(irb140, [0.1] * 6, [0] * 6, 0.01, torque=lambda t, q, qd: 0 * q))
+    with pytest.raises(AttributeError, match="no attribute 'torque'"):
+        _ = motion.torque
