@@ -45,12 +45,11 @@ class Block(Steps):
         self.span = solver.system.span
 
     @property
-    def jumps(self) -> Array:
-        """Whether torques that are held change where a step begins."""
-        jumps = np.zeros(len(self.K), dtype=bool)
-        if self.U is not None:
-            jumps[0], jumps[1:] = True, (self.U[1:] != self.U[:-1]).any(axis=1)
-        return jumps
+    def jumps(self) -> list[bool]:
+        """Whether torques that are held change where a step begins; at the first, whatever was held before."""
+        if self.U is None:
+            return super().jumps
+        return [True, *(self.U[1:] != self.U[:-1]).any(axis=1).tolist()]
 
     @cached_property
     def polynomials(self) -> Array:

@@ -53,15 +53,19 @@ class Taken:
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self.parts = parts
+        begins: list[float] = []
+        ends: list[float] = []
+        jumps: list[bool] = []
+        for part in parts:
+            times = part.steps.T[: part.taken].tolist()
+            begins += times
+            ends += [*times[1:], part.end]
+            first, *others = part.steps.jumps[: part.taken]
+            jumps += [first or not part.goes_on, *others]
         counts = [part.taken for part in parts]
-        ends = [np.append(part.steps.T[: part.taken], part.end) for part in parts]
-        starts = [part.steps.jumps[: part.taken].copy() for part in parts]
-        for part, start in zip(parts, starts, strict=True):
-            start[0] |= not part.goes_on
         self.part, self.number = np.repeat(np.arange(len(parts)), counts), np.concatenate([*map(np.arange, counts)])
-        self.begin, self.end = np.concatenate([t[:-1] for t in ends]), np.concatenate([t[1:] for t in ends])
-        jumps = np.concatenate(starts)
-        self.quick = self.begin.tolist(), self.end.tolist(), jumps.tolist()  # for one after the other
+        self.begin, self.end = np.array(begins), np.array(ends)
+        self.quick = begins, ends, jumps  # for one after the other
 
     def panel(self, first: int, most: int) -> int:
         """Where a panel ends that begins with step `first`: of steps of similar lengths between which nothing jumps."""

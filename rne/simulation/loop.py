@@ -245,6 +245,8 @@ class Record:
     def take(self, steps: Steps, count: int, end: float, x: Array, system: Any) -> None:
         """So many steps were taken, the last as far as `end`, where the state is x."""
         if self.t_eval is None:
+            if count == 1:
+                return self.add(np.array([end]), x[None], system)
             before = slice(1, count)
             return self.add(np.append(steps.T[before], end), np.concatenate([steps.X[before], x[None]]), system)
         first, self.asked = self.asked, int(np.searchsorted(self.t_eval, end * (1 - SAME), side="left"))

@@ -43,9 +43,9 @@ class Steps:
         """Make what the interpolants need, while the solver still has it."""
 
     @property
-    def jumps(self) -> Array:
-        """Whether torques that are held change where a step begins, shape (k,)."""
-        return np.zeros(len(self.T) - 1, dtype=bool)
+    def jumps(self) -> list[bool]:
+        """Whether torques that are held change where a step begins, of k steps."""
+        return [False] * (len(self.T) - 1)
 
     def inside(self, k: int) -> Interpolant:
         """The states inside one step: (size,) at a time, (size, m) at times of shape (m,)."""
@@ -78,7 +78,7 @@ class SolverStep(Steps):
     """The last step of one of SciPy's solvers; its interpolant is to be asked for before the next step."""
 
     def __init__(self, solver: Any, begin: float, x: Array) -> None:
-        super().__init__(np.array([begin, solver.t]), np.stack([x, solver.y]))
+        super().__init__(np.array([begin, solver.t]), np.array([x, solver.y]))
         self._solver = solver
 
     @cached_property
