@@ -162,7 +162,7 @@ class Kernel(InNotebooks):
         Parameters
         ----------
         lanes : int
-            States side by side that a call computes, 1 or `rne.kernels.loops.LANES`.
+            States side by side that a call computes, 1 or ``rne.kernels.loops.LANES``.
 
         Returns
         -------
@@ -398,7 +398,7 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
     engine : {"numpy", "numba"}
         What runs the kernel. "numba" is machine code, compiled by LLVM at the first call of one state and at the first
         batch, some 0.2 ms per operation, and kept on disk for other processes: in the platform's folder for caches, or
-        that of the environment variable RNE_CACHE (empty: nowhere); `rne cache` shows it. In memory it lives as long
+        that of the environment variable RNE_CACHE (empty: nowhere); ``rne cache`` shows it. In memory it lives as long
         as the kernel. It needs the extra `numba`: `pip install 'rne[numba]'`.
     **fixed
         Arguments other than joint arrays, such as `link="link_6"` for `rne.dynamics.jacobian`. Of `external` the names
