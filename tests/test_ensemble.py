@@ -70,11 +70,29 @@ def test_times_and_energies_are_those_of_single_motions(irb140):
     assert runs.evaluations == 4 * 100 * 5
 
 
-def test_progress_is_told(chain, starts):
+@pytest.mark.parametrize(("step", "total"), [(0.01, 400), (None, 40)])
+def test_progress_is_told(chain, starts, step, total):
+    """In steps, or in motions where each has its own."""
     told = []
-    rne.ensemble(chain, *starts, 0.1, step=0.01, progress=lambda done, total: told.append((done, total)))
-    assert told[-1] == (400, 400)
+    rne.ensemble(chain, *starts, 0.1, step=step, progress=lambda *counts: told.append(counts))
+    assert told[-1] == (total, total)
     assert [done for done, _ in told] == sorted(done for done, _ in told)
+
+
+def test_progress_counts_motions_that_have_reached_the_end(chain):
+    """Not those that have reached a break of the torques: behind it these diverge."""
+
+    @rne.traceable
+    class Push:
+        breaks = (0.05,)
+
+        def __call__(self, t, q, qd):
+            return rne.elementwise.where(rne.elementwise.less(t, 0.05), 0 * q, 1e3 * qd**3)
+
+    scene, told = rne.Scene(chain, controller=Push()), []
+    with pytest.raises(rne.NotFiniteError, match=r"^start 0 at t = "):
+        rne.ensemble(scene, np.zeros((2, 2)), np.ones((2, 2)), 0.5, progress=lambda *counts: told.append(counts))
+    assert told == []
 
 
 def test_a_process_pool_gives_the_same(chain, starts):

@@ -89,6 +89,15 @@ def test_the_first_event_of_many_steps_is_that_of_each_alone(seed):
     assert found.t == pytest.approx(passages.min(), abs=1e-9)
 
 
+def test_an_event_that_touches_zero_and_turns_back_has_not_happened():
+    def event(t, X, u):
+        return -np.maximum(0, np.abs(X[:, 0] - 0.45) - width)
+
+    steps, width = TimeItself([0, 1]), 0.02  # between two points at which events are evaluated
+    assert first_crossing([event], steps) is None
+    assert first_crossing([lambda t, X, u: event(t, X, u) + 1e-6], steps).t == pytest.approx(0.43, abs=1e-5)
+
+
 def test_an_error_of_an_event_counts_before_a_crossing_only():
     def event(t, X, u):
         if (t > last).any():

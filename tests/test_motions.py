@@ -5,6 +5,7 @@ import dataclasses
 import json
 import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -182,6 +183,11 @@ class TestFiles:
         table = np.array(rows, dtype=float)
         np.testing.assert_array_equal(table, np.column_stack([swing.t, swing.q, swing.qd, swing.qdd, swing.tau]))
 
+    def test_table_of_a_motion_without_its_model(self, swing, tmp_path):
+        file = replace(swing, model=None).to_csv(tmp_path / "swing.csv")
+        heading = file.read_text(encoding="utf-8").splitlines()[0]
+        assert heading.split(",")[1:] == [f"{x}.joint_{k}" for x in ("q", "qd", "qdd", "tau") for k in range(1, 7)]
+
     def test_table_of_pandas(self, swing):
         pandas = pytest.importorskip("pandas", reason="pandas is not installed")
         table = swing.to_dataframe()
@@ -226,6 +232,7 @@ class TestFiles:
             ("qd", lambda qd: qd[:-1], "`qd` must have shape (T, 6), got (T-1, 6)"),
             ("tau", lambda tau: tau.ravel(), "`tau` must have shape (T, 6), got (6T,)"),
             ("q", lambda q: np.where(np.arange(6) == 2, np.nan, q), "`q` must be finite, got nan at index (0, 2)"),
+            ("controller_state", lambda z: np.ones(3), "`controller_state` must have shape (T, m), got (3,)"),
             ("energy", lambda e: e / 0.0, "`energy` must be finite, got "),
             ("t", lambda t: t[::-1], "`t` must ascend, got "),
             ("kinetic", lambda e: e.astype(str), "`kinetic` must be an array of real numbers, got dtype <U32"),

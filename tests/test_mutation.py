@@ -3,11 +3,13 @@
 import json
 import subprocess
 import sys
+import tomllib
 
 import pytest
 
 from .helpers import ROOT
-from .mutation.draw import draw
+from .mutation.__main__ import DECLARED
+from .mutation.draw import candidates, draw
 
 SOURCE = """def area(width: int = 2, height: int = 3) -> int:
     \"\"\"Area of 1 rectangle.\"\"\"
@@ -47,6 +49,12 @@ def test_the_same_seed_draws_the_same_mutants():
 
 def test_annotations_and_texts_are_left_alone(tree):
     assert {m.line for m in draw(tree, 16, 0, ("basics",))} == {1, 3, 7}  # 1: of the defaults
+
+
+def test_those_declared_equivalent_are_in_the_tree():
+    declared = tomllib.loads(DECLARED.read_text(encoding="utf-8"))["equivalent"]
+    found = {f: {m.key() for ms in candidates(ROOT, f).values() for m in ms} for f in {d["file"] for d in declared}}
+    assert [d for d in declared if (d["file"], d["source"], d["old"], d["new"]) not in found[d["file"]]] == []
 
 
 @pytest.mark.parametrize("kinds", [("killed",), pytest.param(("killed", "survived"), marks=pytest.mark.long)], ids=len)

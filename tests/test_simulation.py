@@ -25,6 +25,22 @@ def double():
     return rne.Robot(straight_chain(2))
 
 
+@pytest.mark.parametrize("parts", [{"sample_time": 0.01}, {}], ids=["sampled", "continuous"])
+def test_torques_and_accelerations_found_one_by_one_are_those_found_at_once(double, parts, monkeypatch):
+    """As after a failure at one of many instants."""
+    law = rne.control.pid(double, [30.0, 10.0], [30.0, 10.0], [4.0, 1.0], [0.4, -0.1])
+    run = rne.Scene(double, controller=law, **parts), [0.3, 0.2], [0, 0], 0.1
+    at_once, one_by_one = rne.simulate(*run), rne.simulate(*run)
+    expected = at_once.tau, at_once.qdd
+
+    def fail(*arguments):
+        raise rne.NotFiniteError("somewhere", 0.0)
+
+    monkeypatch.setattr(Plant, "all_rates", fail)
+    np.testing.assert_allclose(one_by_one.tau, expected[0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(one_by_one.qdd, expected[1], rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_swings_the_pendulum_with_its_exact_period(pendulum, method):
     """A rod of 1 m from 1 rad: T = 4 K(sin(1/2)) / w, w^2 = 3 g / 2 l."""

@@ -215,6 +215,14 @@ def test_between_samples_the_decay_until_the_next_one_counts():
     assert walk(1.5e-4, 1000) == "Rodas5P"
 
 
+def test_where_the_law_is_sampled_in_machine_code_steps_of_rk45_cost_little():
+    plant, _, walk = watched("RK45", SimpleNamespace(period=1e-3, traced=True))
+    plant.fastest = 1e5
+    assert walk(1.5e-4, 1000) == "RK45"
+    plant.fastest = 2e5
+    assert walk(1.5e-4, 1000) == "Rodas5P"
+
+
 def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
     solvers, times = [], []
     for most in (1, 100):

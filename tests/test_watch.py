@@ -51,7 +51,21 @@ def test_a_sliding_mode_ends_with_an_error_that_says_what_to_smooth(block, kind,
     assert "the torque of 'j' jumps by " in str(error)
     assert str(error).endswith("the law chatters; smooth it, such as by tanh, or sample it")
     assert 0.41 < error.time < 0.5
+    assert error.trajectory.t[-1] == error.time
     assert error.trajectory.evaluations < 20_000
+
+
+def test_a_milligram_may_chatter_as_a_kilogram():
+    calls, slider = [], Part(link="l", joint="j", kind="prismatic", parent=0, axis=np.eye(3)[0], mass=1e-6)
+    robot = rne.Robot(assemble("slider", [Part(link="base"), slider], gravity=(0, 0, 0)))
+
+    def law(t, q, qd):
+        calls.append(t)
+        assert len(calls) < 100_000
+        return 1e-6 * switching(t, q, qd)
+
+    with pytest.raises(rne.SimulationError, match=r"the torque of 'j' jumps by 4e-06 where"):
+        rne.simulate(robot, [1.0], [0.0], 60.0, torque=law)
 
 
 @pytest.mark.parametrize("kind", ["called", "traceable"])

@@ -10,7 +10,7 @@ import random
 import re
 from dataclasses import dataclass
 
-FOLDERS = ("kernels", "dynamics", "control", "model", "urdf", "robot", "basics", "trajectories")
+FOLDERS = ("kernels", "dynamics", "control", "model", "urdf", "robot", "basics", "trajectories", "simulation")
 OPERATORS = {"Add": "-", "Sub": "+", "Mult": "/", "Div": "*", "FloorDiv": "*", "Mod": "//", "Pow": "*", "MatMult": "*"}
 OPERATORS |= {"BitAnd": "|", "BitOr": "&", "BitXor": "&", "LShift": ">>", "RShift": "<<"}
 OPPOSITES = {"Lt": ">=", "LtE": ">", "Gt": "<=", "GtE": "<", "Eq": "!=", "NotEq": "=="}
