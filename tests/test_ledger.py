@@ -7,7 +7,7 @@ from scipy.integrate import simpson
 import rne
 from benchmarks.random_robots import random_tree
 from rne.model.builder import Part, assemble
-from rne.simulation.ledger import Ledger
+from rne.simulation.ledger import DEGREE, MOST_AT_ONCE, Ledger
 from rne.simulation.solver import Steps
 
 from .helpers import kept
@@ -106,6 +106,16 @@ def test_the_powers_of_many_steps_are_asked_for_a_few_times():
     t = np.linspace(0, 100, 301)
     np.testing.assert_allclose(ledger.at(t)[:, 0], np.sin(t), atol=1e-8)
     assert len(asked) < 15
+
+
+def test_at_most_so_many_panels_are_evaluated_together():
+    """Each is a step beside one of another length."""
+    asked, T = [], np.append(0.0, np.cumsum(np.tile([0.01, 0.1], 1500)))
+    steps, ledger = Straight(3000), Ledger(lambda t, X: asked.append(len(t)) or X, ["power"])
+    steps.T, steps.X = T, T[:, None]
+    ledger.add(steps, 3000, T[-1], None)
+    np.testing.assert_allclose(ledger.at(T)[:, 0], T**2 / 2, rtol=1e-12)
+    assert max(asked) == MOST_AT_ONCE * (DEGREE + 1)
 
 
 def test_a_run_that_is_cut_keeps_its_ledger(block):

@@ -101,6 +101,15 @@ def test_a_step_too_long_is_an_error(irb140):
         rne.simulate(irb140, np.zeros(6), np.full(6, 50.0), 1.0, method="gauss-4", step=0.1)
 
 
+def test_an_iteration_that_hardly_converges_is_given_up():
+    """After 60 rounds, each of which leaves a half of the error, or 0.7 of it: 1e-18, or 5e-10."""
+    largest, start, guess = np.abs(np.linalg.eigvals(WEIGHTS)).max(), np.ones(1), np.zeros((2, 1))
+    K = solve_stages(lambda X: -0.5 / largest * X, start, 1.0, WEIGHTS, guess)
+    np.testing.assert_allclose(K, -0.5 / largest * (1 + WEIGHTS @ K), atol=1e-12)
+    with pytest.raises(rne.NotFiniteError, match="the stages do not converge"):
+        solve_stages(lambda X: -0.7 / largest * X, start, 1.0, WEIGHTS, guess)
+
+
 def test_a_step_is_refused_for_a_method_that_chooses_its_own(irb140):
     text = r"^`step` is for the equal steps of 'gauss-4'; 'RK45' chooses its own$"
     with pytest.raises(ValueError, match=text):

@@ -8,7 +8,9 @@ import pytest
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
 from rne.control.laws import pd_gravity
-from rne.simulation.plant import Plant
+from rne.simulation.loop import Record
+from rne.simulation.plant import Plant, System
+from rne.simulation.solver import Steps
 
 from .helpers import kept
 
@@ -25,6 +27,18 @@ def double():
     return rne.Robot(straight_chain(2))
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_every_step_is_reported_however_many_are_taken_at_once(count):
+    T = np.arange(6.0)
+    record, steps, system = Record(None, 1), Steps(T, T[:, None]), System()
+    record.begin(0.0, T[:1], system)
+    record.take(steps, count, T[count], T[count, None], system)
+    record.begin(T[count], np.array([7.0]), system)  # the next segment, after a jump of the state
+    t, x, _ = record.arrays()
+    assert t.tolist() == T[: count + 1].tolist()
+    assert x[:, 0].tolist() == [*T[:count], 7.0]
+
+
 @pytest.mark.parametrize("parts", [{"sample_time": 0.01}, {}], ids=["sampled", "continuous"])
 def test_torques_and_accelerations_found_one_by_one_are_those_found_at_once(double, parts, monkeypatch):
     """As after a failure at one of many instants."""
@@ -39,6 +53,10 @@ def test_torques_and_accelerations_found_one_by_one_are_those_found_at_once(doub
     monkeypatch.setattr(Plant, "all_rates", fail)
     np.testing.assert_allclose(one_by_one.tau, expected[0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(one_by_one.qdd, expected[1], rtol=1e-12, atol=1e-12)
+    monkeypatch.undo()
+    swing = rne.simulate(double, *run[1:])
+    monkeypatch.setattr(Plant, "all_rates", fail)
+    assert not swing.tau.any()
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -236,6 +236,17 @@ def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
     assert len(times[0]) > 10
 
 
+def test_the_first_step_is_a_part_of_the_time_that_is_left(pair):
+    """However much has passed before."""
+    plant, lengths = Plant(rne.Scene(pair[1]).right_hand_side, None), []
+    for begin in (0.0, 1e3):
+        solver = rosenbrock.RosenbrockSolver(1e-6, 1e-9, plant)
+        solver.start(plant, begin, np.array([0.5, 0.2, 0, 1.0]), begin + 0.1)
+        lengths.append(np.diff(solver.steps(1).T)[0])
+    assert lengths[0] == pytest.approx(0.1 * rosenbrock.FIRST)
+    assert lengths[1] == pytest.approx(lengths[0], rel=1e-5)  # rounding of the time
+
+
 def test_evaluations_are_calls_and_one_per_component_of_the_state_for_each_jacobian(pair, monkeypatch):
     counts, run = [], rosenbrock.compiled_steps
 
