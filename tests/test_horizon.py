@@ -10,6 +10,7 @@ import pytest
 import rne
 from benchmarks.random_robots import straight_chain
 from benchmarks.swing import extrapolated
+from rne.simulation.run import Run, Task, repeated_error
 
 from .helpers import kept
 
@@ -72,6 +73,18 @@ def test_the_error_estimate_of_equal_steps_is_by_steps_of_half_the_length():
     exact = rne.simulate(robot, [0.5, 0.2], [0, 0], 1.0, t_eval=times, rtol=1e-12, atol=1e-13)
     error = np.abs(coarse.q - exact.q).max()
     assert estimate.max() == pytest.approx(1.1 * error, rel=1 / 16)
+
+
+@pytest.mark.parametrize(("rtol", "factor"), [(1e-6, 0.01), (1e-12, 100.0)])
+def test_the_other_run_has_other_tolerances(rtol, factor):
+    """Tighter by 100, or looser where tighter ones are below rounding."""
+    asked, t = [], np.linspace(0, 1, 11)
+    run = Run(t, np.zeros((11, 2)), None, None, method="DOP853")
+    task = Task(np.ones(2), 1.0, "LSODA", rtol, 1e-9, is_auto=True)
+    repeated_error(lambda other: asked.append(other) or run, 1, task, run)
+    again = asked[-1]
+    assert (again.rtol, again.atol) == pytest.approx((rtol * factor, 1e-9 * factor), rel=1e-12)
+    assert (again.method, again.is_auto) == ("DOP853", False)
 
 
 def test_a_chain_that_stands_upside_down_is_trusted_for_the_logarithm_of_rounding():

@@ -5,7 +5,7 @@ import dataclasses
 import json
 import pickle
 import re
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pytest
@@ -149,6 +149,13 @@ class TestJumps:
         law = rne.control.computed_torque(irb140, *GAINS, rne.trajectories.trapezoidal([0] * 6, ACROSS, 1.0, 0.25))
         motion = rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [0] * 6, 1.2, t_eval=[0, 0.25, 0.5])
         assert motion.jumps.shape == (0,)
+
+
+def test_a_motion_of_which_no_jumps_are_told_is_a_curve(swing):
+    told = [f.name for f in fields(rne.Trajectory) if f.default is MISSING and f.default_factory is MISSING]
+    motion = rne.Trajectory(**{name: getattr(swing, name) for name in told})
+    np.testing.assert_array_equal(motion(0.51)[1], swing(0.51)[1])
+    np.testing.assert_array_equal(motion.torques(0.51), swing.torques(0.51))
 
 
 class TestFiles:
