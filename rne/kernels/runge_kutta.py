@@ -252,7 +252,9 @@ def take_samples(
                 z[1, j] = z[0, j] + period * found[n + j]
                 Z[number[1], j] = z[0, j]
             begun[number[1]] = step
-            how = ANEW if number[0] == 0 else AFTER_A_JUMP
+            if number[0] == 0:
+                H[step] = period  # the first step is tried as far as the next sample
+            how = AFTER_A_JUMP if H[step] > 0 else ANEW
             number[0] += 1
             number[1] += 1
         next_sample = number[0] * period

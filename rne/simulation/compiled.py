@@ -104,13 +104,13 @@ class CompiledSolver:
 
     def start(self, system: Any, t: float, x: Array, end: float, longest: float = np.inf) -> None:
         """Begin anew at time t; steps are at most `longest` long."""
-        self.longest, self.h = longest, 0.0
         self.resume(system, t, x, end)
+        self.longest, self.h, self.how = longest, 0.0, ANEW
 
     def resume(self, system: Any, t: float, x: Array, end: float) -> None:
-        """Go on after a jump of the torques with the length of the last step."""
+        """Go on after a jump of the torques with the length of the last step, or try the first as far as the end."""
         self.system, self.t, self.x, self.end = system, t, x, end
-        self.how = AFTER_A_JUMP if self.h > 0 else ANEW
+        self.h, self.how = self.h or end - t, AFTER_A_JUMP
         self.f = np.zeros(len(x))
 
     @property
