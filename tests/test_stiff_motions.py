@@ -18,7 +18,7 @@ from rne.simulation import loop, rosenbrock
 from rne.simulation.plant import Plant
 from rne.simulation.run import Task
 from rne.simulation.solver import Steps
-from rne.simulation.watch import Watch, work_per_step
+from rne.simulation.watch import CHECKED, Watch, work_per_step
 
 from .helpers import kept
 
@@ -205,6 +205,13 @@ def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
     assert walk(1e-3, 1000) == "Rodas5P"
     plant.fastest *= 1.9 / 2.1
     assert walk(1e-3, 1000) == "DOP853"
+
+
+@pytest.mark.parametrize(("compiled", "conservative", "looks"), [(False, True, 1), (True, False, 2), (True, True, 10)])
+def test_steps_that_cost_little_are_looked_at_less_often(compiled, conservative, looks):
+    plant = Linear()
+    plant.is_compiled, plant.is_conservative = compiled, conservative
+    assert Watch(plant, Task(np.zeros(4), 100.0, "DOP853", 1e-6, 1e-9)).steps_to_look == looks * CHECKED
 
 
 def test_between_samples_the_decay_until_the_next_one_counts():
