@@ -632,7 +632,8 @@ class TestMotions:
         expected, got = runs
         assert np.abs(got.q[-1] - expected.q[-1]).max() <= 1e-8
         assert got.work[-1] == pytest.approx(expected.work[-1], rel=1e-7)
-        assert abs(got.evaluations / expected.evaluations - 1) <= 0.1
+        # In machine code the stages of interpolants, 3 of 15, are evaluated when energies are asked for.
+        assert 0.75 <= got.evaluations / expected.evaluations <= 1.1
 
     @pytest.mark.long
     def test_of_free_swings_sampled_laws_and_called_ones(self, arms):
