@@ -303,9 +303,9 @@ def methods_that_ran(patch):
     """Methods in the order in which the loop began with them."""
     ran, make = [], loop._solver
 
-    def noted(system, task, method, hold=None):
+    def noted(system, plant, task, method, hold):
         ran.append(method)
-        return make(system, task, method, hold)
+        return make(system, plant, task, method, hold)
 
     patch.setattr(loop, "_solver", noted)
     return ran
