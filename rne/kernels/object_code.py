@@ -37,6 +37,7 @@ def versions() -> str:
     return f"{hashlib.sha256(files).hexdigest()} {others} {sys.platform}"
 
 
+versions()  # of the files as they were imported: they may be edited while a process runs
 REGISTER_BITS = 512 if "+avx512f" in host()[1].split(",") else 256
 
 
