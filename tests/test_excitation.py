@@ -9,11 +9,9 @@ from scipy.optimize import OptimizeResult
 
 import rne
 from benchmarks.random_robots import random_tree
-from rne.identification.exciting_motions.criteria import Condition, Determinant, Observation
-from rne.identification.exciting_motions.fourier import FourierBasis
-from rne.identification.exciting_motions.motion_limits import motion_limits
-from rne.identification.exciting_motions.search import Search
-from rne.identification.exciting_motions.series_limits import SeriesLimits
+from rne.identification.exciting_motion import Condition, Determinant, Observation, Search
+from rne.identification.fourier import FourierBasis
+from rne.identification.motion_limits import SeriesLimits, motion_limits
 
 from .helpers import loaded
 

@@ -8,12 +8,15 @@ import pytest
 from scipy.signal import lfilter
 
 import rne
-from rne.identification.estimation.consistent import consistent_fit
-from rne.identification.estimation.correlation import repeats_of_filtered_noise, repeats_of_residuals
-from rne.identification.estimation.equations import equations, joined
-from rne.identification.estimation.least_squares import least_squares, with_correlation
-from rne.identification.estimation.prior import geometric_prior, model_prior
-from rne.identification.measurements.filtering import low_pass
+from rne.identification.consistent import consistent_fit, geometric_prior, model_prior
+from rne.identification.equations import equations, joined
+from rne.identification.filtering import low_pass
+from rne.identification.least_squares import (
+    least_squares,
+    repeats_of_filtered_noise,
+    repeats_of_residuals,
+    with_correlation,
+)
 from rne.model.parameters import dual_of_gradient, pseudo_inertia
 
 from .helpers import loaded

@@ -7,8 +7,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.measurements.bandwidth import choose_cutoff
-from rne.identification.measurements.filtering import MARGIN, derivatives, low_pass, settling
+from rne.identification.filtering import MARGIN, choose_cutoff, derivatives, low_pass, settling
 
 from .helpers import loaded
 from .measurements import measure, record, truth
@@ -131,7 +130,7 @@ def test_decimation_keeps_the_band(true):
 def test_columns_are_reduced_block_by_block_as_one(monkeypatch, true):
     prepared = Record(true.t, true.q, true.tau).prepare(cutoff=5.0)
     whole = prepared.reduce(prepared.tau)
-    monkeypatch.setattr("rne.identification.measurements.filtering.BLOCK", 1)
+    monkeypatch.setattr("rne.identification.filtering.BLOCK", 1)
     assert np.array_equal(prepared.reduce(prepared.tau), whole)
 
 

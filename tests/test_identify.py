@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.estimation.least_squares import least_squares
+from rne.identification.least_squares import least_squares
 from rne.model.parameters import pseudo_inertia
 
 from .conftest import TREES

@@ -1,19 +1,16 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
-from .certificate.candidate import Candidate
-from .certificate.comparison import ModelComparison, compare_models
-from .certificate.consistency import consistency
-from .certificate.energy import EnergyBalance
-from .certificate.verdict import Consistency
 from .checking import Check
-from .estimation.least_squares import LeastSquares
-from .exciting_motions.excitation_result import Excitation
-from .exciting_motions.search_excitation import excitation
+from .comparison import ModelComparison, compare_models
+from .exciting_motion import Excitation, excitation
 from .fit import identify
-from .measurements.findings import RecordFinding
-from .measurements.prepared import Prepared
-from .measurements.record import Record
+from .hypotheses import Candidate
+from .least_squares import LeastSquares
+from .prepared import Prepared
+from .record import Record
 from .result import Identification
+from .rigid_body_test import Consistency, EnergyBalance, consistency
+from .screening import RecordFinding
 
 __all__ = [
     "Candidate",

@@ -14,12 +14,11 @@ from ..errors import IdentificationError
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
-from .estimation.equations import Equations
-from .estimation.least_squares import LeastSquares, least_squares, with_correlation
-from .estimation.method import Method, held_out
-from .estimation.prior import geometric_prior, model_prior
-from .gathering import HELD_OUT, check_robot, gathered
-from .measurements.record import Record
+from .consistent import geometric_prior, model_prior
+from .equations import Equations
+from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
+from .record import Record
+from .regression import HELD_OUT, check_robot, gathered
 from .result import Identification
 
 SPREAD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..basics.text import Row, aligned, counted, short
 from ..model.parameters import PARAMETERS
-from .estimation.method import LEAST_NOISE
+from .least_squares import LEAST_NOISE
 
 WORSE = 1.2  # residuals of possible bodies, of those of least squares
 

@@ -18,15 +18,15 @@ from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
-from .certificate.verdict import certificate_lines
 from .checking import Check
-from .estimation.equations import Equations
-from .estimation.least_squares import LeastSquares
-from .estimation.prior import expected_sizes, model_prior
-from .gathering import Gathered, check_joints
-from .measurements.prepared import Prepared
-from .measurements.record import Record
+from .consistent import expected_sizes, model_prior
+from .equations import Equations
+from .least_squares import LeastSquares
+from .prepared import Prepared
+from .record import Record
+from .regression import Gathered, check_joints
 from .report import report_text
+from .rigid_body_test import certificate_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

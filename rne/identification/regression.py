@@ -14,11 +14,10 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot, robot_argument
 from ..simulation.motion_files import numbered_joints
-from .estimation.correlation import repeats_of_filtered_noise, repeats_of_residuals
-from .estimation.equations import Equations, joined
-from .estimation.stacking import Stacked, stacked
-from .measurements.prepared import Prepared
-from .measurements.record import Record
+from .equations import Equations, Stacked, joined, stacked
+from .least_squares import repeats_of_filtered_noise, repeats_of_residuals
+from .prepared import Prepared
+from .record import Record
 
 HELD_OUT = 10  # blocks of the measurements, each predicted from the others
 SLOWEST = 0.02  # of a joint's largest rate: below it, Coulomb friction has no known direction

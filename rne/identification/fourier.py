@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...basics.spatial import Array
+from ..basics.spatial import Array
 
 
 @dataclass(frozen=True)

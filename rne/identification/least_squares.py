@@ -1,18 +1,26 @@
 """Weighted least squares: each joint's equations count by its own residual.
 
 Gautier 1997; Siciliano et al. 2009, section 7.3. The noise of a joint is its residual over its degrees of freedom,
-which depend on the fit, which depends on the noise: the fit is repeated until neither changes.
+which depend on the fit, which depends on the noise: the fit is repeated until neither changes. Residuals that are like
+those of neighbouring equations carry less information than their number says: the sum over their autocorrelations,
+1 + 2 sum rho_k, is the number of equations that count as one (Sokal 1997, section 3).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ...basics.spatial import Array
-from .equations import Equations
+from ..basics.spatial import Array
+from ..dynamics.base_inertial_parameters import BaseParameters
+from ..model.parameters import PARAMETERS
+from ..model.standard_parameters import StandardParameters
+from .consistent import consistent_fit
+from .equations import Equations, triangular
+from .filtering import low_pass
 
 ROUNDS = 30  # of weighting; it settles in a few
 SETTLED = 1e-6  # relative change of the noise at which weighting ends
@@ -145,3 +153,117 @@ def noise(equations: Equations, sigma: Array, start: Array, least: Array) -> Arr
     freedom = equations.rows.sum(0) - spent
     found = np.sqrt(equations.residuals(solution.x) / np.maximum(freedom, 1))
     return np.maximum(np.where(freedom < FEWEST, start, found), least)
+
+
+HELD = 1e-4  # weight of the model's drives, of that of the measurements
+LEAST_NOISE = 1e-3  # of the torques: the consistent fit does not take measurements for more exact than this
+
+
+class Method(NamedTuple):
+    """What is unknown, and what is known beforehand.
+
+    Attributes
+    ----------
+    standard : StandardParameters
+    base : BaseParameters
+    prior : ndarray, shape (nb, 4, 4), or None
+        Pseudo-inertias; None for least squares alone.
+    weight : float
+        Of the divergence from the prior.
+    """
+
+    standard: StandardParameters
+    base: BaseParameters
+    prior: Array | None
+    weight: float
+
+    def solved(self, equations: Equations) -> tuple[LeastSquares, Array]:
+        """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
+        estimate = least_squares(equations.mapped(self.base.back))
+        if self.prior is not None:
+            return estimate, self.consistent(equations, estimate.sigma)
+        model = self.standard.values
+        return estimate, model + self.base.back @ (estimate.values - self.base.matrix @ model)
+
+    def consistent(self, equations: Equations, sigma: Array) -> Array:
+        """The physically consistent standard parameters."""
+        size = np.sqrt(equations.torques() / np.maximum(equations.rows.sum(0), 1))
+        factor = equations.merged().weighted(np.maximum(sigma, LEAST_NOISE * size))
+        bodies = PARAMETERS * self.standard.model.nb
+        lengths = np.linalg.norm(factor[:, bodies:-1], axis=0)
+        factor = triangular(np.concatenate([factor, self.drives_of_the_model(lengths)]))
+        bounded = np.array([not name.startswith("tau0") for name in self.standard.names[bodies:]], bool)
+        assert self.prior is not None
+        return consistent_fit(factor, self.prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
+
+    def drives_of_the_model(self, lengths: Array) -> Array:
+        """Equations that keep a drive as the model has it where the motion says nothing of it."""
+        bodies = PARAMETERS * self.standard.model.nb
+        known = np.maximum(self.standard.values[bodies:], 0)
+        rows = np.zeros((len(lengths), self.standard.count + 1))
+        weights = np.where(lengths == 0, 1.0, HELD * lengths)
+        rows[:, bodies:-1], rows[:, -1] = np.diag(weights), weights * known
+        return rows
+
+
+def held_out(method: Method, fitted: Equations, measured: Equations) -> Array:
+    """|predicted - measured| / |measured| of each joint, each block predicted from the others, shape (n,).
+
+    NaN for a joint of which no torque was measured.
+    """
+    squares = np.zeros(fitted.joints)
+    for k in range(len(fitted.factors)):
+        others = np.arange(len(fitted.factors)) != k
+        _, parameters = method.solved(fitted.of_blocks(others))
+        squares += measured.of_blocks(~others).residuals(parameters)
+    errors = np.sqrt(squares / np.maximum(measured.torques(), np.finfo(float).tiny))
+    return np.where(measured.rows.sum(0) == 0, np.nan, errors)
+
+
+RESPONSE = 8.0  # periods of the cut-off after which nothing is left of an impulse
+WINDOW = 5.0  # the sum ends at this many times itself (Sokal's rule)
+
+
+def repeats_of_residuals(residuals: Array, used: Array, parts: Sequence[slice]) -> Array:
+    """1 + 2 sum rho_k of each joint, at least 1.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (rows, n)
+    used : ndarray of bool, shape (rows, n)
+        Rows that were fitted.
+    parts : sequence of slice
+        Rows without a gap between them.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    return np.array([_of_joint(r, u, parts) for r, u in zip(residuals.T, used.T, strict=True)])
+
+
+def repeats_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
+    """The same for noise that was white before the filter, from the filter's response to an impulse."""
+    reach = decimation * int(np.ceil(RESPONSE * sample_rate / (cutoff * decimation)))
+    impulse = np.zeros((2 * reach + 1, 1))
+    impulse[reach] = 1
+    response = low_pass(impulse, cutoff, sample_rate)[:, 0]
+    covariances = np.correlate(response, response, "full")[len(response) - 1 :: decimation]
+    return float(2 * covariances.sum() / covariances[0] - 1)
+
+
+def _of_joint(residual: Array, used: Array, parts: Sequence[slice]) -> float:
+    variance = (residual[used] ** 2).mean() if used.any() else 0.0
+    if variance == 0:
+        return 1.0
+    total, longest = 1.0, max(part.stop - part.start for part in parts)
+    for lag in range(1, longest):
+        pairs, products = 0, 0.0
+        for part in parts:
+            both = used[part][lag:] & used[part][:-lag]
+            pairs += int(both.sum())
+            products += float((residual[part][lag:] * residual[part][:-lag])[both].sum())
+        total += 2 * products / (variance * max(pairs, 1)) * (1 - lag / longest)
+        if lag >= WINDOW * total:
+            break
+    return max(total, 1.0)

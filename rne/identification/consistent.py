@@ -1,0 +1,386 @@
+"""The physically consistent fit: least squares over bodies that some distribution of mass has.
+
+minimise 1/2 |R x - b|^2 + w sum over bodies of (tr(P0^-1 P) - log det(P0^-1 P) - 4)
+
+over the bodies' pseudo-inertias P, which log det keeps positive definite, and over drives whose inertia and friction
+are not negative. The second term is the log-det divergence from a prior P0 (Lee, Wensing and Park 2020): it decides
+where the motion says nothing, and does not depend on units and frames. With P = L X L^T and P0 = L L^T each body is a
+matrix X near the identity; log det X is the largest sum of log Z_ii with [[X, Z], [Z^T, diag Z]] positive semidefinite
+and Z lower triangular (Ben-Tal and Nemirovski 2001, section 4.2). Clarabel solves the cone programme to a small gap of
+its objective, which log det leaves flat: bodies then have half of their digits. The minimum is smooth inside the cone,
+and a few Newton steps find the others.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from ..dynamics.base_inertial_parameters import BaseParameters
+from ..errors import IdentificationError
+from ..model.model import Model
+from ..model.parameters import PARAMETERS, parameters_of, parameters_of_pseudo_inertia, pseudo_inertia
+from .equations import Equations
+
+LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables
+DIAGONAL = [k for k, (i, j) in enumerate(LOWER) if i == j]
+ENTRIES = len(LOWER)
+ROOT_2 = np.sqrt(2.0)
+AT_BOUND = 1e-6  # of its size: a parameter of a drive below it is at its bound
+ROUNDS = 20  # of holding entries at their bound and letting them go
+GAP = 1e-9  # of the objective to its minimum, per unit of the prior's weight
+
+
+class Variables(NamedTuple):
+    """Places of the programme's variables."""
+
+    X: range  # ten per body
+    drives: range
+    Z: range  # ten per body
+    log: range  # four per body: log Z_ii
+    residual: range
+
+    @classmethod
+    def of(cls, nb: int, drives: int, rows: int) -> Variables:
+        ends = np.cumsum([0, ENTRIES * nb, drives, ENTRIES * nb, len(DIAGONAL) * nb, rows]).tolist()
+        return cls(*(range(a, b) for a, b in pairwise(ends)))
+
+    @property
+    def total(self) -> int:
+        return self.residual.stop
+
+
+def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, size: Array) -> Array:
+    """The standard parameters that fit best among the physically consistent ones.
+
+    Parameters
+    ----------
+    factor : ndarray, shape (P + 1, P + 1)
+        Triangular, of the weighted equations [R b] of the standard parameters.
+    prior : ndarray, shape (nb, 4, 4)
+        Pseudo-inertias P0, positive definite.
+    weight : float
+        Of the divergence from the prior.
+    bounded : ndarray of bool, shape (P - 10 nb,)
+        True for the parameters of drives that may not be negative.
+    size : ndarray, shape (P - 10 nb,)
+        Typical sizes of the parameters of drives.
+
+    Returns
+    -------
+    ndarray, shape (P,)
+
+    Raises
+    ------
+    IdentificationError
+        If the solver does not converge.
+    ImportError
+        If Clarabel is not installed.
+    """
+    factor = factor[:-1]  # the last row is what no parameters explain
+    scale = scaling(prior, size)
+    v = Variables.of(len(prior), len(size), len(factor))
+    linear = np.zeros(v.total)
+    linear[[v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]] = weight  # tr X
+    linear[v.log.start : v.log.stop] = -weight
+    R, b = factor[:, :-1] @ scale, factor[:, -1]
+    found, status = solve_cones(v, linear, constraints(v, R, b, bounded))
+    units = np.array([symmetric_unit(i, j) for i, j in LOWER])
+    y = at_minimum(
+        Barrier(R, b, weight, units, len(prior)), found[: v.Z.start], np.array(v.drives, int)[bounded], status
+    )
+    solution: Array = scale @ y
+    return solution
+
+
+def at_minimum(problem: Barrier, y: Array, bounded: Array, status: str) -> Array:
+    """The minimum near the point that the cone solver found, with those entries held at their bound that ask for it."""
+    y, held = y.copy(), set(bounded[y[bounded] < AT_BOUND].tolist())
+    for _ in range(ROUNDS):
+        free = np.ones(len(y), bool)
+        free[list(held)] = False
+        y[~free] = 0.0
+        if not np.isfinite(problem.value(y)):
+            break
+        y, gradient, decrement = refined(problem, y, free)
+        beyond = {k for k in bounded.tolist() if y[k] < 0}
+        pulled = {k for k in held if gradient[k] < -GAP * max(1.0, np.abs(problem.b).max(initial=0))}
+        if not beyond and not pulled and decrement <= GAP * problem.weight:
+            return y
+        held = (held | beyond) - pulled
+    raise IdentificationError(
+        f"no physically consistent bodies were found (Clarabel: {status}). With `consistent=False` the report says "
+        "which parameters are negative or not excited; check signs and units of the torques, or give a larger `spread`"
+    )
+
+
+def scaling(prior: Array, size: Array) -> Array:
+    """The matrix of (pi, drives) = scaling (X, drives / size), with P = L X L^T of each body."""
+    nb = len(prior)
+    matrix = np.zeros((PARAMETERS * nb + len(size), ENTRIES * nb + len(size)))
+    for k, L in enumerate(np.linalg.cholesky(prior)):
+        own = slice(ENTRIES * k, ENTRIES * (k + 1))
+        matrix[PARAMETERS * k : PARAMETERS * (k + 1), own] = parameters_of_pseudo_inertia(
+            np.array([[L @ symmetric_unit(i, j) @ L.T] for i, j in LOWER])
+        ).T
+    matrix[PARAMETERS * nb :, ENTRIES * nb :] = np.diag(size)
+    return matrix
+
+
+def symmetric_unit(i: int, j: int) -> Array:
+    """The symmetric 4 x 4 matrix that is 1 at (i, j) and (j, i)."""
+    E = np.zeros((4, 4))
+    E[i, j] = E[j, i] = 1
+    return E
+
+
+def constraints(v: Variables, R: Array, b: Array, bounded: Array) -> list[tuple[str, Any, Array]]:
+    """Cones as (kind, matrix A, right-hand side c): c - A x lies in the cone."""
+    residual = np.zeros((len(b), v.total))
+    residual[:, : v.Z.start], residual[:, v.residual.start :] = -R, np.eye(len(b))
+    cones = [
+        ("zero", residual, -b),
+        ("not negative", -np.eye(v.total)[np.array(v.drives, int)[bounded]], 0 * b[: bounded.sum()]),
+    ]
+    for k in range(len(v.log) // len(DIAGONAL)):
+        own = slice(ENTRIES * k, ENTRIES * (k + 1))
+        cones.append(("semidefinite", -block_matrix(v.X[own], v.Z[own], v.total), np.zeros(36)))
+        for place, d in enumerate(DIAGONAL):  # exp(log_i) <= Z_ii
+            row = np.zeros((3, v.total))
+            row[0, v.log[len(DIAGONAL) * k + place]] = row[2, v.Z[own][d]] = -1
+            cones.append(("exponential", row, np.array([0.0, 1.0, 0.0])))
+    return cones
+
+
+def block_matrix(X: range, Z: range, count: int) -> Array:
+    """[[X, Z], [Z^T, diag Z]] as a linear function of the variables: its upper triangle, column by column."""
+    dense = np.zeros((8, 8, count))
+    for k, (i, j) in enumerate(LOWER):
+        dense[i, j, X[k]] = dense[j, i, X[k]] = 1
+        dense[i, 4 + j, Z[k]] = 1
+        if i == j:
+            dense[4 + i, 4 + i, Z[k]] = 1
+    return np.array([dense[i, j] * (1 if i == j else ROOT_2) for j in range(8) for i in range(j + 1)])
+
+
+def solve_cones(v: Variables, linear: Array, cones: list[tuple[str, Any, Array]]) -> tuple[Array, str]:
+    """The minimum of 1/2 |residual|^2 + linear . x under the constraints, by Clarabel, and how it ended."""
+    try:
+        import clarabel
+    except ModuleNotFoundError:
+        raise ImportError(
+            "the physically consistent fit needs Clarabel, which is not installed: pip install 'rne[identify]'"
+        ) from None
+    from scipy import sparse
+
+    make = {
+        "zero": clarabel.ZeroConeT,
+        "not negative": clarabel.NonnegativeConeT,
+        "semidefinite": lambda rows: clarabel.PSDTriangleConeT(8),
+        "exponential": lambda rows: clarabel.ExponentialConeT(),
+    }
+    quadratic = np.zeros(v.total)
+    quadratic[v.residual.start :] = 1
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    A = sparse.csc_matrix(np.concatenate([A for _, A, _ in cones]))
+    c = np.concatenate([c for _, _, c in cones])
+    kinds = [make[kind](len(c)) for kind, _, c in cones if len(c)]
+    found = clarabel.DefaultSolver(sparse.diags(quadratic).tocsc(), linear, A, c, kinds, settings).solve()
+    return np.array(found.x), str(found.status)
+
+
+STEPS = 30
+CONVERGED = 1e-16  # of the decrement, half of which is the gap of the objective to its minimum
+ATTEMPTS = 40  # halvings of a step
+
+
+class Barrier(NamedTuple):
+    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of the matrices X, drives).
+
+    Attributes
+    ----------
+    R, b : ndarray, shapes (rows, count) and (rows,)
+    weight : float
+        w.
+    units : ndarray, shape (10, 4, 4)
+        Symmetric matrices that the entries of each X multiply.
+    nb : int
+        Number of matrices.
+    """
+
+    R: Array
+    b: Array
+    weight: float
+    units: Array
+    nb: int
+
+    def bodies(self, y: Array) -> Array:
+        """The matrices X, shape (nb, 4, 4)."""
+        X: Array = np.tensordot(y[: len(self.units) * self.nb].reshape(self.nb, -1), self.units, 1)
+        return X
+
+    def value(self, y: Array) -> float:
+        """The objective; infinite outside the cone."""
+        X = self.bodies(y)
+        if np.linalg.eigvalsh(X).min(initial=np.inf) <= 0:
+            return float("inf")
+        barrier = np.trace(X, axis1=1, axis2=2).sum() - np.linalg.slogdet(X)[1].sum()
+        return float(0.5 * ((self.R @ y - self.b) ** 2).sum() + self.weight * barrier)
+
+    def slopes(self, y: Array) -> tuple[Array, Array]:
+        """Gradient and Hessian."""
+        gradient, hessian = self.R.T @ (self.R @ y - self.b), self.R.T @ self.R
+        width = len(self.units)
+        for k, inverse in enumerate(np.linalg.inv(self.bodies(y))):
+            own = slice(width * k, width * (k + 1))
+            turned = inverse @ self.units
+            gradient[own] += self.weight * np.trace(self.units - turned, axis1=1, axis2=2)
+            hessian[own, own] += self.weight * np.einsum("kab,lba->kl", turned, turned)
+        return gradient, hessian
+
+
+def refined(problem: Barrier, start: Array, free: Array) -> tuple[Array, Array, float]:
+    """The minimum over the free entries of y; the others stay as they are.
+
+    Parameters
+    ----------
+    problem : Barrier
+    start : ndarray, shape (count,)
+        Inside the cone.
+    free : ndarray of bool, shape (count,)
+
+    Returns
+    -------
+    y : ndarray, shape (count,)
+    gradient : ndarray, shape (count,)
+        Of the objective there; zero to rounding in the free entries.
+    decrement : float
+        Twice the estimated gap to the minimum.
+    """
+    y, decrement = start.copy(), np.inf
+    for _ in range(STEPS):
+        gradient, hessian = problem.slopes(y)
+        step = np.zeros(len(y))
+        step[free] = -np.linalg.lstsq(hessian[np.ix_(free, free)], gradient[free], rcond=None)[0]
+        decrement = float(-gradient @ step)
+        lengths = 0.5 ** np.arange(ATTEMPTS)
+        value = problem.value(y)
+        length = next((a for a in lengths if problem.value(y + a * step) <= value - 1e-4 * a * decrement), 0.0)
+        y = y + length * step
+        if decrement <= CONVERGED or length == 0:
+            break
+    return y, problem.slopes(y)[0], decrement
+
+
+THICKNESS = 0.2  # of a guessed body: standard deviation of its mass across its length, as a part of the length
+SHORTEST = 0.1  # length of a guessed body without extent, as a part of the robot's mean distance between joints
+DEGENERATE = 1e-3  # bodies of a model that are thinner than this in terms of the guess, in second moments, ...
+ADDED = 1e-2  # ... get this part of it
+SHARE_OF_DRIVES = 0.1  # of a joint's torque, that its rotor or friction is expected to take
+UNIT = 1.0  # [m], of a robot whose joints are all at one point
+
+
+def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
+    """Pseudo-inertias of the model's bodies, positive definite.
+
+    Parameters
+    ----------
+    model : Model
+        The robot's parameters.
+
+    Returns
+    -------
+    prior : ndarray, shape (nb, 4, 4)
+    changed : tuple of str
+        Joints whose bodies are points, lines, sheets or impossible and were made thicker by some of the guess.
+    """
+    given, guess = pseudo_inertia(parameters_of(model)), geometric_prior(model)
+    mean = model.mass.mean() if model.mass.any() else 1.0
+    mass = np.where(model.mass > 0, model.mass, ADDED * mean)
+    guess = guess / guess[:, 3:, 3:] * mass[:, None, None]
+    prior, changed = given.copy(), []
+    for i, name in enumerate(model.moving_joints):
+        L = np.linalg.inv(np.linalg.cholesky(guess[i]))
+        thinnest = np.linalg.eigvalsh(L @ given[i] @ L.T)[0]
+        if thinnest < DEGENERATE:
+            prior[i] = given[i] + (ADDED + max(-thinnest, 0)) * guess[i]
+            changed.append(name)
+    return prior, tuple(changed)
+
+
+def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Array:
+    """How large base parameters may be: of bodies like these, and of drives that take a tenth of the torque.
+
+    Parameters
+    ----------
+    P : ndarray, shape (nb, 4, 4)
+        Pseudo-inertias of the bodies; infinite if nothing is known of them.
+    base : BaseParameters
+    equations : Equations
+        Of the standard parameters.
+
+    Returns
+    -------
+    ndarray, shape (base.count,)
+    """
+    mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
+    first = np.sqrt(mass * second)
+    bodies = np.concatenate([mass[:, None], np.repeat(first[:, None], 3, 1), np.repeat(second[:, None], 6, 1)], axis=1)
+    columns = np.sqrt((equations.factors[..., bodies.size : -1] ** 2).sum((0, 2)))  # joints, drives
+    shares = (columns / np.maximum(np.sqrt(equations.torques()), np.finfo(float).tiny)[:, None]).max(0, initial=0)
+    drives = np.divide(SHARE_OF_DRIVES, shares, out=np.zeros(len(shares)), where=shares > 0)
+    shown = np.where(base.matrix[:, : bodies.size] == 0, 0.0, bodies.ravel())
+    of_bodies = np.linalg.norm(base.matrix[:, : bodies.size] * shown, axis=1)
+    kept = np.array(base.independent, int)
+    sizes = np.where(kept < bodies.size, of_bodies, np.append(np.zeros(bodies.size), drives)[kept])
+    return np.asarray(sizes)
+
+
+def geometric_prior(model: Model) -> Array:
+    """Pseudo-inertias of rods from each joint to the next, of one density per length and a total mass of 1 kg.
+
+    Parameters
+    ----------
+    model : Model
+        Whose masses are not looked at.
+
+    Returns
+    -------
+    ndarray, shape (nb, 4, 4)
+    """
+    ends = [body_ends(model, i) for i in range(model.nb)]
+    lengths = [np.linalg.norm(end, axis=1) for end in ends]
+    known = np.concatenate(lengths)[np.concatenate(lengths) > 0]
+    shortest = SHORTEST * (known.mean() if len(known) else UNIT)
+    bodies = np.array([rods(end, np.maximum(length, shortest)) for end, length in zip(ends, lengths, strict=True)])
+    bodies = bodies.reshape(-1, 4, 4)
+    return np.asarray(bodies / max(bodies[:, 3, 3].sum(), np.finfo(float).tiny))
+
+
+def body_ends(model: Model, i: int) -> Array:
+    """Points that body i reaches from its joint's origin: the next joints and its further links."""
+    origin = model.joint_origin[i]
+    joints = [
+        model.translation[j] + model.rotation[j] @ model.joint_origin[j]
+        for j in range(model.nb)
+        if model.parent[j] == i
+    ]
+    links = [p for p, body in zip(model.link_translation, model.link_body, strict=True) if body == i]
+    points = np.array([p - origin for p in (joints or links)]).reshape(-1, 3)
+    return points if len(points) else np.zeros((1, 3))
+
+
+def rods(ends: Array, lengths: Array) -> Array:
+    """Pseudo-inertia of rods from the origin to points, of unit density per length."""
+    total = np.zeros((4, 4))
+    for end, length in zip(ends, lengths, strict=True):
+        total[:3, :3] += length * (np.outer(end, end) / 3 + (THICKNESS * length) ** 2 * np.eye(3))
+        total[:3, 3] += length * end / 2
+        total[3, :3] += length * end / 2
+        total[3, 3] += length
+    return total

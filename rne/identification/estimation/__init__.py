@@ -1,1 +1,0 @@
-"""Parameters from linear equations: least squares, and physically consistent bodies."""

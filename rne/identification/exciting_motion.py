@@ -1,0 +1,746 @@
+"""A motion that excites a robot's parameters: the condition number or the determinant, and the search for the best.
+
+Sequential quadratic programming from the best of many random motions, with exact gradients.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import positive_number, vector, whole_number
+from ..basics.spatial import Array
+from ..basics.text import counted, short, wrapped
+from ..dynamics.base_inertial_parameters import BaseParameters
+from ..dynamics.quantity import PrecisionStatus, Quantity
+from ..dynamics.regressors import regressor
+from ..model.model import Model
+from ..robot import Robot, robot_argument
+from ..simulation.motion_files import write_columns
+from ..trajectories import Samples
+from ..trajectories.profiles import broadcast_times
+from .fourier import FourierBasis
+from .motion_limits import FINE, ROUNDING, SeriesLimits, motion_limits
+
+States = tuple[Array, Array, Array]  # q, qd, qdd of shape (K, n) each
+
+
+class Slopes(NamedTuple):
+    """Derivatives of a number by q, qd and qdd at each sample, shape (K, n) each."""
+
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+@dataclass(frozen=True)
+class RegressorColumns:
+    """Some columns of `rne.dynamics.regressor` as a quantity of its own, whose kernel computes no others.
+
+    Attributes
+    ----------
+    columns : tuple of int
+    """
+
+    columns: tuple[int, ...]
+
+    @property
+    def quantity(self) -> Quantity:
+        """That of the regressor, with another core."""
+        return replace(regressor.quantity, core=self.core)
+
+    def core(self, model: Model, q: Array, qd: Array, qdd: Array) -> Array:
+        """The columns, shape (..., n, number of columns)."""
+        columns: Array = regressor.core(model, q, qd, qdd)[..., list(self.columns)]
+        return columns
+
+    def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
+        """The columns of the function itself."""
+        Y, verdict = regressor.evaluate(model, *args, **kwargs)
+        return Y[..., list(self.columns)], verdict
+
+
+class Observation:
+    """The matrix W of a motion's samples: rows are torques over their noise, columns are base parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    base : BaseParameters
+        Its base parameters, those of the bodies before those of the drives.
+    noise : ndarray, shape (n,)
+        Standard deviation of each torque, or its relative size.
+    """
+
+    def __init__(self, robot: Robot, base: BaseParameters, noise: Array) -> None:
+        self.robot, self.base, self.standard, self.noise = robot, base, base.standard, noise
+        first = self.standard.groups["bodies"].stop
+        self.bodies = RegressorColumns(tuple(k for k in base.independent if k < first))
+        self.drives = [k - first for k in base.independent if k >= first]
+
+    def matrix(self, states: States) -> Array:
+        """W, shape (..., K n, number of base parameters)."""
+        bodies = self.robot.kernel(self.bodies)(*states)
+        drives = self.standard.drive_columns(*states[1:])[..., self.drives]
+        Y = np.concatenate([bodies, drives], axis=-1) / self.noise[:, None]
+        return Y.reshape(*Y.shape[:-3], -1, self.base.count)
+
+    def slopes(self, states: States, G: Array) -> Slopes:
+        """Derivatives of a function of W, given its derivatives G by the entries of W.
+
+        Coulomb friction without smoothing has the derivative zero, which it has everywhere but at rest.
+        """
+        K, n = states[0].shape
+        by_columns = G.reshape(K, n, -1) / self.noise[:, None]
+        bodies, drives = np.split(by_columns, [len(self.bodies.columns)], axis=-1)
+        dY = self.robot.kernel(self.bodies, "q", "qd", "qdd")(*states)
+        found = (bodies.reshape(K, 1, -1) @ dY.reshape(K, -1, 3 * n))[:, 0]
+        by_rates, by_accelerations = self._drive_slopes(states, drives)
+        q, qd, qdd = (found[:, n * k : n * (k + 1)] for k in range(3))
+        return Slopes(q, qd + by_rates, qdd + by_accelerations)
+
+    def _drive_slopes(self, states: States, G: Array) -> tuple[Array, Array]:
+        """Those by qd and qdd of the drives' columns."""
+        first, n = self.standard.groups["bodies"].stop, self.robot.n
+        full = np.zeros((*states[0].shape, self.standard.count - first))
+        full[..., self.drives] = G
+        qd, qdd = np.zeros_like(states[0]), np.zeros_like(states[0])
+        for name, group in self.standard.groups.items():
+            if name == "bodies":
+                continue
+            shafts = np.asarray(self.standard.shafts) if name.endswith("shafts") else np.eye(n)
+            torques = np.einsum("kni,in->ki", full[..., group.start - first : group.stop - first], shafts)
+            if name.startswith("Ia"):
+                qdd += torques @ shafts
+            elif name.startswith("Fv"):
+                qd += torques @ shafts
+            elif name.startswith("Fc"):
+                qd += (torques * self._sign_slope(states[1] @ shafts.T)) @ shafts
+        return qd, qdd
+
+    def _sign_slope(self, rate: Array) -> Array:
+        width = self.standard.smoothing
+        slope: Array = (1 - np.tanh(rate / width) ** 2) / width if width else np.zeros_like(rate)
+        return slope
+
+
+class Condition:
+    """log of the condition number, the spectral norm being replaced by Schatten's of order p.
+
+    The largest and the smallest singular value have no derivative where two of them meet, as they do at the optimum.
+    (sum of s^p)^(1/p) and (sum of s^-p)^(1/p) have one, and exceed the condition number by a factor of at most
+    (number of columns)^(2/p).
+
+    Parameters
+    ----------
+    p : float
+        Order of the norm; infinity for the condition number itself.
+    scaled : bool
+        True to divide each column of W by its norm first.
+    """
+
+    def __init__(self, p: float = np.inf, scaled: bool = False) -> None:
+        self.p, self.scaled = p, scaled
+
+    def value(self, W: Array) -> float:
+        """The value at W."""
+        W = W / np.linalg.norm(W, axis=0) if self.scaled else W
+        s = np.linalg.svd(W, compute_uv=False)
+        value = np.log(s[0] / s[-1])
+        if np.isfinite(self.p):
+            value += (np.log(((s / s[0]) ** self.p).sum()) + np.log(((s[-1] / s) ** self.p).sum())) / self.p
+        return float(value)
+
+    def measure(self, W: Array) -> float:
+        """The condition number."""
+        return float(np.exp(self.value(W)))
+
+    def gradient(self, W: Array) -> Array:
+        """Derivatives by the entries of W, of its shape."""
+        D = np.linalg.norm(W, axis=0) if self.scaled else np.ones(W.shape[1])
+        W = W / D
+        U, s, Vt = np.linalg.svd(W, full_matrices=False)
+        p = self.p if np.isfinite(self.p) else 1e6  # picks the two extreme values
+        large, small = (s / s[0]) ** p, (s[-1] / s) ** p
+        G: Array = U * ((large / large.sum() - small / small.sum()) / s) @ Vt  # ds = u^T dW v
+        return (G - W * (W * G).sum(0)) / D if self.scaled else G
+
+
+class Determinant:
+    """-log det(W^T W) / number of columns: the log of the volume of the confidence ellipsoid, per parameter."""
+
+    def value(self, W: Array) -> float:
+        """The value at W."""
+        s = np.linalg.svd(W, compute_uv=False)
+        return float(-2 * np.log(s).mean())
+
+    def measure(self, W: Array) -> float:
+        """log det(W^T W)."""
+        return float(-self.value(W) * W.shape[1])
+
+    def gradient(self, W: Array) -> Array:
+        """Derivatives by the entries of W, of its shape."""
+        U, s, Vt = np.linalg.svd(W, full_matrices=False)
+        G: Array = U * (-2 / len(s) / s) @ Vt
+        return G
+
+
+SHRINK = 0.85  # of a random motion whose torques are too large
+POSES = 2000  # random ones, if the middle of the ranges cannot be held
+HELD = 0.9  # share of the efforts at rest that leaves some for motion
+
+
+def random_series(within: SeriesLimits, count: int, rng: np.random.Generator) -> Array:
+    """Random series x that touch some limit of each joint, less where torques are limited, shape (count, size).
+
+    Raises
+    ------
+    ValueError
+        If no pose can be held within the torque limits.
+    """
+    n = within.robot.n
+    anchor = rest_pose(within, rng)
+    x = rng.normal(size=(count, n, within.size // n))
+    A = np.concatenate(list(within.linear(FINE * within.basis.harmonics).values()), axis=1)
+    x = (x / (1 + ROUNDING) / np.abs(np.einsum("jti,cji->cjt", A, x)).max(-1)[..., None]).reshape(count, -1)
+    too_large = within.torque_use(x).max(-1) > 1
+    while too_large.any():
+        x[too_large] = anchor + SHRINK * (x[too_large] - anchor)
+        too_large = within.torque_use(x).max(-1) > 1
+    return np.asarray(x)
+
+
+def rest_pose(within: SeriesLimits, rng: np.random.Generator) -> Array:
+    """The series that rests in mid-range, or in a random pose if the drives cannot hold that one."""
+    robot, limits = within.robot, within.limits
+    poses = limits.centre + limits.half_range * rng.uniform(-0.9, 0.9, (POSES, robot.n))
+    poses[0] = limits.centre
+    use = within.torque_shares((poses, np.zeros_like(poses), np.zeros_like(poses)))
+    k = 0 if use[0].max() <= HELD else int(use.max(-1).argmin())
+    if use[k].max() > HELD:
+        j = int(use[k].argmax())
+        raise ValueError(
+            f"`limits`: no pose is held with {HELD:.0%} of the efforts; the best of {POSES} takes {use[k, j]:.1e} "
+            f"times effort_limit of joint {robot.joint_names[j]!r}"
+        )
+    coefficients = np.zeros((robot.n, within.free.shape[0]))
+    coefficients[:, 0] = (poses[k] - limits.centre) / limits.velocity_limit
+    anchor: Array = (coefficients @ within.free).ravel()
+    return anchor
+
+
+LOGGER = logging.getLogger("rne")
+FTOL = 1e-4  # change of the criterion's log at which the optimiser stops
+COARSE = 1e-3  # the same, of stages before the last
+BISECTIONS = 20
+NOT_BETTER = "no run found a better motion than the best random ones"
+
+Criterion = Condition | Determinant
+Progress = Callable[[int, int, float], Any]  # (start, iteration, condition number or log det)
+
+
+class Found(NamedTuple):
+    """A series that keeps its limits, with the exact criterion and what the optimiser said when it found it."""
+
+    x: Array
+    value: float
+    converged: bool
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Series x of least criterion within limits.
+
+    Attributes
+    ----------
+    within : SeriesLimits
+    observation : Observation
+    samples : int
+        Times of one period at which W is taken.
+    exact : Condition or Determinant
+        What is to be minimised.
+    stages : tuple of Condition or Determinant
+        Smooth criteria minimised one after the other.
+    iterations : int
+        The most of each run.
+    progress : callable or None
+    """
+
+    within: SeriesLimits
+    observation: Observation
+    samples: int
+    exact: Criterion
+    stages: tuple[Criterion, ...]
+    iterations: int
+    progress: Progress | None
+
+    @cached_property
+    def _grid(self) -> tuple[Array, Array, Array]:
+        return self.within.basis.grid(self.samples)
+
+    def matrix(self, x: Array) -> Array:
+        """W of a series, or of several."""
+        return self.observation.matrix(self.within.states(x, self._grid))
+
+    def value(self, x: Array) -> float:
+        """The exact criterion."""
+        return self.exact.value(self.matrix(x))
+
+    def gradient(self, criterion: Criterion, x: Array) -> Array:
+        """Derivatives of a criterion by x, exact: W's by q, qd and qdd, which are linear in x."""
+        states = self.within.states(x, self._grid)
+        slopes = self.observation.slopes(states, criterion.gradient(self.observation.matrix(states)))
+        by_coefficients = sum(h.T @ m for h, m in zip(slopes, self._grid, strict=True))
+        return self.within.gradient(np.asarray(by_coefficients))
+
+    def run(self, starts: Array) -> Found:
+        """The best of several starts: each through the first stage, the best of them through the further ones."""
+        first, *further = self.stages
+        runs = [self._minimise(first, Found(x, self.value(x), False, NOT_BETTER), k) for k, x in enumerate(starts)]
+        best = min(range(len(runs)), key=lambda k: runs[k].value)
+        found = runs[best]
+        for criterion in further:
+            found = self._minimise(criterion, found, best)
+        return found
+
+    def _minimise(self, criterion: Criterion, start: Found, number: int) -> Found:
+        """One run of SLSQP; where it ends no better than it started, the start."""
+        from scipy.optimize import minimize
+
+        iteration = 0
+
+        def tick(x: Array) -> None:
+            nonlocal iteration
+            iteration += 1
+            if self.progress is not None:
+                self.progress(number, iteration, self.exact.measure(self.matrix(x)))
+
+        run = minimize(
+            lambda x: criterion.value(self.matrix(x)),
+            start.x,
+            jac=lambda x: self.gradient(criterion, x),
+            constraints=self._constraints(),
+            method="SLSQP",
+            callback=tick,
+            options={"maxiter": self.iterations, "ftol": FTOL if criterion is self.stages[-1] else COARSE},
+        )
+        x = self._held(start.x, run.x)
+        value = self.value(x)
+        LOGGER.info("excitation, start %d: %s after %d iterations", number, run.message, run.nit)
+        if x is start.x or not value <= start.value:
+            return start
+        return Found(x, value, bool(run.success), str(run.message))
+
+    def _constraints(self) -> list[dict[str, Any]]:
+        A, within = self.within.rows, self.within
+        found: list[dict[str, Any]] = [{"type": "ineq", "fun": lambda x: 1 - A @ x, "jac": lambda x: -A}]
+        if len(within.driven):
+            grid = self._grid
+            torques = {
+                "fun": lambda x: within.torque_slack(x, grid),
+                "jac": lambda x: within.torque_slack_slopes(x, grid),
+            }
+            found.append({"type": "ineq", **torques})
+        return found
+
+    def _held(self, start: Array, end: Array) -> Array:
+        """The farthest series on the line from a start, which keeps its limits, to the optimiser's end that does."""
+        if not np.isfinite(end).all():
+            return start
+        if self.within.holds(end):
+            return end
+        kept, broken = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            middle = (kept + broken) / 2
+            kept, broken = (middle, broken) if self.within.holds(start + middle * (end - start)) else (kept, middle)
+        held: Array = start + kept * (end - start)
+        return held if kept else start
+
+
+ACTIVE = 0.97  # share of a limit from which it is called active
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """A periodic motion for the identification of a robot, made by `rne.excitation`.
+
+    q(t) = q0 + sum over k of a_k / (k w) sin(k w t) - b_k / (k w) cos(k w t), with w = 2 pi / duration. It is a
+    reference f(t) -> (q, qd, qdd), and repeats itself after `duration`.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot it is made for.
+    duration : float
+        The period [s].
+    q0 : ndarray, shape (n,)
+        Mean positions [rad or m].
+    a, b : ndarray, shape (n, H)
+        Amplitudes of the rates' cosines and sines [rad/s or m/s].
+    criterion : {"condition", "d-optimal"}
+        What was minimised.
+    condition : float
+        Condition number of W, whose rows are the torques of the samples and whose columns are the base parameters, each
+        divided by its norm if that was asked for.
+    log_det : float
+        log det(W^T W), which grows as the confidence ellipsoid of the parameters shrinks.
+    random : ndarray
+        What the criterion, `condition` or `log_det`, is of random motions within the same limits.
+    limit_use : mapping of str to ndarray, shape (n,)
+        The largest share of the limits of "position", "rate", "acceleration" and "torque" that the motion uses.
+    converged : bool
+        False if the optimiser stopped early or found nothing better than a random motion; the motion keeps its limits
+        all the same.
+    message : str
+        What the optimiser said when it found the motion.
+
+    Examples
+    --------
+    >>> import rne
+    >>> motion = rne.excitation(rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0}), 4.0, 3)
+    >>> q, qd, qdd = motion(0.0)
+    >>> q.shape, bool(motion.condition < motion.random.min())
+    ((3,), True)
+    """
+
+    robot: Robot
+    duration: float
+    q0: Array
+    a: Array
+    b: Array
+    criterion: str
+    condition: float
+    log_det: float
+    random: Array
+    limit_use: Mapping[str, Array]
+    converged: bool
+    message: str
+
+    @property
+    def harmonics(self) -> int:
+        """The number H of harmonics."""
+        return int(self.a.shape[1])
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Limits of which the motion uses 97 % and more, such as "rate of joint_2"."""
+        joints = self.robot.joint_names
+        found = [f"{kind} of {joints[k]}" for kind, use in self.limit_use.items() for k in np.flatnonzero(use > ACTIVE)]
+        return tuple(found)
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at given times.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times [s]. An array whose last axis has length one holds one time per state, as in control laws: it is
+            broadcast against joint arrays of shape (..., n). Any other array is an array of times.
+
+        Returns
+        -------
+        q, qd, qdd : ndarray, shape (n,) for one time, (T, n) for T times, (..., n) for times of shape (..., 1)
+            [rad or m], [rad/s or m/s], [rad/s^2 or m/s^2].
+
+        Raises
+        ------
+        ValueError
+            If `t` is not real or not finite.
+        """
+        w = FourierBasis(self.duration, self.harmonics).frequencies
+        phase = broadcast_times(t) * w
+        s, c = np.sin(phase), np.cos(phase)
+        q = self.q0 + s @ (self.a / w).T - c @ (self.b / w).T
+        qd = c @ self.a.T + s @ self.b.T
+        qdd = c @ (self.b * w).T - s @ (self.a * w).T
+        return q, qd, qdd
+
+    def sample(self, sample_rate: float, periods: int = 1) -> Samples:
+        """The motion at equal intervals, as a robot's controller takes it.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Samples per second [Hz].
+        periods : int
+            How often the motion is repeated.
+
+        Returns
+        -------
+        Samples
+            Times from 0 to the last at or before the end, q, qd and qdd; tau is None. It has no names of joints:
+            ``rne.plotting.plot(samples, motion.robot)`` shows those of the robot.
+
+        Raises
+        ------
+        ValueError
+            If an argument is not positive.
+
+        Examples
+        --------
+        >>> import rne
+        >>> motion = rne.excitation(rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0}), 4.0, 3)
+        >>> motion.sample(100.0).q.shape
+        (401, 3)
+        """
+        step = 1 / positive_number("sample_rate", sample_rate)
+        count = int(whole_number("periods", periods) * self.duration / step * (1 + 1e-12)) + 1
+        t = np.arange(count) * step
+        return Samples(t, *self(t))
+
+    def to_csv(self, path: str | PathLike[str], sample_rate: float, periods: int = 1) -> Path:
+        """Write the motion at equal intervals as comma-separated values.
+
+        Parameters
+        ----------
+        path : str or path-like
+            In an existing folder.
+        sample_rate : float
+            Samples per second [Hz].
+        periods : int
+            How often the motion is repeated.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written: a heading `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, then one row per sample in SI
+            units, with all digits. `rne.trajectories.read_csv` reads it.
+
+        Raises
+        ------
+        FileNotFoundError
+            If its folder does not exist.
+
+        Examples
+        --------
+        >>> import rne
+        >>> motion = rne.excitation(rne.load("irb140"), 10.0, 5)  # doctest: +SKIP
+        >>> file = motion.to_csv("motion.csv", 250.0)  # doctest: +SKIP
+        """
+        samples, names = self.sample(sample_rate, periods), self.robot.joint_names
+        parts = {"q": samples.q, "qd": samples.qd, "qdd": samples.qdd}
+        columns = {f"{part}.{name}": np.asarray(x)[:, k] for part, x in parts.items() for k, name in enumerate(names)}
+        return write_columns(path, samples.t, columns)
+
+    def __repr__(self) -> str:
+        best = self.random.min() if self.criterion == "condition" else self.random.max()
+        value = self.condition if self.criterion == "condition" else self.log_det
+        kind = "condition number" if self.criterion == "condition" else "log det"
+        text = (
+            f"Excitation of '{short(self.robot.model.name)}': {self.duration:g} s, "
+            f"{counted(self.harmonics, 'harmonic')}, {kind} {value:.4g}; of {len(self.random)} random motions "
+            f"{np.median(self.random):.4g} in the median, {best:.4g} at best"
+        )
+        active = f"; active limits: {', '.join(self.active)}" if self.active else ""
+        return wrapped(text + active + ("" if self.converged else f"; not converged: {self.message}"))
+
+
+CRITERIA = ("condition", "d-optimal")
+ORDERS = (8.0, 64.0)  # of the Schatten norms in place of the spectral norm, one stage each
+SAMPLES = 20  # per period of the highest harmonic
+SMOOTHING = 0.05  # of the smallest rate limit: where Coulomb friction changes its sign
+EXCITED = 1e8  # condition number, columns of unit norm, of a motion that leaves parameters unexcited
+
+
+def excitation(
+    robot: Robot,
+    duration: float,
+    harmonics: int = 5,
+    criterion: str = "condition",
+    *,
+    limits: Mapping[str, ArrayLike] | None = None,
+    rotor: bool = False,
+    friction: str | None = None,
+    offset: bool = False,
+    shafts: ArrayLike | None = None,
+    smoothing: float | None = None,
+    noise: ArrayLike | None = None,
+    scaled: bool = False,
+    rest: bool = True,
+    samples: int | None = None,
+    random_motions: int = 100,
+    starts: int = 3,
+    iterations: int = 150,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Excitation:
+    """A periodic motion from which the base parameters of a robot can be identified well.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as far as it is known: its geometry, and for limits of torques its parameters.
+    duration : float
+        The period [s].
+    harmonics : int
+        Number H of harmonics of each joint's Fourier series.
+    criterion : {"condition", "d-optimal"}
+        What is minimised: the condition number of W, whose rows are the torques of the samples and whose columns are
+        the base parameters; or -log det(W^T W), the volume of the parameters' confidence ellipsoid.
+    limits : mapping of str to array_like, shape (n,), optional
+        Replaces limits of the robot: "lower", "upper", "velocity_limit" and "effort_limit"; accelerations are not
+        limited unless "acceleration_limit" is given. Efforts may be infinite [rad or m; rad/s or m/s; N m or N; rad/s^2
+        or m/s^2].
+    rotor : bool
+        True if inertias of the drives' rotors are parameters to be identified too.
+    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
+        Friction that is to be identified too.
+    offset : bool
+        True if constant torques of the drives are to be identified too.
+    shafts : array_like, shape (s, n), optional
+        Rows of further shafts with rotor and friction, each turning at that row times qd.
+    smoothing : float, optional
+        Coulomb friction is taken as tanh(qd / smoothing), so that it has a derivative; by default 5 % of the smallest
+        rate limit. With 0 it is sign(qd), whose derivative is zero except at rest [rad/s or m/s].
+    noise : array_like, shape (n,), optional
+        Standard deviations of the torques, or their relative sizes, by which the rows of W are divided; by default the
+        same for all joints [N m or N].
+    scaled : bool
+        True for the condition number of W with each column divided by its norm, which does not depend on the units of
+        the parameters, but does not ask for large motions either.
+    rest : bool
+        True for a motion that starts and ends with rates and accelerations zero.
+    samples : int, optional
+        Times of one period at which W is taken; by default 20 per harmonic.
+    random_motions : int
+        Number of random motions within the limits that the result is compared with.
+    starts : int
+        How many of these, the best, are starts of the optimiser.
+    iterations : int
+        The most of each run of the optimiser.
+    seed : int
+        Of the random motions; the same seed gives the same motion.
+    progress : callable, optional
+        A function progress(start, iteration, value), called after each iteration with the condition number, or
+        log det(W^T W). Each run's end is a line on the logger "rne".
+
+    Returns
+    -------
+    Excitation
+        The motion, a reference f(t) -> (q, qd, qdd), with the criterion reached and the limits used.
+
+    Raises
+    ------
+    TypeError
+        If `robot` or `limits` is of another type.
+    ValueError
+        If an argument is out of range, a joint has no range or no rate limit, the harmonics or samples cannot excite
+        all base parameters, or no motion within the limits is found.
+
+    Notes
+    -----
+    Only the limits of the joints are kept: collisions of the robot with itself, the table or anything else are not
+    considered. Look at the motion with `rne.view` before it runs on the robot.
+
+    Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor. The
+    condition number has no derivative where singular values meet, as they do at the optimum; it is approximated by
+    Schatten norms of orders 8 and 64. Positions, rates and accelerations keep their limits at all times, by the
+    inequality of Bernstein and Szego: a grid of 16 times per period of the highest harmonic misses at most 1.9 % of a
+    maximum. Torques are those of `robot`, with its damping and friction; they are limited at 64 times per period of the
+    highest harmonic, with the parabola through three of them in between.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+    >>> motion = rne.excitation(robot, 4.0, 3, limits={"acceleration_limit": [10.0] * 3}, friction="viscous")
+    >>> motion.converged, bool(motion.condition < motion.random.min())
+    (True, True)
+    """
+    within = _within(robot, duration, harmonics, limits, rest)
+    slow = SMOOTHING * float(within.limits.velocity_limit.min(initial=np.inf)) if smoothing is None else smoothing
+    numeric = within.robot
+    base = numeric.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=slow)
+    sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
+    rng = np.random.default_rng(seed)
+    observation = Observation(numeric, base, sizes)
+    exact, stages = _criteria(criterion, scaled)
+    count = SAMPLES * harmonics if samples is None else whole_number("samples", samples)
+    search = Search(within, observation, count, exact, stages, whole_number("iterations", iterations), progress)
+    x = random_series(within, whole_number("random_motions", random_motions), rng)
+    values = _excited(search, x)
+    best = x[np.argsort(values)[: whole_number("starts", starts)]]
+    return _result(robot, search, search.run(best), criterion, x)
+
+
+def _within(
+    robot: Robot, duration: float, harmonics: int, limits: Mapping[str, ArrayLike] | None, rest: bool
+) -> SeriesLimits:
+    robot_argument(robot)
+    if not robot.n:
+        raise ValueError("`robot` must have at least one joint, got none")
+    least = 2 if rest else 1
+    if whole_number("harmonics", harmonics) < least:
+        raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
+    basis = FourierBasis(positive_number("duration", duration), harmonics)
+    # Numba takes minutes to compile the derivatives of a regressor.
+    numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
+    return SeriesLimits(numeric, motion_limits(robot, limits), basis, rest)
+
+
+def _criteria(criterion: str, scaled: bool) -> tuple[Condition | Determinant, tuple[Condition | Determinant, ...]]:
+    if criterion not in CRITERIA:
+        raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
+    if criterion == "condition":
+        return Condition(scaled=scaled), tuple(Condition(p, scaled) for p in ORDERS)
+    if scaled:
+        raise ValueError(
+            "`scaled` must be False for criterion 'd-optimal', which does not depend on the columns' units"
+        )
+    return Determinant(), (Determinant(),)
+
+
+def _excited(search: Search, x: Array) -> list[float]:
+    """The criterion of random motions, or an error if they leave parameters unexcited."""
+    parameters, n = search.observation.base.count, search.within.robot.n
+    if search.samples * n < parameters:
+        raise ValueError(
+            f"`samples` must be at least {-(-parameters // n)} for {parameters} base parameters of {n} joints, "
+            f"got {search.samples}"
+        )
+    matrices = [search.matrix(series) for series in x]
+    usual = Condition(scaled=True)
+    with np.errstate(all="ignore"):
+        if not min(usual.value(W) for W in matrices) < np.log(EXCITED):
+            rank = max(int(np.linalg.matrix_rank(W / np.linalg.norm(W, axis=0), 1 / EXCITED)) for W in matrices)
+            raise ValueError(
+                f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
+                f"most {rank} of {parameters} base parameters; give more harmonics or wider limits"
+            )
+    return [search.exact.value(W) for W in matrices]
+
+
+def _result(robot: Robot, search: Search, found: Found, criterion: str, x: Array) -> Excitation:
+    within, H = search.within, search.within.basis.harmonics
+    coefficients = within.coefficients(found.x)
+    condition = Condition(scaled=isinstance(search.exact, Condition) and search.exact.scaled)
+
+    def measured(series: Array) -> tuple[float, float]:
+        W = search.matrix(series)
+        return condition.measure(W), Determinant().measure(W)
+
+    best, random = measured(found.x), np.array([measured(series) for series in x])
+    return Excitation(
+        robot=robot,
+        duration=within.basis.duration,
+        q0=coefficients[:, 0],
+        a=coefficients[:, 1 : H + 1],
+        b=coefficients[:, H + 1 :],
+        criterion=criterion,
+        condition=best[0],
+        log_det=best[1],
+        random=random[:, CRITERIA.index(criterion)],
+        limit_use=within.use(found.x),
+        converged=found.converged,
+        message=found.message,
+    )

@@ -1,1 +1,0 @@
-"""Motions that excite the parameters of a robot: Fourier series of least criterion within limits."""
