@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from math import isfinite
 from numbers import Number
 from typing import Any, Literal
 
@@ -42,6 +43,8 @@ def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
 
 def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
     """One finite real number above zero."""
+    if type(value) is float and value > 0 and isfinite(value):  # most are, and need no array
+        return value
     if np.ndim(value):
         raise ValueError(f"`{name}` must be one number, got shape {np.shape(value)}")
     if not isinstance(value, Number) and plain_array(name, value).dtype.kind not in "fiu":

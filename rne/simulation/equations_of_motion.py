@@ -19,7 +19,7 @@ torques without limits, divided by a constant inertia, are further states of suc
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -385,10 +385,14 @@ class LoadsUnderModes(RatesUnderModes):
 
 def _difference(torques: AppliedTorques, kernel: Kernel) -> float:
     """Largest difference between traced and called torques in some states, relative where they exceed 1."""
-    rng, worst = np.random.default_rng(0), 0.0
-    for _ in range(TRIALS):
-        t, x = rng.uniform(0, 1, 1), rng.uniform(-1, 1, torques.size)
-        called, _ = torques.evaluate(torques.robot.model, t, x)
-        scale = max(1.0, float(np.abs(called).max(initial=0.0)))
-        worst = max(worst, float(np.abs(kernel(t, x) - called).max(initial=0.0)) / scale)
-    return worst
+    t, x = _trials(torques.size)
+    called, _ = torques.evaluate(torques.robot.model, t, x)
+    scales = np.abs(called).max(axis=1, initial=1.0)
+    return float((np.abs(kernel(t, x) - called).max(axis=1, initial=0.0) / scales).max())
+
+
+@cache
+def _trials(size: int) -> tuple[Array, Array]:
+    """Times and states in which a law is compared with its trace."""
+    rng = np.random.default_rng(0)
+    return rng.uniform(0, 1, (TRIALS, 1)), rng.uniform(-1, 1, (TRIALS, size))
