@@ -57,7 +57,11 @@ def noise_on_torques(runs: int) -> dict[str, Any]:
     motion = truth(arm, seed=FITTED[0])
     found = [
         rne.identify(
-            arm.robot, record(motion, seed, torque_noise=NOISE), friction="viscous+coulomb", blocks=2, cutoff=10.0
+            arm.robot,
+            record(motion, seed, torque_noise=NOISE),
+            drives=rne.DriveModel(friction="viscous+coulomb"),
+            blocks=2,
+            cutoff=10.0,
         )
         for seed in range(runs)
     ]
@@ -81,7 +85,9 @@ def sensors(bits: int, cutoff: float, runs: int) -> dict[str, Any]:
     z, ratios, consistent = [], [], 0
     for seed in range(runs):
         records = [record(motion, 1000 * k + seed, **kw) for k, motion in enumerate(motions)]
-        found = rne.identify(arm.robot, records, friction="viscous+coulomb", blocks=2, cutoff=cutoff)
+        found = rne.identify(
+            arm.robot, records, drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2, cutoff=cutoff
+        )
         z.append(errors(found))
         ratios.append(prediction(found, other, 5000 + seed, kw))
         consistent += is_consistent(found)

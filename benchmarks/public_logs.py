@@ -25,7 +25,6 @@ from benchmarks.identification import rewrite_page
 from benchmarks.measure import write
 from rne.identification import Identification, Record
 
-DRIVES = {"rotor": True, "friction": "viscous+coulomb", "offset": True}
 SHAFT = [[0.0, 0.0, 0.0, 0.0, 1.0, 1.0]]  # the TX40's last motor turns with the sum of joints 5 and 6
 BLOCKS = 20
 
@@ -45,7 +44,8 @@ def tx40(folder: Path, cutoff: float | None, shafts: Any = SHAFT) -> tuple[Ident
         name="TX40",
     )
     robot = rne.load(folder / "tx40.urdf")
-    found = rne.identify(robot, record, shafts=shafts, blocks=BLOCKS, cutoff=cutoff, **DRIVES)
+    drives = rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True, coupled_motors=shafts)
+    found = rne.identify(robot, record, drives=drives, blocks=BLOCKS, cutoff=cutoff)
     return found, found.held_out
 
 
@@ -54,7 +54,7 @@ def ur10(folder: Path, cutoff: float | None) -> tuple[Identification, Any]:
     log = np.load(folder / "ur10.npz")
     record = Record(log["t"].astype(float), log["q"], log["tau"], name="UR10")
     half = record.t[len(record.t) // 2]
-    found = rne.identify(rne.load("ur10"), record.between(record.t[0], half), cutoff=cutoff, **DRIVES)
+    found = rne.identify(rne.load("ur10"), record.between(record.t[0], half), cutoff=cutoff)
     return found, found.check(record.between(half, record.t[-1])).relative
 
 
@@ -79,18 +79,22 @@ def kr300(folder: Path, cutoff: float | None) -> tuple[Identification, Any]:
         theta=[0, -turn, turn, 0, 0, 0],
         gravity=[0, 0, 9.81],  # the base is turned upside down
     )
-    found = rne.identify(rne.Robot(model), records[:2], cutoff=cutoff, consistent=False, **DRIVES)
+    found = rne.identify(rne.Robot(model), records[:2], cutoff=cutoff, consistent=False)
     return found, found.check(records[2]).relative
 
 
 def drive_parameters(found: Identification) -> dict[str, list[float]]:
     """Friction as seen at each joint, that of shafts included."""
     groups, x = found.standard.groups, found.parameters
-    shafts = np.asarray(found.standard.shafts) ** 2
+    shafts = found.standard.motors**2
     seen = {symbol: x[groups[symbol]].copy() for symbol in ("Fv", "Fc")}
     if len(shafts):
-        seen["Fv"] += x[groups["Fv of shafts"]] @ shafts
-    own = {f"{s} of shafts": x[groups[f"{s} of shafts"]].tolist() for s in ("Ia", "Fv", "Fc") if len(shafts)}
+        seen["Fv"] += x[groups["Fv of coupled motors"]] @ shafts
+    own = {
+        f"{s} of coupled motors": x[groups[f"{s} of coupled motors"]].tolist()
+        for s in ("Ia", "Fv", "Fc")
+        if len(shafts)
+    }
     return {symbol: values.tolist() for symbol, values in seen.items()} | own
 
 

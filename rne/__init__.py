@@ -6,6 +6,7 @@ from . import dynamics, model
 from .basics.first_use import on_first_use
 from .errors import (
     IdentificationError,
+    IdentificationWarning,
     ModelError,
     NotFiniteError,
     PrecisionWarning,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
         identify,
     )
     from .kernels.kernel import compile
+    from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
     from .simulation.bearings import BearingPeaks, bearing_peaks
     from .simulation.ensembles import Ensemble, ensemble
@@ -53,6 +55,7 @@ else:
             "compare_models consistency excitation identify",
             "kernels": "",
             "kernels.kernel": "compile",
+            "model.standard_parameters": "DriveModel",
             "plotting": "",
             "plotting.viewer": "view",
             "simulation.bearings": "BearingPeaks bearing_peaks",
@@ -72,6 +75,7 @@ __version__ = "0.2.0"
 __all__ = [
     "BearingPeaks",
     "Consistency",
+    "DriveModel",
     "Ensemble",
     "Excitation",
     "Finding",
@@ -79,6 +83,7 @@ __all__ = [
     "Gains",
     "Identification",
     "IdentificationError",
+    "IdentificationWarning",
     "Model",
     "ModelComparison",
     "ModelError",

@@ -122,6 +122,18 @@ class PrecisionWarning(UserWarning):
     """
 
 
+class IdentificationWarning(UserWarning):
+    """An identification that does not explain the measured torques, or that a fault of the measurements spoils.
+
+    Examples
+    --------
+    To get an error instead of a warning:
+
+    >>> import warnings, rne
+    >>> warnings.simplefilter("error", rne.IdentificationWarning)
+    """
+
+
 class SimulationError(RneError, RuntimeError):
     """A simulation that did not reach its end time.
 

@@ -47,7 +47,7 @@ def in_any_gravity(model):
 
 def stacked_regressors(model, seed=0, **options):
     """Y of all standard parameters at random states: of gravity alone, at speed, and with accelerations."""
-    standard = StandardParameters(model, **options)
+    standard = StandardParameters(model, rne.DriveModel(**options))
     rng = np.random.default_rng(seed)
     samples = 40 + 4 * standard.count // max(model.n, 1)
     q, qd, qdd = rng.uniform(-1, 1, (3, samples, model.n)) * np.array([np.pi, 3, 10])[:, None, None]
@@ -70,7 +70,7 @@ def numeric_ranks(Y):
 
 def check(model, **options):
     """The count is the numeric rank, the matrices are what they are said to be."""
-    base = rne.dynamics.base_parameters(model, **options)
+    base = rne.dynamics.base_parameters(model, drives=rne.DriveModel(**options))
     Y, states = stacked_regressors(model, **options)
     ranks = numeric_ranks(Y)
     assert [base.count] * len(ranks) == ranks
@@ -100,7 +100,10 @@ def test_robots_of_files(name, options):
 def test_robots_of_rounded_files(name, options):
     """A finer rank sees the roundings, a coarse one does not: nor do the rules with a coarse tolerance."""
     for model in in_any_gravity(loaded(name).model).values():
-        exact, coarse = (rne.dynamics.base_parameters(model, tolerance=x, **OPTIONS[options]) for x in (1e-9, 1e-5))
+        exact, coarse = (
+            rne.dynamics.base_parameters(model, tolerance=x, drives=rne.DriveModel(**OPTIONS[options]))
+            for x in (1e-9, 1e-5)
+        )
         Y, states = stacked_regressors(model, **OPTIONS[options])
         ranks = numeric_ranks(Y)
         assert (coarse.count, exact.count) == (ranks[0], ranks[-1])
@@ -165,11 +168,11 @@ def tree_of_right_angles(rng, n, mimics):
 @pytest.mark.parametrize("joints", kept([1, 2, 4, 5], [2, 5]))
 @pytest.mark.parametrize("mimics", [0, 2])
 @settings(max_examples=6, deadline=None, derandomize=True)
-@given(seed=st.integers(0, 10**6), options=st.sampled_from(sorted(OPTIONS)), shafts=st.integers(0, 2))
-def test_special_geometries(joints, mimics, seed, options, shafts):
+@given(seed=st.integers(0, 10**6), options=st.sampled_from(sorted(OPTIONS)), motors=st.integers(0, 2))
+def test_special_geometries(joints, mimics, seed, options, motors):
     rng = np.random.default_rng(seed)
     model = tree_of_right_angles(rng, joints, min(mimics, joints - 1))
-    check(model, **OPTIONS[options], shafts=rng.choice([0.0, 1.0, -1.0, 2.0], (shafts, model.n)))
+    check(model, **OPTIONS[options], coupled_motors=rng.choice([0.0, 1.0, -1.0, 2.0], (motors, model.n)))
 
 
 def test_coordinates_shared_by_two_branches():
@@ -190,7 +193,7 @@ def test_coordinates_shared_by_two_branches():
 def test_formulas_and_matrices(name):
     """Each formula, read as it is printed, is the base parameter; B E = 1; values come back."""
     model = TREES[name] if name in TREES else rne.load(name).model
-    base = rne.dynamics.base_parameters(model, rotor=True, friction="viscous", offset=True)
+    base = rne.dynamics.base_parameters(model, drives=rne.DriveModel(rotor=True, friction="viscous", offset=True))
     rng = np.random.default_rng(0)
     pi = rng.normal(size=base.standard.count)
     numbers = dict(zip(base.standard.names, pi, strict=True))
@@ -226,7 +229,7 @@ def test_masses_redistributed_for_kernels_keep_them(name):
 def one_joint(kind, axis, gravity=(0.0, 0.0, -9.81), **options):
     tip = Part(link="tip", joint="j", kind=kind, parent=0, axis=np.array(axis, float), mass=1.0, inertia=np.eye(3))
     model = replace(assemble("one", [Part(link="base"), tip]), gravity=np.array(gravity))
-    return rne.dynamics.base_parameters(model, **options).formulas
+    return rne.dynamics.base_parameters(model, drives=rne.DriveModel(**options)).formulas
 
 
 @pytest.mark.parametrize(
@@ -255,7 +258,10 @@ def test_one_joint(formulas, expected):
 def test_known_counts(irb140, ur5):
     """Arms of six rotating joints, the first vertical: 36, and 40 with rotors; of seven 43; Gautier and Khalil 1990."""
     for robot in (irb140, ur5, loaded("ur_description/ur3_robot"), loaded("ur_description/ur10_robot")):
-        assert (robot.base_parameters().count, robot.base_parameters(rotor=True).count) == (36, 40)
+        assert (robot.base_parameters().count, robot.base_parameters(drives=rne.DriveModel(rotor=True)).count) == (
+            36,
+            40,
+        )
     panda = loaded("panda_description/panda").locked({"panda_finger_joint1": 0.0})
     right = np.pi / 2
     lwr = rne.dh_chain(
@@ -279,7 +285,7 @@ def test_known_counts(irb140, ur5):
             "`model` must be an rne.Model, got Robot; a Robot has it as .model",
         ),
         (
-            lambda robot: robot.base_parameters(friction="dry"),
+            lambda robot: robot.base_parameters(drives=rne.DriveModel(friction="dry")),
             ValueError,
             "`friction` must be one of [None, 'viscous', 'coulomb', 'viscous+coulomb'], got 'dry'",
         ),
@@ -315,8 +321,13 @@ def test_a_shaft_that_two_branches_share_is_a_parameter():
     body = {"kind": "revolute", "parent": 0, "mass": 1.0, "com": np.array([0.3, 0.1, 0.2]), "inertia": np.eye(3)}
     parts = [Part(link=link, joint=f"to {link}", axis=np.array([0, 0, 1.0]), **body) for link in ("left", "right")]
     model = assemble("branches", [Part(link="base"), *parts])
-    check(model, rotor=True, shafts=[[1.0, 1.0]])
-    assert "Ia" in rne.dynamics.base_parameters(model, rotor=True, shafts=[[1.0, 1.0]]).formulas[-1]
+    check(model, rotor=True, coupled_motors=[[1.0, 1.0]])
+    assert (
+        "Ia"
+        in rne.dynamics.base_parameters(model, drives=rne.DriveModel(rotor=True, coupled_motors=[[1.0, 1.0]])).formulas[
+            -1
+        ]
+    )
 
 
 def test_methods_have_the_defaults_of_the_functions():

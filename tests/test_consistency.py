@@ -28,7 +28,9 @@ def motion(scene):
 
 def judged(scene, motion, tau, seed, **options):
     noisy = tau + NOISE * np.random.default_rng(seed).normal(size=tau.shape)
-    return rne.consistency(scene.robot, Record(motion.t, motion.q, noisy), friction="viscous+coulomb", **options)
+    return rne.consistency(
+        scene.robot, Record(motion.t, motion.q, noisy), drives=rne.DriveModel(friction="viscous+coulomb"), **options
+    )
 
 
 @pytest.mark.parametrize("seed", range(1))
@@ -63,17 +65,19 @@ def test_exchanged_torques_are_a_contradiction(scene, motion):
 def test_missing_friction_is_missing_energy(scene, motion):
     """Drives do work that a model without friction neither stores nor loses, in every joint."""
     record = Record(motion.t, motion.q, motion.tau)
-    found = rne.consistency(scene.robot, record)
+    found = rne.consistency(scene.robot, record, drives=rne.DriveModel())
     assert found.energy.missing > 0.1
     assert (found.energy.lost > 0).all()
-    complete = rne.consistency(scene.robot, record, friction="viscous+coulomb")
+    complete = rne.consistency(scene.robot, record, drives=rne.DriveModel(friction="viscous+coulomb"))
     assert complete.energy.missing < BALANCED
     assert (np.abs(complete.energy.lost) < BALANCED).all()
 
 
 def test_report_of_an_identification_ends_with_the_certificate(scene, motion):
     record = Record(motion.t, motion.q, motion.tau)
-    text = rne.identify(scene.robot, record, friction="viscous+coulomb", consistent=False).report()
+    text = rne.identify(
+        scene.robot, record, drives=rne.DriveModel(friction="viscous+coulomb"), consistent=False
+    ).report()
     last = text.split("\n\n")[-1]
     assert last.startswith("one rigid-body model explains the torques to"), last
     assert last.splitlines()[-1].startswith("energy: "), last

@@ -48,7 +48,7 @@ def limited(model, **changes):
 
 def search_of(robot, criterion, harmonics=HARMONICS, rest=True, **options):
     """The search that `excitation` makes, and a random series in it."""
-    base = robot.base_parameters(**({"smoothing": 0.1} | options))
+    base = robot.base_parameters(drives=rne.DriveModel(**({"smoothing": 0.1} | options)))
     within = SeriesLimits(robot, motion_limits(robot, {}), FourierBasis(DURATION, harmonics), rest)
     observation = Observation(robot, base, np.linspace(1, 2, robot.n))
     x = 0.2 * np.random.default_rng(1).normal(size=within.size)
@@ -75,7 +75,7 @@ def fine(motion, count=4000):
 def observed(robot, motion, count, **options):
     """W of a motion, all base parameters, and the torques of the model that it should explain."""
     states = motion(np.arange(count) * (motion.duration / count))
-    W = robot.base_parameters(**options).regressor(*states)
+    W = robot.base_parameters(drives=rne.DriveModel(**options)).regressor(*states)
     return W.reshape(-1, W.shape[-1]), robot.inverse_dynamics(*states).ravel()
 
 
@@ -218,7 +218,7 @@ def test_gradients_are_exact(arm, criterion):
 
 
 def test_gradients_with_friction_rotors_offsets_and_shafts(gantry):
-    options = {"rotor": True, "friction": "viscous+coulomb", "offset": True, "shafts": [[1.0, -1.0, 0.5]]}
+    options = {"rotor": True, "friction": "viscous+coulomb", "offset": True, "coupled_motors": [[1.0, -1.0, 0.5]]}
     search, x = search_of(gantry, Determinant(), rest=False, **options)
     close(search.gradient(search.exact, x), slope(search.value, x), DIFFERENCES)
 
@@ -266,7 +266,7 @@ def test_schatten_norms_bound_the_condition_number(arm):
 
 
 def test_sliding_joints(gantry):
-    motion = rne.excitation(gantry, DURATION, 2, friction="viscous", starts=1)
+    motion = rne.excitation(gantry, DURATION, 2, drives=rne.DriveModel(friction="viscous"), starts=1)
     q, qd, _ = fine(motion)
     assert (np.abs(q).max(0) <= 1).all()
     assert (np.abs(qd).max(0) <= 1.5).all()
@@ -396,7 +396,7 @@ def test_limits_too_narrow_to_excite():
         "or wider limits"
     )
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-        rne.excitation(pendulum, 4.0, 2, limits=narrow, offset=True)
+        rne.excitation(pendulum, 4.0, 2, drives=rne.DriveModel(offset=True), limits=narrow)
 
 
 def test_something_that_is_no_robot(arm):

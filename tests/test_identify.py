@@ -10,6 +10,7 @@ import rne
 from rne.identification import Record
 from rne.identification.least_squares import least_squares
 from rne.model.parameters import pseudo_inertia
+from rne.model.standard_parameters import MEASURED
 
 from .conftest import TREES
 from .helpers import kept, loaded
@@ -46,12 +47,15 @@ def true_values(found):
 def identified(scene, motion, seed, **options):
     rng = np.random.default_rng(seed)
     t, q, tau = motion.t, motion.q, motion.tau + NOISE * rng.normal(size=motion.tau.shape)
-    return rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", **options)
+    options = {"drives": rne.DriveModel(friction="viscous+coulomb")} | options
+    return rne.identify(scene.robot, Record(t, q, tau), **options)
 
 
 def test_without_noise_the_truth_is_found(scene, motions):
     t, q, tau = measure(motions[0])
-    found = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", spread=3.0, blocks=2)
+    found = rne.identify(
+        scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), spread=3.0, blocks=2
+    )
     size = np.abs(tau).max(0)
     assert (found.estimate.sigma < BETWEEN_SAMPLES * size).all()
     check = found.check(record(motions[1]))
@@ -88,7 +92,7 @@ def test_truth_lies_within_three_standard_errors_in_200_runs(scene, motions):
 @pytest.fixture(scope="module")
 def found(scene, motions):
     """A consistent fit to one motion with noise on the torques."""
-    return identified(scene, motions[0], 0, rotor=True, offset=True, blocks=4)
+    return identified(scene, motions[0], 0, drives=MEASURED, blocks=4)
 
 
 def sensors(seed):
@@ -106,7 +110,7 @@ def error_over_noise(found, motion, seed):
 def test_torques_of_another_motion_are_predicted_to_the_noise(scene, motions):
     """Encoders, clocks and noise; positions differentiated and filtered; two motions fitted."""
     fitted = [record(motion, **sensors(k)) for k, motion in enumerate((motions[0], truth(scene, seed=11, rate=250.0)))]
-    found = rne.identify(scene.robot, fitted, friction="viscous+coulomb", blocks=2)
+    found = rne.identify(scene.robot, fitted, drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2)
     assert (error_over_noise(found, motions[1], 100) < 1.2).all()
 
 
@@ -181,7 +185,10 @@ def test_coupled_motor(scene, motions):
     rate = qd @ shaft.T
     tau = tau + (inertia * (qdd @ shaft.T) + viscous * rate + coulomb * np.sign(rate)) * shaft
     found = rne.identify(
-        scene.robot, Record(t, q, tau), rotor=True, friction="viscous+coulomb", shafts=shaft, consistent=False
+        scene.robot,
+        Record(t, q, tau),
+        drives=rne.DriveModel(rotor=True, friction="viscous+coulomb", coupled_motors=shaft),
+        consistent=False,
     )
     last = dict(zip(found.base.names, found.estimate.values, strict=True))
     assert [last[f"{s}_s1"] for s in ("Ia", "Fv", "Fc")] == pytest.approx([inertia, viscous, coulomb], abs=0.02)
@@ -191,7 +198,7 @@ def test_coupled_motor(scene, motions):
 def test_sliding_joints_branches_and_mimics(name):
     robot = rne.Robot(TREES[name])
     motion = truth(robot, seed=4, duration=20.0, rate=250.0)
-    found = rne.identify(robot, record(motion), blocks=2, spread=3.0)
+    found = rne.identify(robot, record(motion), drives=rne.DriveModel(), blocks=2, spread=3.0)
     other = truth(robot, seed=5, duration=20.0, rate=250.0)
     check = found.check(record(other))
     assert (check.relative < 0.02).all()
@@ -205,7 +212,7 @@ def test_a_joint_that_does_not_move_is_not_excited(scene, motions):
     tau = scene.inverse_dynamics(q, qd, qdd)
     q[:, 5] += ENCODER * np.random.default_rng(0).integers(-1, 2, len(t))
     rec = Record(t, ENCODER * np.rint(q / ENCODER), tau)
-    found = rne.identify(scene.robot, rec, rotor=True, friction="viscous+coulomb", blocks=2)
+    found = rne.identify(scene.robot, rec, drives=rne.DriveModel(rotor=True, friction="viscous+coulomb"), blocks=2)
     names = [found.base.names.index(f"{symbol}_6") for symbol in ("Ia", "Fv", "Fc")]
     assert not found.excited[names].any()
     assert np.isinf(found.estimate.errors[names]).all()
@@ -221,7 +228,7 @@ def test_where_the_motion_says_nothing_the_model_has_the_last_word(scene, motion
     t, q, qd, qdd, _ = (x.copy() for x in motions[0])
     q[:, 5], qd[:, 5], qdd[:, 5] = 0.3, 0, 0
     rec = Record(t, q, scene.robot.inverse_dynamics(q, qd, qdd))
-    found = rne.identify(robot, rec, rotor=True, blocks=2)
+    found = rne.identify(robot, rec, drives=rne.DriveModel(rotor=True), blocks=2)
     assert found.robot.model.armature[5] == pytest.approx(0.5, rel=1e-6)
     assert found.robot.model.armature[1] < 0.2
 
@@ -229,7 +236,7 @@ def test_where_the_motion_says_nothing_the_model_has_the_last_word(scene, motion
 def test_a_joint_without_torques_is_no_perfect_one(scene, motions):
     t, q, tau = measure(motions[0], torque_noise=NOISE)
     tau[:, 5] = 0
-    found = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", blocks=2)
+    found = rne.identify(scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2)
     assert np.isnan(found.held_out[5])
     assert (found.held_out[:5] < 0.1).all()
     assert "joint_6 has no torque that can be used" in found.notes
@@ -238,11 +245,13 @@ def test_a_joint_without_torques_is_no_perfect_one(scene, motions):
 def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motions):
     t, q, tau = measure(motions[0], torque_noise=NOISE)
     tau[:, 2] *= -1
-    found = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", blocks=2)
+    found = rne.identify(scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2)
     assert found.notes[-1] == "negative friction: is the sign of the joint's torque right?"
     assert any(note.startswith("Fv_3 comes out negative") for note in found.notes)
     assert "No possible bodies fit as least squares do" in found.report()
-    free = rne.identify(scene.robot, Record(t, q, tau), friction="viscous+coulomb", blocks=2, consistent=False)
+    free = rne.identify(
+        scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2, consistent=False
+    )
     with pytest.raises(
         rne.IdentificationError, match=r"^least squares gave negative values of .*Fv_3.*consistent=True"
     ):
@@ -254,7 +263,9 @@ def test_errors_of_each_motion_show_the_bad_one(scene, motions):
         Record(*measure(motions[0], k, torque_noise=NOISE), name=name) for k, name in enumerate(("good", "bad"))
     )
     bad = Record(bad.t, bad.q, bad.tau * np.array([1, 1, -1, 1, 1, 1]), name="bad")
-    text = rne.identify(scene.robot, [good, good, bad], friction="viscous+coulomb", blocks=2, consistent=False).report()
+    text = rne.identify(
+        scene.robot, [good, good, bad], drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2, consistent=False
+    ).report()
     lines = {line.split()[0]: line.split() for line in text.split("errors of each motion [%]")[1].splitlines()[1:4]}
     assert float(lines["bad"][3]) > 2 * float(lines["good"][3])
 
@@ -274,60 +285,82 @@ def short():
 @pytest.mark.parametrize(
     ("kind", "make", "text"),
     [
-        (TypeError, lambda r, rec: rne.identify("irb140", rec), "`robot` must be an rne.Robot, got str"),
-        (ValueError, lambda r, rec: rne.identify(r, []), "`records` must have at least one record"),
         (
             TypeError,
-            lambda r, rec: rne.identify(r, [3]),
+            lambda r, rec: rne.identify("irb140", rec, drives=rne.DriveModel()),
+            "`robot` must be an rne.Robot, got str",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, [], drives=rne.DriveModel()),
+            "`records` must have at least one record",
+        ),
+        (
+            TypeError,
+            lambda r, rec: rne.identify(r, [3], drives=rne.DriveModel()),
             "`records` must be an rne.identification.Record or several, got int",
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(loaded("panda"), rec),
+            lambda r, rec: rne.identify(loaded("panda"), rec, drives=rne.DriveModel()),
             "`records` must be of 8 joints, as the robot, got one of 6",
         ),
-        (ValueError, lambda r, rec: rne.identify(r, rec, spread=0.0), "`spread` must be positive, got 0.0"),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), spread=0.0),
+            "`spread` must be positive, got 0.0",
+        ),
         (
             TypeError,
-            lambda r, rec: rne.identify(r, rec, prior="urdf"),
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), prior="urdf"),
             "`prior` must be an rne.Robot or 'geometry', got 'urdf'",
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, rec, prior=loaded("panda")),
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), prior=loaded("panda")),
             "`prior` must have the joints ['joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6']",
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(rne.Robot(rne.model.with_parameters(r.model, 0 * r.parameters)), rec),
+            lambda r, rec: rne.identify(
+                rne.Robot(rne.model.with_parameters(r.model, 0 * r.parameters)), rec, drives=rne.DriveModel()
+            ),
             "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between the "
             "joints, or `consistent=False`",
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, rec, cutoff=0.9, rotor=True, friction="viscous+coulomb", offset=True),
+            lambda r, rec: rne.identify(
+                r, rec, drives=rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True), cutoff=0.9
+            ),
             "`records` give 25 equations for 58 base parameters: a longer motion is needed, or a higher `cutoff`",
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, Record(rec.t, rec.q, rec.tau, joint_names=list("abcdef"))),
+            lambda r, rec: rne.identify(
+                r, Record(rec.t, rec.q, rec.tau, joint_names=list("abcdef")), drives=rne.DriveModel()
+            ),
             "`records` must have the robot's joints in their order, ['joint_1', 'joint_2', 'joint_3', 'joint_4', "
             "'joint_5', 'joint_6'], record has ['a', 'b', 'c', 'd', 'e', 'f']",
         ),
-        (ValueError, lambda r, rec: rne.identify(r, rec, blocks=1), "`blocks` must be an integer of at least 2, got 1"),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, rec, prior="geometry", consistent=False),
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), blocks=1),
+            "`blocks` must be an integer of at least 2, got 1",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), prior="geometry", consistent=False),
             "`prior` is for the physically consistent fit: leave it out, or set `consistent=True`",
         ),
         (
             rne.NotFiniteError,
-            lambda r, rec: rne.identify(r, Record(rec.t, rec.q, rec.tau * 1e300)),
+            lambda r, rec: rne.identify(r, Record(rec.t, rec.q, rec.tau * 1e300), drives=rne.DriveModel()),
             "the equations overflow: torques or rates of the measurements are too large",
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, rec, minimum_rate=[0.1]),
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), minimum_rate=[0.1]),
             "`minimum_rate` must have shape (6,), got (1,)",
         ),
     ],
@@ -343,13 +376,20 @@ def test_errors(kind, make, text):
 def test_torques_with_the_wrong_sign_are_not_explained_by_bodies(scene, motions):
     t, q, tau = measure(motions[0])
     with pytest.raises(rne.IdentificationError, match="the torques ask for bodies of -"):
-        rne.identify(scene.robot, Record(t, q, -tau), prior="geometry", friction="viscous+coulomb")
+        rne.identify(
+            scene.robot, Record(t, q, -tau), drives=rne.DriveModel(friction="viscous+coulomb"), prior="geometry"
+        )
 
 
 def test_plot_has_a_panel_per_joint_and_no_line_across_a_gap(scene, motions):
     t, q, tau = measure(motions[0], torque_noise=NOISE)
     kept = (t < 5) | (t > 6)
-    found = rne.identify(scene.robot, Record(t[kept], q[kept], tau[kept]), friction="viscous+coulomb", consistent=False)
+    found = rne.identify(
+        scene.robot,
+        Record(t[kept], q[kept], tau[kept]),
+        drives=rne.DriveModel(friction="viscous+coulomb"),
+        consistent=False,
+    )
     figure = found.plot()
     assert [ax.get_title(loc="left") for ax in figure.axes] == list(scene.robot.joint_names)
     for line in figure.axes[2].lines:

@@ -32,7 +32,7 @@ def test_torques_of_a_scene_are_linear_in_them(name):
     robot = rne.Robot(model)
     q, qd, qdd = rng.uniform(-2, 2, (3, 20, robot.n))
     viscous, coulomb = rng.uniform(1, 5, (2, robot.n))
-    standard = StandardParameters(model, rotor=True, friction="viscous+coulomb", smoothing=0.01)
+    standard = StandardParameters(model, rne.DriveModel(rotor=True, friction="viscous+coulomb", smoothing=0.01))
     values = standard.values.copy()
     values[standard.groups["Fv"]], values[standard.groups["Fc"]] = viscous, coulomb
     scene = rne.Scene(robot, friction=rne.Friction(viscous=viscous, coulomb=coulomb, smoothing=0.01))
@@ -45,7 +45,9 @@ def test_shaft_of_a_coupled_motor():
     """A rotor that turns with the sum of two joints: by the transposed coupling it acts on both."""
     robot = loaded("irb140")
     shaft = np.array([[0, 0, 0, 0, 1.0, 1.0]])
-    standard = StandardParameters(robot.model, rotor=True, friction="coulomb", offset=True, shafts=shaft)
+    standard = StandardParameters(
+        robot.model, rne.DriveModel(rotor=True, friction="coulomb", offset=True, coupled_motors=shaft)
+    )
     qd, qdd = np.random.default_rng(0).normal(size=(2, 6))
     columns = standard.drive_columns(qd, qdd)
     assert standard.names[-2:] == ("Ia_s1", "Fc_s1")
@@ -78,13 +80,13 @@ def test_without_drives_there_are_the_bodies_alone():
     ("given", "text"),
     [
         ({"friction": "dry"}, "`friction` must be one of [None, 'viscous', 'coulomb', 'viscous+coulomb'], got 'dry'"),
-        ({"shafts": [1.0] * 6}, "`shafts` must have shape (s, 6), got (6,)"),
+        ({"coupled_motors": [1.0] * 6}, "`coupled_motors` must have shape (s, 6), got (6,)"),
         ({"smoothing": -1.0}, "`smoothing` must be positive, got -1.0"),
     ],
 )
 def test_errors(given, text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-        StandardParameters(rne.irb140(), **given)
+        StandardParameters(rne.irb140(), rne.DriveModel(**given))
 
 
 def test_drives_of_joints_that_mimic_count_with_those_they_follow():
@@ -93,7 +95,7 @@ def test_drives_of_joints_that_mimic_count_with_those_they_follow():
     armature, damping, friction = rng.uniform(0.1, 1, (3, TREES["mimics"].nb))
     model = replace(TREES["mimics"], armature=armature, damping=damping, friction=friction)
     assert model.has_mimics
-    standard = StandardParameters(model, rotor=True, friction="viscous+coulomb")
+    standard = StandardParameters(model, rne.DriveModel(rotor=True, friction="viscous+coulomb"))
     qd = rng.normal(size=model.n)
     joints = model.coordinate_map @ qd
     for symbol, drives, power in (("Ia", armature, np.square), ("Fv", damping, np.square), ("Fc", friction, np.abs)):

@@ -26,7 +26,7 @@ from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, tran
 from ..basics.text import InNotebooks, counted, listed, short, six_digits, wrapped
 from ..model.model import Model, model_argument, unchecked_model
 from ..model.parameters import PARAMETERS, UNITS
-from ..model.standard_parameters import StandardParameters
+from ..model.standard_parameters import DriveModel, StandardParameters, drive_argument
 from ..model.topology import joint_groups
 from .kinematics import BASE, joint_transforms
 from .regressors import regressor
@@ -105,7 +105,7 @@ class BaseParameters(InNotebooks):
 
     @cached_property
     def values(self) -> Array:
-        """The base parameters of the model; offsets and parameters of further shafts count as zero."""
+        """The base parameters of the model; offsets and parameters of coupled motors count as zero."""
         return np.asarray(self.matrix @ self.standard.values)
 
     def of(self, parameters: ArrayLike) -> Array:
@@ -211,11 +211,7 @@ class BaseParameters(InNotebooks):
 def base_parameters(
     model: Model,
     *,
-    rotor: bool = False,
-    friction: str | None = None,
-    offset: bool = False,
-    shafts: ArrayLike | None = None,
-    smoothing: float = 0.0,
+    drives: DriveModel | None = None,
     tolerance: float = 1e-9,
 ) -> BaseParameters:
     """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
@@ -225,7 +221,7 @@ def base_parameters(
     except for the coordinates that joints share. Parameters, result and errors are those of
     `rne.Robot.base_parameters`, with the model first.
     """
-    standard = StandardParameters(model_argument(model), rotor, friction, offset, shafts, smoothing)
+    standard = StandardParameters(model_argument(model), drive_argument(drives))
     if positive_number("tolerance", tolerance) >= COARSEST:
         raise ValueError(f"`tolerance` must be below {COARSEST}, got {tolerance!r}")
     kept, matrix = regrouped(standard, tolerance)
@@ -235,7 +231,7 @@ def base_parameters(
 def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int, ...], Array]:
     """Places of the kept parameters, and the matrix B of beta = B pi, with the identity in these places."""
     energies, units = observed_combinations(standard, tolerance)
-    friction = [_friction_rows(standard, symbol) for symbol in ("Fv", "Fc")]
+    friction = [_friction_rows(standard, symbol) for symbol in ("Fv", "Fc", "Fs")]
     rows = span(np.concatenate([energies, *friction]), tolerance)
     kept = independent_columns(rows)
     matrix: Array = np.linalg.solve(rows[:, kept], rows)
@@ -249,15 +245,18 @@ def regrouped(standard: StandardParameters, tolerance: float) -> tuple[tuple[int
 
 
 def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
-    """Combinations of the drives' and further shafts' friction that torques depend on; it is odd in the velocities.
+    """Combinations of the drives' and coupled motors' friction that torques depend on; it is odd in the velocities.
 
     Torques of viscous friction are the matrix sum of Fv a a^T times qd. Those of Coulomb friction are independent
     unless shafts turn at the same velocity; a factor between velocities counts only if friction is smooth.
     """
     if symbol not in standard.groups:
         return np.zeros((0, standard.count))
-    columns = [standard.groups[name] for name in (symbol, f"{symbol} of shafts")]
-    shafts = np.concatenate([np.eye(standard.model.n), np.asarray(standard.shafts)])
+    if symbol == "Fs":
+        place, rates = standard.groups[symbol], np.asarray(standard.drives.stribeck, np.float64)
+        return np.eye(standard.count)[place][rates > 0]
+    columns = [standard.groups[name] for name in (symbol, f"{symbol} of coupled motors")]
+    shafts = np.concatenate([np.eye(standard.model.n), standard.motors])
     if symbol == "Fv":
         upper = np.triu_indices(standard.model.n)
         entries = (shafts[:, :, None] * shafts[:, None, :])[:, upper[0], upper[1]].T
@@ -320,9 +319,12 @@ def observed_combinations(standard: StandardParameters, tolerance: float) -> tup
     """
     model, length, gravity, coordinates = scaled(standard.model)
     place = {name: list(range(standard.count))[places] for name, places in standard.groups.items()}
-    turning = [*place.get("Ia", []), *place.get("Ia of shafts", [])]  # rotors turn as shafts do, each with its joint
-    shafts = np.concatenate([np.eye(model.n), np.asarray(standard.shafts)])[: len(turning)] * coordinates
-    offsets = np.diag(coordinates) if standard.offset else np.zeros((0, model.n))
+    turning = [
+        *place.get("Ia", []),
+        *place.get("Ia of coupled motors", []),
+    ]  # rotors turn as shafts do, each with its joint
+    shafts = np.concatenate([np.eye(model.n), standard.motors])[: len(turning)] * coordinates
+    offsets = np.diag(coordinates) if standard.drives.offset else np.zeros((0, model.n))
     groups = [_group(model, bodies) for bodies in joint_groups(model)]
     weight = np.zeros((4, 4))
     weight[:3, 3] = -model.gravity

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..basics.spatial import Array
 from ..dynamics.rnea import gravity_torque
 from ..model.model import joint_array
-from ..model.standard_parameters import StandardParameters
+from ..model.standard_parameters import MEASURED, StandardParameters
 from ..robot import Robot
 from .equations import stacked
 from .least_squares import repeats_of_filtered_noise
@@ -130,7 +130,7 @@ class Evidence:
 
 def all_parameters(robot: Robot) -> StandardParameters:
     """Bodies, rotors, friction and offsets."""
-    return StandardParameters(robot.model, rotor=True, friction="viscous+coulomb", offset=True)
+    return StandardParameters(robot.model, MEASURED)
 
 
 def gravity_columns(robot: Robot, q: Array) -> Array:

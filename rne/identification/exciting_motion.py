@@ -23,6 +23,7 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.quantity import PrecisionStatus, Quantity
 from ..dynamics.regressors import regressor
 from ..model.model import Model
+from ..model.standard_parameters import DriveModel, drive_argument
 from ..robot import Robot, robot_argument
 from ..simulation.motion_files import write_columns
 from ..trajectories import Samples
@@ -117,7 +118,7 @@ class Observation:
         for name, group in self.standard.groups.items():
             if name == "bodies":
                 continue
-            shafts = np.asarray(self.standard.shafts) if name.endswith("shafts") else np.eye(n)
+            shafts = self.standard.motors if name.endswith("motors") else np.eye(n)
             torques = np.einsum("kni,in->ki", full[..., group.start - first : group.stop - first], shafts)
             if name.startswith("Ia"):
                 qdd += torques @ shafts
@@ -559,11 +560,7 @@ def excitation(
     criterion: str = "condition",
     *,
     limits: Mapping[str, ArrayLike] | None = None,
-    rotor: bool = False,
-    friction: str | None = None,
-    offset: bool = False,
-    shafts: ArrayLike | None = None,
-    smoothing: float | None = None,
+    drives: DriveModel | None = None,
     noise: ArrayLike | None = None,
     scaled: bool = False,
     rest: bool = True,
@@ -591,17 +588,10 @@ def excitation(
         Replaces limits of the robot: "lower", "upper", "velocity_limit" and "effort_limit"; accelerations are not
         limited unless "acceleration_limit" is given. Efforts may be infinite [rad or m; rad/s or m/s; N m or N; rad/s^2
         or m/s^2].
-    rotor : bool
-        True if inertias of the drives' rotors are parameters to be identified too.
-    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
-        Friction that is to be identified too.
-    offset : bool
-        True if constant torques of the drives are to be identified too.
-    shafts : array_like, shape (s, n), optional
-        Rows of further shafts with rotor and friction, each turning at that row times qd.
-    smoothing : float, optional
-        Coulomb friction is taken as tanh(qd / smoothing), so that it has a derivative; by default 5 % of the smallest
-        rate limit. With 0 it is sign(qd), whose derivative is zero except at rest [rad/s or m/s].
+    drives : DriveModel, optional
+        Rotors, friction and offsets of the drives that are to be identified too; by default none. Coulomb friction is
+        taken as tanh(qd / smoothing), so that it has a derivative, by default with 5 % of the smallest rate limit; with
+        smoothing 0 it is sign(qd), whose derivative is zero except at rest.
     noise : array_like, shape (n,), optional
         Standard deviations of the torques, or their relative sizes, by which the rows of W are divided; by default the
         same for all joints [N m or N].
@@ -653,14 +643,16 @@ def excitation(
     --------
     >>> import rne
     >>> robot = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
-    >>> motion = rne.excitation(robot, 4.0, 3, limits={"acceleration_limit": [10.0] * 3}, friction="viscous")
+    >>> motion = rne.excitation(robot, 4.0, 3, limits={"acceleration_limit": [10.0] * 3})
     >>> motion.converged, bool(motion.condition < motion.random.min())
     (True, True)
     """
     within = _within(robot, duration, harmonics, limits, rest)
-    slow = SMOOTHING * float(within.limits.velocity_limit.min(initial=np.inf)) if smoothing is None else smoothing
+    given = drive_argument(drives)
+    slow = SMOOTHING * float(within.limits.velocity_limit.min(initial=np.inf))
+    drives = replace(given, smoothing=slow) if given.smoothing is None else given
     numeric = within.robot
-    base = numeric.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=slow)
+    base = numeric.base_parameters(drives=drives)
     sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
     rng = np.random.default_rng(seed)
     observation = Observation(numeric, base, sizes)

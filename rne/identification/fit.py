@@ -12,7 +12,7 @@ from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
-from ..model.standard_parameters import StandardParameters
+from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
@@ -30,14 +30,10 @@ def identify(
     robot: Robot,
     records: Record | Sequence[Record],
     *,
-    rotor: bool = False,
-    friction: str | None = None,
-    offset: bool = False,
-    shafts: ArrayLike | None = None,
+    drives: DriveModel | None = None,
     consistent: bool = True,
     prior: Robot | str | None = None,
     spread: float | None = None,
-    smoothing: float = 0.0,
     minimum_rate: ArrayLike | None = None,
     cutoff: float | None = None,
     decimation: int | None = None,
@@ -55,14 +51,9 @@ def identify(
         Its joints and their places are known. Its bodies are the prior, unless `prior` says otherwise.
     records : Record or sequence of Record
         Measured motions.
-    rotor : bool
-        True to find the inertia of each drive's rotor, reflected to its joint.
-    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
-        Friction of each drive to find. Without it, friction ends up in other parameters and residuals.
-    offset : bool
-        True to find a constant torque of each drive.
-    shafts : array_like, shape (s, n), optional
-        Further shafts with rotor and friction, each turning at a^T qd for a row a: coupled motors.
+    drives : DriveModel, optional
+        Torques of the drives to find, by default rotors, viscous and Coulomb friction and offsets, as drives of real
+        robots have; `DriveModel()` for none. What is left out ends up in other parameters and residuals.
     consistent : bool
         False to skip the physically consistent fit, which needs the extra `identify`.
     prior : Robot or "geometry", optional
@@ -70,8 +61,6 @@ def identify(
         and finds their density from the measurements.
     spread : float, optional
         How far, relatively, bodies are expected to differ from the prior: by default 0.3, for "geometry" 3.
-    smoothing : float
-        Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
     minimum_rate : array_like, shape (n,), optional
         Slower equations of a joint are not fitted, because the direction of Coulomb friction is not known; by default
         2 % of the joint's largest rate, and what one step of its encoder makes, with Coulomb friction that is not
@@ -112,14 +101,14 @@ def identify(
     >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
     >>> found = rne.identify(robot, record, consistent=False)
     >>> found.base.count
-    36
+    58
     """
     check_robot(robot)
     for name, given in (("prior", prior), ("spread", spread)):
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
-    standard = StandardParameters(robot.model, rotor, friction, offset, shafts, smoothing)
-    base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=smoothing)
+    base = robot.base_parameters(drives=MEASURED if drives is None else drives)
+    standard = base.standard
     data = gathered(robot, records, standard, base, minimum_rate, cutoff, decimation, blocks)
     guess, notes = prior_bodies(robot, prior, standard, data.fitted) if consistent else (None, ())
     method = Method(standard, base, guess, positive_number("spread", spread_of(prior, spread)) ** -2)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import convert_numbers
 from ..basics.spatial import Array
-from ..model.standard_parameters import StandardParameters
+from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot
 from .fourier import FourierBasis
 
@@ -104,7 +104,7 @@ class SeriesLimits:
     @cached_property
     def _friction(self) -> tuple[Array, Array]:
         """Viscous and Coulomb friction that the model has, per coordinate."""
-        known = StandardParameters(self.robot.model, friction="viscous+coulomb")
+        known = StandardParameters(self.robot.model, DriveModel(friction="viscous+coulomb"))
         return known.values[known.groups["Fv"]], known.values[known.groups["Fc"]]
 
     def torques(self, states: tuple[Array, Array, Array]) -> Array:

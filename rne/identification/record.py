@@ -142,7 +142,7 @@ class RecordSources:
             Joints that each motor turns with, the identity if not given: motor_q = K (q - offsets) with
             K = diag(ratios) coupling. A wrist whose joint 5 turns motor 6 as well has coupling[5, 4] = 1. The rotor and
             friction of such a motor act at the sum of the rates: to fit them, give its row of `coupling` as a row of
-            `shafts` to `rne.identify`.
+            `DriveModel.coupled_motors` to `rne.identify`.
         drive_gains : array_like, shape (n,), optional
             Torque of the motor per unit of `motor_tau` [N m/A]; one if not given.
         offsets : array_like, shape (n,), optional

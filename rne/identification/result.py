@@ -131,7 +131,7 @@ class Identification:
     def robot(self) -> Robot:
         """The robot with the bodies found, `armature` from the rotors, and `damping` and `friction` of its joints.
 
-        Offsets and further shafts are not part of a robot, and a URDF has no element for rotors: load it again with
+        Offsets and coupled motors are not part of a robot, and a URDF has no element for rotors: load it again with
         ``Scene(..., armature=...)``.
 
         Raises
@@ -202,7 +202,7 @@ class Identification:
         Returns
         -------
         ndarray, shape (..., n)
-            With rotors, friction, offsets and further shafts [N m or N].
+            With rotors, friction, offsets and coupled motors [N m or N].
 
         Raises
         ------

@@ -22,7 +22,7 @@ from ..basics.text import Row, aligned, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor
 from ..model.parameters import PARAMETERS
-from ..model.standard_parameters import StandardParameters
+from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot
 from .equations import Equations
 from .filtering import ORDER
@@ -231,11 +231,7 @@ def consistency(
     robot: Robot,
     records: Record | Sequence[Record],
     *,
-    rotor: bool = False,
-    friction: str | None = None,
-    offset: bool = False,
-    shafts: ArrayLike | None = None,
-    smoothing: float = 0.0,
+    drives: DriveModel | None = None,
     minimum_rate: ArrayLike | None = None,
     cutoff: float | None = None,
     decimation: int | None = None,
@@ -252,16 +248,8 @@ def consistency(
         Its joints and their places are known.
     records : Record or sequence of Record
         Measured motions.
-    rotor : bool
-        True if the drives' rotors have an inertia.
-    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
-        Friction of each drive.
-    offset : bool
-        True for a constant torque of each drive.
-    shafts : array_like, shape (s, n), optional
-        Further shafts with rotor and friction, each turning at a^T qd for a row a: coupled motors.
-    smoothing : float
-        Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
+    drives : DriveModel, optional
+        Torques of the drives, by default rotors, viscous and Coulomb friction and offsets.
     minimum_rate : array_like, shape (n,), optional
         Slower equations of a joint are left out, as by `rne.identify` [rad/s or m/s].
     cutoff : float, optional
@@ -298,8 +286,8 @@ def consistency(
     False
     """
     check_robot(robot)
-    standard = StandardParameters(robot.model, rotor, friction, offset, shafts, smoothing)
-    base = robot.base_parameters(rotor=rotor, friction=friction, offset=offset, shafts=shafts, smoothing=smoothing)
+    base = robot.base_parameters(drives=MEASURED if drives is None else drives)
+    standard = base.standard
     data = gathered(robot, records, standard, base, minimum_rate, cutoff, decimation, blocks)
     own = [base.back @ own_fit(data.fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
     repeats = np.array([data.repeats(x)[j] for j, x in enumerate(own)])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import positive_number, real_array, vector
 from ..basics.spatial import Array
 from ..basics.text import summary
 from .model import Model, model_argument
@@ -17,70 +17,133 @@ from .parameters import PARAMETERS, parameters_of
 
 BODY_SYMBOLS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 FRICTION = (None, "viscous", "coulomb", "viscous+coulomb")
+OF_MOTORS = ("Ia", "Fv", "Fc")  # symbols of coupled motors too
+
+
+@dataclass(frozen=True, eq=False)
+class DriveModel:
+    """Which torques of the drives are modelled beside those of the bodies; all are linear in their parameters.
+
+    Without arguments none is: torques are those of the bodies alone.
+
+    Attributes
+    ----------
+    rotor : bool
+        True for the inertia Ia of each drive's rotor, reflected to its joint: `armature`.
+    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
+        Viscous friction Fv, Coulomb friction Fc or both of each drive.
+    offset : bool
+        True for a constant torque tau0 of each drive: the zero error of its sensor, or unequal Coulomb friction.
+    coupled_motors : array_like, shape (s, n), optional
+        Rows a of motors that turn at a^T qd, coupled to several joints; with rotor and friction if the drives have
+        them.
+    smoothing : float, optional
+        Coulomb friction is Fc tanh(qd / smoothing), or with 0 Fc sign(qd), which is the default for measurements
+        [rad/s or m/s].
+    stribeck : array_like, shape (n,), optional
+        Velocities vs at which the Stribeck effect of each joint has fallen to 1/e, Fs sign(qd) exp(-|qd| / vs), or 0
+        for a joint without [rad/s or m/s].
+
+    Raises
+    ------
+    ValueError
+        If an option has a wrong value.
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.load("irb140").base_parameters(drives=rne.DriveModel(friction="viscous")).count
+    42
+    """
+
+    rotor: bool = False
+    friction: str | None = None
+    offset: bool = False
+    coupled_motors: ArrayLike | None = None
+    smoothing: float | None = None
+    stribeck: ArrayLike | None = None
+
+    __repr__ = summary
+
+    def __post_init__(self) -> None:
+        if self.friction not in FRICTION:
+            raise ValueError(f"`friction` must be one of {list(FRICTION)}, got {self.friction!r}")
+        if self.smoothing is not None:
+            positive_number("smoothing", self.smoothing, zero_allowed=True)
+
+
+MEASURED = DriveModel(rotor=True, friction="viscous+coulomb", offset=True)  # what drives of real robots have
+
+
+def drive_argument(drives: Any) -> DriveModel:
+    """The argument `drives`: an rne.DriveModel, or None for bodies alone."""
+    if drives is None:
+        return DriveModel()
+    if not isinstance(drives, DriveModel):
+        raise TypeError(f"`drives` must be an rne.DriveModel, got {type(drives).__name__}")
+    return drives
 
 
 @dataclass(frozen=True, eq=False)
 class StandardParameters:
     """The parameters that the torques of the drives are a linear function of, and their order.
 
-    tau = Y pi + Ia qdd + Fv qd + Fc sign(qd) + tau0, and for each further shaft, which turns at a^T qd, the same terms
-    in a^T qd, times a.
+    tau = Y pi + Ia qdd + Fv qd + Fc sign(qd) + Fs sign(qd) exp(-|qd| / vs) + tau0, and for each coupled motor, which
+    turns at a^T qd, the terms of rotor and friction in a^T qd, times a.
 
     Attributes
     ----------
     model : Model
         The robot's parameters.
-    rotor : bool
-        True for the inertia Ia of each drive's rotor, reflected to its joint: `armature`.
-    friction : {None, "viscous", "coulomb", "viscous+coulomb"}
-        Fv, Fc or both of each drive.
-    offset : bool
-        True for a constant torque tau0 of each drive: the zero error of its sensor, or unequal Coulomb friction.
-    shafts : array_like, shape (s, n), optional
-        Rows a of further shafts, for example of a motor that is coupled to two joints; with rotor and friction if the
-        joints have them.
-    smoothing : float
-        Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
+    drives : DriveModel
+        Which torques of the drives are modelled.
 
     Examples
     --------
     >>> import rne
     >>> from rne.model.standard_parameters import StandardParameters
-    >>> standard = StandardParameters(rne.irb140(), rotor=True, friction="viscous+coulomb")
+    >>> standard = StandardParameters(rne.irb140(), rne.DriveModel(rotor=True, friction="viscous+coulomb"))
     >>> standard.count, standard.names[10], standard.names[-1]
     (78, 'm_2', 'Fc_6')
     """
 
     model: Model
-    rotor: bool = False
-    friction: str | None = None
-    offset: bool = False
-    shafts: ArrayLike | None = None
-    smoothing: float = 0.0
+    drives: DriveModel = DriveModel()
 
     __repr__ = summary
 
     def __post_init__(self) -> None:
         n = model_argument(self.model).n
-        if self.friction not in FRICTION:
-            raise ValueError(f"`friction` must be one of {list(FRICTION)}, got {self.friction!r}")
-        positive_number("smoothing", self.smoothing, zero_allowed=True)
-        shafts = np.zeros((0, n)) if self.shafts is None else real_array("shafts", self.shafts, f"(s, {n})")
-        object.__setattr__(self, "shafts", shafts)
+        drive_argument(self.drives)
+        if self.drives.stribeck is not None:
+            vector("stribeck", self.drives.stribeck, n, sign="not negative")
+        _ = self.motors
+
+    @cached_property
+    def motors(self) -> Array:
+        """Rows of coupled motors, shape (s, n)."""
+        n, rows = self.model.n, self.drives.coupled_motors
+        return np.zeros((0, n)) if rows is None else np.array(real_array("coupled_motors", rows, f"(s, {n})"))
+
+    @property
+    def smoothing(self) -> float:
+        """The velocity at which Coulomb friction is smoothed, 0 for a step."""
+        return self.drives.smoothing or 0.0
 
     @cached_property
     def terms(self) -> tuple[str, ...]:
-        """Symbols of the parameters of a drive: Ia, Fv, Fc and tau0, those that are modelled."""
-        kinds = (self.friction or "").split("+")
-        asked = {"Ia": self.rotor, "Fv": "viscous" in kinds, "Fc": "coulomb" in kinds, "tau0": self.offset}
+        """Symbols of the parameters of a drive: Ia, Fv, Fc, Fs and tau0, those that are modelled."""
+        given, kinds = self.drives, (self.drives.friction or "").split("+")
+        asked = {"Ia": given.rotor, "Fv": "viscous" in kinds, "Fc": "coulomb" in kinds}
+        asked |= {"Fs": given.stribeck is not None, "tau0": given.offset}
         return tuple(symbol for symbol, present in asked.items() if present)
 
     @cached_property
     def groups(self) -> dict[str, slice]:
-        """Places of the parameters: "bodies", then each of `terms`, of the joints' drives, then of the shafts."""
+        """Places of the parameters: "bodies", then each of `terms`, of the joints' drives, then of coupled motors."""
         groups = {"bodies": slice(0, PARAMETERS * self.model.nb)}
         widths = {symbol: self.model.n for symbol in self.terms}
-        widths |= {f"{symbol} of shafts": len(np.asarray(self.shafts)) for symbol in self.terms if symbol != "tau0"}
+        widths |= {f"{symbol} of coupled motors": len(self.motors) for symbol in self.terms if symbol in OF_MOTORS}
         start = groups["bodies"].stop
         for name, width in widths.items():
             groups[name] = slice(start, start + width)
@@ -97,16 +160,16 @@ class StandardParameters:
         """Symbol and number of each parameter.
 
         The number is that of the moving joint, counted from 1 in the order of `model.moving_joints`; s1, s2, ... are
-        the shafts. m is the mass, mcx the first moment, Ixx ... the inertia about the joint's origin.
+        the coupled motors. m is the mass, mcx the first moment, Ixx ... the inertia about the joint's origin.
         """
         names = [f"{symbol}_{i + 1}" for i in range(self.model.nb) for symbol in BODY_SYMBOLS]
         names += [f"{symbol}_{i + 1}" for symbol in self.terms for i in self.model.independent_joints]
-        shafts = range(1, len(np.asarray(self.shafts)) + 1)
-        return (*names, *(f"{symbol}_s{k}" for symbol in self.terms if symbol != "tau0" for k in shafts))
+        motors = range(1, len(self.motors) + 1)
+        return (*names, *(f"{symbol}_s{k}" for symbol in self.terms if symbol in OF_MOTORS for k in motors))
 
     @cached_property
     def values(self) -> Array:
-        """The parameters that the model has; offsets and those of shafts are zero."""
+        """The parameters that the model has; offsets, Stribeck effects and those of coupled motors are zero."""
         model, G = self.model, self.model.coordinate_map
         known = {
             "bodies": parameters_of(model),
@@ -124,19 +187,23 @@ class StandardParameters:
 
         `qd` and `qdd` (..., n) are joint velocities and accelerations [rad/s or m/s; rad/s^2 or m/s^2].
         """
-        joints, shafts = np.eye(self.model.n), np.asarray(self.shafts)
+        joints = np.eye(self.model.n)
         blocks = [self._columns(symbol, joints, qd, qdd) for symbol in self.terms]
-        blocks += [self._columns(symbol, shafts, qd, qdd) for symbol in self.terms if symbol != "tau0"]
+        blocks += [self._columns(symbol, self.motors, qd, qdd) for symbol in self.terms if symbol in OF_MOTORS]
         return np.concatenate([np.zeros((*qd.shape, 0)), *blocks], axis=-1)
 
     def _columns(self, symbol: str, shafts: Array, qd: Array, qdd: Array) -> Array:
         """Columns of one symbol: a times the function of the shaft's velocity or acceleration, for each row a."""
+        velocity = qd @ shafts.T
         if symbol == "Ia":
             factor = qdd @ shafts.T
         elif symbol == "tau0":
-            factor = np.ones((*qd.shape[:-1], len(shafts)))
+            factor = np.ones(velocity.shape)
+        elif symbol == "Fs":
+            rates = np.asarray(self.drives.stribeck, np.float64)
+            falling = np.exp(-np.abs(velocity) / np.where(rates > 0, rates, np.inf))
+            factor = np.where(rates > 0, self.sign(velocity) * falling, 0.0)
         else:
-            velocity = qd @ shafts.T
             factor = velocity if symbol == "Fv" else self.sign(velocity)
         return np.asarray(shafts.T * factor[..., None, :])
 

@@ -18,6 +18,7 @@ from ..dynamics.quantity import Declared
 from ..dynamics.rnea import External
 from ..model.model import Model
 from ..model.parameters import parameters_of, with_parameters
+from ..model.standard_parameters import DriveModel
 
 if TYPE_CHECKING:
     from ..dynamics.base_inertial_parameters import BaseParameters
@@ -955,11 +956,7 @@ class Robot(InNotebooks):
     def base_parameters(
         self,
         *,
-        rotor: bool = False,
-        friction: str | None = None,
-        offset: bool = False,
-        shafts: ArrayLike | None = None,
-        smoothing: float = 0.0,
+        drives: DriveModel | None = None,
         tolerance: float = 1e-9,
     ) -> BaseParameters:
         """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
@@ -968,16 +965,8 @@ class Robot(InNotebooks):
 
         Parameters
         ----------
-        rotor : bool
-            True for the inertia Ia of each drive's rotor, reflected to its joint.
-        friction : {None, "viscous", "coulomb", "viscous+coulomb"}
-            Fv, Fc or both of each drive.
-        offset : bool
-            True for a constant torque tau0 of each drive.
-        shafts : array_like, shape (s, n), optional
-            Rows a of further shafts, which turn at a^T qd, with rotor and friction if the joints have them.
-        smoothing : float
-            Coulomb friction is Fc tanh(qd / smoothing); 0 for Fc sign(qd) [rad/s or m/s].
+        drives : DriveModel, optional
+            Rotors, friction and offsets of the drives, which torques depend on too; by default none.
         tolerance : float
             Angles [rad] and distances, divided by the longest one between two joints, that differ by less are taken as
             the same. 1e-5 suits a file that has 1.5708 in place of pi / 2: what only such roundings make observable, no
@@ -996,17 +985,14 @@ class Robot(InNotebooks):
         Examples
         --------
         >>> import rne
-        >>> base = rne.load("irb140").base_parameters(rotor=True, friction="viscous+coulomb")
+        >>> drives = rne.DriveModel(rotor=True, friction="viscous+coulomb")
+        >>> base = rne.load("irb140").base_parameters(drives=drives)
         >>> base.count, base.standard.count, base.names[-1]
         (52, 78, 'Fc_6')
         """
         found = dynamics.base_parameters(
             self._model,
-            rotor=rotor,
-            friction=friction,
-            offset=offset,
-            shafts=shafts,
-            smoothing=smoothing,
+            drives=drives,
             tolerance=tolerance,
         )
         return replace(found, body_regressor=self.regressor)
