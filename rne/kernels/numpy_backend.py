@@ -6,19 +6,92 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
-from .program import Operand, Recursion, Trace
-from .registers import Layout, Step, allocate
+from .program import Conditions, Operand, Program, Recursion, Trace
 
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 LINE = 64  # bytes of a cache line
 REGISTER_BYTES = 8 * 2**20  # of all registers: more no longer pay for fewer calls
 MAX_BLOCK, MIN_BLOCK = 8192, 256  # states per block
+
+
+class Step(NamedTuple):
+    """One instruction with the registers of its operands and results."""
+
+    kind: str
+    args: tuple[Operand | int, ...]
+    out: tuple[int, ...]
+
+
+class Layout(NamedTuple):
+    """The use of the registers: inputs first, then outputs, then intermediate results."""
+
+    steps: tuple[Step, ...]
+    registers: int
+    copies: tuple[tuple[int, Operand | int], ...]  # output rows that repeat another register or hold a constant
+
+
+def allocate(program: Program) -> Layout:
+    """Registers by liveness: each is free again after its last reader, which may put its result there."""
+    place, copies = _places(program)
+    last = {arg: k for k, instruction in enumerate(program.instructions) for arg in instruction.args}
+    kept = {*program.outputs, *(arg for arg in last if arg.kind == "constant")}
+    registers = itertools.count(program.inputs + len(program.outputs))
+    free: list[int] = []
+    partners = _sine_and_cosine(program)
+    steps: list[Step] = []
+
+    def result(k: int) -> int:
+        operand = Operand("result", k)
+        if operand not in place:
+            place[operand] = free.pop() if free else next(registers)
+        return place[operand]
+
+    for k, (kind, operands) in enumerate(program.instructions):
+        args = tuple(place.get(arg, arg) for arg in operands)
+        finished = [place[arg] for arg in set(operands) if arg not in kept and last[arg] == k]
+        if k in partners and kind in ("sin", "cos"):
+            if k < partners[k]:  # the second comes with the first
+                sine, cosine = (k, partners[k]) if kind == "sin" else (partners[k], k)
+                steps.append(Step("sincos", args, (result(sine), result(cosine))))
+        elif kind == "where":  # written in two parts, so its result must not overlap an operand
+            steps.append(Step(kind, args, (result(k),)))
+        else:
+            free += finished
+            steps.append(Step(kind, args, (result(k),)))
+            continue
+        free += finished
+    return Layout(tuple(steps), next(registers), copies)
+
+
+def _places(program: Program) -> tuple[dict[Operand, int], tuple[tuple[int, Operand | int], ...]]:
+    """The registers of inputs and outputs, and the outputs that repeat another register or are constant."""
+    place = {Operand("input", k): k for k in range(program.inputs)}
+    copies: list[tuple[int, Operand | int]] = []
+    for row, output in enumerate(program.outputs, program.inputs):
+        if output.kind == "result" and output not in place:
+            place[output] = row
+        else:
+            copies.append((row, place.get(output, output)))
+    return place, tuple(copies)
+
+
+def _sine_and_cosine(program: Program) -> dict[int, int]:
+    """Each sine and cosine of the same input, with the other one."""
+    first: dict[tuple[str, Operand], int] = {}
+    partners: dict[int, int] = {}
+    for k, (kind, args) in enumerate(program.instructions):
+        if kind in ("sin", "cos") and args[0].kind == "input":
+            other = first.get(("cos" if kind == "sin" else "sin", args[0]))
+            if other is not None:
+                partners |= {other: k, k: other}
+            first[kind, args[0]] = k
+    return partners
 
 
 class BlockProgram:
@@ -40,19 +113,41 @@ class BlockProgram:
 
         A block that is not known to be sound is left to the recursion, whose first error ends the run.
         """
-        count, dtype = len(results), results.dtype
-        length = min(block_length(self.layout.registers, dtype.itemsize), max(count, 1))
         status = OK
+        for block, conditions in self._blocks(states, results, _OfRows()):
+            if not all(conditions):
+                found, its_status = recursion(block.start, block.stop)
+                status = status.worse(its_status)
+                if status.error is not None:
+                    break
+                results[block] = found
+        return status
+
+    def sound(self, states: Sequence[Array], results: Array) -> Array:
+        """As `run`, but no state affects another's bits: True for each that is sound, the others' results are void."""
+        found = np.ones(len(results), dtype=bool)
+        for block, conditions in self._blocks(states, results, _OfStates()):
+            found[block] = np.logical_and.reduce(conditions)
+        return found
+
+    def _blocks(
+        self, states: Sequence[Array], results: Array, write: Conditions
+    ) -> Iterator[tuple[slice, list[Any]]]:
+        """Run block by block; the conditions under which each is sound."""
+        count, dtype, trace = len(results), results.dtype, self.trace
+        length = min(block_length(self.layout.registers, dtype.itemsize), max(count, 1))
         with np.errstate(all="ignore"), self._workspace(length, dtype) as workspace:
             for begin in range(0, count, length):
-                end = min(begin + length, count)
-                if not self._run_block(workspace, [a[begin:end] for a in states], results[begin:end]):
-                    block, found = recursion(begin, end)
-                    status = status.worse(found)
-                    if status.error is not None:
-                        return status
-                    results[begin:end] = block
-        return status
+                block = slice(begin, min(begin + length, count))
+                rows = workspace.rows[:, : block.stop - begin]
+                for place, array in zip(self.inputs, states, strict=True):
+                    rows[place] = array[block].T
+                conditions = trace.sound_inputs(rows, dtype, write)
+                for call, arguments in workspace.calls(block.stop - begin):
+                    call(*arguments)
+                outputs = rows[trace.program.inputs :]
+                store(outputs[: trace.entries], results[block])
+                yield block, conditions + trace.sound_results(outputs, dtype, write)
 
     @contextmanager
     def _workspace(self, length: int, dtype: np.dtype[Any]) -> Iterator[Workspace]:
@@ -68,41 +163,6 @@ class BlockProgram:
             yield workspace
         finally:
             pool.append(workspace)
-
-    def _run_block(self, workspace: Workspace, states: Sequence[Array], results: Array) -> bool:
-        """Run one block; False if the recursion must compute it."""
-        rows, trace = workspace.rows[:, : len(results)], self.trace
-        for place, array in zip(self.inputs, states, strict=True):
-            rows[place] = array.T
-        if not all(trace.sound_inputs(rows, results.dtype, _OfRows())):
-            return False
-        for call, arguments in workspace.calls(len(results)):
-            call(*arguments)
-        outputs = rows[trace.program.inputs :]
-        if not all(trace.sound_results(outputs, results.dtype, _OfRows())):
-            return False
-        store(outputs[: trace.entries], results)
-        return True
-
-    def sound(self, states: Sequence[Array], results: Array) -> Array:
-        """As `run`, but no state affects another's bits: True for each that is sound, the others' results are void."""
-        count, dtype, trace = len(results), results.dtype, self.trace
-        length = min(block_length(self.layout.registers, dtype.itemsize), max(count, 1))
-        found = np.ones(count, dtype=bool)
-        with np.errstate(all="ignore"), self._workspace(length, dtype) as workspace:
-            for begin in range(0, count, length):
-                block = slice(begin, min(begin + length, count))
-                rows = workspace.rows[:, : block.stop - begin]
-                for place, array in zip(self.inputs, states, strict=True):
-                    rows[place] = array[block].T
-                conditions = trace.sound_inputs(rows, dtype, _OfStates())
-                for call, arguments in workspace.calls(block.stop - begin):
-                    call(*arguments)
-                outputs = rows[trace.program.inputs :]
-                for condition in (*conditions, *trace.sound_results(outputs, dtype, _OfStates())):
-                    found[block] &= condition
-                results[block] = outputs[: trace.entries].T
-        return found
 
 
 class _OfStates:
