@@ -289,7 +289,7 @@ def test_a_step_that_is_cut_ends_exactly_at_the_end():
     t, end = next((a, b) for a, b in np.random.default_rng(0).uniform(0, [0.1, 1.0], (10**4, 2)) if a + (b - a) < b)
     T, X, H = np.full(9, t), np.ones((9, 1)), np.full(9, 10.0)
     K, count, method = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), (*runge_kutta.tableau("RK45"), np.zeros(1))
-    limits = end, np.inf, 1e-6, 1e-9, -0.2, -np.inf, np.inf
+    limits = runge_kutta.Limits(end, np.inf, 1e-6, 1e-9, -0.2, -np.inf, np.inf)
     arguments = np.zeros(1), np.zeros(1)
 
     def at_rest(t, x, rates):

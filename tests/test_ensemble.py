@@ -14,8 +14,8 @@ from benchmarks.random_robots import straight_chain
 from rne.kernels import many_motions
 from rne.kernels.kernel import Kernel
 from rne.kernels.numpy_backend import BlockProgram
-from rne.kernels.row_steps import FIXED, Course, by_rows
-from rne.kernels.runge_kutta import power
+from rne.kernels.row_steps import Course, by_rows
+from rne.kernels.runge_kutta import FIXED, power
 from rne.simulation.simulator import METHODS
 
 from .helpers import kept, states

@@ -1,6 +1,6 @@
 """Loops in machine code around kernels: what a loop's text may call, and its compilation.
 
-A loop's text is Python that works on arrays of float64 or int64, C-contiguous, on numbers and on tuples of these. It
+A loop's text is Python that works on arrays of float64 or int64, C-contiguous, on numbers and on tuples of these, named or not. It
 allocates nothing, raises nothing, and calls only `evaluate`, texts marked by `inline` and functions of `math`. Run as
 it stands it is the same algorithm with functions in place of addresses. Numba translates it once; what LLVM makes of
 that is kept on disk, so that other processes need no Numba.
@@ -78,7 +78,7 @@ def compiled(text: Callable[..., Any]) -> Callable[..., Any]:
 def _plain(value: Any) -> Any:
     """An argument as an array, an int, a float or a tuple of these."""
     if isinstance(value, tuple):
-        return tuple(map(_plain, value))
+        return type(value)(*map(_plain, value)) if hasattr(value, "_fields") else tuple(map(_plain, value))
     if isinstance(value, np.ndarray):
         for dtype in (np.dtype("float64"), np.dtype("int64")):
             if value.dtype == dtype and value.flags.c_contiguous and value.flags.aligned:
@@ -146,7 +146,8 @@ def _numba_type(value: Any) -> Any:
     from numba import types
 
     if isinstance(value, tuple):
-        return types.Tuple([_numba_type(item) for item in value])  # type: ignore[no-untyped-call]
+        items = [_numba_type(item) for item in value]
+        return types.NamedTuple(items, type(value)) if hasattr(value, "_fields") else types.Tuple(items)  # type: ignore[no-untyped-call]
     if isinstance(value, np.ndarray):
         return types.Array(types.float64 if value.dtype.kind == "f" else types.int64, value.ndim, "C")
     return types.int64 if isinstance(value, int) else types.float64

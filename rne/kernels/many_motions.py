@@ -14,8 +14,8 @@ import numpy as np
 from ..basics.spatial import Array
 from .kernel import Kernel
 from .loops import LANES, compiled, evaluate, inline
-from .row_steps import EPS, LOOK, SLOW, STIFF, Coefficients, Course, coefficients, first_steps
-from .runge_kutta import LARGEST, SAFETY, SMALLEST
+from .row_steps import EPS, LOOK, SLOW, STIFF, Course, first_steps
+from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau, tableau
 
 NOBODY = -1  # in place of a motion's number
 EXAMINE, LEAVE = 1, 2  # codes of motions: with a state to be examined, and stiff
@@ -25,7 +25,7 @@ MOTION, TIME, STEPS, TAKEN, WANTS, LANE_ROWS = 0, 1, 2, 3, 4, 5
 NOW, LENGTH, AHEAD, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
 
 
-def workspace(widths: tuple[int, ...], table: Coefficients) -> tuple[Any, ...]:
+def workspace(widths: tuple[int, ...], table: Tableau) -> tuple[Any, ...]:
     """Arrays for `run_all`, of a kernel's arguments of these widths, the second of which is the state."""
     inputs, saved = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
     entries, rows = widths[1] * LANES, max(len(table.B) + 1, table.D.shape[1])
@@ -217,7 +217,7 @@ def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X
 
 @inline
 def is_stiff(span: Any, slope: Any, other: Any, new: Any, before: Any, norm: Any, lane: Any, step: Any, k: Any) -> bool:
-    """As `row_steps.ControlledSteps`: from the slopes of the last two states, at the same time."""
+    """As `row_steps.RowSteps`: from the slopes of the last two states, at the same time."""
     steps, begin, end = lane[STEPS, k] + 1, span[3], span[2]
     if steps % LOOK != 0 or not steps * (end - begin) > SLOW * (step[AHEAD, k] - begin):
         return False
@@ -323,7 +323,7 @@ def run_all(
 
 def in_lanes(course: Course, kernel: Kernel, parameters: Array, x: Array, X: Array) -> tuple[Array, int]:
     """Motions from states x, shape (N, size), into X[time, motion]; their codes, and evaluations."""
-    table, x, N = coefficients(course.method), np.ascontiguousarray(x), len(x)
+    table, x, N = tableau(course.method), np.ascontiguousarray(x), len(x)
     work, address = workspace(kernel.widths, table), kernel.address(LANES)
     more = (np.ascontiguousarray(parameters),)[: len(kernel.names) - 2]
     code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)

@@ -5,7 +5,6 @@ Entry [i, k] of an array is component i of motion k. No motion affects the bits 
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -18,50 +17,12 @@ from .kernel import Kernel
 from .numpy_backend import BlockProgram
 from .runge_kutta import LARGEST, SAFETY, SMALLEST, tableau
 
-FIXED, CONTROLLED = ("rk4", "semi-implicit-euler"), ("RK45", "DOP853")
 EPS = float(np.finfo(np.float64).eps)
 EVERY = slice(None)
 FULL = 0.75  # part of the columns that are on their way, below which the others are dropped: a new width costs time
 LOOK = 500  # steps between two looks whether the motion is stiff
 SLOW, STIFF = 20_000, 3.0  # steps of the whole way at this pace, and time constants of the fastest mode in a step
 Tick = Callable[[int], Any]
-
-
-class Coefficients(NamedTuple):
-    """A method's tableau and error estimates, as `runge_kutta.Method`, and its interpolant.
-
-    Within a step x(t + u h) is x plus h u (d_0 + (1 - u) (d_1 + u (d_2 + ...))), d = D k, with stages `A2`, `C2` that
-    only this needs.
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    E: Array
-    A2: Array
-    C2: Array
-    D: Array
-
-
-@functools.cache
-def coefficients(method: str) -> Coefficients:
-    """Of a method with step control, as SciPy's, or with fixed steps; that of semi-implicit Euler is Euler's."""
-    A2, C2, D = np.zeros((0, 1)), np.zeros(0), np.zeros((0, 1))
-    if method == "rk4":
-        A, B, C = np.diag([0.5, 0.5, 1.0], -1), np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1])
-        return Coefficients(A, B, C, np.zeros((2, 1)), A2, C2, D)
-    if method == "semi-implicit-euler":
-        return Coefficients(np.zeros((1, 1)), np.ones(1), np.zeros(1), np.zeros((2, 1)), A2, C2, D)
-    import scipy.integrate
-
-    solver, table = getattr(scipy.integrate, method), tableau(method)
-    if method == "RK45":
-        P = solver.P.T  # of 1, u, u^2, u^3
-        return Coefficients(*table, A2, C2, np.stack([P.sum(0), -P[1:].sum(0), -P[2] - 2 * P[3], P[3]]))
-    unit, stages = np.eye(solver.D.shape[1]), len(table.B)
-    B, first, last = table.B @ unit[:stages], unit[0], unit[stages]
-    D = np.concatenate([[B, first - B, 2 * B - first - last], solver.D])
-    return Coefficients(*table, np.ascontiguousarray(solver.A_EXTRA), np.ascontiguousarray(solver.C_EXTRA), D)
 
 
 class Course(NamedTuple):
@@ -195,46 +156,27 @@ def first_steps(rates: Callable[[Array, Array], Array], course: Course, x: Array
         return np.asarray(np.minimum(np.minimum(100 * h0, h1), longest))
 
 
-def equal_steps(rates: Rates, course: Course, x: Array, X: Array, tick: Tick) -> None:
-    """Steps from one time of the grid to the next; states at the times to report into X[time, motion]."""
-    table, n, reported = coefficients(course.method), course.positions, 0
-    B, C, x = table.B, table.C.tolist(), x.T.copy()
-    K = np.empty((len(B), *x.shape), x.dtype)
-    for t, end in zip(course.grid[:-1].tolist(), course.grid[1:].tolist(), strict=True):
-        h = end - t
-        rates(t, x, K[0])
-        for s in range(1, len(B)):
-            rates(t + C[s] * h, x + h * combine(table.A[s, :s], K), K[s])
-        new = x + h * combine(B, K)
-        new[:n] = x[:n] + h * new[n : 2 * n] if n else new[:n]
-        x = new
-        if end == course.times[reported]:
-            X[reported] = x.T
-            reported += 1
-        tick(x.shape[1])
-
-
-class ControlledSteps:
-    """Steps of each motion's own lengths; states at the times to report into X[time, motion]."""
+class RowSteps:
+    """Steps of each motion's own lengths, or those of the grid; states at the times to report into X[time, motion]."""
 
     def __init__(self, rates: Rates, course: Course, X: Array) -> None:
         self.rates, self.course, self.X = rates, course, X
-        self.table, self.times = coefficients(course.method), course.times
+        self.table, self.times, self.is_fixed = tableau(course.method), course.times, len(course.grid) > 0
 
     def run(self, x: Array, tick: Tick) -> None:
         """From states x, shape (N, size), to the end."""
         course, N = self.course, len(x)
         self.x, self.t = x.T.copy(), np.full(N, course.begin)
         self.row, self.reported, self.steps = np.arange(N), np.zeros(N, dtype=int), np.zeros(N, dtype=int)
-        self.K = np.empty((self.table.D.shape[1], *self.x.shape))
+        self.K = np.empty((self.table.D.shape[1], *self.x.shape), x.dtype)
         self.rates(self.t, self.x, self.K[0])
-        self.h = first_steps(self._trial, course, self.x, self.K[0])
+        self.h = np.zeros(N) if self.is_fixed else first_steps(self._trial, course, self.x, self.K[0])
         self.taken = np.ones(N, dtype=bool)  # the step before
         while self.rates.moving:
             self._step()
             on_its_way = self.t < course.end
             before, self.rates.moving = self.rates.moving, int(on_its_way.sum())
-            tick(before - self.rates.moving)
+            tick(N if self.is_fixed else before - self.rates.moving)
             if self.rates.moving <= FULL * len(on_its_way):
                 self._keep(on_its_way)
 
@@ -248,53 +190,64 @@ class ControlledSteps:
         for name in ("t", "row", "reported", "steps", "h", "taken"):
             setattr(self, name, getattr(self, name)[chosen])
         self.x, first = self.x[:, chosen], self.K[0][:, chosen]
-        self.K = np.empty((len(self.K), *self.x.shape))
+        self.K = np.empty((len(self.K), *self.x.shape), self.x.dtype)
         self.K[0] = first
 
     def _step(self) -> None:
         """Try a step of every motion."""
-        t, x, K = self.t, self.x, self.K
-        smallest = 10 * EPS * np.abs(t)
+        ahead = self.course.grid[self.steps + 1] if self.is_fixed else self._ahead()
+        h = ahead - self.t
+        new = self._stages(ahead, h)
+        taken, factor = (self.taken, 1.0) if self.is_fixed else self._judge(h, new)
+        self._report(ahead, h, new, taken)
+        self.steps += taken
+        is_stiff = self._is_stiff(ahead, h, new) & taken if self.course.watched else None
+        np.copyto(self.x, new, where=taken)
+        np.copyto(self.K[0], self.K[len(self.table.B)], where=taken)
+        self.t, self.h, self.taken = np.where(taken, ahead, self.t), h * factor, taken
+        if is_stiff is not None and is_stiff.any():
+            self.t[is_stiff] = self.course.end
+            self.rates.stiff[self.row[is_stiff]] = True
+
+    def _ahead(self) -> Array:
+        """The ends of steps of the lengths to be tried."""
+        smallest = 10 * EPS * np.abs(self.t)
         for k in np.flatnonzero(~self.taken & ~(self.h >= smallest)):
-            where = f"start {self.rates.numbers[k]} at t = {t[k]:.6g} s"
-            raise NotFiniteError(f"{where}: the step needed is less than the spacing between numbers", float(t[k]))
-        ahead = np.minimum(t + np.maximum(self.h, smallest), self.course.end)
-        h = ahead - t
-        new = self._stages(h)
+            where = f"start {self.rates.numbers[k]} at t = {self.t[k]:.6g} s"
+            raise NotFiniteError(f"{where}: the step needed is less than the spacing between numbers", float(self.t[k]))
+        return np.asarray(np.minimum(self.t + np.maximum(self.h, smallest), self.course.end))
+
+    def _judge(self, h: Array, new: Array) -> tuple[Array, Array]:
+        """Which steps are taken, and the factors between their lengths and the next ones'."""
         error = self._error(h, new)
         with np.errstate(all="ignore"):
             factor = SAFETY * error ** self.course.norm[3]
         taken = error < 1
-        factor = np.where(taken, np.minimum(np.where(self.taken, LARGEST, 1.0), factor), np.fmax(SMALLEST, factor))
-        self._report(ahead, h, new, taken)
-        self.steps += taken
-        is_stiff = self._is_stiff(ahead, h, new) & taken
-        self.x = np.where(taken, new, x)
-        K[0] = np.where(taken, K[len(self.table.B)], K[0])
-        self.t, self.h, self.taken = np.where(taken, ahead, t), h * factor, taken
-        self.t = np.where(is_stiff, self.course.end, self.t)
-        self.rates.stiff[self.row[is_stiff]] = True
+        most = np.where(self.taken, LARGEST, 1.0)
+        return taken, np.where(taken, np.minimum(most, factor), np.fmax(SMALLEST, factor))
 
     def _is_stiff(self, ahead: Array, h: Array, new: Array) -> Array:
         """By slopes of the last two states, which have one time: Hairer and Wanner 1996, IV.2."""
         course, last, count = self.course, len(self.table.B), self.course.norm[0]
         found = (self.steps % LOOK == 0) & (self.steps * (course.end - course.begin) > SLOW * (ahead - course.begin))
-        found &= course.watched
         if found.any():
             slopes, states = self.K[last] - self.K[last - 1], new - self.before
             with np.errstate(all="ignore"):
                 found &= h * np.sqrt(squares(slopes[:count]) / squares(states[:count])) > STIFF
         return np.asarray(found)
 
-    def _stages(self, h: Array) -> Array:
+    def _stages(self, ahead: Array, h: Array) -> Array:
         """The states after steps of lengths h, and the slopes."""
         A, B, C = self.table.A, self.table.B, self.table.C
-        t, x, K = self.t, self.x, self.K
+        t, x, K, n = self.t, self.x, self.K, self.course.positions
+        length = h.astype(x.dtype)
         for s in range(1, len(B)):
-            self.before = x + h * combine(A[s, :s], K)  # in the end the state before the new one, at the same time
+            self.before = x + length * combine(A[s, :s], K)  # in the end that before the new one, at the same time
             self.rates(t + C[s] * h, self.before, K[s])
-        new = x + h * combine(B, K)
-        self.rates(t + h, new, K[len(B)])
+        new = x + length * combine(B, K)
+        new[:n] = x[:n] + length * new[n : 2 * n] if n else new[:n]
+        if not self.is_fixed or ahead.max(initial=0.0) < self.course.end:
+            self.rates(ahead, new, K[len(B)])
         return np.asarray(new)
 
     def _error(self, h: Array, new: Array) -> Array:
@@ -309,6 +262,8 @@ class ControlledSteps:
         times, before = self.times, self.reported
         self.reported = np.where(taken, np.searchsorted(times, ahead, side="right"), before)
         many = self.reported - before
+        if not many.any():
+            return
         which = np.repeat(np.arange(len(many)), many)  # for each state its motion, and its time below
         time = np.arange(len(which)) - np.repeat(np.cumsum(many) - many - before, many)
         inside = times[time] < ahead[which]
@@ -335,8 +290,5 @@ class ControlledSteps:
 def by_rows(course: Course, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, tick: Tick) -> Rates:
     """Motions from states x into X[time, motion]; what was evaluated, and how sound it was."""
     rates = Rates(kernel, parameters, numbers, course)
-    if len(course.grid):
-        equal_steps(rates, course, x, X, tick)
-    else:
-        ControlledSteps(rates, course, X).run(x, tick)
+    RowSteps(rates, course, X).run(x, tick)
     return rates

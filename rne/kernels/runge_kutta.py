@@ -16,6 +16,7 @@ from ..basics.spatial import Array
 from .loops import evaluate, inline
 
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
+FIXED, CONTROLLED = ("rk4", "semi-implicit-euler"), ("RK45", "DOP853")
 GO_ON, AFTER_A_JUMP, ANEW = 0, 1, 2  # how the first step begins: with slope and length, with its length, with neither
 
 
@@ -32,21 +33,12 @@ class Limits(NamedTuple):
 
 
 @inline
-def slope(rates: Any, arguments: Any, limits: Any, t: Any, x: Any, k: Any) -> bool:
-    """dx/dt into k; True if it is sound."""
-    arguments[0][0] = min(max(t, limits[5]), limits[6])
-    for i in range(len(x)):
-        arguments[1][i] = x[i]
-    return evaluate(rates, arguments, k)
-
-
-@inline
 def stage(
     rates: Any, arguments: Any, limits: Any, t: Any, x: Any, h: Any, row: Any, K: Any, s: Any, ahead: Any
 ) -> bool:
     """The slope K[s] at t + ahead and x + h row K; True if it is sound."""
     y = arguments[1]
-    arguments[0][0] = min(max(t + ahead, limits[5]), limits[6])
+    arguments[0][0] = min(max(t + ahead, limits.first), limits.last)
     for i in range(len(x)):
         y[i] = 0.0
     for j in range(s):
@@ -81,7 +73,7 @@ def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, rtol: Any, atol: Any, wor
 @inline
 def first_length(rates: Any, arguments: Any, limits: Any, t: Any, x: Any, K: Any) -> float:
     """Length of the first step: Hairer, Norsett and Wanner 1993, II.4, as in SciPy; 0 if a slope is not sound."""
-    end, longest, rtol, atol, power = limits[:5]
+    end, rtol, atol = limits.end, limits.rtol, limits.atol
     d0, d1, d2, y = 0.0, 0.0, 0.0, arguments[1]
     for i in range(len(x)):
         scale = atol + rtol * abs(x[i])
@@ -89,7 +81,7 @@ def first_length(rates: Any, arguments: Any, limits: Any, t: Any, x: Any, K: Any
         d1 += (K[0, i] / scale) ** 2
     d0, d1 = (d0 / len(x)) ** 0.5, (d1 / len(x)) ** 0.5
     h = min(1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1, end - t)
-    arguments[0][0] = min(max(t + h, limits[5]), limits[6])
+    arguments[0][0] = min(max(t + h, limits.first), limits.last)
     for i in range(len(x)):
         y[i] = x[i] + h * K[0, i]
     if not evaluate(rates, arguments, K[1]):
@@ -97,17 +89,19 @@ def first_length(rates: Any, arguments: Any, limits: Any, t: Any, x: Any, K: Any
     for i in range(len(x)):
         d2 += ((K[1, i] - K[0, i]) / (atol + rtol * abs(x[i]))) ** 2
     d2 = (d2 / len(x)) ** 0.5 / h
-    step = max(1e-6, h * 1e-3) if max(d1, d2) <= 1e-15 else (0.01 / max(d1, d2)) ** -power
-    return float(min(100 * h, step, end - t, longest))
+    step = max(1e-6, h * 1e-3) if max(d1, d2) <= 1e-15 else (0.01 / max(d1, d2)) ** -limits.power
+    return float(min(100 * h, step, end - t, limits.longest))
 
 
 @inline
-def begin(rates: Any, arguments: Any, limits: Any, how: Any, T: Any, X: Any, K: Any, H: Any, count: Any) -> bool:
+def begin(
+    rates: Any, arguments: Any, limits: Any, how: Any, row: Any, T: Any, X: Any, K: Any, H: Any, count: Any
+) -> bool:
     """The slope at T[0], X[0] and the first step's length, as far as `how` asks for them; True if they are sound."""
     if how == GO_ON:
         return True
     count[0] += 1
-    if not slope(rates, arguments, limits, T[0], X[0], K[0, 0]):
+    if not stage(rates, arguments, limits, T[0], X[0], 0.0, row, K[0], 0, 0.0):
         return False
     if how == ANEW:
         count[0] += 1
@@ -124,15 +118,15 @@ def take_steps(
     K has the slopes of each step's stages, K[0, 0] that at T[0] unless `how` asks for it; H[k] is the length with which
     step k is tried first, `count` has the evaluations of each step.
     """
-    end, longest, rtol, atol, power = limits[:5]
-    A, B, C, E, work = tableau
+    end, power = limits.end, limits.power
+    A, B, C, E, _, _, _, work = tableau
     stages, y = len(B), arguments[1]
-    if not begin(rates, arguments, limits, how, T, X, K, H, count):
+    if not begin(rates, arguments, limits, how, B, T, X, K, H, count):
         return 0
     for step in range(len(T) - 1):
         t, x, k = T[step], X[step], K[step]
         smallest = 10 * abs(np.nextafter(t, np.inf) - t)
-        h = min(max(H[step], smallest), longest)
+        h = min(max(H[step], smallest), limits.longest)
         rejected = False
         while True:
             if not h >= smallest:
@@ -144,7 +138,7 @@ def take_steps(
                 count[step] += 1
                 if not stage(rates, arguments, limits, t, x, h, row, k, s, ahead):
                     return step
-            error = error_norm(E, k[: stages + 1], h, x, y, rtol, atol, work)
+            error = error_norm(E, k[: stages + 1], h, x, y, limits.rtol, limits.atol, work)
             if error < 1:
                 factor = LARGEST if error == 0 else min(LARGEST, SAFETY * error**power)
                 T[step + 1] = reached
@@ -175,25 +169,44 @@ def add_stages(rates: Any, arguments: Any, limits: Any, A: Any, C: Any, T: Any, 
     return sound
 
 
-class Method(NamedTuple):
-    """A method's tableau, and one or two estimates of its error."""
+class Tableau(NamedTuple):
+    """A method's coefficients, one or two estimates of its error, and its interpolant.
+
+    Within a step x(t + u h) is x plus h u (d_0 + (1 - u) (d_1 + u (d_2 + ...))), d = D k, with stages `A2`, `C2` that
+    only this needs.
+    """
 
     A: Array
     B: Array
     C: Array
     E: Array
+    A2: Array
+    C2: Array
+    D: Array
 
 
 @functools.cache
-def tableau(method: str) -> Method:
-    """The coefficients of "RK45" or "DOP853"."""
+def tableau(method: str) -> Tableau:
+    """Of a method with step control, as SciPy's, or with fixed steps; that of semi-implicit Euler is Euler's."""
+    A2, C2 = np.zeros((0, 1)), np.zeros(0)
+    if method in FIXED:
+        A, B, C = np.zeros((1, 1)), np.ones(1), np.zeros(1)
+        if method == "rk4":
+            A, B, C = np.diag([0.5, 0.5, 1.0], -1), np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1])
+        return Tableau(A, B, C, np.zeros((2, 1)), A2, C2, np.zeros((0, len(B) + 1)))
     import scipy.integrate
 
     solver: Any = getattr(scipy.integrate, method)
-    errors = (solver.E5, solver.E3) if method == "DOP853" else (solver.E,)
-    return Method(
-        *(np.ascontiguousarray(x, dtype=np.float64) for x in (solver.A, solver.B, solver.C, np.stack(errors)))
-    )
+    if method == "RK45":
+        P = solver.P.T  # of 1, u, u^2, u^3
+        E, D = solver.E[None], np.stack([P.sum(0), -P[1:].sum(0), -P[2] - 2 * P[3], P[3]])
+    else:
+        E, A2, C2 = np.stack([solver.E5, solver.E3]), solver.A_EXTRA, solver.C_EXTRA
+        unit, stages = np.eye(solver.D.shape[1]), len(solver.B)
+        B, first, last = solver.B @ unit[:stages], unit[0], unit[stages]
+        D = np.concatenate([[B, first - B, 2 * B - first - last], solver.D])
+    parts = solver.A, solver.B, solver.C, E, A2, C2, D
+    return Tableau(*(np.ascontiguousarray(x, dtype=np.float64) for x in parts))
 
 
 @functools.cache
@@ -229,7 +242,7 @@ def take_samples(
     and z at each sample.
     """
     number, bounds, z, begun, U, Z = samples
-    u, n, step, end = arguments[2], len(bounds[0]), 0, limits[0]
+    u, n, step, end = arguments[2], len(bounds[0]), 0, limits.end
     number[1] = 0
     while step < len(T) - 1 and T[step] < end:
         if T[step] >= number[0] * period:
@@ -259,7 +272,7 @@ def take_samples(
             number[1] += 1
         next_sample = number[0] * period
         until = next_sample if next_sample < end * (1 - 1e-12) else end
-        now = (until, limits[1], limits[2], limits[3], limits[4], limits[5], limits[6])
+        now = Limits(until, limits.longest, limits.rtol, limits.atol, limits.power, limits.first, limits.last)
         rest = T[step:], X[step:], K[step:], H[step:], count[step:]
         taken = take_steps(rates, arguments, now, how, tableau, rest[0], rest[1], rest[2], rest[3], rest[4])
         for k in range(step, step + taken):

@@ -13,7 +13,7 @@ from ..basics.spatial import Array
 from ..kernels import runge_kutta
 from ..kernels.kernel import Kernel
 from ..kernels.loops import compiled
-from ..kernels.runge_kutta import AFTER_A_JUMP, ANEW, GO_ON, power, tableau
+from ..kernels.runge_kutta import AFTER_A_JUMP, ANEW, GO_ON, Limits, power, tableau
 from .sampled import Samples, ZeroOrderHold
 from .solver import AdaptiveSolver, Interpolant, Steps
 
@@ -143,8 +143,8 @@ class CompiledSolver:
         """The tableau, and room for an estimate of errors."""
         return (*self.tableau, np.empty(len(self.x)))
 
-    def _limits(self) -> tuple[float, ...]:
-        return self.end, self.longest, self.rtol, self.atol, power(self.method), *self.system.span
+    def _limits(self) -> Limits:
+        return Limits(self.end, self.longest, self.rtol, self.atol, power(self.method), *self.system.span)
 
     def _taken(self, taken: int, work: tuple[Array, ...], u: Array | None, U: Array | None = None) -> Block:
         """The block, behind which the next one begins."""
@@ -170,7 +170,7 @@ class CompiledSolver:
 
         A, C = (np.ascontiguousarray(x) for x in (DOP853.A_EXTRA, DOP853.C_EXTRA))
         arguments = _arguments(block.X.shape[1], None if block.u is None else block.u.copy())
-        limits = (0.0, 0.0, 0.0, 0.0, 0.0, *block.span)
+        limits = Limits(0.0, 0.0, 0.0, 0.0, 0.0, *block.span)
         given = self.rates, arguments, limits, A, C, block.T, block.X, block.K
         sound = add_stages(*given) if block.U is None else add_sampled_stages(*given, block.U)
         if sound:

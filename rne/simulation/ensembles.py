@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import counted, short
-from ..kernels.row_steps import CONTROLLED, FIXED
-from ..kernels.runge_kutta import power
+from ..kernels.runge_kutta import CONTROLLED, FIXED, power
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
