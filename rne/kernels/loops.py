@@ -1,9 +1,9 @@
 """Loops in machine code around kernels: what a loop's text may call, and its compilation.
 
-A loop's text is Python that works on arrays of float64 or int64, C-contiguous, on numbers and on tuples of these, named or not. It
-allocates nothing, raises nothing, and calls only `evaluate`, texts marked by `inline` and functions of `math`. Run as
-it stands it is the same algorithm with functions in place of addresses. Numba translates it once; what LLVM makes of
-that is kept on disk, so that other processes need no Numba.
+A loop's text is Python that works on arrays of float64 or int64, C-contiguous, on numbers and on tuples of these, named
+or not. It allocates nothing, raises nothing, and calls only `evaluate`, texts marked by `inline` and functions of
+`math`. Run as it stands it is the same algorithm with functions in place of addresses. Numba translates it once; what
+LLVM makes of that is kept on disk, so that other processes need no Numba.
 """
 
 from __future__ import annotations

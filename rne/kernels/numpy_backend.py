@@ -130,9 +130,7 @@ class BlockProgram:
             found[block] = np.logical_and.reduce(conditions)
         return found
 
-    def _blocks(
-        self, states: Sequence[Array], results: Array, write: Conditions
-    ) -> Iterator[tuple[slice, list[Any]]]:
+    def _blocks(self, states: Sequence[Array], results: Array, write: Conditions) -> Iterator[tuple[slice, list[Any]]]:
         """Run block by block; the conditions under which each is sound."""
         count, dtype, trace = len(results), results.dtype, self.trace
         length = min(block_length(self.layout.registers, dtype.itemsize), max(count, 1))

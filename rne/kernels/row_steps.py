@@ -202,7 +202,7 @@ class RowSteps:
         self._report(ahead, h, new, taken)
         self.steps += taken
         is_stiff = self._is_stiff(ahead, h, new) & taken if self.course.watched else None
-        np.copyto(self.x, new, where=taken)
+        self.x = new if taken.all() else np.where(taken, new, self.x)
         np.copyto(self.K[0], self.K[len(self.table.B)], where=taken)
         self.t, self.h, self.taken = np.where(taken, ahead, self.t), h * factor, taken
         if is_stiff is not None and is_stiff.any():
