@@ -11,12 +11,11 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 from .events import Stop
-from .interpolation import between
 from .ledger import Ledger
 from .plant import Plant
 from .sampled import SAME, ZeroOrderHold
 from .symplectic import STEP
-from .trajectory import Trajectory, trajectory_later
+from .trajectory import Trajectory, between, trajectory_later
 
 FINER = 100.0  # times smaller tolerances
 FINEST, SMALLEST = 2.3e-14, 1e-20  # tolerances that SciPy's solvers take

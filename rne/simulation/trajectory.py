@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
+from ..basics.arrays import positive_number, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short, wrapped
 from ..model.model import Model
-from .interpolation import Interpolant, Knots, between
 from .limits import Violation, limit_violations
 from .motion_files import MotionFiles
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
+PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer between them
+OUTSIDE = 1e-12  # of the last time: by rounding, a solver's last step ends so far beyond it
 
 
 def trajectory_later(known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
@@ -27,11 +29,6 @@ def trajectory_later(known: Mapping[str, Any], derive: Callable[[], Mapping[str,
     motion = object.__new__(Trajectory)
     motion.__dict__.update(dict(known), _derive=derive)
     return motion
-
-
-def trajectory_summary(motion: Trajectory) -> str:
-    """Robot, duration, solver, message and energies of a motion, in a few lines."""
-    return wrapped("\n  ".join(trajectory_lines(motion)))
 
 
 def trajectory_lines(motion: Trajectory) -> list[str]:
@@ -127,7 +124,8 @@ class Trajectory(MotionFiles, InNotebooks):
     scene: str = field(default_factory=str, repr=False)
     at_steps: bool = field(default=True, repr=False)
 
-    __repr__ = trajectory_summary
+    def __repr__(self) -> str:
+        return wrapped("\n  ".join(trajectory_lines(self)))
 
     def __getattr__(self, name: str) -> Any:
         derive = self.__dict__.get("_derive")
@@ -176,9 +174,7 @@ class Trajectory(MotionFiles, InNotebooks):
         >>> q.shape
         (3, 6)
         """
-        curve, times, n = self._interpolant, self._interpolant.times(t), self.q.shape[1]
-        shape = times.shape[:-1] if times.ndim and times.shape[-1] == 1 else times.shape
-        q, qd, qdd = (x.reshape(*shape, n) for x in curve.state(times.reshape(-1)))
+        q, qd, qdd = self._at(t, "q", "qd", "qdd")
         return q, qd, qdd
 
     def torques(self, t: ArrayLike) -> Array:
@@ -211,15 +207,36 @@ class Trajectory(MotionFiles, InNotebooks):
         >>> rne.simulate(robot, [0] * 6, [0] * 6, 0.5, torque=[1, 2, 3, 4, 5, 6]).torques(0.25).tolist()
         [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
         """
-        times = self._interpolant.times(t)
-        shape = times.shape[:-1] if times.ndim and times.shape[-1] == 1 else times.shape
-        return self._interpolant.torques(times.reshape(-1)).reshape(*shape, self.q.shape[1])
+        return self._at(t, "tau")[0]
 
-    @cached_property
-    def _interpolant(self) -> Interpolant:
+    def _at(self, t: ArrayLike, *names: str) -> list[Array]:
+        """Some quantities at times within the motion; a ValueError for others."""
         if not len(self.t):
             raise ValueError("this motion has no samples")
-        return Interpolant(Knots(*(getattr(self, name) for name in Knots._fields)))
+        times = real_numbers("t", t, "(T,)").astype(np.float64)
+        first, last = float(self.t[0]), float(self.t[-1])
+        margin = OUTSIDE * abs(last)
+        outside = (times < first - margin) | (times > last + margin)
+        if outside.any():
+            raise ValueError(
+                f"`t` must be within the motion, from {first:g} to {last:g} s, got {float(times[outside].flat[0]):g}"
+            )
+        shape = times.shape[:-1] if times.ndim and times.shape[-1] == 1 else times.shape
+        times = np.clip(times, first, last).reshape(-1)
+        return [self._curves[name](times).reshape(*shape, self.q.shape[1]) for name in names]
+
+    @cached_property
+    def _curves(self) -> dict[str, Callable[[Array], Array]]:
+        """Positions, velocities, accelerations and torques as functions of times (T,); none reaches across a jump."""
+        keep = np.append(True, np.diff(self.t) > 0)
+        t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
+        if len(t) == 1:
+            return {"q": _constant(q), "qd": _constant(qd), "qdd": _constant(qdd), "tau": _constant(tau)}
+        jumps = np.searchsorted(t, self.jumps)
+        positions = _quintic(t, q, qd, *_step_ends(qdd, jumps, self.qdd_before))
+        velocities = positions.derivative()
+        torques = _monotone(t, *_step_ends(tau, jumps, self.tau_before), jumps)
+        return {"q": positions, "qd": velocities, "qdd": velocities.derivative(), "tau": torques}
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -315,3 +332,47 @@ def _horizon(bound: float, t: Array, error: Array) -> float:
         return float(t[k - 1])
     part = np.log(bound / error[k - 1]) / np.log(error[k] / error[k - 1])
     return float(t[k - 1] + part * (t[k] - t[k - 1]))
+
+
+def between(t: Array, most: int = PARTS) -> Array:
+    """The times of samples and further ones between them, each step in up to 16 parts, or `most`."""
+    if len(t) < 2:
+        return t
+    parts = int(np.clip(MOST // len(t), 1, most))
+    inside = t[:-1, None] + np.diff(t)[:, None] * (np.arange(parts) / parts)
+    return np.append(inside.reshape(-1), t[-1])
+
+
+def _step_ends(after: Array, jumps: Array, before: Array) -> tuple[Array, Array]:
+    """Values at the begin and at the end of each step, the latter those before a jump."""
+    ends = after[1:].copy()
+    if len(jumps):
+        ends[jumps - 1] = before
+    return after[:-1], ends
+
+
+def _constant(x: Array) -> Callable[[Array], Array]:
+    return lambda t: np.repeat(x, len(t), axis=0)
+
+
+def _quintic(t: Array, q: Array, qd: Array, a0: Array, a1: Array) -> Any:
+    """In each step the polynomial of fifth degree through the positions, velocities and accelerations at its ends."""
+    from scipy.interpolate import BPoly
+
+    h, q0, q1, v0, v1 = np.diff(t)[:, None], q[:-1], q[1:], qd[:-1], qd[1:]
+    begin = [q0, q0 + h * v0 / 5, q0 + 2 * h * v0 / 5 + h * h * a0 / 20]
+    end = [q1 - 2 * h * v1 / 5 + h * h * a1 / 20, q1 - h * v1 / 5, q1]
+    return BPoly(np.array([*begin, *end]), t)
+
+
+def _monotone(t: Array, begin: Array, end: Array, jumps: Array) -> Any:
+    """Monotone cubic polynomials between jumps, which show no peak that the samples do not have."""
+    from scipy.interpolate import PchipInterpolator, PPoly
+
+    h = np.diff(t)
+    c = np.stack([0 * begin, 0 * begin, (end - begin) / h[:, None], begin])  # straight lines
+    for first, last in pairwise(np.unique([0, *jumps, len(h)])):
+        if last - first > 1:
+            piece = np.concatenate([begin[first:last], end[last - 1 : last]])
+            c[:, first:last] = PchipInterpolator(t[first : last + 1], piece).c
+    return PPoly(c, t)
