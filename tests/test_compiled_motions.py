@@ -14,7 +14,7 @@ from rne.kernels import runge_kutta
 from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
-from rne.simulation import compiled, loop, rosenbrock
+from rne.simulation import compiled, loop
 from rne.simulation.plant import Plant
 from rne.simulation.sampled import ZeroOrderHold
 from rne.simulation.simulator import choose_method
@@ -42,7 +42,7 @@ def interpreted(monkeypatch):
 
     for name in TEXTS:
         monkeypatch.setattr(compiled, name, getattr(runge_kutta, name))
-    monkeypatch.setattr(rosenbrock, "compiled_steps", rosenbrock.take_steps)
+    monkeypatch.setattr(compiled, "take_stiff_steps", compiled.rosenbrock.take_steps)
     monkeypatch.setattr(Kernel, "address", address)
     is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
     monkeypatch.setattr(Plant, "is_compiled", is_meant)

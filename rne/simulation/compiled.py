@@ -1,7 +1,12 @@
-"""SciPy's explicit Runge-Kutta methods in machine code, many steps per call, for laws that are traced or held."""
+"""Solvers in machine code, many steps per call, for laws that are traced or held: RK45, DOP853 and Rodas5P.
+
+What a compiled loop cannot decide, a state that must be examined, is one step by SciPy's solver, or of Rodas5P one of
+the same loop run by the interpreter around the recursion, which names what is wrong.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from itertools import accumulate
 from operator import mul
@@ -10,15 +15,19 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..kernels import runge_kutta
+from ..errors import NotFiniteError
+from ..kernels import rosenbrock, runge_kutta
 from ..kernels.kernel import Kernel
 from ..kernels.loops import compiled
 from ..kernels.runge_kutta import AFTER_A_JUMP, ANEW, GO_ON, Limits, power, tableau
+from .plant import Plant
 from .sampled import Samples, ZeroOrderHold
-from .solver import AdaptiveSolver, Interpolant, Steps
+from .solver import RODAS, AdaptiveSolver, Interpolant, Steps
 
 take_steps, take_samples = compiled(runge_kutta.take_steps), compiled(runge_kutta.take_samples)
 add_stages, add_sampled_stages = compiled(runge_kutta.add_stages), compiled(runge_kutta.add_sampled_stages)
+take_stiff_steps = compiled(rosenbrock.take_steps)
+FIRST = 1e-6  # of the time to go: a first step of Rodas5P to try, from which they grow tenfold
 
 
 class Block(Steps):
@@ -224,6 +233,76 @@ class SampledSolver(CompiledSolver):
         if self.t >= hold.next:
             hold.sample(self.t, self.x)
         return self._examined(min(hold.next, self.end))
+
+
+class RosenbrockSteps(Steps):
+    """Steps of Rodas5P, with the vectors of their interpolants."""
+
+    def __init__(self, T: Array, X: Array, vectors: Array) -> None:
+        super().__init__(T, X)
+        self.vectors = vectors
+
+    def states(self, times: Array, k: Array) -> Array:
+        """States at times within the steps k, shape (T, size)."""
+        s = ((times - self.T[k]) / (self.T[k + 1] - self.T[k]))[:, None]
+        return rosenbrock.inside(self.X[k], self.X[k + 1], self.vectors[k], s)
+
+
+class RosenbrockSolver(CompiledSolver):
+    """Rodas5P, many steps per call.
+
+    Parameters
+    ----------
+    rtol, atol : float
+    plant : Plant
+        One for which `has_rodas5p`.
+    """
+
+    def __init__(self, rtol: float, atol: float, plant: Plant) -> None:
+        self.method, self.rtol, self.atol, self.plant = RODAS, rtol, atol, plant
+        self.slopes = plant.rhs.residual.slopes_in_time
+        self.functions: tuple[Any, Any] = (plant.kernel.address(), self.slopes.address())
+        self.h, self.longest = 0.0, np.inf
+
+    def steps(self, most: int) -> Steps:
+        """The next steps, at most so many; NotFiniteError if there is none."""
+        steps = self._take(most, take_stiff_steps, self.functions)
+        if len(steps.T) == 1:
+            with np.errstate(all="ignore"):
+                steps = self._take(1, rosenbrock.take_steps, (self._rates, self._slopes))
+        if len(steps.T) == 1:
+            raise NotFiniteError(f"{RODAS} gave up: steps would be shorter than the rounding of times", self.t)
+        return steps
+
+    def _take(self, most: int, loop: Callable[..., int], functions: tuple[Any, Any]) -> Steps:
+        plant, n, size = self.plant, self.plant.robot.n, len(self.x)
+        T, X, H, P = np.empty(most + 1), np.empty((most + 1, size)), np.empty(most + 1), np.empty((most, 3, size))
+        T[0], X[0], H[0] = self.t, self.x, self.h or FIRST * (self.end - self.t)
+        time, x, *held = arguments = _arguments(size, None if plant.held is None else np.array(plant.held))
+        limits = float(self.end), float(self.longest), self.rtol, self.atol, *map(float, plant.span)
+        count, work = np.zeros(2, dtype=np.int64), rosenbrock.workspace(n, size)
+        at_accelerations = time, x, np.empty(n), *held
+        taken = loop(*functions, arguments, at_accelerations, limits, rosenbrock.TABLEAU, T, X, P, H, count, work)
+        plant.evaluations += int(count[0]) + size * int(count[1])
+        self.t, self.x, self.h = float(T[taken]), X[taken], float(H[taken])
+        return RosenbrockSteps(T[: taken + 1], X[: taken + 1], P[:taken])
+
+    def _rates(self, t: Array, x: Array, *rest: Array) -> bool:
+        """dx/dt, under held torques, into the last array."""
+        rest[-1][:] = self.plant.rates(float(t[0]), x, rest[0] if len(rest) == 2 else None)
+        return True
+
+    def _slopes(self, *arguments: Array) -> bool:
+        """The slopes of the equations of motion into the last array."""
+        arguments[-1][:] = self.slopes(*arguments[:-1])
+        return True
+
+
+def has_rodas5p(plant: Plant) -> bool:
+    """True if the equations of motion and their slopes are machine code and no joint sticks."""
+    friction = plant.rhs.friction
+    sticks = friction is not None and friction.sticks
+    return plant.is_compiled and not sticks and plant.rhs.residual.slopes_in_time.is_unrolled
 
 
 def _arguments(size: int, u: Array | None) -> tuple[Array, ...]:

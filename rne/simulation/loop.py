@@ -13,22 +13,20 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
-from .compiled import CompiledSolver, SampledSolver
+from .compiled import CompiledSolver, RosenbrockSolver, SampledSolver
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
 from .plant import Plant, System
-from .rosenbrock import METHOD as RODAS
-from .rosenbrock import RosenbrockSolver
 from .run import Failure, Run, Task
 from .sampled import MAX_EVALUATIONS, SAME, ZeroOrderHold
-from .solver import AdaptiveSolver, Stepper, Steps
+from .solver import GAUSS, RODAS, AdaptiveSolver, Steps
 from .stick_slip import DryPlant
-from .symplectic import METHOD as GAUSS
 from .symplectic import GaussSolver, Hamilton
 from .watch import Watch
 
 FEWEST = 8  # steps taken at first, where an event may throw them away
 LONGEST = 1000  # steps taken at once
+Solver = AdaptiveSolver | CompiledSolver | GaussSolver
 COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
 
@@ -283,7 +281,7 @@ class Record:
         self.parts.append((t, x, system.accelerations_at(t, x, self.same)))
 
 
-def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> tuple[System, Stepper]:
+def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> tuple[System, Solver]:
     """What is integrated, and by what."""
     if task.method == GAUSS:
         hamilton = Hamilton(plant)
@@ -296,7 +294,7 @@ def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> 
     return system, _solver(system, plant, task, task.method, hold)
 
 
-def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Stepper:
+def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
     """A method's loop in machine code where there is one, or SciPy's solver."""
     if method == RODAS:
         return RosenbrockSolver(task.rtol, task.atol, system)

@@ -16,18 +16,16 @@ from ..basics.spatial import Array
 from ..errors import SimulationError
 from ..model.model import joint_array
 from ..robot import Robot
+from .compiled import has_rodas5p
 from .equations_of_motion import RightHandSide
 from .events import check_within_stops, stops
 from .law import check_law
 from .loop import Loop
 from .plant import Plant
-from .rosenbrock import METHOD as RODAS
-from .rosenbrock import is_available
 from .run import Run, Task, build_trajectory, repeated_error
 from .sampled import ZeroOrderHold
 from .scene import Scene, scene_of_robot
-from .solver import EXPLICIT, IMPLICIT
-from .symplectic import METHOD as GAUSS
+from .solver import EXPLICIT, GAUSS, IMPLICIT, RODAS
 from .trajectory import Trajectory
 from .watch import STIFF, fastest_decay, sample_bound, stiff_bound, stiff_method
 
@@ -145,7 +143,7 @@ def tolerances(rtol: float, atol: float) -> tuple[float, float]:
 
 
 def _check_method(method: str, step: float | None, scene: Scene, plant: Plant) -> None:
-    if method == RODAS and not is_available(plant):
+    if method == RODAS and not has_rodas5p(plant):
         raise ValueError(
             f"`method` {RODAS!r} runs in machine code: it needs a robot of engine 'numba', a controller that is traced "
             "(rne.traceable) or sampled, and friction that does not stick; 'LSODA' and 'Radau' need none of these"

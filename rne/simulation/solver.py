@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import pairwise
 from math import isfinite
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 EXPLICIT = ("RK45", "RK23", "DOP853")
+RODAS, GAUSS = "Rodas5P", "gauss-4"  # the methods that are not SciPy's
 
 
 class Steps:
@@ -56,22 +57,6 @@ class Steps:
             return states if times.ndim else states[:, 0]
 
         return interpolant
-
-
-class Stepper(Protocol):
-    """A solver, a few steps at a time."""
-
-    @property
-    def is_running(self) -> bool: ...
-
-    def start(self, system: Any, t: float, x: Array, end: float, longest: float) -> None:
-        """Begin anew at time t."""
-
-    def resume(self, system: Any, t: float, x: Array, end: float) -> None:
-        """Go on after a jump of the torques."""
-
-    def steps(self, most: int) -> Steps:
-        """The next steps, at most so many and at least one."""
 
 
 class SolverStep(Steps):

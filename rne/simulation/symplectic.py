@@ -7,6 +7,7 @@ Hamilton's equations. Hairer, Lubich, Wanner 2006, Geometric Numerical Integrati
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from ..model.model import Model
 from .plant import Plant, System
 from .solver import Steps
 
-METHOD = "gauss-4"
 NODES = np.array([0.5 - sqrt(3) / 6, 0.5 + sqrt(3) / 6])  # the weights b are 1/2 and 1/2
 WEIGHTS = np.array([[0.25, 0.25 - sqrt(3) / 6], [0.25 + sqrt(3) / 6, 0.25]])
 STEP = 5e-3  # [s], if none is given
@@ -91,13 +91,13 @@ class GaussSolver:
         self.k = 0
         self.weights = [_continuation(NODES, k) for k in range(1, HISTORY + 1)]
 
-    def start(self, system: Hamilton, t: float, x: Array, end: float, longest: float) -> None:
+    def start(self, system: Any, t: float, x: Array, end: float, longest: float) -> None:
         """Begin the run."""
         self.x = x
         self.lost = np.zeros_like(x)  # rounding error of x, added back at the next step (Kahan's compensated sum)
         self.history = [np.tile(system(x[None]), (len(NODES), 1))]
 
-    def resume(self, system: Hamilton, t: float, x: Array, end: float) -> None:
+    def resume(self, system: Any, t: float, x: Array, end: float) -> None:
         """Nothing jumps in a free motion."""
 
     @property

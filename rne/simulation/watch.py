@@ -10,12 +10,11 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
 from ..kernels.rosenbrock import STAGES
+from .compiled import has_rodas5p
 from .plant import Plant
-from .rosenbrock import METHOD as RODAS
-from .rosenbrock import is_available
 from .run import Task
 from .sampled import ZeroOrderHold
-from .solver import EXPLICIT, Steps
+from .solver import EXPLICIT, RODAS, Steps
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
@@ -239,7 +238,7 @@ def sample_bound(plant: Plant, hold: ZeroOrderHold) -> float:
 
 def stiff_method(plant: Plant) -> str:
     """The implicit method for a plant."""
-    return RODAS if is_available(plant) else "LSODA"
+    return RODAS if has_rodas5p(plant) else "LSODA"
 
 
 def work_per_step(plant: Plant, method: str) -> float:
