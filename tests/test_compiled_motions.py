@@ -17,7 +17,7 @@ from rne.kernels.python_backend import state_function
 from rne.simulation import compiled, loop
 from rne.simulation.plant import Plant
 from rne.simulation.sampled import ZeroOrderHold
-from rne.simulation.simulator import choose_method
+from rne.simulation.watch import choose_method
 
 from .helpers import kept
 

@@ -10,7 +10,8 @@ import pytest
 import rne
 from benchmarks.random_robots import straight_chain
 from benchmarks.swing import extrapolated
-from rne.simulation.run import Run, Task, repeated_error
+from rne.simulation.loop import Run, Task
+from rne.simulation.simulator import repeated_error
 
 from .helpers import kept
 

@@ -39,6 +39,12 @@ def test_every_step_is_reported_however_many_are_taken_at_once(count):
     assert x[:, 0].tolist() == [*T[:count], 7.0]
 
 
+def test_a_law_that_fails_at_the_first_sample_is_named_with_its_time(double):
+    scene = rne.Scene(double, controller=lambda t, q, qd: np.full(2, np.nan), sample_time=0.01)
+    with pytest.raises(rne.SimulationError, match=r"^simulation stopped at t = 0 s of 1 s: torque of .* is nan"):
+        rne.simulate(scene, [0, 0], [0, 0], 1.0)
+
+
 @pytest.mark.parametrize("parts", [{"sample_time": 0.01}, {}], ids=["sampled", "continuous"])
 def test_torques_and_accelerations_found_one_by_one_are_those_found_at_once(double, parts, monkeypatch):
     """As after a failure at one of many instants."""

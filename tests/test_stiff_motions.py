@@ -16,7 +16,6 @@ from rne.kernels.rosenbrock import take_steps
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.simulation import compiled, loop
 from rne.simulation.plant import Plant
-from rne.simulation.run import Task
 from rne.simulation.solver import Steps
 from rne.simulation.watch import CHECKED, Watch, work_per_step
 
@@ -155,7 +154,7 @@ class Linear:
 
 def watched(start="DOP853", hold=None):
     plant = Linear()
-    watch = Watch(plant, Task(np.zeros(4), 100.0, start, 1e-6, 1e-9, is_auto=True), hold)
+    watch = Watch(plant, hold, start, 100.0, may_change=True)
 
     def walk(h, count):
         """Steps of length h, at most so many, until the method changes; the method."""
@@ -211,7 +210,7 @@ def test_longer_steps_of_an_explicit_method_must_be_worth_a_change():
 def test_steps_that_cost_little_are_looked_at_less_often(compiled, conservative, looks):
     plant = Linear()
     plant.is_compiled, plant.is_conservative = compiled, conservative
-    assert Watch(plant, Task(np.zeros(4), 100.0, "DOP853", 1e-6, 1e-9)).steps_to_look == looks * CHECKED
+    assert Watch(plant, None, "DOP853", 100.0).steps_to_look == looks * CHECKED
 
 
 def test_between_samples_the_decay_until_the_next_one_counts():

@@ -7,7 +7,8 @@ begins, or the run ends at a stop. Times to report and the energies of the ledge
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from .compiled import CompiledSolver, RosenbrockSolver, SampledSolver
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
 from .plant import Plant, System
-from .run import Failure, Run, Task
 from .sampled import MAX_EVALUATIONS, SAME, ZeroOrderHold
 from .solver import GAUSS, RODAS, AdaptiveSolver, Steps
 from .stick_slip import DryPlant
@@ -29,6 +29,57 @@ LONGEST = 1000  # steps taken at once
 Solver = AdaptiveSolver | CompiledSolver | GaussSolver
 COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
+
+
+class Task(NamedTuple):
+    """The task of a run."""
+
+    x0: Array
+    duration: float
+    method: str
+    rtol: float
+    atol: float
+    t_eval: Array | None = None
+    step: float | None = None
+    breaks: Sequence[float] = ()
+    stops: Sequence[Stop] = ()
+    is_auto: bool = False  # True if the method may be changed while the run goes on
+
+
+class Failure(NamedTuple):
+    """Why a run ended before its time."""
+
+    time: float
+    cause: str
+
+
+class Run(NamedTuple):
+    """The result of a run."""
+
+    t: Array
+    x: Array
+    qdd: Array | None  # accelerations, where they do not follow from time, state and torques
+    hold: ZeroOrderHold | None = None  # of a sampled controller
+    status: int = 0
+    ending: str = ""
+    ledger: Ledger | None = None
+    failure: Failure | None = None
+    method: str = ""
+    ends: Run | None = None  # the same just before what ends a segment, where that is not a sample alone
+
+    def held(self, same: float = SAME) -> Array | None:
+        """The torques that are held, (T, n), where they are; after a sample those that begin there, up to rounding."""
+        if self.hold is None:
+            return None
+        samples = self.hold.samples()
+        return samples.u[samples.held(self.t, same)]
+
+    def before_samples(self) -> Run:
+        """The same just before each sample."""
+        assert self.hold is not None
+        samples = self.hold.samples()
+        within = (samples.t > 0) & (samples.t < self.t.max(initial=0.0))
+        return Run(np.nextafter(samples.t[within], 0.0), samples.x[within], None, self.hold)
 
 
 class Loop:
@@ -48,10 +99,11 @@ class Loop:
         self.t, self.x = 0.0, task.x0.copy()
         self.stop: Stop | None = None
         self.most = FEWEST  # steps taken at once
-        self.watch = Watch(plant, task, hold)
+        self.watch = Watch(plant, hold, task.method, task.duration, may_change=task.is_auto)
         self.ledger = Ledger(plant.powers, plant.integrated) if plant.integrated else None
         self.record = Record(task.t_eval, len(task.x0))
-        self.ends = Record(None, len(task.x0), same=0.0)  # of segments, just before what may jump there
+        known = task.t_eval is not None or (hold is not None and self.system is plant)  # of samples
+        self.ends = None if known else Record(None, len(task.x0), same=0.0)  # of segments, before what may jump there
         self.breaks = sorted({b for b in task.breaks if 0 < b < task.duration}) if hold is None else []
 
     def run(self) -> Run:
@@ -83,6 +135,11 @@ class Loop:
     def _failure(self, error: Exception) -> Failure:
         return Failure(float(getattr(error, "time", None) or self.t), str(error))
 
+    @property
+    def _solver_samples(self) -> bool:
+        """True if the solver samples the controller between its steps."""
+        return isinstance(self.solver, SampledSolver)
+
     def _segment(self) -> None:
         """To the next sample, break, event or the end."""
         end, resumes = self._begin_segment()
@@ -91,12 +148,11 @@ class Loop:
         else:
             self.solver.start(self.system, self.t, self.x, end, self.system.longest_step(self.task.duration))
         events: list[Event] = [*self.system.events, *self.task.stops]
-        solver, samples = self.solver, isinstance(self.solver, SampledSolver)
+        modes_may_change = self._solver_samples and self.system is not self.plant  # at any sample
         if not resumes:
             self.most = FEWEST if events else LONGEST
-        while solver.is_running:
-            at_once = LONGEST if samples else self.watch.steps_to_look
-            steps = solver.steps(min(self.most, at_once))
+        while self.solver.is_running:
+            steps = self.solver.steps(min(self.most, LONGEST if self._solver_samples else self.watch.steps_to_look))
             self.most = 2 * self.most
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
@@ -104,13 +160,14 @@ class Loop:
             self.record.take(steps, count, self.t, self.x, self.system)
             if self.ledger is not None:
                 self.ledger.add(steps, count, self.t, self.system.at_rest)
-            if samples and self.system is not self.plant:
+            if modes_may_change:
                 self._leave_samples(steps, count)
             if crossing is not None and self.hold is not None:
                 self.hold.rewind(self.t)
             if crossing is not None and crossing.event is not None:
                 return self._happen(events[crossing.event])
-            if crossing is not None or (self._looks_further(steps) and self.t < end) or self._is_due(samples):
+            sample_is_due = modes_may_change and self.hold is not None and self.t >= self.hold.next
+            if crossing is not None or (self._looks_further(steps) and self.t < end) or sample_is_due:
                 break
         self.x = self.system.reported(self.x)
         return None
@@ -118,29 +175,19 @@ class Loop:
     def _leave(self) -> None:
         """Note the values just before the end of a segment, whose instant reports those after it."""
         before = float(np.nextafter(self.t, 0.0))  # of several segments that end at this time the first
-        is_known = self.hold is not None and self.system is self.plant  # of samples
-        if self.task.t_eval is None and not is_known and self.t < self.task.duration and self.ends.last < before:
+        if self.ends is not None and self.t < self.task.duration and self.ends.last < before:
             self.ends.add(np.array([before]), self.x[None], self.system)
 
     def _leave_samples(self, steps: Steps, count: int) -> None:
         """The same before the samples within so many steps."""
         rows = np.flatnonzero(steps.jumps[1:count]) + 1
-        if self.task.t_eval is None and len(rows):
+        if self.ends is not None and len(rows):
             self.ends.add(np.nextafter(steps.T[rows], 0.0), steps.X[rows], self.system)
-
-    def _is_due(self, samples: bool) -> bool:
-        """True if a segment ends because a sample is due, at which joints may break away."""
-        return samples and self.system is not self.plant and self.hold is not None and self.t >= self.hold.next
-
-    @property
-    def _own_hold(self) -> ZeroOrderHold | None:
-        """The controller that is sampled here, at the beginning of a segment, not by the solver alone."""
-        return None if isinstance(self.solver, SampledSolver) and self.system is self.plant else self.hold
 
     def _begin_segment(self) -> tuple[float, bool]:
         """Sample the controller if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
-        t, hold = self.t, self._own_hold
-        is_sample = hold is not None and t >= hold.next
+        t, hold = self.t, self.hold
+        is_sample = hold is not None and t >= hold.next and not (self._solver_samples and self.system is self.plant)
         if hold is not None and is_sample:
             hold.sample(t, self.x)
         if self.ledger is not None:
@@ -154,7 +201,7 @@ class Loop:
     def _next_switch(self) -> float:
         """The next sample, the next break or the end."""
         duration, hold = self.task.duration, self.hold
-        if hold is not None and not isinstance(self.solver, SampledSolver):
+        if hold is not None and not self._solver_samples:
             return hold.next if hold.next < duration * (1 - 1e-12) else duration
         return next((b for b in self.breaks if b > self.t), duration)
 
@@ -169,28 +216,31 @@ class Loop:
     def _looks_further(self, steps: Steps) -> bool:
         """Watch the run; True if it goes on with another method."""
         if self.hold is not None and self.plant.evaluations - self.hold.evaluations_before > MAX_EVALUATIONS:
-            raise _diverged(self)
-        if self.task.method == GAUSS:
-            return False
-        if not self.watch.changes_method(steps):
+            raise self._diverged(self.hold)
+        if self.task.method == GAUSS or not self.watch.changes_method(steps):
             return False
         self.solver = _solver(self.system, self.plant, self.task, self.watch.method, self.hold)
         return True
 
-    def _result(self, failure: Failure | None) -> Run:
-        parts = []
-        for record in (self.ends, self.record):
-            t, x, qdd = record.arrays()
-            parts.append((t, self.system.states(x), qdd, self.hold))
-        before, reported = (Run(*part) for part in parts)
-        return reported._replace(
-            status=0 if self.stop is None else 1,
-            ending=self._ending(),
-            ledger=self.ledger,
-            failure=failure,
-            method=self.watch.method,
-            ends=before,
+    def _diverged(self, hold: ZeroOrderHold) -> NotFiniteError:
+        """The error of a sampled loop that diverges, whose steps become ever shorter."""
+        n = self.plant.robot.n
+        rates = np.abs(self.x[n : 2 * n])
+        k = int(np.argmax(rates))
+        return NotFiniteError(
+            f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {self.t:.6g} s, where "
+            f"{self.plant.robot.joint_names[k]!r} moves at {rates[k]:.3g} rad/s or m/s: the sampled loop is unstable; "
+            f"{hold.stability()}",
+            self.t,
         )
+
+    def _result(self, failure: Failure | None) -> Run:
+        before, (t, x, qdd) = None, self.record.arrays()
+        if self.ends is not None:
+            times, states, accelerations = self.ends.arrays()
+            before = Run(times, self.system.states(states), accelerations, self.hold)
+        status, x = 0 if self.stop is None else 1, self.system.states(x)
+        return Run(t, x, qdd, self.hold, status, self._ending(), self.ledger, failure, self.watch.method, before)
 
     def _ending(self) -> str:
         """How the run went, for the message."""
@@ -310,17 +360,3 @@ def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderH
     if isinstance(system, DryPlant):
         system.samples = hold.samples
     return SampledSolver(*how, hold)
-
-
-def _diverged(loop: Loop) -> NotFiniteError:
-    """The error of a sampled loop that diverges, whose steps become ever shorter."""
-    assert loop.hold is not None
-    n = loop.plant.robot.n
-    rates = np.abs(loop.x[n : 2 * n])
-    k = int(np.argmax(rates))
-    return NotFiniteError(
-        f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {loop.t:.6g} s, where "
-        f"{loop.plant.robot.joint_names[k]!r} moves at {rates[k]:.3g} rad/s or m/s: the sampled loop is unstable; "
-        f"{loop.hold.stability()}",
-        loop.t,
-    )

@@ -13,26 +13,30 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array
-from ..errors import SimulationError
+from ..errors import NotFiniteError, SimulationError, SingularMassMatrixError
 from ..model.model import joint_array
 from ..robot import Robot
 from .compiled import has_rodas5p
 from .equations_of_motion import RightHandSide
 from .events import check_within_stops, stops
 from .law import check_law
-from .loop import Loop
+from .loop import Failure, Loop, Run, Task
 from .plant import Plant
-from .run import Run, Task, build_trajectory, repeated_error
-from .sampled import ZeroOrderHold
+from .sampled import SAME, ZeroOrderHold
 from .scene import Scene, scene_of_robot
 from .solver import EXPLICIT, GAUSS, IMPLICIT, RODAS
-from .trajectory import Trajectory
-from .watch import STIFF, fastest_decay, sample_bound, stiff_bound, stiff_method
+from .symplectic import STEP
+from .trajectory import Trajectory, between, trajectory_later
+from .watch import choose_method
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 
 METHODS = (*EXPLICIT, *IMPLICIT, RODAS)
 LEAST = (2.3e-14, 1e-20)  # tolerances: 100 roundings in float64, as SciPy's solvers demand, and far below any state
+# Of the run that is compared with another one: times smaller tolerances; the other has an error too; comparisons a step
+FINER, MARGIN, COMPARED = 100.0, 1.1, 8
+EPS = float(np.finfo(np.float64).eps)
+ROUNDING = 1e-9  # of the largest value of a joint: what differs by less has not jumped
 
 
 def simulate(
@@ -117,7 +121,7 @@ def simulate(
     x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(rhs.size - 2 * robot.n)])
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else check_times(t_eval, end)
-    relative, absolute = tolerances(rtol, atol)
+    relative_and_absolute = tolerances(rtol, atol)
     longest_step = None if step is None else positive_number("step", step)
     name = "controller" if torque is None else "torque"
     plant, hold = _plant(scene, rhs, name)
@@ -125,10 +129,15 @@ def simulate(
     _check_method(chosen, step, scene, plant)
     ends = stops(robot.model) if scene.stops else []
     check_within_stops(ends, x0)
-    task = Task(
-        x0, end, chosen, relative, absolute, times, longest_step, _breaks(scene, breaks), ends, method == "auto"
-    )
-    motion = _run(plant, task, hold, reason, scene, lambda other: _repeat(scene, rhs, name, other))
+    breaks = law_breaks(scene.controller, real_array("breaks", breaks, "(k,)").tolist())
+    task = Task(x0, end, chosen, *relative_and_absolute, times, longest_step, breaks, ends, method == "auto")
+    run = Loop(plant, task, hold).run()
+    repeat = partial(_repeat, scene, rhs, name)
+    error = partial(repeated_error, repeat, robot.n, task, run)
+    motion, failure = build_trajectory(plant, task, run, reason, scene, error_estimate=error)
+    if failure is not None:
+        message = f"simulation stopped at t = {failure.time:.6g} s of {end:g} s: {failure.cause}"
+        raise SimulationError(message, failure.time, motion)
     plant.verdict.raise_or_warn(stacklevel=2)
     return motion
 
@@ -154,28 +163,6 @@ def _check_method(method: str, step: float | None, scene: Scene, plant: Plant) -
         raise ValueError(f"`step` is for the equal steps of {GAUSS!r}; {method!r} chooses its own")
 
 
-def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold | None) -> tuple[str, str]:
-    """The solver to begin with, and why: the fastest decaying mode of the motion linearised at the start decides."""
-    if plant.is_conservative:
-        return "DOP853", "DOP853: not stiff, nothing damps the motion"
-    decay = fastest_decay(plant, 0.0, x0)
-    explicit = "DOP853" if hold is None else "RK45"
-    if not np.isfinite(decay):
-        return explicit, f"{explicit}: the motion cannot be linearised at the start"
-    if hold is None:
-        times, bound, over = decay * duration, stiff_bound(plant), "times over the run"
-    else:
-        times, bound, over = decay * hold.period, sample_bound(plant, hold), "times between two samples"
-    if times > bound:
-        method = stiff_method(plant)
-        if method == "LSODA" and hold is not None and times > STIFF:
-            method = "Radau"  # LSODA, which begins anew at each sample with short steps, needs more
-        why = f"stiff, the fastest mode at the start decays at {decay:.4g} 1/s, {times:.3g} {over} (> {bound:g})"
-        return method, f"{method}: {why}"
-    why = f"not stiff, no mode at the start decays faster than {decay:.4g} 1/s, {times:.3g} {over} (<= {bound:g})"
-    return explicit, f"{explicit}: {why}"
-
-
 def _plant(scene: Scene, rhs: RightHandSide, name: str) -> tuple[Plant, ZeroOrderHold | None]:
     plant = Plant(rhs, scene.controller if rhs.torque_given else None, name)
     return plant, None if scene.sample_time is None else ZeroOrderHold(scene, plant)
@@ -187,17 +174,156 @@ def _repeat(scene: Scene, rhs: RightHandSide, name: str, task: Task) -> Run:
     return Loop(plant, task, hold).run()
 
 
-def _run(
-    plant: Plant, task: Task, hold: ZeroOrderHold | None, reason: str, scene: Scene, repeat: Callable[[Task], Run]
-) -> Trajectory:
-    run = Loop(plant, task, hold).run()
-    error = partial(repeated_error, repeat, plant.robot.n, task, run)
-    motion, failure = build_trajectory(plant, task, run, reason, scene, error_estimate=error)
-    if failure is None:
-        return motion
-    raise SimulationError(
-        f"simulation stopped at t = {failure.time:.6g} s of {task.duration:g} s: {failure.cause}", failure.time, motion
+def repeated_error(repeat: Callable[[Task], Run], n: int, task: Task, run: Run) -> tuple[Array, Array]:
+    """Times, eight in each of the solver's steps, and the largest difference of a position from a more accurate run.
+
+    The other run starts one rounding beside, so that what rounding grows to is seen. Where the tolerances are at
+    rounding already, they are coarser, and the difference is an upper bound. The steps of "gauss-4" are halved.
+
+    Parameters
+    ----------
+    repeat : callable
+        Runs a task of the same scene.
+    n : int
+        Number of positions.
+    task : Task
+    run : Run
+        The result of the task.
+    """
+    task = task._replace(duration=float(run.t[-1]) if len(run.t) else 0.0)  # of a run that failed or was stopped
+    steps = run.t if task.t_eval is None else repeat(task._replace(t_eval=None)).t
+    times = between(steps, COMPARED)
+    run = repeat(task._replace(t_eval=times))
+    factor = 1 / FINER if task.rtol / FINER >= LEAST[0] else FINER
+    again = repeat(
+        task._replace(
+            x0=task.x0 * (1 + EPS),
+            rtol=task.rtol * factor,
+            atol=max(task.atol * factor, LEAST[1]),
+            step=(task.step or STEP) / 2,
+            t_eval=times,
+            method=run.method,
+            is_auto=False,
+        )
     )
+    count = min(len(run.t), len(again.t))  # a stop may have come earlier
+    difference = np.abs(run.x[:count, :n] - again.x[:count, :n]).max(axis=1, initial=0.0)
+    return run.t[:count], MARGIN * difference
+
+
+def build_trajectory(
+    plant: Plant, task: Task, run: Run, reason: str, scene: Any, **known: Any
+) -> tuple[Trajectory, Failure | None]:
+    """The motion; its torques and energies up to the first instant that is not finite.
+
+    Where no law must be called, they are computed when they are asked for.
+    """
+    rhs, T = plant.rhs, len(run.t)
+    later = partial(_derived, plant, task, run, scene)
+    failure, derived = run.failure, None
+    if failure is not None or plant.law is not None:
+        derived = later(may_fail=True)
+        found = derived.pop("failure")
+        T, failure = len(derived["tau"]), failure or found
+    n = rhs.robot.n
+    known |= {
+        "t": run.t[:T],
+        "q": run.x[:T, :n],
+        "qd": run.x[:T, n : 2 * n],
+        "evaluations": plant.evaluations,
+        "method": run.method,
+        "status": -1 if failure else run.status,
+        "message": failure.cause if failure else f"{reason}; {run.ending}",
+        "model": rhs.robot.model,
+        "at_steps": task.t_eval is None,
+    }
+    return (trajectory_later(known, later) if derived is None else Trajectory(**known, **derived)), failure
+
+
+def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool = False) -> dict[str, Any]:
+    """Torques, accelerations and energies of a motion, and its jumps; the failure where there may be one."""
+    robot, n = plant.robot, plant.robot.n
+    now = run._replace(t=_just_after(run.t, task.breaks))
+    tau, qdd, failure = _torques_and_accelerations(plant, now, run.held())
+    if failure is not None and not may_fail:
+        raise NotFiniteError(failure.cause, failure.time)
+    T = len(tau)
+    qdd = qdd if run.qdd is None else run.qdd[:T]
+    t, q, qd = run.t[:T], run.x[:T, :n], run.x[:T, n : 2 * n]
+    entries, work = {}, np.zeros(T)
+    if run.ledger is not None:
+        entries = dict(zip(run.ledger.names, run.ledger.at(t).T, strict=True))
+        work = entries.pop("drives", work)
+    z = run.x[:T, 2 * n : 2 * n + plant.rhs.controller_states]
+    if run.hold is not None:
+        samples = run.hold.samples()
+        held = samples.held(t, SAME)
+        z, work = samples.z[held], samples.work(q, held)
+    kinetic, potential = robot.kinetic_energy(q, qd), robot.potential_energy(q)
+    q0, qd0 = task.x0[:n], task.x0[n : 2 * n]
+    start = float(robot.kinetic_energy(q0, qd0) + robot.potential_energy(q0))
+    balance = kinetic + potential - start - work + sum(entries.values(), np.zeros(T))
+    ends = run.before_samples() if run.ends is None and task.t_eval is None else run.ends
+    jumps, qdd_before, tau_before = _jumps(plant, ends, t, qdd, tau)
+    found: dict[str, Any] = {"qdd": qdd, "tau": tau, "kinetic": kinetic, "potential": potential}
+    found |= {"energy": kinetic + potential, "controller_state": z, "scene": repr(scene)}
+    found |= {"work": work, "dissipated": entries, "energy_start": start}
+    found |= {"energy_drift": float(np.abs(balance).max()) if T else 0.0}
+    found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
+    return found | {"failure": failure} if may_fail else found
+
+
+def _jumps(plant: Plant, ends: Run | None, t: Array, qdd: Array, tau: Array) -> tuple[Array, Array, Array]:
+    """Times at which accelerations or torques jump, and both just before."""
+    if ends is None or not len(ends.t) or not len(t):
+        return np.zeros(0), np.zeros((0, plant.robot.n)), np.zeros((0, plant.robot.n))
+    tau_before, qdd_before, _ = _torques_and_accelerations(plant, ends, ends.held(0.0))
+    if ends.qdd is not None:
+        qdd_before = ends.qdd[: len(tau_before)]
+    place = np.searchsorted(t, ends.t[: len(tau_before)], side="right")
+    reported = place < len(t)
+    place, tau_before, qdd_before = place[reported], tau_before[reported], qdd_before[reported]
+    jumps = _differs(tau, tau_before, place) | _differs(qdd, qdd_before, place)
+    return t[place[jumps]], qdd_before[jumps], tau_before[jumps]
+
+
+def _differs(values: Array, before: Array, place: Array) -> Array:
+    """Whether any joint's value before differs from the one after, shape (K,)."""
+    after, largest = values[place], np.abs(values).max(axis=0, initial=0.0)
+    differs: Array = (np.abs(after - before) > ROUNDING * largest).any(axis=-1)
+    return differs
+
+
+def _just_after(t: Array, breaks: Sequence[float]) -> Array:
+    """The times, those at which torques jump moved on by rounding, where their values are the ones after the jump."""
+    return np.where(np.isin(t, breaks), np.nextafter(t, np.inf), t)
+
+
+def _torques_and_accelerations(plant: Plant, run: Run, u: Array | None) -> tuple[Array, Array, Failure | None]:
+    """Torques and accelerations of every instant up to the first that is not finite or where M is singular."""
+    n = plant.robot.n
+    try:
+        given = plant.torques_at(run.t, run.x) if u is None and plant.law is not None else u
+        rates = plant.all_rates(run.t, run.x, given)
+        drives = plant.drives_under(run.t, run.x, given)
+        tau = np.zeros((len(run.t), n)) if drives is None else drives
+        return tau, rates[:, n : 2 * n], None
+    except (NotFiniteError, SingularMassMatrixError, ValueError):  # found by looking at each
+        return _one_by_one(plant, run, u)
+
+
+def _one_by_one(plant: Plant, run: Run, held: Array | None) -> tuple[Array, Array, Failure | None]:
+    n = plant.robot.n
+    tau, qdd = np.zeros((len(run.t), n)), np.zeros((len(run.t), n))
+    for k, (time, x) in enumerate(zip(run.t.tolist(), run.x, strict=True)):
+        try:
+            u = plant.torque(time, x) if held is None else held[k]
+            drives, _ = plant.rhs.drives(np.array([time]), x, u)
+            tau[k] = 0.0 if drives is None else drives
+            qdd[k] = plant.rates(time, x, u)[n : 2 * n]
+        except (NotFiniteError, SingularMassMatrixError) as error:
+            return tau[:k], qdd[:k], Failure(time, str(error))
+    return tau, qdd, None
 
 
 def _scene(scene_or_robot: Scene | Robot, torque: ArrayLike | TorqueLaw | None) -> Scene:
@@ -218,7 +344,7 @@ class CalledLaw:
 
     def __init__(self, law: TorqueLaw) -> None:
         self.law = law
-        self.breaks = (*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ()))
+        self.breaks = law_breaks(law)
 
     def __call__(self, t: float, q: Array, qd: Array) -> ArrayLike:
         return self.law(t, q, qd)
@@ -253,11 +379,6 @@ def _check_free(scene: Scene, method: str) -> None:
     if named or scene.stops:
         there = ", ".join(named) or "stops"
         raise ValueError(f"`method` {method!r} is for motions without drives, friction and stops; there is {there}")
-
-
-def _breaks(scene: Scene, breaks: Sequence[float]) -> list[float]:
-    own = real_array("breaks", breaks, "(k,)")
-    return law_breaks(scene.controller, own.tolist())
 
 
 def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:

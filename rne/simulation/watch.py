@@ -1,4 +1,4 @@
-"""What is watched while a run goes on: loops that become stiff, and laws that chatter."""
+"""Which solver suits a motion, at its start and while it goes on: loops that become stiff, and laws that chatter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from ..errors import NotFiniteError, RneError
 from ..kernels.rosenbrock import STAGES
 from .compiled import has_rodas5p
 from .plant import Plant
-from .run import Task
 from .sampled import ZeroOrderHold
 from .solver import EXPLICIT, RODAS, Steps
 
@@ -46,18 +45,20 @@ class Watch:
     Parameters
     ----------
     plant : Plant
-    task : Task
-    hold : ZeroOrderHold, optional
+    hold : ZeroOrderHold or None
         Of a controller that is sampled.
-
-    Attributes
-    ----------
     method : str
-        The method to go on with.
+        The method to begin with, and the attribute of this name the one to go on with.
+    duration : float
+        Of the run [s].
+    may_change : bool
+        True if the method may be changed.
     """
 
-    def __init__(self, plant: Plant, task: Task, hold: ZeroOrderHold | None = None) -> None:
-        self.plant, self.task, self.hold, self.method = plant, task, hold, task.method
+    def __init__(
+        self, plant: Plant, hold: ZeroOrderHold | None, method: str, duration: float, *, may_change: bool = False
+    ) -> None:
+        self.plant, self.hold, self.method, self.duration, self.may_change = plant, hold, method, duration, may_change
         self.recent: deque[tuple[float, Array]] = deque(maxlen=CHECKED + 1)
         self.count, self.next_suspicion = 0, CHECKED
         times = 1 if not plant.is_compiled else UNDAMPED if plant.is_conservative else IN_MACHINE_CODE
@@ -70,8 +71,8 @@ class Watch:
     @property
     def note(self) -> str:
         """What has been changed, for the run's message."""
-        left_out = f"{len(self.notes) - 4} more changes" if len(self.notes) > 5 else ""
-        return "; ".join(self.notes if not left_out else [*self.notes[:3], left_out, self.notes[-1]])
+        notes, left_out = self.notes, f"{len(self.notes) - 4} more changes"
+        return "; ".join(notes if len(notes) <= 5 else [*notes[:3], left_out, notes[-1]])
 
     @property
     def steps_to_look(self) -> int:
@@ -96,13 +97,13 @@ class Watch:
 
     def _look(self, t: float, x: Array) -> None:
         pace = t - self.recent[0][0]  # time covered by the last steps
-        if self.plant.held is None and pace * SLOW < self.task.duration and self.count >= self.next_suspicion:
+        if self.plant.held is None and pace * SLOW < self.duration and self.count >= self.next_suspicion:
             self.next_suspicion = 2 * self.count
             self._check_chatter()
         h = pace / CHECKED
         if self.hold is not None and 2 * h > self.hold.period and self.method in EXPLICIT:
             return  # the samples cut the steps
-        if not self.task.is_auto or self._returns(t, x, h) or self.count < self.next_change:
+        if not self.may_change or self._returns(t, x, h) or self.count < self.next_change:
             return
         if self.method in EXPLICIT:
             self._check_stiffness(t, x, h)
@@ -135,18 +136,15 @@ class Watch:
         if self.plant.is_conservative:
             return
         decay = fastest_decay(self.plant, t, x)
-        if self.hold is None:
-            is_stiff = decay * (self.task.duration - t) > stiff_bound(self.plant)
-        else:
-            is_stiff = decay * self.hold.period > sample_bound(self.plant, self.hold)
-        if is_stiff and decay * h > HELD_BACK:
+        times, bound, _ = stiffness(self.plant, self.hold, decay, self.duration - t)
+        if times > bound and decay * h > HELD_BACK:
             method = stiff_method(self.plant)
             mode = f"where the fastest mode decays at {decay:.4g} 1/s"
             self._change(method, h, f"{method} from t = {t:.4g} s on, {mode} and {self.method} was held to short steps")
 
     def _check_ease(self, t: float, x: Array, h: float) -> None:
         """Go on with an explicit method where its stability would allow steps that are worth it."""
-        method = "DOP853" if self.hold is None else "RK45"
+        method = explicit_method(self.hold)
         if self._stable_speed(method, t, x) > WORTH * h / work_per_step(self.plant, RODAS):
             self._change(method, h, f"{method} from t = {t:.4g} s on, where stability would allow it longer steps")
 
@@ -158,7 +156,7 @@ class Watch:
     def change(self, t: float) -> None:
         """A joint stuck or slipped."""
         self.changes.append(t)
-        if len(self.changes) == MAX_CHANGES and t - self.changes[0] < SAME_SPAN * self.task.duration:
+        if len(self.changes) == MAX_CHANGES and t - self.changes[0] < SAME_SPAN * self.duration:
             raise NotFiniteError(
                 f"{MAX_CHANGES} changes between sticking and slipping within {t - self.changes[0]:.3g} s at "
                 f"t = {t:.6g} s: the torques chatter; smooth the law or sample it",
@@ -198,23 +196,20 @@ class Watch:
         """The jump of the torques between a state and one a few steps ahead, or None if they are continuous."""
         plant, n = self.plant, self.plant.robot.n
 
-        def torques(state: Array) -> Array | None:
-            return plant.drive_torques(np.array([t]), state[None])
+        def torques(state: Array) -> Array:
+            u = plant.drive_torques(np.array([t]), state[None])
+            return np.zeros((1, n)) if u is None else u
 
         u = torques(x)
-        if u is None:
-            return None
         try:
             ahead = x + REACH * h * plant.rates(t, x, u[0] if plant.rhs.torque_given else None)
             beyond = torques(ahead)
-            assert beyond is not None
             change = np.abs(beyond - u).max()
             if not change > NOTICED * np.abs(u).max():
                 return None
             for _ in range(BISECTIONS):
                 middle = (x + ahead) / 2
                 between = torques(middle)
-                assert between is not None
                 if np.abs(between - u).max() >= np.abs(beyond - between).max():
                     ahead, beyond = middle, between
                 else:
@@ -225,15 +220,38 @@ class Watch:
         return jump if np.abs(jump).max() > change / 4 else None
 
 
-def stiff_bound(plant: Plant) -> float:
-    """Fastest decay times duration above which a motion is stiff."""
+def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold | None) -> tuple[str, str]:
+    """The solver to begin with, and why: the fastest decaying mode of the motion linearised at the start decides."""
+    if plant.is_conservative:
+        return "DOP853", "DOP853: not stiff, nothing damps the motion"
+    method, decay = explicit_method(hold), fastest_decay(plant, 0.0, x0)
+    if not np.isfinite(decay):
+        return method, f"{method}: the motion cannot be linearised at the start"
+    times, bound, over = stiffness(plant, hold, decay, duration)
+    if times > bound:
+        method = stiff_method(plant)
+        if method == "LSODA" and hold is not None and times > STIFF:
+            method = "Radau"  # LSODA, which begins anew at each sample with short steps, needs more
+        why = f"stiff, the fastest mode at the start decays at {decay:.4g} 1/s, {times:.3g} {over} (> {bound:g})"
+    else:
+        why = f"not stiff, no mode at the start decays faster than {decay:.4g} 1/s, {times:.3g} {over} (<= {bound:g})"
+    return method, f"{method}: {why}"
+
+
+def stiffness(plant: Plant, hold: ZeroOrderHold | None, decay: float, left: float) -> tuple[float, float, str]:
+    """Time constants of the fastest mode in the time left or between samples, how many are stiff, and over what."""
+    if hold is not None:
+        in_machine_code = plant.is_compiled and hold.traced is not None
+        bound = STIFF_MACHINE_CODE if in_machine_code else STIFF_SAMPLE
+        return decay * hold.period, bound, "times between two samples"
     friction = plant.rhs.friction
-    return STIFF_STICKING if plant.is_compiled and friction is not None and friction.sticks else STIFF
+    sticks = plant.is_compiled and friction is not None and friction.sticks
+    return decay * left, STIFF_STICKING if sticks else STIFF, "times over the run"
 
 
-def sample_bound(plant: Plant, hold: ZeroOrderHold) -> float:
-    """Fastest decay times the sample time above which an implicit method takes less time."""
-    return STIFF_MACHINE_CODE if plant.is_compiled and hold.traced is not None else STIFF_SAMPLE
+def explicit_method(hold: ZeroOrderHold | None) -> str:
+    """The explicit method for a motion: between samples of a controller, one of short steps."""
+    return "DOP853" if hold is None else "RK45"
 
 
 def stiff_method(plant: Plant) -> str:
