@@ -15,8 +15,7 @@ from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
 from rne.simulation import compiled, loop
-from rne.simulation.plant import Plant
-from rne.simulation.sampled import ZeroOrderHold
+from rne.simulation.plant import Plant, ZeroOrderHold
 from rne.simulation.watch import choose_method
 
 from .helpers import kept

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
-from rne.simulation.sampled import Samples
+from rne.simulation.plant import DryPlant, Plant, Samples
 
 from .helpers import kept, relative, states
 
@@ -198,7 +198,6 @@ class TestTracing:
 
     def test_jacobian_is_the_derivative_of_the_right_hand_side(self, irb140):
         """Exact with a traced law, friction and limits, against central differences."""
-        from rne.simulation.plant import Plant
 
         law = rne.control.pid(irb140, [50] * 6, [5] * 6, [20] * 6, [0.1] * 6, gravity=True)
         scene = rne.Scene(
@@ -465,9 +464,6 @@ class TestDryFrictionOfSeveralJoints:
 
     def test_modes_agree_with_the_accelerations_they_give(self, two):
         """Every joint at rest resists its load or starts the way it is accelerated: 300 random loads."""
-        from rne.simulation.plant import Plant
-        from rne.simulation.stick_slip import DryPlant
-
         scene = self.scene(two, lambda t, q, qd: self.load, coulomb=[0.5, 0.2])
         plant = Plant(scene.right_hand_side, scene.controller)
         rng = np.random.default_rng(0)

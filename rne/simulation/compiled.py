@@ -20,8 +20,7 @@ from ..kernels import rosenbrock, runge_kutta
 from ..kernels.kernel import Kernel
 from ..kernels.loops import compiled
 from ..kernels.runge_kutta import AFTER_A_JUMP, ANEW, GO_ON, Limits, power, tableau
-from .plant import Plant
-from .sampled import Samples, ZeroOrderHold
+from .plant import Plant, Samples, ZeroOrderHold
 from .solver import RODAS, AdaptiveSolver, Interpolant, Steps
 
 take_steps, take_samples = compiled(runge_kutta.take_steps), compiled(runge_kutta.take_samples)

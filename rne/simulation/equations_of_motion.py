@@ -18,9 +18,10 @@ torques without limits, divided by a constant inertia, are further states of suc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import inspect
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from ..basics.spatial import Array, rotate
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.lagrange import lagrange_forward_dynamics
 from ..dynamics.precision import check_accelerations, check_singularity
-from ..dynamics.quantity import OK, PrecisionStatus, Quantity, check_result
+from ..dynamics.quantity import OK, PrecisionStatus, Quantity, check_result, model_for
 from ..dynamics.rnea import bias_torque, inverse_dynamics
 from ..elementwise import clip
 from ..kernels.kernel import Kernel
@@ -36,14 +37,43 @@ from ..model.model import Model
 from ..model.parameters import at_parameters
 from ..robot import Robot
 from .friction import Friction
-from .law import AGREEMENT, TracedLaw
 
+AGREEMENT = 1e-9  # relative: torques that differ by less are the same
 TRIALS = 3  # random states on which a traced law must agree with a call of it
+
+T = TypeVar("T", bound="AppliedTorques")
+
+
+def check_law(name: str, law: Any) -> None:
+    """Raise a TypeError if a law cannot be called with its arguments."""
+    expected = "(t, q, qd, z), as it has `states`" if hasattr(law, "states") else "(t, q, qd)"
+    if not callable(law):
+        raise TypeError(f"`{name}` must be a function of {expected}, got {type(law).__name__}")
+    try:
+        signature = inspect.signature(law)
+    except (TypeError, ValueError):  # of compiled functions, which show none
+        return
+    try:
+        signature.bind(*range(4 if hasattr(law, "states") else 3))
+    except TypeError:
+        raise TypeError(f"`{name}` must be a function of {expected}, got one of {signature}") from None
+
+
+def call_law(law: Any, t: Any, x: Array, n: int) -> tuple[Any, Any]:
+    """The torques that a law returns in a state (q, qd, z), and the rates of its states; None without states."""
+    q, qd = x[..., :n].copy(), x[..., n : 2 * n].copy()  # a law may modify its arguments
+    if not hasattr(law, "states"):
+        return law(t, q, qd), None
+    returned = law(t, q, qd, x[..., 2 * n : 2 * n + int(law.states)].copy())
+    if not isinstance(returned, tuple) or len(returned) != 2:
+        got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
+        raise ValueError(f"`controller` with states must return (torques, rates of its states), got {got}")
+    return returned
 
 
 @dataclass(frozen=True, eq=False)
-class SceneDynamics:
-    """What the equations of motion of a scene contain.
+class AppliedTorques:
+    """Net joint torques of a scene, the rates of its controller's states, and the powers of its ledger.
 
     Attributes
     ----------
@@ -56,8 +86,8 @@ class SceneDynamics:
         A traceable law.
     torque_given : bool
         True if the drives' torques are an argument, `u`; without `torque_given` and `law` there are no drives.
-    states : int
-        Number of states of a law that is called, whose rates follow the torques in `u`.
+    controller_states : int
+        Number of the law's states; of a law that is called, their rates follow the torques in `u`.
     with_impulses : bool
         True to append to the state, for each joint, the impulse of the torque without limit per inertia.
     """
@@ -67,33 +97,25 @@ class SceneDynamics:
     effort_limit: Array | None
     law: Any
     torque_given: bool
-    states: int = 0
+    controller_states: int = 0
     with_impulses: bool = False
 
-
-class AppliedTorques:
-    """Net joint torques of a scene, the rates of its controller's states, and the powers of its ledger."""
-
     name = "applied_torques"
-
-    def __init__(self, dynamics: SceneDynamics) -> None:
-        self.dynamics = dynamics
-        self.robot, self.friction, self.effort_limit = dynamics.robot, dynamics.friction, dynamics.effort_limit
-        self.law, self.torque_given = dynamics.law, dynamics.torque_given
-        self._traced_law = None if dynamics.law is None else TracedLaw(dynamics.law, dynamics.robot.n)
-        self.controller_states = dynamics.states if self._traced_law is None else self._traced_law.states
-        has_drives = dynamics.law is not None or dynamics.torque_given
-        self.with_impulses = dynamics.with_impulses and dynamics.effort_limit is not None and has_drives
-        f = dynamics.friction
-        ledger = {
-            "drives": has_drives,
-            "viscous": f is not None and bool(np.any(f.viscous) or np.any(f.viscous_back)),
-            "coulomb": f is not None and bool(np.any(f.coulomb) or np.any(f.coulomb_back)),
-        }
-        self.ledger = tuple(name for name, present in ledger.items() if present)
+    title = "the torques"
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: value for k, value in self.__dict__.items() if not isinstance(value, Kernel | AppliedTorques)}
+
+    def of_kind(self, kind: type[T]) -> T:
+        """Another function of the same scene."""
+        return kind(*(getattr(self, field.name) for field in fields(AppliedTorques)))
+
+    @cached_property
+    def ledger(self) -> tuple[str, ...]:
+        """Names of the powers that the scene has."""
+        f, names = self.friction, ["drives"] if self.law is not None or self.torque_given else []
+        names += [k for k in ("viscous", "coulomb") if np.any(getattr(f, k, 0)) or np.any(getattr(f, f"{k}_back", 0))]
+        return tuple(names)
 
     @property
     def size(self) -> int:
@@ -107,33 +129,74 @@ class AppliedTorques:
         return np.where(diagonal > 0, diagonal, 1.0)
 
     @property
-    def quantity(self) -> Quantity:
-        """What is traced: arrays t, x and, where torques are given, u."""
-        return Quantity(name=self.name, core=self.core, widths=self._widths, moments=True, base_parameters=True)
-
-    @property
-    def _widths(self) -> dict[str, int | None]:
+    def widths(self) -> dict[str, int | None]:
+        """Lengths of the arguments: t, x and, where torques are given, u."""
         widths: dict[str, int | None] = {"t": 1, "x": self.size}
         return widths | {"u": self.robot.n + self.controller_states} if self.torque_given else widths
 
-    def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, Array | None]:
+    @property
+    def quantity(self) -> Quantity:
+        """What is traced."""
+        return Quantity(name=self.name, core=self.core, widths=self.widths, moments=True, base_parameters=True)
+
+    def law_torques(self, t: Any, x: Array) -> tuple[Array, Array | None]:
+        """(torques, dz/dt) of the traceable law; times have shape (..., 1).
+
+        It is called with one state at a time: laws are written so. Numbers of many states are handed over at once if
+        the law takes them so.
+        """
+        if x.ndim == 1:
+            return self._call(np.asarray(t).item(), x)
+        if x.dtype != object and self._takes_batches:
+            return self._call(t, x)
+        times = np.broadcast_to(t, (*x.shape[:-1], 1)).reshape(-1)
+        found = [self._call(*state) for state in zip(times, x.reshape(-1, x.shape[-1]), strict=True)]
+        u = np.array([torques for torques, _ in found]).reshape(*x.shape[:-1], -1)
+        return u, None if found[0][1] is None else np.array([r for _, r in found]).reshape(*x.shape[:-1], -1)
+
+    def _call(self, t: Any, x: Array) -> tuple[Array, Array | None]:
+        """The law's torques with one row per state, where a constant is repeated, and the rates of its states."""
+        n = self.robot.n
+        u, rates = call_law(self.law, t, x, n)
+        try:
+            torques = np.asarray(u)
+        except ValueError:
+            torques = np.asarray(None)
+        shape = x.shape[:-1] + (n,)
+        if torques.shape != shape and (torques.shape != (n,) or (torques.dtype == object and n == 0)):
+            raise ValueError(f"`controller` must return shape (..., {n}) for states of that shape, got {torques.shape}")
+        rates = None if rates is None else np.asarray(rates)
+        return torques if torques.shape == shape else torques + 0 * x[..., :n], rates
+
+    @cached_property
+    def _takes_batches(self) -> bool:
+        """True if the law gives for two states at once what it gives for each."""
+        n, rng = self.robot.n, np.random.default_rng(0)
+        t, X = rng.uniform(0, 1, (2, 1)), rng.uniform(-1, 1, (2, 2 * n + self.controller_states))
+        try:
+            together, _ = self._call(t, X)
+            single = [self._call(float(s[0]), x)[0] for s, x in zip(t, X, strict=True)]
+        except Exception:  # whatever the law raises
+            return False
+        return together.shape == (2, n) and np.allclose(together, single, rtol=AGREEMENT, atol=AGREEMENT)
+
+    def drives(self, t: Any, x: Array, u: Array | None) -> tuple[Array | None, list[Array]]:
         """Torques of the drives within their limits, and the rates of the states behind (q, qd)."""
         n, rates = self.robot.n, None
-        if self._traced_law is not None:
-            u, rates = self._traced_law(t, x)
+        if self.law is not None:
+            u, rates = self.law_torques(t, x)
         elif u is not None and self.controller_states:
             u, rates = u[..., :n], u[..., n:]
+        further = [] if rates is None else [rates]
         if u is None or self.effort_limit is None:
-            return u, rates
+            return u, further
         if self.with_impulses:
-            impulses = u * (1 / self.typical_inertia)
-            rates = impulses if rates is None else np.concatenate([rates, impulses], axis=-1)
-        return clip(u, -self.effort_limit, self.effort_limit), rates
+            further.append(u * (1 / self.typical_inertia))
+        return clip(u, -self.effort_limit, self.effort_limit), further
 
     def parts(self, t: Any, x: Array, u: Array | None) -> tuple[Array, list[Array], list[Array]]:
-        """Net torques, the rates of the controller's states, and the powers of the ledger."""
-        n = self.robot.n
-        qd = x[..., n : 2 * n]
+        """Net torques, the rates of the states behind (q, qd), and the powers of the ledger."""
+        qd = x[..., self.robot.n : 2 * self.robot.n]
         u, rates = self.drives(t, x, u)
         net, powers = 0 * qd if u is None else u, []
         if u is not None:
@@ -143,19 +206,32 @@ class AppliedTorques:
                 torque = getattr(self.friction, f"{name}_torque")(qd)
                 net = net - torque
                 powers.append((torque * qd).sum(-1, keepdims=True))
-        return net, [] if rates is None else [rates], powers
+        return net, rates, powers
 
     def core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """[net torques, dz/dt, powers], traced."""
         net, rates, powers = self.parts(t, x, u)
         return np.concatenate([net, *rates, *powers], axis=-1)
 
-    def evaluate(self, model: Model, t: Array, x: Array, u: Array | None = None) -> tuple[Array, PrecisionStatus]:
-        """The same, with numbers."""
+    def evaluate(
+        self, model: Model, *arguments: Any, parameters: Array | None = None, **named: Any
+    ) -> tuple[Array, PrecisionStatus]:
+        """The function with numbers, by the recursion, with its PrecisionStatus; NotFiniteError where it overflows."""
+        named |= dict(zip(self.widths, arguments, strict=False))
+        given = {name: np.asarray(named[name]) for name in self.widths if named.get(name) is not None}
+        leading = np.broadcast_shapes(*(a.shape[:-1] for a in given.values()))  # a complex step moves one of them alone
+        dtype, quantity, status = np.result_type(*given.values()), self.quantity, OK
+        given = {k: np.broadcast_to(a.astype(dtype, copy=False), leading + a.shape[-1:]) for k, a in given.items()}
+        model = model_for(model, dtype, list(given.values()))
+        model = model if parameters is None else at_parameters(model, np.asarray(parameters))
         with np.errstate(all="ignore"):
-            result = self.core(model, np.asarray(t), np.asarray(x), u)
-        check_result("the torques", result)
-        return result, OK
+            result = self.core(model, **given)
+            if quantity.check is not None:
+                result, *pivots = result
+                status = quantity.check(model, given, result, *pivots)
+        if status.error is None:
+            check_result(self.title, result)
+        return np.asarray(result), status
 
     @cached_property
     def kernel(self) -> Kernel:
@@ -165,7 +241,7 @@ class AppliedTorques:
     def why_not_traced(self) -> str | None:
         """Why the law must be called: it cannot be traced, or its trace differs from calls. None if it is traced."""
         try:
-            worst = _difference(self, self.kernel)
+            worst = self._error_of_trace()
         except Exception as error:  # whatever the law raises when it meets traced numbers
             return f"{type(error).__name__}: {error}".splitlines()[0]
         if worst <= AGREEMENT:
@@ -174,18 +250,26 @@ class AppliedTorques:
 
     def is_current(self) -> bool:
         """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
-        return _difference(self, self.kernel) <= AGREEMENT
+        return self.law is None or self._error_of_trace() <= AGREEMENT
+
+    def _error_of_trace(self) -> float:
+        """Largest difference between traced and called torques in some states, relative where they exceed 1."""
+        t, x = _trials(self.size)
+        called, _ = self.evaluate(self.robot.model, t, x)
+        scales = np.abs(called).max(axis=1, initial=1.0)
+        return float((np.abs(self.kernel(t, x) - called).max(axis=1, initial=0.0) / scales).max())
 
 
 class Residual(AppliedTorques):
     """[M a + C qd + g - net torques, dz/dt] at accelerations a: its slopes linearise the motion, see Plant.jacobian."""
 
     name = "residual"
+    title = "the equations of motion"
 
     @property
-    def _widths(self) -> dict[str, int | None]:
-        widths = super()._widths
-        return {"t": 1, "x": self.size, "a": self.robot.n} | widths
+    def widths(self) -> dict[str, int | None]:
+        """Lengths of the arguments: t, x, a and, where torques are given, u."""
+        return {"t": 1, "x": self.size, "a": self.robot.n} | super().widths
 
     def core(self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None) -> Any:  # type: ignore[override]
         """The residual, traced."""
@@ -193,19 +277,6 @@ class Residual(AppliedTorques):
         net, rates, _ = self.parts(t, x, u)
         needed = inverse_dynamics.core(model, x[..., :n], x[..., n : 2 * n], a)
         return np.concatenate([needed - net, *rates], axis=-1)
-
-    def evaluate(  # type: ignore[override]
-        self, model: Model, t: Array, x: Array, a: Array, u: Array | None = None
-    ) -> tuple[Array, PrecisionStatus]:
-        """The same, with numbers."""
-        arrays = [np.asarray(v) for v in (t, x, a, *(() if u is None else (u,)))]
-        leading = np.broadcast_shapes(*(v.shape[:-1] for v in arrays))  # a complex step moves one of them alone
-        dtype = np.result_type(*arrays)
-        arrays = [np.broadcast_to(v.astype(dtype, copy=False), leading + v.shape[-1:]) for v in arrays]
-        with np.errstate(all="ignore"):
-            result = self.core(model, *arrays)
-        check_result("the equations of motion", result)
-        return result, OK
 
     @cached_property
     def slopes(self) -> Kernel:
@@ -219,23 +290,23 @@ class Residual(AppliedTorques):
         return Kernel(self, self.robot.model, {}, ("x", "a", "t"), self.robot.engine)
 
 
+@dataclass(frozen=True, eq=False)
 class RightHandSide(AppliedTorques):
     """dx/dt of a scene.
 
-    Parameters
+    Attributes
     ----------
-    dynamics : SceneDynamics
     with_energies : bool
         True to append the energies of the ledger to the state.
     formulation : {"newton-euler", "euler-lagrange"}
         Which forward dynamics give the accelerations.
     """
 
-    name = "right_hand_side"
+    with_energies: bool = False
+    formulation: str = "newton-euler"
 
-    def __init__(self, dynamics: SceneDynamics, with_energies: bool = False, formulation: str = "newton-euler") -> None:
-        super().__init__(dynamics)
-        self.with_energies, self.formulation = with_energies, formulation
+    name = "right_hand_side"
+    title = "the right-hand side"
 
     @property
     def size(self) -> int:
@@ -245,17 +316,9 @@ class RightHandSide(AppliedTorques):
     @property
     def quantity(self) -> Quantity:
         """What is traced: as for the torques, with M's pivots behind the rates."""
-        n = self.robot.n
-        velocities = ("x", slice(n, 2 * n))
-        return Quantity(
-            name=self.name,
-            core=self.core,
-            widths=self._widths,
-            check=self._check,
-            velocities=velocities,
-            moments=self.formulation == "newton-euler",
-            base_parameters=True,
-        )
+        velocities = ("x", slice(self.robot.n, 2 * self.robot.n))
+        moments = self.formulation == "newton-euler"
+        return replace(super().quantity, check=self._check, velocities=velocities, moments=moments)
 
     def core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """(dx/dt, pivots, diagonal of M), traced."""
@@ -274,24 +337,6 @@ class RightHandSide(AppliedTorques):
         state = {"q": x[..., :n], "qd": x[..., n : 2 * n], "tau": np.broadcast_to(net, x[..., :n].shape)}
         return check_accelerations(model, state, np.asarray(rates[..., n : 2 * n]), pivots, diagonal)
 
-    def evaluate(
-        self, model: Model, t: Array, x: Array, u: Array | None = None, parameters: Array | None = None
-    ) -> tuple[Array, PrecisionStatus]:
-        """dx/dt with numbers, by the recursion, with the PrecisionStatus on M; NotFiniteError where it overflows."""
-        t, x = np.asarray(t), np.asarray(x)
-        typed = model if x.dtype == model.mass.dtype else model.astype(x.dtype)
-        typed = typed if parameters is None else at_parameters(typed, np.asarray(parameters))
-        with np.errstate(all="ignore"):
-            rates, pivots, diagonal = self.core(typed, t, x, u)
-            verdict = self._check(typed, {"t": t, "x": x, "u": u}, rates, pivots, diagonal)
-        if verdict.error is None:
-            check_result("the right-hand side", rates)
-        return np.asarray(rates), verdict
-
-    def is_current(self) -> bool:
-        """False if the law has been changed since it was traced: its parameters are constants of the kernel."""
-        return self.law is None or self.torques.is_current()
-
     @cached_property
     def kernel_at_parameters(self) -> Kernel:
         """dx/dt with the inertial parameters as a further argument; a law keeps those that it was made with."""
@@ -300,22 +345,22 @@ class RightHandSide(AppliedTorques):
     @cached_property
     def torques(self) -> AppliedTorques:
         """The torques alone, for reports."""
-        return AppliedTorques(self.dynamics)
+        return self.of_kind(AppliedTorques)
 
     @cached_property
     def residual(self) -> Residual:
         """The equations of motion, for Jacobians."""
-        return Residual(self.dynamics)
+        return self.of_kind(Residual)
 
     @cached_property
     def under_modes(self) -> RatesUnderModes:
         """dx/dt while some joints slip and others stick."""
-        return RatesUnderModes(self.dynamics)
+        return self.of_kind(RatesUnderModes)
 
     @cached_property
     def loads(self) -> LoadsUnderModes:
         """What dry friction must hold while some joints slip and others stick."""
-        return LoadsUnderModes(self.dynamics)
+        return self.of_kind(LoadsUnderModes)
 
 
 class RatesUnderModes(RightHandSide):
@@ -329,17 +374,15 @@ class RatesUnderModes(RightHandSide):
     name = "rates_under_modes"
 
     @property
-    def _widths(self) -> dict[str, int | None]:
-        widths = super()._widths
+    def widths(self) -> dict[str, int | None]:
+        """Lengths of the arguments: t, x and u, which ends with the modes."""
+        widths = super().widths
         return widths | {"u": (widths.get("u") or 0) + 2 * self.robot.n}
 
     @property
     def quantity(self) -> Quantity:
         """What is traced: M's pivots are those of the joints that slip."""
-        widths = self._widths
-        return Quantity(
-            name=self.name, core=self.core, widths=widths, check=self._check, moments=True, base_parameters=True
-        )
+        return replace(super().quantity, velocities=None)
 
     def balance(self, model: Model, t: Array, x: Array, u: Array) -> tuple[Any, ...]:
         """Accelerations, loads, net torques without dry friction, rates of further states, M's diagonal, pivots.
@@ -358,7 +401,7 @@ class RatesUnderModes(RightHandSide):
         among = M * slips[..., :, None] * slips[..., None, :] + np.eye(n) * (1 - slips)[..., None]
         qdd, pivots, diagonal = solve_with_pivots(among, model.coordinate_parent, slips * (net - dry))
         loads = slips * dry + (1 - slips) * (net - rotate(M, qdd))
-        return qdd, loads, net, [] if rates is None else [rates], np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
+        return qdd, loads, net, rates, np.diagonal(M, axis1=-2, axis2=-1), pivots, diagonal
 
     def core(self, model: Model, t: Array, x: Array, u: Array) -> Any:  # type: ignore[override]
         """(dx/dt, pivots, their diagonal), traced."""
@@ -381,14 +424,6 @@ class LoadsUnderModes(RatesUnderModes):
         """The three, pivots, their diagonal, traced."""
         *found, _, _, pivots, diagonal = self.balance(model, t, x, u)
         return np.concatenate(found, axis=-1), pivots, diagonal
-
-
-def _difference(torques: AppliedTorques, kernel: Kernel) -> float:
-    """Largest difference between traced and called torques in some states, relative where they exceed 1."""
-    t, x = _trials(torques.size)
-    called, _ = torques.evaluate(torques.robot.model, t, x)
-    scales = np.abs(called).max(axis=1, initial=1.0)
-    return float((np.abs(kernel(t, x) - called).max(axis=1, initial=0.0) / scales).max())
 
 
 @cache

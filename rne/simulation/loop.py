@@ -17,10 +17,8 @@ from ..errors import NotFiniteError, SingularMassMatrixError
 from .compiled import CompiledSolver, RosenbrockSolver, SampledSolver
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
-from .plant import Plant, System
-from .sampled import MAX_EVALUATIONS, SAME, ZeroOrderHold
+from .plant import MAX_EVALUATIONS, SAME, DryPlant, Plant, System, ZeroOrderHold
 from .solver import GAUSS, RODAS, AdaptiveSolver, Steps
-from .stick_slip import DryPlant
 from .symplectic import GaussSolver, Hamilton
 from .watch import Watch
 

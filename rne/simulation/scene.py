@@ -19,9 +19,8 @@ from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..kernels.kernel import Kernel
 from ..robot import Robot
-from .equations_of_motion import AppliedTorques, RightHandSide, SceneDynamics
+from .equations_of_motion import AppliedTorques, RightHandSide, check_law
 from .friction import Friction, urdf_friction
-from .law import check_law
 
 LOGGER = logging.getLogger("rne")
 FORMULATIONS = ("newton-euler", "euler-lagrange")
@@ -210,22 +209,22 @@ class Scene:
     @cached_property
     def right_hand_side(self) -> RightHandSide:
         """dx/dt = f(t, x) of the state x = (q, qd, the controller's states)."""
-        return self._right_hand_side(with_energies=False)
+        parts, is_held = self.resolved, self.sample_time is not None
+        return RightHandSide(
+            parts.robot,
+            parts.friction,
+            parts.effort_limit,
+            self._traced_law,
+            torque_given=self.controller is not None and self._traced_law is None,
+            controller_states=0 if is_held else int(getattr(self.controller, "states", 0)),
+            with_impulses=parts.effort_limit is not None and self.controller is not None and not is_held,
+            formulation=self.formulation,
+        )
 
     @cached_property
     def right_hand_side_with_energies(self) -> RightHandSide:
         """The same, with the energies of the ledger as further states."""
-        return self._right_hand_side(with_energies=True)
-
-    def _right_hand_side(self, *, with_energies: bool) -> RightHandSide:
-        parts = self.resolved
-        law, given = self._traced_law, self.controller is not None and self._traced_law is None
-        states = int(getattr(self.controller, "states", 0)) if given and self.sample_time is None else 0
-        is_limited = parts.effort_limit is not None and self.sample_time is None
-        dynamics = SceneDynamics(
-            parts.robot, parts.friction, parts.effort_limit, law, given, states, with_impulses=is_limited
-        )
-        return RightHandSide(dynamics, with_energies, self.formulation)
+        return replace(self.right_hand_side, with_energies=True)
 
     @cached_property
     def _traced_law(self) -> Any:
@@ -240,7 +239,8 @@ class Scene:
 
     @property
     def _law_alone(self) -> AppliedTorques:
-        return AppliedTorques(SceneDynamics(self.resolved.robot, None, None, self.controller, torque_given=False))
+        states = int(getattr(self.controller, "states", 0))
+        return AppliedTorques(self.resolved.robot, None, None, self.controller, False, states)
 
     @property
     def traced_samples(self) -> AppliedTorques | None:
@@ -257,7 +257,7 @@ class Scene:
 
     def current_right_hand_side(self) -> RightHandSide:
         """The right-hand side, traced anew if the controller has changed since it was traced."""
-        if not self.right_hand_side.is_current():
+        if not self.right_hand_side.torques.is_current():
             for name in ("right_hand_side", "right_hand_side_with_energies", "_traced_law"):
                 self.__dict__.pop(name, None)
         return self.right_hand_side

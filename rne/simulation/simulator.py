@@ -17,12 +17,10 @@ from ..errors import NotFiniteError, SimulationError, SingularMassMatrixError
 from ..model.model import joint_array
 from ..robot import Robot
 from .compiled import has_rodas5p
-from .equations_of_motion import RightHandSide
+from .equations_of_motion import RightHandSide, check_law
 from .events import check_within_stops, stops
-from .law import check_law
 from .loop import Failure, Loop, Run, Task
-from .plant import Plant
-from .sampled import SAME, ZeroOrderHold
+from .plant import SAME, Plant, ZeroOrderHold
 from .scene import Scene, scene_of_robot
 from .solver import EXPLICIT, GAUSS, IMPLICIT, RODAS
 from .symplectic import STEP

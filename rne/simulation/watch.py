@@ -11,8 +11,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
 from ..kernels.rosenbrock import STAGES
 from .compiled import has_rodas5p
-from .plant import Plant
-from .sampled import ZeroOrderHold
+from .plant import Plant, ZeroOrderHold
 from .solver import EXPLICIT, RODAS, Steps
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
