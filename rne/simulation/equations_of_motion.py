@@ -73,32 +73,15 @@ def call_law(law: Any, t: Any, x: Array, n: int) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class AppliedTorques:
-    """Net joint torques of a scene, the rates of its controller's states, and the powers of its ledger.
+    """Net joint torques of a scene, the rates of its controller's states, and the powers of its ledger."""
 
-    Attributes
-    ----------
-    robot : Robot
-        The scene's robot, with payload and locked joints.
-    friction : Friction or None
-    effort_limit : ndarray, shape (n,), or None
-        Largest torque of each drive.
-    law : callable or None
-        A traceable law.
-    torque_given : bool
-        True if the drives' torques are an argument, `u`; without `torque_given` and `law` there are no drives.
-    controller_states : int
-        Number of the law's states; of a law that is called, their rates follow the torques in `u`.
-    with_impulses : bool
-        True to append to the state, for each joint, the impulse of the torque without limit per inertia.
-    """
-
-    robot: Robot
+    robot: Robot  # with payload and locked joints
     friction: Friction | None
-    effort_limit: Array | None
-    law: Any
-    torque_given: bool
-    controller_states: int = 0
-    with_impulses: bool = False
+    effort_limit: Array | None  # (n,), largest torque of each drive
+    law: Any  # a traceable one, or None
+    torque_given: bool  # torques of the drives are an argument, `u`; without this and `law` there are no drives
+    controller_states: int = 0  # of a law that is called, their rates follow the torques in `u`
+    with_impulses: bool = False  # of the torques without limits, per inertia, behind the other states
 
     name = "applied_torques"
     title = "the torques"
@@ -292,18 +275,10 @@ class Residual(AppliedTorques):
 
 @dataclass(frozen=True, eq=False)
 class RightHandSide(AppliedTorques):
-    """dx/dt of a scene.
+    """dx/dt of a scene."""
 
-    Attributes
-    ----------
-    with_energies : bool
-        True to append the energies of the ledger to the state.
-    formulation : {"newton-euler", "euler-lagrange"}
-        Which forward dynamics give the accelerations.
-    """
-
-    with_energies: bool = False
-    formulation: str = "newton-euler"
+    with_energies: bool = False  # of the ledger, behind the other states
+    formulation: str = "newton-euler"  # or "euler-lagrange": which forward dynamics give the accelerations
 
     name = "right_hand_side"
     title = "the right-hand side"

@@ -58,14 +58,16 @@ def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: 
         half = first + len(numbers) // 2
         return first_crossing(events, steps, first, half) or first_crossing(events, steps, half, last)
     values = values.reshape(*times.shape, len(events))
-    for row, suspects in enumerate(_may_happen(values)):
+    rises, peaks = _passages(values)
+    suspects = np.asarray((rises | peaks).any(axis=1))
+    for row in range(len(numbers)):
         k = first + row
         if row and steps.U is not None and (values[row, 0] > 0).any():
             return Crossing(k - 1, None, float(steps.T[k]), steps.X[k])
         found, interpolant = [], steps.inside(k)
-        for j in np.flatnonzero(suspects).tolist():
-            value = _along(events[j], interpolant, None if steps.U is None else steps.U[k : k + 1])
-            bracket = _bracket(value, times[row].tolist(), values[row, :, j].tolist())
+        for j in np.flatnonzero(suspects[row]).tolist():
+            value = _value(events[j], interpolant, None if steps.U is None else steps.U[k : k + 1])
+            bracket = _bracket(value, times[row], rises[row, :, j], peaks[row, :, j])
             if bracket is not None:
                 found.append((_root(value, *bracket), j))
         if found:
@@ -74,43 +76,37 @@ def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: 
     return None
 
 
-def _may_happen(values: Array) -> Array:
-    """Which events pass zero in each step, or come close, of values of shape (steps, points, events)."""
-    rises = ((values[:, :-1] <= 0) & (values[:, 1:] > 0)).any(axis=1)
+def _passages(values: Array) -> tuple[Array, Array]:
+    """Between or around which points of each step events pass zero, of values of shape (steps, points, events).
+
+    Those that rise from each point to the next, and those that may pass zero and return around it.
+    """
+    rises = (values[:, :-1] <= 0) & (values[:, 1:] > 0)
     before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
-    is_peak = (here < 0) & (before <= here) & (here >= after)
-    is_near = here + HIGHEST * (here - np.minimum(before, after)) >= 0
-    may_happen: Array = rises | (is_peak & is_near).any(axis=1)
-    return may_happen
+    peaks = np.zeros_like(rises)
+    peaks[:, 1:] = (here < 0) & (before <= here) & (here >= after)
+    peaks[:, 1:] &= here + HIGHEST * (here - np.minimum(before, after)) >= 0
+    return rises, peaks
 
 
-def _along(event: Event, interpolant: Interpolant, u: Array | None) -> Callable[[float], float]:
+def _value(event: Event, interpolant: Interpolant, u: Array | None) -> Callable[[float], float]:
     """The value of an event at one time of a step."""
     return lambda t: float(event(np.array([t]), interpolant(t)[None], u)[0])
 
 
-def _bracket(
-    value: Callable[[float], float], times: Sequence[float], values: Sequence[float]
-) -> tuple[float, float] | None:
+def _bracket(value: Callable[[float], float], times: Array, rises: Array, peaks: Array) -> tuple[float, float] | None:
     """Times before and after the first passage from negative to positive."""
-    for j in range(len(times) - 1):
-        if values[j] <= 0 < values[j + 1]:
-            return times[j], times[j + 1]
-        is_peak = j > 0 and values[j] < 0 and values[j - 1] <= values[j] >= values[j + 1]
-        if is_peak and values[j] + HIGHEST * (values[j] - min(values[j - 1], values[j + 1])) >= 0:
-            peak = _peak(value, times[j - 1], times[j + 1])
-            if value(peak) > 0:
-                return times[j - 1], peak
-    return None
-
-
-def _peak(value: Callable[[float], float], begin: float, end: float) -> float:
-    """Where an event comes closest to happening between two times."""
     from scipy.optimize import minimize_scalar
 
-    width = {"xatol": 1e-10 * (end - begin)}
-    found = minimize_scalar(lambda t: -value(t), bounds=(begin, end), method="bounded", options=width)
-    return float(found.x)
+    for j in np.flatnonzero(rises | peaks).tolist():
+        if rises[j]:
+            return float(times[j]), float(times[j + 1])
+        begin, end = float(times[j - 1]), float(times[j + 1])
+        width = {"xatol": 1e-10 * (end - begin)}
+        found = minimize_scalar(lambda t: -value(t), bounds=(begin, end), method="bounded", options=width)
+        if value(float(found.x)) > 0:
+            return begin, float(found.x)
+    return None
 
 
 def _root(value: Callable[[float], float], before: float, after: float) -> float:

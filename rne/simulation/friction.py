@@ -13,6 +13,7 @@ from ..basics.text import summary
 from ..elementwise import less, tanh, where
 from ..model.model import Model, joint_array
 
+SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static")
 SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
 
 
@@ -58,14 +59,13 @@ class Friction:
     static: ArrayLike | None = None
 
     def __repr__(self) -> str:
-        same = {f"{name}_back": None for name in ("viscous", "coulomb") if self._same_back(name)}
-        return summary(self, **same)
+        return summary(self, **{f"{name}_back": None for name in ("viscous", "coulomb") if self._same_back(name)})
 
     def _same_back(self, name: str) -> bool:
-        return np.array_equal(np.asarray(getattr(self, name)), np.asarray(getattr(self, f"{name}_back")))
+        return np.array_equal(getattr(self, name), getattr(self, f"{name}_back"))
 
     def __post_init__(self) -> None:
-        for name in ("viscous", "coulomb", "viscous_back", "coulomb_back", "static"):
+        for name in SIZES:
             value = getattr(self, name)
             if value is None and name != "static":
                 value = getattr(self, name.removesuffix("_back"))
@@ -73,24 +73,23 @@ class Friction:
                 object.__setattr__(self, name, _not_negative(name, value))
         if _not_negative("smoothing", self.smoothing).ndim:
             raise ValueError("`smoothing` must be one number")
-        shapes = {np.shape(value) for value in self._sizes() if np.ndim(value)}
+        shapes = {size.shape for size in self._given().values() if size.ndim}
         if len(shapes) > 1:
             raise ValueError(f"friction must be numbers or arrays of one shape (n,), got {sorted(shapes)}")
-        largest = np.maximum(np.asarray(self.coulomb), np.asarray(self.coulomb_back))
-        if self.static is not None and (np.asarray(self.static) < largest).any():
+        if self.static is None:
+            return
+        if np.any(np.asarray(self.static) < np.maximum(self.coulomb, self.coulomb_back)):  # type: ignore[arg-type]
             raise ValueError("`static` must be at least `coulomb`: friction at rest is no less than when slipping")
-        if self.static is not None and self.smoothing != 0:
+        if self.smoothing != 0:
             raise ValueError("`static` needs dry friction: set `smoothing` to 0")
 
-    def _sizes(self) -> list[ArrayLike]:
-        values = (self.viscous, self.coulomb, self.viscous_back, self.coulomb_back, self.static)
-        return [value for value in values if value is not None]
+    def _given(self) -> dict[str, Array]:
+        return {name: np.asarray(size) for name in SIZES if (size := getattr(self, name)) is not None}
 
     @property
     def sticks(self) -> bool:
         """True for dry friction, under which a joint can stick."""
-        sizes = (self.coulomb, self.coulomb_back, self.static)
-        return self.smoothing == 0 and any(np.any(np.asarray(size)) for size in sizes if size is not None)
+        return self.smoothing == 0 and any(size.any() for k, size in self._given().items() if "viscous" not in k)
 
     def check(self, model: Model) -> None:
         """Refuse arrays that do not have one entry per joint.
@@ -112,11 +111,10 @@ class Friction:
         Traceback (most recent call last):
         ValueError: `viscous` of the friction must be a number or of shape (6,), got (2,)
         """
-        for name in ("viscous", "coulomb", "viscous_back", "coulomb_back", "static"):
-            array = np.asarray(getattr(self, name)) if getattr(self, name) is not None else np.zeros(())
-            if array.shape not in ((), (model.n,)):
-                shape = f"({model.n},)"
-                raise ValueError(f"`{name}` of the friction must be a number or of shape {shape}, got {array.shape}")
+        n = model.n
+        for name, size in self._given().items():
+            if size.shape not in ((), (n,)):
+                raise ValueError(f"`{name}` of the friction must be a number or of shape ({n},), got {size.shape}")
 
     def viscous_torque(self, qd: Array) -> Array:
         """Viscous friction at given joint velocities.
@@ -137,7 +135,7 @@ class Friction:
         >>> rne.Friction(viscous=2.0, viscous_back=3.0).viscous_torque(np.array([0.5, -0.5])).tolist()
         [1.0, -1.5]
         """
-        if np.array_equal(np.asarray(self.viscous), np.asarray(self.viscous_back)):
+        if self._same_back("viscous"):
             return np.asarray(self.viscous) * qd
         return where(less(qd, 0), np.asarray(self.viscous_back) * qd, np.asarray(self.viscous) * qd)
 
@@ -165,7 +163,7 @@ class Friction:
             return 0 * qd
         if self.smoothing == 0:
             return where(less(0, qd), forward, 0) - where(less(qd, 0), back, 0)
-        size = forward if np.array_equal(forward, back) else where(less(qd, 0), back, forward)
+        size = forward if self._same_back("coulomb") else where(less(qd, 0), back, forward)
         return size * tanh(qd * (1 / self.smoothing))
 
     def torque(self, model: Model, qd: ArrayLike) -> Array:

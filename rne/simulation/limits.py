@@ -20,11 +20,7 @@ from ..model.model import Model
 
 ROUNDING = 1e-9  # of a joint's larger limit: a stop or a saturated drive that is exceeded by less is met
 
-UNITS = {
-    "position": ("rad", "m"),
-    "velocity": ("rad/s", "m/s"),
-    "torque": ("N m", "N"),
-}
+UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N m", "N")}
 
 
 @dataclass(frozen=True)

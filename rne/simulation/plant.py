@@ -14,7 +14,6 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
@@ -43,26 +42,13 @@ class System:
     """Equations of motion that a solver integrates, and what may switch in them: nothing by itself.
 
     `Plant` is that of a scene, `DryPlant` of one with friction that sticks, `Hamilton` of a free motion in (q, p).
-
-    Attributes
-    ----------
-    events : sequence of callable
-        What ends a segment, beside samples, breaks and stops.
-    at_rest : ndarray or None
-        Entries of the state that are held at zero.
-    has_changed : bool
-        True if the equations changed at the beginning of the segment, so that the solver starts anew.
-    note : str
-        For the message of a run.
-    span : (float, float)
-        Times within which torques are evaluated: just inside the segment, on this side of the breaks at its ends.
     """
 
-    events: Sequence[Event] = ()
-    at_rest: Array | None = None
-    has_changed = False
-    note = ""
-    span = (-np.inf, np.inf)
+    events: Sequence[Event] = ()  # what ends a segment, beside samples, breaks and stops
+    at_rest: Array | None = None  # entries of the state that are held at zero
+    has_changed = False  # at the beginning of the segment, so that the solver starts anew
+    note = ""  # for the message of a run
+    span = (-np.inf, np.inf)  # times at which torques are evaluated: inside the segment, on this side of its breaks
 
     def within(self, t: float) -> float:
         """The time of `span` closest to t."""
@@ -112,24 +98,14 @@ class Plant(System):
         f(t, q, qd) for the torques where `rhs.torque_given` and the controller is not sampled.
     law_name : {"controller", "torque"}
         The argument that the user gave the law as, for error messages.
-
-    Attributes
-    ----------
-    held : ndarray, shape (n,), or None
-        The torques held since the last sample, of a sampled controller.
-    verdict : PrecisionStatus
-        The loss of precision in the worst state evaluated so far.
     """
 
     def __init__(self, rhs: RightHandSide, law: Callable[..., Any] | None, law_name: str = "controller") -> None:
-        self.rhs = rhs
-        self.robot = rhs.robot
+        self.rhs, self.robot, self.kernel = rhs, rhs.robot, rhs.kernel
         self.law, self.law_name = law, law_name
-        self.held: Array | None = None
-        self.evaluations = 0
+        self.held: Array | None = None  # torques (n,) of a sampled controller since its last sample
+        self.evaluations, self.verdict = 0, OK  # the verdict on the worst state so far
         self._time = np.zeros(1)  # t as an argument of the kernel
-        self.verdict = OK
-        self.kernel = rhs.kernel
         self._state_function = self.kernel.state_function_unguarded if self.kernel.is_unrolled else None
 
     @property
@@ -314,21 +290,15 @@ class ZeroOrderHold:
     """A controller that is sampled: the torques held since the last sample, and the controller's states.
 
     The states are integrated by Euler's rule from sample to sample.
-
-    Attributes
-    ----------
-    state : ndarray
-        The controller's states at the last sample.
-    traced : AppliedTorques or None
-        The law, where it is traced.
     """
 
     def __init__(self, scene: Scene, plant: Plant) -> None:
         self.scene, self.plant = scene, plant
         self.period = float(scene.sample_time or 0.0)
-        self.state = self.next_state = np.zeros(int(getattr(scene.controller, "states", 0)))
-        self.traced = scene.traced_samples
-        self.table: list[Samples] = []
+        self.state = self.next_state = np.zeros(int(getattr(scene.controller, "states", 0)))  # at the last sample
+        self.traced = scene.traced_samples  # the law, where it is traced
+        none = np.zeros(0), np.zeros((0, 2 * scene.n)), np.zeros((0, scene.n)), np.zeros((0, len(self.state)))
+        self.table = [Samples(*none)]
         self.count, self.evaluations_before = 0, 0  # samples, and evaluations before the last one
         self.limit, self.change = self.bounds()
         plant.law, plant.held = None, np.zeros(scene.n)  # the solver sees torques that are held
@@ -370,7 +340,7 @@ class ZeroOrderHold:
 
     def rewind(self, t: float) -> None:
         """What was sampled behind t is void."""
-        if self.table and t < self.table[-1].t[-1]:
+        if self.count and t < self.table[-1].t[-1]:
             samples = self.samples()
             k = self.count = int(np.searchsorted(samples.t, t, side="right"))
             self.next_state, self.state, self.plant.held = samples.z[k], samples.z[k - 1], samples.u[k - 1]
@@ -385,11 +355,8 @@ class ZeroOrderHold:
 
     def samples(self) -> Samples:
         """All samples so far."""
-        if len(self.table) == 1:
-            return self.table[0]
-        n, m = self.scene.n, len(self.state)
-        none = Samples(np.zeros(0), np.zeros((0, 2 * n)), np.zeros((0, n)), np.zeros((0, m)))
-        self.table = [Samples(*(np.concatenate(parts) for parts in zip(none, *self.table, strict=True)))]
+        if len(self.table) > 1:
+            self.table = [Samples(*(np.concatenate(parts) for parts in zip(*self.table, strict=True)))]
         return self.table[0]
 
     def stability(self) -> str:
@@ -429,9 +396,8 @@ class DryPlant(System):
         self.smooth, self.loaded = Plant(plant.rhs.under_modes, None), Plant(plant.rhs.loads, None)
         self.kernel = self.smooth.kernel
         self.is_compiled = plant.law is None and self.smooth.is_compiled
-        self.forward, self.back = _per_joint(friction.coulomb, n), _per_joint(friction.coulomb_back, n)
-        held = friction.static
-        self.statics = (self.forward, self.back) if held is None else (_per_joint(held, n),) * 2
+        self.coulomb = np.full(n, friction.coulomb, dtype=float), np.full(n, friction.coulomb_back, dtype=float)
+        self.statics = self.coulomb if friction.static is None else (np.full(n, friction.static, dtype=float),) * 2
         self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
         self.modes: dict[bytes, Array] = {}  # as the equations take them
         self.frictionless = np.maximum(*self.statics) == 0  # without friction, never sticks
@@ -454,11 +420,18 @@ class DryPlant(System):
     @property
     def held(self) -> Array:
         """What the equations take beside time and state: torques that are held, and the modes."""
+        return self._with_modes(self.plant.held)
+
+    def _with_modes(self, u: Array | None) -> Array:
+        """Torques, if there are any, and the modes behind them."""
         modes = self.modes.get(key := self.mode.tobytes())
         if modes is None:
-            slips = self.mode != 0
-            self.modes[key] = modes = np.concatenate([slips, np.where(self.mode > 0, self.forward, -self.back) * slips])
-        return modes if self.plant.held is None else np.concatenate([self.plant.held, modes])
+            slips, (forward, back) = self.mode != 0, self.coulomb
+            self.modes[key] = modes = np.concatenate([slips, np.where(self.mode > 0, forward, -back) * slips])
+        if u is None:
+            return modes
+        modes = modes if u.ndim == 1 else np.broadcast_to(modes, (len(u), len(modes)))
+        return np.concatenate([u, modes], axis=-1)
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Settle the modes, just after t; further on if the torques jump here without being declared."""
@@ -498,39 +471,33 @@ class DryPlant(System):
     def accelerations_at(self, t: Array, X: Array, same: float) -> Array:
         """Accelerations under the present modes."""
         samples = None if self.samples is None else self.samples()
-        return self.loads_at(t, X, None if samples is None else samples.u[samples.held(t, same)])[0]
+        qdd, _, _ = self.loads_at(t, X, None if samples is None else samples.u[samples.held(t, same)])
+        return np.asarray(qdd)
 
     def inputs(self, t: float, x: Array) -> Array:
-        """`held`, or the torques that a law returns and the modes."""
-        u = None if self.plant.law is None else self.plant.torque(t, self.reported(x))
-        return self.held if u is None else np.concatenate([u, self.held])
+        """The torques, held or those that a law returns, and the modes."""
+        return self._with_modes(self.plant.torque(t, self.reported(x)))
 
-    def loads(self, t: float, x: Array, u: Array | None = None) -> tuple[Array, ...]:
-        """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction.
+    def loads(self, t: float, x: Array, u: Array | None = None) -> Array:
+        """Accelerations, dry friction or the loads of sticking joints, net torques without dry friction, shape (3, n).
 
-        Under the torques that are held, or others.
+        Under the torques that are held or returned by a law, or others.
         """
         t = self.within(t)
-        inputs = self.inputs(t, x) if u is None else np.concatenate([u, self.held[self.n :]])
-        return self._parts(self.loaded.rates(t, x, inputs))
+        inputs = self.inputs(t, x) if u is None else self._with_modes(u)
+        return np.reshape(self.loaded.rates(t, x, inputs), (3, self.n))
 
-    def loads_at(self, t: Array, X: Array, u: Array | None = None) -> tuple[Array, ...]:
-        """The same in many states, shape (T, n) each."""
+    def loads_at(self, t: Array, X: Array, u: Array | None = None) -> Array:
+        """The same in many states, shape (3, T, n)."""
         if self.plant.law is None and len(t) > 1:
-            held = self.held
-            if u is not None:
-                held = np.concatenate([u, np.broadcast_to(held[self.n :], (len(u), 2 * self.n))], axis=1)
             try:
-                return self._parts(self.loaded.all_rates(np.clip(t, *self.span), X, held))
+                inputs = self._with_modes(self.plant.held if u is None else u)
+                found = self.loaded.all_rates(np.clip(t, *self.span), X, inputs)
+                return np.stack(np.split(found, 3, axis=1))
             except (NotFiniteError, SingularMassMatrixError):
                 pass  # found by looking at each
         each = [None] * len(t) if u is None else u
-        found = [np.concatenate(self.loads(*state)) for state in zip(t.tolist(), X, each, strict=True)]
-        return self._parts(np.array(found))
-
-    def _parts(self, found: Array) -> tuple[Array, ...]:
-        n = self.n
-        return found[..., :n], found[..., n : 2 * n], found[..., 2 * n :]
+        return np.stack([self.loads(*state) for state in zip(t.tolist(), X, each, strict=True)], axis=1)
 
     def settle(self, t: float, x: Array, overloaded: list[int]) -> None:
         """Set the modes of the joints from their rates, and of those at rest from their loads.
@@ -609,7 +576,3 @@ class DryPlant(System):
     def rates(self, t: float, x: Array, u: Array) -> Array:
         """dx/dt under given torques and modes."""
         return self.smooth.rates(t, x, u)
-
-
-def _per_joint(size: ArrayLike | None, n: int) -> Array:
-    return np.broadcast_to(np.asarray(size, dtype=float), (n,))

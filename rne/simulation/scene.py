@@ -24,6 +24,7 @@ from .friction import Friction, urdf_friction
 
 LOGGER = logging.getLogger("rne")
 FORMULATIONS = ("newton-euler", "euler-lagrange")
+_announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # laws that are called, by id
 
 
 class Payload(NamedTuple):
@@ -57,23 +58,12 @@ class Payload(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ResolvedScene:
-    """The parts of a scene in numbers, as the simulation needs them.
+    """The parts of a scene in numbers, as the simulation needs them."""
 
-    Attributes
-    ----------
-    robot : Robot
-        Mounted, with payload, joints locked, the drives' inertia added.
-    friction : Friction or None
-    effort_limit : ndarray, shape (n,), or None
-        Largest torque of each drive; None if none is limited [N m or N].
-    torque_rate : ndarray, shape (n,), or None
-        Largest change of a held torque per second [N m/s or N/s].
-    """
-
-    robot: Robot
+    robot: Robot  # mounted, with payload, joints locked, the drives' inertia added
     friction: Friction | None
-    effort_limit: Array | None
-    torque_rate: Array | None
+    effort_limit: Array | None  # (n,), largest torque of each drive; None if none is limited [N m or N]
+    torque_rate: Array | None  # (n,), largest change of a held torque per second [N m/s or N/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +156,11 @@ class Scene:
         if self.formulation != "newton-euler" and self.resolved.friction is not None and self.resolved.friction.sticks:
             raise ValueError(f"`formulation` {self.formulation!r} is not for friction that sticks")
         meant_for = getattr(self.controller, "robot", None)
-        if isinstance(meant_for, Robot) and meant_for.n != self.n:
+        if not isinstance(meant_for, Robot):
+            return
+        if meant_for.n != self.n:
             raise ValueError(f"`controller` is for a robot of {meant_for.n} joints, the scene has {self.n}")
-        if isinstance(meant_for, Robot) and meant_for.joint_names != self.resolved.robot.joint_names:
+        if meant_for.joint_names != self.resolved.robot.joint_names:
             names = (listed(robot.joint_names) for robot in (meant_for, self.resolved.robot))
             raise ValueError("`controller` is for a robot with the joints {}; the scene has {}".format(*names))
 
@@ -176,12 +168,9 @@ class Scene:
     def resolved(self) -> ResolvedScene:
         """The scene in numbers."""
         robot = self._resolved_robot()
-        return ResolvedScene(
-            robot,
-            resolved_friction(self.friction, robot),
-            resolved_limit(self.effort_limit, robot),
-            None if self.torque_rate is None else bounds_of("torque_rate", self.torque_rate, robot.n),
-        )
+        friction = resolved_friction(self.friction, robot)
+        effort, rate = (resolved_limits(k, getattr(self, k), robot) for k in ("effort_limit", "torque_rate"))
+        return ResolvedScene(robot, friction, effort, rate)
 
     def _resolved_robot(self) -> Robot:
         robot = self.robot
@@ -210,16 +199,12 @@ class Scene:
     def right_hand_side(self) -> RightHandSide:
         """dx/dt = f(t, x) of the state x = (q, qd, the controller's states)."""
         parts, is_held = self.resolved, self.sample_time is not None
-        return RightHandSide(
-            parts.robot,
-            parts.friction,
-            parts.effort_limit,
-            self._traced_law,
-            torque_given=self.controller is not None and self._traced_law is None,
-            controller_states=0 if is_held else int(getattr(self.controller, "states", 0)),
-            with_impulses=parts.effort_limit is not None and self.controller is not None and not is_held,
-            formulation=self.formulation,
-        )
+        law = None if is_held or self._traced_law is None else self.controller
+        is_given = self.controller is not None and law is None
+        states = 0 if is_held else int(getattr(self.controller, "states", 0))
+        with_impulses = parts.effort_limit is not None and self.controller is not None and not is_held
+        drives = parts.effort_limit, law, is_given, states, with_impulses
+        return RightHandSide(parts.robot, parts.friction, *drives, formulation=self.formulation)
 
     @cached_property
     def right_hand_side_with_energies(self) -> RightHandSide:
@@ -227,45 +212,50 @@ class Scene:
         return replace(self.right_hand_side, with_energies=True)
 
     @cached_property
-    def _traced_law(self) -> Any:
+    def _traced_law(self) -> AppliedTorques | None:
         """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
-        if self.sample_time is not None or not getattr(self.controller, "traceable", False):
+        if not getattr(self.controller, "traceable", False):
             return None
-        reason = self._law_alone.why_not_traced()
-        if reason is None:
-            return self.controller
-        _announce(self.controller, reason)
-        return None
+        law = self._law_alone
+        reason = law.why_not_traced()
+        if (
+            reason is not None
+            and self.sample_time is None
+            and _announced.get(id(self.controller)) is not self.controller
+        ):
+            LOGGER.warning("`controller` is called, not traced: %s", reason)
+            with suppress(TypeError):  # an object without weak references
+                _announced[id(self.controller)] = self.controller
+        return law if reason is None else None
 
     @property
     def _law_alone(self) -> AppliedTorques:
         states = int(getattr(self.controller, "states", 0))
         return AppliedTorques(self.resolved.robot, None, None, self.controller, False, states)
 
+    def _trace_anew(self) -> None:
+        """Forget what was traced if the controller has changed since then."""
+        if self._traced_law is not None and not self._traced_law.is_current():
+            for name in ("right_hand_side", "right_hand_side_with_energies", "_traced_law"):
+                self.__dict__.pop(name, None)
+
     @property
     def traced_samples(self) -> AppliedTorques | None:
         """A controller that is sampled, where machine code can do it; traced anew if it has changed."""
-        if self.sample_time is None or not getattr(self.controller, "traceable", False):
+        if self.sample_time is None or self.resolved.robot.engine != "numba":
             return None
-        if self.resolved.robot.engine != "numba":
-            return None
-        law = self.__dict__.get("_samples")
-        if law is None or not law.is_current():
-            law = self._law_alone
-            law = self.__dict__["_samples"] = law if law.why_not_traced() is None else None
-        return law
+        self._trace_anew()
+        return self._traced_law
 
     def current_right_hand_side(self) -> RightHandSide:
         """The right-hand side, traced anew if the controller has changed since it was traced."""
-        if not self.right_hand_side.torques.is_current():
-            for name in ("right_hand_side", "right_hand_side_with_energies", "_traced_law"):
-                self.__dict__.pop(name, None)
+        self._trace_anew()
         return self.right_hand_side
 
     @property
     def is_traced(self) -> bool:
         """True if the controller is part of the kernel, False if it is called or there is none."""
-        return self._traced_law is not None
+        return self.right_hand_side.law is not None
 
     @property
     def kernel(self) -> Kernel:
@@ -355,17 +345,18 @@ class Scene:
         law = "none" if self.controller is None else "traced" if self.is_traced else "called"
         if not self.kernel.is_unrolled:
             return {"total": None, "law": law}
-        total = _operations(self)
+
+        def operations(**changes: Any) -> int:
+            return sum(replace(self, **changes).kernel.operations.values())
+
+        total = sum(self.kernel.operations.values())
         costs: dict[str, int | str | None] = {"total": total}
-        parts = ("payload", "friction", "armature", "effort_limit", "controller")
-        for part in parts:
+        for part in ("payload", "friction", "armature", "effort_limit", "controller"):
             if getattr(self, part) is not None:
-                without: dict[str, Any] = {part: None}
-                if part == "controller":
-                    without |= {"sample_time": None, "torque_rate": None, "effort_limit": None}
-                costs[part] = total - _operations(replace(self, **without))
+                needing = ("sample_time", "torque_rate", "effort_limit") if part == "controller" else ()
+                costs[part] = total - operations(**dict.fromkeys((part, *needing)))
         if np.any(self.resolved.robot.model.gravity):
-            costs["gravity"] = total - _operations(replace(self, gravity=np.zeros(3)))
+            costs["gravity"] = total - operations(gravity=np.zeros(3))
         return costs | {"law": law}
 
 
@@ -377,22 +368,6 @@ def scene_of_robot(robot: Robot) -> Scene:
     if robot not in _SCENES:
         _SCENES[robot] = Scene(copy(robot))  # a copy has the same kernels and does not keep the robot alive
     return _SCENES[robot]
-
-
-_announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
-
-
-def _announce(law: Any, reason: str) -> None:
-    """Log once for each law that it is called."""
-    if _announced.get(id(law)) is law:
-        return
-    LOGGER.warning("`controller` is called, not traced: %s", reason)
-    with suppress(TypeError):  # an object without weak references
-        _announced[id(law)] = law
-
-
-def _operations(scene: Scene) -> int:
-    return sum(scene.kernel.operations.values())
 
 
 def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:
@@ -409,20 +384,16 @@ def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction
     return friction
 
 
-def resolved_limit(limit: ArrayLike | str | None, robot: Robot) -> Array | None:
-    """Largest torque of each drive, that of the file if it says so; None if none is limited."""
+def resolved_limits(name: str, limit: ArrayLike | str | None, robot: Robot) -> Array | None:
+    """Largest absolute values, one per joint, those of the file if it says so; None if none is limited."""
     if limit is None:
         return None
-    if isinstance(limit, str | bool):
+    if isinstance(limit, str | bool) and name == "effort_limit":
         if limit != "urdf":
             raise ValueError(f"`effort_limit` must be an array or 'urdf', got {limit!r}")
         bounds = np.asarray(robot.effort_limit, dtype=float)
     else:
-        bounds = bounds_of("effort_limit", limit, robot.n)
+        array = convert_numbers(name, limit, f"({robot.n},)")
+        array = np.where(np.isposinf(array), UNBOUNDED, array)
+        bounds = per_joint_array(name, array, robot.n, sign="not negative")
     return None if (bounds >= UNBOUNDED).all() else np.minimum(bounds, UNBOUNDED)
-
-
-def bounds_of(name: str, value: ArrayLike, n: int) -> Array:
-    """Largest absolute values, one per joint; an infinite one is no bound."""
-    array = convert_numbers(name, value, f"({n},)")
-    return per_joint_array(name, np.where(np.isposinf(array), UNBOUNDED, array), n, sign="not negative")
