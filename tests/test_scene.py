@@ -160,6 +160,19 @@ class TestTracing:
         np.testing.assert_allclose(traced.q[-1], called.q[-1], atol=1e-9)
         np.testing.assert_allclose(traced.tau[-1], law(0.2, traced.q[-1], traced.qd[-1]), rtol=1e-12, atol=1e-12)
 
+    @pytest.mark.parametrize("n", [2, 3])
+    def test_a_matrix_times_as_many_states_as_joints_is_no_law_of_many_states(self, n):
+        """-2 I q is -2 q of n states too, but of no other number of them."""
+        robot, gains = rne.Robot(straight_chain(n)), 2 * np.eye(n)
+        scene = rne.Scene(
+            robot, controller=rne.traceable(lambda t, q, qd: -gains @ (q + qd)), friction=rne.Friction(viscous=1.0)
+        )
+        assert scene.cost()["law"] == "traced"
+        x = np.random.default_rng(0).uniform(-1, 1, (n, 2 * n))
+        u, _ = scene.right_hand_side.drives(np.zeros((n, 1)), x, None)
+        assert np.array_equal(u, -2 * (x[:, :n] + x[:, n:]))
+        assert len(Plant(scene.right_hand_side, None).drive_torques(np.zeros(9), np.zeros((9, 2 * n)))) == 9
+
     def test_a_reference_may_be_a_spline(self, irb140):
         path = CubicSpline([0, 1, 2], np.outer([0, 1, 0], np.ones(6)))
         law = rne.control.computed_torque(irb140, [100] * 6, [20] * 6, lambda t: (path(t), path(t, 1), path(t, 2)))
