@@ -136,27 +136,23 @@ class CompiledSolver:
         work = self._arrays(most)
         u = None if self.system.held is None else np.array(self.system.held)
         arguments = _arguments(len(self.x), u)
-        taken = take_steps(self.rates, arguments, self._limits(), self.how, self._method(), *work)
+        taken = take_steps(self.rates, arguments, self._limits(), self.how, (*self.tableau, work[0]), *work[1:])
         return self._taken(taken, work, u) if taken else self._examined(self.end)
 
     def _arrays(self, most: int) -> tuple[Array, ...]:
-        """T, X, K, H and the counts of evaluations, with what is known."""
+        """Room for an estimate of errors; T, X, K, H and the counts of evaluations, with what is known."""
         n = len(self.x)
         T, X, K = np.empty(most + 1), np.empty((most + 1, n)), np.empty((most, self.size, n))
         H, count = np.empty(most + 1), np.zeros(most, dtype=np.int64)
         T[0], X[0], K[0, 0], H[0] = self.t, self.x, self.f, self.h
-        return T, X, K, H, count
-
-    def _method(self) -> tuple[Array, ...]:
-        """The tableau, and room for an estimate of errors."""
-        return (*self.tableau, np.empty(len(self.x)))
+        return np.empty(n), T, X, K, H, count
 
     def _limits(self) -> Limits:
         return Limits(self.end, self.longest, self.rtol, self.atol, power(self.method), *self.system.span)
 
     def _taken(self, taken: int, work: tuple[Array, ...], u: Array | None, U: Array | None = None) -> Block:
         """The block, behind which the next one begins."""
-        T, X, K, H, count = work
+        _, T, X, K, H, count = work
         self.system.evaluations += int(count.sum())
         self.t, self.x, self.h, self.how = float(T[taken]), X[taken], float(H[taken]), GO_ON
         self.f = K[taken - 1, len(self.tableau.B)]
@@ -169,7 +165,7 @@ class CompiledSolver:
         first = min(self.h, end - self.t) if self.h > 0 else None
         solver.start(self.system, self.t, self.x, end, self.longest, first)
         steps = solver.steps(1)
-        self.t, self.x, self.h, self.how = float(steps.T[-1]), steps.X[-1], solver.length, AFTER_A_JUMP
+        self.t, self.x, self.h, self.how = float(steps.T[-1]), steps.X[-1], float(solver.scipy.h_abs), AFTER_A_JUMP
         return steps
 
     def extend(self, block: Block) -> None:
@@ -220,12 +216,12 @@ class SampledSolver(CompiledSolver):
         found = np.empty(self.law.traced.entries)
         taken = take_samples(
             *(self.law.address(), law_arguments, found, self.rates, arguments, self._limits(), hold.period, self.how),
-            *(self._method(), *work, (number, self.bounds, z, begun, U, Z)),
+            *((*self.tableau, work[0]), *work[1:], (number, self.bounds, z, begun, U, Z)),
         )
         begun = begun[: number[1]]
         if len(begun):
             before = int(work[-1][: begun[-1]].sum())
-            samples = Samples(work[0][begun], work[1][begun], U[begun], Z[: len(begun)])
+            samples = Samples(work[1][begun], work[2][begun], U[begun], Z[: len(begun)])
             hold.note(samples, z, self.system.evaluations + before)
         if taken:
             return self._taken(taken, work, u, U[:taken])

@@ -53,26 +53,25 @@ class Taken:
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self.parts = parts
-        begins: list[float] = []
-        ends: list[float] = []
-        jumps: list[bool] = []
+        self.begins: list[float] = []
+        self.ends: list[float] = []
+        self.jumps: list[bool] = []
         for part in parts:
             times = part.steps.T[: part.taken].tolist()
-            begins += times
-            ends += [*times[1:], part.end]
+            self.begins += times
+            self.ends += [*times[1:], part.end]
             first, *others = part.steps.jumps[: part.taken]
-            jumps += [first or not part.goes_on, *others]
+            self.jumps += [first or not part.goes_on, *others]
         counts = [part.taken for part in parts]
         self.part, self.number = np.repeat(np.arange(len(parts)), counts), np.concatenate([*map(np.arange, counts)])
-        self.begin, self.end = np.array(begins), np.array(ends)
-        self.quick = begins, ends, jumps  # for one after the other
+        self.begin, self.end = np.array(self.begins), np.array(self.ends)
 
     def panel(self, first: int, most: int) -> int:
         """Where a panel ends that begins with step `first`: of steps of similar lengths between which nothing jumps."""
-        (begins, ends, jumps), last = self.quick, first + 1
+        begins, ends, last = self.begins, self.ends, first + 1
         length, beyond = ends[first] - begins[first], min(len(ends), first + most)
-        while last < beyond and not jumps[last]:
-            if not 1 / ALIKE <= (ends[last] - ends[last - 1]) / length <= ALIKE:
+        while last < beyond and not self.jumps[last]:
+            if not 1 / ALIKE <= (ends[last] - begins[last]) / length <= ALIKE:
                 break
             last += 1
         return last
@@ -146,7 +145,7 @@ class Ledger:
         taken, panels, first = Taken(parts), [], 0
         while first < len(taken.end):
             last = taken.panel(first, self.steps)
-            panels.append((taken.quick[0][first], taken.quick[1][last - 1], first, last))
+            panels.append((taken.begins[first], taken.ends[last - 1], first, last))
             first = last
             if len(panels) >= self.block or last == len(taken.end):
                 self._integrate(taken, np.array(panels))

@@ -27,7 +27,6 @@ DAMAGED = (
     *(ValueError, KeyError, EOFError, AttributeError, TypeError, NotImplementedError),
     *(zipfile.BadZipFile, zlib.error),
 )
-FORGOTTEN = ("error_estimate",)  # functions
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
 SHAPES: dict[str, tuple[str, ...]] = {
@@ -80,7 +79,7 @@ class MotionFiles:
         >>> file = swing.save("swing.npz")  # doctest: +SKIP
         """
         file = output_file(path, ".npz")
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in FORGOTTEN}  # type: ignore[arg-type]
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "error_estimate"}  # type: ignore[arg-type]
         arrays, texts = _parted(values)
         entries: dict[str, Any] = {**arrays, TEXTS: np.array(json.dumps(texts, default=float))}
         np.savez_compressed(file, **entries)

@@ -155,10 +155,16 @@ def _check_method(method: str, step: float | None, scene: Scene, plant: Plant) -
             f"`method` {RODAS!r} runs in machine code: it needs a robot of engine 'numba', a controller that is traced "
             "(rne.traceable) or sampled, and friction that does not stick; 'LSODA' and 'Radau' need none of these"
         )
-    if method == GAUSS:
-        _check_free(scene, method)
-    elif step is not None:
-        raise ValueError(f"`step` is for the equal steps of {GAUSS!r}; {method!r} chooses its own")
+    if method != GAUSS:
+        if step is not None:
+            raise ValueError(f"`step` is for the equal steps of {GAUSS!r}; {method!r} chooses its own")
+        return
+    if scene.formulation != "newton-euler":
+        raise ValueError(f"`method` {method!r} is for the formulation 'newton-euler', got {scene.formulation!r}")
+    named = [name for name in ("controller", "friction") if getattr(scene, name) is not None]
+    if named or scene.stops:
+        there = ", ".join(named) or "stops"
+        raise ValueError(f"`method` {method!r} is for motions without drives, friction and stops; there is {there}")
 
 
 def _plant(scene: Scene, rhs: RightHandSide, name: str) -> tuple[Plant, ZeroOrderHold | None]:
@@ -241,8 +247,8 @@ def build_trajectory(
 def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool = False) -> dict[str, Any]:
     """Torques, accelerations and energies of a motion, and its jumps; the failure where there may be one."""
     robot, n = plant.robot, plant.robot.n
-    now = run._replace(t=_just_after(run.t, task.breaks))
-    tau, qdd, failure = _torques_and_accelerations(plant, now, run.held())
+    just_after = np.where(np.isin(run.t, task.breaks), np.nextafter(run.t, np.inf), run.t)
+    tau, qdd, failure = _torques_and_accelerations(plant, run._replace(t=just_after), run.held())
     if failure is not None and not may_fail:
         raise NotFiniteError(failure.cause, failure.time)
     T = len(tau)
@@ -281,20 +287,10 @@ def _jumps(plant: Plant, ends: Run | None, t: Array, qdd: Array, tau: Array) -> 
     place = np.searchsorted(t, ends.t[: len(tau_before)], side="right")
     reported = place < len(t)
     place, tau_before, qdd_before = place[reported], tau_before[reported], qdd_before[reported]
-    jumps = _differs(tau, tau_before, place) | _differs(qdd, qdd_before, place)
+    jumps = np.zeros(len(place), dtype=bool)
+    for values, before in ((tau, tau_before), (qdd, qdd_before)):
+        jumps |= (np.abs(values[place] - before) > ROUNDING * np.abs(values).max(axis=0)).any(axis=-1)
     return t[place[jumps]], qdd_before[jumps], tau_before[jumps]
-
-
-def _differs(values: Array, before: Array, place: Array) -> Array:
-    """Whether any joint's value before differs from the one after, shape (K,)."""
-    after, largest = values[place], np.abs(values).max(axis=0, initial=0.0)
-    differs: Array = (np.abs(after - before) > ROUNDING * largest).any(axis=-1)
-    return differs
-
-
-def _just_after(t: Array, breaks: Sequence[float]) -> Array:
-    """The times, those at which torques jump moved on by rounding, where their values are the ones after the jump."""
-    return np.where(np.isin(t, breaks), np.nextafter(t, np.inf), t)
 
 
 def _torques_and_accelerations(plant: Plant, run: Run, u: Array | None) -> tuple[Array, Array, Failure | None]:
@@ -368,15 +364,6 @@ def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
     if isinstance(given, Scene) or scene.controller is None:
         return scene.current_right_hand_side()
     return _DRIVEN.setdefault(given, scene.right_hand_side)
-
-
-def _check_free(scene: Scene, method: str) -> None:
-    named = [name for name in ("controller", "friction") if getattr(scene, name) is not None]
-    if scene.formulation != "newton-euler":
-        raise ValueError(f"`method` {method!r} is for the formulation 'newton-euler', got {scene.formulation!r}")
-    if named or scene.stops:
-        there = ", ".join(named) or "stops"
-        raise ValueError(f"`method` {method!r} is for motions without drives, friction and stops; there is {there}")
 
 
 def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:

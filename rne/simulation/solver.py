@@ -97,7 +97,7 @@ class AdaptiveSolver:
 
     def __init__(self, method: str, rtol: float, atol: float) -> None:
         self.method, self.rtol, self.atol, self.note = method, rtol, atol, ""
-        self._solver: Any = None
+        self.scipy: Any = None  # SciPy's
 
     def start(
         self, system: Any, t: float, x: Array, end: float, longest: float = np.inf, first: float | None = None
@@ -108,31 +108,26 @@ class AdaptiveSolver:
         options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": longest, "first_step": first}
         if self.method in IMPLICIT and system.jacobian is not None:
             options["jac"] = system.jacobian
-        self._solver = getattr(scipy.integrate, self.method)(system, t, x, end, **options)
+        self.scipy = getattr(scipy.integrate, self.method)(system, t, x, end, **options)
 
     def resume(self, system: Any, t: float, x: Array, end: float) -> None:
         """Go on after a jump of the torques: an explicit solver with the length of its last step."""
-        if self._solver is None or self.method not in EXPLICIT:
-            first = end - t if self._solver is None and self.method != "LSODA" else None  # its first step must be short
+        if self.scipy is None or self.method not in EXPLICIT:
+            first = end - t if self.scipy is None and self.method != "LSODA" else None  # its first step must be short
             return self.start(system, t, x, end, first=first)
-        solver = self._solver  # a Runge-Kutta method stores one slope
+        solver = self.scipy  # a Runge-Kutta method stores one slope
         solver.t, solver.y, solver.f = t, np.array(x), system(t, x)
         solver.t_bound, solver.status = end, "running"
         return None
 
     @property
-    def length(self) -> float:
-        """Length with which an explicit solver tries the next step [s]."""
-        return float(self._solver.h_abs)
-
-    @property
     def is_running(self) -> bool:
         """False when the end was reached."""
-        return bool(self._solver.status == "running")
+        return bool(self.scipy.status == "running")
 
     def steps(self, most: int) -> Steps:
         """The next steps, at most so many: one. NotFiniteError if there is none or its end is not finite."""
-        solver = self._solver
+        solver = self.scipy
         begin, x = float(solver.t), np.array(solver.y)
         message = solver.step()
         if solver.status == "failed":
