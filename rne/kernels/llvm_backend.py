@@ -95,7 +95,6 @@ class Rows:
 
     def __init__(self, emitter: Emitter, addresses: Sequence[Any], width: int) -> None:
         self.emitter, self.addresses, self.width = emitter, addresses, width
-        self.pairs: dict[int, Any] = {}
 
     def _pointer(self, lane: int, column: int, kind: Any) -> Any:
         builder = self.emitter.builder
@@ -104,26 +103,11 @@ class Rows:
 
     def load(self, column: int) -> Any:
         """One column."""
-        emitter, builder = self.emitter, self.emitter.builder
-        if self.width == 1:
-            lanes = range(emitter.lanes)
-            return emitter.pack([builder.load(self._pointer(k, 0, emitter.number), align=1) for k in lanes])
-        first = min(column // 2 * 2, self.width - 2)
-        if first not in self.pairs:
-            self.pairs[first] = self._pair(first)
-        return self.pairs[first][column - first]
-
-    def _pair(self, first: int) -> tuple[Any, Any]:
-        """Two neighbouring columns: both numbers of each row at once, the even rows' beside the odd rows'."""
-        emitter, builder = self.emitter, self.emitter.builder
-        two = ir.VectorType(emitter.number, 2)
-        rows = [builder.load(self._pointer(lane, first, two), align=1) for lane in range(emitter.lanes)]
-        even, odd = (joined(builder, rows[k::2]) for k in (0, 1))
-        places = [[k + side for k in range(0, emitter.lanes, 2) for side in (j, emitter.lanes + j)] for j in (0, 1)]
-        return shuffled(builder, even, odd, places[0]), shuffled(builder, even, odd, places[1])
+        emitter, lanes = self.emitter, range(self.emitter.lanes)
+        return emitter.pack([emitter.builder.load(self._pointer(k, column, emitter.number), align=1) for k in lanes])
 
     def store(self, values: list[Any]) -> None:
-        """Set all columns."""
+        """Set all columns, two at once: singly they would cost a mass matrix a third of its time."""
         emitter, builder = self.emitter, self.emitter.builder
         two, lanes = ir.VectorType(emitter.number, 2), emitter.lanes
         for first in range(0, self.width - 1, 2):
@@ -142,14 +126,6 @@ def shuffled(builder: Any, a: Any, b: Any, places: Sequence[int]) -> Any:
     """The elements at some places of two vectors, one behind the other."""
     mask = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), list(places))
     return builder.shuffle_vector(a, b, mask)
-
-
-def joined(builder: Any, vectors: Sequence[Any]) -> Any:
-    """Vectors one behind the other; as many as a power of two."""
-    while len(vectors) > 1:
-        size = 2 * vectors[0].type.count
-        vectors = [shuffled(builder, a, b, range(size)) for a, b in zip(vectors[::2], vectors[1::2], strict=True)]
-    return vectors[0]
 
 
 def emit_rows(module: Any, trace: Trace, dtype: str) -> Any:
