@@ -15,7 +15,7 @@ from rne.kernels import many_motions
 from rne.kernels.kernel import Kernel
 from rne.kernels.numpy_backend import BlockProgram
 from rne.kernels.row_steps import Course, by_rows
-from rne.kernels.runge_kutta import FIXED, power
+from rne.kernels.runge_kutta import FIXED, power, tableau
 from rne.simulation.simulator import METHODS
 
 from .helpers import kept, states
@@ -323,7 +323,7 @@ class TestLanes:
         norm = (4, 1e-4, 1e-7, 0.0 if fixed else power(method))
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         course = Course(
-            method,
+            tableau(method),
             0.0,
             0.2,
             -np.inf,
@@ -343,7 +343,9 @@ class TestLanes:
 
     def test_motions_to_be_examined_are_left(self, plain, chain, starts):
         rhs, x = rne.Scene(chain).right_hand_side, np.concatenate(starts, axis=1)[:12]
-        course = Course("RK45", 0.0, 1e-9, -np.inf, np.inf, np.array([1e-9]), np.zeros(0), (4, 1e-3, 1e-6, -0.2))
+        course = Course(
+            tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, np.array([1e-9]), np.zeros(0), (4, 1e-3, 1e-6, -0.2)
+        )
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X = np.zeros((1, 12, 4))

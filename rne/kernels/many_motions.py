@@ -15,7 +15,7 @@ from ..basics.spatial import Array
 from .kernel import Kernel
 from .loops import LANES, compiled, evaluate, inline
 from .row_steps import EPS, LOOK, SLOW, STIFF, Course, first_steps
-from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau, tableau
+from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau
 
 NOBODY = -1  # in place of a motion's number
 EXAMINE, LEAVE = 1, 2  # codes of motions: with a state to be examined, and stiff
@@ -121,18 +121,18 @@ def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any)
 
 
 @inline
-def choose_lengths(grid: Any, end: Any, lane: Any, step: Any, h: Any, code: Any) -> None:
+def choose_lengths(course: Any, lane: Any, step: Any, h: Any, code: Any) -> None:
     """The end of each lane's step: that of the grid, or by the length to be tried; too short a step is marked."""
     for k in range(LANES):
         t, length, motion = step[NOW, k], step[NEXT, k], lane[MOTION, k]
         step[AHEAD, k], smallest = t, 10 * EPS * abs(t)
         if motion >= 0:
-            if len(grid):
-                step[AHEAD, k] = grid[lane[STEPS, k] + 1]
+            if len(course.grid):
+                step[AHEAD, k] = course.grid[lane[STEPS, k] + 1]
             elif not lane[TAKEN, k] and not length >= smallest:
                 code[motion], lane[MOTION, k] = EXAMINE, NOBODY
             else:
-                step[AHEAD, k] = min(t + max(length, smallest), end)
+                step[AHEAD, k] = min(t + max(length, smallest), course.end)
         step[LENGTH, k] = step[AHEAD, k] - t
     for i in range(0, len(h), LANES):
         for k in range(LANES):
@@ -140,19 +140,19 @@ def choose_lengths(grid: Any, end: Any, lane: Any, step: Any, h: Any, code: Any)
 
 
 @inline
-def put_stage(y: Any, total: Any, h: Any, ahead: Any, span: Any, inputs: Any, step: Any) -> None:
+def put_stage(course: Any, y: Any, total: Any, h: Any, ahead: Any, inputs: Any, step: Any) -> None:
     """Times and states of a stage: y + h total, `ahead` of a step later."""
     times, x = inputs[0], inputs[1]
     for e in range(len(y)):
         x[e] = y[e] + h[e] * total[e]
     for k in range(LANES):
-        times[k] = min(max(step[NOW, k] + ahead * step[LENGTH, k], span[0]), span[1])
+        times[k] = min(max(step[NOW, k] + ahead * step[LENGTH, k], course.first), course.last)
 
 
 @inline
-def judge(y: Any, new: Any, total: Any, K: Any, E: Any, norm: Any, step: Any) -> None:
+def judge(course: Any, y: Any, new: Any, total: Any, K: Any, step: Any) -> None:
     """The error of each lane's step."""
-    count, rtol, atol, _ = norm
+    E, (count, rtol, atol, _) = course.table.E, course.norm
     for k in range(LANES):
         step[THIRD, k] = 0.0
     for estimate in range(E.shape[0]):
@@ -171,12 +171,12 @@ def judge(y: Any, new: Any, total: Any, K: Any, E: Any, norm: Any, step: Any) ->
 
 
 @inline
-def decide(is_fixed: Any, times: Any, power: Any, lane: Any, step: Any) -> bool:
+def decide(course: Any, lane: Any, step: Any) -> bool:
     """Which steps are taken, and the lengths to try next; True if a time to report is inside of one."""
-    wants = False
+    wants, times, power = False, course.times, course.norm[3]
     for k in range(LANES):
         error, was_taken = step[FIFTH, k], lane[TAKEN, k]
-        if is_fixed:
+        if len(course.grid):
             lane[TAKEN, k], lane[WANTS, k] = 1, 0
         elif error < 1:
             factor = LARGEST if error == 0 else min(LARGEST, SAFETY * error**power)
@@ -210,13 +210,13 @@ def report(times: Any, y: Any, new: Any, Q: Any, lane: Any, step: Any, k: Any, X
 
 
 @inline
-def is_stiff(span: Any, slope: Any, other: Any, new: Any, before: Any, norm: Any, lane: Any, step: Any, k: Any) -> bool:
+def is_stiff(course: Any, slope: Any, other: Any, new: Any, before: Any, lane: Any, step: Any, k: Any) -> bool:
     """As `row_steps.RowSteps`: from the slopes of the last two states, at the same time."""
-    steps, begin, end = lane[STEPS, k] + 1, span[3], span[2]
-    if steps % LOOK != 0 or not steps * (end - begin) > SLOW * (step[AHEAD, k] - begin):
+    steps, begin = lane[STEPS, k] + 1, course.begin
+    if steps % LOOK != 0 or not steps * (course.end - begin) > SLOW * (step[AHEAD, k] - begin):
         return False
     slopes, states = 0.0, 0.0
-    for i in range(norm[0]):
+    for i in range(course.norm[0]):
         e = i * LANES + k
         slopes += (slope[e] - other[e]) ** 2
         states += (new[e] - before[e]) ** 2
@@ -245,42 +245,25 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
     return vacant
 
 
-def run_all(
-    function: Any,
-    table: Any,
-    span: Any,
-    watched: Any,
-    positions: Any,
-    norm: Any,
-    grid: Any,
-    times: Any,
-    sources: Any,
-    F: Any,
-    H: Any,
-    code: Any,
-    count: Any,
-    X: Any,
-    work: Any,
-) -> None:
-    """Every motion from its row of `sources` to the end; states at `times` into X[time, motion].
+def run_all(function: Any, course: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, work: Any) -> None:
+    """Every motion from its row of `sources` to the end; states at the times to report into X[time, motion].
 
-    F and H have each motion's first slope and the length to try first, `span` the times within which torques are
-    evaluated, the end and the begin; `count` takes evaluations; the rest as in `Course`.
+    F and H have each motion's first slope and the length to try first; `count` takes evaluations.
     """
-    A, B, C, E, A2, C2, D = table
+    A, B, C, _, A2, C2, D = course.table
     inputs, alone, (y, new, total, h, before), (K, Q), lane, step = work
-    stages, is_fixed, waiting = len(B), len(grid) > 0, 0
+    stages, is_fixed, positions, waiting = len(B), len(course.grid) > 0, course.positions, 0
     lane[MOTION], vacant = NOBODY, True
     while True:
         if vacant:
             waiting = fill_lanes(waiting, sources, F, H, code, work)
         if waiting == NOBODY:
             return
-        choose_lengths(grid, span[2], lane, step, h, code)
+        choose_lengths(course, lane, step, h, code)
         is_sound = True
         for s in range(0 if is_fixed else 1, stages + 1):
             combine(A[s] if s < stages else B, K, s, total)
-            put_stage(y, total, h, C[s] if s < stages else 1.0, span, inputs, step)
+            put_stage(course, y, total, h, C[s] if s < stages else 1.0, inputs, step)
             if s == stages:
                 for e in range(positions * LANES):
                     inputs[1][e] = y[e] + h[e] * inputs[1][positions * LANES + e]
@@ -298,27 +281,27 @@ def run_all(
         if not is_sound:
             continue
         if not is_fixed:
-            judge(y, new, total, K, E, norm, step)
-        if decide(is_fixed, times, norm[3], lane, step):
+            judge(course, y, new, total, K, step)
+        if decide(course, lane, step):
             for s in range(len(C2)):
                 combine(A2[s], K, stages + 1 + s, total)
-                put_stage(y, total, h, C2[s], span, inputs, step)
+                put_stage(course, y, total, h, C2[s], inputs, step)
                 if not evaluate(function, inputs, K[stages + 1 + s]):
                     mark_unsound(function, inputs, alone, total, lane, code, True)
             for j in range(len(D)):
                 combine(D[j], K, K.shape[0], Q[j])
         for k in range(LANES):
             if lane[MOTION, k] >= 0 and lane[TAKEN, k]:
-                report(times, y, new, Q, lane, step, k, X)
-                if watched and is_stiff(span, K[stages], K[stages - 1], new, before, norm, lane, step, k):
+                report(course.times, y, new, Q, lane, step, k, X)
+                if course.watched and is_stiff(course, K[stages], K[stages - 1], new, before, lane, step, k):
                     code[lane[MOTION, k]], lane[MOTION, k] = LEAVE, NOBODY
-        vacant = move_on(y, new, K, stages, len(C2), span[2], lane, step, count)
+        vacant = move_on(y, new, K, stages, len(C2), course.end, lane, step, count)
 
 
 def in_lanes(course: Course, kernel: Kernel, parameters: Array, x: Array, X: Array) -> tuple[Array, int]:
     """Motions from states x, shape (N, size), into X[time, motion]; their codes, and evaluations."""
-    table, x, N = tableau(course.method), np.ascontiguousarray(x), len(x)
-    work, address = workspace(kernel.widths, table), kernel.address(LANES)
+    x, N = np.ascontiguousarray(x), len(x)
+    work, address = workspace(kernel.widths, course.table), kernel.address(LANES)
     more = (np.ascontiguousarray(parameters),)[: len(kernel.names) - 2]
     code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)
 
@@ -332,9 +315,5 @@ def in_lanes(course: Course, kernel: Kernel, parameters: Array, x: Array, X: Arr
         rates(begin, x, F)
         H = first_steps(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, course, x.T, F.T)
         count += 2
-    span, sources = (course.first, course.last, course.end, course.begin), (begin[:, None], x, *more)
-    grid, times = course.grid, course.times
-    arrays = (sources, F, H, code, count, X, work)
-    how = span, course.watched, course.positions, course.norm
-    compiled(run_all)(address, tuple(table), *how, grid, times, *arrays)
+    compiled(run_all)(address, course, (begin[:, None], x, *more), F, H, code, count, X, work)
     return code, int(count.sum())

@@ -15,7 +15,7 @@ from ..dynamics.quantity import OK
 from ..errors import NotFiniteError, SingularMassMatrixError
 from .kernel import Kernel
 from .numpy_backend import BlockProgram
-from .runge_kutta import LARGEST, SAFETY, SMALLEST, tableau
+from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau
 
 EPS = float(np.finfo(np.float64).eps)
 EVERY = slice(None)
@@ -30,7 +30,8 @@ class Course(NamedTuple):
 
     Attributes
     ----------
-    method : str
+    table : Tableau
+        Of the method.
     begin, end : float
     first, last : float
         Times within which torques are evaluated.
@@ -46,7 +47,7 @@ class Course(NamedTuple):
         True to leave motions in which a fast decay, not the error, holds the steps to short ones.
     """
 
-    method: str
+    table: Tableau
     begin: float
     end: float
     first: float
@@ -161,7 +162,7 @@ class RowSteps:
 
     def __init__(self, rates: Rates, course: Course, X: Array) -> None:
         self.rates, self.course, self.X = rates, course, X
-        self.table, self.times, self.is_fixed = tableau(course.method), course.times, len(course.grid) > 0
+        self.table, self.times, self.is_fixed = course.table, course.times, len(course.grid) > 0
 
     def run(self, x: Array, tick: Tick) -> None:
         """From states x, shape (N, size), to the end."""

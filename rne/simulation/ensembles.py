@@ -23,7 +23,7 @@ from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError
 from ..kernels.kernel import Kernel
 from ..kernels.row_steps import Course, Tick, by_rows
-from ..kernels.runge_kutta import CONTROLLED, FIXED, power
+from ..kernels.runge_kutta import CONTROLLED, FIXED, power, tableau
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, at_parameters
 from ..robot import Robot
@@ -308,10 +308,13 @@ def _plan(
         if is_called:
             raise ValueError("the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)")
         chosen, longest = "rk4" if method == "auto" else method, positive_number("step", step)
-    rhs, breaks = scene.right_hand_side_with_energies, law_breaks(scene.controller)
+    rhs = scene.right_hand_side_with_energies
     norm = rhs.size - len(rhs.ledger), rtol, atol, power(chosen) if longest is None else 0.0
-    parts = courses(chosen, times, end, breaks, longest, norm, scene.n, watched=method == "auto")
-    return SideBySide(rhs, times, parts, with_parameters, otherwise)
+    if longest is None:
+        parts = _between_breaks(chosen, times, end, law_breaks(scene.controller), norm, watched=method == "auto")
+    else:
+        parts = (_in_equal_steps(chosen, times, end, longest, norm, scene.n),)
+    return SideBySide(chosen, rhs, times, parts, with_parameters, otherwise)
 
 
 def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
@@ -352,29 +355,24 @@ class Motions(NamedTuple):
     verdict: PrecisionStatus
 
 
-def courses(
-    method: str,
-    times: Array,
-    end: float,
-    breaks: list[float],
-    step: float | None,
-    norm: tuple[Any, ...],
-    n: int,
-    *,
-    watched: bool,
+def _in_equal_steps(method: str, times: Array, end: float, step: float, norm: tuple[Any, ...], n: int) -> Course:
+    """Equal steps between two times to report."""
+    edges = np.unique([0.0, *times, end]).tolist()
+    counts = [max(1, ceil((b - a) / step * (1 - 1e-12))) for a, b in itertools.pairwise(edges)]
+    parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
+    grid, positions = np.concatenate([[0.0], *parts]), n if method == "semi-implicit-euler" else 0
+    return Course(tableau(method), 0.0, end, -np.inf, np.inf, np.array(edges[1:]), grid, norm, positions)
+
+
+def _between_breaks(
+    method: str, times: Array, end: float, breaks: list[float], norm: tuple[Any, ...], *, watched: bool
 ) -> tuple[Course, ...]:
-    """The parts of the time between breaks; one part of equal steps, those between two times to report."""
-    if step is not None:
-        edges = np.unique([0.0, *times, end]).tolist()
-        counts = [max(1, ceil((b - a) / step * (1 - 1e-12))) for a, b in itertools.pairwise(edges)]
-        parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
-        grid, positions = np.concatenate([[0.0], *parts]), n if method == "semi-implicit-euler" else 0
-        return (Course(method, 0.0, end, -np.inf, np.inf, np.array(edges[1:]), grid, norm, positions),)
+    """The parts of the time between breaks of the torques."""
     inner, found = [b for b in breaks if 0 < b < end], []
     for a, b in itertools.pairwise([0.0, *inner, end]):
         first, last = np.nextafter(a, np.inf) if a in inner else -np.inf, np.nextafter(b, 0.0) if b in inner else np.inf
-        asked = np.unique([*times[(times > a) & (times < b)], b])
-        found.append(Course(method, a, b, float(first), float(last), asked, np.zeros(0), norm, watched=watched))
+        asked, table = np.unique([*times[(times > a) & (times < b)], b]), tableau(method)
+        found.append(Course(table, a, b, float(first), float(last), asked, np.zeros(0), norm, watched=watched))
     return tuple(found)
 
 
@@ -384,6 +382,7 @@ class SideBySide:
 
     Attributes
     ----------
+    method : str
     rhs : RightHandSide
         With the energies of the ledger as its last states.
     times : ndarray, shape (S,)
@@ -396,6 +395,7 @@ class SideBySide:
         For motions that turn out to be stiff.
     """
 
+    method: str
     rhs: RightHandSide
     times: Array
     courses: tuple[Course, ...]
@@ -456,8 +456,8 @@ class SideBySide:
         drives = Plant(self.rhs, None).drives_under(t, states, None)
         q, qd, energies = x[..., :n], x[..., n : 2 * n], x[..., size:]
         tau = np.zeros(q.shape, x.dtype) if drives is None else drives.astype(x.dtype).reshape(q.shape)
-        end, method = np.full(N, self.courses[-1].end), (self.courses[0].method,)
-        return Motions(q, qd, tau, energies, end, np.zeros(N, bool), method, evaluations, verdict)
+        end = np.full(N, self.courses[-1].end)
+        return Motions(q, qd, tau, energies, end, np.zeros(N, bool), (self.method,), evaluations, verdict)
 
 
 @dataclass(frozen=True, eq=False)
