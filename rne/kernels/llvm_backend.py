@@ -186,28 +186,9 @@ def emit_rows(module: Any, trace: Trace, dtype: str) -> Any:
     return function
 
 
-def state_library(trace: Trace) -> Library:
-    """The program on one state: "function" by the interface of loops, "call" from Python."""
-
-    def emit(module: Any, trace: Trace) -> None:
-        emit_state_call(module, emit_plain(module, trace, 1), trace.widths)
-
-    return _library(trace, "state", "float64", ("function", "call"), emit)
-
-
 def lanes_library(trace: Trace, lanes: int) -> Library:
     """The program on states side by side: "function" by the interface of loops."""
     return _library(trace, f"{lanes} lanes", "float64", ("function",), partial(emit_plain, lanes=lanes))
-
-
-def rows_library(trace: Trace, dtype: str) -> Library:
-    """The program on batches: "call" from Python."""
-
-    def emit(module: Any, trace: Trace) -> None:
-        function = emit_rows(module, trace, dtype)
-        emit_rows_call(module, function, trace.widths, trace.entries, np.dtype(dtype).itemsize)
-
-    return _library(trace, "rows", dtype, ("call",), emit)
 
 
 def _library(
@@ -240,7 +221,11 @@ def _library(
 
 def state_function(trace: Trace) -> Callable[..., Array]:
     """A function of one float64 vector per argument, as `python_backend.state_function`."""
-    found = state_library(trace)
+
+    def emit(module: Any, trace: Trace) -> None:
+        emit_state_call(module, emit_plain(module, trace, 1), trace.widths)
+
+    found = _library(trace, "state", "float64", ("function", "call"), emit)
     function = from_text(STATE, trace, state=python_function(found))
     function.seconds, function.library = found.seconds, found
     return function  # type: ignore[no-any-return]
@@ -321,10 +306,15 @@ class BatchProgram:
 
     def compiled(self, dtype: np.dtype[Any]) -> Any:
         """f(*arguments, out, begin) -> number of the first state to be examined, or of states; None of others."""
+
+        def emit(module: Any, trace: Trace) -> None:
+            function = emit_rows(module, trace, dtype.name)
+            emit_rows_call(module, function, trace.widths, trace.entries, dtype.itemsize)
+
         if dtype not in self._functions:
             with LOCK:
                 if dtype not in self._functions:
-                    found = rows_library(self.trace, dtype.name)
+                    found = _library(self.trace, "rows", dtype.name, ("call",), emit)
                     self.seconds += found.seconds
                     self._functions[dtype] = python_function(found, dtype)
         return self._functions[dtype]

@@ -84,9 +84,9 @@ class Rates:
         """Forget the other motions."""
         self.parameters, self.numbers = self.parameters[chosen], self.numbers[chosen]
 
-    def __call__(self, t: Any, x: Array, out: Array, chosen: Any = EVERY) -> None:
+    def __call__(self, t: Any, x: Array, out: Array | None = None, chosen: Any = EVERY) -> Array:
         """dx/dt at times t, of all motions or of some."""
-        count = x.shape[1]
+        count, out = x.shape[1], np.empty_like(x) if out is None else out
         self.evaluations += self.moving if chosen is EVERY else count
         within = np.clip(t, self.course.first, self.course.last)
         times = np.broadcast_to(within.astype(x.dtype), count)[:, None]
@@ -94,6 +94,7 @@ class Rates:
         doubtful = np.arange(count) if self.program is None else np.flatnonzero(~self.program.sound(states, out.T))
         if len(doubtful):
             out[:, doubtful] = self._examined([a[doubtful] for a in states], self.numbers[chosen][doubtful])
+        return out
 
     def _examined(self, states: Sequence[Array], numbers: Array) -> Array:
         """The same by the recursion, which names what is wrong."""
@@ -171,7 +172,7 @@ class RowSteps:
         self.row, self.reported, self.steps = np.arange(N), np.zeros(N, dtype=int), np.zeros(N, dtype=int)
         self.K = np.empty((self.table.D.shape[1], *self.x.shape), x.dtype)
         self.rates(self.t, self.x, self.K[0])
-        self.h = np.zeros(N) if self.is_fixed else first_steps(self._trial, course, self.x, self.K[0])
+        self.h = np.zeros(N) if self.is_fixed else first_steps(self.rates, course, self.x, self.K[0])
         self.taken = np.ones(N, dtype=bool)  # the step before
         while self.rates.moving:
             self._step()
@@ -180,11 +181,6 @@ class RowSteps:
             tick(N if self.is_fixed else before - self.rates.moving)
             if self.rates.moving <= FULL * len(on_its_way):
                 self._keep(on_its_way)
-
-    def _trial(self, t: Array, x: Array) -> Array:
-        out = np.empty_like(x)
-        self.rates(t, x, out)
-        return out
 
     def _keep(self, chosen: Array) -> None:
         self.rates.keep(chosen)
