@@ -67,9 +67,9 @@ def first_crossing(events: Sequence[Event], steps: Steps, first: int = 0, last: 
         found, interpolant = [], steps.inside(k)
         for j in np.flatnonzero(suspects[row]).tolist():
             value = _value(events[j], interpolant, None if steps.U is None else steps.U[k : k + 1])
-            bracket = _bracket(value, times[row], rises[row, :, j], peaks[row, :, j])
-            if bracket is not None:
-                found.append((_root(value, *bracket), j))
+            passage = _first_passage(value, times[row].tolist(), rises[row, :, j], peaks[row, :, j])
+            if passage is not None:
+                found.append((passage, j))
         if found:
             t, j = min(found)
             return Crossing(k, j, t, np.array(interpolant(t)))
@@ -94,29 +94,23 @@ def _value(event: Event, interpolant: Interpolant, u: Array | None) -> Callable[
     return lambda t: float(event(np.array([t]), interpolant(t)[None], u)[0])
 
 
-def _bracket(value: Callable[[float], float], times: Array, rises: Array, peaks: Array) -> tuple[float, float] | None:
-    """Times before and after the first passage from negative to positive."""
-    from scipy.optimize import minimize_scalar
+def _first_passage(value: Callable[[float], float], times: Sequence[float], rises: Array, peaks: Array) -> float | None:
+    """The time of the first passage from negative to positive; an end where rounding has moved it beyond that end."""
+    from scipy.optimize import brentq, minimize_scalar
 
     for j in np.flatnonzero(rises | peaks).tolist():
-        if rises[j]:
-            return float(times[j]), float(times[j + 1])
-        begin, end = float(times[j - 1]), float(times[j + 1])
-        width = {"xatol": 1e-10 * (end - begin)}
-        found = minimize_scalar(lambda t: -value(t), bounds=(begin, end), method="bounded", options=width)
-        if value(float(found.x)) > 0:
-            return begin, float(found.x)
+        before, after = times[j] if rises[j] else times[j - 1], times[j + 1]
+        if peaks[j]:
+            width = {"xatol": 1e-10 * (after - before)}
+            peak = minimize_scalar(lambda t: -value(t), bounds=(before, after), method="bounded", options=width)
+            after = float(peak.x)
+            if value(after) <= 0:
+                continue
+        try:
+            return float(brentq(value, before, after, xtol=CLOSE))
+        except ValueError:  # of two values of one sign, or of the event itself
+            return before if value(before) > 0 else after
     return None
-
-
-def _root(value: Callable[[float], float], before: float, after: float) -> float:
-    """The time of the passage; an end where rounding has moved it beyond that end."""
-    from scipy.optimize import brentq
-
-    try:
-        return float(brentq(value, before, after, xtol=CLOSE))
-    except ValueError:  # of two values of one sign, or of the event itself
-        return before if value(before) > 0 else after
 
 
 class Stop:

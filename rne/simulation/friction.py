@@ -197,10 +197,10 @@ class Friction:
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
 
 
-def urdf_friction(model: Model, smoothing: float = SMOOTHING) -> Friction:
+def urdf_friction(model: Model) -> Friction:
     """The damping and friction of a URDF's `<dynamics>`, mapped to the robot's coordinates."""
     G = np.abs(np.asarray(model.coordinate_map, dtype=float)) if model.has_mimics else np.eye(model.nb)
-    return Friction(viscous=model.damping @ G**2, coulomb=model.friction @ G, smoothing=smoothing)
+    return Friction(viscous=model.damping @ G**2, coulomb=model.friction @ G)
 
 
 def _not_negative(name: str, value: ArrayLike) -> Array:

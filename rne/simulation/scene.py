@@ -372,15 +372,14 @@ def scene_of_robot(robot: Robot) -> Scene:
 
 def resolved_friction(friction: Friction | str | None, robot: Robot) -> Friction | None:
     """A scene's friction, that of the file if it says so."""
-    if friction is None:
-        return None
     if isinstance(friction, str):
         if friction != "urdf":
             raise ValueError(f"`friction` must be an rne.Friction or 'urdf', got {friction!r}")
         return urdf_friction(robot.model)
-    if not isinstance(friction, Friction):
+    if isinstance(friction, Friction):
+        friction.check(robot.model)
+    elif friction is not None:
         raise TypeError(f"`friction` must be an rne.Friction or 'urdf', got {type(friction).__name__}")
-    friction.check(robot.model)
     return friction
 
 
