@@ -31,6 +31,8 @@ if TYPE_CHECKING:
         consistency,
         excitation,
         identify,
+        identify_drive_gains,
+        identify_payload,
     )
     from .kernels.kernel import compile
     from .model.standard_parameters import DriveModel
@@ -52,7 +54,7 @@ else:
             "control.laws": "traceable",
             "elementwise": "",
             "identification": "Consistency Excitation Identification ModelComparison "
-            "compare_models consistency excitation identify",
+            "compare_models consistency excitation identify identify_drive_gains identify_payload",
             "kernels": "",
             "kernels.kernel": "compile",
             "model.standard_parameters": "DriveModel",
@@ -111,6 +113,8 @@ __all__ = [
     "excitation",
     "identification",
     "identify",
+    "identify_drive_gains",
+    "identify_payload",
     "irb140",
     "kernels",
     "load",

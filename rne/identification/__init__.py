@@ -2,10 +2,12 @@
 
 from .checking import Check
 from .comparison import ModelComparison, compare_models
+from .drive_gains import DriveGains, identify_drive_gains
 from .exciting_motion import Excitation, excitation
 from .fit import identify
 from .hypotheses import Candidate
 from .least_squares import LeastSquares
+from .payload import PayloadEstimate, identify_payload
 from .prepared import Prepared
 from .record import Record
 from .result import Identification
@@ -16,11 +18,13 @@ __all__ = [
     "Candidate",
     "Check",
     "Consistency",
+    "DriveGains",
     "EnergyBalance",
     "Excitation",
     "Identification",
     "LeastSquares",
     "ModelComparison",
+    "PayloadEstimate",
     "Prepared",
     "Record",
     "RecordFinding",
@@ -28,6 +32,8 @@ __all__ = [
     "consistency",
     "excitation",
     "identify",
+    "identify_drive_gains",
+    "identify_payload",
 ]
 
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,6 +56,20 @@ class Payload(NamedTuple):
     link: str | None = None
 
 
+@runtime_checkable
+class HasPayload(Protocol):
+    """What has found a payload, such as an rne.identification.PayloadEstimate."""
+
+    @property
+    def payload(self) -> Payload: ...
+
+
+def payload_argument(given: Payload | HasPayload | float) -> Payload:
+    """A payload that is given, found, or a mass alone."""
+    given = given.payload if isinstance(given, HasPayload) else given
+    return Payload(*given) if isinstance(given, tuple) else Payload(given)
+
+
 @dataclass(frozen=True, eq=False)
 class ResolvedScene:
     """The parts of a scene in numbers, as the simulation needs them."""
@@ -78,8 +92,9 @@ class Scene:
         Roll, pitch and yaw of the root link in the world; see `rne.model.mounted` [rad].
     gravity : array_like, shape (3,), optional
         Another gravity than the robot's, in the axes of the root link before it is turned [m/s^2].
-    payload : Payload or float, optional
-        A body on a link, or the mass of a point mass at the origin of the last link [kg].
+    payload : Payload, PayloadEstimate or float, optional
+        A body on a link, given or found by `rne.identify_payload`, or the mass of a point mass at the origin of the
+        last link [kg].
     locked : mapping of str to float, optional
         Joints held at a position, by name; they are not coordinates of the scene [rad or m].
     friction : Friction or "urdf", optional
@@ -121,7 +136,7 @@ class Scene:
     robot: Robot
     mounting: ArrayLike | None = None
     gravity: ArrayLike | None = None
-    payload: Payload | float | None = None
+    payload: Payload | HasPayload | float | None = None
     locked: Mapping[str, float] | None = None
     friction: Friction | str | None = None
     armature: ArrayLike | None = None
@@ -179,8 +194,7 @@ class Scene:
         if self.mounting is not None:
             robot = robot.mounted(self.mounting)
         if self.payload is not None:
-            payload = Payload(*self.payload) if isinstance(self.payload, tuple) else Payload(self.payload)
-            robot = robot.with_payload(*payload)
+            robot = robot.with_payload(*payload_argument(self.payload))
         if self.locked is not None:
             robot = robot.locked(self.locked)
         if self.armature is not None:

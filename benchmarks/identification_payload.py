@@ -1,0 +1,182 @@
+"""Loads and drive gains from measured motions: python -m benchmarks.identification_payload [--quick]
+
+Arms with friction and seeded loads of 1 to 5 kg: 100 runs each, with another load, other motions and other noise.
+Writes benchmarks/results/identification_payload.json and the tables of docs/identification.md.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import rne
+from benchmarks.measure import RESULTS, is_quick, write
+from benchmarks.pages import table
+from rne.identification import Record
+from tests.measurements import Truth, truth
+
+DURATION, RATE = 20.0, 250.0  # [s], [Hz]
+NOISE = 0.01  # of a joint's largest torque, standard deviation
+FRICTION = 0.05  # of a joint's largest torque: Coulomb friction, and viscous friction at 1 rad/s
+
+
+class Arm(NamedTuple):
+    """A robot and the link that its load is on."""
+
+    robot: rne.Robot
+    link: str
+
+
+def arm(name: str) -> Arm:
+    """The IRB 140, the UR5, or the Panda's arm, its fingers locked."""
+    robot, link = rne.load(name), {"panda": "panda_hand_tcp"}.get(name, "tool0")
+    return Arm(robot.locked({"panda_finger_joint1": 0.0}) if name == "panda" else robot, link)
+
+
+def random_load(link: str, rng: np.random.Generator) -> rne.Payload:
+    """A box of 1 to 5 kg up to 0.1 m off the flange's axis."""
+    mass, com, sides = rng.uniform(1, 5), rng.uniform([-0.1, -0.1, 0.0], [0.1, 0.1, 0.15]), rng.uniform(0.03, 0.2, 3)
+    return rne.Payload(mass, com, mass / 12 * np.diag((sides**2).sum() - sides**2), link)
+
+
+def logs(one: Arm, load: rne.Payload, seed: int, gains: Any = 1.0, encoder: float = 0.0) -> list[Record]:
+    """Records without and with the load, of different motions; torques divided by the drives' gains."""
+    size = np.abs(truth(one.robot, duration=5.0, rate=50.0).tau).max(0)
+    friction = rne.Friction(viscous=FRICTION * size, coulomb=FRICTION * size, smoothing=1e-4)
+    rng, records = np.random.default_rng([seed, *one.robot.model.name.encode()]), []
+    for k, payload in enumerate((None, load)):
+        scene = rne.Scene(one.robot, friction=friction, payload=payload)
+        motion: Truth = truth(scene, DURATION, RATE, seed=2 * seed + k)
+        q = encoder * np.rint(motion.q / encoder) if encoder else motion.q
+        tau = motion.tau + NOISE * np.abs(motion.tau).max(0) * rng.normal(size=q.shape)
+        records.append(Record(motion.t, q, tau / gains))
+    return records
+
+
+def loads(name: str, runs: int, bits: int = 0) -> dict[str, Any]:
+    """Errors of the masses, centres and inertias found in a number of runs."""
+    one, found = arm(name), []
+    for seed in range(runs):
+        load = random_load(one.link, np.random.default_rng(seed))
+        records = logs(one, load, seed, encoder=2 * np.pi / 2**bits if bits else 0.0)
+        estimate = rne.identify_payload(one.robot, *records, link=one.link)
+        of_inertia = (estimate.inertia - load.inertia) / estimate.inertia_error
+        found.append(
+            {
+                "mass": estimate.mass / load.mass - 1,
+                "mass z": (estimate.mass - load.mass) / estimate.mass_error,
+                "com": float(np.linalg.norm(estimate.com - load.com)),
+                "com z": float(np.abs((estimate.com - load.com) / estimate.com_error).max()),
+                "inertia z": float(np.abs(of_inertia).max()),
+                "replaced": estimate.consistent,
+            }
+        )
+    return {"robot": name, "bits": bits, "runs": found}
+
+
+def gains(name: str, runs: int) -> dict[str, Any]:
+    """Errors of the drive gains found in a number of runs, of the joints of which they are found."""
+    one, found = arm(name), []
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        load, true = random_load(one.link, rng), rng.uniform(2, 20, one.robot.n)
+        estimate = rne.identify_drive_gains(one.robot, *logs(one, load, seed, true), load)
+        found.append(
+            {
+                "error": (estimate.gains / true - 1).tolist(),
+                "z": ((estimate.gains - true) / estimate.errors).tolist(),
+            }
+        )
+    return {"robot": name, "runs": found}
+
+
+def load_table(cases: list[dict[str, Any]]) -> str:
+    """A row per robot and encoder."""
+    rows = []
+    for case in cases:
+        mass, z, com, com_z, inertia_z, replaced = (
+            np.array([run[key] for run in case["runs"]], float) for key in case["runs"][0]
+        )
+        rows.append(
+            [
+                case["robot"],
+                f"{case['bits']} bits" if case["bits"] else "exact",
+                str(len(mass)),
+                f"{100 * np.median(np.abs(mass)):.2f}, {100 * np.abs(mass).max():.2f}",
+                f"{100 * (np.abs(mass) < 0.02).mean():.0f} %",
+                f"{100 * (np.abs(z) < 3).mean():.0f} %",
+                f"{1000 * np.median(com):.2f}, {1000 * com.max():.2f}",
+                f"{100 * (com_z < 3).mean():.0f} %, {100 * (inertia_z < 3).mean():.0f} %",
+                f"{int(replaced.sum())}",
+            ]
+        )
+    head = [
+        "robot",
+        "positions",
+        "runs",
+        "error of the mass, median and largest [%]",
+        "within 2 %",
+        "within three standard errors",
+        "error of the centre, median and largest [mm]",
+        "centre, inertia within three",
+        "impossible by least squares",
+    ]
+    return table(head, rows)
+
+
+def gain_table(cases: list[dict[str, Any]]) -> str:
+    """A row per robot."""
+    rows = []
+    for case in cases:
+        error, z = (np.array([run[key] for run in case["runs"]], float) for key in ("error", "z"))
+        told = np.isfinite(error)
+        rows.append(
+            [
+                case["robot"],
+                str(len(error)),
+                " ".join(f"{100 * x:.0f}" for x in told.mean(0)),
+                " ".join(f"{x:.2f}" for x in 100 * np.nanmedian(np.abs(error), axis=0)),
+                f"{100 * (np.abs(error[told]) < 0.02).mean():.0f} %",
+                f"{100 * (np.abs(z[told]) < 3).mean():.1f} %",
+            ]
+        )
+    head = [
+        "robot",
+        "runs",
+        "found, per joint [% of the runs]",
+        "median error per joint [%]",
+        "within 2 %",
+        "within three standard errors",
+    ]
+    return table(head, rows)
+
+
+def tables(found: dict[str, Any]) -> dict[str, str]:
+    """Tables of docs/identification.md."""
+    return {"payloads": load_table(found["loads"]), "drive-gains": gain_table(found["gains"])}
+
+
+def kept_tables() -> dict[str, str]:
+    """Tables of the last run."""
+    return tables(json.loads((RESULTS / "identification_payload.json").read_text(encoding="utf-8")))
+
+
+def main() -> None:
+    quick = is_quick(__doc__)
+    runs, few = (2, 1) if quick else (100, 40)
+    found = {
+        "loads": [*(loads(name, runs) for name in ("irb140", "ur5", "panda")), loads("irb140", few, bits=17)],
+        "gains": [gains(name, few) for name in ("irb140", "ur5", "panda")],
+    }
+    print(*tables(found).values(), sep="\n\n")
+    if not quick:
+        from benchmarks.identification import rewrite_page
+
+        write("identification_payload.json", found)
+        rewrite_page()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,305 @@
+"""What the gripper carries, from motions without and with the load.
+
+The load is a rigid body: its ten parameters phi add to those of the body that it is fixed to, so that torques are
+Y pi without and Y (pi + S phi) with it. Both sets of measurements together give pi and phi by least squares (Khalil,
+Gautier and Lemoine 2007).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.spatial import Array, point_mass_inertia
+from ..basics.text import Row, aligned, short, wrapped
+from ..errors import IdentificationError
+from ..model.parameters import (
+    COLUMNS,
+    ENTRIES,
+    PARAMETERS,
+    ROWS,
+    parameters_of_pseudo_inertia,
+    pseudo_inertia,
+)
+from ..model.standard_parameters import BODY_SYMBOLS, DriveModel, StandardParameters
+from ..model.topology import end_link
+from ..robot import Robot
+from ..simulation.scene import Payload
+from .consistent import consistent_fit
+from .equations import triangular
+from .least_squares import DEPENDENT, LEAST_NOISE, LeastSquares, least_squares, with_correlation
+from .record import Record
+from .result import Identification
+from .two_sets import two_sets
+
+BEYOND_DOUBT = 4.0  # standard errors
+DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
+SPREAD = 3.0  # how far, relatively, a load may differ from it
+STEP = 1e-30  # of derivatives by complex numbers
+QUANTITIES = (
+    "mass [kg]",
+    *(f"centre {axis} [m]" for axis in "xyz"),
+    *(f"{symbol} [kg m^2]" for symbol in BODY_SYMBOLS[4:]),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEstimate:
+    """A load found by `rne.identify_payload`; a Scene takes it as its `payload`.
+
+    Attributes
+    ----------
+    payload : Payload
+        The load, for a Scene: ``robot.with_payload(*found.payload)``.
+    mass_error : float
+        Standard error of the mass [kg].
+    com_error : ndarray, shape (3,)
+        Of the centre of mass; infinite where the motions do not tell it [m].
+    inertia_error : ndarray, shape (3, 3)
+        Of the inertia about the centre of mass; infinite where the motions do not tell it [kg m^2].
+    estimate : LeastSquares
+        Of the robot's base parameters and, last, the load's ten parameters m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz,
+        Iyz, Izz about the link's origin and in its axes.
+    consistent : bool
+        True if the load is not that of least squares but the physically consistent one.
+    notes : tuple of str
+        What was assumed, and what looks wrong.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, motion = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1, 0.9, 0.8, 2, 1, 2], 2.0)
+    >>> t = np.arange(0, 2, 0.004)
+    >>> logs = [rne.identification.Record(t, motion(t)[0], arm.inverse_dynamics(*motion(t)))
+    ...         for arm in (robot, robot.with_payload(3.0, com=[0, 0, 0.1]))]
+    >>> found = rne.identify_payload(robot, *logs, cutoff=20, drives=rne.DriveModel())
+    >>> abs(found.mass - 3.0) < 0.05
+    True
+    """
+
+    payload: Payload
+    mass_error: float
+    com_error: Array
+    inertia_error: Array
+    estimate: LeastSquares
+    consistent: bool
+    notes: tuple[str, ...]
+
+    @property
+    def mass(self) -> float:
+        """Mass of the load [kg]."""
+        return self.payload.mass
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass in the link's frame, shape (3,) [m]."""
+        return np.asarray(self.payload.com)
+
+    @property
+    def inertia(self) -> Array:
+        """Inertia about the centre of mass, in the link's axes, shape (3, 3) [kg m^2]."""
+        return np.asarray(self.payload.inertia)
+
+    def __repr__(self) -> str:
+        com = ", ".join(f"{x:.4g}" for x in self.com)
+        return wrapped(
+            f"PayloadEstimate({self.mass:.4g} kg, standard error {self.mass_error:.2g} kg, at ({com}) m of "
+            f"{short(str(self.payload.link))})"
+        )
+
+    def report(self) -> str:
+        """The load with standard errors, and the notes.
+
+        Returns
+        -------
+        str
+            A table, then the notes.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> robot, motion = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1, 0.9, 0.8, 2, 1, 2], 2.0)
+        >>> t = np.arange(0, 2, 0.004)
+        >>> logs = [rne.identification.Record(t, motion(t)[0], arm.inverse_dynamics(*motion(t)))
+        ...         for arm in (robot, robot.with_payload(3.0, com=[0, 0, 0.1]))]
+        >>> found = rne.identify_payload(robot, *logs, cutoff=20, drives=rne.DriveModel())
+        >>> print(found.report().splitlines()[0])
+        load on tool0   estimate  standard error
+        """
+        values = [self.mass, *self.com, *self.inertia[ROWS, COLUMNS]]
+        errors = [self.mass_error, *self.com_error, *self.inertia_error[ROWS, COLUMNS]]
+        rows = [Row(f"load on {short(str(self.payload.link))}", ("estimate", "standard error"), words=True)]
+        rows += [
+            Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}"))
+            for name, value, error in zip(QUANTITIES, values, errors, strict=True)
+        ]
+        return "\n".join([*aligned(rows), *(line for note in self.notes for line in wrapped(note).splitlines())])
+
+
+def identify_payload(
+    robot: Robot | Identification,
+    without: Record | Sequence[Record] | None,
+    with_load: Record | Sequence[Record],
+    *,
+    link: str | None = None,
+    consistent: bool = True,
+    drives: DriveModel | None = None,
+    minimum_rate: ArrayLike | None = None,
+    cutoff: float | None = None,
+    decimation: int | None = None,
+) -> PayloadEstimate:
+    """Mass, centre of mass and inertia of a load, from measured motions without and with it.
+
+    Parameters
+    ----------
+    robot : Robot or Identification
+        The robot without the load, of which only joints and their places need be right; or what `rne.identify` found
+        from motions without the load, whose equations are then used.
+    without : Record or sequence of Record, or None
+        Measured motions without the load; None with an Identification.
+    with_load : Record or sequence of Record
+        Measured motions with the load; they may differ from those without.
+    link : str, optional
+        The link that carries the load, in whose frame it is given; the last link of the chain if not given, as of
+        `rne.Payload`.
+    consistent : bool
+        False to leave a load as least squares give it where no distribution of mass has it.
+    drives : DriveModel, optional
+        Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
+        which has its own.
+    minimum_rate, cutoff, decimation : optional
+        As of `rne.identify`.
+
+    Returns
+    -------
+    PayloadEstimate
+        The load with standard errors.
+
+    Raises
+    ------
+    ValueError
+        If a record is of other joints, or there are fewer equations than parameters.
+    IdentificationError
+        If the motions do not tell the mass, or it is negative beyond doubt.
+    ImportError
+        If the physically consistent load is needed and Clarabel is not installed.
+
+    Notes
+    -----
+    Drives are taken as the same without and with the load; friction that grows with the load, as of worm and harmonic
+    gears, is not modelled and changes the estimate. Standard errors take into account that residuals resemble their
+    neighbours. A load that least squares make impossible is replaced by the physically consistent one that fits best;
+    where the motions say nothing, it is like a ball of 3000 kg/m^3.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, motion = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1, 0.9, 0.8, 2, 1, 2], 2.0)
+    >>> t = np.arange(0, 2, 0.004)
+    >>> logs = [rne.identification.Record(t, motion(t)[0], arm.inverse_dynamics(*motion(t)))
+    ...         for arm in (robot, robot.with_payload(3.0, com=[0, 0, 0.1]))]
+    >>> found = rne.identify_payload(robot, *logs, cutoff=20, drives=rne.DriveModel())
+    >>> round(found.mass, 2), rne.Scene(robot, payload=found).n
+    (3.0, 6)
+    """
+    sets = two_sets(robot, without, with_load, drives, minimum_rate, cutoff, decimation)
+    model, K = sets.robot.model, sets.base.count
+    name = end_link(model, axes_count=True) if link is None else link
+    E = np.hstack([sets.base.back, load_map(sets.standard, name)])
+    both = sets.joined(E, K)
+    estimate = least_squares(both)
+    repeats = sets.repeats(E[:, :K] @ estimate.values[:K], E @ estimate.values)
+    estimate = with_correlation(estimate, both, repeats)
+    phi, errors = estimate.values[K:], estimate.errors[K:]
+    if not errors[0] < np.inf:
+        raise IdentificationError(
+            "`with_load`: the motions do not tell the mass of the load from its centre: move the joints that lift it"
+        )
+    if consistent and phi[0] < -BEYOND_DOUBT * errors[0]:
+        raise IdentificationError(
+            f"`with_load`: the torques ask for a mass of {phi[0]:.3g} kg, with a standard error of {errors[0]:.2g} kg: "
+            "are the records exchanged, or the signs of torques or of gravity wrong?"
+        )
+    notes = [*sets.notes, *doubts(phi, errors)]
+    impossible = np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0 or not np.isfinite(errors).all()
+    if impossible and consistent:
+        size = np.sqrt(both.torques() / np.maximum(both.rows.sum(0), 1))
+        sigma = np.maximum(estimate.sigma, LEAST_NOISE * size) * np.sqrt(repeats)
+        phi = possible_load(of_load_alone(both.merged().weighted(sigma), K), phi, errors)
+        notes.append(
+            "the load is the physically consistent one that fits best; `estimate` has least squares as they are"
+        )
+    of_body, spread = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
+    load = Payload(float(of_body[0]), of_body[1:4], of_body[4:][ENTRIES], name)
+    return PayloadEstimate(
+        load, float(spread[0]), spread[1:4], spread[4:][ENTRIES], estimate, impossible and consistent, tuple(notes)
+    )
+
+
+def load_map(standard: StandardParameters, link: str) -> Array:
+    """S of pi + S phi: standard parameters per unit of those of a load about a link's origin, in its axes."""
+    model = standard.model
+    index = model.link_index(link)
+    body = int(model.link_body[index])
+    if body < 0:
+        raise ValueError(f"`link` must move, {link!r} is fixed to the base: no joint carries its load")
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = model.link_rotation[index], model.link_translation[index] - model.joint_origin[body]
+    S = np.zeros((standard.count, PARAMETERS))
+    units = pseudo_inertia(np.eye(PARAMETERS))
+    S[PARAMETERS * body : PARAMETERS * (body + 1)] = parameters_of_pseudo_inertia(T @ units @ T.T).T
+    return S
+
+
+def doubts(phi: Array, errors: Array) -> list[str]:
+    """What looks wrong with a load by least squares."""
+    notes = []
+    if phi[0] <= 0:
+        notes.append(f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg")
+    elif phi[0] < BEYOND_DOUBT * errors[0]:
+        notes.append(f"the mass is hardly told from none: its standard error is {errors[0]:.2g} kg")
+    unknown = [symbol for symbol, error in zip(BODY_SYMBOLS, errors, strict=True) if np.isinf(error)]
+    if unknown:
+        notes.append(f"not told by the motions: {', '.join(unknown)} of the load")
+    if phi[0] > 0 and np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0:
+        notes.append("least squares give an inertia that no distribution of mass has")
+    return notes
+
+
+def of_load_alone(factor: Array, K: int) -> Array:
+    """Triangular equations of the load's parameters, from those of all, of which the first K are of the robot."""
+    lengths = np.linalg.norm(factor[:, :K], axis=0)
+    U, S, _ = np.linalg.svd(factor[:, :K] / np.where(lengths == 0, 1, lengths))
+    rank = int((DEPENDENT * S.max(initial=0) < S).sum())
+    return triangular(U[:, rank:].T @ factor[:, K:])
+
+
+def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
+    """Parameters of the physically consistent load that fits best, near a ball of the mass and centre found."""
+    mass = max(phi[0], errors[0])
+    centre = phi[1:4] / mass if phi[0] > BEYOND_DOUBT * errors[0] else np.zeros(3)
+    ball = np.eye(4)
+    ball[:3, :3] *= (3 * mass / (4 * np.pi * DENSITY)) ** (2 / 3) / 5
+    ball[:3, :3] += np.outer(centre, centre)
+    ball[:3, 3] = ball[3, :3] = centre
+    none = np.zeros(0)
+    return consistent_fit(factor, mass * ball[None], SPREAD**-2, none.astype(bool), none)
+
+
+def body_of(phi: Array) -> Array:
+    """Mass, centre of mass and inertia about it, from the parameters about the link's origin; complex ones too."""
+    centre = phi[1:4] / phi[0]
+    inertia = phi[4:][ENTRIES] - point_mass_inertia(phi[0], centre)
+    return np.concatenate([phi[:1], centre, inertia[ROWS, COLUMNS]])
+
+
+def standard_errors(phi: Array, covariance: Array, free: Array) -> tuple[Array, Array]:
+    """Mass, centre and inertia with their standard errors, from derivatives by complex steps."""
+    steps = phi + STEP * 1j * np.eye(PARAMETERS)
+    J = np.array([body_of(x).imag / STEP for x in steps]).T
+    errors = np.sqrt(np.einsum("ij,jk,ik->i", J, covariance, J))
+    errors[(J[:, free] != 0).any(1)] = np.inf
+    return body_of(phi), errors

@@ -1,0 +1,288 @@
+"""Loads and drive gains from motions without and with a load, of which the truth is known."""
+
+import numpy as np
+import pytest
+
+import rne
+from rne.identification import Record
+
+from .helpers import kept, loaded
+from .measurements import measure, truth
+
+NOISE = 0.01  # of a joint's largest torque, standard deviation
+VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
+LOAD = rne.Payload(3.0, (0.04, -0.03, 0.08), np.array([[12, 1, 0], [1, 9, -2], [0, -2, 7]]) * 1e-3, "tool0")
+BETWEEN_SAMPLES = 1e-3  # relative, what filters and differences change in a motion up to 0.5 Hz
+GAINS = np.array([12.0, 9.0, 8.0, 3.0, 4.0, 2.5])  # [N m/A]
+
+
+def robot_of(name):
+    """The arm alone: fingers are locked."""
+    robot = loaded({"ur5": "ur_description/ur5_robot", "panda": "panda_description/panda"}.get(name, name))
+    return robot.locked({"panda_finger_joint1": 0.0}) if name == "panda" else robot
+
+
+def logs(robot, load, seed=0, noise=NOISE, rate=250.0, duration=10.0, units=1.0, friction=(VISCOUS, COULOMB)):
+    """Records without and with the load: different motions, the same drives; torques divided by `units`."""
+    viscous, coulomb = friction
+    records = []
+    for k, payload in enumerate((None, load)):
+        drives = rne.Friction(viscous=viscous, coulomb=coulomb, smoothing=1e-4)
+        motion = truth(rne.Scene(robot, friction=drives, payload=payload), duration, rate, seed=2 * seed + k)
+        t, q, tau = measure(motion, seed + 1000 * k, torque_noise=noise * np.abs(motion.tau).max(0))
+        records.append(Record(t, q, tau / units, joint_names=robot.joint_names))
+    return records
+
+
+def wrist_still(robot, load, moving):
+    """Records in which all joints but some stand still."""
+    records = []
+    for k, arm in enumerate((robot, robot.with_payload(*load))):
+        motion = truth(arm, 10.0, 250.0, seed=k)
+        mask = np.isin(np.arange(robot.n), moving)
+        q, qd, qdd = motion.q * mask + 0.3 * ~mask, motion.qd * mask, motion.qdd * mask
+        tau = arm.inverse_dynamics(q, qd, qdd) + VISCOUS * qd + COULOMB * np.sign(qd)
+        rng = np.random.default_rng(k)
+        records.append(Record(motion.t, q, tau + 0.3 * rng.normal(size=q.shape)))
+    return records
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return loaded("irb140")
+
+
+@pytest.fixture(scope="module")
+def measured(robot):
+    return logs(robot, LOAD)
+
+
+@pytest.fixture(scope="module")
+def found(robot, measured):
+    return rne.identify_payload(robot, *measured)
+
+
+def test_without_noise_the_load_is_found(robot):
+    found = rne.identify_payload(robot, *logs(robot, LOAD, noise=0.0, friction=(0.0, 0.0)), drives=rne.DriveModel())
+    assert found.mass == pytest.approx(LOAD.mass, rel=BETWEEN_SAMPLES)
+    np.testing.assert_allclose(found.com, LOAD.com, atol=BETWEEN_SAMPLES * 0.08)
+    np.testing.assert_allclose(found.inertia, LOAD.inertia, atol=10 * BETWEEN_SAMPLES * 0.012)
+    assert not found.consistent
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize("name", kept(["irb140", "ur5", "panda"], ["ur5"]))
+def test_the_truth_is_within_three_standard_errors(name):
+    robot = robot_of(name)
+    link = "panda_hand_tcp" if name == "panda" else "tool0"
+    load = LOAD._replace(link=link)
+    found = rne.identify_payload(robot, *logs(robot, load, seed=3, friction=(3.0, 2.0)), link=link)
+    assert abs(found.mass - load.mass) < min(3 * found.mass_error, 0.02 * load.mass)
+    assert (np.abs(found.com - load.com) < 3 * found.com_error).all()
+    assert (np.abs(found.inertia - load.inertia) < 3 * found.inertia_error).all()
+    assert found.payload.link == link
+
+
+@pytest.mark.long
+def test_standard_errors_are_those_of_repeated_measurements(robot):
+    """The mass and a centre of 24 runs with other noise scatter as the standard errors say."""
+    runs, clean = [], logs(robot, LOAD, 0, rate=100.0, noise=0.0)
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        noisy = [Record(r.t, r.q, r.tau + NOISE * np.abs(r.tau).max(0) * rng.normal(size=r.q.shape)) for r in clean]
+        runs.append(rne.identify_payload(robot, *noisy))
+    z = [[(r.mass - LOAD.mass) / r.mass_error, (r.com[0] - LOAD.com[0]) / r.com_error[0]] for r in runs]
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.31)  # 48 errors: three deviations
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["irb140", "ur5", "panda"])
+def test_masses_of_100_loads_are_found_within_two_percent(name):
+    robot = robot_of(name)
+    link, inside = "panda_hand_tcp" if name == "panda" else "tool0", []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        load = rne.Payload(rng.uniform(1, 5), rng.uniform(-0.1, 0.1, 3), rng.uniform(1e-3, 5e-3) * np.eye(3), link)
+        found = rne.identify_payload(robot, *logs(robot, load, seed, duration=20.0, friction=(3.0, 2.0)), link=link)
+        inside.append(abs(found.mass - load.mass) < min(3 * found.mass_error, 0.02 * load.mass))
+    assert np.mean(inside) >= 0.95
+
+
+def test_a_scene_takes_what_was_found(robot, found):
+    direct = robot.with_payload(*found.payload).model
+    assert rne.Scene(robot, payload=found).resolved.robot.model == direct
+    assert rne.Scene(robot, payload=found.payload).resolved.robot.model == direct
+    assert rne.Scene(robot, payload=found).cost()["payload"] > 0
+
+
+def test_an_identification_is_the_side_without_load(robot, measured, found):
+    of_robot = rne.identify(robot, measured[0], consistent=False, blocks=2)
+    same = rne.identify_payload(of_robot, None, measured[1])
+    np.testing.assert_allclose(same.estimate.values, found.estimate.values, rtol=1e-6, atol=1e-9)
+    assert same.mass_error == pytest.approx(found.mass_error, rel=1e-6)
+    with pytest.raises(ValueError, match=r"^an Identification has its records and drives: `without` and `drives` "):
+        rne.identify_payload(of_robot, *measured)
+
+
+def test_the_robots_own_bodies_do_not_matter(robot, measured, found):
+    """Joints and their places alone are taken from the robot."""
+    other = robot.with_parameters(robot.parameters * 1.7)
+    assert rne.identify_payload(other, *measured).mass == pytest.approx(found.mass, rel=1e-9)
+
+
+def test_the_link_is_the_frame_of_the_load(robot, measured, found):
+    """The same body in the frame of link_6, which is 0.065 m behind the flange and has its axes turned."""
+    other = rne.identify_payload(robot, *measured, link="link_6")
+    poses = dict(zip(robot.link_names, robot.link_poses(np.zeros(6)), strict=True))
+    T = np.linalg.inv(poses["link_6"]) @ poses["tool0"]
+    assert other.mass == pytest.approx(found.mass, rel=1e-9)
+    np.testing.assert_allclose(other.com, T[:3, :3] @ found.com + T[:3, 3], atol=1e-9)
+    np.testing.assert_allclose(other.inertia, T[:3, :3] @ found.inertia @ T[:3, :3].T, atol=1e-9)
+
+
+def test_a_load_that_least_squares_make_impossible_is_replaced(robot):
+    """A wrist at rest leaves the inertia to noise: the mass stays."""
+    records = wrist_still(robot, LOAD, [0, 1, 2])
+    free, found = (rne.identify_payload(robot, *records, consistent=c) for c in (False, True))
+    assert np.linalg.eigvalsh(free.inertia)[0] < 0
+    assert "least squares give an inertia that no distribution of mass has" in free.notes
+    assert found.consistent
+    assert not free.consistent
+    moments = np.linalg.eigvalsh(found.inertia)
+    assert moments[0] > 0
+    assert moments[2] < moments[0] + moments[1]
+    assert abs(found.mass - LOAD.mass) < min(3 * found.mass_error, 0.02 * LOAD.mass)
+    assert "joint_4 does not move: its rotor and friction cannot be found" in found.notes
+    rne.Scene(robot, payload=found)
+
+
+def test_what_motions_do_not_tell_is_infinite_and_like_a_ball(robot):
+    """A pendulum in its plane tells the mass times its distance: with two joints the mass, never the centre across."""
+    arm = robot.locked(dict.fromkeys(("joint_1", "joint_4", "joint_5", "joint_6"), 0.0))
+    load = LOAD._replace(com=(0.05, 0.0, 0.08))
+    found = rne.identify_payload(arm, *logs(arm, load, friction=(0.0, 0.0)), link="tool0", drives=rne.DriveModel())
+    assert np.isinf(found.com_error).sum() == 1
+    across = int(np.argmax(found.com_error))
+    assert found.com[across] == pytest.approx(0, abs=1e-4)
+    assert found.consistent
+    assert abs(found.mass - load.mass) < 4 * found.mass_error
+    assert any(note.startswith("not told by the motions: ") for note in found.notes)
+
+
+def test_motions_that_do_not_tell_the_mass_are_refused(robot):
+    for moving in ([5], [3, 4, 5], [0]):
+        with pytest.raises(
+            rne.IdentificationError, match=r"^`with_load`: the motions do not tell the mass of the load"
+        ):
+            rne.identify_payload(robot, *wrist_still(robot, LOAD, moving))
+
+
+def test_exchanged_records_are_named(robot, measured):
+    with pytest.raises(rne.IdentificationError, match=r"a mass of -3(\.\d+)? kg, .*: are the records exchanged"):
+        rne.identify_payload(robot, *measured[::-1])
+    free = rne.identify_payload(robot, *measured[::-1], consistent=False)
+    assert free.notes[0].startswith("least squares give a mass of -")
+
+
+def test_wrong_arguments_are_refused(robot, measured):
+    without, with_load = measured
+    planar = logs(rne.load("irb140").locked({"joint_6": 0.0}), None, friction=(1.0, 1.0), duration=4.0)[0]
+    tau = with_load.tau.copy()
+    tau[:, 2] = np.nan
+    broken = Record(with_load.t, with_load.q, tau)
+    cases = [
+        (TypeError, "`robot` must be an rne.Robot, got str", lambda: rne.identify_payload("arm", without, with_load)),
+        (
+            ValueError,
+            "`records` must be of 6 joints, as the robot, got one of 5",
+            lambda: calls(robot, without, planar),
+        ),
+        (ValueError, "`without` must have a record without the load", lambda: calls(robot, None, with_load)),
+        (TypeError, "`drives` must be an rne.DriveModel, got str", lambda: calls(robot, *measured, drives="rotor")),
+        (ValueError, "`link` must move, 'base_link' is fixed", lambda: calls(robot, *measured, link="base_link")),
+        (ValueError, "", lambda: calls(robot, without, broken)),
+    ]
+    for error, text, call in cases:
+        with pytest.raises(error) as raised:
+            call()
+        assert str(raised.value).startswith(text), raised.value
+
+
+def calls(*args, **more):
+    return rne.identify_payload(*args, **more)
+
+
+def test_report_and_repr_of_a_load(found):
+    lines = found.report().splitlines()
+    assert lines[0].split() == ["load", "on", "tool0", "estimate", "standard", "error"]
+    assert [line.split()[0] for line in lines[1:11]] == [
+        "mass",
+        *["centre"] * 3,
+        "Ixx",
+        "Ixy",
+        "Iyy",
+        "Ixz",
+        "Iyz",
+        "Izz",
+    ]
+    assert repr(found).startswith("PayloadEstimate(3 kg, standard error 0.0")
+
+
+def test_without_noise_the_gains_are_found(robot):
+    records = logs(robot, LOAD, noise=0.0, friction=(0.0, 0.0), units=GAINS)
+    found = rne.identify_drive_gains(robot, *records, LOAD, drives=rne.DriveModel())
+    np.testing.assert_allclose(found.gains, GAINS, rtol=BETWEEN_SAMPLES)
+    assert found.notes == ()
+    assert repr(found).startswith("DriveGains([")
+
+
+def test_gains_are_within_three_standard_errors_and_two_percent(robot):
+    found = rne.identify_drive_gains(robot, *logs(robot, LOAD, units=GAINS, duration=20.0), LOAD)
+    assert (np.abs(found.gains - GAINS) < np.minimum(3 * found.errors, 0.02 * GAINS)).all()
+
+
+def test_gains_follow_the_load_and_the_unit(robot, measured):
+    """i = tau / g: twice the load, twice the gains; another unit or sign of a joint, another gain."""
+    one = rne.identify_drive_gains(robot, *measured, LOAD)
+    heavy = rne.Payload(2 * LOAD.mass, LOAD.com, 2 * LOAD.inertia, LOAD.link)
+    np.testing.assert_allclose(rne.identify_drive_gains(robot, *measured, heavy).gains, 2 * one.gains, rtol=1e-6)
+    units = np.array([1, -2, 4, 0.5, 10, -1])
+    scaled = [Record(r.t, r.q, r.tau / units) for r in measured]
+    np.testing.assert_allclose(rne.identify_drive_gains(robot, *scaled, LOAD).gains, units * one.gains, rtol=1e-6)
+
+
+def test_payload_found_and_gains_agree(robot, measured, found):
+    """With the load that the same torques gave, all gains are one."""
+    gains = rne.identify_drive_gains(robot, *measured, found)
+    assert (np.abs(gains.gains - 1) < np.maximum(3 * gains.errors, 1e-3)).all()
+
+
+def test_noise_of_the_currents_does_not_draw_gains_to_zero(robot):
+    """Ten times the noise of before: least squares with currents as a column would lose half of these gains."""
+    load = rne.Payload(1.0, (0.05, 0.0, 0.08), link="tool0")
+    z = []
+    for seed in range(4):
+        found = rne.identify_drive_gains(robot, *logs(robot, load, seed, noise=0.1, rate=100.0, units=GAINS), load)
+        told = np.isfinite(found.gains)
+        z += ((found.gains - GAINS) / found.errors)[told].tolist()
+    assert len(z) >= 12
+    assert abs(np.mean(z)) < 3 / np.sqrt(len(z)) + 0.2
+    assert np.mean(np.abs(z) < 3) > 0.9
+
+
+def test_a_joint_that_the_load_does_not_act_on_has_no_gain(robot):
+    """A point mass on the axis of joint 6."""
+    load = rne.Payload(3.0, (0.0, 0.0, 0.05), link="tool0")
+    found = rne.identify_drive_gains(robot, *logs(robot, load, units=GAINS), load)
+    assert np.isnan(found.gains).tolist() == np.isnan(found.errors).tolist() == [False] * 5 + [True]
+    assert found.notes[-1] == "the load does not tell the gain of joint_6"
+    assert found.report().splitlines()[6].split() == ["joint_6", "-", "-"]
+    assert (np.abs(found.gains - GAINS)[:5] < 3 * found.errors[:5]).all()
+
+
+def test_a_load_that_is_none_gives_no_gains(robot, measured):
+    with pytest.raises(ValueError, match=r"^`payload` must have a mass and be on a link that moves"):
+        rne.identify_drive_gains(robot, *measured, rne.Payload(3.0, link="base_link"))
+    same = logs(robot, None)
+    with pytest.raises(rne.IdentificationError, match=r"^`payload`: the load changes the currents of no joint"):
+        rne.identify_drive_gains(robot, *same, LOAD)
