@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -18,40 +18,41 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, vector, whole_number
 from ..basics.spatial import Array
-from ..basics.text import counted, short, wrapped
+from ..basics.text import counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.quantity import PrecisionStatus, Quantity
 from ..dynamics.regressors import regressor
 from ..model.model import Model
-from ..model.standard_parameters import DriveModel, drive_argument
+from ..model.standard_parameters import DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
 from ..simulation.motion_files import write_columns
 from ..trajectories import Samples
 from ..trajectories.profiles import broadcast_times
-from .fourier import FourierBasis
-from .motion_limits import FINE, ROUNDING, SeriesLimits, motion_limits
-
-States = tuple[Array, Array, Array]  # q, qd, qdd of shape (K, n) each
+from .fourier import FourierBasis, States
+from .motion_limits import Locked, MotionLimits, locked_positions, motion_limits
 
 
-class Slopes(NamedTuple):
-    """Derivatives of a number by q, qd and qdd at each sample, shape (K, n) each."""
-
-    q: Array
-    qd: Array
-    qdd: Array
-
-
-@dataclass(frozen=True)
-class RegressorColumns:
-    """Some columns of `rne.dynamics.regressor` as a quantity of its own, whose kernel computes no others.
+class BaseRegressor(NamedTuple):
+    """The regressor of base parameters, bodies and drives, as a quantity whose kernel computes no other columns.
 
     Attributes
     ----------
     columns : tuple of int
+        The standard parameters that are kept.
+    drives : tuple
+        Fields of the DriveModel, arrays as tuples: the same key for the same kernel.
     """
 
     columns: tuple[int, ...]
+    drives: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, base: BaseParameters) -> BaseRegressor:
+        """That of a robot's base parameters."""
+        drives = base.standard.drives
+        rows = tuple(map(tuple, base.standard.motors.tolist())) or None
+        rates = None if drives.stribeck is None else tuple(np.asarray(drives.stribeck, float).tolist())
+        return cls(base.independent, (drives.rotor, drives.friction, drives.offset, rows, drives.smoothing, rates))
 
     @property
     def quantity(self) -> Quantity:
@@ -60,13 +61,17 @@ class RegressorColumns:
 
     def core(self, model: Model, q: Array, qd: Array, qdd: Array) -> Array:
         """The columns, shape (..., n, number of columns)."""
-        columns: Array = regressor.core(model, q, qd, qdd)[..., list(self.columns)]
-        return columns
+        return self._kept(model, regressor.core(model, q, qd, qdd), qd, qdd)
 
     def evaluate(self, model: Model, *args: Any, **kwargs: Any) -> tuple[Any, PrecisionStatus]:
         """The columns of the function itself."""
         Y, verdict = regressor.evaluate(model, *args, **kwargs)
-        return Y[..., list(self.columns)], verdict
+        return self._kept(model, Y, *args[1:]), verdict
+
+    def _kept(self, model: Model, bodies: Array, qd: Array, qdd: Array) -> Array:
+        drives = StandardParameters(model, DriveModel(*self.drives)).drive_columns(qd, qdd)
+        columns: Array = np.concatenate([bodies, drives], axis=-1)[..., list(self.columns)]
+        return columns
 
 
 class Observation:
@@ -77,64 +82,77 @@ class Observation:
     robot : Robot
         The robot.
     base : BaseParameters
-        Its base parameters, those of the bodies before those of the drives.
+        Its base parameters.
     noise : ndarray, shape (n,)
         Standard deviation of each torque, or its relative size.
     """
 
     def __init__(self, robot: Robot, base: BaseParameters, noise: Array) -> None:
-        self.robot, self.base, self.standard, self.noise = robot, base, base.standard, noise
-        first = self.standard.groups["bodies"].stop
-        self.bodies = RegressorColumns(tuple(k for k in base.independent if k < first))
-        self.drives = [k - first for k in base.independent if k >= first]
+        self.robot, self.count, self.noise = robot, base.count, noise
+        self.regressor = BaseRegressor.of(base)
 
     def matrix(self, states: States) -> Array:
-        """W, shape (..., K n, number of base parameters)."""
-        bodies = self.robot.kernel(self.bodies)(*states)
-        drives = self.standard.drive_columns(*states[1:])[..., self.drives]
-        Y = np.concatenate([bodies, drives], axis=-1) / self.noise[:, None]
-        return Y.reshape(*Y.shape[:-3], -1, self.base.count)
+        """W, shape (K n, number of base parameters)."""
+        Y = self.robot.kernel(self.regressor)(*states) / self.noise[:, None]
+        return np.asarray(Y.reshape(-1, self.count))
 
-    def slopes(self, states: States, G: Array) -> Slopes:
-        """Derivatives of a function of W, given its derivatives G by the entries of W.
+    def slopes(self, states: States, G: Array) -> list[Array]:
+        """Derivatives by q, qd and qdd, shape (K, n) each, of a function of W, given those by the entries of W.
 
         Coulomb friction without smoothing has the derivative zero, which it has everywhere but at rest.
         """
         K, n = states[0].shape
+        dY = self.robot.kernel(self.regressor, "q", "qd", "qdd")(*states)
         by_columns = G.reshape(K, n, -1) / self.noise[:, None]
-        bodies, drives = np.split(by_columns, [len(self.bodies.columns)], axis=-1)
-        dY = self.robot.kernel(self.bodies, "q", "qd", "qdd")(*states)
-        found = (bodies.reshape(K, 1, -1) @ dY.reshape(K, -1, 3 * n))[:, 0]
-        by_rates, by_accelerations = self._drive_slopes(states, drives)
-        q, qd, qdd = (found[:, n * k : n * (k + 1)] for k in range(3))
-        return Slopes(q, qd + by_rates, qdd + by_accelerations)
-
-    def _drive_slopes(self, states: States, G: Array) -> tuple[Array, Array]:
-        """Those by qd and qdd of the drives' columns."""
-        first, n = self.standard.groups["bodies"].stop, self.robot.n
-        full = np.zeros((*states[0].shape, self.standard.count - first))
-        full[..., self.drives] = G
-        qd, qdd = np.zeros_like(states[0]), np.zeros_like(states[0])
-        for name, group in self.standard.groups.items():
-            if name == "bodies":
-                continue
-            shafts = self.standard.motors if name.endswith("motors") else np.eye(n)
-            torques = np.einsum("kni,in->ki", full[..., group.start - first : group.stop - first], shafts)
-            if name.startswith("Ia"):
-                qdd += torques @ shafts
-            elif name.startswith("Fv"):
-                qd += torques @ shafts
-            elif name.startswith("Fc"):
-                qd += (torques * self._sign_slope(states[1] @ shafts.T)) @ shafts
-        return qd, qdd
-
-    def _sign_slope(self, rate: Array) -> Array:
-        width = self.standard.smoothing
-        slope: Array = (1 - np.tanh(rate / width) ** 2) / width if width else np.zeros_like(rate)
-        return slope
+        found = by_columns.reshape(K, 1, -1) @ dY.reshape(K, -1, 3 * n)
+        return np.split(found[:, 0], 3, axis=-1)
 
 
-class Condition:
+GRAM = 1e3  # condition number up to which W^T W leaves nine digits
+
+
+class Spectrum:
+    """Singular values of W, with columns of length one if `scaled`, and right singular vectors as columns of V.
+
+    Unless they are to be `exact` they are found from W^T W where rounding allows: an SVD of W takes many times as
+    long, most of all if LAPACK's threads are on cores that others use.
+    """
+
+    def __init__(self, W: Array, scaled: bool = False, *, exact: bool = False) -> None:
+        self.lengths = np.linalg.norm(W, axis=0) if scaled else np.ones(W.shape[1])
+        self.W, self.scaled = W / self.lengths, scaled
+        squares, self.V = np.linalg.eigh(self.W.T @ self.W)
+        if not exact and squares[0] * GRAM**2 > squares[-1]:
+            self.s = np.sqrt(squares)
+        else:
+            _, self.s, Vt = np.linalg.svd(self.W, full_matrices=False)
+            self.V = Vt.T
+
+    def gradient(self, slopes: Array) -> Array:
+        """Derivatives by the entries of W of a function, given those by the logarithms of the singular values."""
+        G: Array = self.W @ (self.V * (slopes / self.s**2) @ self.V.T)  # ds = u^T dW v with u = W v / s
+        return (G - self.W * (self.W * G).sum(0)) / self.lengths if self.scaled else G
+
+
+class Criterion:
+    """A function of the singular values of W, which is to be minimised; of W with columns of length one if `scaled`."""
+
+    scaled = False
+
+    def of(self, s: Array) -> float:
+        """The value for given singular values."""
+        raise NotImplementedError
+
+    def slopes(self, s: Array) -> Array:
+        """Its derivatives by the logarithms of the singular values."""
+        raise NotImplementedError
+
+    def value(self, W: Array) -> float:
+        """The value at W."""
+        return self.of(Spectrum(W, self.scaled, exact=True).s)
+
+
+class Condition(Criterion):
     """log of the condition number, the spectral norm being replaced by Schatten's of order p.
 
     The largest and the smallest singular value have no derivative where two of them meet, as they do at the optimum.
@@ -152,55 +170,39 @@ class Condition:
     def __init__(self, p: float = np.inf, scaled: bool = False) -> None:
         self.p, self.scaled = p, scaled
 
-    def value(self, W: Array) -> float:
-        """The value at W."""
-        W = W / np.linalg.norm(W, axis=0) if self.scaled else W
-        s = np.linalg.svd(W, compute_uv=False)
-        value = np.log(s[0] / s[-1])
+    def of(self, s: Array) -> float:
+        """The value for given singular values."""
+        value = np.log(s.max() / s.min())
         if np.isfinite(self.p):
-            value += (np.log(((s / s[0]) ** self.p).sum()) + np.log(((s[-1] / s) ** self.p).sum())) / self.p
+            value += (np.log(((s / s.max()) ** self.p).sum()) + np.log(((s.min() / s) ** self.p).sum())) / self.p
         return float(value)
 
-    def measure(self, W: Array) -> float:
-        """The condition number."""
-        return float(np.exp(self.value(W)))
-
-    def gradient(self, W: Array) -> Array:
-        """Derivatives by the entries of W, of its shape."""
-        D = np.linalg.norm(W, axis=0) if self.scaled else np.ones(W.shape[1])
-        W = W / D
-        U, s, Vt = np.linalg.svd(W, full_matrices=False)
+    def slopes(self, s: Array) -> Array:
+        """Its derivatives by the logarithms of the singular values."""
         p = self.p if np.isfinite(self.p) else 1e6  # picks the two extreme values
-        large, small = (s / s[0]) ** p, (s[-1] / s) ** p
-        G: Array = U * ((large / large.sum() - small / small.sum()) / s) @ Vt  # ds = u^T dW v
-        return (G - W * (W * G).sum(0)) / D if self.scaled else G
+        large, small = (s / s.max()) ** p, (s.min() / s) ** p
+        return np.asarray(large / large.sum() - small / small.sum())
 
 
-class Determinant:
+class Determinant(Criterion):
     """-log det(W^T W) / number of columns: the log of the volume of the confidence ellipsoid, per parameter."""
 
-    def value(self, W: Array) -> float:
-        """The value at W."""
-        s = np.linalg.svd(W, compute_uv=False)
+    def of(self, s: Array) -> float:
+        """The value for given singular values."""
         return float(-2 * np.log(s).mean())
 
-    def measure(self, W: Array) -> float:
-        """log det(W^T W)."""
-        return float(-self.value(W) * W.shape[1])
-
-    def gradient(self, W: Array) -> Array:
-        """Derivatives by the entries of W, of its shape."""
-        U, s, Vt = np.linalg.svd(W, full_matrices=False)
-        G: Array = U * (-2 / len(s) / s) @ Vt
-        return G
+    def slopes(self, s: Array) -> Array:
+        """Its derivatives by the logarithms of the singular values."""
+        return np.full(len(s), -2 / len(s))
 
 
+ROUNDING = 1e-12  # relative
 SHRINK = 0.85  # of a random motion whose torques are too large
 POSES = 2000  # random ones, if the middle of the ranges cannot be held
 HELD = 0.9  # share of the efforts at rest that leaves some for motion
 
 
-def random_series(within: SeriesLimits, count: int, rng: np.random.Generator) -> Array:
+def random_series(within: MotionLimits, count: int, rng: np.random.Generator) -> Array:
     """Random series x that touch some limit of each joint, less where torques are limited, shape (count, size).
 
     Raises
@@ -211,21 +213,21 @@ def random_series(within: SeriesLimits, count: int, rng: np.random.Generator) ->
     n = within.robot.n
     anchor = rest_pose(within, rng)
     x = rng.normal(size=(count, n, within.size // n))
-    A = np.concatenate(list(within.linear(FINE * within.basis.harmonics).values()), axis=1)
-    x = (x / (1 + ROUNDING) / np.abs(np.einsum("jti,cji->cjt", A, x)).max(-1)[..., None]).reshape(count, -1)
+    largest = np.max(list(within.linear_use(x.reshape(count, -1)).values()), axis=0)
+    x = (x / (1 + ROUNDING) / largest[..., None]).reshape(count, -1)
     too_large = within.torque_use(x).max(-1) > 1
     while too_large.any():
         x[too_large] = anchor + SHRINK * (x[too_large] - anchor)
-        too_large = within.torque_use(x).max(-1) > 1
+        too_large[too_large] = within.torque_use(x[too_large]).max(-1) > 1
     return np.asarray(x)
 
 
-def rest_pose(within: SeriesLimits, rng: np.random.Generator) -> Array:
+def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
     """The series that rests in mid-range, or in a random pose if the drives cannot hold that one."""
-    robot, limits = within.robot, within.limits
-    poses = limits.centre + limits.half_range * rng.uniform(-0.9, 0.9, (POSES, robot.n))
-    poses[0] = limits.centre
-    use = within.torque_shares((poses, np.zeros_like(poses), np.zeros_like(poses)))
+    robot = within.robot
+    poses = within.centre + within.half_range * rng.uniform(-0.9, 0.9, (POSES, robot.n))
+    poses[0] = within.centre
+    use = np.abs(within.torques((poses, np.zeros_like(poses), np.zeros_like(poses)))) + within.coulomb
     k = 0 if use[0].max() <= HELD else int(use.max(-1).argmin())
     if use[k].max() > HELD:
         j = int(use[k].argmax())
@@ -234,7 +236,7 @@ def rest_pose(within: SeriesLimits, rng: np.random.Generator) -> Array:
             f"times effort_limit of joint {robot.joint_names[j]!r}"
         )
     coefficients = np.zeros((robot.n, within.free.shape[0]))
-    coefficients[:, 0] = (poses[k] - limits.centre) / limits.velocity_limit
+    coefficients[:, 0] = (poses[k] - within.centre) / within.velocity_limit
     anchor: Array = (coefficients @ within.free).ravel()
     return anchor
 
@@ -245,8 +247,7 @@ COARSE = 1e-3  # the same, of stages before the last
 BISECTIONS = 20
 NOT_BETTER = "no run found a better motion than the best random ones"
 
-Criterion = Condition | Determinant
-Progress = Callable[[int, int, float], Any]  # (start, iteration, condition number or log det)
+Progress = Callable[[int, int], Any]  # (done, total)
 
 
 class Found(NamedTuple):
@@ -264,20 +265,20 @@ class Search:
 
     Attributes
     ----------
-    within : SeriesLimits
+    within : MotionLimits
     observation : Observation
     samples : int
         Times of one period at which W is taken.
-    exact : Condition or Determinant
+    exact : Criterion
         What is to be minimised.
-    stages : tuple of Condition or Determinant
+    stages : tuple of Criterion
         Smooth criteria minimised one after the other.
     iterations : int
         The most of each run.
     progress : callable or None
     """
 
-    within: SeriesLimits
+    within: MotionLimits
     observation: Observation
     samples: int
     exact: Criterion
@@ -286,48 +287,65 @@ class Search:
     progress: Progress | None
 
     @cached_property
-    def _grid(self) -> tuple[Array, Array, Array]:
+    def _grid(self) -> States:
         return self.within.basis.grid(self.samples)
 
+    @cached_property
+    def _last(self) -> dict[bytes, tuple[States, Spectrum]]:
+        return {}
+
+    def _observed(self, x: Array) -> tuple[States, Spectrum]:
+        """States of a series and the spectrum of their W, kept until another series: values and gradients need both."""
+        key = x.tobytes()
+        if key not in self._last:
+            states = self.within.states(x, self._grid)
+            self._last.clear()
+            self._last[key] = states, Spectrum(self.observation.matrix(states), self.exact.scaled)
+        return self._last[key]
+
     def matrix(self, x: Array) -> Array:
-        """W of a series, or of several."""
+        """W of a series."""
         return self.observation.matrix(self.within.states(x, self._grid))
 
-    def value(self, x: Array) -> float:
-        """The exact criterion."""
-        return self.exact.value(self.matrix(x))
+    def value(self, criterion: Criterion, x: Array) -> float:
+        """A criterion of a series."""
+        return criterion.of(self._observed(x)[1].s)
 
     def gradient(self, criterion: Criterion, x: Array) -> Array:
-        """Derivatives of a criterion by x, exact: W's by q, qd and qdd, which are linear in x."""
-        states = self.within.states(x, self._grid)
-        slopes = self.observation.slopes(states, criterion.gradient(self.observation.matrix(states)))
+        """Its derivatives by x, exact: W's by q, qd and qdd, which are linear in x."""
+        states, spectrum = self._observed(x)
+        slopes = self.observation.slopes(states, spectrum.gradient(criterion.slopes(spectrum.s)))
         by_coefficients = sum(h.T @ m for h, m in zip(slopes, self._grid, strict=True))
         return self.within.gradient(np.asarray(by_coefficients))
 
     def run(self, starts: Array) -> Found:
         """The best of several starts: each through the first stage, the best of them through the further ones."""
         first, *further = self.stages
-        runs = [self._minimise(first, Found(x, self.value(x), False, NOT_BETTER), k) for k, x in enumerate(starts)]
+        total = len(starts) + len(further)
+        runs = [
+            self._minimise(first, Found(x, self.value(self.exact, x), False, NOT_BETTER), k, (k, total))
+            for k, x in enumerate(starts)
+        ]
         best = min(range(len(runs)), key=lambda k: runs[k].value)
         found = runs[best]
-        for criterion in further:
-            found = self._minimise(criterion, found, best)
+        for k, criterion in enumerate(further, start=len(runs)):
+            found = self._minimise(criterion, found, best, (k, total))
         return found
 
-    def _minimise(self, criterion: Criterion, start: Found, number: int) -> Found:
-        """One run of SLSQP; where it ends no better than it started, the start."""
+    def _minimise(self, criterion: Criterion, start: Found, number: int, runs: tuple[int, int]) -> Found:
+        """One run of SLSQP, the k-th of all; where it ends no better than it started, the start."""
         from scipy.optimize import minimize
 
-        iteration = 0
+        done, end, total = (self.iterations * k for k in (runs[0], runs[0] + 1, runs[1]))
 
-        def tick(x: Array) -> None:
-            nonlocal iteration
-            iteration += 1
+        def tick(_: Any = None) -> None:
+            nonlocal done
+            done += 1
             if self.progress is not None:
-                self.progress(number, iteration, self.exact.measure(self.matrix(x)))
+                self.progress(done, total)
 
         run = minimize(
-            lambda x: criterion.value(self.matrix(x)),
+            lambda x: self.value(criterion, x),
             start.x,
             jac=lambda x: self.gradient(criterion, x),
             constraints=self._constraints(),
@@ -335,8 +353,11 @@ class Search:
             callback=tick,
             options={"maxiter": self.iterations, "ftol": FTOL if criterion is self.stages[-1] else COARSE},
         )
+        if done < end:  # what an early end saves counts as done
+            done = end - 1
+            tick()
         x = self._held(start.x, run.x)
-        value = self.value(x)
+        value = self.value(self.exact, x)
         LOGGER.info("excitation, start %d: %s after %d iterations", number, run.message, run.nit)
         if x is start.x or not value <= start.value:
             return start
@@ -404,6 +425,11 @@ class Excitation:
         all the same.
     message : str
         What the optimiser said when it found the motion.
+    locked : mapping of str to float
+        Positions of joints that stay where they are. Their torques are not among the rows of W, parameters that only
+        they excite not among its columns, and their shares of limits are zero [rad or m].
+    notes : tuple of str
+        What the motion does not take into account.
 
     Examples
     --------
@@ -426,6 +452,8 @@ class Excitation:
     limit_use: Mapping[str, Array]
     converged: bool
     message: str
+    locked: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def harmonics(self) -> int:
@@ -458,13 +486,8 @@ class Excitation:
         ValueError
             If `t` is not real or not finite.
         """
-        w = FourierBasis(self.duration, self.harmonics).frequencies
-        phase = broadcast_times(t) * w
-        s, c = np.sin(phase), np.cos(phase)
-        q = self.q0 + s @ (self.a / w).T - c @ (self.b / w).T
-        qd = c @ self.a.T + s @ self.b.T
-        qdd = c @ (self.b * w).T - s @ (self.a * w).T
-        return q, qd, qdd
+        series = np.column_stack([self.q0, self.a, self.b])
+        return FourierBasis(self.duration, self.harmonics).states(broadcast_times(t), series)
 
     def sample(self, sample_rate: float, periods: int = 1) -> Samples:
         """The motion at equal intervals, as a robot's controller takes it.
@@ -543,7 +566,8 @@ class Excitation:
             f"{np.median(self.random):.4g} in the median, {best:.4g} at best"
         )
         active = f"; active limits: {', '.join(self.active)}" if self.active else ""
-        return wrapped(text + active + ("" if self.converged else f"; not converged: {self.message}"))
+        text += active + ("" if self.converged else f"; not converged: {self.message}")
+        return wrapped("\n  ".join([text, *self.notes]))
 
 
 CRITERIA = ("condition", "d-optimal")
@@ -561,6 +585,7 @@ def excitation(
     *,
     limits: Mapping[str, ArrayLike] | None = None,
     drives: DriveModel | None = None,
+    locked: Locked | None = None,
     noise: ArrayLike | None = None,
     scaled: bool = False,
     rest: bool = True,
@@ -592,6 +617,9 @@ def excitation(
         Rotors, friction and offsets of the drives that are to be identified too; by default none. Coulomb friction is
         taken as tanh(qd / smoothing), so that it has a derivative, by default with 5 % of the smallest rate limit; with
         smoothing 0 it is sign(qd), whose derivative is zero except at rest.
+    locked : mapping of str to float, or sequence of str or int, optional
+        Joints that stay where they are, such as the fingers of a gripper, by name or index: with their positions, or in
+        the middle of their ranges. Parameters that only they excite are not counted [rad or m].
     noise : array_like, shape (n,), optional
         Standard deviations of the torques, or their relative sizes, by which the rows of W are divided; by default the
         same for all joints [N m or N].
@@ -611,8 +639,8 @@ def excitation(
     seed : int
         Of the random motions; the same seed gives the same motion.
     progress : callable, optional
-        A function progress(start, iteration, value), called after each iteration with the condition number, or
-        log det(W^T W). Each run's end is a line on the logger "rne".
+        A function progress(done, total), called with iterations of the optimiser, of which a run that ends early has
+        done all. Each run's end is a line on the logger "rne".
 
     Returns
     -------
@@ -622,7 +650,7 @@ def excitation(
     Raises
     ------
     TypeError
-        If `robot` or `limits` is of another type.
+        If `robot`, `limits` or `locked` is of another type.
     ValueError
         If an argument is out of range, a joint has no range or no rate limit, the harmonics or samples cannot excite
         all base parameters, or no motion within the limits is found.
@@ -646,41 +674,56 @@ def excitation(
     >>> motion = rne.excitation(robot, 4.0, 3, limits={"acceleration_limit": [10.0] * 3})
     >>> motion.converged, bool(motion.condition < motion.random.min())
     (True, True)
+
+    A 7-joint arm takes tens of seconds; `progress` shows them:
+
+    >>> def progress(done, total):
+    ...     print(f"\\r{done / total:.0%}", end="", flush=True)
+    >>> panda = rne.load("panda")  # doctest: +SKIP
+    >>> rne.excitation(panda, 10.0, locked=["panda_finger_joint1"], progress=progress)  # doctest: +SKIP
     """
-    within = _within(robot, duration, harmonics, limits, rest)
-    given = drive_argument(drives)
-    slow = SMOOTHING * float(within.limits.velocity_limit.min(initial=np.inf))
-    drives = replace(given, smoothing=slow) if given.smoothing is None else given
-    numeric = within.robot
-    base = numeric.base_parameters(drives=drives)
+    basis, numeric = _basis(robot, duration, harmonics, rest), robot
+    if robot.engine != "numpy":  # Numba takes minutes to compile the derivatives of a regressor
+        numeric = Robot(robot.model, "numpy")
+    values = motion_limits(numeric, limits)
+    positions = locked_positions(numeric, locked, values)
+    moving = [k for k in range(robot.n) if k not in positions]
+    if positions:
+        numeric = numeric.locked({robot.joint_names[k]: position for k, position in positions.items()})
+    within = MotionLimits(numeric, basis, rest, **{name: limit[moving] for name, limit in values.items()})
+    base = numeric.base_parameters(drives=_drives(robot, drives, moving, within.velocity_limit))
     sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
     rng = np.random.default_rng(seed)
-    observation = Observation(numeric, base, sizes)
+    observation = Observation(numeric, base, sizes[moving])
     exact, stages = _criteria(criterion, scaled)
     count = SAMPLES * harmonics if samples is None else whole_number("samples", samples)
     search = Search(within, observation, count, exact, stages, whole_number("iterations", iterations), progress)
     x = random_series(within, whole_number("random_motions", random_motions), rng)
-    values = _excited(search, x)
-    best = x[np.argsort(values)[: whole_number("starts", starts)]]
-    return _result(robot, search, search.run(best), criterion, x)
+    measures = _excited(search, x)
+    values_of_random = measures[:, CRITERIA.index(criterion)]
+    order = np.argsort(values_of_random if criterion == "condition" else -values_of_random)
+    found = search.run(x[order[: whole_number("starts", starts)]])
+    return _result(robot, search, found, criterion, values_of_random, positions)
 
 
-def _within(
-    robot: Robot, duration: float, harmonics: int, limits: Mapping[str, ArrayLike] | None, rest: bool
-) -> SeriesLimits:
-    robot_argument(robot)
-    if not robot.n:
+def _basis(robot: Robot, duration: float, harmonics: int, rest: bool) -> FourierBasis:
+    if not robot_argument(robot).n:
         raise ValueError("`robot` must have at least one joint, got none")
-    least = 2 if rest else 1
-    if whole_number("harmonics", harmonics) < least:
+    if whole_number("harmonics", harmonics) < (2 if rest else 1):
         raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
-    basis = FourierBasis(positive_number("duration", duration), harmonics)
-    # Numba takes minutes to compile the derivatives of a regressor.
-    numeric = robot if robot.engine == "numpy" else Robot(robot.model, "numpy")
-    return SeriesLimits(numeric, motion_limits(robot, limits), basis, rest)
+    return FourierBasis(positive_number("duration", duration), harmonics)
 
 
-def _criteria(criterion: str, scaled: bool) -> tuple[Condition | Determinant, tuple[Condition | Determinant, ...]]:
+def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_limit: Array) -> DriveModel:
+    """Those of the joints that move, Coulomb friction smoothed."""
+    drives = drive_argument(given)
+    motors = StandardParameters(robot.model, drives).motors[:, moving]
+    rates = None if drives.stribeck is None else np.asarray(drives.stribeck)[moving]
+    slow = SMOOTHING * float(velocity_limit.min()) if drives.smoothing is None else drives.smoothing
+    return replace(drives, coupled_motors=motors[motors.any(1)], stribeck=rates, smoothing=slow)
+
+
+def _criteria(criterion: str, scaled: bool) -> tuple[Criterion, tuple[Criterion, ...]]:
     if criterion not in CRITERIA:
         raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
     if criterion == "condition":
@@ -692,36 +735,48 @@ def _criteria(criterion: str, scaled: bool) -> tuple[Condition | Determinant, tu
     return Determinant(), (Determinant(),)
 
 
-def _excited(search: Search, x: Array) -> list[float]:
-    """The criterion of random motions, or an error if they leave parameters unexcited."""
-    parameters, n = search.observation.base.count, search.within.robot.n
+def _measures(W: Array, scaled: bool, *, exact: bool = False) -> tuple[float, float]:
+    """The condition number and log det(W^T W)."""
+    s = Spectrum(W, scaled, exact=exact).s
+    squares = Spectrum(W, exact=exact).s ** 2 if scaled else s**2
+    return float(s.max() / s.min()), float(np.log(squares).sum())
+
+
+def _excited(search: Search, x: Array) -> Array:
+    """Both measures of random motions, or an error if they leave parameters unexcited."""
+    parameters, n = search.observation.count, search.within.robot.n
     if search.samples * n < parameters:
         raise ValueError(
             f"`samples` must be at least {-(-parameters // n)} for {parameters} base parameters of {n} joints, "
             f"got {search.samples}"
         )
     matrices = [search.matrix(series) for series in x]
-    usual = Condition(scaled=True)
     with np.errstate(all="ignore"):
-        if not min(usual.value(W) for W in matrices) < np.log(EXCITED):
+        if not min(_measures(W, scaled=True)[0] for W in matrices) < EXCITED:
             rank = max(int(np.linalg.matrix_rank(W / np.linalg.norm(W, axis=0), 1 / EXCITED)) for W in matrices)
             raise ValueError(
                 f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
                 f"most {rank} of {parameters} base parameters; give more harmonics or wider limits"
             )
-    return [search.exact.value(W) for W in matrices]
+    return np.array([_measures(W, search.exact.scaled) for W in matrices])
 
 
-def _result(robot: Robot, search: Search, found: Found, criterion: str, x: Array) -> Excitation:
+def _result(
+    robot: Robot, search: Search, found: Found, criterion: str, random: Array, positions: Mapping[int, float]
+) -> Excitation:
     within, H = search.within, search.within.basis.harmonics
-    coefficients = within.coefficients(found.x)
-    condition = Condition(scaled=isinstance(search.exact, Condition) and search.exact.scaled)
+    moving = [k for k in range(robot.n) if k not in positions]
 
-    def measured(series: Array) -> tuple[float, float]:
-        W = search.matrix(series)
-        return condition.measure(W), Determinant().measure(W)
+    def placed(part: Array) -> Array:
+        """Rows of the joints that move among those of all."""
+        rows = np.zeros((robot.n, *part.shape[1:]))
+        rows[moving] = part
+        return rows
 
-    best, random = measured(found.x), np.array([measured(series) for series in x])
+    coefficients = placed(within.coefficients(found.x))
+    coefficients[list(positions), 0] = list(positions.values())
+    condition, log_det = _measures(search.matrix(found.x), search.exact.scaled, exact=True)
+    locked = {robot.joint_names[k]: position for k, position in positions.items()}
     return Excitation(
         robot=robot,
         duration=within.basis.duration,
@@ -729,10 +784,24 @@ def _result(robot: Robot, search: Search, found: Found, criterion: str, x: Array
         a=coefficients[:, 1 : H + 1],
         b=coefficients[:, H + 1 :],
         criterion=criterion,
-        condition=best[0],
-        log_det=best[1],
-        random=random[:, CRITERIA.index(criterion)],
-        limit_use=within.use(found.x),
+        condition=condition,
+        log_det=log_det,
+        random=random,
+        limit_use={kind: placed(use) for kind, use in within.use(found.x).items()},
         converged=found.converged,
         message=found.message,
+        locked=locked,
+        notes=_notes(within, locked),
     )
+
+
+def _notes(within: MotionLimits, locked: Mapping[str, float]) -> tuple[str, ...]:
+    """What the motion does not take into account."""
+    notes = ["collisions of the arm with itself and its surroundings are not considered"]
+    free = [name for k, name in enumerate(within.robot.joint_names) if k not in within.driven]
+    if free:
+        notes.insert(0, f"torque is not bounded: the model has no effort limits of {listed(free)}")
+    if locked:
+        places = listed([f"{name} at {position:.4g}" for name, position in locked.items()])
+        notes.insert(0, f"locked: {places}; parameters that only these joints excite are not counted")
+    return tuple(notes)

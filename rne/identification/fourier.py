@@ -9,6 +9,8 @@ import numpy as np
 
 from ..basics.spatial import Array
 
+States = tuple[Array, Array, Array]  # q, qd and qdd, or the matrices that give them
+
 
 @dataclass(frozen=True)
 class FourierBasis:
@@ -32,16 +34,17 @@ class FourierBasis:
         """k w of each harmonic, shape (H,) [rad/s]."""
         return 2 * np.pi / self.duration * np.arange(1, self.harmonics + 1)
 
-    def matrices(self, t: Array) -> tuple[Array, Array, Array]:
-        """The rows that give q, qd and qdd at times of shape (T,): shape (T, 2 H + 1) each."""
+    def states(self, t: Array, coefficients: Array) -> States:
+        """q, qd and qdd of n series, coefficients of shape (n, 2 H + 1), at times of shape (..., 1)."""
         w = self.frequencies
-        s, c = np.sin(t[:, None] * w), np.cos(t[:, None] * w)
-        one, zero = np.ones((len(t), 1)), np.zeros((len(t), 1))
-        return np.hstack([one, s / w, -c / w]), np.hstack([zero, c, s]), np.hstack([zero, -s * w, c * w])
+        q0, a, b = coefficients[:, 0], coefficients[:, 1 : self.harmonics + 1], coefficients[:, self.harmonics + 1 :]
+        s, c = np.sin(t * w), np.cos(t * w)
+        return q0 + s @ (a / w).T - c @ (b / w).T, c @ a.T + s @ b.T, c @ (b * w).T - s @ (a * w).T
 
-    def grid(self, count: int) -> tuple[Array, Array, Array]:
-        """`matrices` at equally spaced times of one period."""
-        return self.matrices(np.arange(count) * (self.duration / count))
+    def grid(self, count: int) -> States:
+        """Matrices, shape (count, 2 H + 1), from coefficients to q, qd and qdd at equal intervals of one period."""
+        t = np.arange(count) * (self.duration / count)
+        return self.states(t[:, None], np.eye(2 * self.harmonics + 1))
 
     def grid_share(self, count: int) -> float:
         """What part of its maximum over all times a series reaches at least on a grid of so many times.
@@ -57,7 +60,7 @@ class FourierBasis:
 
         The rates are zero if the a_k add up to zero, the accelerations if the k b_k do.
         """
-        _, qd, qdd = self.matrices(np.zeros(1))
+        _, qd, qdd = self.grid(1)
         _, _, rows = np.linalg.svd(np.vstack([qd, qdd / self.frequencies[-1]]))
         free: Array = rows[2:].T
         return free
