@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.optimize import OptimizeResult
 
 import rne
 from benchmarks.random_robots import random_tree
-from rne.identification.exciting_motion import Condition, Determinant, Observation, Search, Spectrum
+from rne.identification.exciting_motion import Criterion, Observation, Search, Spectrum, log_condition, log_volume
 from rne.identification.fourier import FourierBasis
 from rne.identification.motion_limits import MotionLimits, motion_limits
 
@@ -53,6 +54,11 @@ def search_of(robot, criterion, harmonics=HARMONICS, rest=True, **options):
     observation = Observation(robot, base, np.linspace(1, 2, robot.n))
     x = 0.2 * np.random.default_rng(1).normal(size=within.size)
     return Search(within, observation, 40, criterion, (criterion,), 5, None), x
+
+
+def condition(p=np.inf, scaled=False):
+    """The condition number with a Schatten norm of order p."""
+    return Criterion(partial(log_condition, p=p), scaled)
 
 
 def slope(function, x, h=1e-5):
@@ -198,7 +204,7 @@ def test_early_stop_is_reported_and_keeps_the_limits(arm, caplog):
 )
 def test_message_is_that_of_the_run_that_found_the_motion(arm, monkeypatch, ends, expected):
     """Runs end at multiples of a series that excites the more the larger it is; they start at its half."""
-    search, x = search_of(arm, Determinant())
+    search, x = search_of(arm, Criterion(log_volume))
     said = [(False, "Iteration limit reached"), (True, "Optimization terminated successfully")]
     runs = iter(
         OptimizeResult(x=end * x, success=success, message=message, nit=1)
@@ -210,7 +216,9 @@ def test_message_is_that_of_the_run_that_found_the_motion(arm, monkeypatch, ends
     assert (found.converged, found.message) == expected[1:]
 
 
-@pytest.mark.parametrize("criterion", [Condition(16.0), Condition(64.0, scaled=True), Condition(), Determinant()])
+@pytest.mark.parametrize(
+    "criterion", [condition(16.0), condition(64.0, scaled=True), condition(), Criterion(log_volume)]
+)
 def test_gradients_are_exact(arm, criterion):
     search, x = search_of(arm, criterion)
     close(search.gradient(criterion, x), slope(lambda y: criterion.value(search.matrix(y)), x), DIFFERENCES)
@@ -218,7 +226,7 @@ def test_gradients_are_exact(arm, criterion):
 
 def test_gradients_with_friction_rotors_offsets_and_shafts(gantry):
     options = {"rotor": True, "friction": "viscous+coulomb", "offset": True, "coupled_motors": [[1.0, -1.0, 0.5]]}
-    search, x = search_of(gantry, Determinant(), rest=False, **options)
+    search, x = search_of(gantry, Criterion(log_volume), rest=False, **options)
     close(search.gradient(search.exact, x), slope(lambda y: search.value(search.exact, y), x), DIFFERENCES)
 
 
@@ -257,10 +265,10 @@ def test_the_bound_between_the_times_of_a_grid_is_sharp(count):
 
 
 def test_schatten_norms_bound_the_condition_number(arm):
-    search, x = search_of(arm, Condition())
+    search, x = search_of(arm, condition())
     W = search.matrix(x)
     for p in (16.0, 64.0):
-        excess = Condition(p).value(W) - np.log(np.linalg.cond(W))
+        excess = condition(p).value(W) - np.log(np.linalg.cond(W))
         assert 0 <= excess <= 2 * np.log(W.shape[1]) / p
 
 
@@ -346,7 +354,7 @@ def test_notes_say_what_is_not_considered(arm, motion):
 
 def test_gradients_with_a_stribeck_effect(gantry):
     options = {"friction": "coulomb", "stribeck": [0.2, 0.0, 0.5]}
-    search, x = search_of(gantry, Determinant(), rest=False, **options)
+    search, x = search_of(gantry, Criterion(log_volume), rest=False, **options)
     close(search.gradient(search.exact, x), slope(lambda y: search.value(search.exact, y), x), DIFFERENCES)
 
 

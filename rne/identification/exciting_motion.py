@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -134,66 +134,33 @@ class Spectrum:
         return (G - self.W * (self.W * G).sum(0)) / self.lengths if self.scaled else G
 
 
-class Criterion:
-    """A function of the singular values of W, which is to be minimised; of W with columns of length one if `scaled`."""
+def log_condition(s: Array, p: float = np.inf) -> tuple[float, Array]:
+    """log of the condition number by singular values, with its derivatives by their logarithms.
 
-    scaled = False
+    The largest and the smallest singular value have no derivative where two of them meet, as they do at the optimum.
+    With Schatten's norm of order p in place of the spectral norm, (sum of s^p)^(1/p) and (sum of s^-p)^(1/p) have one,
+    and exceed the condition number by a factor of at most (number of columns)^(2/p).
+    """
+    order = min(p, 1e6)  # which picks the two extreme values
+    large, small = (s / s.max()) ** order, (s.min() / s) ** order
+    excess = 0.0 if np.isinf(p) else np.log(large.sum() * small.sum()) / p
+    return float(np.log(s.max() / s.min()) + excess), large / large.sum() - small / small.sum()
 
-    def of(self, s: Array) -> float:
-        """The value for given singular values."""
-        raise NotImplementedError
 
-    def slopes(self, s: Array) -> Array:
-        """Its derivatives by the logarithms of the singular values."""
-        raise NotImplementedError
+def log_volume(s: Array) -> tuple[float, Array]:
+    """-log det(W^T W) / number of columns, with its derivatives: log of the confidence ellipsoid per parameter."""
+    return float(-2 * np.log(s).mean()), np.full(len(s), -2 / len(s))
+
+
+class Criterion(NamedTuple):
+    """What is to be minimised: a function of the singular values of W, of columns of length one if `scaled`."""
+
+    of: Callable[[Array], tuple[float, Array]]
+    scaled: bool = False
 
     def value(self, W: Array) -> float:
         """The value at W."""
-        return self.of(Spectrum(W, self.scaled, exact=True).s)
-
-
-class Condition(Criterion):
-    """log of the condition number, the spectral norm being replaced by Schatten's of order p.
-
-    The largest and the smallest singular value have no derivative where two of them meet, as they do at the optimum.
-    (sum of s^p)^(1/p) and (sum of s^-p)^(1/p) have one, and exceed the condition number by a factor of at most
-    (number of columns)^(2/p).
-
-    Parameters
-    ----------
-    p : float
-        Order of the norm; infinity for the condition number itself.
-    scaled : bool
-        True to divide each column of W by its norm first.
-    """
-
-    def __init__(self, p: float = np.inf, scaled: bool = False) -> None:
-        self.p, self.scaled = p, scaled
-
-    def of(self, s: Array) -> float:
-        """The value for given singular values."""
-        value = np.log(s.max() / s.min())
-        if np.isfinite(self.p):
-            value += (np.log(((s / s.max()) ** self.p).sum()) + np.log(((s.min() / s) ** self.p).sum())) / self.p
-        return float(value)
-
-    def slopes(self, s: Array) -> Array:
-        """Its derivatives by the logarithms of the singular values."""
-        p = self.p if np.isfinite(self.p) else 1e6  # picks the two extreme values
-        large, small = (s / s.max()) ** p, (s.min() / s) ** p
-        return np.asarray(large / large.sum() - small / small.sum())
-
-
-class Determinant(Criterion):
-    """-log det(W^T W) / number of columns: the log of the volume of the confidence ellipsoid, per parameter."""
-
-    def of(self, s: Array) -> float:
-        """The value for given singular values."""
-        return float(-2 * np.log(s).mean())
-
-    def slopes(self, s: Array) -> Array:
-        """Its derivatives by the logarithms of the singular values."""
-        return np.full(len(s), -2 / len(s))
+        return self.of(Spectrum(W, self.scaled, exact=True).s)[0]
 
 
 ROUNDING = 1e-12  # relative
@@ -285,14 +252,11 @@ class Search:
     stages: tuple[Criterion, ...]
     iterations: int
     progress: Progress | None
+    _last: dict[bytes, tuple[States, Spectrum]] = field(default_factory=dict, init=False)
 
     @cached_property
     def _grid(self) -> States:
         return self.within.basis.grid(self.samples)
-
-    @cached_property
-    def _last(self) -> dict[bytes, tuple[States, Spectrum]]:
-        return {}
 
     def _observed(self, x: Array) -> tuple[States, Spectrum]:
         """States of a series and the spectrum of their W, kept until another series: values and gradients need both."""
@@ -309,12 +273,12 @@ class Search:
 
     def value(self, criterion: Criterion, x: Array) -> float:
         """A criterion of a series."""
-        return criterion.of(self._observed(x)[1].s)
+        return criterion.of(self._observed(x)[1].s)[0]
 
     def gradient(self, criterion: Criterion, x: Array) -> Array:
         """Its derivatives by x, exact: W's by q, qd and qdd, which are linear in x."""
         states, spectrum = self._observed(x)
-        slopes = self.observation.slopes(states, spectrum.gradient(criterion.slopes(spectrum.s)))
+        slopes = self.observation.slopes(states, spectrum.gradient(criterion.of(spectrum.s)[1]))
         by_coefficients = sum(h.T @ m for h, m in zip(slopes, self._grid, strict=True))
         return self.within.gradient(np.asarray(by_coefficients))
 
@@ -557,9 +521,9 @@ class Excitation:
         return write_columns(path, samples.t, columns)
 
     def __repr__(self) -> str:
-        best = self.random.min() if self.criterion == "condition" else self.random.max()
-        value = self.condition if self.criterion == "condition" else self.log_det
-        kind = "condition number" if self.criterion == "condition" else "log det"
+        kind, value, best = "log det", self.log_det, self.random.max()
+        if self.criterion == "condition":
+            kind, value, best = "condition number", self.condition, self.random.min()
         text = (
             f"Excitation of '{short(self.robot.model.name)}': {self.duration:g} s, "
             f"{counted(self.harmonics, 'harmonic')}, {kind} {value:.4g}; of {len(self.random)} random motions "
@@ -727,12 +691,12 @@ def _criteria(criterion: str, scaled: bool) -> tuple[Criterion, tuple[Criterion,
     if criterion not in CRITERIA:
         raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
     if criterion == "condition":
-        return Condition(scaled=scaled), tuple(Condition(p, scaled) for p in ORDERS)
+        return Criterion(log_condition, scaled), tuple(Criterion(partial(log_condition, p=p), scaled) for p in ORDERS)
     if scaled:
         raise ValueError(
             "`scaled` must be False for criterion 'd-optimal', which does not depend on the columns' units"
         )
-    return Determinant(), (Determinant(),)
+    return Criterion(log_volume), (Criterion(log_volume),)
 
 
 def _measures(W: Array, scaled: bool, *, exact: bool = False) -> tuple[float, float]:
