@@ -27,12 +27,12 @@ NOW, LENGTH, AHEAD, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
 
 def workspace(widths: tuple[int, ...], table: Tableau) -> tuple[Any, ...]:
     """Arrays for `run_all`, of a kernel's arguments of these widths, the second of which is the state."""
-    inputs, alone = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
+    inputs, saved = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
     entries, rows = widths[1] * LANES, max(len(table.B) + 1, table.D.shape[1])
     y, new, total, h, before = np.zeros((5, entries))
     slopes = np.zeros((rows, entries)), np.zeros((max(1, len(table.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
-    return inputs, alone, (y, new, total, h, before), slopes, *numbers
+    return inputs, saved, (y, new, total, h, before), slopes, *numbers
 
 
 @inline
@@ -63,24 +63,30 @@ def copy_lane(array: Any, source: Any, k: Any) -> None:
 
 
 @inline
-def mark_unsound(function: Any, inputs: Any, alone: Any, out: Any, lane: Any, code: Any, asks: Any) -> None:
+def mark_unsound(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, code: Any, asks: Any) -> None:
     """Evaluate each lane's inputs alone and mark the motions that must be examined.
 
     If it `asks`, only those that want the result.
     """
+    for a in range(len(inputs)):
+        for e in range(len(inputs[a])):
+            saved[a][e] = inputs[a][e]
     for k in range(LANES):
         if lane[MOTION, k] >= 0 and (not asks or lane[WANTS, k]):
             for a in range(len(inputs)):
                 for e in range(len(inputs[a])):
-                    alone[a][e] = inputs[a][e - e % LANES + k]
-            if not evaluate(function, alone, out):
+                    inputs[a][e] = saved[a][e - e % LANES + k]
+            if not evaluate(function, inputs, out):
                 code[lane[MOTION, k]] = EXAMINE
                 lane[MOTION, k] = NOBODY
+    for a in range(len(inputs)):
+        for e in range(len(inputs[a])):
+            inputs[a][e] = saved[a][e]
 
 
 def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> None:
     """dx/dt of every motion into F, from rows of times, states and perhaps parameters; some are marked."""
-    inputs, alone, vectors, _, lane, _ = work
+    inputs, saved, vectors, _, lane, _ = work
     count, out = len(F), vectors[0]
     for begin in range(0, count, LANES):
         for k in range(LANES):
@@ -91,7 +97,7 @@ def rates_of_all(function: Any, sources: Any, F: Any, code: Any, work: Any) -> N
             for i in range(F.shape[1]):
                 F[begin + k, i] = out[i * LANES + k]
         if not is_sound:
-            mark_unsound(function, inputs, alone, out, lane, code, False)
+            mark_unsound(function, inputs, saved, out, lane, code, False)
 
 
 @inline
@@ -251,7 +257,7 @@ def run_all(function: Any, course: Any, sources: Any, F: Any, H: Any, code: Any,
     F and H have each motion's first slope and the length to try first; `count` takes evaluations.
     """
     A, B, C, _, A2, C2, D = course.table
-    inputs, alone, (y, new, total, h, before), (K, Q), lane, step = work
+    inputs, saved, (y, new, total, h, before), (K, Q), lane, step = work
     stages, is_fixed, positions, waiting = len(B), len(course.grid) > 0, course.positions, 0
     lane[MOTION], vacant = NOBODY, True
     while True:
@@ -275,7 +281,7 @@ def run_all(function: Any, course: Any, sources: Any, F: Any, H: Any, code: Any,
             if s < stages or not is_fixed:
                 is_sound = evaluate(function, inputs, K[s])
             if not is_sound:
-                mark_unsound(function, inputs, alone, total, lane, code, False)
+                mark_unsound(function, inputs, saved, total, lane, code, False)
                 vacant = True
                 break
         if not is_sound:
@@ -287,7 +293,7 @@ def run_all(function: Any, course: Any, sources: Any, F: Any, H: Any, code: Any,
                 combine(A2[s], K, stages + 1 + s, total)
                 put_stage(course, y, total, h, C2[s], inputs, step)
                 if not evaluate(function, inputs, K[stages + 1 + s]):
-                    mark_unsound(function, inputs, alone, total, lane, code, True)
+                    mark_unsound(function, inputs, saved, total, lane, code, True)
             for j in range(len(D)):
                 combine(D[j], K, K.shape[0], Q[j])
         for k in range(LANES):
