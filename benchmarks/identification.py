@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import rne
+from benchmarks.identification_payload import kept_tables
 from benchmarks.measure import RESULTS, is_quick, write
 from benchmarks.pages import DOCS, rewrite, table
 from rne.identification import Identification
@@ -167,7 +168,7 @@ def rewrite_page() -> None:
         name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
         for name in ("identification", "public_logs")
     }
-    rewrite(DOCS / "identification.md", tables(kept["identification"], kept["public_logs"]))
+    rewrite(DOCS / "identification.md", tables(kept["identification"], kept["public_logs"]) | kept_tables())
 
 
 def tables(found: dict[str, Any], logs: dict[str, Any]) -> dict[str, str]:

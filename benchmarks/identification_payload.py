@@ -73,7 +73,7 @@ def loads(name: str, runs: int, bits: int = 0) -> dict[str, Any]:
                 "replaced": estimate.consistent,
             }
         )
-    return {"robot": name, "bits": bits, "runs": found}
+    return {"robot": name, "bits": bits, "runs": by_quantity(found)}
 
 
 def gains(name: str, runs: int) -> dict[str, Any]:
@@ -89,16 +89,26 @@ def gains(name: str, runs: int) -> dict[str, Any]:
                 "z": ((estimate.gains - true) / estimate.errors).tolist(),
             }
         )
-    return {"robot": name, "runs": found}
+    return {"robot": name, "runs": by_quantity(found)}
+
+
+def by_quantity(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Lists of each quantity over the runs, to four digits."""
+    return {key: [four_digits(run[key]) for run in runs] for key in runs[0]}
+
+
+def four_digits(x: Any) -> Any:
+    """A number, or several in one text, so that a run takes one line."""
+    if isinstance(x, list):
+        return " ".join(f"{value:.4g}" for value in x)
+    return float(f"{x:.4g}")
 
 
 def load_table(cases: list[dict[str, Any]]) -> str:
     """A row per robot and encoder."""
     rows = []
     for case in cases:
-        mass, z, com, com_z, inertia_z, replaced = (
-            np.array([run[key] for run in case["runs"]], float) for key in case["runs"][0]
-        )
+        mass, z, com, com_z, inertia_z, replaced = (np.array(values) for values in case["runs"].values())
         rows.append(
             [
                 case["robot"],
@@ -130,7 +140,7 @@ def gain_table(cases: list[dict[str, Any]]) -> str:
     """A row per robot."""
     rows = []
     for case in cases:
-        error, z = (np.array([run[key] for run in case["runs"]], float) for key in ("error", "z"))
+        error, z = (np.array([line.split() for line in case["runs"][key]], float) for key in ("error", "z"))
         told = np.isfinite(error)
         rows.append(
             [

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import cases, engines, identification, import_time, regressor
+from benchmarks import cases, engines, identification, identification_payload, import_time, regressor
 from benchmarks.evaluation import (
     KERNEL,
     KERNEL_SINGLE,
@@ -175,7 +175,14 @@ IDENTIFICATION = (DOCS / "identification.md").read_text(encoding="utf-8")
 def test_tables_of_identification_are_those_of_the_last_runs():
     """After new runs: python -m benchmarks.identification, or python -m benchmarks.public_logs FOLDER."""
     found, logs = (engines.read(f"{name}.json") for name in ("identification", "public_logs"))
-    assert filled(IDENTIFICATION, identification.tables(found, logs)) == IDENTIFICATION
+    tables = identification.tables(found, logs) | identification_payload.kept_tables()
+    assert filled(IDENTIFICATION, tables) == IDENTIFICATION
+
+
+def test_masses_of_the_last_runs_are_within_two_percent_and_three_standard_errors():
+    for case in engines.read("identification_payload.json")["loads"]:
+        mass, z = (np.abs(case["runs"][key]) for key in ("mass", "mass z"))
+        assert np.mean((mass < 0.02) & (z < 3)) >= 0.95
 
 
 def test_what_the_text_says_of_published_logs_stands_in_the_results():

@@ -251,6 +251,19 @@ def test_gains_follow_the_load_and_the_unit(robot, measured):
     np.testing.assert_allclose(rne.identify_drive_gains(robot, *scaled, LOAD).gains, units * one.gains, rtol=1e-6)
 
 
+def test_an_identification_of_currents_and_several_records_give_the_same_gains(robot):
+    records = logs(robot, LOAD, units=GAINS)
+    expected = rne.identify_drive_gains(robot, *records, LOAD)
+    of_currents = rne.identify(robot, records[0], consistent=False, blocks=2)
+    np.testing.assert_allclose(
+        rne.identify_drive_gains(of_currents, None, [records[1]], LOAD).gains, expected.gains, rtol=1e-6
+    )
+    more = [[first, second] for first, second in zip(records, logs(robot, LOAD, 1, units=GAINS), strict=True)]
+    both = rne.identify_drive_gains(robot, *more, LOAD)
+    assert (both.errors < expected.errors).all()
+    assert (np.abs(both.gains - GAINS) < 3 * both.errors).all()
+
+
 def test_payload_found_and_gains_agree(robot, measured, found):
     """With the load that the same torques gave, all gains are one."""
     gains = rne.identify_drive_gains(robot, *measured, found)
