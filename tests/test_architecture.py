@@ -160,7 +160,7 @@ MODULES = [m.name for m in pkgutil.walk_packages([str(PACKAGE)], "rne.") if not 
 
 def is_diagnosis(module):
     """Whether its examples first simulate and identify a robot."""
-    return module.startswith("rne.identification.") and module != "rne.identification.fit"
+    return module.startswith("rne.identification.")
 
 
 @pytest.mark.parametrize("diagnoses", kept([False, True], [False]))

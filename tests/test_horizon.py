@@ -1,6 +1,7 @@
 """The time up to which a motion can be trusted, against a motion that is far more accurate."""
 
 import copy
+import itertools
 import pickle
 from dataclasses import replace
 
@@ -34,8 +35,8 @@ def measured_horizon(motion, exact, accuracy):
     "options",
     [
         pytest.param({"method": "RK45", "rtol": 1e-4}, marks=pytest.mark.long),
-        pytest.param({"method": "DOP853", "rtol": 1e-6}, marks=pytest.mark.long),
-        {"method": "LSODA", "rtol": 1e-6},
+        {"method": "DOP853", "rtol": 1e-6},
+        pytest.param({"method": "LSODA", "rtol": 1e-6}, marks=pytest.mark.long),
         pytest.param({"method": "RK45", "rtol": 1e-6}, marks=pytest.mark.long),
         pytest.param({"method": "DOP853", "rtol": 1e-8}, marks=pytest.mark.long),
         pytest.param({"method": "BDF", "rtol": 1e-5}, marks=pytest.mark.long),
@@ -57,12 +58,12 @@ def test_steps_of_the_solver_and_asked_for_times_give_the_same(irb140):
     assert first == second < 3.0
 
 
-def test_a_tighter_tolerance_reaches_farther(irb140):
+@pytest.mark.parametrize("tolerances", kept([[1e-4, 1e-6, 1e-8], [1e-4, 1e-6]], [[1e-4, 1e-6]]), ids=len)
+def test_a_tighter_tolerance_reaches_farther(irb140, tolerances):
     reached = [
-        rne.simulate(irb140, Q0, 0 * Q0, END, method="DOP853", rtol=rtol).trusted_horizon()
-        for rtol in (1e-4, 1e-6, 1e-8)
+        rne.simulate(irb140, Q0, 0 * Q0, END, method="DOP853", rtol=rtol).trusted_horizon() for rtol in tolerances
     ]
-    assert reached[0] < reached[1] - 0.5 < reached[2] - 1.0
+    assert all(one < tighter - 0.5 for one, tighter in itertools.pairwise(reached))
 
 
 def test_the_error_estimate_of_equal_steps_is_by_steps_of_half_the_length():

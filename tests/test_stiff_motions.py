@@ -9,10 +9,6 @@ import pytest
 
 import rne
 from benchmarks.random_robots import straight_chain
-from rne.kernels.kernel import Kernel
-from rne.kernels.program import NeedsRecursion
-from rne.kernels.python_backend import state_function
-from rne.kernels.rosenbrock import take_steps
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.simulation import compiled, loop
 from rne.simulation.plant import Plant
@@ -20,24 +16,11 @@ from rne.simulation.solver import Steps
 from rne.simulation.watch import CHECKED, Watch, work_per_step
 
 from .helpers import kept
+from .test_compiled_motions import interpreted
 
 pytest.importorskip("numba", reason="Numba is not installed")
 EXACT = {"method": "Radau", "rtol": 1e-11, "atol": 1e-13}
 LOOP = CLOSED_LOOPS[0]
-
-
-def by_interpreter(kernel):
-    """A kernel's program run by Python, as machine code answers."""
-    function = state_function(kernel.traced)
-
-    def answer(*arguments):
-        try:
-            arguments[-1][:] = function(*arguments[:-1])
-        except NeedsRecursion:
-            return False
-        return True
-
-    return answer
 
 
 @pytest.fixture(scope="module", params=kept(["interpreted", "numba"], ["interpreted"]))
@@ -45,14 +28,8 @@ def pair(request):
     """Two links run by NumPy, and with the loop's text run by Python, or compiled."""
     model = straight_chain(2)
     with pytest.MonkeyPatch.context() as patch:
-        if request.param == "interpreted":
-            patch.setattr(compiled, "take_stiff_steps", take_steps)
-            patch.setattr(Kernel, "address", lambda kernel: by_interpreter(kernel))
-            is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
-            patch.setattr(Plant, "is_compiled", is_meant)
-            yield rne.Robot(model), rne.Robot(replace(model, name="interpreted"))
-        else:
-            yield rne.Robot(model), rne.Robot(model, "numba")
+        by_loop = interpreted(patch) if request.param == "interpreted" else lambda m: rne.Robot(m, "numba")
+        yield rne.Robot(model), by_loop(model)
 
 
 @rne.traceable
@@ -83,7 +60,8 @@ PARTS = {
 def test_motions_are_those_of_a_tight_run(pair, parts):
     """States, ledger and steps' interpolants, with all that a scene may have."""
     scenes = [rne.Scene(robot, **PARTS[parts]) for robot in pair]
-    start, end, times = ([0.5, 0.2], [0.0, 1.0]), 0.3, np.linspace(0, 0.3, 17)
+    end = 0.1 if parts == "sampled" else 0.3
+    start, times = ([0.5, 0.2], [0.0, 1.0]), np.linspace(0, end, 17)
     tight = {"rtol": 1e-10, "atol": 1e-12} if parts == "sampled" else {}  # Radau begins anew at each sample
     exact = rne.simulate(scenes[0], *start, end, t_eval=times, **(EXACT | tight))
     got = rne.simulate(scenes[1], *start, end, t_eval=times, method="Rodas5P", rtol=1e-7, atol=1e-10)
@@ -213,19 +191,13 @@ def test_steps_that_cost_little_are_looked_at_less_often(compiled, conservative,
     assert Watch(plant, None, "DOP853", 100.0).steps_to_look == looks * CHECKED
 
 
-def test_between_samples_the_decay_until_the_next_one_counts():
-    plant, _, walk = watched("RK45", SimpleNamespace(period=1e-3, traced=None))
-    plant.fastest = 2e4
+@pytest.mark.parametrize(("traced", "fast_enough", "too_fast"), [(None, 2e4, 4e4), (True, 1e5, 2e5)])
+def test_between_samples_the_decay_until_the_next_one_counts(traced, fast_enough, too_fast):
+    """Where the law is sampled in machine code, steps of RK45 cost little."""
+    plant, _, walk = watched("RK45", SimpleNamespace(period=1e-3, traced=traced))
+    plant.fastest = fast_enough
     assert walk(1.5e-4, 1000) == "RK45"
-    plant.fastest = 4e4
-    assert walk(1.5e-4, 1000) == "Rodas5P"
-
-
-def test_where_the_law_is_sampled_in_machine_code_steps_of_rk45_cost_little():
-    plant, _, walk = watched("RK45", SimpleNamespace(period=1e-3, traced=True))
-    plant.fastest = 1e5
-    assert walk(1.5e-4, 1000) == "RK45"
-    plant.fastest = 2e5
+    plant.fastest = too_fast
     assert walk(1.5e-4, 1000) == "Rodas5P"
 
 
