@@ -716,7 +716,7 @@ def _excited(search: Search, x: Array) -> Array:
         )
     matrices = [search.matrix(series) for series in x]
     with np.errstate(all="ignore"):
-        if not min(_measures(W, scaled=True)[0] for W in matrices) < EXCITED:
+        if not any(_measures(W, scaled=True)[0] < EXCITED for W in matrices):
             rank = max(int(np.linalg.matrix_rank(W / np.linalg.norm(W, axis=0), 1 / EXCITED)) for W in matrices)
             raise ValueError(
                 f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
