@@ -72,8 +72,8 @@ record = rne.identification.Record.from_csv(file, known.joint_names)
 print(record, *record.findings, sep="\n")
 
 # %%
-# Two periods of the motion. Findings name what is wrong with a log: gaps, wild values,
-# stamps that jitter, torques at their limit. This one has none.
+# Two periods of the motion. Findings name what is wrong with a log: gaps, spikes, times made
+# by the reader of the log, torques at their limit. This one has none.
 #
 # The fit
 # -------

@@ -72,6 +72,141 @@ NOISE = 1e-3  # power of the accelerations' noise below the cut-off, as a part o
 SIGNIFICANT = 10.0  # times the noise, above which a part of a spectrum is motion
 MOVING = 0.05  # rate as a part of the fastest joint's, above which a joint has a say
 FASTEST = 0.2  # largest cut-off, as a part of the sample rate
+CHANCE = 0.01  # that spectra which have nothing to do with each other look coherent
+AVERAGES = 1.6  # independent spectra per window, where windows overlap by half
+PERIODS = 2.0  # of the crossover in a segment, at least: positions measure what is slower
+HIGHEST = 0.25  # crossover as a part of the sample rate, from which the positions alone are used
+
+
+class Spectrum(NamedTuple):
+    """Power of the joints' rates over frequency, each joint's from what measures better: positions or rates."""
+
+    f: Array  # shape (F,) [Hz]
+    rates: Array  # shape (F, n)
+    noise: Array  # in `rates`, shape (F, n)
+    crossover: Array  # below which positions measure better, shape (n,) [Hz]; infinite where rates are not used
+
+
+def motion_spectrum(
+    q: Sequence[Array], sample_rate: float, integrals: Sequence[Array] = (), used: Array | None = None
+) -> Spectrum:
+    """Averaged over the segments that are long enough, shape (T, n) each; `integrals` are those of measured rates.
+
+    Noise of the positions that is equal at all frequencies, as that of quantisation, has in differences the spectrum
+    N (2 sin(pi f / f_s))^2; N is the median over the upper half of the frequencies. Noise of the rates is the median of
+    theirs there. Rates that a drive has filtered have little noise but come late: their noise is also what they differ
+    by from the positions', if these have a bandwidth and their noise does not account for it.
+    """
+    f, power = _power(q, q, sample_rate)
+    rates = power.real
+    shape = ((2 * np.sin(np.pi * f / sample_rate)) ** 2)[:, None]
+    upper = f > sample_rate / 4
+    level = np.median(rates[upper] / shape[upper], axis=0)
+    noise, crossover = level * shape, np.full(rates.shape[1], np.inf)
+    plain = Spectrum(f, rates, noise, crossover)
+    if used is None or not used.any():
+        return plain
+    off = [x - y for x, y in zip(q, integrals, strict=True)]
+    measured, difference = (_power(x, x, sample_rate)[1].real for x in (integrals, off))
+    is_bounded = max(FACTOR * joint.motion for joint in _bandwidths(plain)) < FASTEST * sample_rate
+    if not is_bounded:  # repeated positions have noise at single frequencies
+        level = np.mean(rates[upper] / shape[upper], axis=0)
+    unexplained = (difference > SIGNIFICANT * noise) & is_bounded
+    late = np.where(unexplained, difference, 0.0).sum(0) / np.maximum(unexplained.sum(0), 1)
+    measured_noise = np.maximum(np.median(measured[upper], axis=0), late)
+    equal = sample_rate / (2 * np.pi) * np.sqrt(measured_noise / np.maximum(level, np.finfo(float).tiny))
+    better = used & (equal < HIGHEST * sample_rate)
+    crossover[better] = np.maximum(equal[better], PERIODS * sample_rate / max(len(x) for x in q))
+    above = f[:, None] > crossover
+    return Spectrum(f, np.where(above, measured, rates), np.where(above, measured_noise, noise), crossover)
+
+
+def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[Array, Array]:
+    """Frequencies, and the cross spectrum of the derivatives of x and y, mean over the segments."""
+    from scipy.signal import csd
+
+    length = min(int(WINDOW * sample_rate), max((len(part) for part in x), default=0) - 1)
+    if length < FEWEST:
+        raise ValueError("the segments are too short for a spectrum of the positions")
+    spectra, weights = [], []
+    for a, b in zip(x, y, strict=True):
+        if len(a) > length:
+            first = np.diff(a, axis=0) * sample_rate
+            second = first if b is a else np.diff(b, axis=0) * sample_rate
+            spectra.append(csd(first, second, sample_rate, "hann", length, detrend="constant", axis=0))
+            weights.append(len(a))
+    return spectra[0][0][1:], np.average([power[1:] for _, power in spectra], axis=0, weights=weights)
+
+
+def integral(rates: Array, sample_rate: float) -> Array:
+    """Integral of a cubic spline through samples along the first axis, zero at the first."""
+    from scipy.interpolate import CubicSpline
+
+    t = np.arange(len(rates)) / sample_rate
+    integrated: Array = CubicSpline(t, rates, axis=0).antiderivative()(t)
+    return integrated
+
+
+def complementary_filter(q: Array, integrals: Array, crossover: Array, sample_rate: float) -> Array:
+    """Positions: below the crossover of each joint as measured, above it the integrals of the measured rates."""
+    fused = q.copy()
+    for j in np.flatnonzero(np.isfinite(crossover)):
+        slow = low_pass(q[:, j] - integrals[:, j], crossover[j], sample_rate)
+        fused[:, j] = integrals[:, j] + slow
+    return fused
+
+
+def choose_cutoff(
+    spectrum: Spectrum, sample_rate: float, q: Sequence[Array], tau: Sequence[Array]
+) -> tuple[float, tuple[str, ...]]:
+    """A cut-off [Hz] for the motion of these segments, shape (T, n) each, and the reason in words.
+
+    Where the motion seems to reach so far that the cut-off is at its cap, noise is likely to be taken for motion: then
+    only what torques have in common with the positions counts.
+    """
+    highest, warned = FASTEST * sample_rate, []
+    cutoff, reason = _cutoff(spectrum)
+    if cutoff > highest:
+        common = spectrum.rates * _coherence(q, tau, sample_rate)
+        warned = [
+            f"warning: the spectrum asks for a cut-off above {highest:.6g} Hz, a fifth of the sample rate: positions "
+            "that repeat or jump, noise up to half the sample rate, or a sample rate that is too low"
+        ]
+        if (common > SIGNIFICANT * spectrum.noise).any():
+            cutoff, reason = _cutoff(spectrum._replace(rates=common))
+            reason = f"of what torques and positions have in common, {reason}"
+    if cutoff > highest:
+        cutoff, reason = highest, f"{FASTEST:g} times the sample rate of {sample_rate:.6g} Hz"
+    source = "positions" if np.isinf(spectrum.crossover).all() else "positions and measured rates"
+    return cutoff, (f"cut-off {cutoff:.3g} Hz, chosen from the spectrum of the {source}: {reason}", *warned)
+
+
+def _cutoff(spectrum: Spectrum) -> tuple[float, str]:
+    """From the bandwidths of the joints that move."""
+    found = _bandwidths(spectrum)
+    fastest = max(joint.rate for joint in found)
+    if fastest == 0:
+        raise ValueError("the positions show no motion above their noise")
+    moving = [joint for joint in found if joint.rate >= MOVING * fastest]
+    motion, noise = max(joint.motion for joint in moving), min(joint.noise for joint in moving)
+    if noise < FACTOR * motion:
+        reason = f"the motion's bandwidth is {motion:.3g} Hz, noise disturbs the accelerations from {noise:.3g} Hz on"
+        return max(noise, LEAST * motion), reason
+    return FACTOR * motion, f"{FACTOR:g} times the motion's bandwidth of {motion:.3g} Hz"
+
+
+def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> Array:
+    """Squared coherence of positions and torques, shape (F, n); zero from where it may be chance."""
+    f, both = _power(q, tau, sample_rate)
+    moved, torque = (_power(x, x, sample_rate)[1].real for x in (q, tau))
+    squared: Array = np.abs(both) ** 2 / np.maximum(moved * torque, np.finfo(float).tiny)
+    window = min(WINDOW * sample_rate, max(len(x) for x in q))
+    averages = max(2.0, AVERAGES * sum(len(x) for x in q) / window)
+    chance = squared < 1 - CHANCE ** (1 / (averages - 1))
+    chance[:-1] &= chance[1:]  # two neighbouring frequencies
+    start = np.argmax(squared * moved / f[:, None] ** 2, axis=0)
+    ended = np.cumsum(chance & (np.arange(len(f))[:, None] > start), axis=0) > 0
+    return np.where(ended, 0.0, squared)
 
 
 class Bandwidth(NamedTuple):
@@ -82,45 +217,8 @@ class Bandwidth(NamedTuple):
     noise: float  # frequency below which accelerations have the share `NOISE` of noise [Hz]
 
 
-def choose_cutoff(segments: Sequence[Array], sample_rate: float) -> tuple[float, str]:
-    """A cut-off [Hz] for the positions of these segments, shape (T, n) each, and the reason in words."""
-    found = bandwidths(segments, sample_rate)
-    fastest = max(joint.rate for joint in found)
-    if fastest == 0:
-        raise ValueError("the positions show no motion above their noise")
-    moving = [joint for joint in found if joint.rate >= MOVING * fastest]
-    motion, noise = max(joint.motion for joint in moving), min(joint.noise for joint in moving)
-    cutoff, reason = FACTOR * motion, f"{FACTOR:g} times the motion's bandwidth of {motion:.3g} Hz"
-    if noise < cutoff:
-        cutoff = max(noise, LEAST * motion)
-        reason = f"the motion's bandwidth is {motion:.3g} Hz, noise disturbs the accelerations from {noise:.3g} Hz on"
-    if cutoff > FASTEST * sample_rate:
-        cutoff, reason = FASTEST * sample_rate, f"{FASTEST:g} times the sample rate of {sample_rate:.6g} Hz"
-    return cutoff, f"cut-off {cutoff:.3g} Hz, chosen from the spectrum of the positions: {reason}"
-
-
-def bandwidths(segments: Sequence[Array], sample_rate: float) -> list[Bandwidth]:
-    """The bandwidth of each joint's motion and measurement, averaged over the segments that are long enough.
-
-    Noise of the positions that is equal at all frequencies, as that of quantisation, has in differences the spectrum
-    N (2 sin(pi f / f_s))^2; N is the median over the upper half of the frequencies.
-    """
-    from scipy.signal import welch
-
-    length = min(int(WINDOW * sample_rate), max((len(q) for q in segments), default=0) - 1)
-    if length < FEWEST:
-        raise ValueError("the segments are too short for a spectrum of the positions")
-    long_enough = [q for q in segments if len(q) > length]
-    spectra = [
-        welch(np.diff(q, axis=0) * sample_rate, sample_rate, "hann", length, detrend="constant", axis=0)
-        for q in long_enough
-    ]
-    f = spectra[0][0][1:]
-    rates = np.average([spectrum[1:] for _, spectrum in spectra], axis=0, weights=[len(q) for q in long_enough])
-    shape = (2 * np.sin(np.pi * f / sample_rate)) ** 2
-    upper = f > sample_rate / 4
-    level = np.median(rates[upper] / shape[upper, None], axis=0)
-    return [_bandwidth(f, rate, N * shape) for rate, N in zip(rates.T, level, strict=True)]
+def _bandwidths(spectrum: Spectrum) -> list[Bandwidth]:
+    return [_bandwidth(spectrum.f, *joint) for joint in zip(spectrum.rates.T, spectrum.noise.T, strict=True)]
 
 
 def _bandwidth(f: Array, rate: Array, noise: Array) -> Bandwidth:

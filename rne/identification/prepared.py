@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +12,19 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import counted, summary
-from .filtering import FASTEST, MARGIN, choose_cutoff, derivatives, low_pass, settling
+from .filtering import (
+    FASTEST,
+    MARGIN,
+    Spectrum,
+    choose_cutoff,
+    complementary_filter,
+    derivatives,
+    integral,
+    low_pass,
+    motion_spectrum,
+    settling,
+)
+from .screening import Screened
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,58 +197,77 @@ class Prepared:
 POSITIONS = 5.0  # cut-off of the positions' filter, as a multiple of the parallel filter's
 HIGHEST = 0.25  # of that, as a part of the sample rate
 ROUNDING = 1e-6  # of a ratio of rates
+ROUNDED = 1.01  # of a cut-off that was printed and is given back
 PASS_BAND = 0.8  # cut-off as a part of half the reduced rows' rate (Gautier, Janot and Vandanjon 2013)
 
 
-class Part(NamedTuple):
-    """A segment on its grid: times, shape (T,), and positions, torques and where these are usable, shape (T, n)."""
-
-    t: Array
-    q: Array
-    tau: Array
-    usable: Array
-
-
-def prepare(name: str, parts: Sequence[Part], rate: float, cutoff: float | None, decimation: int | None) -> Prepared:
-    """Filter and differentiate the positions of every segment that is long enough; rate is the grid's [Hz]."""
-    cutoff, note = _cutoff(name, parts, rate, cutoff)
+def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int | None) -> Prepared:
+    """Filter and differentiate the positions of every segment that is long enough."""
+    rate, parts = 1 / screened.period, screened.segments
+    positions, torques = [screened.q[part] for part in parts], [screened.tau[part] for part in parts]
+    positions, spectrum, notes = _fused(screened, positions, rate)
+    if cutoff is None:
+        try:
+            if spectrum is None:
+                spectrum = motion_spectrum(positions, rate)
+            cutoff, reasons = choose_cutoff(spectrum, rate, positions, torques)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
+    else:
+        cutoff = _check_cutoff(cutoff, rate)
+        reasons = (f"cut-off {cutoff:.3g} Hz, as given",)
     decimation = _decimation(decimation, cutoff, rate)
     position_cutoff = min(POSITIONS * cutoff, HIGHEST * rate)
     drop = max(2 * settling(position_cutoff, rate), MARGIN)  # twice, for the accelerations
     needed = 2 * (drop + settling(cutoff, rate)) + decimation
-    kept = [part for part in parts if len(part.t) >= needed]
+    lengths = [len(q) for q in positions]
+    kept = [k for k, length in enumerate(lengths) if length >= needed]
     if not kept:
-        longest = max((len(part.t) for part in parts), default=0)
         raise ValueError(
-            f"{name}: a cut-off of {cutoff:.3g} Hz needs a segment of {needed} samples, the longest has {longest}; "
-            "give a higher `cutoff`, or record longer without gaps"
+            f"{name}: a cut-off of {cutoff:.3g} Hz needs a segment of {needed} samples, the longest has "
+            f"{max(lengths, default=0)}; give a higher `cutoff`, or record longer without gaps"
         )
-    differentiated = [_differentiated(part, position_cutoff, rate, drop) for part in kept]
-    t, q, qd, qdd, tau, usable = (np.concatenate(arrays) for arrays in zip(*differentiated, strict=True))
-    ends = np.cumsum([0, *(len(arrays[0]) for arrays in differentiated)]).tolist()
+    differentiated = [_differentiated(positions[k], position_cutoff, rate, drop) for k in kept]
+    q, qd, qdd = (np.concatenate(arrays) for arrays in zip(*differentiated, strict=True))
+    rows = np.concatenate([np.arange(parts[k].start + drop, parts[k].stop - drop) for k in kept])
+    ends = np.cumsum([0, *(lengths[k] - 2 * drop for k in kept)]).tolist()
     segments = tuple(slice(a, b) for a, b in pairwise(ends))
-    notes = [note, f"{drop} samples at either end of a segment dropped after the filter of the positions"]
+    notes = [*reasons, *notes, f"{drop} samples at either end of a segment dropped after the filter of the positions"]
     if len(kept) < len(parts):
-        left_out = [len(part.t) for part in parts if len(part.t) < needed]
+        left_out = [length for length in lengths if length < needed]
         notes.append(
             f"{counted(len(left_out), 'segment')}, {sum(left_out)} samples in all, left out: "
             f"the filters need {needed} samples without a gap"
         )
+    notes += [*screened.notes, *(str(finding) for finding in screened.findings)]
+    t, tau, usable = (x[rows] for x in (screened.t, screened.tau, screened.usable))
     return Prepared(t, q, qd, qdd, tau, segments, rate, cutoff, position_cutoff, decimation, usable, tuple(notes))
 
 
-def _cutoff(name: str, parts: Sequence[Part], rate: float, given: float | None) -> tuple[float, str]:
-    if given is None:
-        try:
-            return choose_cutoff([part.q for part in parts], rate)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
+def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[list[Array], Spectrum | None, list[str]]:
+    """Positions with what measured rates know better, the spectrum that told what this is, and where rates enter."""
+    if screened.qd is None or not screened.believed.any():
+        return positions, None, []
+    integrals = [integral(screened.qd[part], rate) for part in screened.segments]
+    try:
+        spectrum = motion_spectrum(positions, rate, integrals, screened.believed)
+    except ValueError:  # too short a record for a spectrum
+        return positions, None, []
+    crossover = spectrum.crossover
+    if np.isinf(crossover).all():
+        return positions, spectrum, ["rates from the positions: the measured ones are noisier at all frequencies"]
+    fused = [complementary_filter(q, Q, crossover, rate) for q, Q in zip(positions, integrals, strict=True)]
+    named = ", ".join(f"{f:.3g}" if np.isfinite(f) else "none" for f in crossover)
+    return fused, spectrum, [f"rates as measured above a crossover, from the positions below it: {named} Hz by joint"]
+
+
+def _check_cutoff(given: float, rate: float) -> float:
     cutoff = positive_number("cutoff", given)
-    if cutoff > FASTEST * rate:
+    if cutoff > ROUNDED * FASTEST * rate:
         raise ValueError(
             f"`cutoff` must be at most {FASTEST * rate:.6g} Hz, a fifth of the sample rate, got {cutoff:.6g}"
         )
-    return cutoff, f"cut-off {cutoff:.3g} Hz, as given"
+    return cutoff
 
 
 def _decimation(given: int | None, cutoff: float, rate: float) -> int:
@@ -252,9 +281,8 @@ def _decimation(given: int | None, cutoff: float, rate: float) -> int:
     return int(given)
 
 
-def _differentiated(part: Part, cutoff: float, rate: float, drop: int) -> tuple[Array, ...]:
-    """Times, positions, rates, accelerations, torques and where usable, without `drop` samples at either end."""
-    inner = slice(drop, len(part.t) - drop)
-    q = low_pass(part.q, cutoff, rate)
-    qd, qdd = derivatives(q[drop - MARGIN : len(q) - drop + MARGIN], rate)
-    return part.t[inner], q[inner], qd, qdd, part.tau[inner], part.usable[inner]
+def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Array, Array, Array]:
+    """Positions, rates and accelerations, without `drop` samples at either end."""
+    filtered = low_pass(q, cutoff, rate)
+    qd, qdd = derivatives(filtered[drop - MARGIN : len(q) - drop + MARGIN], rate)
+    return filtered[drop : len(q) - drop], qd, qdd

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +16,8 @@ from ..basics.spatial import Array
 from ..basics.text import counted
 from ..simulation.motion_files import numbered_joints
 from ..trajectories.csv_file import read_samples
-from .filtering import FASTEST
-from .prepared import Part, Prepared, prepare
-from .screening import Measured, RecordFinding, Stamps, screen
+from .prepared import Prepared, prepare
+from .screening import RecordFinding, Stamps, screen
 
 if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory
@@ -26,14 +25,109 @@ if TYPE_CHECKING:
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 
 
-class RecordSources:
-    """Base of `Record` with the functions that make one."""
+SINGULAR = 1e-10  # smallest singular value as a part of the largest, with each motor's row scaled to one
+SWEEP = (0.5, 1.0, 2.0)  # times the chosen cut-off
 
-    if TYPE_CHECKING:
 
-        def __init__(
-            self, t: ArrayLike, q: ArrayLike, tau: ArrayLike, qd: ArrayLike | None = None, **options: Any
-        ) -> None: ...
+class Record:
+    """Measurements of one motion, screened for faults.
+
+    Parameters
+    ----------
+    t : array_like, shape (T,)
+        Times [s].
+    q : array_like, shape (T, n)
+        Joint positions, in `unit`.
+    tau : array_like, shape (T, n)
+        Joint torques [N m or N].
+    qd : array_like, shape (T, n), optional
+        Measured joint rates, per second of `unit`. Where they are those of the positions and have less noise than the
+        derivatives of these, `prepare` uses them.
+    name : str
+        For messages.
+    joint_names : sequence of str, optional
+        For messages; "joint_1" and so on if not given.
+    unit : {"rad", "m", "deg"}, or a sequence of n of them
+        Unit of the positions of all joints, or of each.
+    stamps : {"auto", "sampled", "regular"}
+        Whether the samples were taken at the times ("sampled") or in equal steps, the times being those at which a
+        reader got them ("regular"). By default the times are believed, however irregular, unless the positions are
+        smoother over equal steps or different samples have the same time.
+    bridge : int
+        How many samples in a row, missing or not to be believed, are interpolated; at longer gaps the record is cut.
+
+    Attributes
+    ----------
+    t : ndarray, shape (T,)
+        Times as given [s].
+    q, tau : ndarray, shape (T, n)
+        Positions and torques as given, in SI units [rad or m; N m or N].
+    qd : ndarray, shape (T, n), or None
+        Rates as given, in SI units [rad/s or m/s].
+    findings : tuple of RecordFinding
+        What is wrong with the measurements and what is done about it; empty if nothing is.
+    encoder_step : ndarray, shape (n,)
+        Smallest step of each position, of which all others are multiples [rad or m]; zero if there is none.
+    sample_rate : float
+        Samples per second, those that are missing included [Hz].
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or is not of numbers, or an option is none of those named.
+
+    Notes
+    -----
+    Looked for: times that go back or are there twice, gaps and missing samples; times made by the reader of the log;
+    values that are not finite; spikes, up to three samples off the curve through their neighbours by more than ten
+    times the usual deviation, such as positions repeated in the midst of a motion; jumps of positions; torques that are
+    constant, or at a limit; rates that are not those of the positions; positions in degrees; joints that do not move;
+    fewer than two samples per second, as of times in milliseconds. Errors are raised by `prepare`.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> t = np.arange(2000) / 500
+    >>> q = np.sin(2 * np.pi * np.outer(t, [0.5, 1.0]))
+    >>> q[700, 1] += 0.3
+    >>> record = rne.identification.Record(t, q, np.cos(q), name="run 1")
+    >>> print(record.findings[0])
+    warning: run 1: joint_2: position spike at sample 700 (t = 1.4 s); interpolated
+    """
+
+    def __init__(
+        self,
+        t: ArrayLike,
+        q: ArrayLike,
+        tau: ArrayLike,
+        qd: ArrayLike | None = None,
+        *,
+        name: str = "record",
+        joint_names: Sequence[str] | None = None,
+        unit: str | Sequence[str] = "rad",
+        stamps: Stamps = "auto",
+        bridge: int = 3,
+    ) -> None:
+        if stamps not in get_args(Stamps):
+            raise ValueError(f'`stamps` must be "auto", "sampled" or "regular", got {stamps!r}')
+        if isinstance(bridge, bool) or not isinstance(bridge, int | np.integer) or bridge < 0:
+            raise ValueError(f"`bridge` must be an integer that is not negative, got {bridge!r}")
+        self.name, self._stamps, self._bridge = name, stamps, int(bridge)
+        self.q = samples_array("q", q, None)
+        self.t = _times(t, len(self.q))
+        self.tau = samples_array("tau", tau, self.q.shape)
+        self.qd = None if qd is None else samples_array("qd", qd, self.q.shape)
+        n = self.q.shape[1]
+        self.joint_names = numbered_joints(n) if joint_names is None else tuple(joint_names)
+        if len(self.joint_names) != n:
+            raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
+        factors = _factors(unit, n)
+        self.q *= factors
+        if self.qd is not None:
+            self.qd *= factors
+        for array in (self.t, self.q, self.tau, *([] if self.qd is None else [self.qd])):
+            array.flags.writeable = False
+        self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
 
     @classmethod
     def from_csv(cls, path: str | os.PathLike[str], joint_names: Sequence[str], **options: Any) -> Self:
@@ -175,180 +269,15 @@ class RecordSources:
         if unit not in ("rad", "deg"):
             raise ValueError(f'`unit` must be "rad" or "deg" for motors, got {unit!r}')
         positions = samples_array("motor_q", motor_q, None) * UNITS[unit]
-        gears = motor_side(positions.shape[1], ratios, coupling, drive_gains, offsets)
-        torques = samples_array("motor_tau", motor_tau, positions.shape)
+        n = positions.shape[1]
+        gains = np.ones(n) if drive_gains is None else _not_zero("drive_gains", drive_gains, n)
+        zero = 0.0 if offsets is None else vector("offsets", offsets, n)
+        K = _gears(n, ratios, coupling)
+        torques = (gains * samples_array("motor_tau", motor_tau, positions.shape)) @ K
         rates = None
         if motor_qd is not None:
-            rates = gears.rates(samples_array("motor_qd", motor_qd, positions.shape) * UNITS[unit])
-        return cls(t, gears.positions(positions), gears.torques(torques), rates, **options)
-
-
-def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) -> Array:
-    """A float64 copy of shape (T, n), of any finite or other real numbers."""
-    wanted = "(T, n)" if shape is None else str(shape)
-    array = convert_numbers(name, value, wanted)
-    if array.dtype.kind == "c":
-        raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
-    if array.ndim != 2 or 0 in array.shape or (shape is not None and array.shape != shape):
-        raise ValueError(f"`{name}` must have shape {wanted}, got {array.shape}")
-    return np.array(array, dtype=np.float64)
-
-
-SINGULAR = 1e-10  # smallest singular value as a part of the largest, with each motor's row scaled to one
-
-
-class MotorSide(NamedTuple):
-    """Gears between motors and joints.
-
-    Attributes
-    ----------
-    K : ndarray, shape (n, n)
-        Motor positions per joint positions: motor_q = K (q - offsets), and tau = K^T motor_tau.
-    drive_gains : ndarray, shape (n,)
-        Motor torque per unit of what was measured [N m/A for currents].
-    offsets : ndarray, shape (n,)
-        Joint positions where the motors read zero [rad].
-    """
-
-    K: Array
-    drive_gains: Array
-    offsets: Array
-
-    def positions(self, motor_q: Array) -> Array:
-        """Joint positions, q = K^-1 motor_q + offsets."""
-        return self.rates(motor_q) + self.offsets
-
-    def rates(self, motor_qd: Array) -> Array:
-        """Joint rates, qd = K^-1 motor_qd."""
-        return np.linalg.solve(self.K, motor_qd.T).T
-
-    def torques(self, measured: Array) -> Array:
-        """Joint torques, tau = K^T (drive_gains measured): the power tau . qd is that of the motors."""
-        joint: Array = (self.drive_gains * measured) @ self.K
-        return joint
-
-
-def motor_side(
-    n: int, ratios: ArrayLike, coupling: ArrayLike | None, drive_gains: ArrayLike | None, offsets: ArrayLike | None
-) -> MotorSide:
-    """Check the gears of n motors."""
-    gears = vector("ratios", ratios, n)
-    if (gears == 0).any():
-        raise ValueError(f"`ratios` must not be zero, got zero for joint {int(np.argmin(np.abs(gears))) + 1}")
-    mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
-    rows = np.linalg.norm(mixed, axis=1)
-    if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
-        raise ValueError(
-            "`coupling` must be invertible: joint positions do not follow from the motors' through a singular matrix"
-        )
-    gains = np.ones(n) if drive_gains is None else vector("drive_gains", drive_gains, n)
-    if (gains == 0).any():
-        raise ValueError(f"`drive_gains` must not be zero, got zero for joint {int(np.argmin(np.abs(gains))) + 1}")
-    return MotorSide(gears[:, None] * mixed, gains, np.zeros(n) if offsets is None else vector("offsets", offsets, n))
-
-
-SWEEP = (0.5, 1.0, 2.0)  # times the chosen cut-off
-
-
-class Record(RecordSources):
-    """Measurements of one motion, screened for faults.
-
-    Parameters
-    ----------
-    t : array_like, shape (T,)
-        Times [s].
-    q : array_like, shape (T, n)
-        Joint positions, in `unit`.
-    tau : array_like, shape (T, n)
-        Joint torques [N m or N].
-    qd : array_like, shape (T, n), optional
-        Measured joint rates, per second of `unit`. They are compared with the positions; a fit uses the derivatives of
-        the positions.
-    name : str
-        For messages.
-    joint_names : sequence of str, optional
-        For messages; "joint_1" and so on if not given.
-    unit : {"rad", "m", "deg"}, or a sequence of n of them
-        Unit of the positions of all joints, or of each.
-    stamps : {"sampled", "regular"}
-        What jitter of the times means: "sampled", that the samples were taken at these times; "regular", that they were
-        taken in equal steps and the times came later.
-    bridge : int
-        How many samples in a row, missing or not to be believed, are interpolated; at longer gaps the record is cut.
-
-    Attributes
-    ----------
-    t : ndarray, shape (T,)
-        Times as given [s].
-    q, tau : ndarray, shape (T, n)
-        Positions and torques as given, in SI units [rad or m; N m or N].
-    qd : ndarray, shape (T, n), or None
-        Rates as given, in SI units [rad/s or m/s].
-    findings : tuple of RecordFinding
-        What is wrong with the measurements and what is done about it; empty if nothing is.
-    encoder_step : ndarray, shape (n,)
-        Smallest step of each position, of which all others are multiples [rad or m]; zero if there is none.
-    sample_rate : float
-        Samples per second, those that are missing included [Hz].
-
-    Raises
-    ------
-    ValueError
-        If an array has the wrong shape or is not of numbers, or an option is none of those named.
-
-    Notes
-    -----
-    Looked for: times that go back or are there twice, gaps, missing samples and jitter; values that are not finite;
-    positions and torques off the curve through their neighbours by more than ten times the usual deviation; positions
-    repeated in the midst of a motion; jumps of positions; torques that are constant, or saturated; rates that are not
-    those of the positions; positions in degrees; joints that do not move; fewer than two samples per second, as of
-    times in milliseconds. Errors are raised by `prepare`.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> t = np.arange(2000) / 500
-    >>> q = np.sin(2 * np.pi * np.outer(t, [0.5, 1.0]))
-    >>> q[700, 1] += 0.3
-    >>> record = rne.identification.Record(t, q, np.cos(q), name="run 1")
-    >>> print(record.findings[0])
-    warning: run 1: joint_2: wild position at sample 700 (t = 1.4 s); interpolated
-    """
-
-    def __init__(
-        self,
-        t: ArrayLike,
-        q: ArrayLike,
-        tau: ArrayLike,
-        qd: ArrayLike | None = None,
-        *,
-        name: str = "record",
-        joint_names: Sequence[str] | None = None,
-        unit: str | Sequence[str] = "rad",
-        stamps: Stamps = "sampled",
-        bridge: int = 3,
-    ) -> None:
-        if stamps not in ("sampled", "regular"):
-            raise ValueError(f'`stamps` must be "sampled" or "regular", got {stamps!r}')
-        if isinstance(bridge, bool) or not isinstance(bridge, int | np.integer) or bridge < 0:
-            raise ValueError(f"`bridge` must be an integer that is not negative, got {bridge!r}")
-        self.name, self._stamps, self._bridge = name, stamps, int(bridge)
-        self.q = samples_array("q", q, None)
-        self.t = _times(t, len(self.q))
-        self.tau = samples_array("tau", tau, self.q.shape)
-        self.qd = None if qd is None else samples_array("qd", qd, self.q.shape)
-        n = self.q.shape[1]
-        self.joint_names = numbered_joints(n) if joint_names is None else tuple(joint_names)
-        if len(self.joint_names) != n:
-            raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
-        factors = _factors(unit, n)
-        self.q *= factors
-        if self.qd is not None:
-            self.qd *= factors
-        for array in (self.t, self.q, self.tau, *([] if self.qd is None else [self.qd])):
-            array.flags.writeable = False
-        measured = Measured(self.t, self.q, self.tau, self.qd)
-        self._screened = screen(name, self.joint_names, measured, self._bridge, stamps)
+            rates = np.linalg.solve(K, samples_array("motor_qd", motor_qd, positions.shape).T).T * UNITS[unit]
+        return cls(t, np.linalg.solve(K, positions.T).T + zero, torques, rates, **options)
 
     def __repr__(self) -> str:
         t = self.t
@@ -419,8 +348,8 @@ class Record(RecordSources):
         ----------
         cutoff : float, optional
             Of the parallel filter [Hz], at most a fifth of the sample rate. If it is not given, five times the
-            frequency below which 99 % of the power of the rates lies, less where the noise of the encoders disturbs the
-            accelerations; never more than a fifth of the sample rate.
+            frequency below which 99 % of the power of the rates lies, less where noise disturbs the accelerations. Were
+            that more than a fifth of the sample rate, only what positions and torques have in common counts.
         decimation : int, optional
             Samples per reduced row; by default the cut-off is 0.8 times half the rate of the rows.
 
@@ -437,7 +366,9 @@ class Record(RecordSources):
 
         Notes
         -----
-        Positions pass a filter of five times the cut-off, at most a quarter of the sample rate, before they are
+        Measured rates and the derivatives of positions pass complementary filters, those above and these below the
+        frequency at which both have the same noise; of positions, the integrals of the rates take the upper part. They
+        pass a filter of five times the cut-off, at most a quarter of the sample rate, before they are
         differentiated by central differences of eighth order. Both filters are Butterworth filters of fourth order that
         run forwards and backwards. What a filter takes from the accelerations it takes from the inertias, so that
         parameters depend on the cut-off: `sweep` shows by how much.
@@ -455,18 +386,7 @@ class Record(RecordSources):
         if errors:
             more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""
             raise ValueError(errors[0].message + more)
-        clean = self._screened
-        parts = [
-            Part(
-                part.t,
-                part.on_grid(clean.t, clean.q),
-                part.on_grid(clean.t, clean.tau),
-                part.nearest(clean.t, clean.usable),
-            )
-            for part in clean.segments
-        ]
-        prepared = prepare(self.name, parts, self.sample_rate, cutoff, decimation)
-        return replace(prepared, notes=(*prepared.notes, *(str(finding) for finding in self.findings)))
+        return prepare(self.name, self._screened, cutoff, decimation)
 
     def sweep(self, cutoffs: ArrayLike | None = None) -> tuple[Prepared, ...]:
         """The record prepared with several cut-offs, to see how far what is fitted depends on the filter.
@@ -474,7 +394,7 @@ class Record(RecordSources):
         Parameters
         ----------
         cutoffs : array_like, shape (k,), optional
-            Cut-offs [Hz]; half, once and twice the one that `prepare` chooses if not given.
+            Cut-offs [Hz]; half, once and twice the one that `prepare` chooses if not given, those that can be used.
 
         Returns
         -------
@@ -495,9 +415,43 @@ class Record(RecordSources):
         [5.0, 10.0, 20.0]
         """
         if cutoffs is None:
-            chosen = self.prepare().cutoff
-            cutoffs = [factor * chosen for factor in SWEEP if factor * chosen <= FASTEST * self.sample_rate]
+            chosen, sweep = self.prepare().cutoff, []
+            for factor in SWEEP:
+                with suppress(ValueError):  # above the cap, or no segment is long enough for the filter
+                    sweep.append(self.prepare(factor * chosen))
+            return tuple(sweep)
         return tuple(self.prepare(float(cutoff)) for cutoff in np.asarray(cutoffs, dtype=np.float64))
+
+
+def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) -> Array:
+    """A float64 copy of shape (T, n), of any finite or other real numbers."""
+    wanted = "(T, n)" if shape is None else str(shape)
+    array = convert_numbers(name, value, wanted)
+    if array.dtype.kind == "c":
+        raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
+    if array.ndim != 2 or 0 in array.shape or (shape is not None and array.shape != shape):
+        raise ValueError(f"`{name}` must have shape {wanted}, got {array.shape}")
+    return np.array(array, dtype=np.float64)
+
+
+def _gears(n: int, ratios: ArrayLike, coupling: ArrayLike | None) -> Array:
+    """Motor positions per joint positions of n motors, diag(ratios) coupling."""
+    mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
+    gears = _not_zero("ratios", ratios, n)
+    rows = np.linalg.norm(mixed, axis=1)
+    if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
+        raise ValueError(
+            "`coupling` must be invertible: joint positions do not follow from the motors' through a singular matrix"
+        )
+    K: Array = gears[:, None] * mixed
+    return K
+
+
+def _not_zero(name: str, value: ArrayLike, n: int) -> Array:
+    factors = vector(name, value, n)
+    if (factors == 0).any():
+        raise ValueError(f"`{name}` must not be zero, got zero for joint {int(np.argmin(np.abs(factors))) + 1}")
+    return factors
 
 
 def _times(t: ArrayLike, count: int) -> Array:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class RecordFinding:
     joint : str
         The joint; empty if all are concerned.
     kind : str
-        What was found, such as "wild position" or "gap".
+        What was found, such as "position spike" or "gap".
     text : str
         Where, and by how much.
     cure : str
@@ -74,26 +75,23 @@ class Findings:
         self.rows: Array = np.arange(len(t))
         self.found: list[RecordFinding] = []
 
-    def error(self, joint: int | None, kind: str, text: str, cure: str, samples: Iterable[int] = ()) -> None:
-        """Add an error; `joint` is None for all joints."""
-        self._add("error", joint, kind, text, cure, samples)
-
-    def warning(self, joint: int | None, kind: str, text: str, cure: str, samples: Iterable[int] = ()) -> None:
-        """Add a warning; `joint` is None for all joints."""
-        self._add("warning", joint, kind, text, cure, samples)
-
-    def _add(
+    def warning(
         self,
-        severity: Literal["error", "warning"],
         joint: int | None,
         kind: str,
         text: str,
         cure: str,
-        samples: Iterable[int],
+        samples: Iterable[int] = (),
+        severity: Literal["error", "warning"] = "warning",
     ) -> None:
+        """Add a finding; `joint` is None for all joints."""
         name = "" if joint is None else self.joint_names[joint]
         indices = tuple(int(self.rows[k]) for k in samples)
         self.found.append(RecordFinding(severity, self.record, name, kind, text, cure, indices))
+
+    def error(self, kind: str, text: str, cure: str, samples: Iterable[int] = ()) -> None:
+        """Add an error that concerns all joints."""
+        self.warning(None, kind, text, cure, samples, "error")
 
     @property
     def has_errors(self) -> bool:
@@ -108,6 +106,10 @@ class Findings:
         more = f" and {len(samples) - NAMED} more" if len(samples) > NAMED else ""
         return f"at {counted(len(samples), 'sample')}: {named}{more}"
 
+    def after(self, samples: Array) -> str:
+        """After which samples, the first ones with their times."""
+        return "after " + self.at(samples).removeprefix("at ")
+
 
 def runs(flags: Array) -> list[tuple[int, int]]:
     """Start and end (exclusive) of each run of True in a vector."""
@@ -115,114 +117,147 @@ def runs(flags: Array) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-Stamps = Literal["sampled", "regular"]
-SCATTER = 0.25  # standard deviation of the stamps, as a part of the period, from which no samples can be counted
-SMOOTHER = 0.5  # roughness over equal steps, as a part of that over the stamps, that speaks for equal steps
+# Times
+
+Stamps = Literal["auto", "sampled", "regular"]
+REGULAR = 0.02  # deviation of stamps from equal steps that is none, as a part of the period
+LAG = 1000  # samples over which the period of counted samples is taken
+PAUSES = 0.005  # share of steps from which pauses belong to the stamps, and are no gaps
+KNOTS = 10.0  # seconds, and
+KNOT_SAMPLES = 1000  # samples, between changes of the step that is fitted to stamps
+CLOSE = 0.3  # step as a part of the period, below which one of two samples is enough for a spline
 
 
-def check_order(found: Findings, t: Array, rows: Array) -> Array:
+def check_order(found: Findings, t: Array, rows: Array, stamps: Stamps) -> Array:
     """True at samples to keep: times must ascend, and samples that are there twice are kept once.
 
     `rows` holds all that was measured, by which samples with the same time are told apart.
     """
     kept = np.ones(len(t), dtype=bool)
     steps = np.diff(t)
-    same = np.flatnonzero(steps == 0) + 1
-    back = np.flatnonzero(steps < 0) + 1
+    same, back = np.flatnonzero(steps == 0) + 1, np.flatnonzero(steps < 0) + 1
     if len(back):
         text = f"{found.at(back)}: {t[back[0]]:.10g} s after {t[back[0] - 1]:.10g} s"
-        found.error(None, "time that goes back", text, "sort the samples, or pass each motion as a record", back)
+        found.error("time that goes back", text, "sort the samples, or pass each motion as a record", back)
     twice = np.array([np.array_equal(rows[k], rows[k - 1], equal_nan=True) for k in same], dtype=bool)
-    if twice.any():
-        found.warning(None, "sample twice", found.at(same[twice]), "the second is left out", same[twice])
-        kept[same[twice]] = False
-    if not twice.all():
-        different = same[~twice]
-        found.error(
-            None,
-            "one time for different samples",
-            found.at(different),
-            "give times with more digits, or the index divided by the sample rate",
-            different,
-        )
+    if twice.all() and len(same):
+        found.warning(None, "sample twice", found.at(same), "the second is left out", same)
+        kept[same] = False
+    elif stamps == "sampled" and len(same):
+        _refuse_same(found, same[~twice])
     return kept
 
 
-def check_regularity(found: Findings, t: Array, q: Array, period: float, bridge: int, stamps: Stamps) -> Array:
-    """The times to use: the stamps, or equal steps between gaps where `stamps` is "regular"."""
+def _refuse_same(found: Findings, same: Array) -> None:
+    cure = "give times with more digits, or the index divided by the sample rate"
+    found.error("one time for different samples", found.at(same), cure, same)
+
+
+def check_stamps(found: Findings, t: Array, q: Array, bridge: int, stamps: Stamps) -> tuple[Array, float]:
+    """The times to use, and their period: the stamps, or equal steps where these were made by the reader of the log."""
     steps = np.diff(t)
-    gap = steps > (bridge + 1.5) * period
-    counts = np.where(gap, 0, np.rint(steps / period)) if stamps == "sampled" else (~gap).astype(float)
-    _check_gaps(found, t, steps, period, gap, counts)
-    group = np.concatenate([[0], np.cumsum(gap)])
-    equal = np.concatenate([[0.0], np.cumsum(counts)]) * period
-    offset = np.bincount(group, t - equal) / np.bincount(group)
-    equal += offset[group]
-    deviation = t - equal
-    if np.abs(deviation).max() <= REGULAR * period:
-        return t
-    spread = float(np.std(deviation))
-    size = f"by {1e3 * spread:.3g} ms (standard deviation; period {1e3 * period:.4g} ms)"
-    if stamps == "regular":
-        found.warning(None, "jittered stamps", size, "replaced by equal steps, as `stamps` says")
-        return equal
-    if spread > SCATTER * period:
-        cure = 'pass stamps="regular" if the samples are equally spaced and none is missing, or log the drives\' times'
-        found.error(None, "jittered stamps", size, cure)
-    elif _roughness(q, group) < SMOOTHER * _roughness(
-        q - np.gradient(q, axis=0) * (deviation / period)[:, None], group
-    ):
-        cure = 'the positions are smoother over equal steps: pass stamps="regular" if the samples are equally spaced'
-        found.warning(None, "jittered stamps", size, f"resampled by a cubic spline through the stamps; {cure}")
+    usual = np.abs(steps - np.median(steps)) <= np.median(steps) / 2
+    period = float(steps[usual].mean())
+    counted_period, gap = _pauses(t, bridge)
+    by_count = _equal_steps(t, gap, counted_period)
+    if stamps == "sampled" or (period and np.abs(t - by_count).max() <= REGULAR * period):
+        reason = ""
+    elif stamps == "regular":
+        reason = "as `stamps` says"
     else:
-        found.warning(None, "jittered stamps", size, "resampled by a cubic spline through the stamps")
-    return t
+        reason = _made_by_reader(t, q, by_count, gap, counted_period)
+    if reason:
+        size = (
+            f"by {1e3 * float(np.std(t - by_count)):.3g} ms (standard deviation; period {1e3 * counted_period:.4g} ms)"
+        )
+        cure = f"samples are counted, {reason}"
+        found.warning(None, "stamps that are not the samples'", f"differ from equal steps {size}", cure)
+        t, period = by_count, counted_period
+    elif (same := np.flatnonzero(steps == 0) + 1).size:
+        _refuse_same(found, same)
+    else:
+        gap = steps > (bridge + 1.5) * period
+    _check_gaps(found, t, period, gap)
+    return t, period
 
 
-def _check_gaps(found: Findings, t: Array, steps: Array, period: float, gap: Array, counts: Array) -> None:
+def _pauses(t: Array, bridge: int) -> tuple[float, Array]:
+    """Period of samples that are counted, and where the log has a gap: a step far above the usual pauses."""
+    lag = max(1, min(LAG, len(t) // 4))
+    period, steps = float(np.median(t[lag:] - t[:-lag])) / lag, np.diff(t)
+    pauses = steps[steps > 1.5 * period]
+    usual = float(np.median(pauses)) if len(pauses) > PAUSES * len(steps) else 0.0
+    return period, steps > max((bridge + 1.5) * period, 3 * usual)
+
+
+def _equal_steps(t: Array, gap: Array, period: float) -> Array:
+    """Equal steps between gaps, fitted to the stamps by lines of some seconds each."""
+    from scipy.interpolate import make_lsq_spline
+
+    equal = t.copy()
+    for part in np.split(np.arange(len(t)), np.flatnonzero(gap) + 1):
+        count = int(len(part) / max(KNOTS / period, KNOT_SAMPLES)) if period > 0 else 1
+        if len(part) > 2:
+            index = np.arange(len(part), dtype=float)
+            knots = np.linspace(0, index[-1], max(count, 1) + 1)
+            equal[part] = make_lsq_spline(index, t[part], np.concatenate([knots[:1], knots, knots[-1:]]), k=1)(index)
+    return equal
+
+
+def _made_by_reader(t: Array, q: Array, equal: Array, gap: Array, period: float) -> str:
+    """Why samples are counted, or nothing if the stamps are believed.
+
+    What stamps are late by, times the velocity, is in the positions where samples were taken at the stamps, and is not
+    where the reader of the log made them: its share in the fourth differences of the positions is 1 or 0.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    pauses = max(1, int((np.diff(t) > 1.5 * period).sum()))
+    width = int(np.clip(2 * len(t) / pauses, 9, 101))  # of velocities: more than a burst
+    velocity = uniform_filter1d(np.gradient(q, axis=0), width, axis=0) / period
+    group = np.concatenate([[0], np.cumsum(gap)])
+    whole = group[4:] == group[:-4]
+    late = np.diff(velocity * (t - equal)[:, None], 4, axis=0)[whole]
+    moved = np.diff(q, 4, axis=0)[whole]
+    scale = np.mean(moved**2, axis=0)
+    weight = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
+    known = float((weight * late**2).sum())
+    share = float((weight * late * moved).sum()) / known if known else 0.0
+    error = 3 / np.sqrt(known) if known else np.inf  # fourth differences of noise are correlated
+    if share + error < 0.5:
+        return "for the positions are smoother over equal steps"
+    return "for several have the same time" if (np.diff(t) == 0).any() and share - error < 0.5 else ""
+
+
+def _check_gaps(found: Findings, t: Array, period: float, gap: Array) -> None:
+    """Name gaps and missing samples, steps longer than by jitter."""
+    steps = np.diff(t)
     after = np.flatnonzero(gap)
     if len(after):
-        longest = after[np.argmax(steps[after])]
-        text = f"{found.at(after)}; the longest lasts {steps[longest]:.4g} s"
-        found.warning(None, "gap after", text.removeprefix("at "), "the record is cut there", after)
-    made_up = np.concatenate([counts[1:] == 0, [False]]) | np.concatenate([[False], counts[:-1] == 0])
-    lost = np.flatnonzero((counts > 1) & ~(made_up & ~gap))  # a long step beside a short one is jitter
+        text = f"{found.after(after)}; the longest lasts {steps[gap].max():.4g} s"
+        found.warning(None, "gap", text, "the record is cut there", after)
+    usual = steps[np.abs(steps - period) < period / 2]
+    lost = np.flatnonzero((steps > 1.5 * period + 3 * np.std(usual)) & ~gap)
     if len(lost):
-        missing = int((counts[lost] - 1).sum())
-        text = f"after {found.at(lost).removeprefix('at ')}: {missing} in all"
-        found.warning(None, "missing samples", text, "interpolated by a cubic spline", lost)
+        missing = int((np.rint(steps[lost] / period) - 1).sum())
+        found.warning(
+            None, "missing samples", f"{found.after(lost)}: {missing} in all", "interpolated by a cubic spline", lost
+        )
 
 
-def _roughness(q: Array, group: Array) -> float:
-    """Size of the fourth differences within segments, each joint as a part of its own rates."""
-    whole = group[4:] == group[:-4]
-    rough = np.diff(q, 4, axis=0)[whole]
-    moved = np.sqrt(np.mean(np.diff(q, axis=0) ** 2, axis=0))
-    moving = moved > 0
-    return float(np.sqrt(np.mean((rough[:, moving] / moved[moving]) ** 2))) if whole.any() and moving.any() else 0.0
+# Values
 
 
-BOUND = 10.0  # times the usual deviation from neighbours, above which a value is wild
-LONGEST = 3  # wild values in a row that are found
+BOUND = 10.0  # times the usual deviation from neighbours, above which a value is a spike
+LONGEST = 3  # samples of a spike
 WINDOW = 101  # samples from which the usual deviation is taken
 NORMAL = 1.4826  # standard deviation of normal noise, per median of its magnitude
 EXCEEDED = 95  # per cent of a record's deviations that are below twice the least usual one
+COMMON = 0.05  # share of samples from which spikes are noise
+FREQUENT = 1.0  # jumps per second, above which they are noise
 LATTICE = 0.15  # scatter of differences about multiples of a step, as a part of it; 0.29 without a step
-MULTIPLES = 5  # of the step, up to which differences are compared with it
-REFINED = 5  # times that a step is fitted
 NEGLIGIBLE = 1e-5  # step as a part of the median difference, that is rounding of numbers
 FEWEST_DIFFERENCES = 40  # differences from which a step is told
-BESIDE = 6  # samples on either side of a repetition, through which a parabola is laid
-CATCH_UP = 1.5  # step after a repetition, in steps beside
-STUCK = 8.0  # deviation of repeated samples from the parabola, in deviations of the samples beside
-
-
-class Neighbours(NamedTuple):
-    """What the two samples before and the two after `length` samples say of these."""
-
-    deviation: Array  # smallest magnitude among the samples, from the cubic through the four neighbours
-    disagreement: Array  # between the lines through the two before and the two after, at the middle
-    step: Array  # the larger of the steps before and after
 
 
 def encoder_step(x: Array) -> float:
@@ -232,8 +267,8 @@ def encoder_step(x: Array) -> float:
     if len(steps) < FEWEST_DIFFERENCES:
         return 0.0
     step = float(np.median(steps[:FEWEST_DIFFERENCES]))
-    for _ in range(REFINED):
-        small = steps[steps < MULTIPLES * step]
+    for _ in range(5):
+        small = steps[steps < 5 * step]
         multiples = np.rint(small / step)
         if not multiples.any():
             return 0.0
@@ -242,19 +277,27 @@ def encoder_step(x: Array) -> float:
     return step if scatter < LATTICE and step > NEGLIGIBLE * np.median(steps) else 0.0
 
 
-def neighbours(x: Array, length: int) -> Neighbours:
-    """For every start k from 2 to len(x) - length - 2 of `length` samples."""
+def deviations(x: Array, length: int) -> tuple[Array, Array]:
+    """Of `length` samples from the cubic through the two before and the two after, and what these allow for.
+
+    For every start from 2 to len(x) - length - 2: the smallest magnitude among the samples, or the largest where all
+    repeat the one before; and by how much the lines through the two before and the two after disagree in the middle,
+    with half the larger of their steps.
+    """
     count = len(x) - length - 3
     a, b, c, d = (x[k : k + count] for k in (0, 1, 2 + length, 3 + length))
     ends = np.array([-2.0, -1.0, length, length + 1.0])
-    deviation = np.full(count, np.inf)
+    smallest, largest, repeats = np.full(count, np.inf), np.zeros(count), np.ones(count, dtype=bool)
     for k in range(length):
         weights = [np.prod([(k - o) / (e - o) for o in ends if o != e]) for e in ends]  # Lagrange's polynomials
         expected = weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d
-        deviation = np.minimum(deviation, np.abs(x[2 + k : 2 + k + count] - expected))
-    middle = (length + 1) / 2
-    disagreement = np.abs((b + middle * (b - a)) - (c - middle * (d - c)))
-    return Neighbours(deviation, disagreement, np.maximum(np.abs(b - a), np.abs(d - c)))
+        sample = x[2 + k : 2 + k + count]
+        off = np.abs(sample - expected)
+        smallest, largest = np.minimum(smallest, off), np.maximum(largest, off)
+        repeats &= sample == b
+    before, after, middle = b - a, d - c, (length + 1) / 2
+    disagreement = np.abs((b + middle * before) - (c - middle * after))
+    return np.where(repeats, largest, smallest), disagreement + np.maximum(np.abs(before), np.abs(after)) / 2
 
 
 def usual_deviation(x: Array, step: float) -> Array:
@@ -262,23 +305,24 @@ def usual_deviation(x: Array, step: float) -> Array:
 
     About a sample the median, of the record the deviation that one in twenty exceeds; at least half a step.
     """
-    deviation = np.pad(neighbours(x, 1).deviation, 2, mode="edge")
-    blocks = np.array_split(deviation, max(1, len(deviation) // WINDOW))
-    local = np.concatenate([np.full(len(block), NORMAL * np.median(block)) for block in blocks])
-    usual: Array = np.maximum(local, max(float(np.percentile(deviation, EXCEEDED)) / 2, step / 2))
+    deviation = np.pad(deviations(x, 1)[0], 2, mode="edge")
+    count = max(1, len(x) // WINDOW)
+    blocks = deviation[: len(x) // count * count].reshape(count, -1)
+    local = np.repeat(NORMAL * np.median(blocks, axis=1), blocks.shape[1])
+    local = np.pad(local, (0, len(x) - len(local)), mode="edge")
+    usual: Array = np.maximum(local, max(float(np.percentile(deviation, EXCEEDED)), step) / 2)
     return usual
 
 
-def wild_values(x: Array, usual: Array) -> Array:
-    """True at samples off the curve through their neighbours, up to `LONGEST` in a row, where these agree."""
-    wild = np.zeros(len(x), dtype=bool)
-    size = np.abs(x).max() * 1e-12
+def spikes(x: Array, usual: Array) -> Array:
+    """True at samples off the curve through their neighbours, up to `LONGEST` in a row (Hampel's identifier)."""
+    found = np.zeros(len(x), dtype=bool)
     for length in range(1, LONGEST + 1):
-        off = neighbours(x, length)
-        bound = BOUND * usual[2 : 2 + len(off.step)] + off.disagreement + off.step / 2 + size
-        for k in np.flatnonzero(off.deviation > bound) + 2:
-            wild[k : k + length] = True
-    return wild
+        deviation, allowed = deviations(x, length)
+        bound = BOUND * usual[2 : 2 + len(allowed)] + allowed + np.abs(x).max() * 1e-12
+        for k in np.flatnonzero(deviation > bound) + 2:
+            found[k : k + length] = True
+    return found
 
 
 def jumps(x: Array, usual: Array) -> Array:
@@ -286,107 +330,49 @@ def jumps(x: Array, usual: Array) -> Array:
     steps = np.diff(x)
     before, at, after = steps[:-2], steps[1:-1], steps[2:]
     level = np.maximum(usual[1:-2], usual[2:-1])
-    excess = np.abs(at - (before + after) / 2)
     smooth = np.maximum(np.abs(before), np.abs(after))
     bound = 2 * BOUND * level + 3 * np.abs(after - before) + smooth
-    found: Array = np.flatnonzero(excess > bound) + 1
+    found: Array = np.flatnonzero(np.abs(at - (before + after) / 2) > bound) + 1
     return found
 
 
-def repeated(x: Array, step: float) -> Array:
-    """True at samples equal to the one before, off the curve of the motion, which the next sample makes up for.
+CLIPPED = 10  # samples at a torque's limit, from which it is one
+CROWDED = 5  # times as many samples as in twice the width below: a smooth peak has 1.4 times as many
+WIDTHS = 1e-6, 1e-3  # of the limit, as a part of the torque's range
+ONE_LEVEL, DIGITS = 0.75, 2.5  # of the limit, in steps of the torque
+MOST = 0.9  # share of the samples at a limit, which the width that is taken has
+LEVELS = 50  # of a torque, from which a limit may spread over some
+QUIET = 0.3  # change from sample to sample at a limit, as a part of the usual one in motion, or
+PLATEAUS = 3  # times that the limit is reached: a drive that accelerates steadily has its torque once
+MOVING = 0.05  # velocity as a part of the joint's usual one
 
-    Positions rounded to coarse steps repeat too, but on the curve: they are as far from it as the samples beside.
-    """
+
+def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
+    """True where a torque is at a limit: its histogram ends with a peak, of samples in motion."""
     found = np.zeros(len(x), dtype=bool)
-    steps = np.abs(np.diff(x))
-    least = max(step / 2, float(np.median(neighbours(x, 1).deviation)))
-    for a, b in runs(np.concatenate([[False], steps == 0])):
-        if a < BESIDE or b + BESIDE > len(x) or steps[b - 1] < CATCH_UP * max(steps[a - 2], steps[b], step):
-            continue
-        beside = np.concatenate([np.arange(a - BESIDE, a), np.arange(b, b + BESIDE)])
-        curve = np.polynomial.Polynomial.fit(beside, x[beside], 2)
-        usual = np.abs(x[beside] - curve(beside)).max()
-        found[a:b] = np.abs(x[a:b] - curve(np.arange(a, b))).max() > STUCK * max(float(usual), least)
+    size, changes = np.ptp(x[~spike]), np.abs(np.diff(x))
+    widths = sorted(max(part * size, ONE_LEVEL * step) for part in WIDTHS)
+    if size > LEVELS * step:
+        widths.append(DIGITS * step)
+    for y in (x, -x):
+        top = y[~spike].max()
+        peak = np.zeros(len(x), dtype=bool)
+        for width in sorted(widths, reverse=True):
+            near, below = (y >= top - width) & ~spike, (y < top - width) & (y >= top - 3 * width)
+            count = int((near & moving).sum())
+            if count < CLIPPED or count <= CROWDED * (1 + (below & moving).sum()) or count < MOST * peak.sum():
+                continue
+            within, beyond = (near[1:] & near[:-1]), (moving & ~near)[1:]
+            if within.any() and beyond.any():
+                is_quiet = np.median(changes[within]) < QUIET * np.median(changes[beyond])
+                if is_quiet or sum(b - a > 1 for a, b in runs(near)) >= PLATEAUS:
+                    peak = near
+        found |= peak
     return found
-
-
-REGULAR = 0.02  # deviation of stamps from an equally spaced grid that is none, as a part of the period
-
-
-class Segment(NamedTuple):
-    """Samples without a gap.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (K,)
-        Indices of the samples in the record.
-    t : ndarray, shape (T,)
-        The grid [s].
-    is_regular : bool
-        True if the samples lie on the grid as they are.
-    """
-
-    rows: Array
-    t: Array
-    is_regular: bool
-
-    def on_grid(self, stamps: Array, values: Array) -> Array:
-        """Values at the record's samples, shape (..., n), on the grid: unchanged, or by a cubic spline."""
-        if self.is_regular:
-            return values[self.rows]
-        from scipy.interpolate import CubicSpline
-
-        resampled: Array = CubicSpline(stamps[self.rows], values[self.rows], axis=0)(self.t)
-        return resampled
-
-    def nearest(self, stamps: Array, flags: Array) -> Array:
-        """Flags at the record's samples, shape (..., n), on the grid: false where one of the two samples beside is."""
-        if self.is_regular:
-            return flags[self.rows]
-        after = np.clip(np.searchsorted(stamps[self.rows], self.t), 0, len(self.rows) - 1)
-        both: Array = flags[self.rows[after]] & flags[self.rows[np.maximum(after - 1, 0)]]
-        return both
-
-
-def sample_period(t: Array, bridge: int) -> float:
-    """Time from one sample to the next: the slope of the times over the counted samples, apart for each segment."""
-    steps = np.diff(t)
-    median = float(np.median(steps))
-    gap = steps > (bridge + 1.5) * median
-    count = np.concatenate([[0.0], np.cumsum(np.where(gap, 0, np.rint(steps / median)))])
-    group = np.concatenate([[0], np.cumsum(gap)])
-    size = np.bincount(group)
-    count -= (np.bincount(group, count) / size)[group]
-    centred = t - (np.bincount(group, t) / size)[group]
-    return float(centred @ count / (count @ count)) if count.any() else median
-
-
-def split(t: Array, kept: Array, period: float, bridge: int, cuts: Array) -> list[Segment]:
-    """Segments of at least two samples, between gaps of more than `bridge` missing samples and after each of `cuts`."""
-    rows = np.flatnonzero(kept)
-    gap = np.diff(t[rows]) > (bridge + 1.5) * period
-    gap |= np.searchsorted(cuts, rows[1:]) > np.searchsorted(cuts, rows[:-1])
-    gaps = np.flatnonzero(gap) + 1
-    return [_segment(part, t[part], period) for part in np.split(rows, gaps) if len(part) > 1]
-
-
-def _segment(rows: Array, t: Array, period: float) -> Segment:
-    count = int(np.rint((t[-1] - t[0]) / period)) + 1
-    grid = period * np.arange(count)
-    if count == len(rows):
-        centred = grid + np.mean(t - grid)
-        if np.abs(t - centred).max() <= REGULAR * period:
-            return Segment(rows, centred, True)
-    grid += t[0]
-    return Segment(rows, grid[grid <= t[-1] + REGULAR * period], False)
 
 
 FEWEST = 20  # samples from which anything can be said
 SLOWEST = 2.0  # samples per second, below which times are hardly in seconds: 1 kHz in milliseconds gives 1
-MOVED = 8.0  # steps of the encoder, in which a robot moves
-PLATEAU = 5  # samples at a torque's extreme, in a motion, that are a plateau
-LONGER = 3  # times the usual runs of equal torques, for a plateau
 RATES = 0.05  # deviation of measured rates from those of the positions that is named
 RESTING = 0.01  # motion as a part of the fastest, of a joint whose rates are not compared
 SPAN = 0.1  # seconds over which these are compared
@@ -395,129 +381,160 @@ TURNS = 20 * np.pi  # range of a position [rad] from which degrees are likely
 NEAR = 4  # samples on either side of a value that is interpolated
 
 
-class Measured(NamedTuple):
-    """What was measured, in SI units; qd may be missing."""
-
-    t: Array
-    q: Array
-    tau: Array
-    qd: Array | None
-
-
 @dataclass(frozen=True)
 class Screened:
-    """Measurements without the values that cannot be used.
+    """Measurements on an equally spaced grid, without the values that cannot be used.
 
     Attributes
     ----------
     t : ndarray, shape (T,)
-        Times, as measured or equally spaced [s].
+        The grid, all segments after each other [s].
     q, tau : ndarray, shape (T, n)
-        With single wild or missing values interpolated.
+        Positions and torques; single spikes and missing values are interpolated.
+    qd : ndarray, shape (T, n), or None
+        Measured velocities.
     usable : ndarray, shape (T, n)
         False where a torque is not to be used.
-    segments : tuple of Segment
-        The parts between gaps.
+    believed : ndarray, shape (n,)
+        True for joints whose measured velocities are those of the positions.
+    segments : tuple of slice
+        The parts of the grid between gaps.
     period : float
         Time from one sample to the next [s].
     encoder_step : ndarray, shape (n,)
         Smallest step of the positions; zero where there is none.
     findings : tuple of RecordFinding
         What was found.
+    notes : tuple of str
+        What was done though nothing is wrong.
     """
 
     t: Array
     q: Array
     tau: Array
+    qd: Array | None
     usable: Array
-    segments: tuple[Segment, ...]
+    believed: Array
+    segments: tuple[slice, ...]
     period: float
     encoder_step: Array
     findings: tuple[RecordFinding, ...]
+    notes: tuple[str, ...] = ()
 
 
-def screen(name: str, joint_names: tuple[str, ...], measured: Measured, bridge: int, stamps: Stamps) -> Screened:
-    """Find what is wrong, and take out or cut what can be."""
-    t, q, tau, qd = measured
+def screen(
+    name: str,
+    joint_names: tuple[str, ...],
+    t: Array,
+    q: Array,
+    tau: Array,
+    qd: Array | None,
+    bridge: int,
+    stamps: Stamps,
+) -> Screened:
+    """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
     found = Findings(name, joint_names, t)
-    columns = [q, tau] if qd is None else [q, tau, qd]
-    kept = check_order(found, t, np.hstack(columns)) & _numbers(found, columns)
-    steps = np.array([encoder_step(x[np.isfinite(x)]) for x in q.T])
-    usable = np.ones(q.shape, dtype=bool)
-    if found.has_errors or kept.sum() < FEWEST:
-        if not found.has_errors:
-            found.error(None, "too few samples:", f"{int(kept.sum())} are usable", f"at least {FEWEST} are needed")
-        return Screened(t, q, tau, usable, (), float("nan"), steps, tuple(found.found))
+    n = q.shape[1]
+    columns = {"position": q, "torque": tau} | ({} if qd is None else {"rate": qd})
+    measured = np.hstack(list(columns.values()))
+    kept = check_order(found, t, measured, stamps) & _numbers(found, columns)
+    steps = np.array([encoder_step(x[np.isfinite(x)]) for x in measured.T])
+    usable, believed = np.ones(q.shape, dtype=bool), np.zeros(n, dtype=bool)
+    if not found.has_errors and kept.sum() < FEWEST:
+        found.error("too few samples:", f"{int(kept.sum())} are usable", f"at least {FEWEST} are needed")
+    if found.has_errors:
+        return Screened(t, q, tau, qd, usable, believed, (), float("nan"), steps[:n], tuple(found.found))
     found.rows = np.flatnonzero(kept)
-    t, q, tau = t[kept], q[kept], tau[kept]
-    period = sample_period(t, bridge)
+    t, measured, usable = t[kept], np.asfortranarray(measured[kept]), usable[kept]
+    q, tau = measured[:, :n], measured[:, n : 2 * n]  # views: what is interpolated in `measured` is so in these
+    times, period = check_stamps(found, t, q, bridge, stamps)
     if 1 / period < SLOWEST:
-        found.error(None, "sample rate", f"of {1 / period:.4g} samples per second", "are the times in seconds?")
-    times = check_regularity(found, t, q, period, bridge, stamps)
-    missing, cuts = _outliers(found, t, q, tau, steps, bridge)
-    long_runs = np.zeros(len(t), dtype=bool)
-    for values, flags in zip((q, tau), missing, strict=True):
-        long_runs |= _interpolate(times, values, flags, bridge)
-    usable = _usable_torques(found, q, tau, steps)
-    _check_motion(found, q, steps)
-    _check_range(found, q)
+        found.error("sample rate", f"of {1 / period:.4g} samples per second", "are the times in seconds?")
+    usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
+    flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
+    usable &= _usable_torques(found, q, tau, steps[n:], flags[:, n : 2 * n])
+    flags[:, n : 2 * n] &= usable
+    cuts = _check_jumps(found, t, q, usual, flags)
+    for k, kind in enumerate(columns):
+        part = slice(k * n, (k + 1) * n)
+        _check_spikes(found, kind, measured[:, part], flags[:, part], bridge)
+    long_runs = _interpolate(times, measured, flags, bridge)
+    _check_motion(found, q, steps[:n])
     if qd is not None:
-        _check_rates(found, t, q, qd[kept], period)
-    segments = () if found.has_errors else split(times, ~long_runs, period, bridge, cuts)
-    return Screened(times, q, tau, usable, tuple(segments), period, steps, tuple(found.found))
+        believed = _check_rates(found, t, q, measured[:, 2 * n :], period)
+    if found.has_errors:
+        return Screened(t, q, tau, qd, usable, believed, (), period, steps[:n], tuple(found.found))
+    t, measured, usable, segments, resampled = _on_grid(times, measured, usable, ~long_runs, cuts, period, bridge)
+    notes = (f"resampled by a cubic spline through the stamps, every {1e3 * period:.4g} ms",) if resampled else ()
+    qd = None if qd is None else measured[:, 2 * n :]
+    q, tau = measured[:, :n], measured[:, n : 2 * n]
+    return Screened(t, q, tau, qd, usable, believed, segments, period, steps[:n], tuple(found.found), notes)
 
 
-def _numbers(found: Findings, columns: list[Array]) -> Array:
+def _numbers(found: Findings, columns: dict[str, Array]) -> Array:
     """True at samples of which all values are finite."""
-    for name, values in zip(("position", "torque", "rate"), columns, strict=False):
+    for name, values in columns.items():
         for j, x in enumerate(values.T):
             bad = np.flatnonzero(~np.isfinite(x))
             if len(bad):
                 found.warning(j, f"no finite {name}", found.at(bad), "taken as missing samples", bad)
-    finite: Array = np.isfinite(np.hstack(columns)).all(axis=1)
+    finite: Array = np.isfinite(np.hstack(list(columns.values()))).all(axis=1)
     return finite
 
 
-def _outliers(
-    found: Findings, t: Array, q: Array, tau: Array, steps: Array, bridge: int
-) -> tuple[tuple[Array, Array], Array]:
-    """Where positions and torques are not to be believed, and the samples after which the positions jump."""
-    quantum = [encoder_step(x) for x in tau.T]
-    usual = np.column_stack([usual_deviation(x, s) for x, s in zip(q.T, steps, strict=True)])
-    stuck = np.column_stack([repeated(x, s) for x, s in zip(q.T, steps, strict=True)])
-    missing = stuck, np.zeros(tau.shape, dtype=bool)
-    for j, flags in enumerate(missing[0].T):
-        _name(found, j, "repeated position", flags, bridge)
-    after_gap = np.flatnonzero(np.diff(t) > 1.5 * np.median(np.diff(t)))
-    cuts: set[int] = set()
-    for j, x in enumerate(q.T):
-        wild = wild_values(x, usual[:, j]) & ~missing[0][:, j]
-        _name(found, j, "wild position", wild, bridge)
-        jumped = jumps(x, usual[:, j])
-        jumped = jumped[~missing[0][jumped, j] & ~missing[0][jumped + 1, j] & ~wild[jumped] & ~wild[jumped + 1]]
-        jumped = np.setdiff1d(jumped, after_gap)
-        if len(jumped):
-            size = np.abs(x[jumped + 1] - x[jumped]).max()
-            where = f"after {found.at(jumped).removeprefix('at ')}, by up to {size:.4g}"
-            found.warning(j, "jump of the position", where, "the record is cut there", jumped)
-            cuts.update(jumped.tolist())
-        missing[0][:, j] |= wild
+def _usable_torques(found: Findings, q: Array, tau: Array, steps: Array, spike: Array) -> Array:
+    """False where a torque does not follow the motion: constant channels and torques at their limit."""
+    usable = np.ones(tau.shape, dtype=bool)
+    moved = np.abs(np.gradient(q, axis=0))
     for j, x in enumerate(tau.T):
-        wild = wild_values(x, usual_deviation(x, quantum[j]))
-        _name(found, j, "wild torque", wild, bridge)
-        missing[1][:, j] |= wild
-    return missing, np.array(sorted(cuts), dtype=int)
+        if np.ptp(x) == 0:
+            found.warning(j, "constant torque", f"of {x[0]:.6g} in all samples", "no row of this joint is used")
+            usable[:, j] = False
+            continue
+        moving = np.convolve(moved[:, j], np.ones(9) / 9, "same") > MOVING * np.sqrt(np.mean(moved[:, j] ** 2))
+        samples = np.flatnonzero(clipped(x, steps[j], moving, spike[:, j]))
+        if len(samples):
+            usable[samples, j] = False
+            text = f"of {x[samples[0]]:.6g} {found.at(samples)}"
+            found.warning(j, "saturated torque", text, "rows of this joint near it are not used", samples)
+    return usable
 
 
-def _name(found: Findings, joint: int, kind: str, flags: Array, bridge: int) -> None:
-    """One warning on samples that are not to be believed."""
-    samples = np.flatnonzero(flags)
-    if not len(samples):
-        return
-    lengths = [b - a for a, b in runs(flags)]
-    cut = sum(length > bridge for length in lengths)
-    cure = "interpolated" if not cut else f"interpolated up to {bridge} in a row, cut out at {cut} longer runs"
-    found.warning(joint, kind, found.at(samples), cure if bridge else "cut out", samples)
+def _check_jumps(found: Findings, t: Array, q: Array, usual: list[Array], flags: Array) -> Array:
+    """Samples after which the positions jump, where the record is cut; frequent ones are noise."""
+    after_gap = np.flatnonzero(np.diff(t) > 1.5 * np.median(np.diff(t)))
+    found_jumps = []
+    for j, x in enumerate(q.T):
+        jumped = jumps(x, usual[j])
+        found_jumps.append(np.setdiff1d(jumped[~flags[jumped, j] & ~flags[jumped + 1, j]], after_gap))
+    every = np.unique(np.concatenate(found_jumps))
+    is_noise = len(every) > FREQUENT * (t[-1] - t[0]) + 1
+    for j, jumped in enumerate(found_jumps):
+        if len(jumped):
+            size = np.abs(q[jumped + 1, j] - q[jumped, j]).max()
+            where = f"{found.after(jumped)}, by up to {size:.4g}"
+            cure = "so many are noise of the position" if is_noise else "the record is cut there"
+            found.warning(j, "jump of the position", where, cure, jumped)
+    return every[:0] if is_noise else every
+
+
+def _check_spikes(found: Findings, kind: str, values: Array, flags: Array, bridge: int) -> None:
+    """Name spikes, and positions that repeat the one before in the midst of a motion; common ones are noise."""
+    for j, x in enumerate(values.T):
+        samples = np.flatnonzero(flags[:, j])
+        if not len(samples):
+            continue
+        spans = runs(flags[:, j])
+        cut = sum(b - a > bridge for a, b in spans)
+        cure = "interpolated" if not cut else f"interpolated up to {bridge} in a row, cut out at {cut} longer runs"
+        if len(samples) > COMMON * len(x):
+            cure, flags[:, j] = "so many are noise", False
+        elif not bridge:
+            cure = "cut out"
+        repeats = np.array([k for a, b in spans if (x[a:b] == x[a - 1]).all() for k in range(a, b)], dtype=int)
+        for name, some in ((f"repeated {kind}", repeats), (f"{kind} spike", np.setdiff1d(samples, repeats))):
+            if len(some):
+                found.warning(j, name, found.at(some), cure, some)
 
 
 def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
@@ -536,51 +553,17 @@ def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
     return long_runs
 
 
-def _usable_torques(found: Findings, q: Array, tau: Array, steps: Array) -> Array:
-    """False where a torque does not follow the motion: constant channels and plateaus at the extremes."""
-    usable = np.ones(tau.shape, dtype=bool)
-    for j, x in enumerate(tau.T):
-        if np.ptp(x) == 0:
-            found.warning(j, "constant torque", f"of {x[0]:.6g} in all samples", "no row of this joint is used")
-            usable[:, j] = False
-            continue
-        plateau = _plateau(x, q, steps)
-        if plateau.any():
-            usable[plateau, j] = False
-            samples = np.flatnonzero(plateau)
-            text = f"of {x[samples[0]]:.6g} {found.at(samples)}"
-            found.warning(j, "saturated torque", text, "rows of this joint near it are not used", samples)
-    return usable
-
-
-def _plateau(x: Array, q: Array, steps: Array) -> Array:
-    """Runs of a torque's largest or smallest value while the robot moves."""
-    plateau = np.zeros(len(x), dtype=bool)
-    same = runs(np.concatenate([np.diff(x) == 0, [False]]))  # the last sample of a run is not in it
-    extreme = [(a, b + 1) for a, b in same if x[a] in (x.min(), x.max())]
-    others = [b + 1 - a for a, b in same if x[a] not in (x.min(), x.max())]
-    least = max(PLATEAU, LONGER * float(np.percentile(others, 99)) if others else 0.0)
-    for a, b in extreme:
-        moved = np.abs(q[b - 1] - q[a]) > MOVED * steps
-        if b - a >= least and moved.any():
-            plateau[a:b] = True
-    return plateau
-
-
 def _check_motion(found: Findings, q: Array, steps: Array) -> None:
-    """Joints must move by more than one step of their encoders."""
+    """Joints must move by more than one step of their encoders, and by less than some turns."""
     resting = [
         j for j, x in enumerate(q.T) if np.ptp(x) <= ONE_STEP * steps[j] or bool(np.isin(x, (x.min(), x.max())).all())
     ]
     if len(resting) == q.shape[1]:
         cure = "nothing can be found from one pose: measure while the joints move"
-        found.error(None, "no motion", "of any joint", cure)
+        found.error("no motion", "of any joint", cure)
         return
     for j in resting:
         found.warning(j, "no motion", "at any time", "its friction and rotor cannot be found from this record")
-
-
-def _check_range(found: Findings, q: Array) -> None:
     for j, x in enumerate(q.T):
         if np.ptp(x) > TURNS:
             text = f"of {np.ptp(x):.4g} rad, {np.ptp(x) / (2 * np.pi):.3g} turns"
@@ -588,16 +571,51 @@ def _check_range(found: Findings, q: Array) -> None:
             found.warning(j, "range of the positions", text, cure)
 
 
-def _check_rates(found: Findings, t: Array, q: Array, qd: Array, period: float) -> None:
-    """Measured rates must be those of the positions: their integrals over short spans, least squares."""
+def _check_rates(found: Findings, t: Array, q: Array, qd: Array, period: float) -> Array:
+    """True for joints whose measured rates are those of the positions: their integrals over short spans agree."""
     width = max(1, int(SPAN / period))
     area = np.concatenate([np.zeros((1, q.shape[1])), np.cumsum((qd[1:] + qd[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
     moved, integral = (x[width:] - x[:-width] for x in (q, area))
+    believed = np.zeros(q.shape[1], dtype=bool)
     for j in range(q.shape[1]):
         size = float(moved[:, j] @ moved[:, j])
         if size <= (RESTING * np.abs(moved).max()) ** 2 * len(moved):
             continue
         factor = float(moved[:, j] @ integral[:, j]) / size
-        if abs(factor - 1) > RATES:
+        believed[j] = abs(factor - 1) <= RATES
+        if not believed[j]:
             cure = "the rates are not used; check their unit, sign and joint"
             found.warning(j, "measured rates", f"are {factor:.4g} times those of the positions", cure)
+    return believed
+
+
+def _on_grid(
+    t: Array, values: Array, usable: Array, kept: Array, cuts: Array, period: float, bridge: int
+) -> tuple[Array, Array, Array, tuple[slice, ...], bool]:
+    """Times, values, where usable and segments on grids of equal steps, one between two gaps; whether resampled."""
+    from scipy.interpolate import CubicSpline
+
+    rows = np.flatnonzero(kept)
+    gap = np.diff(t[rows]) > (bridge + 1.5) * period
+    gap |= np.searchsorted(cuts, rows[1:]) > np.searchsorted(cuts, rows[:-1])
+    parts, resampled = [], False
+    for part in np.split(rows, np.flatnonzero(gap) + 1):
+        stamps = t[part]
+        apart = np.diff(stamps, prepend=-np.inf) > CLOSE * period
+        if apart.sum() < 2:
+            continue
+        grid = period * np.arange(int(np.rint((stamps[-1] - stamps[0]) / period)) + 1)
+        centred = grid + (stamps.mean() - grid.mean())
+        if len(grid) == len(part) and np.abs(stamps - centred).max() <= REGULAR * period:
+            parts.append((centred, values[part], usable[part]))
+            continue
+        resampled = True
+        grid = (grid + stamps[0])[grid <= stamps[-1] - stamps[0] + REGULAR * period]
+        after = np.clip(np.searchsorted(stamps, grid), 1, len(part) - 1)
+        on_grid = CubicSpline(stamps[apart], values[part[apart]], axis=0)(grid)
+        parts.append((grid, on_grid, usable[part[after]] & usable[part[after - 1]]))
+    ends = np.cumsum([0, *(len(grid) for grid, _, _ in parts)]).tolist()
+    if not parts:
+        return t[:0], values[:0], usable[:0], (), False
+    joined = [parts[0][k] if len(parts) == 1 else np.concatenate([part[k] for part in parts]) for k in range(3)]
+    return joined[0], joined[1], joined[2], tuple(slice(a, b) for a, b in pairwise(ends)), resampled
