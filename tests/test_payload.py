@@ -5,6 +5,10 @@ import pytest
 
 import rne
 from rne.identification import Record
+from rne.identification.least_squares import least_squares
+from rne.identification.payload import DENSITY, body_of, load_map, possible_load
+from rne.identification.two_sets import two_sets
+from rne.model.standard_parameters import StandardParameters
 
 from .helpers import kept, loaded
 from .measurements import measure, truth
@@ -138,6 +142,54 @@ def test_the_link_is_the_frame_of_the_load(robot, measured, found):
     assert other.mass == pytest.approx(found.mass, rel=1e-9)
     np.testing.assert_allclose(other.com, T[:3, :3] @ found.com + T[:3, 3], atol=1e-9)
     np.testing.assert_allclose(other.inertia, T[:3, :3] @ found.inertia @ T[:3, :3].T, atol=1e-9)
+
+
+FAR = """<robot name="far"><link name="base"/><link name="hook"/><link name="arm"><inertial>
+<origin xyz="0.1 -300 0.2"/><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="continuous"><parent link="base"/><child link="arm"/><origin xyz="0 300 0.5"/><axis xyz="0 1 0"/>
+</joint><joint name="k" type="fixed"><parent link="arm"/><child link="hook"/><origin xyz="0.1 -300 0.3" rpy="0.5 1 2"/>
+</joint></robot>"""
+
+
+@pytest.mark.parametrize("name", ["panda", "far"])
+def test_parameters_of_a_load_are_those_that_a_payload_adds(name, tmp_path):
+    """On every link that moves; the second robot's joint is moved along its axis when it is loaded."""
+    (tmp_path / "far.urdf").write_text(FAR)
+    arm = rne.load(tmp_path / "far.urdf") if name == "far" else loaded("panda_description/panda")
+    assert arm.model.joint_origin.any() == (name == "far")
+    com, inertia = np.array(LOAD.com), np.array(LOAD.inertia)
+    about_origin = inertia + LOAD.mass * (com @ com * np.eye(3) - np.outer(com, com))
+    phi = np.array([LOAD.mass, *LOAD.mass * com, *about_origin[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+    np.testing.assert_allclose(body_of(phi)[1:4], com, rtol=1e-12)
+    for link in np.array(arm.link_names)[np.array(arm.model.link_body) >= 0].tolist():
+        added = arm.with_payload(*LOAD._replace(link=link)).parameters - arm.parameters
+        size = 1 + np.abs(added).max()
+        np.testing.assert_allclose(load_map(StandardParameters(arm.model), link) @ phi, added, atol=1e-12 * size)
+
+
+def test_without_any_information_the_load_is_a_ball():
+    phi = np.array([3.0, 0.3, 0.0, -0.6, 1, 0, 1, 0, 0, 1.0])
+    ball = body_of(possible_load(np.zeros((11, 11)), phi, np.full(10, 0.1)))
+    np.testing.assert_allclose(ball[:4], [3.0, 0.1, 0.0, -0.2], atol=1e-6)
+    volume = 4 / 3 * np.pi * (ball[4] * 2.5 / 3.0) ** 1.5  # I = 2/5 m r^2
+    assert pytest.approx(3.0 / volume, rel=1e-4) == DENSITY
+    np.testing.assert_allclose(ball[[6, 9]], ball[4], rtol=1e-4)
+
+
+def test_standard_errors_count_what_filtered_noise_repeats(robot, measured, found):
+    """Variances are those of independent residuals, times the number of equations that count as one."""
+    sets = two_sets(robot, *measured, None, None, None, None)
+    K = sets.base.count
+    E = np.hstack([sets.base.back, load_map(sets.standard, "tool0")])
+    alone = least_squares(sets.joined(E, K))
+    x = sets.base.back @ alone.values[:K], E @ alone.values
+    repeats = sets.repeats(*x)
+    both = [data.repeats(values) for data, values in zip((sets.without, sets.loaded), x, strict=True)]
+    assert ((np.min(both, 0) <= repeats) & (repeats <= np.max(both, 0))).all()
+    ratio = (found.estimate.errors / alone.errors) ** 2
+    assert (ratio >= 0.999 * repeats.min()).all()
+    assert (ratio <= 1.001 * repeats.max()).all()
+    assert repeats.min() > 1.1
 
 
 def test_a_load_that_least_squares_make_impossible_is_replaced(robot):
