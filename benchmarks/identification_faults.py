@@ -1,0 +1,442 @@
+"""Faults of measurements that an identification has to survive or to name: python -m benchmarks.identification_faults
+
+Six robots move along random Fourier series with friction, offsets and coloured noise; the robot given has masses off
+by up to 30 %. Twenty kinds of fault, ten runs each over the robots, and clean logs. A run is wrong if the parameters'
+error is beyond the 99.9 % point of chi-square; it is warned if an error or an IdentificationWarning came, and named if
+the fault is among its first two causes. Writes benchmarks/results/identification_faults.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections.abc import Callable
+from functools import cache
+from tempfile import NamedTemporaryFile
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+import rne
+from rne.identification import Record
+from rne.model.parameters import parameters_of, with_parameters
+
+RATE, DURATION = 500.0, 20.0
+NOISE = 0.01  # of each joint's torque, root mean square
+ENCODER = 2 * np.pi / 2**20
+CHANCE = 0.999
+BANDWIDTH = 20.0  # of the coloured part of the noise [Hz]
+
+
+class Log(NamedTuple):
+    """What a logger wrote, before a Record is made of it."""
+
+    t: np.ndarray
+    q: np.ndarray
+    tau: np.ndarray
+
+
+class Arm(NamedTuple):
+    """A robot as it is, its drives, and the torque of what else acts."""
+
+    robot: rne.Robot
+    rotor: np.ndarray
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    offset: np.ndarray
+
+
+SCARA = """<robot name="scara"><link name="base"/>
+<joint name="a" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>
+<limit lower="-2.5" upper="2.5" velocity="4" effort="200"/></joint>
+<link name="l1"><inertial><origin xyz="0.15 0.01 0.02"/><mass value="7"/>
+<inertia ixx="0.03" iyy="0.08" izz="0.09" ixy="0.001" ixz="0.002" iyz="0"/></inertial></link>
+<joint name="b" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-2.4" upper="2.4" velocity="5" effort="100"/></joint>
+<link name="l2"><inertial><origin xyz="0.12 -0.01 0.05"/><mass value="5"/>
+<inertia ixx="0.02" iyy="0.05" izz="0.06" ixy="0" ixz="0.001" iyz="0"/></inertial></link>
+<joint name="c" type="prismatic"><parent link="l2"/><child link="l3"/><origin xyz="0.25 0 0"/><axis xyz="0 0 -1"/>
+<limit lower="-0.15" upper="0.15" velocity="1" effort="200"/></joint>
+<link name="l3"><inertial><origin xyz="0.01 0 0.05"/><mass value="2"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="d" type="revolute"><parent link="l3"/><child link="l4"/><axis xyz="0 0 -1"/>
+<limit lower="-3" upper="3" velocity="6" effort="20"/></joint>
+<link name="l4"><inertial><origin xyz="0.03 0.01 0.04"/><mass value="1"/>
+<inertia ixx="0.004" iyy="0.004" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+GANTRY = """<robot name="gantry"><link name="base"/>
+<joint name="x" type="prismatic"><parent link="base"/><child link="l1"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" velocity="1.5" effort="900"/></joint>
+<link name="l1"><inertial><mass value="30"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="y" type="prismatic"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" velocity="1.5" effort="600"/></joint>
+<link name="l2"><inertial><mass value="18"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="z" type="prismatic"><parent link="l2"/><child link="l3"/><axis xyz="0 0 1"/>
+<limit lower="-0.6" upper="0.6" velocity="1" effort="400"/></joint>
+<link name="l3"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="w" type="revolute"><parent link="l3"/><child link="l4"/><axis xyz="1 0 0"/>
+<limit lower="-2" upper="2" velocity="3" effort="60"/></joint>
+<link name="l4"><inertial><origin xyz="0.02 0.12 -0.05"/><mass value="4"/>
+<inertia ixx="0.06" iyy="0.02" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+def from_text(text: str) -> rne.Robot:
+    with NamedTemporaryFile("w", suffix=".urdf") as file:
+        file.write(text)
+        file.flush()
+        return rne.load(file.name)
+
+
+def mimicking() -> rne.Robot:
+    """Three axes of the IRB 140, the third of which follows the second as a parallelogram's does."""
+    text = rne.to_urdf(rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}).model)
+    return from_text(text.replace('<joint name="joint_3" type="revolute">', '<joint name="joint_3" type="revolute"><mimic joint="joint_2" multiplier="-0.6"/>'))
+
+
+@cache
+def robots() -> dict[str, rne.Robot]:
+    """The six, fingers locked."""
+    panda = rne.load("panda")
+    return {
+        "IRB 140": rne.load("irb140"),
+        "UR5": rne.load("ur5"),
+        "Panda": panda.locked({"panda_finger_joint1": 0.0}),
+        "SCARA": from_text(SCARA),
+        "gantry": from_text(GANTRY),
+        "mimic": mimicking(),
+    }
+
+
+def drives_of(robot: rne.Robot, rng: np.random.Generator, tau: np.ndarray) -> Arm:
+    """Rotors and friction of about a fifth of the torques."""
+    n, size = robot.n, np.sqrt((tau**2).mean(0)) + 0.05 * np.sqrt((tau**2).mean())
+    return Arm(
+        robot,
+        rng.uniform(0.2, 0.6, n) * np.diag(robot.mass_matrix(np.zeros(n))).clip(0.02),
+        rng.uniform(0.05, 0.15, n) * size,
+        rng.uniform(0.1, 0.25, n) * size,
+        rng.uniform(-0.05, 0.05, n) * size,
+    )
+
+
+def given_robot(robot: rne.Robot, rng: np.random.Generator) -> rne.Robot:
+    """The robot with masses off by up to 30 %."""
+    bodies = parameters_of(robot.model).reshape(-1, 10) * rng.uniform(0.7, 1.3, (robot.model.nb, 1))
+    return rne.Robot(with_parameters(robot.model, bodies.ravel()))
+
+
+def motion(robot: rne.Robot, rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A random Fourier series of five harmonics of 0.1 Hz within nine tenths of the joints' ranges."""
+    w = 2 * np.pi * 0.1 * np.arange(1, 6)
+    a, b = rng.normal(size=(2, robot.n, 5))
+    S, C = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    q, qd, qdd = S @ a.T + C @ b.T, (C * w) @ a.T - (S * w) @ b.T, -(S * w**2) @ a.T - (C * w**2) @ b.T
+    model = robot.model
+    joints = list(model.independent_joints)
+    low, high = np.maximum(model.lower[joints], -3.0), np.minimum(model.upper[joints], 3.0)
+    scale = np.minimum(0.45 * (high - low) / np.abs(q).max(0), 0.9 * np.minimum(model.velocity_limit[joints], 3.0) / np.abs(qd).max(0))
+    return q * scale + (low + high) / 2, qd * scale, qdd * scale
+
+
+def friction(arm: Arm, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    return arm.rotor * qdd + arm.viscous * qd + arm.coulomb * np.sign(qd) + arm.offset
+
+
+def coloured(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """Unit noise, half of its power below BANDWIDTH."""
+    a = np.exp(-2 * np.pi * BANDWIDTH / RATE)
+    slow = lfilter([np.sqrt(1 - a * a)], [1, -a], rng.normal(size=shape), axis=0)
+    return (rng.normal(size=shape) + slow) / np.sqrt(2)
+
+
+class Case(NamedTuple):
+    """Truth, motion and torques without noise."""
+
+    arm: Arm
+    rng: np.random.Generator
+    t: np.ndarray
+    states: tuple[np.ndarray, np.ndarray, np.ndarray]
+    tau: np.ndarray
+    size: np.ndarray
+    joint: int
+
+
+def case(name: str, seed: int) -> Case:
+    robot, rng = robots()[name], np.random.default_rng(seed)
+    t = np.arange(int(DURATION * RATE)) / RATE
+    states = motion(robot, rng, t)
+    body = robot.inverse_dynamics(*states)
+    arm = drives_of(robot, rng, body)
+    tau = body + friction(arm, *states[1:])
+    return Case(arm, rng, t, states, tau, np.sqrt((tau**2).mean(0)), int(rng.integers(robot.n)))
+
+
+def log(c: Case, tau: np.ndarray, q: np.ndarray | None = None) -> Log:
+    """With noise and an encoder's steps."""
+    noisy = tau + NOISE * c.size * coloured(c.rng, tau.shape)
+    return Log(c.t.copy(), ENCODER * np.rint((c.states[0] if q is None else q) / ENCODER), noisy)
+
+
+def clean(c: Case) -> Log:
+    return log(c, c.tau)
+
+
+def delayed(ms: float) -> Callable[[Case], Log]:
+    def fault(c: Case) -> Log:
+        late = np.array([np.interp(c.t - ms / 1000, c.t, x) for x in c.tau.T]).T
+        return log(c, late)
+
+    return fault
+
+
+def gear(c: Case) -> Log:
+    k = np.ones(len(c.size))
+    k[c.joint] = 1.1
+    found = log(c, c.tau)
+    return found._replace(q=found.q / k, tau=found.tau * k)
+
+
+def payload(c: Case) -> Log:
+    loaded = c.arm.robot.with_payload(rne.Payload(c.rng.uniform(1, 3), com=c.rng.uniform(-0.05, 0.1, 3)))
+    more = loaded.inverse_dynamics(*c.states) - c.arm.robot.inverse_dynamics(*c.states)
+    return log(c, c.tau + more * (c.t > c.rng.uniform(0.4, 0.6) * DURATION)[:, None])
+
+
+def contact(c: Case) -> Log:
+    """A force of 20 to 60 N on the last link for one to three seconds."""
+    force = c.rng.normal(size=3)
+    force *= c.rng.uniform(20, 60) / np.linalg.norm(force)
+    start, length = c.rng.uniform(0.2, 0.7) * DURATION, c.rng.uniform(1, 3)
+    on = ((c.t > start) & (c.t < start + length))[:, None]
+    J = c.arm.robot.jacobian(c.states[0], c.arm.robot.link_names[-1])[:, 3:]
+    return log(c, c.tau + on * (force @ J))
+
+
+def clipping(c: Case) -> Log:
+    """A drive that reports no more than 70 % of its joint's largest torque."""
+    found = log(c, c.tau)
+    level = 0.7 * np.abs(found.tau[:, c.joint]).max()
+    found.tau[:, c.joint] = found.tau[:, c.joint].clip(-level, level)
+    return found
+
+
+def slip(c: Case) -> Log:
+    """The encoder loses 0.05 rad or 10 mm within half a second."""
+    q = c.states[0].copy()
+    step = 0.05 if c.arm.robot.model.is_revolute[c.arm.robot.model.independent_joints[c.joint]] else 0.01
+    q[:, c.joint] += step * np.clip((c.t - c.rng.uniform(0.3, 0.7) * DURATION) / 0.5, 0, 1)
+    return log(c, c.tau, q)
+
+
+def drift(c: Case) -> Log:
+    """Friction of all joints falls to 60 % as the gears warm up."""
+    share = np.exp(-c.t / (DURATION / 2)) / (1 - np.exp(-2.0)) - np.exp(-2.0) / (1 - np.exp(-2.0))
+    arm, qd = c.arm, c.states[1]
+    return log(c, c.tau - 0.4 * (1 - share)[:, None] * (arm.viscous * qd + arm.coulomb * np.sign(qd)))
+
+
+def degrees(c: Case) -> Log:
+    found = log(c, c.tau)
+    return found._replace(q=np.rad2deg(found.q))
+
+
+def scaled_torques(factor: float) -> Callable[[Case], Log]:
+    def fault(c: Case) -> Log:
+        found = log(c, c.tau)
+        return found._replace(tau=factor * found.tau)
+
+    return fault
+
+
+def milliseconds(c: Case) -> Log:
+    found = log(c, c.tau)
+    return found._replace(t=1000 * found.t)
+
+
+def sign(c: Case) -> Log:
+    found = log(c, c.tau)
+    found.tau[:, c.joint] *= -1
+    return found
+
+
+def _swapped(x: np.ndarray, c: Case) -> np.ndarray:
+    other = (c.joint + 1) % len(c.size)
+    order = np.arange(len(c.size))
+    order[[c.joint, other]] = order[[other, c.joint]]
+    return x[:, order]
+
+
+def swapped_joints(c: Case) -> Log:
+    found = log(c, c.tau)
+    return found._replace(q=_swapped(found.q, c), tau=_swapped(found.tau, c))
+
+
+def swapped_torques(c: Case) -> Log:
+    found = log(c, c.tau)
+    return found._replace(tau=_swapped(found.tau, c))
+
+
+def zero(c: Case) -> Log:
+    found = log(c, c.tau)
+    found.q[:, c.joint] += 0.1
+    return found
+
+
+def missing(c: Case) -> Log:
+    """A twentieth of the samples lost, alone and in bursts."""
+    found, lost = log(c, c.tau), c.rng.random(len(c.t)) < 0.03
+    for start in c.rng.integers(0, len(c.t) - 60, 10):
+        lost[start : start + int(c.rng.integers(5, 40))] = True
+    return Log(*(x[~lost] for x in found))
+
+
+def repeated(c: Case) -> Log:
+    """One sample in twenty is sent as the one before, positions and torques."""
+    found, late = log(c, c.tau), np.flatnonzero(c.rng.random(len(c.t)) < 0.05)
+    late = late[late > 0]
+    for x in (found.q, found.tau):
+        x[late] = x[late - 1]
+    return found
+
+
+def gravity(c: Case) -> Log:
+    """The base stands tilted by 20 to 90 degrees."""
+    robot = c.arm.robot
+    angle, turn = c.rng.uniform(np.deg2rad(20), np.pi / 2), c.rng.uniform(0, 2 * np.pi)
+    tilted = 9.81 * np.array([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), -np.cos(angle)])
+    other = rne.Robot(rne.model.mounted(robot.model, gravity=tilted)) if False else _with_gravity(robot, tilted)
+    return log(c, c.tau + other.gravity_torque(c.states[0]) - robot.gravity_torque(c.states[0]))
+
+
+def _with_gravity(robot: rne.Robot, g: np.ndarray) -> rne.Robot:
+    from dataclasses import replace
+
+    return rne.Robot(replace(robot.model, gravity=g))
+
+
+def rotor(c: Case) -> Log:
+    """A large rotor that the model given has not."""
+    n = len(c.size)
+    more = np.where(np.arange(n) == c.joint, 0.5 * c.arm.rotor + 0.05, 0.0)
+    return log(c, c.tau + more * c.states[2])
+
+
+def stribeck(c: Case) -> Log:
+    """Friction that rises by half of Coulomb's at low speed."""
+    qd = c.states[1]
+    vs = 0.06 * np.abs(qd).max(0)
+    return log(c, c.tau + 0.5 * c.arm.coulomb * np.sign(qd) * np.exp(-np.abs(qd) / vs))
+
+
+# fault, and the causes that name it
+FAULTS: dict[str, tuple[Callable[[Case], Log], tuple[str, ...]]] = {
+    "delay 1 ms": (delayed(1), ("delay",)),
+    "delay 2 ms": (delayed(2), ("delay",)),
+    "delay 5 ms": (delayed(5), ("delay",)),
+    "gear +10 %": (gear, ("gear ratio",)),
+    "payload half-way": (payload, ("payload changed",)),
+    "contact": (contact, ("contact",)),
+    "clipping": (clipping, ("saturated torque",)),
+    "slip": (slip, ("encoder slip",)),
+    "drift of friction": (drift, ("friction changed",)),
+    "degrees": (degrees, ("degrees", "range of the positions")),
+    "N mm": (scaled_torques(1000.0), ("torque unit",)),
+    "mA": (scaled_torques(1000 / 15), ("torque unit",)),
+    "ms": (milliseconds, ("time unit", "sample rate")),
+    "sign": (sign, ("torque sign",)),
+    "swapped joints": (swapped_joints, ("joint order",)),
+    "swapped torques": (swapped_torques, ("torque order",)),
+    "zero 0.1 rad": (zero, ("joint zero",)),
+    "missing samples": (missing, ("missing samples", "gap")),
+    "repeated samples": (repeated, ("repeated position",)),
+    "gravity's direction": (gravity, ("gravity direction",)),
+    "unmodelled rotor": (rotor, ("rotor",)),
+    "Stribeck": (stribeck, ("Stribeck friction",)),
+}
+
+
+class Outcome(NamedTuple):
+    """What an identification made of a log."""
+
+    fault: str
+    robot: str
+    seed: int
+    chi_square: float  # of the parameters' error over its 99.9 % point
+    warned: bool
+    causes: tuple[str, ...]
+    named: bool
+    share: tuple[float, ...]
+    error: str
+
+    @property
+    def wrong(self) -> bool:
+        return not self.chi_square <= 1
+
+
+def run(fault: str, name: str, seed: int) -> Outcome:
+    c = case(name, seed)
+    make, names = FAULTS.get(fault, (clean, ()))
+    data = make(c)
+    known = given_robot(c.arm.robot, c.rng)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            record = Record(data.t, data.q, data.tau, joint_names=known.joint_names)
+            found = rne.identify(known, record, consistent=False)
+        except (ValueError, rne.RneError) as error:
+            return Outcome(fault, name, seed, np.inf, True, (), any(_says(str(error), k) for k in names), (), str(error))
+    told = [w for w in said if issubclass(w.category, rne.IdentificationWarning)]
+    kinds = tuple(f.kind for f in record.findings)
+    causes = tuple(cause.kind for cause in found.causes)
+    truth = truth_of(c, found)
+    gap = found.estimate.values - found.base.matrix @ truth
+    weight = np.linalg.pinv(found.estimate.covariance, rcond=1e-12, hermitian=True)
+    chi_square = float(gap @ weight @ gap) / chi2.ppf(CHANCE, found.base.count)
+    named = any(k in causes[:2] for k in names) or any(k in kinds for k in names)
+    return Outcome(
+        fault, name, seed, chi_square, bool(told) or bool(record.findings), causes + kinds, named,
+        tuple(np.round(found.held_out, 3).tolist()), " | ".join(str(w.message)[:200] for w in told),
+    )
+
+
+def _says(message: str, kind: str) -> bool:
+    return all(word in message for word in kind.split())
+
+
+def truth_of(c: Case, found: Any) -> np.ndarray:
+    x, groups = np.zeros(found.standard.count), found.standard.groups
+    x[groups["bodies"]] = parameters_of(c.arm.robot.model)
+    for symbol, values in (("Ia", c.arm.rotor), ("Fv", c.arm.viscous), ("Fc", c.arm.coulomb), ("tau0", c.arm.offset)):
+        x[groups[symbol]] = values
+    return x
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--clean", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    names = list(robots())
+    total = []
+    for fault in given.only or ["clean", *FAULTS]:
+        outcomes = []
+        for k in range(given.clean if fault == "clean" else given.runs):
+            outcomes.append(run(fault, names[k % len(names)], given.seed + 1000 * list(["clean", *FAULTS]).index(fault) + k))
+            o = outcomes[-1]
+            if fault != "clean" or o.wrong or o.warned:
+                print(f"  {o.robot:8} chi {o.chi_square:8.3g} {'WRONG' if o.wrong else ''} {'warned' if o.warned else ''} {'named' if o.named else ''} {o.causes[:3]} max share {max(o.share, default=0):.3g} {o.error[:110]}")
+        wrong = sum(o.wrong for o in outcomes)
+        good = sum(not o.wrong or o.named for o in outcomes)
+        silent = sum(o.wrong and not o.warned for o in outcomes)
+        warned = sum(o.warned for o in outcomes)
+        print(f"{fault}: wrong {wrong}, good {good}, wrong and silent {silent}, warned {warned} of {len(outcomes)}", flush=True)
+        total.append((len(outcomes), good, silent))
+    print(np.sum(total, axis=0))
+
+
+if __name__ == "__main__":
+    main()
