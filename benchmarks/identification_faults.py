@@ -199,9 +199,17 @@ def gear(c: Case) -> Log:
 
 
 def payload(c: Case) -> Log:
-    loaded = c.arm.robot.with_payload(rne.Payload(c.rng.uniform(1, 3), com=c.rng.uniform(-0.05, 0.1, 3)))
+    loaded = c.arm.robot.with_payload(
+        c.rng.uniform(1, 3), c.rng.uniform(-0.05, 0.1, 3), link=tip(c.arm.robot)
+    )
     more = loaded.inverse_dynamics(*c.states) - c.arm.robot.inverse_dynamics(*c.states)
     return log(c, c.tau + more * (c.t > c.rng.uniform(0.4, 0.6) * DURATION)[:, None])
+
+
+def tip(robot: rne.Robot) -> str:
+    """A link of the last body."""
+    model = robot.model
+    return [name for name, body in zip(model.link_names, model.link_body, strict=True) if body == model.nb - 1][-1]
 
 
 def contact(c: Case) -> Log:
@@ -210,7 +218,7 @@ def contact(c: Case) -> Log:
     force *= c.rng.uniform(20, 60) / np.linalg.norm(force)
     start, length = c.rng.uniform(0.2, 0.7) * DURATION, c.rng.uniform(1, 3)
     on = ((c.t > start) & (c.t < start + length))[:, None]
-    J = c.arm.robot.jacobian(c.states[0], c.arm.robot.link_names[-1])[:, 3:]
+    J = c.arm.robot.jacobian(c.states[0], tip(c.arm.robot))[:, 3:]
     return log(c, c.tau + on * (force @ J))
 
 
