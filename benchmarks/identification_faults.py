@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from tempfile import NamedTemporaryFile
 from typing import Any, NamedTuple
@@ -92,7 +93,12 @@ def from_text(text: str) -> rne.Robot:
 def mimicking() -> rne.Robot:
     """Three axes of the IRB 140, the third of which follows the second as a parallelogram's does."""
     text = rne.to_urdf(rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}).model)
-    return from_text(text.replace('<joint name="joint_3" type="revolute">', '<joint name="joint_3" type="revolute"><mimic joint="joint_2" multiplier="-0.6"/>'))
+    return from_text(
+        text.replace(
+            '<joint name="joint_3" type="revolute">',
+            '<joint name="joint_3" type="revolute"><mimic joint="joint_2" multiplier="-0.6"/>',
+        )
+    )
 
 
 @cache
@@ -136,7 +142,9 @@ def motion(robot: rne.Robot, rng: np.random.Generator, t: np.ndarray) -> tuple[n
     model = robot.model
     joints = list(model.independent_joints)
     low, high = np.maximum(model.lower[joints], -3.0), np.minimum(model.upper[joints], 3.0)
-    scale = np.minimum(0.45 * (high - low) / np.abs(q).max(0), 0.9 * np.minimum(model.velocity_limit[joints], 3.0) / np.abs(qd).max(0))
+    scale = np.minimum(
+        0.45 * (high - low) / np.abs(q).max(0), 0.9 * np.minimum(model.velocity_limit[joints], 3.0) / np.abs(qd).max(0)
+    )
     return q * scale + (low + high) / 2, qd * scale, qdd * scale
 
 
@@ -199,9 +207,7 @@ def gear(c: Case) -> Log:
 
 
 def payload(c: Case) -> Log:
-    loaded = c.arm.robot.with_payload(
-        c.rng.uniform(1, 3), c.rng.uniform(-0.05, 0.1, 3), link=tip(c.arm.robot)
-    )
+    loaded = c.arm.robot.with_payload(c.rng.uniform(1, 3), c.rng.uniform(-0.05, 0.1, 3), link=tip(c.arm.robot))
     more = loaded.inverse_dynamics(*c.states) - c.arm.robot.inverse_dynamics(*c.states)
     return log(c, c.tau + more * (c.t > c.rng.uniform(0.4, 0.6) * DURATION)[:, None])
 
@@ -314,27 +320,19 @@ def gravity(c: Case) -> Log:
     robot = c.arm.robot
     angle, turn = c.rng.uniform(np.deg2rad(20), np.pi / 2), c.rng.uniform(0, 2 * np.pi)
     tilted = 9.81 * np.array([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), -np.cos(angle)])
-    other = rne.Robot(rne.model.mounted(robot.model, gravity=tilted)) if False else _with_gravity(robot, tilted)
+    other = rne.Robot(replace(robot.model, gravity=tilted))
     return log(c, c.tau + other.gravity_torque(c.states[0]) - robot.gravity_torque(c.states[0]))
 
 
-def _with_gravity(robot: rne.Robot, g: np.ndarray) -> rne.Robot:
-    from dataclasses import replace
-
-    return rne.Robot(replace(robot.model, gravity=g))
-
-
 def rotor(c: Case) -> Log:
-    """A large rotor that the model given has not."""
-    n = len(c.size)
-    more = np.where(np.arange(n) == c.joint, 0.5 * c.arm.rotor + 0.05, 0.0)
-    return log(c, c.tau + more * c.states[2])
+    """The drives have rotors of 20 to 60 % of a joint's inertia, the robot given has none."""
+    return log(c, c.tau)
 
 
 def stribeck(c: Case) -> Log:
     """Friction that rises by half of Coulomb's at low speed."""
     qd = c.states[1]
-    vs = 0.06 * np.abs(qd).max(0)
+    vs = c.rng.uniform(0.03, 0.1) * np.abs(qd).max(0)
     return log(c, c.tau + 0.5 * c.arm.coulomb * np.sign(qd) * np.exp(-np.abs(qd) / vs))
 
 
@@ -394,7 +392,9 @@ def run(fault: str, name: str, seed: int) -> Outcome:
             record = Record(data.t, data.q, data.tau, joint_names=known.joint_names)
             found = rne.identify(known, record, consistent=False)
         except (ValueError, rne.RneError) as error:
-            return Outcome(fault, name, seed, np.inf, True, (), any(_says(str(error), k) for k in names), (), str(error))
+            return Outcome(
+                fault, name, seed, np.inf, True, (), any(_says(str(error), k) for k in names), (), str(error)
+            )
     told = [w for w in said if issubclass(w.category, rne.IdentificationWarning)]
     kinds = tuple(f.kind for f in record.findings)
     causes = tuple(cause.kind for cause in found.causes)
@@ -404,8 +404,15 @@ def run(fault: str, name: str, seed: int) -> Outcome:
     chi_square = float(gap @ weight @ gap) / chi2.ppf(CHANCE, found.base.count)
     named = any(k in causes[:2] for k in names) or any(k in kinds for k in names)
     return Outcome(
-        fault, name, seed, chi_square, bool(told) or bool(record.findings), causes + kinds, named,
-        tuple(np.round(found.held_out, 3).tolist()), " | ".join(str(w.message)[:200] for w in told),
+        fault,
+        name,
+        seed,
+        chi_square,
+        bool(told) or bool(record.findings),
+        causes + kinds,
+        named,
+        tuple(np.round(found.held_out, 3).tolist()),
+        " | ".join(str(w.message)[:200] for w in told),
     )
 
 
@@ -416,6 +423,8 @@ def _says(message: str, kind: str) -> bool:
 def truth_of(c: Case, found: Any) -> np.ndarray:
     x, groups = np.zeros(found.standard.count), found.standard.groups
     x[groups["bodies"]] = parameters_of(c.arm.robot.model)
+    if "Fs" in groups:
+        x[groups["Fs"]] = 0.5 * c.arm.coulomb * (np.asarray(found.standard.drives.stribeck) > 0)
     for symbol, values in (("Ia", c.arm.rotor), ("Fv", c.arm.viscous), ("Fc", c.arm.coulomb), ("tau0", c.arm.offset)):
         x[groups[symbol]] = values
     return x
@@ -433,15 +442,22 @@ def main() -> None:
     for fault in given.only or ["clean", *FAULTS]:
         outcomes = []
         for k in range(given.clean if fault == "clean" else given.runs):
-            outcomes.append(run(fault, names[k % len(names)], given.seed + 1000 * list(["clean", *FAULTS]).index(fault) + k))
+            outcomes.append(
+                run(fault, names[k % len(names)], given.seed + 1000 * list(["clean", *FAULTS]).index(fault) + k)
+            )
             o = outcomes[-1]
             if fault != "clean" or o.wrong or o.warned:
-                print(f"  {o.robot:8} chi {o.chi_square:8.3g} {'WRONG' if o.wrong else ''} {'warned' if o.warned else ''} {'named' if o.named else ''} {o.causes[:3]} max share {max(o.share, default=0):.3g} {o.error[:110]}")
+                print(
+                    f"  {o.robot:8} chi {o.chi_square:8.3g} {'WRONG' if o.wrong else ''} {'warned' if o.warned else ''} {'named' if o.named else ''} {o.causes[:3]} max share {max(o.share, default=0):.3g} {o.error[:110]}"
+                )
         wrong = sum(o.wrong for o in outcomes)
         good = sum(not o.wrong or o.named for o in outcomes)
         silent = sum(o.wrong and not o.warned for o in outcomes)
         warned = sum(o.warned for o in outcomes)
-        print(f"{fault}: wrong {wrong}, good {good}, wrong and silent {silent}, warned {warned} of {len(outcomes)}", flush=True)
+        print(
+            f"{fault}: wrong {wrong}, good {good}, wrong and silent {silent}, warned {warned} of {len(outcomes)}",
+            flush=True,
+        )
         total.append((len(outcomes), good, silent))
     print(np.sum(total, axis=0))
 

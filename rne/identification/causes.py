@@ -18,20 +18,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..basics.text import listed
 from ..model.model import Model
 from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from .equations import Stacked
-from .filtering import low_pass, settling
+from .filtering import low_pass
 from .prepared import Prepared
 
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
 PLACES = 24  # times at which something may begin
-RATES = (0.02, 0.06)  # Stribeck velocities that are tried, as parts of the largest rate
+RATES = (0.01, 0.02, 0.04, 0.08, 0.16)  # Stribeck velocities that are tried, as parts of the largest rate
 POOR = 0.05  # unexplained part of the torques from which joints are tried in another order
+EVIDENT = 6.0  # gain of log likelihood above which a cause is named
+FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of the robot given must be
 LEAST = 1e-4  # residuals below this part of the torques are none
 
 
@@ -50,8 +51,23 @@ class Cause(NamedTuple):
         Gain of log likelihood, less log(N) / 2 per free number.
     removed : float
         Part of the residuals' squares that it takes away, of the joint where that is most.
-    shift : float
-        How far the parameters move with it: chi-square over their number.
+    value, error : float
+        Its size and the standard error of that, where it is one number, otherwise NaN.
+    at : float
+        The record's number of a delay, or the Stribeck velocity [rad/s or m/s]; otherwise NaN.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
+    >>> w = 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
+    >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+    >>> tau = robot.inverse_dynamics(q, qd, qdd) * [1, -1, 1, 1, 1, 1]
+    >>> with np.testing.suppress_warnings() as quiet:
+    ...     quiet.filter(rne.IdentificationWarning)
+    ...     found = rne.identify(robot, rne.identification.Record(t, q, tau), consistent=False)
+    >>> found.causes[0].text
+    'the torque of joint_2 has the wrong sign'
     """
 
     kind: str
@@ -59,7 +75,9 @@ class Cause(NamedTuple):
     text: str
     score: float
     removed: float
-    shift: float
+    value: float = float("nan")
+    error: float = float("nan")
+    at: float = float("nan")
 
 
 class Candidate(NamedTuple):
@@ -69,6 +87,7 @@ class Candidate(NamedTuple):
     joints: tuple[str, ...]
     columns: Array
     text: Callable[[Array], str]
+    at: float = float("nan")
 
 
 class Residuals:
@@ -127,25 +146,27 @@ class Residuals:
         """The gain of log likelihood of a fit that leaves these squares."""
         return float(0.5 * (self.counts * np.log((self.squares + self.floor) / (squares + self.floor))).sum())
 
-    def fitted(self, columns: Array) -> tuple[Array, Array, Array]:
-        """Coefficients of additional columns, what the fit leaves, and how the parameters move with it."""
+    def fitted(self, columns: Array) -> tuple[Array, Array, float]:
+        """Coefficients of additional columns, what the fit leaves, and the standard error of the first."""
         X = self.flat(columns)
-        share = self.Q.T @ X
-        left = X - self.Q @ share
+        left = X - self.Q @ (self.Q.T @ X)
         lengths = np.linalg.norm(left, axis=0)
         known = lengths > 1e-6 * np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
         c = np.zeros(X.shape[1])
         c[known] = np.linalg.lstsq(left[:, known] / lengths[known], self.r, rcond=1e-8)[0] / lengths[known]
-        return c, self.r - left @ c, share @ c
+        error = float(np.sqrt(self.repeats.max()) / max(lengths[0], np.finfo(float).tiny))
+        return c, self.r - left @ c, error
 
     def judged(self, candidate: Candidate) -> Cause:
         """The cause with its score."""
-        c, r, moved = self.fitted(candidate.columns)
+        c, r, error = self.fitted(candidate.columns)
         squares = self.by_joint(r)
         score = self.likelihood(squares) - 0.5 * len(c) * np.log(max(self.counts.sum(), 2.0))
         removed = float(np.max(1 - squares / np.maximum(self.squares, self.floor), initial=0))
-        shift = float(moved @ moved) / max(len(moved), 1) / float(np.mean(self.repeats))
-        return Cause(candidate.kind, candidate.joints, candidate.text(c), score, removed, shift)
+        size = (float(c[0]), error) if len(c) == 1 else ()
+        return Cause(candidate.kind, candidate.joints, candidate.text(c), score, removed, *size)._replace(
+            at=candidate.at
+        )
 
     def coarse(self, change: Callable[[Array], Array]) -> tuple[Array]:
         """Orthonormal columns of the equations, of which positions, rates and accelerations are changed."""
@@ -167,7 +188,7 @@ class Residuals:
         squares = self.squares_of(Q, tau)
         gain = 0.5 * (self.counts * np.log((before + self.floor) / (squares + self.floor))).sum()
         removed = float(np.max(1 - squares / np.maximum(before, self.floor), initial=0))
-        return Cause(kind, joints, text, float(gain), removed, np.inf)
+        return Cause(kind, joints, text, float(gain), removed)
 
     @cached_property
     def grids(self) -> list[Grid]:
@@ -179,6 +200,12 @@ class Residuals:
         found = [grid.reduced(torques(grid)) for grid in self.grids]
         stacked = np.concatenate(found)
         return stacked[..., None] if stacked.ndim == 2 else stacked
+
+    def own_columns(self, j: int, torque: Callable[[Prepared], Array]) -> Array:
+        """Torques of one joint along the records, shape (samples,), filtered, at the equations' times, (rows, n, 1)."""
+        found = np.concatenate([record.reduce(torque(record)) for record in self.records])
+        columns: Array = (found[:, None] * np.eye(self.robot.n)[j])[..., None]
+        return columns
 
     def predicted(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torques of the parameters found."""
@@ -222,12 +249,15 @@ class Grid(NamedTuple):
         return np.concatenate(parts)
 
 
-def likely_causes(residuals: Residuals, delayed: bool = True) -> list[Cause]:
-    """All causes, the likeliest first."""
+def likely_causes(residuals: Residuals) -> tuple[Cause, ...]:
+    """Causes whose score is evident, the likeliest first, of each kind and joints the best."""
     found = [residuals.judged(candidate) for candidate in candidates(residuals)]
-    found += list(refitted(residuals))
-    found = [cause for cause in found if np.isfinite(cause.score)]
-    return sorted(found, key=lambda cause: -cause.score)
+    found = sorted((*found, *refitted(residuals)), key=lambda cause: -cause.score)
+    best: dict[tuple[str, tuple[str, ...]], Cause] = {}
+    for cause in found:
+        if cause.score > EVIDENT:
+            best.setdefault((cause.kind, cause.joints), cause)
+    return tuple(best.values())
 
 
 def candidates(res: Residuals) -> Iterator[Candidate]:
@@ -236,9 +266,13 @@ def candidates(res: Residuals) -> Iterator[Candidate]:
     model, joints = res.robot.model, res.robot.model.independent_joints
     unit = ["rad" if model.is_revolute[i] else "m" for i in joints]
     torque = [res.predicted(g.q, g.qd, g.qdd) for g in res.grids]
-    slopes = [rate_of_change(g, f) for g, f in zip(res.grids, torque, strict=True)]
+    slopes = [-rate_of_change(g, f) for g, f in zip(res.grids, torque, strict=True)]
     late = res.columns(lambda g: of(g, res.grids, slopes))
-    yield Candidate("delay", names, late, lambda c: f"torques are {-1000 * c[0]:.3g} ms later than positions")
+    of_record = np.repeat(np.arange(len(res.rows)), [len(r.tau) for r in res.rows])[:, None, None]
+    for k in range(len(res.records)):
+        yield Candidate("delay", names, late * (of_record == k), delay_text(""), k)
+    for j in range(n if n > 1 else 0):
+        yield Candidate("delay", (names[j],), late * np.eye(n)[j][:, None], delay_text(f" of {names[j]}"))
     t = np.concatenate([record.times for record in res.records])
     place = np.concatenate([k + normalised(record) for k, record in enumerate(res.records)])
     starts = np.quantile(place, np.linspace(0, 1, PLACES + 2)[1:-1])
@@ -249,9 +283,13 @@ def candidates(res: Residuals) -> Iterator[Candidate]:
         e = np.eye(n)[j]
         zero = res.columns(lambda g, e=e: by_position(res, g, e))
         shifted.append(zero)
-        yield Candidate("joint zero", name, zero, lambda c, j=j: f"the zero of {names[j]} is off by {c[0]:.3g} {unit[j]}")
+        yield Candidate(
+            "joint zero", name, zero, lambda c, j=j: f"the zero of {names[j]} is off by {c[0]:.3g} {unit[j]}"
+        )
         ratio = res.columns(lambda g, e=e: by_ratio(res, g, e))
-        yield Candidate("gear ratio", name, ratio, lambda c, j=j: f"the gear ratio of {names[j]} is {100 * c[0]:.3g} % off")
+        yield Candidate(
+            "gear ratio", name, ratio, lambda c, j=j: f"the gear ratio of {names[j]} is {100 * c[0]:.3g} % off"
+        )
         own = res.columns(lambda g, e=e: of(g, res.grids, torque) * e)
         yield Candidate(
             "torque factor", name, own, lambda c, j=j: f"the torque of {names[j]} is measured {1 + c[0]:.4g} times"
@@ -259,16 +297,25 @@ def candidates(res: Residuals) -> Iterator[Candidate]:
         friction = res.columns(lambda g, j=j, e=e: friction_columns(res, g, j) * e[:, None])
         ramp = (place - place.mean())[:, None, None]
         yield Candidate(
-            "friction changed", name, np.concatenate([friction * ramp, friction * (ramp**2 - (ramp**2).mean())], -1), lambda c, j=j: f"friction of {names[j]} changes during the log"
+            "friction changed",
+            name,
+            np.concatenate([friction * ramp, friction * (ramp**2 - (ramp**2).mean())], -1),
+            lambda c, j=j: f"friction of {names[j]} changes during the log",
         )
         offset = np.broadcast_to(e, (len(place), n))[..., None] * ramp
         yield Candidate("offset drifts", name, offset, lambda c, j=j: f"the torque's zero of {names[j]} drifts")
+        fastest = max(np.abs(r.qd[:, j]).max() for r in res.records)
         for share in RATES:
-            vs = share * max(np.abs(g.qd[:, j]).max() for g in res.grids)
-            column = res.columns(lambda g, j=j, e=e, vs=vs: (np.sign(g.qd[:, j]) * np.exp(-np.abs(g.qd[:, j]) / vs))[:, None] * e)
-            yield Candidate("Stribeck friction", name, column, lambda c, j=j, vs=vs: f"friction of {names[j]} is {c[0]:.3g} {'N m' if unit[j] == 'rad' else 'N'} more at rest than from {2 * vs:.2g} {unit[j]}/s on")
-        load = res.columns(lambda g, j=j, e=e: (np.abs(of(g, res.grids, torque)[:, j]) * np.sign(g.qd[:, j]))[:, None] * e)
-        yield Candidate("friction under load", name, load, lambda c, j=j: f"friction of {names[j]} rises by {100 * c[0]:.3g} % of its load")
+            yield stribeck(res, j, share * fastest)
+        load = res.columns(
+            lambda g, j=j, e=e: (np.abs(of(g, res.grids, torque)[:, j]) * np.sign(g.qd[:, j]))[:, None] * e
+        )
+        yield Candidate(
+            "friction under load",
+            name,
+            load,
+            lambda c, j=j: f"friction of {names[j]} rises by {100 * c[0]:.3g} % of its load",
+        )
     body = PARAMETERS * tip_body(model)
     last = np.concatenate([r.Y[..., body : body + PARAMETERS] for r in res.rows])
     tip = res.columns(lambda g: tip_forces(res, g))
@@ -276,15 +323,70 @@ def candidates(res: Residuals) -> Iterator[Candidate]:
     yield Candidate("gravity direction", (), turned, lambda c: "gravity has another direction than the model's")
     for s in starts:
         after = (place >= s)[:, None, None]
-        yield Candidate("payload changed", (names[-1],), last * after, lambda c, s=s: f"the payload changes by {c[0]:.3g} kg at {when(s)}")
+        yield Candidate(
+            "payload changed",
+            (names[-1],),
+            last * after,
+            lambda c, s=s: f"the payload changes by {c[0]:.3g} kg at {when(s)}",
+        )
         for j in range(n):
-            yield Candidate("encoder slip", (names[j],), shifted[j] * after, lambda c, j=j, s=s: f"the encoder of {names[j]} slips by {c[0]:.3g} {unit[j]} near {when(s)}")
+            yield Candidate(
+                "encoder slip",
+                (names[j],),
+                shifted[j] * after,
+                lambda c, j=j, s=s: f"the encoder of {names[j]} slips by {c[0]:.3g} {unit[j]} near {when(s)}",
+            )
     edges = np.quantile(place, np.linspace(0, 1, 2 * PLACES + 1))
     for a in range(2 * PLACES):
         for width in (1, 2, 4, 6):
             if a + width <= 2 * PLACES:
                 on = ((place >= edges[a]) & (place <= edges[a + width]))[:, None, None]
-                yield Candidate("contact", (names[-1],), tip * on, lambda c, a=a, w=width: f"something pushes the last link with {np.linalg.norm(c):.3g} N from {when(edges[a])} to {when(min(edges[a + w], place[-1]))}")
+                yield Candidate(
+                    "contact",
+                    (names[-1],),
+                    tip * on,
+                    lambda c, a=a, w=width: (
+                        f"something pushes the last link with {np.linalg.norm(c):.3g} N from {when(edges[a])} to {when(min(edges[a + w], place[-1]))}"
+                    ),
+                )
+
+
+def delay_text(whose: str) -> Callable[[Array], str]:
+    """Words for a delay."""
+    return lambda c: (
+        f"torques{whose} are measured {abs(1000 * c[0]):.3g} ms {'later' if c[0] > 0 else 'earlier'} than positions"
+    )
+
+
+def stribeck(res: Residuals, j: int, vs: float) -> Candidate:
+    """The Stribeck effect of a joint, of one velocity vs."""
+    name, is_revolute = res.robot.joint_names[j], res.robot.model.is_revolute[res.robot.model.independent_joints[j]]
+    torque, rate = ("N m", "rad/s") if is_revolute else ("N", "m/s")
+
+    def effect(record: Prepared) -> Array:
+        return np.sign(record.qd[:, j]) * np.exp(-np.abs(record.qd[:, j]) / vs)
+
+    column = res.own_columns(j, effect)
+    text = "friction of {} is {:.3g} {} {} at rest than from {:.2g} {} on"
+
+    def words(c: Array) -> str:
+        return text.format(name, abs(c[0]), torque, "more" if c[0] > 0 else "less", 2 * vs, rate)
+
+    return Candidate("Stribeck friction", (name,), column, words, vs)
+
+
+def sharpened(res: Residuals, cause: Cause) -> Cause:
+    """The Stribeck effect with the velocity that fits best."""
+    from scipy.optimize import minimize_scalar
+
+    j = res.robot.joint_names.index(cause.joints[0])
+
+    def loss(log: float) -> float:
+        return -res.judged(stribeck(res, j, float(np.exp(log)))).score
+
+    middle = np.log(cause.at)
+    best = minimize_scalar(loss, bounds=(middle - 1, middle + 1), method="bounded", options={"maxiter": 15}).x
+    return res.judged(stribeck(res, j, float(np.exp(best))))
 
 
 def of(grid: Grid, grids: Sequence[Grid], values: Sequence[Array]) -> Array:
@@ -353,6 +455,7 @@ def refitted(res: Residuals) -> Iterator[Cause]:
     """Causes that are no small change, each with a fit of its own."""
     names, n = res.robot.joint_names, res.robot.n
     before = res.squares
+    yield from torque_scale(res)
     for j in range(n):
         turned = res.tau * np.where(np.arange(n) == j, -1, 1)
         text = f"the torque of {names[j]} has the wrong sign"
@@ -373,9 +476,61 @@ def refitted(res: Residuals) -> Iterator[Cause]:
         signs = np.where(np.arange(n) == j, -1, 1)
         Q = res.coarse(lambda x, signs=signs: x * signs)[0]
         yield res.anew("joint sign", (names[j],), f"{names[j]} turns the other way", Q, res.tau * signs, before)
+    yield from gravity_directions(res, before)
     degrees = np.where(res.robot.model.is_revolute[list(res.robot.model.independent_joints)], np.pi / 180, 1.0)
     Q = res.coarse(lambda x: x * degrees)[0]
     yield res.anew("degrees", names, "positions are in degrees", Q, res.tau, before)
+
+
+def torque_scale(res: Residuals) -> Iterator[Cause]:
+    """Torques that are many times, or less than nothing of, what the bodies of the robot given ask for."""
+    bodies = PARAMETERS * res.standard.model.nb
+    Y = np.concatenate([r.Y[..., :bodies] for r in res.rows])
+    found, given = (res.flat((Y @ x[:bodies])[..., None])[:, 0] for x in (res.x, res.standard.values))
+    size = float(given @ given)
+    factor = float(found @ given) / max(size, np.finfo(float).tiny)
+    alike = factor * float(found @ given) / max(float(found @ found), np.finfo(float).tiny)  # squared cosine
+    if size == 0 or alike < ALIKE or 1 / FACTOR < factor < FACTOR:
+        return
+    kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
+    if factor < 0:
+        kind, text = "torque sign", "the torques of all joints have the wrong sign"
+    yield Cause(kind, res.robot.joint_names, text, float(res.counts.sum()), alike, factor)
+
+
+def gravity_directions(res: Residuals, before: Array) -> Iterator[Cause]:
+    """Gravity in the direction with which the torques are fitted best, by the angles of a sphere."""
+    from scipy.optimize import minimize
+
+    model, width = res.robot.model, PARAMETERS * res.robot.model.nb
+    size = float(np.linalg.norm(model.gravity))
+    if size == 0:
+        return
+    alone = [Robot(replace(model, gravity=size * e), "numpy") for e in (np.zeros(3), *np.eye(3))]
+    still, *pulled = (res.columns(lambda g, r=r: r.regressor(g.q, g.qd, g.qdd)) for r in alone)
+    pulled = [res.flat(y - still) for y in pulled]
+    drives = res.flat(np.concatenate([r.Y[..., width:] for r in res.rows]))
+    still, b = res.flat(still), res.flat(res.tau[..., None])[:, 0]
+
+    def squares(direction: Array) -> Array:
+        turned = still + np.tensordot(direction / np.linalg.norm(direction), pulled, 1)
+        Q = np.linalg.qr(np.concatenate([turned, drives], axis=1))[0]
+        return res.by_joint(b - Q @ (Q.T @ b))
+
+    def loss(direction: Array) -> float:
+        return -res.likelihood(squares(direction))
+
+    given = model.gravity / size
+    starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
+    start = min((x for x in starts if np.linalg.norm(x) > ALIKE), key=loss)
+    found = minimize(loss, start, method="Nelder-Mead", options={"maxfev": 120, "xatol": 1e-3, "fatol": 0.1}).x
+    g = found / np.linalg.norm(found)
+    angle = np.rad2deg(np.arccos(np.clip(g @ given, -1, 1)))
+    text = f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.0f} degrees from the model's"
+    left = squares(found)
+    gain = 0.5 * (res.counts * np.log((before + res.floor) / (left + res.floor))).sum()
+    more = drives.shape[1] + still.shape[1] - len(res.back.T) + 2
+    yield Cause("gravity direction", (), text, float(gain - 0.5 * min(more, 12) * np.log(res.counts.sum())), 0.0, angle)
 
 
 def swapped(n: int, i: int, j: int) -> Array:

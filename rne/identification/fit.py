@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
+from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
-from ..errors import IdentificationError
+from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
-from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
+from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot
+from .causes import Cause, Residuals, likely_causes, sharpened
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
 from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
 from .record import Record
-from .regression import HELD_OUT, check_robot, gathered
+from .regression import HELD_OUT, Gathered, check_robot, gathered
 from .result import Identification
 
 SPREAD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 SPREAD_OF_GUESS = 3.0  # of bodies guessed from the geometry
 BEYOND_DOUBT = 4.0  # standard errors
+MODELLED = ("delay", "Stribeck friction")  # causes that the fit takes into account
+ROUNDS = 4  # of taking a cause into account
 
 
 def identify(
@@ -35,6 +41,7 @@ def identify(
     prior: Robot | str | None = None,
     spread: float | None = None,
     minimum_rate: ArrayLike | None = None,
+    delay: ArrayLike | None = None,
     cutoff: float | None = None,
     decimation: int | None = None,
     blocks: int = HELD_OUT,
@@ -65,6 +72,9 @@ def identify(
         Slower equations of a joint are not fitted, because the direction of Coulomb friction is not known; by default
         2 % of the joint's largest rate, and what one step of its encoder makes, with Coulomb friction that is not
         smoothed, otherwise 0 [rad/s or m/s].
+    delay : float or array_like, shape (n,), optional
+        By which torques were measured later than positions, by default estimated for each record, and for a joint where
+        it differs [s].
     cutoff : float, optional
         Of the low-pass filter, by default chosen from the measurements [Hz].
     decimation : int, optional
@@ -107,17 +117,78 @@ def identify(
     for name, given in (("prior", prior), ("spread", spread)):
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
-    base = robot.base_parameters(drives=MEASURED if drives is None else drives)
+    drives = MEASURED if drives is None else drive_argument(drives)
+    options = {"minimum_rate": minimum_rate, "cutoff": cutoff, "decimation": decimation, "blocks": blocks}
+    base, data, causes, absorbed = explained(robot, records, drives, delay, options)
     standard = base.standard
-    data = gathered(robot, records, standard, base, minimum_rate, cutoff, decimation, blocks)
     guess, notes = prior_bodies(robot, prior, standard, data.fitted) if consistent else (None, ())
     method = Method(standard, base, guess, positive_number("spread", spread_of(prior, spread)) ** -2)
     estimate, parameters = method.solved(data.fitted)
     repeats = data.repeats(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), repeats)
     errors = held_out(method, data.fitted, data.measured)
-    notes = (*data.notes, *notes, *ignored_drives(standard), *negative_drives(robot, base, estimate))
-    return Identification(robot, standard, base, data, estimate, parameters, consistent, errors, repeats, notes)
+    notes = (*data.notes, *absorbed, *notes, *ignored_drives(standard), *negative_drives(robot, base, estimate))
+    found = Identification(
+        robot, standard, base, data, estimate, parameters, consistent, errors, repeats, causes, notes
+    )
+    if found.doubt:
+        warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
+    return found
+
+
+def explained(
+    robot: Robot,
+    records: Record | Sequence[Record],
+    drives: DriveModel,
+    delay: ArrayLike | None,
+    given: dict[str, Any],
+) -> tuple[BaseParameters, Gathered, tuple[Cause, ...], tuple[str, ...]]:
+    """The equations, with the delays and Stribeck effects that they ask for, and likely causes of what is left."""
+    count = len(records) if isinstance(records, Sequence) else 1
+    delays = np.zeros((count, robot.n))
+    if delay is not None:
+        delays = delays + real_array("delay", delay, f"({robot.n},) or a number")
+    notes: dict[str, str] = {}
+    for last in [False] * ROUNDS + [True]:
+        base = robot.base_parameters(drives=drives)
+        data = gathered(robot, records, base, **given, delays=delays)
+        found = least_squares(data.fitted.mapped(base.back))
+        causes = likely_causes(residuals_of(robot, base, data, found))
+        modelled = [c for c in causes if c.kind in MODELLED and (c.kind != "delay" or delay is None)]
+        if last or not modelled or modelled[0].score < causes[0].score / 2:
+            break
+        best = modelled[0]
+        if best.kind == "delay":
+            delays = delays + delay_of(robot, best, count)
+            notes[f"delay {best.joints}"] = f"{best.text} (+- {1000 * best.error:.2g} ms): taken into account"
+        else:
+            rest = residuals_of(robot, base, data, found)
+            drives = with_stribeck(robot, drives, [sharpened(rest, c) for c in modelled if c.kind == best.kind])
+            notes["Stribeck"] = (
+                "friction at low speed follows another law than Coulomb's: Fs sign(qd) exp(-|qd| / vs) added"
+            )
+    return base, data, causes, tuple(notes.values())
+
+
+def residuals_of(robot: Robot, base: BaseParameters, data: Gathered, found: LeastSquares) -> Residuals:
+    """What least squares left."""
+    repeats = data.repeats(base.back @ found.values)
+    return Residuals(robot, base.standard, data.prepared, data.rows, base.back, found.values, found.sigma, repeats)
+
+
+def delay_of(robot: Robot, cause: Cause, count: int) -> Array:
+    """The delay that a cause tells, shape (records, n)."""
+    joints = np.isin(robot.joint_names, cause.joints)
+    records = np.ones(count) if np.isnan(cause.at) else np.arange(count) == cause.at
+    return cause.value * np.outer(records, joints)
+
+
+def with_stribeck(robot: Robot, drives: DriveModel, causes: Sequence[Cause]) -> DriveModel:
+    """The drives with the Stribeck velocities of these causes."""
+    rates = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
+    for cause in causes:
+        rates[robot.joint_names.index(cause.joints[0])] = cause.at
+    return replace(drives, stribeck=rates)
 
 
 def spread_of(prior: Robot | str | None, given: float | None) -> float:

@@ -206,18 +206,28 @@ class Method(NamedTuple):
         return rows
 
 
-def held_out(method: Method, fitted: Equations, measured: Equations) -> Array:
+class Unexplained(NamedTuple):
     """|predicted - measured| / |measured| of each joint, each block predicted from the others, shape (n,).
 
-    NaN for a joint of which no torque was measured.
+    NaN for a joint of which no such torque was measured.
     """
-    squares = np.zeros(fitted.joints)
+
+    everywhere: Array
+    in_motion: Array
+    at_rest: Array
+
+
+def held_out(method: Method, fitted: Equations, measured: Equations) -> Unexplained:
+    """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
+    squares = np.zeros((2, fitted.joints))
     for k in range(len(fitted.factors)):
         others = np.arange(len(fitted.factors)) != k
         _, parameters = method.solved(fitted.of_blocks(others))
-        squares += measured.of_blocks(~others).residuals(parameters)
-    errors = np.sqrt(squares / np.maximum(measured.torques(), np.finfo(float).tiny))
-    return np.where(measured.rows.sum(0) == 0, np.nan, errors)
+        squares += [equations.of_blocks(~others).residuals(parameters) for equations in (measured, fitted)]
+    torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
+    squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
+    shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, np.finfo(float).tiny))
+    return Unexplained(*np.where(rows == 0, np.nan, shares))
 
 
 RESPONSE = 8.0  # periods of the cut-off after which nothing is left of an impulse

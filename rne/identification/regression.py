@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,8 @@ class Gathered(NamedTuple):
     rows : list of Stacked
     fitted, measured : Equations
         To fit, and to check the fit on, in blocks of time.
+    delays : ndarray, shape (records, n)
+        By which torques were measured later than positions [s].
     notes : tuple of str
     """
 
@@ -47,7 +50,12 @@ class Gathered(NamedTuple):
     rows: list[Stacked]
     fitted: Equations
     measured: Equations
+    delays: Array
     notes: tuple[str, ...]
+
+    def residuals(self, x: Array) -> list[Array]:
+        """Measured less predicted torques of each record, of standard parameters x."""
+        return [row.tau - row.Y @ x for row in self.rows]
 
     def repeats(self, x: Array) -> Array:
         """How many equations of a joint count as one, for the residuals of parameters x, shape (n,)."""
@@ -65,17 +73,18 @@ class Gathered(NamedTuple):
 def gathered(
     robot: Robot,
     records: Record | Sequence[Record],
-    standard: StandardParameters,
     base: BaseParameters,
     minimum_rate: ArrayLike | None,
     cutoff: float | None,
     decimation: int | None,
     blocks: int,
+    delays: Array | float = 0.0,
 ) -> Gathered:
     """The equations of the records; arguments as of `rne.identify`."""
-    given = checked_records(robot, records)
+    given, standard = checked_records(robot, records), base.standard
     check_blocks(blocks)
-    prepared = tuple(record.prepare(cutoff, decimation) for record in given)
+    late = np.broadcast_to(delays, (len(given), robot.n))
+    prepared = tuple(delayed(r.prepare(cutoff, decimation), d) for r, d in zip(given, late, strict=True))
     still, rates = minimum_rates(standard, given, prepared, minimum_rate)
     rows = [stacked(robot, standard, record, rates, still) for record in prepared]
     check_count(rows, base, still)
@@ -85,7 +94,21 @@ def gathered(
     silent = [robot.joint_names[j] for j in np.flatnonzero(measured.rows.sum(0) == 0)]
     notes = tuple(f"{name} does not move" + (f": its {lost} cannot be found" if lost else "") for name in names)
     notes += tuple(f"{name} has no torque that can be used" for name in silent)
-    return Gathered(tuple(record.name for record in given), prepared, rates, rows, fitted, measured, notes)
+    return Gathered(tuple(record.name for record in given), prepared, rates, rows, fitted, measured, late, notes)
+
+
+def delayed(record: Prepared, delays: Array) -> Prepared:
+    """The record with torques measured later than positions taken back to where they belong."""
+    from scipy.interpolate import CubicSpline
+
+    if not delays.any():
+        return record
+    tau = record.tau.copy()
+    for part in record.segments:
+        t = record.t[part]
+        for j in np.flatnonzero(delays):
+            tau[part, j] = CubicSpline(t, record.tau[part, j])(np.clip(t + delays[j], t[0], t[-1]))
+    return replace(record, tau=tau)
 
 
 def check_robot(robot: Robot) -> None:

@@ -18,10 +18,11 @@ from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
+from .causes import Cause
 from .checking import Check
 from .consistent import expected_sizes, model_prior
 from .equations import Equations
-from .least_squares import LeastSquares
+from .least_squares import LeastSquares, Unexplained
 from .prepared import Prepared
 from .record import Record
 from .regression import Gathered, check_joints
@@ -30,6 +31,13 @@ from .rigid_body_test import certificate_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
+NAMED = 3  # causes that a warning names
+UNKNOWN = (
+    "no single change explains it: look at the joints' residuals over time and speed (`plot`), and check friction, the "
+    "placement of the axes, couplings and the torques' source"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +61,13 @@ class Identification:
         those in `base.names` changed so that the base parameters are `estimate.values`.
     consistent : bool
         True for physically consistent parameters.
-    held_out : ndarray, shape (n,)
+    unexplained : Unexplained
         |predicted - measured| / |measured| of each joint, over blocks of time of which each was predicted by a fit to
-        the others; all measured torques count. NaN for a joint without.
+        the others: `everywhere`, `in_motion`, where equations are fitted, and `at_rest`. NaN for a joint without.
     repeats : ndarray, shape (n,)
         How many equations of a joint count as one, because residuals are like their neighbours; in the standard errors.
+    causes : tuple of Cause
+        What would explain the residuals better, the likeliest first.
     notes : tuple of str
         What was assumed, and what looks wrong.
 
@@ -79,8 +89,9 @@ class Identification:
     estimate: LeastSquares
     parameters: Array
     consistent: bool
-    held_out: Array
+    unexplained: Unexplained
     repeats: Array
+    causes: tuple[Cause, ...]
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
@@ -90,6 +101,31 @@ class Identification:
             f"Identification({counted(self.base.count, 'base parameter')} of {self.initial.model.name!r} from "
             f"{counted(int(self.equations.rows.sum()), 'equation')}, {found}, held-out error at most {worst})"
         )
+
+    @property
+    def held_out(self) -> Array:
+        """`unexplained.everywhere`: |predicted - measured| / |measured| of each joint on held-out blocks, (n,)."""
+        return self.unexplained.everywhere
+
+    @property
+    def delay(self) -> Array:
+        """By which torques of each record were measured later than positions, shape (records, n) [s]."""
+        return self.data.delays
+
+    @cached_property
+    def doubt(self) -> str:
+        """Why the parameters should not be believed, the likeliest causes first; empty if nothing speaks against them."""
+        left = self.unexplained.in_motion
+        poor = [
+            f"{name} {100 * x:.0f} %" for name, x in zip(self.initial.joint_names, left, strict=True) if x > UNEXPLAINED
+        ]
+        if not poor and not self.causes:
+            return ""
+        lines = [f"torques in motion that the model does not explain: {listed(poor)}"] if poor else []
+        named = list({cause.kind: cause for cause in reversed(self.causes)}.values())[::-1]
+        first = "likely causes" if len(named) > 1 else "the likely cause"
+        lines += [f"{first}: " + "; ".join(cause.text for cause in named[:NAMED])] if named else [UNKNOWN]
+        return ". ".join(lines)
 
     @property
     def records(self) -> tuple[Prepared, ...]:
