@@ -433,6 +433,7 @@ def truth_of(c: Case, found: Any) -> np.ndarray:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--verbose", action="store_true")
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--clean", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
@@ -446,10 +447,10 @@ def main() -> None:
                 run(fault, names[k % len(names)], given.seed + 1000 * list(["clean", *FAULTS]).index(fault) + k)
             )
             o = outcomes[-1]
-            if fault != "clean" or o.wrong or o.warned:
-                print(
-                    f"  {o.robot:8} chi {o.chi_square:8.3g} {'WRONG' if o.wrong else ''} {'warned' if o.warned else ''} {'named' if o.named else ''} {o.causes[:3]} max share {max(o.share, default=0):.3g} {o.error[:110]}"
-                )
+            if given.verbose and (fault != "clean" or o.wrong or o.warned):
+                marks = {"WRONG": o.wrong, "warned": o.warned, "named": o.named}
+                said = " ".join(word for word, is_so in marks.items() if is_so)
+                print(f"  {o.robot:8} {o.chi_square:8.3g} {said} {o.causes[:3]} {o.error[:110]}")
         wrong = sum(o.wrong for o in outcomes)
         good = sum(not o.wrong or o.named for o in outcomes)
         silent = sum(o.wrong and not o.warned for o in outcomes)

@@ -10,30 +10,27 @@ the wrong sign or joints in another order, are tried by fitting anew.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..model.model import Model
+from ..basics.text import listed
 from ..model.parameters import PARAMETERS
-from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
-from .equations import Stacked
-from .filtering import low_pass
 from .prepared import Prepared
+from .residuals import TINY, Grid, Residuals
 
-THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
+EVIDENT = 6.0  # gain of log likelihood above which a cause is named
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
 PLACES = 24  # times at which something may begin
+WIDTHS = (1, 2, 4, 6)  # of a contact, in half of their distance
 RATES = (0.01, 0.02, 0.04, 0.08, 0.16)  # Stribeck velocities that are tried, as parts of the largest rate
 POOR = 0.05  # unexplained part of the torques from which joints are tried in another order
-EVIDENT = 6.0  # gain of log likelihood above which a cause is named
 FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of the robot given must be
-LEAST = 1e-4  # residuals below this part of the torques are none
 
 
 class Cause(NamedTuple):
@@ -79,6 +76,11 @@ class Cause(NamedTuple):
     error: float = float("nan")
     at: float = float("nan")
 
+    def more(self, before: float) -> Cause:
+        """The delay with what had been taken into account of it before."""
+        total = self.value + before
+        return self._replace(value=total, text=delay_text(self.joints if np.isnan(self.at) else ())(np.array([total])))
+
 
 class Candidate(NamedTuple):
     """Columns of a cause, shape (rows, n, k), and the words for their coefficients."""
@@ -89,290 +91,210 @@ class Candidate(NamedTuple):
     text: Callable[[Array], str]
     at: float = float("nan")
 
-
-class Residuals:
-    """What least squares left of the equations of records.
-
-    Parameters
-    ----------
-    robot : Robot
-    standard : StandardParameters
-    records : sequence of Prepared
-    rows : sequence of Stacked
-        Their equations.
-    back : ndarray, shape (P, count)
-        From base to standard parameters.
-    beta : ndarray, shape (count,)
-        Base parameters.
-    sigma, repeats : ndarray, shape (n,)
-        Noise of the joints, and how many of their equations count as one.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        standard: StandardParameters,
-        records: Sequence[Prepared],
-        rows: Sequence[Stacked],
-        back: Array,
-        beta: Array,
-        sigma: Array,
-        repeats: Array,
-    ) -> None:
-        self.robot, self.standard, self.records, self.rows = robot, standard, records, rows
-        self.back, self.x, self.sigma, self.repeats = back, back @ beta, sigma, repeats
-        self.used = np.concatenate([r.used for r in rows])
-        self.tau = np.concatenate([r.tau for r in rows])
-        self.joint = np.nonzero(self.used)[1]
-        self.A = self.flat(np.concatenate([r.Y for r in rows]) @ back)
-        self.Q = np.linalg.qr(self.A)[0]
-        self.r = self.flat((self.tau - np.concatenate([r.Y @ self.x for r in rows]))[..., None])[:, 0]
-        self.r = self.r - self.Q @ (self.Q.T @ self.r)
-        self.squares = self.by_joint(self.r)
-        self.counts = np.bincount(self.joint, minlength=robot.n) / repeats
-        floor = LEAST**2 * self.by_joint(self.flat(self.tau[..., None])[:, 0])
-        self.floor = np.maximum(floor, np.finfo(float).tiny)
-
-    def flat(self, columns: Array) -> Array:
-        """Columns, shape (rows, n, k), of the equations that are fitted, over the noise of their joint."""
-        weighted: Array = (columns / self.sigma[:, None])[self.used]
-        return weighted
-
-    def by_joint(self, r: Array) -> Array:
-        """Sums of squares of each joint's equations."""
-        return np.bincount(self.joint, r**2, minlength=self.robot.n)
-
-    def likelihood(self, squares: Array) -> float:
-        """The gain of log likelihood of a fit that leaves these squares."""
-        return float(0.5 * (self.counts * np.log((self.squares + self.floor) / (squares + self.floor))).sum())
-
-    def fitted(self, columns: Array) -> tuple[Array, Array, float]:
-        """Coefficients of additional columns, what the fit leaves, and the standard error of the first."""
-        X = self.flat(columns)
-        left = X - self.Q @ (self.Q.T @ X)
-        lengths = np.linalg.norm(left, axis=0)
-        known = lengths > 1e-6 * np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
-        c = np.zeros(X.shape[1])
-        c[known] = np.linalg.lstsq(left[:, known] / lengths[known], self.r, rcond=1e-8)[0] / lengths[known]
-        error = float(np.sqrt(self.repeats.max()) / max(lengths[0], np.finfo(float).tiny))
-        return c, self.r - left @ c, error
-
-    def judged(self, candidate: Candidate) -> Cause:
+    def judged(self, res: Residuals) -> Cause:
         """The cause with its score."""
-        c, r, error = self.fitted(candidate.columns)
-        squares = self.by_joint(r)
-        score = self.likelihood(squares) - 0.5 * len(c) * np.log(max(self.counts.sum(), 2.0))
-        removed = float(np.max(1 - squares / np.maximum(self.squares, self.floor), initial=0))
-        size = (float(c[0]), error) if len(c) == 1 else ()
-        return Cause(candidate.kind, candidate.joints, candidate.text(c), score, removed, *size)._replace(
-            at=candidate.at
-        )
-
-    def coarse(self, change: Callable[[Array], Array]) -> tuple[Array]:
-        """Orthonormal columns of the equations, of which positions, rates and accelerations are changed."""
-
-        def base_columns(g: Grid) -> Array:
-            q, qd, qdd = (change(x) for x in (g.q, g.qd, g.qdd))
-            drives = self.standard.drive_columns(qd, qdd)
-            return np.concatenate([self.robot.regressor(q, qd, qdd), drives], axis=-1) @ self.back
-
-        return (np.linalg.qr(self.flat(self.columns(base_columns)))[0],)
-
-    def squares_of(self, Q: Array, tau: Array) -> Array:
-        """What a fit leaves of other torques."""
-        b = self.flat(tau[..., None])[:, 0]
-        return self.by_joint(b - Q @ (Q.T @ b))
-
-    def anew(self, kind: str, joints: tuple[str, ...], text: str, Q: Array, tau: Array, before: Array) -> Cause:
-        """A cause with a fit of its own, whose squares are compared with those of another."""
-        squares = self.squares_of(Q, tau)
-        gain = 0.5 * (self.counts * np.log((before + self.floor) / (squares + self.floor))).sum()
-        removed = float(np.max(1 - squares / np.maximum(before, self.floor), initial=0))
-        return Cause(kind, joints, text, float(gain), removed)
-
-    @cached_property
-    def grids(self) -> list[Grid]:
-        """Of each record, the samples at which columns are evaluated."""
-        return [Grid.of(record) for record in self.records]
-
-    def columns(self, torques: Callable[[Grid], Array]) -> Array:
-        """Torques on the grids, shape (samples, n) or (samples, n, k), filtered, at the equations' times."""
-        found = [grid.reduced(torques(grid)) for grid in self.grids]
-        stacked = np.concatenate(found)
-        return stacked[..., None] if stacked.ndim == 2 else stacked
-
-    def own_columns(self, j: int, torque: Callable[[Prepared], Array]) -> Array:
-        """Torques of one joint along the records, shape (samples,), filtered, at the equations' times, (rows, n, 1)."""
-        found = np.concatenate([record.reduce(torque(record)) for record in self.records])
-        columns: Array = (found[:, None] * np.eye(self.robot.n)[j])[..., None]
-        return columns
-
-    def predicted(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Torques of the parameters found."""
-        bodies = PARAMETERS * self.standard.model.nb
-        drives = self.standard.drive_columns(qd, qdd) @ self.x[bodies:]
-        torques: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=self.x[:bodies]) + drives
-        return torques
+        c, error, squares = res.with_columns(self.columns)
+        gain, removed = res.gain(squares)
+        size = (float(c[0]), error) if len(c) == 1 else (float("nan"), float("nan"))
+        return Cause(self.kind, self.joints, self.text(c), gain - res.penalty(len(c)), removed, *size, self.at)
 
 
-class Grid(NamedTuple):
-    """Fewer samples of a record, for columns that need no more than a few digits."""
-
-    record: Prepared
-    step: int
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    segments: tuple[slice, ...]
-
-    @classmethod
-    def of(cls, record: Prepared) -> Grid:
-        """Every so many samples of each segment."""
-        step = max(1, int(record.sample_rate / (THINNED * record.cutoff)))
-        rows = [np.arange(s.start, s.stop, step) for s in record.segments]
-        ends = np.cumsum([0, *(len(r) for r in rows)]).tolist()
-        every = np.concatenate(rows)
-        segments = tuple(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
-        return cls(record, step, record.t[every], record.q[every], record.qd[every], record.qdd[every], segments)
-
-    def reduced(self, values: Array) -> Array:
-        """Values on the grid, filtered as torques are, at the times of the record's equations."""
-        from scipy.interpolate import CubicSpline
-
-        rate, parts, start = self.record.sample_rate / self.step, [], 0
-        for segment, count in zip(self.segments, self.record.segment_lengths, strict=True):
-            smooth = low_pass(values[segment], self.record.cutoff, rate)
-            times = self.record.times[start : start + count]
-            parts.append(CubicSpline(self.t[segment], smooth, axis=0)(times))
-            start += count
-        return np.concatenate(parts)
-
-
-def likely_causes(residuals: Residuals) -> tuple[Cause, ...]:
+def likely_causes(res: Residuals) -> tuple[Cause, ...]:
     """Causes whose score is evident, the likeliest first, of each kind and joints the best."""
-    found = [residuals.judged(candidate) for candidate in candidates(residuals)]
-    found = sorted((*found, *refitted(residuals)), key=lambda cause: -cause.score)
+    log = Log(res)
+    changes = (log.delays, log.joints, log.friction, log.payloads, log.slips, log.contacts)
+    found = [candidate.judged(res) for candidates in changes for candidate in candidates()]
+    found += [*torque_scale(res), *other_torques(res)]
+    if res.share > POOR:
+        found += [*gravity_directions(res), *other_joints(res)]
     best: dict[tuple[str, tuple[str, ...]], Cause] = {}
-    for cause in found:
+    for cause in sorted(found, key=lambda cause: -cause.score):
         if cause.score > EVIDENT:
             best.setdefault((cause.kind, cause.joints), cause)
     return tuple(best.values())
 
 
-def candidates(res: Residuals) -> Iterator[Candidate]:
-    """Causes that are columns."""
-    names, n = res.robot.joint_names, res.robot.n
-    model, joints = res.robot.model, res.robot.model.independent_joints
-    unit = ["rad" if model.is_revolute[i] else "m" for i in joints]
-    torque = [res.predicted(g.q, g.qd, g.qdd) for g in res.grids]
-    slopes = [-rate_of_change(g, f) for g, f in zip(res.grids, torque, strict=True)]
-    late = res.columns(lambda g: of(g, res.grids, slopes))
-    of_record = np.repeat(np.arange(len(res.rows)), [len(r.tau) for r in res.rows])[:, None, None]
-    for k in range(len(res.records)):
-        yield Candidate("delay", names, late * (of_record == k), delay_text(""), k)
-    for j in range(n if n > 1 else 0):
-        yield Candidate("delay", (names[j],), late * np.eye(n)[j][:, None], delay_text(f" of {names[j]}"))
-    t = np.concatenate([record.times for record in res.records])
-    place = np.concatenate([k + normalised(record) for k, record in enumerate(res.records)])
-    starts = np.quantile(place, np.linspace(0, 1, PLACES + 2)[1:-1])
-    when = lambda s: f"{t[np.searchsorted(place, s)]:.3g} s"  # noqa: E731
-    shifted = []
-    for j in range(n):
-        name = (names[j],)
-        e = np.eye(n)[j]
-        zero = res.columns(lambda g, e=e: by_position(res, g, e))
-        shifted.append(zero)
-        yield Candidate(
-            "joint zero", name, zero, lambda c, j=j: f"the zero of {names[j]} is off by {c[0]:.3g} {unit[j]}"
-        )
-        ratio = res.columns(lambda g, e=e: by_ratio(res, g, e))
-        yield Candidate(
-            "gear ratio", name, ratio, lambda c, j=j: f"the gear ratio of {names[j]} is {100 * c[0]:.3g} % off"
-        )
-        own = res.columns(lambda g, e=e: of(g, res.grids, torque) * e)
-        yield Candidate(
-            "torque factor", name, own, lambda c, j=j: f"the torque of {names[j]} is measured {1 + c[0]:.4g} times"
-        )
-        friction = res.columns(lambda g, j=j, e=e: friction_columns(res, g, j) * e[:, None])
-        ramp = (place - place.mean())[:, None, None]
-        yield Candidate(
-            "friction changed",
-            name,
-            np.concatenate([friction * ramp, friction * (ramp**2 - (ramp**2).mean())], -1),
-            lambda c, j=j: f"friction of {names[j]} changes during the log",
-        )
-        offset = np.broadcast_to(e, (len(place), n))[..., None] * ramp
-        yield Candidate("offset drifts", name, offset, lambda c, j=j: f"the torque's zero of {names[j]} drifts")
-        fastest = max(np.abs(r.qd[:, j]).max() for r in res.records)
-        for share in RATES:
-            yield stribeck(res, j, share * fastest)
-        load = res.columns(
-            lambda g, j=j, e=e: (np.abs(of(g, res.grids, torque)[:, j]) * np.sign(g.qd[:, j]))[:, None] * e
-        )
-        yield Candidate(
-            "friction under load",
-            name,
-            load,
-            lambda c, j=j: f"friction of {names[j]} rises by {100 * c[0]:.3g} % of its load",
-        )
-    body = PARAMETERS * tip_body(model)
-    last = np.concatenate([r.Y[..., body : body + PARAMETERS] for r in res.rows])
-    tip = res.columns(lambda g: tip_forces(res, g))
-    turned = res.columns(lambda g: gravity_columns(res, g))
-    yield Candidate("gravity direction", (), turned, lambda c: "gravity has another direction than the model's")
-    for s in starts:
-        after = (place >= s)[:, None, None]
-        yield Candidate(
-            "payload changed",
-            (names[-1],),
-            last * after,
-            lambda c, s=s: f"the payload changes by {c[0]:.3g} kg at {when(s)}",
-        )
-        for j in range(n):
-            yield Candidate(
-                "encoder slip",
-                (names[j],),
-                shifted[j] * after,
-                lambda c, j=j, s=s: f"the encoder of {names[j]} slips by {c[0]:.3g} {unit[j]} near {when(s)}",
-            )
-    edges = np.quantile(place, np.linspace(0, 1, 2 * PLACES + 1))
-    for a in range(2 * PLACES):
-        for width in (1, 2, 4, 6):
-            if a + width <= 2 * PLACES:
-                on = ((place >= edges[a]) & (place <= edges[a + width]))[:, None, None]
-                yield Candidate(
-                    "contact",
-                    (names[-1],),
-                    tip * on,
-                    lambda c, a=a, w=width: (
-                        f"something pushes the last link with {np.linalg.norm(c):.3g} N from {when(edges[a])} to {when(min(edges[a + w], place[-1]))}"
-                    ),
-                )
+def joined(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """One cause of each kind, with the joints of all."""
+    kinds = dict.fromkeys(cause.kind for cause in causes)
+    found = []
+    for kind in kinds:
+        first, *others = (cause for cause in causes if cause.kind == kind)
+        names = tuple(dict.fromkeys(name for cause in others for name in cause.joints if name not in first.joints))
+        text = f"{first.text}; the same of {listed(names)}" if names and len(first.joints) == 1 else first.text
+        found.append(first._replace(joints=(*first.joints, *names), text=text))
+    return tuple(found)
 
 
-def delay_text(whose: str) -> Callable[[Array], str]:
-    """Words for a delay."""
-    return lambda c: (
-        f"torques{whose} are measured {abs(1000 * c[0]):.3g} ms {'later' if c[0] > 0 else 'earlier'} than positions"
-    )
+@dataclass(frozen=True, eq=False)
+class Log:
+    """Candidates of causes that are columns of torques along the log."""
+
+    res: Residuals
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the joints."""
+        return self.res.robot.joint_names
+
+    def units(self, j: int) -> tuple[str, str]:
+        """Of a joint's position and torque."""
+        model = self.res.robot.model
+        return ("rad", "N m") if model.is_revolute[model.independent_joints[j]] else ("m", "N")
+
+    @cached_property
+    def place(self) -> Array:
+        """Times of the equations: the number of the record, and the part of it that has passed, shape (rows, 1, 1)."""
+        passed = [(r.times - r.times[0]) / (np.ptp(r.times) or 1.0) * (1 - 1e-9) for r in self.res.records]
+        return np.concatenate([k + x for k, x in enumerate(passed)])[:, None, None]
+
+    def time(self, place: float) -> str:
+        """In words."""
+        t = np.concatenate([record.times for record in self.res.records])
+        k = min(int(np.searchsorted(self.place.ravel(), place)), len(t) - 1)
+        name = f" of record {int(place) + 1}" if len(self.res.records) > 1 else ""
+        return f"{t[k]:.3g} s{name}"
+
+    def delays(self) -> Iterator[Candidate]:
+        """Torques later than positions: in a record, or of one joint."""
+        late = delay_column(self.res)
+        for k in range(len(self.res.records)):
+            yield Candidate("delay", self.names, late * (self.place.astype(int) == k), delay_text(()), k)
+        for j, name in enumerate(self.names if len(self.names) > 1 else ()):
+            yield Candidate("delay", (name,), late * np.eye(len(self.names))[j][:, None], delay_text((name,)))
+
+    def joints(self) -> Iterator[Candidate]:
+        """Zeros, gear ratios and gains of torques."""
+        for j, name in enumerate(self.names):
+            of_joint, own = (name,), self.own(j, lambda tau, qd: tau)
+            column = self.res.columns(partial(by_ratio, self.res, j))[..., None]
+            ratio = words("the gear ratio of {} is {:.3g} % off", name, scale=100)
+            zero = words("the zero of {} is off by {:.3g} {}", name, self.units(j)[0])
+            yield Candidate("joint zero", of_joint, self.zeros[j], zero)
+            yield Candidate("gear ratio", of_joint, column, ratio)
+            factor = words("the torque of {} is measured {:.4g} times", name, start=1)
+            yield Candidate("torque factor", of_joint, own, factor)
+
+    @cached_property
+    def zeros(self) -> list[Array]:
+        """Torques per unit of each joint's zero."""
+        joints = range(len(self.names))
+        return [self.res.columns(partial(by_position, self.res, j))[..., None] for j in joints]
+
+    def own(self, j: int, function: Callable[[Array, Array], Array]) -> Array:
+        """A function of a joint's predicted torque and velocity as its torque."""
+        unit = np.eye(len(self.names))[j]
+
+        def torques(g: Grid) -> Array:
+            return np.asarray(function(self.res.predicted(g.q, g.qd, g.qdd)[:, j], g.qd[:, j])[:, None] * unit)
+
+        return self.res.columns(torques)[..., None]
+
+    def friction(self) -> Iterator[Candidate]:
+        """Friction that changes during the log, with speed or with the load; torques whose zero drifts."""
+        ramp = self.place - self.place.mean()
+        courses = (ramp, ramp**2 - (ramp**2).mean())
+        for j, name in enumerate(self.names):
+            of_joint = (name,)
+            terms = [self.res.column_of(j, partial(of_velocity, f, j)) for f in (np.positive, np.sign)]
+            columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
+            yield Candidate("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
+            drift = np.eye(len(self.names))[j][:, None] * ramp
+            yield Candidate("offset drifts", of_joint, drift, words("the zero of the torque of {} drifts", name))
+            load = self.own(j, lambda tau, qd: np.abs(tau) * np.sign(qd))
+            text = words("friction of {} rises by {:.3g} % of its load", name, scale=100)
+            yield Candidate("friction under load", of_joint, load, text)
+            fastest = max(float(np.abs(r.qd[:, j]).max()) for r in self.res.records)
+            for share in RATES if fastest > 0 else ():
+                yield stribeck(self.res, j, share * fastest)
+
+    @property
+    def starts(self) -> Array:
+        """Places at which something may begin."""
+        return np.quantile(self.place, np.linspace(0, 1, PLACES + 2)[1:-1])
+
+    def payloads(self) -> Iterator[Candidate]:
+        """Another last body from some time on."""
+        body = PARAMETERS * (self.res.robot.model.nb - 1)
+        last = self.res.Y[..., body : body + PARAMETERS]
+        for start in self.starts:
+            text = words("the payload changes by {1:.3g} kg near {0}", self.time(start))
+            yield Candidate("payload changed", self.names[-1:], last * (self.place >= start), text)
+
+    def slips(self) -> Iterator[Candidate]:
+        """Another zero of a joint from some time on."""
+        for j, name in enumerate(self.names):
+            for start in self.starts:
+                text = words("the encoder of {} slips by {:.3g} {} near {}", name, self.units(j)[0], self.time(start))
+                yield Candidate("encoder slip", (name,), self.zeros[j] * (self.place >= start), text)
+
+    def contacts(self) -> Iterator[Candidate]:
+        """A force on the last link for a while."""
+        link = last_link(self.res.robot)
+        force = self.res.columns(lambda g: np.swapaxes(self.res.robot.jacobian(g.q, link)[..., 3:, :], -1, -2))
+        edges = np.quantile(self.place, np.linspace(0, 1, 2 * PLACES + 1))
+        for a, width in ((a, w) for a in range(2 * PLACES) for w in WIDTHS if a + w <= 2 * PLACES):
+            begin, end = edges[a], edges[a + width]
+            while_ = (self.place >= begin) & (self.place <= end)
+
+            def text(c: Array, begin: float = begin, end: float = end) -> str:
+                newtons = float(np.linalg.norm(c))
+                return f"something pushes {link} with {newtons:.3g} N from {self.time(begin)} to {self.time(end)}"
+
+            yield Candidate("contact", self.names[-1:], force * while_, text)
+
+
+def words(text: str, *parts: str, scale: float = 1.0, start: float = 0.0) -> Callable[[Array], str]:
+    """A text of the first coefficient, which takes the second place."""
+    return lambda c: text.format(parts[0], start + scale * c[0], *parts[1:])
+
+
+def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
+    """Words for a delay, of all joints or of some."""
+    whose = f" of {listed(joints)}" if joints else ""
+
+    def text(c: Array) -> str:
+        order = "later" if c[0] > 0 else "earlier"
+        return f"torques{whose} are measured {abs(1000 * c[0]):.3g} ms {order} than positions"
+
+    return text
+
+
+def delay_column(res: Residuals) -> Array:
+    """Torques per second of delay."""
+    return -res.columns(lambda g: g.rate_of_change(res.predicted(g.q, g.qd, g.qdd)))[..., None]
+
+
+def of_velocity(function: Callable[[Array], Array], j: int, record: Prepared) -> Array:
+    """A function of a joint's velocity."""
+    return function(record.qd[:, j])
+
+
+def by_position(res: Residuals, j: int, g: Grid) -> Array:
+    """Torques per unit of a joint's zero."""
+    e = DIFFERENCE * np.eye(res.robot.n)[j]
+    more, less = (res.predicted(q, g.qd, g.qdd) for q in (g.q + e, g.q - e))
+    return np.asarray((more - less) / (2 * DIFFERENCE))
+
+
+def by_ratio(res: Residuals, j: int, g: Grid) -> Array:
+    """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
+    e = DIFFERENCE * np.eye(res.robot.n)[j]
+    more, less = (k * res.predicted(k * g.q, k * g.qd, k * g.qdd) for k in (1 + e, 1 - e))
+    return np.asarray((more - less) / (2 * DIFFERENCE))
 
 
 def stribeck(res: Residuals, j: int, vs: float) -> Candidate:
     """The Stribeck effect of a joint, of one velocity vs."""
-    name, is_revolute = res.robot.joint_names[j], res.robot.model.is_revolute[res.robot.model.independent_joints[j]]
-    torque, rate = ("N m", "rad/s") if is_revolute else ("N", "m/s")
+    name, model = res.robot.joint_names[j], res.robot.model
+    torque, rate = ("N m", "rad/s") if model.is_revolute[model.independent_joints[j]] else ("N", "m/s")
+    column = res.column_of(j, lambda r: np.sign(r.qd[:, j]) * np.exp(-np.abs(r.qd[:, j]) / vs))
 
-    def effect(record: Prepared) -> Array:
-        return np.sign(record.qd[:, j]) * np.exp(-np.abs(record.qd[:, j]) / vs)
+    def text(c: Array) -> str:
+        size = f"{abs(c[0]):.3g} {torque} {'more' if c[0] > 0 else 'less'}"
+        return f"friction of {name} is {size} at rest than above {2 * vs:.2g} {rate}"
 
-    column = res.own_columns(j, effect)
-    text = "friction of {} is {:.3g} {} {} at rest than from {:.2g} {} on"
-
-    def words(c: Array) -> str:
-        return text.format(name, abs(c[0]), torque, "more" if c[0] > 0 else "less", 2 * vs, rate)
-
-    return Candidate("Stribeck friction", (name,), column, words, vs)
+    return Candidate("Stribeck friction", (name,), column, text, vs)
 
 
 def sharpened(res: Residuals, cause: Cause) -> Cause:
@@ -380,116 +302,81 @@ def sharpened(res: Residuals, cause: Cause) -> Cause:
     from scipy.optimize import minimize_scalar
 
     j = res.robot.joint_names.index(cause.joints[0])
+    middle = np.log(cause.at)
 
     def loss(log: float) -> float:
-        return -res.judged(stribeck(res, j, float(np.exp(log)))).score
+        return -stribeck(res, j, float(np.exp(log))).judged(res).score
 
-    middle = np.log(cause.at)
     best = minimize_scalar(loss, bounds=(middle - 1, middle + 1), method="bounded", options={"maxiter": 15}).x
-    return res.judged(stribeck(res, j, float(np.exp(best))))
+    return stribeck(res, j, float(np.exp(best))).judged(res)
 
 
-def of(grid: Grid, grids: Sequence[Grid], values: Sequence[Array]) -> Array:
-    """The values of a grid."""
-    return next(v for g, v in zip(grids, values, strict=True) if g is grid)
+def derivative_by(res: Residuals, cause: Cause) -> Array:
+    """Torques per unit of the delay or the Stribeck velocity of a cause, which the fit takes into account."""
+    if cause.kind == "delay":
+        return delay_column(res) * np.isin(res.robot.joint_names, cause.joints)[:, None]
+    j, vs = res.robot.joint_names.index(cause.joints[0]), cause.at
+    more, less = (stribeck(res, j, f * vs).columns for f in (1 + DIFFERENCE, 1 - DIFFERENCE))
+    size = res.x[res.standard.groups["Fs"].start + j]
+    return np.asarray(size * (more - less) / (2 * DIFFERENCE * vs))
 
 
-def normalised(record: Prepared) -> Array:
-    """Times of the equations, from 0 to nearly 1."""
-    times = record.times
-    return (times - times[0]) / (times[-1] - times[0]) * (1 - 1e-9)
+def last_link(robot: Robot) -> str:
+    """A link of the last body."""
+    links = zip(robot.model.link_names, robot.model.link_body, strict=True)
+    return [name for name, body in links if body == robot.model.nb - 1][-1]
 
 
-def rate_of_change(grid: Grid, values: Array) -> Array:
-    """Derivative by time, segment by segment."""
-    found = np.empty_like(values)
-    for segment in grid.segments:
-        found[segment] = np.gradient(values[segment], grid.t[segment], axis=0)
-    return found
+def anew(res: Residuals, kind: str, joints: tuple[str, ...], text: str, squares: Array, before: Array | None) -> Cause:
+    """A cause with a fit of its own."""
+    return Cause(kind, joints, text, *res.gain(squares, before))
 
 
-def by_position(res: Residuals, g: Grid, e: Array) -> Array:
-    """Derivative of the torques by the zero of a joint."""
-    more, less = (res.predicted(g.q + s * DIFFERENCE * e, g.qd, g.qdd) for s in (1, -1))
-    return (more - less) / (2 * DIFFERENCE)
+def swapped(n: int, i: int, j: int) -> Array:
+    """The order of joints in which two are interchanged."""
+    order = np.arange(n)
+    order[[i, j]] = j, i
+    return order
 
 
-def by_ratio(res: Residuals, g: Grid, e: Array) -> Array:
-    """Derivative of the measured torques by the gear ratio of a joint, to which torques are proportional."""
-    scale = [1 + s * DIFFERENCE * e for s in (1, -1)]
-    more, less = (k * res.predicted(k * g.q, k * g.qd, k * g.qdd) for k in scale)
-    return (more - less) / (2 * DIFFERENCE)
-
-
-def friction_columns(res: Residuals, g: Grid, j: int) -> Array:
-    """Torques of viscous and Coulomb friction, shape (samples, n, 2)."""
-    qd = g.qd[:, [j], None]
-    return np.concatenate([qd, np.sign(qd)], -1) * np.ones((1, res.robot.n, 1))
-
-
-def tip_body(model: Model) -> int:
-    """The last body of the chain."""
-    return model.nb - 1
-
-
-def tip_link(model: Model) -> str:
-    """A link of that body."""
-    links = zip(model.link_names, model.link_body, strict=True)
-    return [name for name, body in links if body == tip_body(model)][-1]
-
-
-def tip_forces(res: Residuals, g: Grid) -> Array:
-    """Torques per unit of a force on the last link along the axes of the base, shape (samples, n, 3)."""
-    J = res.robot.jacobian(g.q, tip_link(res.robot.model))
-    return np.swapaxes(J[..., 3:, :], -1, -2)
-
-
-def gravity_columns(res: Residuals, g: Grid) -> Array:
-    """Torques per unit of each component of gravity, shape (samples, n, 3)."""
-    model, bodies = res.robot.model, res.x[: PARAMETERS * res.robot.model.nb]
-    pulled = [Robot(replace(model, gravity=e), "numpy") for e in np.eye(3)]
-    return np.stack([robot.gravity_torque(g.q, parameters=bodies) for robot in pulled], axis=-1)
-
-
-def refitted(res: Residuals) -> Iterator[Cause]:
-    """Causes that are no small change, each with a fit of its own."""
+def other_torques(res: Residuals) -> Iterator[Cause]:
+    """Torques of other signs and in another order."""
     names, n = res.robot.joint_names, res.robot.n
-    before = res.squares
-    yield from torque_scale(res)
-    for j in range(n):
-        turned = res.tau * np.where(np.arange(n) == j, -1, 1)
-        text = f"the torque of {names[j]} has the wrong sign"
-        yield res.anew("torque sign", (names[j],), text, res.Q, turned, before)
-    for i, j in combinations(range(n), 2):
-        order = swapped(n, i, j)
-        text = f"the torques of {names[i]} and {names[j]} are interchanged"
-        yield res.anew("torque order", (names[i], names[j]), text, res.Q, res.tau[:, order], before)
-    if np.sqrt((res.squares / np.maximum(res.floor / LEAST**2, np.finfo(float).tiny)).max()) < POOR:
-        return
-    before = res.squares_of(*res.coarse(lambda x: x), res.tau)
-    for i, j in combinations(range(n), 2):
-        order = swapped(n, i, j)
-        text = f"{names[i]} and {names[j]} are interchanged"
-        Q = res.coarse(lambda x, order=order: x[..., order])[0]
-        yield res.anew("joint order", (names[i], names[j]), text, Q, res.tau[:, order], before)
     for j in range(n):
         signs = np.where(np.arange(n) == j, -1, 1)
-        Q = res.coarse(lambda x, signs=signs: x * signs)[0]
-        yield res.anew("joint sign", (names[j],), f"{names[j]} turns the other way", Q, res.tau * signs, before)
-    yield from gravity_directions(res, before)
-    degrees = np.where(res.robot.model.is_revolute[list(res.robot.model.independent_joints)], np.pi / 180, 1.0)
-    Q = res.coarse(lambda x: x * degrees)[0]
-    yield res.anew("degrees", names, "positions are in degrees", Q, res.tau, before)
+        text = f"the torque of {names[j]} has the wrong sign"
+        yield anew(res, "torque sign", (names[j],), text, res.squares_of(res.Q, res.tau * signs), None)
+    for i, j in combinations(range(n), 2):
+        text = f"the torques of {names[i]} and {names[j]} are interchanged"
+        squares = res.squares_of(res.Q, res.tau[:, swapped(n, i, j)])
+        yield anew(res, "torque order", (names[i], names[j]), text, squares, None)
+
+
+def other_joints(res: Residuals) -> Iterator[Cause]:
+    """Joints in another order, of other directions, in degrees."""
+    names, n, tau = res.robot.joint_names, res.robot.n, res.tau
+    before = res.squares_of(res.moved(lambda x: x), tau)
+    for i, j in combinations(range(n), 2):
+        order = swapped(n, i, j)
+        squares = res.squares_of(res.moved(partial(np.take, indices=order, axis=-1)), tau[:, order])
+        joints = names[i], names[j]
+        yield anew(res, "joint order", joints, f"{names[i]} and {names[j]} are interchanged", squares, before)
+    for j in range(n):
+        signs = np.where(np.arange(n) == j, -1, 1)
+        squares = res.squares_of(res.moved(partial(np.multiply, signs)), tau * signs)
+        yield anew(res, "joint sign", (names[j],), f"{names[j]} turns the other way", squares, before)
+    turns = res.robot.model.is_revolute[list(res.robot.model.independent_joints)]
+    squares = res.squares_of(res.moved(lambda x: x * np.where(turns, np.pi / 180, 1.0)), tau)
+    yield anew(res, "degrees", names, "positions are in degrees", squares, before)
 
 
 def torque_scale(res: Residuals) -> Iterator[Cause]:
     """Torques that are many times, or less than nothing of, what the bodies of the robot given ask for."""
     bodies = PARAMETERS * res.standard.model.nb
-    Y = np.concatenate([r.Y[..., :bodies] for r in res.rows])
-    found, given = (res.flat((Y @ x[:bodies])[..., None])[:, 0] for x in (res.x, res.standard.values))
+    found, given = (res.weighted(res.Y[..., :bodies] @ x[:bodies]) for x in (res.x, res.standard.values))
     size = float(given @ given)
-    factor = float(found @ given) / max(size, np.finfo(float).tiny)
-    alike = factor * float(found @ given) / max(float(found @ found), np.finfo(float).tiny)  # squared cosine
+    factor = float(found @ given) / max(size, TINY)
+    alike = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
     if size == 0 or alike < ALIKE or 1 / FACTOR < factor < FACTOR:
         return
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
@@ -498,7 +385,12 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
     yield Cause(kind, res.robot.joint_names, text, float(res.counts.sum()), alike, factor)
 
 
-def gravity_directions(res: Residuals, before: Array) -> Iterator[Cause]:
+def regressor_on(robot: Robot, g: Grid) -> Array:
+    """Torques per unit of the inertial parameters."""
+    return robot.regressor(g.q, g.qd, g.qdd)
+
+
+def gravity_directions(res: Residuals) -> Iterator[Cause]:
     """Gravity in the direction with which the torques are fitted best, by the angles of a sphere."""
     from scipy.optimize import minimize
 
@@ -507,34 +399,24 @@ def gravity_directions(res: Residuals, before: Array) -> Iterator[Cause]:
     if size == 0:
         return
     alone = [Robot(replace(model, gravity=size * e), "numpy") for e in (np.zeros(3), *np.eye(3))]
-    still, *pulled = (res.columns(lambda g, r=r: r.regressor(g.q, g.qd, g.qdd)) for r in alone)
-    pulled = [res.flat(y - still) for y in pulled]
-    drives = res.flat(np.concatenate([r.Y[..., width:] for r in res.rows]))
-    still, b = res.flat(still), res.flat(res.tau[..., None])[:, 0]
+    still, *pulled = (res.columns(partial(regressor_on, robot)) for robot in alone)
+    pulls = np.array([res.weighted(y - still) for y in pulled])
+    drives, still = res.weighted(res.Y[..., width:]), res.weighted(still)
 
     def squares(direction: Array) -> Array:
-        turned = still + np.tensordot(direction / np.linalg.norm(direction), pulled, 1)
-        Q = np.linalg.qr(np.concatenate([turned, drives], axis=1))[0]
-        return res.by_joint(b - Q @ (Q.T @ b))
+        turned = still + np.tensordot(direction / np.linalg.norm(direction), pulls, 1)
+        return res.squares_of(np.linalg.qr(np.concatenate([turned, drives], axis=1))[0], res.tau)
 
     def loss(direction: Array) -> float:
-        return -res.likelihood(squares(direction))
+        return -res.gain(squares(direction))[0]
 
     given = model.gravity / size
     starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
+    before = squares(given)
     start = min((x for x in starts if np.linalg.norm(x) > ALIKE), key=loss)
     found = minimize(loss, start, method="Nelder-Mead", options={"maxfev": 120, "xatol": 1e-3, "fatol": 0.1}).x
     g = found / np.linalg.norm(found)
     angle = np.rad2deg(np.arccos(np.clip(g @ given, -1, 1)))
     text = f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.0f} degrees from the model's"
-    left = squares(found)
-    gain = 0.5 * (res.counts * np.log((before + res.floor) / (left + res.floor))).sum()
-    more = drives.shape[1] + still.shape[1] - len(res.back.T) + 2
-    yield Cause("gravity direction", (), text, float(gain - 0.5 * min(more, 12) * np.log(res.counts.sum())), 0.0, angle)
-
-
-def swapped(n: int, i: int, j: int) -> Array:
-    """The order of joints in which two are interchanged."""
-    order = np.arange(n)
-    order[[i, j]] = j, i
-    return order
+    gain, removed = res.gain(squares(found), before)
+    yield Cause("gravity direction", (), text, gain - res.penalty(2), removed, angle)

@@ -17,12 +17,13 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot
-from .causes import Cause, Residuals, likely_causes, sharpened
+from .causes import Cause, derivative_by, joined, likely_causes, sharpened
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
 from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
 from .record import Record
 from .regression import HELD_OUT, Gathered, check_robot, gathered
+from .residuals import Residuals
 from .result import Identification
 
 SPREAD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
@@ -119,17 +120,19 @@ def identify(
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
     drives = MEASURED if drives is None else drive_argument(drives)
     options = {"minimum_rate": minimum_rate, "cutoff": cutoff, "decimation": decimation, "blocks": blocks}
-    base, data, causes, absorbed = explained(robot, records, drives, delay, options)
+    base, data, causes, modelled = explained(robot, records, drives, delay, options)
     standard = base.standard
     guess, notes = prior_bodies(robot, prior, standard, data.fitted) if consistent else (None, ())
     method = Method(standard, base, guess, positive_number("spread", spread_of(prior, spread)) ** -2)
     estimate, parameters = method.solved(data.fitted)
     repeats = data.repeats(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), repeats)
+    estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
     errors = held_out(method, data.fitted, data.measured)
-    notes = (*data.notes, *absorbed, *notes, *ignored_drives(standard), *negative_drives(robot, base, estimate))
+    taken = tuple(f"taken into account: {cause.text} (+- {plus_minus(cause)})" for cause in modelled)
+    notes = (*data.notes, *taken, *notes, *ignored_drives(standard), *negative_drives(robot, base, estimate))
     found = Identification(
-        robot, standard, base, data, estimate, parameters, consistent, errors, repeats, causes, notes
+        robot, standard, base, data, estimate, parameters, consistent, errors, repeats, joined(causes), notes
     )
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
@@ -141,39 +144,52 @@ def explained(
     records: Record | Sequence[Record],
     drives: DriveModel,
     delay: ArrayLike | None,
-    given: dict[str, Any],
-) -> tuple[BaseParameters, Gathered, tuple[Cause, ...], tuple[str, ...]]:
-    """The equations, with the delays and Stribeck effects that they ask for, and likely causes of what is left."""
-    count = len(records) if isinstance(records, Sequence) else 1
-    delays = np.zeros((count, robot.n))
+    options: dict[str, Any],
+) -> tuple[BaseParameters, Gathered, tuple[Cause, ...], list[Cause]]:
+    """The equations with the delays and Stribeck effects that they ask for, causes of what is left, and those modelled."""
+    delays = np.zeros((len(records) if isinstance(records, Sequence) else 1, robot.n))
     if delay is not None:
         delays = delays + real_array("delay", delay, f"({robot.n},) or a number")
-    notes: dict[str, str] = {}
-    for last in [False] * ROUNDS + [True]:
+    modelled: dict[tuple[str, tuple[str, ...], float], Cause] = {}
+    for k in range(ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
-        data = gathered(robot, records, base, **given, delays=delays)
-        found = least_squares(data.fitted.mapped(base.back))
-        causes = likely_causes(residuals_of(robot, base, data, found))
-        modelled = [c for c in causes if c.kind in MODELLED and (c.kind != "delay" or delay is None)]
-        if last or not modelled or modelled[0].score < causes[0].score / 2:
+        data = gathered(robot, records, base, **options, delays=delays)
+        rest = residuals_of(robot, base, data, least_squares(data.fitted.mapped(base.back)))
+        causes = likely_causes(rest)
+        found = [c for c in causes if c.kind in MODELLED and (c.kind != "delay" or delay is None)]
+        if k == ROUNDS or not found or found[0].score < causes[0].score / 2:
             break
-        best = modelled[0]
-        if best.kind == "delay":
-            delays = delays + delay_of(robot, best, count)
-            notes[f"delay {best.joints}"] = f"{best.text} (+- {1000 * best.error:.2g} ms): taken into account"
+        if found[0].kind == "delay":
+            best, key = found[0], ("delay", found[0].joints, found[0].at)
+            delays = delays + delay_of(robot, best, len(delays))
+            before = modelled.get(key)
+            modelled[key] = best if before is None else best.more(before.value)
         else:
-            rest = residuals_of(robot, base, data, found)
-            drives = with_stribeck(robot, drives, [sharpened(rest, c) for c in modelled if c.kind == best.kind])
-            notes["Stribeck"] = (
-                "friction at low speed follows another law than Coulomb's: Fs sign(qd) exp(-|qd| / vs) added"
-            )
-    return base, data, causes, tuple(notes.values())
+            sharp = [sharpened(rest, cause) for cause in found if cause.kind == found[0].kind]
+            drives = with_stribeck(robot, drives, sharp)
+            modelled |= {(cause.kind, cause.joints, np.nan): cause for cause in sharp}
+    return base, data, causes, list(modelled.values())
+
+
+def with_estimated(estimate: LeastSquares, rest: Residuals, modelled: Sequence[Cause]) -> LeastSquares:
+    """Standard errors with those of the delays and Stribeck velocities that were estimated too."""
+    if not modelled:
+        return estimate
+    columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
+    covariance = estimate.covariance + rest.covariance_of(columns)
+    errors = np.where(np.isinf(estimate.errors), np.inf, np.sqrt(np.diag(covariance)))
+    return replace(estimate, covariance=covariance, errors=errors)
+
+
+def plus_minus(cause: Cause) -> str:
+    """The standard error of a cause in its unit."""
+    return f"{1000 * cause.error:.2g} ms" if cause.kind == "delay" else f"{cause.error:.2g}"
 
 
 def residuals_of(robot: Robot, base: BaseParameters, data: Gathered, found: LeastSquares) -> Residuals:
     """What least squares left."""
     repeats = data.repeats(base.back @ found.values)
-    return Residuals(robot, base.standard, data.prepared, data.rows, base.back, found.values, found.sigma, repeats)
+    return Residuals(robot, base, data.prepared, data.rows, found.values, found.sigma, repeats)
 
 
 def delay_of(robot: Robot, cause: Cause, count: int) -> Array:

@@ -114,7 +114,7 @@ class Identification:
 
     @cached_property
     def doubt(self) -> str:
-        """Why the parameters should not be believed, the likeliest causes first; empty if nothing speaks against them."""
+        """Why the parameters should not be believed, the likeliest causes first; empty if nothing is found."""
         left = self.unexplained.in_motion
         poor = [
             f"{name} {100 * x:.0f} %" for name, x in zip(self.initial.joint_names, left, strict=True) if x > UNEXPLAINED

@@ -287,7 +287,6 @@ def consistency(
     """
     check_robot(robot)
     base = robot.base_parameters(drives=MEASURED if drives is None else drives)
-    standard = base.standard
     data = gathered(robot, records, base, minimum_rate, cutoff, decimation, blocks)
     own = [base.back @ own_fit(data.fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
     repeats = np.array([data.repeats(x)[j] for j, x in enumerate(own)])

@@ -64,10 +64,10 @@ def two_sets(
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
         found = robot
-        loaded = gathered(found.initial, with_load, found.standard, found.base, *further)
+        loaded = gathered(found.initial, with_load, found.base, *further)
         return TwoSets.of(found.initial, found.base, found.data, loaded)
     base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
     if without is None:
         raise ValueError("`without` must have a record without the load, unless an Identification is given")
-    sets = [gathered(robot, records, base.standard, base, *further) for records in (without, with_load)]
+    sets = [gathered(robot, records, base, *further) for records in (without, with_load)]
     return TwoSets.of(robot, base, *sets)
