@@ -245,13 +245,22 @@ def test_a_joint_without_torques_is_no_perfect_one(scene, motions):
 def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motions):
     t, q, tau = measure(motions[0], torque_noise=NOISE)
     tau[:, 2] *= -1
-    found = rne.identify(scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2)
+    with pytest.warns(rne.IdentificationWarning, match="the torque of joint_3 has the wrong sign"):
+        found = rne.identify(
+            scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2
+        )
+    assert found.causes[0].kind == "torque sign"
     assert found.notes[-1] == "negative friction: is the sign of the joint's torque right?"
     assert any(note.startswith("Fv_3 comes out negative") for note in found.notes)
     assert "No possible bodies fit as least squares do" in found.report()
-    free = rne.identify(
-        scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2, consistent=False
-    )
+    with pytest.warns(rne.IdentificationWarning, match="the wrong sign"):
+        free = rne.identify(
+            scene.robot,
+            Record(t, q, tau),
+            drives=rne.DriveModel(friction="viscous+coulomb"),
+            blocks=2,
+            consistent=False,
+        )
     with pytest.raises(
         rne.IdentificationError, match=r"^least squares gave negative values of .*Fv_3.*consistent=True"
     ):
@@ -263,9 +272,9 @@ def test_errors_of_each_motion_show_the_bad_one(scene, motions):
         Record(*measure(motions[0], k, torque_noise=NOISE), name=name) for k, name in enumerate(("good", "bad"))
     )
     bad = Record(bad.t, bad.q, bad.tau * np.array([1, 1, -1, 1, 1, 1]), name="bad")
-    text = rne.identify(
-        scene.robot, [good, good, bad], drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2, consistent=False
-    ).report()
+    options = {"drives": rne.DriveModel(friction="viscous+coulomb"), "blocks": 2, "consistent": False}
+    with pytest.warns(rne.IdentificationWarning):
+        text = rne.identify(scene.robot, [good, good, bad], **options).report()
     lines = {line.split()[0]: line.split() for line in text.split("errors of each motion [%]")[1].splitlines()[1:4]}
     assert float(lines["bad"][3]) > 2 * float(lines["good"][3])
 

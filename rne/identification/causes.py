@@ -339,10 +339,20 @@ def swapped(n: int, i: int, j: int) -> Array:
     return order
 
 
+def brakes(res: Residuals) -> Array:
+    """True for joints whose friction takes power, as with a torque of the right sign; False where none is modelled."""
+    power = np.zeros(res.robot.n)
+    for symbol, exponent in (("Fv", 2), ("Fc", 1)):
+        if symbol in res.standard.groups:
+            size = np.mean([(np.abs(record.qd) ** exponent).mean(0) for record in res.records], axis=0)
+            power += res.x[res.standard.groups[symbol]] * size
+    return np.asarray(power > 0)
+
+
 def other_torques(res: Residuals) -> Iterator[Cause]:
     """Torques of other signs and in another order."""
     names, n = res.robot.joint_names, res.robot.n
-    for j in range(n):
+    for j in np.flatnonzero(~brakes(res)).tolist():
         signs = np.where(np.arange(n) == j, -1, 1)
         text = f"the torque of {names[j]} has the wrong sign"
         yield anew(res, "torque sign", (names[j],), text, res.squares_of(res.Q, res.tau * signs), None)
@@ -382,7 +392,8 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
-    yield Cause(kind, res.robot.joint_names, text, float(res.counts.sum()), alike, factor)
+    score = float(res.counts.sum()) if res.share < POOR else 2 * EVIDENT  # a fit that fails tells of no factor
+    yield Cause(kind, res.robot.joint_names, text, score, alike, factor)
 
 
 def regressor_on(robot: Robot, g: Grid) -> Array:

@@ -146,7 +146,7 @@ def explained(
     delay: ArrayLike | None,
     options: dict[str, Any],
 ) -> tuple[BaseParameters, Gathered, tuple[Cause, ...], list[Cause]]:
-    """The equations with the delays and Stribeck effects that they ask for, causes of what is left, and those modelled."""
+    """The equations with the delays and Stribeck effects that they ask for, what causes the rest, what is modelled."""
     delays = np.zeros((len(records) if isinstance(records, Sequence) else 1, robot.n))
     if delay is not None:
         delays = delays + real_array("delay", delay, f"({robot.n},) or a number")

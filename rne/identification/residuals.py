@@ -136,7 +136,7 @@ class Residuals:
         known = lengths > INDEPENDENT * np.maximum(np.linalg.norm(X, axis=0), TINY)
         c = np.zeros(X.shape[1])
         c[known] = np.linalg.lstsq(left[:, known] / lengths[known], self.left, rcond=1e-8)[0] / lengths[known]
-        error = float(np.sqrt(self.repeats.max(initial=1)) / max(lengths[0], TINY))
+        error = float(np.sqrt(self.repeats.max(initial=1)) / lengths[0]) if known[0] else float("inf")
         return c, error, self.by_joint(self.left - left @ c)
 
     def squares_of(self, Q: Array, tau: Array) -> Array:
