@@ -306,7 +306,7 @@ def test_gains_follow_the_load_and_the_unit(robot, measured):
 def test_an_identification_of_currents_and_several_records_give_the_same_gains(robot):
     records = logs(robot, LOAD, units=GAINS)
     expected = rne.identify_drive_gains(robot, *records, LOAD)
-    with pytest.warns(rne.IdentificationWarning, match="times those of the robot given"):
+    with pytest.warns(rne.IdentificationWarning, match="is measured"):
         of_currents = rne.identify(robot, records[0], consistent=False, blocks=2)
     np.testing.assert_allclose(
         rne.identify_drive_gains(of_currents, None, [records[1]], LOAD).gains, expected.gains, rtol=1e-6
