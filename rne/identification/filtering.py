@@ -108,7 +108,7 @@ def motion_spectrum(
         return plain
     off = [x - y for x, y in zip(q, integrals, strict=True)]
     measured, difference = (_power(x, x, sample_rate)[1].real for x in (integrals, off))
-    is_bounded = max(FACTOR * joint.motion for joint in _bandwidths(plain)) < FASTEST * sample_rate
+    is_bounded = FACTOR * _bandwidths(plain)[1].max() < FASTEST * sample_rate
     if not is_bounded:  # repeated positions have noise at single frequencies
         level = np.mean(rates[upper] / shape[upper], axis=0)
     unexplained = (difference > SIGNIFICANT * noise) & is_bounded
@@ -183,16 +183,15 @@ def choose_cutoff(
 
 def _cutoff(spectrum: Spectrum) -> tuple[float, str]:
     """From the bandwidths of the joints that move."""
-    found = _bandwidths(spectrum)
-    fastest = max(joint.rate for joint in found)
-    if fastest == 0:
+    rate, motions, noises = _bandwidths(spectrum)
+    if not rate.any():
         raise ValueError("the positions show no motion above their noise")
-    moving = [joint for joint in found if joint.rate >= MOVING * fastest]
-    motion, noise = max(joint.motion for joint in moving), min(joint.noise for joint in moving)
+    moving = rate >= MOVING * rate.max()
+    motion, noise = motions[moving].max(), noises[moving].min()
     if noise < FACTOR * motion:
         reason = f"the motion's bandwidth is {motion:.3g} Hz, noise disturbs the accelerations from {noise:.3g} Hz on"
-        return max(noise, LEAST * motion), reason
-    return FACTOR * motion, f"{FACTOR:g} times the motion's bandwidth of {motion:.3g} Hz"
+        return float(max(noise, LEAST * motion)), reason
+    return float(FACTOR * motion), f"{FACTOR:g} times the motion's bandwidth of {motion:.3g} Hz"
 
 
 def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> Array:
@@ -209,24 +208,16 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
     return np.where(ended, 0.0, squared)
 
 
-class Bandwidth(NamedTuple):
-    """What the spectrum says of one joint."""
+def _bandwidths(spectrum: Spectrum) -> tuple[Array, Array, Array]:
+    """Of each joint, shape (n,): root mean square of its rate, and two frequencies [Hz].
 
-    rate: float  # root mean square [rad/s or m/s]
-    motion: float  # frequency below which `POWER` of the rates' power lies [Hz]
-    noise: float  # frequency below which accelerations have the share `NOISE` of noise [Hz]
-
-
-def _bandwidths(spectrum: Spectrum) -> list[Bandwidth]:
-    return [_bandwidth(spectrum.f, *joint) for joint in zip(spectrum.rates.T, spectrum.noise.T, strict=True)]
-
-
-def _bandwidth(f: Array, rate: Array, noise: Array) -> Bandwidth:
-    power = np.cumsum(np.where(rate > SIGNIFICANT * noise, rate - noise, 0.0))
-    if power[-1] == 0:
-        return Bandwidth(0.0, 0.0, 0.0)
-    motion = np.searchsorted(power, POWER * power[-1])
-    omega2 = (2 * np.pi * f) ** 2
-    disturbed = np.cumsum(omega2 * noise) > NOISE * (omega2 * rate)[: motion + 1].sum()
-    beyond = np.argmax(disturbed) if disturbed.any() else -1
-    return Bandwidth(float(np.sqrt(power[-1] * f[0])), float(f[motion]), float(f[beyond]))
+    Below the first lies `POWER` of the rate's power, below the second accelerations have the share `NOISE` of noise.
+    """
+    f, rates, noise = spectrum.f, spectrum.rates, spectrum.noise
+    power = np.cumsum(np.where(rates > SIGNIFICANT * noise, rates - noise, 0.0), axis=0)
+    motion = (power < POWER * power[-1]).sum(axis=0)
+    omega2 = (2 * np.pi * f[:, None]) ** 2
+    moved = (omega2 * rates * (np.arange(len(f))[:, None] <= motion)).sum(axis=0)
+    disturbed = np.cumsum(omega2 * noise, axis=0) > NOISE * moved
+    beyond = np.where(disturbed.any(axis=0), np.argmax(disturbed, axis=0), -1)
+    return np.sqrt(power[-1] * f[0]), f[motion], f[beyond]

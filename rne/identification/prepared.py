@@ -255,7 +255,7 @@ def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[lis
         return positions, None, []
     crossover = spectrum.crossover
     if np.isinf(crossover).all():
-        return positions, spectrum, ["rates from the positions: the measured ones are noisier at all frequencies"]
+        return positions, spectrum, ["rates from the positions: the measured ones are noisier, or late"]
     fused = [complementary_filter(q, Q, crossover, rate) for q, Q in zip(positions, integrals, strict=True)]
     named = ", ".join(f"{f:.3g}" if np.isfinite(f) else "none" for f in crossover)
     return fused, spectrum, [f"rates as measured above a crossover, from the positions below it: {named} Hz by joint"]

@@ -399,7 +399,7 @@ class Record:
         Returns
         -------
         tuple of Prepared
-            One for each cut-off.
+            One for each cut-off; `rne.identify` takes each `cutoff` of them.
 
         Raises
         ------
