@@ -573,15 +573,15 @@ def _check_motion(found: Findings, q: Array, steps: Array) -> None:
 
 def _check_rates(found: Findings, t: Array, q: Array, qd: Array, period: float) -> Array:
     """True for joints whose measured rates are those of the positions: their integrals over short spans agree."""
-    width = max(1, int(SPAN / period))
-    area = np.concatenate([np.zeros((1, q.shape[1])), np.cumsum((qd[1:] + qd[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
-    moved, integral = (x[width:] - x[:-width] for x in (q, area))
+    width, steps = max(1, int(SPAN / period)), np.diff(t)
+    moved = np.asfortranarray(q[width:] - q[:-width])
     believed = np.zeros(q.shape[1], dtype=bool)
-    for j in range(q.shape[1]):
-        size = float(moved[:, j] @ moved[:, j])
-        if size <= (RESTING * np.abs(moved).max()) ** 2 * len(moved):
+    for j, (x, rate) in enumerate(zip(moved.T, qd.T, strict=True)):
+        size = float(x @ x)
+        if size <= (RESTING * np.abs(moved).max()) ** 2 * len(x):
             continue
-        factor = float(moved[:, j] @ integral[:, j]) / size
+        area = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * steps)])
+        factor = float(x @ (area[width:] - area[:-width])) / size
         believed[j] = abs(factor - 1) <= RATES
         if not believed[j]:
             cure = "the rates are not used; check their unit, sign and joint"
