@@ -27,7 +27,7 @@ from .prepared import Prepared
 from .record import Record
 from .regression import Gathered, check_joints
 from .report import report_text
-from .rigid_body_test import certificate_lines
+from .rigid_body_test import certified
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -346,6 +346,6 @@ class Identification:
         >>> print(found.report().splitlines()[0][:28])
         36 base parameters of irb140
         """
-        given = self.initial, self.base, self.records, self.equations, self.repeats, self.held_out
-        certificate = certificate_lines(*given)
+        verdict = certified(self.base, self.data, self.repeats)
+        certificate = replace(verdict, held_out=self.unexplained.in_motion).report()
         return f"{report_text(self)}\n\n{certificate}"
