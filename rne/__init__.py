@@ -26,8 +26,6 @@ if TYPE_CHECKING:
         Consistency,
         Excitation,
         Identification,
-        ModelComparison,
-        compare_models,
         consistency,
         excitation,
         identify,
@@ -45,6 +43,7 @@ if TYPE_CHECKING:
     from .simulation.trajectory import Trajectory
     from .urdf import Finding, check, read_urdf, to_urdf
     from .urdf.loading import load, robots
+    from .validation.comparison import ModelComparison, compare_models
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -53,8 +52,8 @@ else:
             "control.gains": "Gains check_gains",
             "control.laws": "traceable",
             "elementwise": "",
-            "identification": "Consistency Excitation Identification ModelComparison "
-            "compare_models consistency excitation identify identify_drive_gains identify_payload",
+            "identification": "Consistency Excitation Identification "
+            "consistency excitation identify identify_drive_gains identify_payload",
             "kernels": "",
             "kernels.kernel": "compile",
             "model.standard_parameters": "DriveModel",
@@ -69,6 +68,7 @@ else:
             "trajectories": "",
             "urdf": "Finding check read_urdf to_urdf",
             "urdf.loading": "load robots",
+            "validation.comparison": "ModelComparison compare_models",
         },
     )
 

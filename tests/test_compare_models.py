@@ -9,7 +9,6 @@ import pytest
 import rne
 
 from .helpers import loaded
-from .measurements import record, truth
 from .planted_faults import planted, planted_pair
 
 SHORT = {  # some causes on one of two robots
@@ -18,6 +17,7 @@ SHORT = {  # some causes on one of two robots
 }
 ROBOTS = ("irb140", "ur5", "panda")
 CAUSES = tuple(planted(loaded("panda")))
+MEASURED = "for measured motions use `rne.identify(robot, record)`, whose report names likely causes"
 
 
 @pytest.mark.parametrize(("name", "label"), [(name, label) for name, labels in SHORT.items() for label in labels])
@@ -60,8 +60,9 @@ def test_numbers_of_a_payload_are_found():
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (3, "`other` must be an rne.Robot, a function of (q, qd, qdd), arrays (q, qd, qdd, tau) or an "
-            "rne.identification.Record, got int"),
+        (3, "`other` must be an rne.Robot, a function of (q, qd, qdd) or arrays (q, qd, qdd, tau), got int; " + MEASURED),
+        (rne.identification.Record([0, 1], np.zeros((2, 6)), np.zeros((2, 6))),
+         "`other` must be an rne.Robot, a function of (q, qd, qdd) or arrays (q, qd, qdd, tau), got Record; " + MEASURED),
         (loaded("panda"), "`other` must have 6 joints, as the robot, got 8"),
         (lambda q, qd, qdd: q[:, :5], "`other` must return torques of shape (120, 6), got (120, 5)"),
         (lambda q, qd, qdd: np.nan * q, "`other`: the torques must be finite"),
@@ -70,57 +71,11 @@ def test_numbers_of_a_payload_are_found():
         ([np.zeros((0, 6))] * 4, "`other` must have at least 14 states for 6 joints, got 0"),
         ([np.ones((1, 6))] * 4, "`other` must have at least 14 states for 6 joints, got 1"),
     ],
-    ids=["number", "other joints", "shape", "not finite", "lengths", "no state", "one state"],
+    ids=["number", "record", "other joints", "shape", "not finite", "lengths", "no state", "one state"],
 )  # fmt: skip
 def test_wrong_argument_is_refused(other, message):
     with pytest.raises((TypeError, ValueError), match=f"^{re.escape(message)}$"):
         rne.compare_models(loaded("irb140"), other)
-
-
-class Torques:
-    """A model that is measured: torques alone."""
-
-    def __init__(self, n, torques):
-        self.n, self.inverse_dynamics = n, torques
-
-
-def measured(robot, torques, seed):
-    """A record of 10 s with noise of 2 % of each torque and 1e-5 rad."""
-    true = truth(Torques(robot.n, torques), seed=seed)
-    return record(true, seed, torque_noise=0.02 * np.sqrt((true.tau**2).mean(0)), position_noise=1e-5)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("label", ["friction"])
-def test_fault_is_named_in_a_measured_motion(label):
-    robot = loaded("irb140")
-    found = rne.compare_models(robot, measured(robot, planted(robot)[label], seed=6))
-    assert found.cause == label, found.report()
-
-
-def test_coarse_encoders_are_no_fault():
-    """Rounded to 11 bits, positions give more noise to the predicted torques than the measured ones have."""
-    robot = loaded("irb140")
-    noise = np.array([1.5, 1.5, 0.9, 0.3, 0.3, 0.3])
-    found = rne.compare_models(robot, record(truth(robot), torque_noise=noise, encoder_step=2 * np.pi / 2**11))
-    assert found.cause == "none", found.report()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("label", [label for label in CAUSES if label != "products of inertia"])
-@pytest.mark.parametrize(("name", "seed"), [("irb140", 1), ("irb140", 2), ("ur5", 1), ("ur5", 2)])
-def test_every_fault_is_named_in_a_measured_motion(name, seed, label):
-    robot = loaded(name)
-    torques = planted(robot, seed)[label]
-    found = rne.compare_models(robot, measured(robot, torques, seed + 5))
-    assert found.cause == (label.split("/")[0] if above_noise(robot, torques, seed + 5) else "none"), found.report()
-
-
-def above_noise(robot, torques, seed):
-    """False for a fault that changes torques by less than their noise."""
-    true = truth(Torques(robot.n, torques), seed=seed)
-    change = true.tau - robot.inverse_dynamics(true.q, true.qd, true.qdd)
-    return bool((np.sqrt((change**2).mean(0)) > 2e-3 * np.sqrt((true.tau**2).mean(0))).any())
 
 
 BODIES = {"one body", "several bodies", "payload", "inertia point", "inertia axes", "products of inertia"}

@@ -1,11 +1,11 @@
 """From measurements to a model: motions that excite it, records of motions, their fit, and how far to trust it."""
 
+from ..validation.comparison import ModelComparison, compare_models
+from ..validation.torque_difference import Candidate
 from .checking import Check
-from .comparison import ModelComparison, compare_models
 from .drive_gains import DriveGains, identify_drive_gains
 from .exciting_motion import Excitation, excitation
 from .fit import identify
-from .hypotheses import Candidate
 from .least_squares import LeastSquares
 from .payload import PayloadEstimate, identify_payload
 from .prepared import Prepared
