@@ -340,14 +340,14 @@ def test_times_asked_for_are_marked(irb140, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["energy_start", "tau", "dissipated", "jumps", "scene"])
-def test_torques_and_energies_are_computed_when_one_of_them_is_asked_for(irb140, name):
+def test_torques_and_energies_are_computed_when_one_of_them_is_asked_for(two, name):
     """Whichever comes first, as those of a motion that has them all; a called law's are there at once."""
-    scene = rne.Scene(irb140, friction=rne.Friction(viscous=1.0))
-    motion, whole = (rne.simulate(scene, [0.1] * 6, [0] * 6, 0.2) for _ in range(2))
+    scene = rne.Scene(two, friction=rne.Friction(viscous=1.0))
+    motion, whole = (rne.simulate(scene, [0.1] * 2, [0] * 2, 0.2) for _ in range(2))
     assert name not in vars(motion)
     expected, found = (getattr(m, name) for m in (dataclasses.replace(whole), motion))
     assert str(found) == str(expected)
     assert name in vars(motion)
-    assert "tau" in vars(rne.simulate(irb140, [0.1] * 6, [0] * 6, 0.01, torque=lambda t, q, qd: 0 * q))
+    assert "tau" in vars(rne.simulate(two, [0.1] * 2, [0] * 2, 0.01, torque=lambda t, q, qd: 0 * q))
     with pytest.raises(AttributeError, match="no attribute 'torque'"):
         _ = motion.torque

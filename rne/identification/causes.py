@@ -24,6 +24,8 @@ from ..robot import Robot
 from .prepared import Prepared
 from .residuals import TINY, Grid, Residuals
 
+STRIBECK = "Stribeck friction"
+KINDS = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}
 EVIDENT = 6.0  # gain of log likelihood above which a cause is named
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
 PLACES = 24  # times at which something may begin
@@ -96,13 +98,14 @@ class Candidate(NamedTuple):
         c, error, squares = res.with_columns(self.columns)
         gain, removed = res.gain(squares)
         size = (float(c[0]), error) if len(c) == 1 else (float("nan"), float("nan"))
-        return Cause(self.kind, self.joints, self.text(c), gain - res.penalty(len(c)), removed, *size, self.at)
+        kind = "pre-sliding friction" if self.kind == STRIBECK and c[0] < 0 else self.kind
+        return Cause(kind, self.joints, self.text(c), gain - res.penalty(len(c)), removed, *size, self.at)
 
 
 def likely_causes(res: Residuals) -> tuple[Cause, ...]:
     """Causes whose score is evident, the likeliest first, of each kind and joints the best."""
     log = Log(res)
-    changes = (log.delays, log.joints, log.friction, log.payloads, log.slips, log.contacts)
+    changes = (log.delays, log.joints, log.drives, log.friction, log.payloads, log.slips, log.contacts)
     found = [candidate.judged(res) for candidates in changes for candidate in candidates()]
     found += [*torque_scale(res), *other_torques(res)]
     if res.share > POOR:
@@ -190,13 +193,22 @@ class Log:
 
         return self.res.columns(torques)[..., None]
 
+    def drives(self) -> Iterator[Candidate]:
+        """Rotors, friction and offsets that were not asked for."""
+        terms = {"Ia": "a rotor of", "Fv": "viscous friction of", "Fc": "Coulomb friction of", "tau0": "an offset of"}
+        for symbol in terms.keys() - set(self.res.standard.terms):
+            for j, name in enumerate(self.names):
+                column = self.res.column_of(j, partial(drive_torque, symbol, j))
+                text = words(f"the drive of {{}} has {terms[symbol]} {{:.3g}}, which was not asked for", name)
+                yield Candidate(KINDS[symbol], (name,), column, text)
+
     def friction(self) -> Iterator[Candidate]:
         """Friction that changes during the log, with speed or with the load; torques whose zero drifts."""
         ramp = self.place - self.place.mean()
         courses = (ramp, ramp**2 - (ramp**2).mean())
         for j, name in enumerate(self.names):
             of_joint = (name,)
-            terms = [self.res.column_of(j, partial(of_velocity, f, j)) for f in (np.positive, np.sign)]
+            terms = [self.res.column_of(j, partial(drive_torque, symbol, j)) for symbol in ("Fv", "Fc")]
             columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
             yield Candidate("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
             drift = np.eye(len(self.names))[j][:, None] * ramp
@@ -265,9 +277,11 @@ def delay_column(res: Residuals) -> Array:
     return -res.columns(lambda g: g.rate_of_change(res.predicted(g.q, g.qd, g.qdd)))[..., None]
 
 
-def of_velocity(function: Callable[[Array], Array], j: int, record: Prepared) -> Array:
-    """A function of a joint's velocity."""
-    return function(record.qd[:, j])
+def drive_torque(symbol: str, j: int, record: Prepared) -> Array:
+    """Torque per unit of a drive's parameter."""
+    qd = record.qd[:, j]
+    torques = {"Ia": record.qdd[:, j], "Fv": qd, "Fc": np.sign(qd), "tau0": np.ones(len(qd))}
+    return torques[symbol]
 
 
 def by_position(res: Residuals, j: int, g: Grid) -> Array:
@@ -294,7 +308,7 @@ def stribeck(res: Residuals, j: int, vs: float) -> Candidate:
         size = f"{abs(c[0]):.3g} {torque} {'more' if c[0] > 0 else 'less'}"
         return f"friction of {name} is {size} at rest than above {2 * vs:.2g} {rate}"
 
-    return Candidate("Stribeck friction", (name,), column, text, vs)
+    return Candidate(STRIBECK, (name,), column, text, vs)
 
 
 def sharpened(res: Residuals, cause: Cause) -> Cause:

@@ -30,6 +30,8 @@ class Check:
         Of the joints; "N m" or "N".
     t : ndarray, shape (R,)
         Times [s].
+    qd : ndarray, shape (R, n)
+        Joint velocities after the filter [rad/s or m/s].
     measured, predicted : ndarray, shape (R, n)
         Torques after the filter [N m or N].
     valid : ndarray of bool, shape (R, n)
@@ -50,6 +52,7 @@ class Check:
     joint_names: tuple[str, ...]
     units: tuple[str, ...]
     t: Array
+    qd: Array
     measured: Array
     predicted: Array
     valid: Array
@@ -96,12 +99,12 @@ class Check:
         return "\n".join(aligned(rows))
 
     def plot(self, axes: Any = None) -> Figure:
-        """Measured and predicted torque and their difference, a panel for each joint.
+        """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
 
         Parameters
         ----------
         axes : sequence of matplotlib axes, optional
-            One for each joint; by default a new figure.
+            One for each joint, for the curves over time alone; by default a new figure.
 
         Returns
         -------
@@ -116,10 +119,19 @@ class Check:
         >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
         >>> found = rne.identify(robot, record, consistent=False)
         >>> len(found.check(record).plot().axes)
-        6
+        12
         """
         n = self.measured.shape[1]
-        where = panels(n, f"Torques of {self.name}", height=1.5) if axes is None else list(axes)
+        grid = [] if axes is not None else panels(2 * n, f"Torques of {self.name}", 2, height=1.5)
+        where = list(axes) if axes is not None else grid[::2]
+        for j, ax in enumerate(grid[1::2]):
+            sound = self.valid[:, j]
+            residual = (self.measured - self.predicted)[sound, j]
+            ax.plot(self.qd[sound, j], residual, ".", color=LOOK[2][0], markersize=2)
+            dress(ax, "")
+            rate = "rad/s" if self.units[j] == "N m" else "m/s"
+            ax.set_title(f"residual over velocity [{rate}]", loc="left", fontsize="small", pad=2)
+            ax.set_xlabel("")
         t, measured, predicted = without_gaps(self.t, self.measured, self.predicted)
         shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
         for j, ax in enumerate(where):

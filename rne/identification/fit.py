@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError, IdentificationWarning
@@ -128,11 +128,12 @@ def identify(
     repeats = data.repeats(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), repeats)
     estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
+    drift = data.at_lower_cutoff(base, estimate.sigma) - estimate.values
     errors = held_out(method, data.fitted, data.measured)
-    taken = tuple(f"taken into account: {cause.text} (+- {plus_minus(cause)})" for cause in modelled)
+    taken = tuple(f"{name_of(cause)}: {cause.text} (+- {plus_minus(cause)}); taken into account" for cause in modelled)
     notes = (*data.notes, *taken, *notes, *ignored_drives(standard), *negative_drives(robot, base, estimate))
     found = Identification(
-        robot, standard, base, data, estimate, parameters, consistent, errors, repeats, joined(causes), notes
+        robot, standard, base, data, estimate, parameters, consistent, errors, repeats, drift, joined(causes), notes
     )
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
@@ -149,7 +150,7 @@ def explained(
     """The equations with the delays and Stribeck effects that they ask for, what causes the rest, what is modelled."""
     delays = np.zeros((len(records) if isinstance(records, Sequence) else 1, robot.n))
     if delay is not None:
-        delays = delays + real_array("delay", delay, f"({robot.n},) or a number")
+        delays = delays + per_joint_array("delay", delay, robot.n)
     modelled: dict[tuple[str, tuple[str, ...], float], Cause] = {}
     for k in range(ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
@@ -179,6 +180,11 @@ def with_estimated(estimate: LeastSquares, rest: Residuals, modelled: Sequence[C
     covariance = estimate.covariance + rest.covariance_of(columns)
     errors = np.where(np.isinf(estimate.errors), np.inf, np.sqrt(np.diag(covariance)))
     return replace(estimate, covariance=covariance, errors=errors)
+
+
+def name_of(cause: Cause) -> str:
+    """What is taken into account."""
+    return f"delay of {1000 * cause.value:.3g} ms" if cause.kind == "delay" else cause.kind
 
 
 def plus_minus(cause: Cause) -> str:
@@ -236,7 +242,8 @@ def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) 
         value, error = estimate.values[k], estimate.errors[k]
         if base.independent[k] >= bodies and not name.startswith("tau0") and value < -BEYOND_DOUBT * error:
             found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}")
-    return (*found, "negative friction: is the sign of the joint's torque right?") if found else ()
+    has_friction = any(name.startswith(("Fv", "Fc")) for name in found)
+    return (*found, "negative friction: is the sign of the joint's torque right?") if has_friction else tuple(found)
 
 
 def prior_bodies(

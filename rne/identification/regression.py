@@ -16,6 +16,7 @@ from ..model.standard_parameters import StandardParameters
 from ..robot import Robot, robot_argument
 from ..simulation.motion_files import numbered_joints
 from .equations import Equations, Stacked, joined, stacked
+from .filtering import low_pass, settling
 from .least_squares import repeats_of_filtered_noise, repeats_of_residuals
 from .prepared import Prepared
 from .record import Record
@@ -56,6 +57,26 @@ class Gathered(NamedTuple):
     def residuals(self, x: Array) -> list[Array]:
         """Measured less predicted torques of each record, of standard parameters x."""
         return [row.tau - row.Y @ x for row in self.rows]
+
+    def at_lower_cutoff(self, base: BaseParameters, sigma: Array) -> Array:
+        """Base parameters from the equations filtered again with half the cut-off; NaN where they are too few."""
+        parts = []
+        for record, row in zip(self.prepared, self.rows, strict=True):
+            cutoff, rate, start = record.cutoff / 2, record.sample_rate / record.decimation, 0
+            reach = settling(cutoff, rate)
+            both = np.concatenate([row.Y @ base.back, row.tau[..., None]], axis=-1)
+            for length in record.segment_lengths:
+                part = slice(start, start + length)
+                start += length
+                if length > 2 * reach + base.count // self.fitted.joints:
+                    inner = np.arange(reach, length - reach)
+                    bad = np.vstack([np.zeros((1, len(sigma)), int), np.cumsum(~row.valid[part], axis=0)])
+                    sound = bad[inner + reach] == bad[inner - reach]
+                    parts.append((low_pass(both[part], cutoff, rate, inner) / sigma[:, None])[sound])
+        rows = np.concatenate(parts) if parts else np.zeros((0, base.count + 1))
+        if len(rows) <= 2 * base.count:
+            return np.full(base.count, np.nan)
+        return np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=None)[0])
 
     def repeats(self, x: Array) -> Array:
         """How many equations of a joint count as one, for the residuals of parameters x, shape (n,)."""

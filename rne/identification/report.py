@@ -13,6 +13,7 @@ from ..basics.text import Row, aligned, counted, short
 from ..model.parameters import PARAMETERS
 from .least_squares import LEAST_NOISE
 
+EXPLAINED = 0.15  # part of a torque in motion that may be left where a model explains it
 WORSE = 1.2  # residuals of possible bodies, of those of least squares
 
 
@@ -27,7 +28,7 @@ def report_text(found: Any) -> str:
     -------
     str
     """
-    parts = [fitted_text(found), joints_text(found), parameters_text(found)]
+    parts = [fitted_text(found), joints_text(found), causes_text(found), parameters_text(found)]
     if found.consistent:
         parts.append(bodies_text(found))
     return "\n\n".join(parts)
@@ -51,24 +52,40 @@ def joints_text(found: Any) -> str:
     """Errors of each joint."""
     fitted = found.equations.residuals(found.parameters)
     torques = np.maximum(found.equations.torques(), np.finfo(float).tiny)
-    columns = ("noise [N m or N]", "fitted [%]", "held out [%]", "equations", "independent")
+    columns = ("noise [N m or N]", "fitted [%]", "held out: in motion", "at rest", "equations", "independent")
     rows = [Row("errors", columns, words=True)]
+    left = found.unexplained
     for j, name in enumerate(found.initial.joint_names):
-        relative = (100 * np.sqrt(fitted[j] / torques[j]), 100 * found.held_out[j])
+        shares = (np.sqrt(fitted[j] / torques[j]), left.in_motion[j], left.at_rest[j])
         count = int(found.equations.rows[:, j].sum())
         cells = (
             f"{found.estimate.sigma[j]:.4g}",
-            *("-" if np.isnan(found.held_out[j]) else f"{x:.1f}" for x in relative),
+            *("-" if np.isnan(left.everywhere[j]) or np.isnan(x) else f"{100 * x:.1f}" for x in shares),
             str(count),
             f"{count / found.repeats[j]:.0f}",
         )
         rows.append(Row(f"  {short(name)}", cells))
     blocks = len(found.equations.factors)
     close = (
-        f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others. All measured "
-        "torques count, those of slow joints too, which are not fitted."
+        f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others. At rest: torques of "
+        "slow joints, which are not fitted because Coulomb friction then has no known direction."
     )
     return "\n".join([*aligned(rows), close, *motions_text(found)])
+
+
+def causes_text(found: Any) -> str:
+    """What would explain the residuals, the likeliest first, and joints that are not explained."""
+    lines = []
+    for name, left in zip(found.initial.joint_names, found.unexplained.in_motion, strict=True):
+        if left > EXPLAINED:
+            own = [cause.text for cause in found.causes if not cause.joints or name in cause.joints]
+            why = f": {own[0]}" if own else ": no single change of the log, the robot or the drives explains it"
+            lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
+    lines = ["not explained", *lines] if lines else []
+    if found.causes:
+        lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
+        lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed, 0))):.0f} %: {c.text}" for c in found.causes]
+    return "\n".join(lines or ["no single change of the log, the robot or the drives explains what is left"])
 
 
 def motions_text(found: Any) -> list[str]:
@@ -87,13 +104,25 @@ def motions_text(found: Any) -> list[str]:
 def parameters_text(found: Any) -> str:
     """Base parameters with standard errors."""
     e = found.estimate
-    title = "least squares", "standard error", *(("consistent",) if found.consistent else ())
+    title = "least squares", "standard error", "drift", *(("consistent",) if found.consistent else ())
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):
-        cells = [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", *([f"{found.values[k]:.5f}"] if found.consistent else [])]
-        rows.append(Row(f"  {name}", cells))
+        numbers = [e.values[k], e.errors[k], found.drift[k], *([found.values[k]] if found.consistent else [])]
+        rows.append(Row(f"  {name}", ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]))
     lines = [*aligned(rows), f"Numbers are those of the joints: {joints}."]
+    combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
+    lines += (
+        ["Base parameters that stand for a combination of several:", *(f"  {text}" for text in combined)]
+        if combined
+        else []
+    )
+    moved = [name for name, x, error in zip(found.base.names, found.drift, e.errors, strict=True) if abs(x) > 3 * error]
+    if moved:
+        lines.append(
+            f"drift, the change with half the cut-off, beyond three standard errors: {', '.join(moved)}; the filter "
+            "biases these, or something else changes with frequency"
+        )
     weak = [name for name, seen in zip(found.base.names, found.excited, strict=True) if not seen]
     if weak:
         lines.append(f"not excited, with a standard error above the expected size: {', '.join(weak)}")

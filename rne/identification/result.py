@@ -27,7 +27,7 @@ from .prepared import Prepared
 from .record import Record
 from .regression import Gathered, check_joints
 from .report import report_text
-from .rigid_body_test import certificate_lines
+from .rigid_body_test import certified
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,6 +66,9 @@ class Identification:
         the others: `everywhere`, `in_motion`, where equations are fitted, and `at_rest`. NaN for a joint without.
     repeats : ndarray, shape (n,)
         How many equations of a joint count as one, because residuals are like their neighbours; in the standard errors.
+    drift : ndarray, shape (base.count,)
+        By how much base parameters change when everything is filtered again with half the cut-off: beyond a few
+        standard errors, the filter biases them. NaN where the record is too short for it.
     causes : tuple of Cause
         What would explain the residuals better, the likeliest first.
     notes : tuple of str
@@ -91,6 +94,7 @@ class Identification:
     consistent: bool
     unexplained: Unexplained
     repeats: Array
+    drift: Array
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
 
@@ -299,10 +303,19 @@ class Identification:
         model = self.initial.model
         units = tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
         measured = prepared.reduce(prepared.tau)
-        return Check(name, model.joint_names, units, prepared.times, measured, predicted, prepared.valid)
+        return Check(
+            name,
+            model.joint_names,
+            units,
+            prepared.times,
+            prepared.reduce(prepared.qd),
+            measured,
+            predicted,
+            prepared.valid,
+        )
 
     def plot(self, record: Record | None = None) -> Figure:
-        """Measured and predicted torque and their difference, a panel for each joint.
+        """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
 
         Parameters
         ----------
@@ -322,7 +335,7 @@ class Identification:
         >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
         >>> found = rne.identify(robot, record, consistent=False)
         >>> len(found.plot().axes)
-        6
+        12
         """
         check = self._compared(self.data.names[0], self.records[0]) if record is None else self.check(record)
         return check.plot()
@@ -346,6 +359,6 @@ class Identification:
         >>> print(found.report().splitlines()[0][:28])
         36 base parameters of irb140
         """
-        given = self.initial, self.base, self.records, self.equations, self.repeats, self.held_out
-        certificate = certificate_lines(*given)
+        verdict = certified(self.base, self.data, self.repeats)
+        certificate = replace(verdict, held_out=self.unexplained.in_motion).report()
         return f"{report_text(self)}\n\n{certificate}"

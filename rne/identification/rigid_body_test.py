@@ -9,8 +9,8 @@ come from their own regressors (Gautier and Khalil 1988 identify with them).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import gamma
 from typing import NamedTuple
 
@@ -29,10 +29,11 @@ from .filtering import ORDER
 from .least_squares import solve
 from .prepared import Prepared
 from .record import Record
-from .regression import HELD_OUT, check_robot, gathered
+from .regression import HELD_OUT, Gathered, check_robot, gathered
 
 CHANCE = 1e-3  # of all joints together, that F is called large by accident
 WORSE = 2.0  # times the joint's own residual: a conflict has to matter
+EXPLAINED = 0.15  # part of a torque in motion that may be left where a model explains it
 FLOOR = 3.0  # times the noise, above which a residual is not noise
 
 
@@ -46,8 +47,8 @@ class Consistency:
     noise : ndarray, shape (n,)
         Noise of the filtered torques, from their spectrum above the filter's cut-off, as a part of |torque|.
     held_out : ndarray, shape (n,)
-        |predicted - measured| / |measured| on blocks of time that were not fitted, with one set of parameters for all
-        joints.
+        |predicted - measured| / |measured| of torques in motion on blocks of time that were not fitted, with one set of
+        parameters for all joints.
     together, alone : ndarray, shape (n,)
         Standard deviation of the fitted residual, in |measured|: with one set of parameters, and with one of its own
         for each joint. The parameters that a joint spends are taken into account.
@@ -86,8 +87,8 @@ class Consistency:
 
     @property
     def one_model(self) -> bool:
-        """True if no joint is in conflict with the others."""
-        return not self.conflict.any()
+        """True if no joint is in conflict with the others, and all are explained to 15 % or better."""
+        return not (self.conflict | (self.held_out > EXPLAINED)).any()
 
     def __repr__(self) -> str:
         return wrapped(f"Consistency({self.verdict})")
@@ -104,6 +105,10 @@ class Consistency:
             )
             cause = f"alone, {above} are above the noise too: friction of another kind may set the joints at variance"
             return f"{text}; {cause}" if above else text
+        poor = self.held_out > EXPLAINED
+        if poor.any():
+            left = percent(self.held_out[poor])
+            return f"no rigid-body model with these drives predicts {self._named(poor)}: {left} of the torques is left"
         text = f"one rigid-body model explains the torques to {percent(self.held_out)}, noise explains {noise}"
         cause = (
             f"what is above the noise in {above} no inertial parameters explain, not those of each joint alone either"
@@ -151,23 +156,16 @@ def percent(x: Array) -> str:
     return f"{low:.2g} to {high:.2g} %"
 
 
-def certified(
-    base: BaseParameters,
-    prepared: Sequence[Prepared],
-    fitted: Equations,
-    measured: Equations,
-    repeats: Array,
-    residuals: Callable[[Array], Sequence[Array]],
-) -> Consistency:
-    """The verdict, from equations of standard parameters x; residuals(x) are those of each record's reduced rows."""
+def certified(base: BaseParameters, data: Gathered, repeats: Array) -> Consistency:
+    """The verdict on the equations of records."""
     E = base.back
-    found = joint_statistics(fitted.mapped(E), measured.mapped(E), repeats)
-    conflict = (found.probability < CHANCE / fitted.joints) & (found.together > WORSE * found.alone)
+    found = joint_statistics(data.fitted.mapped(E), repeats)
+    conflict = (found.probability < CHANCE / data.fitted.joints) & (found.together > WORSE * found.alone)
     x = E @ found.parameters
-    energy = energy_balance(base.standard, prepared, x, residuals(x))
+    energy = energy_balance(base.standard, data.prepared, x, data.residuals(x))
     return Consistency(
         base.standard.model.joint_names,
-        noise_shares(prepared),
+        noise_shares(data.prepared),
         found.held_out,
         found.together,
         found.alone,
@@ -186,45 +184,6 @@ def noise_shares(prepared: Sequence[Prepared]) -> Array:
         torque = record.reduce(record.tau) * record.valid
         squares += [record.valid.sum(0) * torque_noise(record) ** 2, (torque**2).sum(0)]
     return np.asarray(np.sqrt(squares[0] / np.maximum(squares[1], np.finfo(float).tiny)))
-
-
-def certificate_lines(
-    robot: Robot,
-    base: BaseParameters,
-    records: Sequence[Prepared],
-    equations: Equations,
-    repeats: Array,
-    held_out: Array,
-) -> str:
-    """The certificate of an identification as text, from its equations and filtered records.
-
-    Parameters
-    ----------
-    robot : Robot
-    base : BaseParameters
-    records : sequence of Prepared
-    equations : Equations
-        Of the standard parameters, in blocks.
-    repeats : ndarray, shape (n,)
-        How many equations of a joint count as one.
-    held_out : ndarray, shape (n,)
-        Errors on held-out blocks, as the identification has them.
-
-    Returns
-    -------
-    str
-    """
-    bodies = base.standard.groups["bodies"].stop
-
-    def residuals(x: Array) -> list[Array]:
-        left = []
-        for r in records:
-            drives = base.standard.drive_columns(r.qd, r.qdd) @ x[bodies:]
-            left.append(r.reduce(r.tau - robot.regressor(r.q, r.qd, r.qdd) @ x[:bodies] - drives))
-        return left
-
-    found = certified(base, records, equations, equations, repeats, residuals)
-    return replace(found, held_out=held_out).report()
 
 
 def consistency(
@@ -290,9 +249,7 @@ def consistency(
     data = gathered(robot, records, base, minimum_rate, cutoff, decimation, blocks)
     own = [base.back @ own_fit(data.fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
     repeats = np.array([data.repeats(x)[j] for j, x in enumerate(own)])
-    return certified(
-        base, data.prepared, data.fitted, data.measured, repeats, lambda x: [r.tau - r.Y @ x for r in data.rows]
-    )
+    return certified(base, data, repeats)
 
 
 PRECISION = 1e-6  # of a joint's torques: no fit is taken for more exact
@@ -328,13 +285,12 @@ class JointStatistics:
     independent: Array
 
 
-def joint_statistics(fitted: Equations, measured: Equations, repeats: Array) -> JointStatistics:
+def joint_statistics(fitted: Equations, repeats: Array) -> JointStatistics:
     """The comparison, for equations of the base parameters.
 
     Parameters
     ----------
-    fitted, measured : Equations
-        Those that are fitted, and those that held-out errors are taken of.
+    fitted : Equations
     repeats : ndarray, shape (n,)
         How many equations of a joint count as one.
 
@@ -359,10 +315,10 @@ def joint_statistics(fitted: Equations, measured: Equations, repeats: Array) -> 
     def share(squares: Array, freedom: Array) -> Array:
         return np.asarray(np.sqrt(squares / freedom * all_rows / np.maximum(size, np.finfo(float).tiny)))
 
-    held = held_out_together(fitted, measured, sigma)
+    held = held_out_together(fitted, sigma)
     return JointStatistics(
         x,
-        np.sqrt(held / np.maximum(measured.torques(), np.finfo(float).tiny)),
+        np.sqrt(held / np.maximum(size, np.finfo(float).tiny)),
         share(total, np.maximum(all_rows - spent, 1)),
         share(squares, freedom),
         F,
@@ -394,13 +350,13 @@ def joint_fit(equations: Equations, sigma: Array) -> tuple[Array, Array]:
     return solution.x, spent
 
 
-def held_out_together(fitted: Equations, measured: Equations, sigma: Array) -> Array:
+def held_out_together(fitted: Equations, sigma: Array) -> Array:
     """|residual|^2 of each joint on blocks that were not fitted."""
     squares = np.zeros(fitted.joints)
     for k in range(len(fitted.factors)):
         others = np.arange(len(fitted.factors)) != k
         x, _ = joint_fit(fitted.of_blocks(others), sigma)
-        squares += measured.of_blocks(~others).residuals(x)
+        squares += fitted.of_blocks(~others).residuals(x)
     return squares
 
 

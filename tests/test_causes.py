@@ -1,0 +1,151 @@
+"""Causes of what an identification leaves unexplained, on simulated logs of which the fault is known."""
+
+import numpy as np
+import pytest
+
+import rne
+from benchmarks import identification_faults as faults
+from rne.identification import Record
+
+from .helpers import kept
+
+QUICK = {
+    "gear +10 %": "SCARA",
+    "payload half-way": "gantry",
+    "contact": "mimic",
+    "slip": "mimic",
+    "drift of friction": "SCARA",
+    "N mm": "gantry",
+    "sign": "SCARA",
+    "swapped joints": "SCARA",
+    "swapped torques": "gantry",
+    "zero 0.1 rad": "SCARA",
+    "gravity's direction": "SCARA",
+    "degrees": "SCARA",
+    "ms": "gantry",
+    "clipping": "gantry",
+}
+FRICTION = rne.DriveModel(friction="viscous+coulomb")
+
+
+@pytest.mark.parametrize("fault", QUICK)
+def test_a_fault_is_named_among_the_first_two_causes(fault):
+    outcome = faults.run(fault, QUICK[fault], 7)
+    assert outcome.warned, outcome
+    assert outcome.named, outcome
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", faults.FAULTS)
+@pytest.mark.parametrize("robot", ["IRB 140", "Panda", "SCARA"])
+def test_parameters_are_right_or_the_fault_is_named(robot, fault):
+    outcome = faults.run(fault, robot, 70)
+    assert not outcome.wrong or outcome.named or outcome.hidden, outcome
+
+
+@pytest.mark.parametrize("seed", kept(range(12), [0, 1]))
+def test_nothing_is_blamed_on_a_clean_log(seed):
+    outcome = faults.run("clean", ["SCARA", "gantry", "mimic"][seed % 3], seed)
+    assert not outcome.warned, outcome
+    assert not outcome.wrong, outcome
+
+
+def identified(fault, robot="SCARA", seed=3, **options):
+    c = faults.case(robot, seed)
+    data = fault(c)
+    known = faults.given_robot(c.arm.robot, c.rng)
+    return rne.identify(known, Record(data.t, data.q, data.tau), consistent=False, **options)
+
+
+@pytest.mark.parametrize("ms", [1.0, -2.0, 5.0])
+def test_delays_are_found_taken_into_account_and_stated(ms):
+    found = identified(faults.delayed(ms))
+    assert (np.abs(1000 * found.delay - ms) < 0.3).all()
+    assert found.delay.shape == (1, 4)
+    assert "delay of" in found.report()
+    assert (found.unexplained.in_motion < 0.004).all()
+
+
+def test_a_delay_that_is_given_is_not_estimated():
+    found = identified(faults.delayed(5.0), delay=0.005)
+    assert (found.delay == 0.005).all()
+    assert "taken into account" not in found.report()
+
+
+def test_stribeck_friction_is_modelled_where_the_log_asks_for_it():
+    found = identified(faults.stribeck, "gantry")
+    assert (np.asarray(found.standard.drives.stribeck) > 0).any()
+    assert any(name.startswith("Fs_") for name in found.base.names)
+    assert (found.unexplained.in_motion < 0.004).all()
+
+
+def test_drives_that_were_declined_are_proposed():
+    """Without friction as asked for, friction is the first cause; with friction alone, the rotors are."""
+    with pytest.warns(rne.IdentificationWarning, match="friction of .* which was not asked for"):
+        bare = identified(faults.clean, drives=rne.DriveModel())
+    assert "friction" in bare.causes[0].kind
+    with pytest.warns(rne.IdentificationWarning, match="a rotor of .* which was not asked for"):
+        assert identified(faults.clean, drives=FRICTION).causes[0].kind == "rotor"
+
+
+def test_torques_that_are_not_explained_are_not_praised():
+    """Swapped torques: no sentence of the report says that they are explained, each poor joint is named."""
+    with pytest.warns(rne.IdentificationWarning, match="torques in motion that the model does not explain"):
+        found = identified(faults.swapped_torques)
+    report = found.report()
+    poor = [
+        name for name, left in zip(found.initial.joint_names, found.unexplained.in_motion, strict=True) if left > 0.15
+    ]
+    assert poor
+    assert "model explains" not in report
+    not_explained = report.split("not explained\n")[1].splitlines()[: len(poor)]
+    assert [line.split()[0] for line in not_explained] == poor
+    assert all("interchanged" in line for line in not_explained)
+
+
+def test_consistency_is_not_one_model_where_torques_are_left():
+    c = faults.case("gantry", 5)
+    data = faults.contact(c)
+    found = rne.consistency(c.arm.robot, Record(data.t, data.q, data.tau))
+    assert found.one_model == bool((found.held_out < 0.15).all() and not found.conflict.any())
+    data = data._replace(tau=data.tau[::-1])
+    found = rne.consistency(c.arm.robot, Record(data.t, data.q, data.tau))
+    assert not found.one_model
+    assert "model explains" not in found.verdict
+
+
+def test_a_joint_at_rest_is_judged_apart():
+    """Joint d rests from 8 to 14 s, where sticking friction takes up a torque that no model knows."""
+    c = faults.case("SCARA", 4)
+    q, qd, qdd = (x.copy() for x in c.states)
+    rest = (c.t > 8) & (c.t < 14)
+    a = np.where(c.t < 14, np.pi / 8, np.pi / 6)
+    x = a * np.where(c.t < 14, c.t, c.t - 14)
+    sine, cosine = np.where(rest, 0, np.sin(x)), np.cos(x)
+    q[:, 3], qd[:, 3] = sine**4, 4 * a * sine**3 * cosine
+    qdd[:, 3] = 4 * a**2 * (3 * sine**2 * cosine**2 - sine**4)
+    tau = c.arm.robot.inverse_dynamics(q, qd, qdd) + faults.friction(c.arm, qd, qdd)
+    tau[rest, 3] += c.arm.coulomb[3] * np.sin(2 * c.t[rest])
+    tau += 0.01 * c.size * c.rng.normal(size=tau.shape)
+    left = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False).unexplained
+    assert left.in_motion[3] < 0.02 < 0.2 < left.at_rest[3]
+    assert left.in_motion[3] < left.everywhere[3] < left.at_rest[3]
+    assert np.isfinite(left.in_motion).all()
+
+
+def test_parameters_that_the_filter_biases_drift():
+    """A cut-off within the motion's band: half of it changes inertias by more than their standard errors."""
+    narrow, wide = (identified(faults.clean, "gantry", cutoff=cutoff) for cutoff in (0.8, 4.0))
+    drifts = [np.abs(found.drift / found.estimate.errors).max() for found in (narrow, wide)]
+    assert drifts[0] > 3 > drifts[1]
+    assert "drift, the change with half the cut-off, beyond three standard errors" in narrow.report()
+    assert "drift, the change" not in wide.report()
+
+
+def test_a_warning_can_be_an_error():
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rne.IdentificationWarning)
+        with pytest.raises(rne.IdentificationWarning, match="has the wrong sign"):
+            identified(faults.sign)
