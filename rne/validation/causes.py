@@ -23,7 +23,8 @@ from .torque_difference import Candidate, TorqueDifference
 
 NONE = 1e-9  # a coefficient that is rounding
 SEVERAL_BODIES = "several bodies"  # explains whatever other bodies do
-GRID, STEPS = 72, 20  # zeros of each joint that are tried; steps from the best of them
+GRID = 72  # zeros of each joint that are tried
+STEPS = 100  # of a fit that is not linear
 MOST = 50_000  # alternatives of a convention that are tried
 STARTS = 6  # of a change of a body, the likeliest
 DEGREE = np.pi / 180
@@ -264,14 +265,14 @@ def variants(n: int, own: float, others: tuple[float, ...]) -> Iterator[tuple[tu
             yield tuple(changed.get(j, own) for j in range(n)), alike
 
 
-def minimum(residual: Callable[[Array], Array], starts: Sequence[Any], steps: int = 100) -> Array:
-    """The least squares, to rounding, of those that several starts lead to."""
+def minimum(residual: Callable[[Array], Array], starts: Sequence[Any]) -> Array:
+    """The least squares, to rounding, of those that several starts lead to (Levenberg-Marquardt)."""
     from scipy.optimize import least_squares
 
-    precise: dict[str, Any] = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "x_scale": "jac", "jac": "3-point"}
-    best: Array = min(
-        (least_squares(residual, x, max_nfev=steps, **precise) for x in starts), key=lambda fit: fit.cost
-    ).x
+    options: dict[str, Any] = {"method": "lm", "jac": "3-point", "max_nfev": STEPS}
+    precise = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
+    fits = [least_squares(residual, x, **options, **precise) for x in starts]
+    best: Array = min(fits, key=lambda fit: fit.cost).x
     return best
 
 
@@ -300,7 +301,7 @@ def with_zeros(data: TorqueDifference, start: Array, free: list[int], alternativ
         return left
 
     places = np.eye(data.robot.n)[free]
-    x = minimum(lambda x: (residual(x, data.few) / data.rounding).ravel(), [start[free]], STEPS)
+    x = minimum(lambda x: (residual(x, data.few) / data.rounding).ravel(), [start[free]])
     text = zeros_text(data.robot.joint_names, x @ places)
     return x @ places, data.candidate("joint zero", text, len(free), alternatives, residual(x))
 
