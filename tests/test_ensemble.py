@@ -179,7 +179,7 @@ def test_errors_are_of_the_size_of_the_tolerance(smooth, many, alone, method, rt
 @pytest.mark.parametrize("robot", kept(["irb140", "chain"], ["chain"]))
 def test_smoothed_friction_is_resolved(robot, request):
     """Friction changes its sign within fixed steps: of 0.25 to 1 ms they are wrong by 5e-3 rad alike, two links' of
-    0.5 to 1 ms by 7e-4 rad or more.
+    0.5 to 1 ms by 6e-4 rad or more.
     """
     robot = request.getfixturevalue(robot)
     scene, q = rne.Scene(robot, friction=rne.Friction(viscous=1, coulomb=2)), states(robot.n, 2)[0]
