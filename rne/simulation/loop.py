@@ -149,8 +149,9 @@ class Loop:
         modes_may_change = self._solver_samples and self.system is not self.plant  # at any sample
         if not resumes:
             self.most = FEWEST if events else LONGEST
-        while self.solver.is_running:
-            steps = self.solver.steps(min(self.most, LONGEST if self._solver_samples else self.watch.steps_to_look))
+        solver = self.solver  # of this segment: another one may take over at its end
+        while solver.is_running:
+            steps = solver.steps(min(self.most, LONGEST if self._solver_samples else self.watch.steps_to_look))
             self.most = 2 * self.most
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
