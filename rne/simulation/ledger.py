@@ -23,6 +23,7 @@ NEGLIGIBLE = 1e-8  # estimated error of a panel, in units of all energy exchange
 DECAY = 1.5  # the first coefficient left out is this power of the decay of the last ones times them
 EASY = 1e-2  # of NEGLIGIBLE: below it panels may be twice as long
 HALVINGS, SHORTEST = 12, 1e-13  # panels are not halved more often, nor below that part of the time
+MOST_HALVED = 32  # panels at once, as a multiple of those at first
 BLOCK, MOST_AT_ONCE = 24, 768  # panels evaluated together, at first and later
 FIRST_STEPS, MOST_STEPS = 4, 64  # in a panel
 MOST_KEPT = 20_000  # steps whose interpolants are kept
@@ -154,6 +155,7 @@ class Ledger:
     def _integrate(self, taken: Taken, panels: Array) -> None:
         """Integrate over panels, rows of (begin, end, first step, last step)."""
         done: list[tuple[Array, Array, Array]] = []
+        most = MOST_HALVED * len(panels)
         for halving in range(HALVINGS + 1):
             if not len(panels):
                 break
@@ -166,6 +168,8 @@ class Ledger:
                 self._adapt(errors)
             divisible = lengths > SHORTEST * np.abs(panels[:, 1])
             rough = (errors > NEGLIGIBLE * self.exchanged) & divisible & (halving < HALVINGS)
+            if 2 * rough.sum() > most:  # no kinks here and there but noise, which halving does not end
+                rough[:] = False
             done.append((panels[~rough, 0], lengths[~rough], coefficients[~rough]))
             panels = taken.halves(panels[rough])
         found = [np.concatenate(part) for part in zip(*done, strict=True)]
