@@ -25,6 +25,7 @@ NONE = 1e-9  # a coefficient that is rounding
 SEVERAL_BODIES = "several bodies"  # explains whatever other bodies do
 GRID = 72  # zeros of each joint that are tried
 STEPS = 100  # of a fit that is not linear
+STEP = 1e-5  # of central differences [rad or m]
 MOST = 50_000  # alternatives of a convention that are tried
 STARTS = 6  # of a change of a body, the likeliest
 DEGREE = np.pi / 180
@@ -265,11 +266,11 @@ def variants(n: int, own: float, others: tuple[float, ...]) -> Iterator[tuple[tu
             yield tuple(changed.get(j, own) for j in range(n)), alike
 
 
-def minimum(residual: Callable[[Array], Array], starts: Sequence[Any]) -> Array:
+def minimum(residual: Callable[[Array], Array], starts: Sequence[Any], jacobian: Any = "3-point") -> Array:
     """The least squares, to rounding, of those that several starts lead to (Levenberg-Marquardt)."""
     from scipy.optimize import least_squares
 
-    options: dict[str, Any] = {"method": "lm", "jac": "3-point", "max_nfev": STEPS}
+    options: dict[str, Any] = {"method": "lm", "jac": jacobian, "max_nfev": STEPS}
     precise = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
     fits = [least_squares(residual, x, **options, **precise) for x in starts]
     best: Array = min(fits, key=lambda fit: fit.cost).x
@@ -278,32 +279,39 @@ def minimum(residual: Callable[[Array], Array], starts: Sequence[Any]) -> Array:
 
 def shifted_zeros(data: TorqueDifference) -> Iterator[Candidate]:
     """Another zero of each joint, from the best of a grid; of all joints; of those whose zero then differs."""
-    robot, n = data.robot, data.robot.n
-    for j in range(n):
-        zeros = np.linspace(-np.pi, np.pi, GRID, endpoint=False)[:, None] * np.eye(n)[j]
-        tried = [Convention(robot, 1, zero=tuple(zero)) for zero in zeros]
-        left = data.tau[data.few] - torques_of(tried, data.q[data.few], data.qd[data.few], data.qdd[data.few])
-        start = zeros[np.argmin(((left / data.rounding) ** 2).sum((1, 2)))]
-        yield with_zeros(data, start, [j], n)[1]
-    zero, candidate = with_zeros(data, np.zeros(n), list(range(n)), 2**n)
+    n = data.robot.n
+    for e in np.eye(n):
+        zeros = np.linspace(-np.pi, np.pi, GRID, endpoint=False)[:, None] * e
+        start = zeros[np.argmin((left_by_zeros(data, zeros) ** 2).sum(1))]
+        yield with_zeros(data, start, np.flatnonzero(e), n)[1]
+    zero, candidate = with_zeros(data, np.zeros(n), np.arange(n), 2**n)
     yield candidate
     clearly = np.flatnonzero(np.abs(zero) > 1e-3 * np.abs(zero).max(initial=0))
     if 0 < len(clearly) < n:
-        yield with_zeros(data, zero, list(clearly), 2**n)[1]
+        yield with_zeros(data, zero, clearly, 2**n)[1]
 
 
-def with_zeros(data: TorqueDifference, start: Array, free: list[int], alternatives: int) -> tuple[Array, Candidate]:
+def left_by_zeros(data: TorqueDifference, zeros: Array) -> Array:
+    """What other zeros, shape (A, n), leave of the torques of a few states, in units of the rounding, (A, S n)."""
+    tried, few = [Convention(data.robot, 1, zero=tuple(zero)) for zero in zeros], data.few
+    left: Array = (data.tau[few] - torques_of(tried, data.q[few], data.qd[few], data.qdd[few])) / data.rounding
+    return left.reshape(len(zeros), -1)
+
+
+def with_zeros(data: TorqueDifference, start: Array, free: Array, alternatives: int) -> tuple[Array, Candidate]:
     """Zeros of the joints `free` that fit best, of the others 0, and the hypothesis that they make."""
-
-    def residual(x: Array, states: Any = slice(None)) -> Array:
-        q, qd, qdd, tau = (array[states] for array in (data.q, data.qd, data.qdd, data.tau))
-        left: Array = tau - data.robot.inverse_dynamics(q + x @ places, qd, qdd)
-        return left
-
     places = np.eye(data.robot.n)[free]
-    x = minimum(lambda x: (residual(x, data.few) / data.rounding).ravel(), [start[free]])
-    text = zeros_text(data.robot.joint_names, x @ places)
-    return x @ places, data.candidate("joint zero", text, len(free), alternatives, residual(x))
+
+    def jacobian(x: Array) -> Array:
+        ahead, behind = np.split(left_by_zeros(data, x @ places + STEP * np.concatenate([places, -places])), 2)
+        derivative: Array = (ahead - behind).T / (2 * STEP)
+        return derivative
+
+    x = minimum(lambda x: left_by_zeros(data, (x @ places)[None])[0], [start[free]], jacobian)
+    zero = x @ places
+    left = data.tau - data.robot.inverse_dynamics(data.q + zero, data.qd, data.qdd)
+    text = zeros_text(data.robot.joint_names, zero)
+    return zero, data.candidate("joint zero", text, len(free), alternatives, left)
 
 
 def turned(I: Array, w: Array) -> Array:
