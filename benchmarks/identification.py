@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import rne
+from benchmarks.identification_faults import fault_table
 from benchmarks.identification_payload import kept_tables
 from benchmarks.measure import RESULTS, is_quick, write
 from benchmarks.pages import DOCS, rewrite, table
@@ -166,17 +167,18 @@ def rewrite_page() -> None:
     """The tables of docs/identification.md from the last results."""
     kept = {
         name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
-        for name in ("identification", "public_logs")
+        for name in ("identification", "public_logs", "identification_faults")
     }
-    rewrite(DOCS / "identification.md", tables(kept["identification"], kept["public_logs"]) | kept_tables())
+    rewrite(DOCS / "identification.md", tables(*kept.values()) | kept_tables())
 
 
-def tables(found: dict[str, Any], logs: dict[str, Any]) -> dict[str, str]:
+def tables(found: dict[str, Any], logs: dict[str, Any], faults: dict[str, Any]) -> dict[str, str]:
     """Tables of docs/identification.md."""
     return {
         "coverage": noise_table(found["noise on torques"]),
         "sensors": sensor_table(found["sensors"]),
         "logs": log_table(logs["logs"]),
+        "faults": fault_table(faults["rows"]),
     }
 
 

@@ -21,8 +21,8 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import rne
-from benchmarks.identification import rewrite_page
 from benchmarks.measure import write
+from benchmarks.pages import table
 from rne.identification import Record
 from rne.model.parameters import parameters_of, with_parameters
 
@@ -446,6 +446,15 @@ def row_of(fault: str, outcomes: list[Outcome]) -> dict[str, Any]:
     }
 
 
+def fault_table(rows: list[dict[str, Any]]) -> str:
+    """A row per fault."""
+    head = ["fault", "runs", "equal", "wrong", "not wrong, or named", "wrong and silent", "warned"]
+    keys = ("fault", "runs", "equal", "wrong", "good", "silent", "warned")
+    total = {key: sum(row[key] for row in rows if row["fault"] != "clean") for key in keys[1:]}
+    lines = [*rows, {"fault": "all faults"} | total]
+    return table(head, [[str(row[key]).replace("clean", "none") for key in keys] for row in lines])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", default=[])
@@ -466,6 +475,8 @@ def main() -> None:
         rows.append(row_of(fault, outcomes))
         print(rows[-1], flush=True)
     if not given.only:
+        from benchmarks.identification import rewrite_page
+
         write("identification_faults.json", {"rows": rows})
         rewrite_page()
 
