@@ -403,7 +403,9 @@ def run(fault: str, name: str, seed: int) -> Outcome:
     weight = np.linalg.pinv(found.estimate.covariance, rcond=1e-12, hermitian=True)
     chi_square = float(gap @ weight @ gap) / chi2.ppf(CHANCE, found.base.count)
     named = any(kind in (*causes[:2], *kinds) for kind in names)
-    hidden = chi_square > 1 and not named and is_hidden(make, name, seed, found.unexplained.in_motion)
+    hidden = (
+        fault != "clean" and chi_square > 1 and not named and is_hidden(make, name, seed, found.unexplained.in_motion)
+    )
     warned = bool(told or record.findings)
     return Outcome(fault, name, seed, chi_square, warned, causes + kinds, named, hidden, " | ".join(told))
 

@@ -174,8 +174,9 @@ IDENTIFICATION = (DOCS / "identification.md").read_text(encoding="utf-8")
 
 def test_tables_of_identification_are_those_of_the_last_runs():
     """After new runs: python -m benchmarks.identification, or python -m benchmarks.public_logs FOLDER."""
-    found, logs = (engines.read(f"{name}.json") for name in ("identification", "public_logs"))
-    tables = identification.tables(found, logs) | identification_payload.kept_tables()
+    names = "identification", "public_logs", "identification_faults"
+    found = [engines.read(f"{name}.json") for name in names]
+    tables = identification.tables(*found) | identification_payload.kept_tables()
     assert filled(IDENTIFICATION, tables) == IDENTIFICATION
 
 

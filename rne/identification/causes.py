@@ -28,7 +28,7 @@ STRIBECK = "Stribeck friction"
 KINDS = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}
 EVIDENT = 6.0  # gain of log likelihood above which a cause is named
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
-PLACES = 24  # times at which something may begin
+PLACES = 20  # times at which something may begin
 WIDTHS = (1, 2, 4, 6)  # of a contact, in half of their distance
 RATES = (0.01, 0.02, 0.04, 0.08, 0.16)  # Stribeck velocities that are tried, as parts of the largest rate
 POOR = 0.05  # unexplained part of the torques from which joints are tried in another order
@@ -188,10 +188,10 @@ class Log:
         """A function of a joint's predicted torque and velocity as its torque."""
         unit = np.eye(len(self.names))[j]
 
-        def torques(g: Grid) -> Array:
-            return np.asarray(function(self.res.predicted(g.q, g.qd, g.qdd)[:, j], g.qd[:, j])[:, None] * unit)
+        def torques(g: Grid, predicted: Array) -> Array:
+            return np.asarray(function(predicted[:, j], g.qd[:, j])[:, None] * unit)
 
-        return self.res.columns(torques)[..., None]
+        return self.res.columns_of_torques(torques)[..., None]
 
     def drives(self) -> Iterator[Candidate]:
         """Rotors, friction and offsets that were not asked for."""
@@ -274,7 +274,7 @@ def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
 
 def delay_column(res: Residuals) -> Array:
     """Torques per second of delay."""
-    return -res.columns(lambda g: g.rate_of_change(res.predicted(g.q, g.qd, g.qdd)))[..., None]
+    return -res.columns_of_torques(Grid.rate_of_change)[..., None]
 
 
 def drive_torque(symbol: str, j: int, record: Prepared) -> Array:

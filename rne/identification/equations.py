@@ -165,10 +165,13 @@ def stacked(
     """
     moves = np.ones(robot.n) if still is None else ~still
     qd, qdd = record.qd * moves, record.qdd * moves
-    bodies, drives = robot.regressor(record.q, qd, qdd), standard.drive_columns(qd, qdd)
-    rows = [
-        record.reduce(np.concatenate([bodies[:, j], drives[:, j]], axis=1)) for j in range(robot.n)
-    ]  # joint by joint, to need less memory
+    bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
+    rows = np.zeros((len(record.times), robot.n, standard.count))
+    for j in range(robot.n):  # one by one, to need less memory; most bodies and drives are not felt by a joint
+        felt = np.flatnonzero(bodies[:, j].any(axis=0))
+        places, drives = standard.drive_columns_of(j, qd, qdd)
+        columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
+        rows[:, j, np.append(felt, first + places)] = record.reduce(columns)
     moving = record.reduce(np.abs(qd)) > minimum_rate
     moving |= minimum_rate == 0
-    return Stacked(np.stack(rows, axis=1), record.reduce(record.tau), record.valid, record.valid & moving)
+    return Stacked(rows, record.reduce(record.tau), record.valid, record.valid & moving)

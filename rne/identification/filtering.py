@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -33,9 +34,9 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
     A Butterworth filter of fourth order forwards and backwards: the gain is 1 / (1 + (f / cutoff)^8) up to the warping
     of the bilinear transform, and 1/2 at the cut-off.
     """
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sections = butter(ORDER, cutoff, output="sos", fs=sample_rate)
+    sections = butterworth(cutoff, sample_rate)
     padding = min(settling(cutoff, sample_rate), len(x) - 1)
     rows: Array = np.arange(len(x)) if kept is None else kept
     columns = x.reshape(len(x), -1)
@@ -45,6 +46,14 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
         part = slice(k, k + width)
         filtered[:, part] = sosfiltfilt(sections, columns[:, part], axis=0, padlen=padding)[rows]
     return filtered.reshape(len(rows), *x.shape[1:])
+
+
+@lru_cache
+def butterworth(cutoff: float, sample_rate: float) -> Array:
+    """Second-order sections of the filter."""
+    from scipy.signal import butter
+
+    return np.asarray(butter(ORDER, cutoff, output="sos", fs=sample_rate))
 
 
 def settling(cutoff: float, sample_rate: float) -> int:

@@ -171,14 +171,24 @@ class Residuals:
         """Torques on the grids, shape (samples, n, ...), filtered, at the equations' times."""
         return np.concatenate([grid.reduced(torques(grid)) for grid in self.grids])
 
+    def columns_of_torques(self, function: Callable[[Grid, Array], Array]) -> Array:
+        """A function of the predicted torques on the grids, filtered, at the equations' times."""
+        pairs = zip(self.grids, self.torques_on_grids, strict=True)
+        return np.concatenate([grid.reduced(function(grid, torques)) for grid, torques in pairs])
+
     def column_of(self, j: int, torque: Callable[[Prepared], Array]) -> Array:
         """The torque of one joint along the records, shape (samples,), as a column, shape (rows, n, 1)."""
         found = np.concatenate([record.reduce(torque(record)) for record in self.records])
         return np.asarray((found[:, None] * np.eye(self.robot.n)[j])[..., None])
 
+    @cached_property
+    def torques_on_grids(self) -> list[Array]:
+        """Torques of the parameters found."""
+        return [self.predicted(g.q, g.qd, g.qdd) for g in self.grids]
+
     def predicted(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torques of the parameters found."""
         bodies = PARAMETERS * self.standard.model.nb
-        drives = self.standard.drive_columns(qd, qdd) @ self.x[bodies:]
+        drives = self.standard.drive_torques(qd, qdd, self.x[bodies:])
         torques: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=self.x[:bodies]) + drives
         return torques

@@ -261,7 +261,7 @@ class Identification:
         """
         model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
         rates, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
-        drives = self.standard.drive_columns(rates, accelerations) @ self.parameters[bodies:]
+        drives = self.standard.drive_torques(rates, accelerations, self.parameters[bodies:])
         torques: Array = self.initial.regressor(q, rates, accelerations) @ self.parameters[:bodies] + drives
         return torques
 

@@ -501,7 +501,7 @@ def _pieces(standard: StandardParameters, record: Prepared, x: Array) -> Array:
         q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
         ends = np.unique(np.linspace(0, len(q) - 1, PIECES + 1).astype(int))
         stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
-        drives = (qd * (standard.drive_columns(qd, qdd) @ x[bodies:])).sum(-1)  # rotors and losses
+        drives = (qd * standard.drive_torques(qd, qdd, x[bodies:])).sum(-1)  # rotors and losses
         power = (tau * qd).sum(-1)
         left = integral(power - drives, record.sample_rate)[ends]
         done = integral(np.abs(tau * qd).sum(-1), record.sample_rate)[ends]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -187,16 +188,43 @@ class StandardParameters:
 
         `qd` and `qdd` (..., n) are joint velocities and accelerations [rad/s or m/s; rad/s^2 or m/s^2].
         """
-        joints = np.eye(self.model.n)
-        blocks = [self._columns(symbol, joints, qd, qdd) for symbol in self.terms]
-        blocks += [self._columns(symbol, self.motors, qd, qdd) for symbol in self.terms if symbol in OF_MOTORS]
+        found = sorted(self._shafts(qd, qdd), key=lambda part: part[0].start)
+        blocks = [shafts.T * factor[..., None, :] for _, shafts, factor in found]
         return np.concatenate([np.zeros((*qd.shape, 0)), *blocks], axis=-1)
 
-    def _columns(self, symbol: str, shafts: Array, qd: Array, qdd: Array) -> Array:
-        """Columns of one symbol: a times the function of the shaft's velocity or acceleration, for each row a."""
-        velocity = qd @ shafts.T
+    def drive_torques(self, qd: Array, qdd: Array, x: Array) -> Array:
+        """Torques of the drives with parameters x, those behind the bodies', shape (..., n)."""
+        total = np.zeros(qd.shape)
+        for places, shafts, factor in self._shafts(qd, qdd):
+            total += (factor * x[places]) @ shafts
+        return total
+
+    def drive_columns_of(self, j: int, qd: Array, qdd: Array) -> tuple[Array, Array]:
+        """Places and values, shape (..., k), of the entries of row j of `drive_columns` that are not always zero."""
+        found = [
+            (k, shafts[row, j] * factor[..., row])
+            for places, shafts, factor in self._shafts(qd, qdd)
+            for row, k in enumerate(range(places.start, places.stop))
+            if shafts[row, j] != 0
+        ]
+        values = [values for _, values in found]
+        return np.array([k for k, _ in found], int), np.stack(values, -1) if found else np.zeros((*qd.shape[:-1], 0))
+
+    def _shafts(self, qd: Array, qdd: Array) -> Iterator[tuple[slice, Array, Array]]:
+        """Places of each symbol's parameters behind the bodies', the rows of their shafts, torques per unit there."""
+        first, joints = self.groups["bodies"].stop, np.eye(self.model.n)
+        for symbol in self.terms:
+            place = self.groups[symbol]
+            yield slice(place.start - first, place.stop - first), joints, self._factor(symbol, qd, qdd)
+            if symbol in OF_MOTORS and len(self.motors):
+                place = self.groups[f"{symbol} of coupled motors"]
+                factor = self._factor(symbol, qd @ self.motors.T, qdd @ self.motors.T)
+                yield slice(place.start - first, place.stop - first), self.motors, factor
+
+    def _factor(self, symbol: str, velocity: Array, acceleration: Array) -> Array:
+        """Torque of a shaft per unit of a symbol."""
         if symbol == "Ia":
-            factor = qdd @ shafts.T
+            factor = acceleration
         elif symbol == "tau0":
             factor = np.ones(velocity.shape)
         elif symbol == "Fs":
@@ -205,7 +233,7 @@ class StandardParameters:
             factor = np.where(rates > 0, self.sign(velocity) * falling, 0.0)
         else:
             factor = velocity if symbol == "Fv" else self.sign(velocity)
-        return np.asarray(shafts.T * factor[..., None, :])
+        return np.asarray(factor)
 
     def sign(self, velocity: Array) -> Any:
         """The direction of Coulomb friction; 0 at rest."""
