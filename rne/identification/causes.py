@@ -32,6 +32,7 @@ PLACES = 20  # times at which something may begin
 WIDTHS = (1, 2, 4, 6)  # of a contact, in half of their distance
 RATES = (0.01, 0.02, 0.04, 0.08, 0.16)  # Stribeck velocities that are tried, as parts of the largest rate
 POOR = 0.05  # unexplained part of the torques from which joints are tried in another order
+TURNED, SCALED = 3.0, 0.03  # degrees, and part, by which gravity differs
 FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of the robot given must be
 
 
@@ -48,8 +49,8 @@ class Cause(NamedTuple):
         In words, with its size.
     score : float
         Gain of log likelihood, less log(N) / 2 per free number.
-    removed : float
-        Part of the residuals' squares that it takes away, of the joint where that is most.
+    removed : ndarray, shape (n,)
+        Part of the squares of each joint's residuals that it takes away.
     value, error : float
         Its size and the standard error of that, where it is one number, otherwise NaN.
     at : float
@@ -73,7 +74,7 @@ class Cause(NamedTuple):
     joints: tuple[str, ...]
     text: str
     score: float
-    removed: float
+    removed: Array
     value: float = float("nan")
     error: float = float("nan")
     at: float = float("nan")
@@ -171,10 +172,13 @@ class Log:
         for j, name in enumerate(self.names):
             of_joint, own = (name,), self.own(j, lambda tau, qd: tau)
             column = self.res.columns(partial(by_ratio, self.res, j))[..., None]
-            ratio = words("the gear ratio of {} is {:.3g} % off", name, scale=100)
+            ratio = ratio_text(name)
             zero = words("the zero of {} is off by {:.3g} {}", name, self.units(j)[0])
             yield Candidate("joint zero", of_joint, self.zeros[j], zero)
             yield Candidate("gear ratio", of_joint, column, ratio)
+            spring = self.res.column_of(j, partial(spring_torque, j))
+            pull = words("something pulls {} as a spring of {:.3g} {} per {}", name, *self.units(j)[::-1])
+            yield Candidate("spring", of_joint, spring, pull)
             factor = words("the torque of {} is measured {:.4g} times", name, start=1)
             yield Candidate("torque factor", of_joint, own, factor)
 
@@ -196,11 +200,13 @@ class Log:
     def drives(self) -> Iterator[Candidate]:
         """Rotors, friction and offsets that were not asked for."""
         terms = {"Ia": "a rotor of", "Fv": "viscous friction of", "Fc": "Coulomb friction of", "tau0": "an offset of"}
-        for symbol in terms.keys() - set(self.res.standard.terms):
-            for j, name in enumerate(self.names):
-                column = self.res.column_of(j, partial(drive_torque, symbol, j))
+        for symbol in [symbol for symbol in terms if symbol not in self.res.standard.terms]:
+            columns = [self.res.column_of(j, partial(drive_torque, symbol, j)) for j in range(len(self.names))]
+            for name, column in zip(self.names, columns, strict=True):
                 text = words(f"the drive of {{}} has {terms[symbol]} {{:.3g}}, which was not asked for", name)
                 yield Candidate(KINDS[symbol], (name,), column, text)
+            every = f"the drives have {terms[symbol].removesuffix(' of')}, which was not asked for"
+            yield Candidate(KINDS[symbol], self.names, np.concatenate(columns, axis=-1), words(every, ""))
 
     def friction(self) -> Iterator[Candidate]:
         """Friction that changes during the log, with speed or with the load; torques whose zero drifts."""
@@ -213,8 +219,11 @@ class Log:
             yield Candidate("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
             drift = np.eye(len(self.names))[j][:, None] * ramp
             yield Candidate("offset drifts", of_joint, drift, words("the zero of the torque of {} drifts", name))
+            sides = self.res.column_of(j, partial(side_torque, j))
+            text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
+            yield Candidate("friction by direction", of_joint, sides, text)
             load = self.own(j, lambda tau, qd: np.abs(tau) * np.sign(qd))
-            text = words("friction of {} rises by {:.3g} % of its load", name, scale=100)
+            text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
             yield Candidate("friction under load", of_joint, load, text)
             fastest = max(float(np.abs(r.qd[:, j]).max()) for r in self.res.records)
             for share in RATES if fastest > 0 else ():
@@ -275,6 +284,25 @@ def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
 def delay_column(res: Residuals) -> Array:
     """Torques per second of delay."""
     return -res.columns_of_torques(Grid.rate_of_change)[..., None]
+
+
+def ratio_text(name: str) -> Callable[[Array], str]:
+    """Words for a gear ratio."""
+
+    def text(c: Array) -> str:
+        return f"the gear ratio given for {name} is {abs(100 * c[0]):.3g} % too {'large' if c[0] > 0 else 'small'}"
+
+    return text
+
+
+def spring_torque(j: int, record: Prepared) -> Array:
+    """Torque per unit of stiffness; where the spring is slack does not matter beside an offset."""
+    return np.asarray(record.q[:, j] - record.q[:, j].mean())
+
+
+def side_torque(j: int, record: Prepared) -> Array:
+    """Torque per unit of half the difference of viscous friction between both directions."""
+    return np.asarray(np.abs(record.qd[:, j]))
 
 
 def drive_torque(symbol: str, j: int, record: Prepared) -> Array:
@@ -376,6 +404,11 @@ def other_torques(res: Residuals) -> Iterator[Cause]:
         yield anew(res, "torque order", (names[i], names[j]), text, squares, None)
 
 
+def times(matrix: Array, x: Array) -> Array:
+    """A matrix times each of several vectors."""
+    return np.asarray(x @ matrix.T)
+
+
 def other_joints(res: Residuals) -> Iterator[Cause]:
     """Joints in another order, of other directions, in degrees."""
     names, n, tau = res.robot.joint_names, res.robot.n, res.tau
@@ -385,6 +418,13 @@ def other_joints(res: Residuals) -> Iterator[Cause]:
         squares = res.squares_of(res.moved(partial(np.take, indices=order, axis=-1)), tau[:, order])
         joints = names[i], names[j]
         yield anew(res, "joint order", joints, f"{names[i]} and {names[j]} are interchanged", squares, before)
+    for j, k in ((j, k) for j in range(1, n) for k in (1, -1)):
+        motor = np.eye(n)
+        motor[j, j - 1] = k  # positions read as those of motors, torques as theirs
+        joint = np.linalg.inv(motor)
+        squares = res.squares_of(res.moved(partial(times, joint)), tau @ motor)
+        text = f"the motor of {names[j]} turns with {names[j - 1]} too: a coupling is missing"
+        yield anew(res, "coupling", (names[j - 1], names[j]), text, squares, before)
     for j in range(n):
         signs = np.where(np.arange(n) == j, -1, 1)
         squares = res.squares_of(res.moved(partial(np.multiply, signs)), tau * signs)
@@ -407,7 +447,7 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
     score = float(res.counts.sum()) if res.share < POOR else 2 * EVIDENT  # a fit that fails tells of no factor
-    yield Cause(kind, res.robot.joint_names, text, score, alike, factor)
+    yield Cause(kind, res.robot.joint_names, text, score, np.zeros(res.robot.n), factor)
 
 
 def regressor_on(robot: Robot, g: Grid) -> Array:
@@ -428,20 +468,25 @@ def gravity_directions(res: Residuals) -> Iterator[Cause]:
     pulls = np.array([res.weighted(y - still) for y in pulled])
     drives, still = res.weighted(res.Y[..., width:]), res.weighted(still)
 
-    def squares(direction: Array) -> Array:
-        turned = still + np.tensordot(direction / np.linalg.norm(direction), pulls, 1)
-        return res.squares_of(np.linalg.qr(np.concatenate([turned, drives], axis=1))[0], res.tau)
+    def squares(gravity: Array) -> Array:
+        Q = np.linalg.qr(np.concatenate([still + np.tensordot(gravity, pulls, 1), drives], axis=1))[0]
+        return res.squares_of(Q, res.tau)
 
-    def loss(direction: Array) -> float:
-        return -res.gain(squares(direction))[0]
+    def loss(gravity: Array) -> float:
+        return -res.gain(squares(gravity))[0]
 
     given = model.gravity / size
     starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
     before = squares(given)
     start = min((x for x in starts if np.linalg.norm(x) > ALIKE), key=loss)
-    found = minimize(loss, start, method="Nelder-Mead", options={"maxfev": 120, "xatol": 1e-3, "fatol": 0.1}).x
-    g = found / np.linalg.norm(found)
-    angle = np.rad2deg(np.arccos(np.clip(g @ given, -1, 1)))
-    text = f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.0f} degrees from the model's"
+    found = minimize(loss, start, method="Nelder-Mead", options={"maxfev": 150, "xatol": 1e-3, "fatol": 0.1}).x
+    length = float(np.linalg.norm(found))
+    g = found / max(length, TINY)
+    angle = float(np.rad2deg(np.arccos(np.clip(g @ given, -1, 1))))
     gain, removed = res.gain(squares(found), before)
-    yield Cause("gravity direction", (), text, gain - res.penalty(2), removed, angle)
+    if angle > TURNED:
+        text = f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.0f} degrees from the model's"
+        yield Cause("gravity direction", (), text, gain - res.penalty(3), removed, angle)
+    elif abs(length - 1) > SCALED:
+        text = f"gravity is {length:.3g} times the model's, or the clock runs {np.sqrt(length):.3g} times as fast"
+        yield Cause("gravity magnitude", (), text, gain - res.penalty(3), removed, length)

@@ -18,6 +18,7 @@ from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from .prepared import Prepared
 
+REST = 0.5  # periods of the cut-off, below which a joint turns back without resting
 LARGEST = 1e150  # number whose square is still one
 
 
@@ -142,6 +143,18 @@ class Stacked(NamedTuple):
         return fitted, fitted if (self.used == self.valid).all() else equations(self.Y, self.tau, self.valid, blocks)
 
 
+def resting(record: Prepared, minimum_rate: Array) -> Array:
+    """True at samples where a joint rests for a while, and its friction takes any value, shape (T, n)."""
+    slow = np.abs(record.qd) < minimum_rate
+    shortest = REST * record.sample_rate / record.cutoff
+    for flags in slow.T:
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+        for begin, end in edges.reshape(-1, 2):
+            if end - begin < shortest:
+                flags[begin:end] = False
+    return slow
+
+
 def stacked(
     robot: Robot, standard: StandardParameters, record: Prepared, minimum_rate: Array, still: Array | None = None
 ) -> Stacked:
@@ -172,6 +185,6 @@ def stacked(
         places, drives = standard.drive_columns_of(j, qd, qdd)
         columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
         rows[:, j, np.append(felt, first + places)] = record.reduce(columns)
-    moving = record.reduce(np.abs(qd)) > minimum_rate
+    moving = (record.reduce(np.abs(qd)) > minimum_rate) & record.without(resting(record, minimum_rate))
     moving |= minimum_rate == 0
     return Stacked(rows, record.reduce(record.tau), record.valid, record.valid & moving)

@@ -24,11 +24,12 @@ from .least_squares import LeastSquares, Method, held_out, least_squares, with_c
 from .record import Record
 from .regression import HELD_OUT, Gathered, check_robot, gathered
 from .residuals import Residuals
-from .result import Identification
+from .result import IMPOSSIBLE, Identification
 
 SPREAD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 SPREAD_OF_GUESS = 3.0  # of bodies guessed from the geometry
 BEYOND_DOUBT = 4.0  # standard errors
+IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns
 MODELLED = ("delay", "Stribeck friction")  # causes that the fit takes into account
 ROUNDS = 4  # of taking a cause into account
 
@@ -241,7 +242,8 @@ def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) 
     for k, name in enumerate(base.names):
         value, error = estimate.values[k], estimate.errors[k]
         if base.independent[k] >= bodies and not name.startswith("tau0") and value < -BEYOND_DOUBT * error:
-            found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}")
+            far = f", {IMPOSSIBLE}" if value < -IMPOSSIBLY * error else ""
+            found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}{far}")
     has_friction = any(name.startswith(("Fv", "Fc")) for name in found)
     return (*found, "negative friction: is the sign of the joint's torque right?") if has_friction else tuple(found)
 

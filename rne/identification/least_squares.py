@@ -26,6 +26,7 @@ ROUNDS = 30  # of weighting; it settles in a few
 SETTLED = 1e-6  # relative change of the noise at which weighting ends
 FEWEST = 5  # degrees of freedom of a joint, from which its residual says what its noise is
 ROUNDING = 1e-13  # of the torques: data without noise have this for it
+NOTHING = 1e-12  # length of a column, of the longest, that is rounding
 DEPENDENT = 1e-10  # singular values below this part of the largest, of columns of unit length, are rounding
 UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free
 
@@ -79,7 +80,8 @@ def solve(factor: Array) -> Solution:
     """The solution of triangular equations [A b]."""
     A, b = factor[:, :-1], factor[:, -1]
     lengths = np.linalg.norm(A, axis=0)
-    lengths[lengths == 0] = 1
+    nothing = lengths <= NOTHING * lengths.max(initial=0)
+    A, lengths = np.where(nothing, 0.0, A), np.where(nothing, 1.0, lengths)
     U, S, V = np.linalg.svd(A / lengths, full_matrices=False)
     kept = DEPENDENT * S.max(initial=0) < S
     inverse = (V[kept].T / S[kept]) / lengths[:, None]

@@ -133,13 +133,17 @@ class Prepared:
     @cached_property
     def valid(self) -> Array:
         """True where a reduced row of a joint's torque may be used, shape (R, n)."""
+        return self.without(~self.usable)
+
+    def without(self, flags: Array) -> Array:
+        """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
         reach = settling(self.cutoff, self.sample_rate)
-        valid = []
+        found = []
         for part, rows in zip(self.segments, self._segment_rows, strict=True):
-            bad = np.vstack([np.zeros((1, self.q.shape[1]), int), np.cumsum(~self.usable[part], axis=0)])
+            count = np.vstack([np.zeros((1, flags.shape[1]), int), np.cumsum(flags[part], axis=0)])
             inner = rows - part.start
-            valid.append(bad[inner + reach] == bad[inner - reach])
-        return np.concatenate(valid)
+            found.append(count[inner + reach] == count[inner - reach])
+        return np.concatenate(found)
 
     def blocks(self, k: int) -> tuple[slice, ...]:
         """Contiguous blocks of the reduced rows, to be held out in turn.

@@ -14,6 +14,7 @@ from ..model.parameters import PARAMETERS
 from .least_squares import LEAST_NOISE
 
 EXPLAINED = 0.15  # part of a torque in motion that may be left where a model explains it
+EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explains them
 WORSE = 1.2  # residuals of possible bodies, of those of least squares
 
 
@@ -75,16 +76,16 @@ def joints_text(found: Any) -> str:
 
 def causes_text(found: Any) -> str:
     """What would explain the residuals, the likeliest first, and joints that are not explained."""
-    lines = []
-    for name, left in zip(found.initial.joint_names, found.unexplained.in_motion, strict=True):
+    lines: list[str] = []
+    for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > EXPLAINED:
-            own = [cause.text for cause in found.causes if not cause.joints or name in cause.joints]
+            own = [cause.text for cause in found.causes if cause.removed[j] > EXPLAINS]
             why = f": {own[0]}" if own else ": no single change of the log, the robot or the drives explains it"
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
         lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
-        lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed, 0))):.0f} %: {c.text}" for c in found.causes]
+        lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed.max(), 0))):.0f} %: {c.text}" for c in found.causes]
     return "\n".join(lines or ["no single change of the log, the robot or the drives explains what is left"])
 
 

@@ -118,11 +118,11 @@ class Residuals:
         """The largest unexplained part of a joint's torques."""
         return float(np.sqrt((self.squares / self.torques).max(initial=0)))
 
-    def gain(self, squares: Array, before: Array | None = None) -> tuple[float, float]:
-        """Gain of log likelihood by a fit that leaves these squares, and the largest part of a joint's that goes."""
+    def gain(self, squares: Array, before: Array | None = None) -> tuple[float, Array]:
+        """Gain of log likelihood by a fit that leaves these squares, and the part of each joint's that goes."""
         start, floor = self.squares if before is None else before, LEAST**2 * self.torques
         gain = 0.5 * (self.counts * np.log((start + floor) / (squares + floor))).sum()
-        return float(gain), float(np.max(1 - squares / np.maximum(start, floor), initial=0))
+        return float(gain), np.maximum(1 - squares / np.maximum(start, floor), 0.0)
 
     def penalty(self, numbers: float) -> float:
         """What free numbers cost (Schwarz 1978)."""

@@ -26,7 +26,7 @@ from .least_squares import LeastSquares, Unexplained
 from .prepared import Prepared
 from .record import Record
 from .regression import Gathered, check_joints
-from .report import report_text
+from .report import EXPLAINS, report_text
 from .rigid_body_test import certified
 
 if TYPE_CHECKING:
@@ -34,9 +34,10 @@ if TYPE_CHECKING:
 
 UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
 NAMED = 3  # causes that a warning names
+IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
 UNKNOWN = (
-    "no single change explains it: look at the joints' residuals over time and speed (`plot`), and check friction, the "
-    "placement of the axes, couplings and the torques' source"
+    "no single change explains all of it: look at the joints' residuals over time and speed (`plot`), and check "
+    "friction, the placement of the axes, couplings and the torques' source"
 )
 
 
@@ -120,16 +121,19 @@ class Identification:
     def doubt(self) -> str:
         """Why the parameters should not be believed, the likeliest causes first; empty if nothing is found."""
         left = self.unexplained.in_motion
-        poor = [
-            f"{name} {100 * x:.0f} %" for name, x in zip(self.initial.joint_names, left, strict=True) if x > UNEXPLAINED
-        ]
-        if not poor and not self.causes:
-            return ""
-        lines = [f"torques in motion that the model does not explain: {listed(poor)}"] if poor else []
-        named = list({cause.kind: cause for cause in reversed(self.causes)}.values())[::-1]
-        first = "likely causes" if len(named) > 1 else "the likely cause"
-        lines += [f"{first}: " + "; ".join(cause.text for cause in named[:NAMED])] if named else [UNKNOWN]
-        return ". ".join(lines)
+        names = self.initial.joint_names
+        poor = [j for j in range(len(names)) if left[j] > UNEXPLAINED]
+        impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
+        lines, causes = [], self.causes[:NAMED]
+        if poor:
+            shares = listed([f"{names[j]} {100 * left[j]:.0f} %" for j in poor])
+            lines.append(f"torques in motion that the model does not explain: {shares}")
+        if causes:
+            first = "likely causes" if len(causes) > 1 else "the likely cause"
+            lines.append(f"{first}: " + "; ".join(cause.text for cause in causes))
+        if any(all(cause.removed[j] < EXPLAINS for cause in self.causes) for j in poor):
+            lines.append(UNKNOWN)
+        return ". ".join([*lines, *impossible])
 
     @property
     def records(self) -> tuple[Prepared, ...]:
