@@ -3,8 +3,9 @@
 A cause adds columns X to the equations Y x = tau: derivatives of the predicted torques by a delay, a gear ratio or a
 zero, the torques of a payload from some time on, those of a force at the last link for a while. Least squares with
 these columns say how much of the residuals the cause takes away; its score is the gain of log likelihood, each joint
-with its own noise, less log(N) / 2 per free number (Schwarz 1978). Causes that are no small change, such as torques of
-the wrong sign or joints in another order, are tried by fitting anew.
+with its own noise, less log(N) / 2 per free number (Schwarz 1978) and the logarithm of how many times or velocities
+were tried. Causes that are no small change, such as torques of the wrong sign or joints in another order, are tried by
+fitting anew.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from .residuals import TINY, Grid, Residuals
 
 STRIBECK = "Stribeck friction"
 KINDS = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}
-EVIDENT = 6.0  # gain of log likelihood above which a cause is named
+EVIDENT = 8.0  # gain of log likelihood above which a cause is named
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
 PLACES = 20  # times at which something may begin
 WIDTHS = (1, 2, 4, 6)  # of a contact, in half of their distance
@@ -93,6 +94,7 @@ class Candidate(NamedTuple):
     columns: Array
     text: Callable[[Array], str]
     at: float = float("nan")
+    alternatives: int = 1  # times or velocities of which this is one
 
     def judged(self, res: Residuals) -> Cause:
         """The cause with its score."""
@@ -100,7 +102,8 @@ class Candidate(NamedTuple):
         gain, removed = res.gain(squares)
         size = (float(c[0]), error) if len(c) == 1 else (float("nan"), float("nan"))
         kind = "pre-sliding friction" if self.kind == STRIBECK and c[0] < 0 else self.kind
-        return Cause(kind, self.joints, self.text(c), gain - res.penalty(len(c)), removed, *size, self.at)
+        score = gain - res.penalty(len(c)) - float(np.log(self.alternatives))
+        return Cause(kind, self.joints, self.text(c), score, removed, *size, self.at)
 
 
 def likely_causes(res: Residuals) -> tuple[Cause, ...]:
@@ -240,14 +243,16 @@ class Log:
         last = self.res.Y[..., body : body + PARAMETERS]
         for start in self.starts:
             text = words("the payload changes by {1:.3g} kg near {0}", self.time(start))
-            yield Candidate("payload changed", self.names[-1:], last * (self.place >= start), text)
+            yield Candidate("payload changed", self.names[-1:], last * (self.place >= start), text, alternatives=PLACES)
 
     def slips(self) -> Iterator[Candidate]:
         """Another zero of a joint from some time on."""
         for j, name in enumerate(self.names):
             for start in self.starts:
                 text = words("the encoder of {} slips by {:.3g} {} near {}", name, self.units(j)[0], self.time(start))
-                yield Candidate("encoder slip", (name,), self.zeros[j] * (self.place >= start), text)
+                yield Candidate(
+                    "encoder slip", (name,), self.zeros[j] * (self.place >= start), text, alternatives=PLACES
+                )
 
     def contacts(self) -> Iterator[Candidate]:
         """A force on the last link for a while."""
@@ -262,7 +267,8 @@ class Log:
                 newtons = float(np.linalg.norm(c))
                 return f"something pushes {link} with {newtons:.3g} N from {self.time(begin)} to {self.time(end)}"
 
-            yield Candidate("contact", self.names[-1:], force * while_, text)
+            many = 2 * PLACES * len(WIDTHS)
+            yield Candidate("contact", self.names[-1:], force * while_, text, alternatives=many)
 
 
 def words(text: str, *parts: str, scale: float = 1.0, start: float = 0.0) -> Callable[[Array], str]:
@@ -336,7 +342,7 @@ def stribeck(res: Residuals, j: int, vs: float) -> Candidate:
         size = f"{abs(c[0]):.3g} {torque} {'more' if c[0] > 0 else 'less'}"
         return f"friction of {name} is {size} at rest than above {2 * vs:.2g} {rate}"
 
-    return Candidate(STRIBECK, (name,), column, text, vs)
+    return Candidate(STRIBECK, (name,), column, text, vs, len(RATES))
 
 
 def sharpened(res: Residuals, cause: Cause) -> Cause:

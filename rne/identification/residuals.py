@@ -18,7 +18,7 @@ from .filtering import low_pass
 from .prepared import Prepared
 
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
-LEAST = 1e-4  # residuals below this part of the torques are none
+LEAST = 1e-3  # residuals below this part of the torques are none
 INDEPENDENT = 1e-6  # of a column's length, below which nothing of it is independent of the others
 TINY = float(np.finfo(np.float64).tiny)
 
