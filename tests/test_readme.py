@@ -30,7 +30,7 @@ def test_links_lead_somewhere(page):
 def figures_of(engine):
     """The cells of an engine's row: ranges of what it is beside Pinocchio."""
     row = next(line for line in ENGINES.splitlines() if line.startswith(f"| {engine} |"))
-    names = ("one state", "batch of 1000", "batch of 100 000", "swing of 10 s", "ensemble of 10 000")
+    names = ("one state", "batch of 1000", "batch of 100 000", "swing of 10 s", "ensemble of 1000")
     return dict(zip(names, [cell.strip() for cell in row.split("|")[2:-1]], strict=True))
 
 
@@ -47,9 +47,10 @@ def test_figures_are_those_of_the_last_measurement():
     assert plain["one state"].endswith("slower")
     assert f"a single state takes {low} to {high} times longer" in README
     low, high = rounded(compiled["batch of 100 000"])
-    (ensemble,) = rounded(compiled["ensemble of 10 000"])
+    (ensemble,) = rounded(compiled["ensemble of 1000"])
+    first, last = re.findall(r"[\d.]+", compiled["one state"])
     assert f"batches {low} to {high} times faster than Pinocchio, ensembles of motions {ensemble} times" in README
-    assert re.fullmatch(r"1\.[0-4] times slower to [12]\.\d times faster", compiled["one state"])  # "about as fast"
+    assert f"a single state {first} to {last} times" in README
 
 
 def test_named_robots_and_extras_exist():
