@@ -234,3 +234,19 @@ def test_a_joint_with_hardly_more_equations_than_unknowns_gets_no_weight_from_th
     fit = least_squares(compressed(Y, tau, 1, used))
     assert fit.sigma[2] > 0.1
     assert np.abs(fit.values[:3] - x[:3]).max() < 5 * fit.errors[:3].max()
+
+
+def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(monkeypatch):
+    """A point far from the minimum, as after "insufficient progress": Newton's method begins at the prior instead."""
+    from rne.identification import consistent
+
+    rng = np.random.default_rng(3)
+    prior = geometric_prior(loaded("irb140").model)[:2] * 10
+    rows = rng.normal(size=(60, 22))
+    truth = np.append(rne.model.parameters.parameters_of_pseudo_inertia(1.3 * prior), [0.5, 0.2])
+    factor = np.linalg.qr(np.column_stack([rows, rows @ truth + 0.01 * rng.normal(size=60)]), mode="r")
+    given = (factor, prior, 1e-3, np.array([True, True]), np.ones(2))
+    expected = consistent_fit(*given)
+    solve = consistent.solve_cones
+    monkeypatch.setattr(consistent, "solve_cones", lambda *a: (-np.ones_like(solve(*a)[0]), "InsufficientProgress"))
+    np.testing.assert_allclose(consistent_fit(*given), expected, rtol=1e-6, atol=1e-9)

@@ -89,15 +89,24 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     R, b = factor[:, :-1] @ scale, factor[:, -1]
     found, status = solve_cones(v, linear, constraints(v, R, b, bounded))
     units = np.array([symmetric_unit(i, j) for i, j in LOWER])
-    y = at_minimum(
-        Barrier(R, b, weight, units, len(prior)), found[: v.Z.start], np.array(v.drives, int)[bounded], status
+    problem, drives = Barrier(R, b, weight, units, len(prior)), np.array(v.drives, int)[bounded]
+    bodies_of_the_prior = np.zeros(v.Z.start)
+    bodies_of_the_prior[[v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]] = 1
+    for start in (
+        found[: v.Z.start],
+        bodies_of_the_prior,
+    ):  # the second where the cone solver ended far from the minimum
+        y = at_minimum(problem, start, drives)
+        if y is not None:
+            return np.asarray(scale @ y)
+    raise IdentificationError(
+        f"no physically consistent bodies were found (Clarabel: {status}). With `consistent=False` the report says "
+        "which parameters are negative or not excited; check signs and units of the torques, or give a larger `spread`"
     )
-    solution: Array = scale @ y
-    return solution
 
 
-def at_minimum(problem: Barrier, y: Array, bounded: Array, status: str) -> Array:
-    """The minimum near the point that the cone solver found, with those entries held at their bound that ask for it."""
+def at_minimum(problem: Barrier, y: Array, bounded: Array) -> Array | None:
+    """The minimum near a point, with those entries held at their bound that ask for it; None if it is not reached."""
     y, held = y.copy(), set(bounded[y[bounded] < AT_BOUND].tolist())
     for _ in range(ROUNDS):
         free = np.ones(len(y), bool)
@@ -111,10 +120,7 @@ def at_minimum(problem: Barrier, y: Array, bounded: Array, status: str) -> Array
         if not beyond and not pulled and decrement <= GAP * problem.weight:
             return y
         held = (held | beyond) - pulled
-    raise IdentificationError(
-        f"no physically consistent bodies were found (Clarabel: {status}). With `consistent=False` the report says "
-        "which parameters are negative or not excited; check signs and units of the torques, or give a larger `spread`"
-    )
+    return None
 
 
 def scaling(prior: Array, size: Array) -> Array:
@@ -194,7 +200,7 @@ def solve_cones(v: Variables, linear: Array, cones: list[tuple[str, Any, Array]]
     return np.array(found.x), str(found.status)
 
 
-STEPS = 30
+STEPS = 100
 CONVERGED = 1e-16  # of the decrement, half of which is the gap of the objective to its minimum
 ATTEMPTS = 40  # halvings of a step
 

@@ -16,7 +16,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
-from .prepared import Prepared
+from .prepared import Prepared, rows_without
 
 REST = 0.5  # periods of the cut-off, below which a joint turns back without resting
 LARGEST = 1e150  # number whose square is still one
@@ -185,6 +185,6 @@ def stacked(
         places, drives = standard.drive_columns_of(j, qd, qdd)
         columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
         rows[:, j, np.append(felt, first + places)] = record.reduce(columns)
-    moving = (record.reduce(np.abs(qd)) > minimum_rate) & record.without(resting(record, minimum_rate))
+    moving = (record.reduce(np.abs(qd)) > minimum_rate) & rows_without(record, resting(record, minimum_rate))
     moving |= minimum_rate == 0
     return Stacked(rows, record.reduce(record.tau), record.valid, record.valid & moving)

@@ -133,17 +133,7 @@ class Prepared:
     @cached_property
     def valid(self) -> Array:
         """True where a reduced row of a joint's torque may be used, shape (R, n)."""
-        return self.without(~self.usable)
-
-    def without(self, flags: Array) -> Array:
-        """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
-        reach = settling(self.cutoff, self.sample_rate)
-        found = []
-        for part, rows in zip(self.segments, self._segment_rows, strict=True):
-            count = np.vstack([np.zeros((1, flags.shape[1]), int), np.cumsum(flags[part], axis=0)])
-            inner = rows - part.start
-            found.append(count[inner + reach] == count[inner - reach])
-        return np.concatenate(found)
+        return rows_without(self, ~self.usable)
 
     def blocks(self, k: int) -> tuple[slice, ...]:
         """Contiguous blocks of the reduced rows, to be held out in turn.
@@ -290,3 +280,14 @@ def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Ar
     filtered = low_pass(q, cutoff, rate)
     qd, qdd = derivatives(filtered[drop - MARGIN : len(q) - drop + MARGIN], rate)
     return filtered[drop : len(q) - drop], qd, qdd
+
+
+def rows_without(record: Prepared, flags: Array) -> Array:
+    """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
+    reach = settling(record.cutoff, record.sample_rate)
+    found = []
+    for part, rows in zip(record.segments, record._segment_rows, strict=True):
+        count = np.vstack([np.zeros((1, flags.shape[1]), int), np.cumsum(flags[part], axis=0)])
+        inner = rows - part.start
+        found.append(count[inner + reach] == count[inner - reach])
+    return np.concatenate(found)
