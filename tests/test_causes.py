@@ -88,6 +88,55 @@ def test_drives_that_were_declined_are_proposed():
         assert identified(faults.clean, drives=FRICTION).causes[0].kind == "rotor"
 
 
+def scaled_times(c):
+    data = faults.clean(c)
+    return data._replace(t=1.05 * data.t)
+
+
+def pulled(c):
+    return faults.log(c, c.tau + 0.5 * c.size * (c.states[0] - 0.3) * np.eye(len(c.size))[1])
+
+
+def one_sided(c):
+    return faults.log(c, c.tau + 0.05 * c.size * np.abs(c.states[1]) * np.eye(len(c.size))[0])
+
+
+def coupled(c):
+    """The motor of the second joint turns with the first one too, and its measurements are taken for the joint's."""
+    data = faults.clean(c)
+    q, tau = data.q.copy(), data.tau.copy()
+    q[:, 1] += q[:, 0]
+    tau[:, 0] -= tau[:, 1]
+    return data._replace(q=q, tau=tau)
+
+
+@pytest.mark.parametrize(
+    ("fault", "robot", "kind"),
+    [
+        (scaled_times, "IRB 140", "gravity magnitude"),
+        (pulled, "SCARA", "spring"),
+        (one_sided, "SCARA", "friction by direction"),
+        (coupled, "SCARA", "coupling"),
+    ],
+)
+def test_faults_that_no_campaign_planted_first(fault, robot, kind):
+    with pytest.warns(rne.IdentificationWarning):
+        found = identified(fault, robot)
+    assert kind in [cause.kind for cause in found.causes[:2]], found.causes
+
+
+def test_a_joint_that_stands_still_leaves_the_others_alone():
+    """Its parameters have infinite errors, or values of their size, not of the inverse of a rounding."""
+    c = faults.case("IRB 140", 5)
+    q, qd, qdd = (x.copy() for x in c.states)
+    q[:, 1], qd[:, 1], qdd[:, 1] = 0.4, 0, 0
+    tau = c.arm.robot.inverse_dynamics(q, qd, qdd) + 3 * qd + 0.01 * c.size * c.rng.normal(size=q.shape)
+    found = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False)
+    assert np.abs(found.estimate.values).max() < 1e6
+    assert np.isinf(found.estimate.errors).any()
+    assert any("does not move" in note for note in found.notes)
+
+
 def test_torques_that_are_not_explained_are_not_praised():
     """Swapped torques: no sentence of the report says that they are explained, each poor joint is named."""
     with pytest.warns(rne.IdentificationWarning, match="torques in motion that the model does not explain"):

@@ -25,7 +25,7 @@ from ..robot import Robot
 from .prepared import Prepared
 from .residuals import TINY, Grid, Residuals
 
-STRIBECK = "Stribeck friction"
+STRIBECK, SIZE = "Stribeck friction", "gravity magnitude"
 KINDS = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}
 EVIDENT = 8.0  # gain of log likelihood above which a cause is named
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
@@ -109,7 +109,7 @@ class Candidate(NamedTuple):
 def likely_causes(res: Residuals) -> tuple[Cause, ...]:
     """Causes whose score is evident, the likeliest first, of each kind and joints the best."""
     log = Log(res)
-    changes = (log.delays, log.joints, log.drives, log.friction, log.payloads, log.slips, log.contacts)
+    changes = (log.delays, log.gravity, log.joints, log.drives, log.friction, log.payloads, log.slips, log.contacts)
     found = [candidate.judged(res) for candidates in changes for candidate in candidates()]
     found += [*torque_scale(res), *other_torques(res)]
     if res.share > POOR:
@@ -169,6 +169,12 @@ class Log:
             yield Candidate("delay", self.names, late * (self.place.astype(int) == k), delay_text(()), k)
         for j, name in enumerate(self.names if len(self.names) > 1 else ()):
             yield Candidate("delay", (name,), late * np.eye(len(self.names))[j][:, None], delay_text((name,)))
+
+    def gravity(self) -> Iterator[Candidate]:
+        """Gravity of another size, which a clock of another rate is too."""
+        bodies = self.res.x[: PARAMETERS * self.res.robot.model.nb]
+        column = self.res.columns(lambda g: self.res.robot.gravity_torque(g.q, parameters=bodies))[..., None]
+        yield Candidate(SIZE, (), column, lambda c: size_text(1 + float(c[0])))
 
     def joints(self) -> Iterator[Candidate]:
         """Zeros, gear ratios and gains of torques."""
@@ -290,6 +296,12 @@ def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
 def delay_column(res: Residuals) -> Array:
     """Torques per second of delay."""
     return -res.columns_of_torques(Grid.rate_of_change)[..., None]
+
+
+def size_text(factor: float) -> str:
+    """Words for gravity of another size."""
+    clock = f", or the times are {1 / np.sqrt(factor):.3g} times the true ones" if factor > 0 else ""
+    return f"gravity is {factor:.3g} times the model's{clock}"
 
 
 def ratio_text(name: str) -> Callable[[Array], str]:
@@ -494,5 +506,4 @@ def gravity_directions(res: Residuals) -> Iterator[Cause]:
         text = f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.0f} degrees from the model's"
         yield Cause("gravity direction", (), text, gain - res.penalty(3), removed, angle)
     elif abs(length - 1) > SCALED:
-        text = f"gravity is {length:.3g} times the model's, or the clock runs {np.sqrt(length):.3g} times as fast"
-        yield Cause("gravity magnitude", (), text, gain - res.penalty(3), removed, length)
+        yield Cause(SIZE, (), size_text(length), gain - res.penalty(3), removed, length)
