@@ -136,6 +136,7 @@ class Stacked(NamedTuple):
     tau: Array  # shape (rows, n)
     valid: Array  # shape (rows, n): the torque was measured
     used: Array  # shape (rows, n): valid, and the joint is not about to stop
+    sure: Array  # shape (rows, n): used, and the joint did not rest for a while beside, where friction takes any value
 
     def compressed(self, blocks: tuple[slice, ...]) -> tuple[Equations, Equations]:
         """Equations to fit, and equations to check the fit on."""
@@ -185,6 +186,6 @@ def stacked(
         places, drives = standard.drive_columns_of(j, qd, qdd)
         columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
         rows[:, j, np.append(felt, first + places)] = record.reduce(columns)
-    moving = (record.reduce(np.abs(qd)) > minimum_rate) & rows_without(record, resting(record, minimum_rate))
-    moving |= minimum_rate == 0
-    return Stacked(rows, record.reduce(record.tau), record.valid, record.valid & moving)
+    used = record.valid & ((record.reduce(np.abs(qd)) > minimum_rate) | (minimum_rate == 0))
+    sure = used & rows_without(record, resting(record, minimum_rate))
+    return Stacked(rows, record.reduce(record.tau), record.valid, used, sure)

@@ -18,6 +18,7 @@ from .filtering import low_pass
 from .prepared import Prepared
 
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
+FEWEST = 3  # equations per parameter, from which those beside a rest are left out
 LEAST = 1e-3  # residuals below this part of the torques are none
 INDEPENDENT = 1e-6  # of a column's length, below which nothing of it is independent of the others
 TINY = float(np.finfo(np.float64).tiny)
@@ -91,9 +92,9 @@ class Residuals:
     ) -> None:
         self.robot, self.base, self.standard, self.records = robot, base, base.standard, records
         self.x, self.sigma, self.repeats = base.back @ beta, sigma, repeats
-        self.used, self.tau, self.Y = (
-            np.concatenate([getattr(r, name) for r in rows]) for name in ("used", "tau", "Y")
-        )
+        self.tau, self.Y = np.concatenate([r.tau for r in rows]), np.concatenate([r.Y for r in rows])
+        sure = np.concatenate([r.sure for r in rows])
+        self.used = sure if sure.sum() > FEWEST * base.count else np.concatenate([r.used for r in rows])
         self.joint = np.nonzero(self.used)[1]
         self.A = self.weighted(self.Y @ base.back)
         self.Q = np.linalg.qr(self.A)[0]
