@@ -37,9 +37,9 @@ print(known.base_parameters())
 # regressor has a small condition number, so that noise does little harm. Random motions
 # within the same limits are many times worse.
 
-friction = "viscous+coulomb"
+drives = rne.DriveModel(friction="viscous+coulomb")
 motion = rne.excitation(
-    known, 10.0, harmonics=4, friction=friction, starts=1, iterations=40
+    known, 10.0, harmonics=4, drives=drives, starts=1, iterations=40
 )
 print(motion)
 
@@ -77,8 +77,10 @@ print(record, *record.findings, sep="\n")
 #
 # The fit
 # -------
+# Without ``drives``, rotors and offsets are fitted too, as arms in a laboratory have them;
+# this simulated one has none.
 
-found = rne.identify(known, record, friction=friction)
+found = rne.identify(known, record, drives=drives)
 print(found.report())
 
 # %%
