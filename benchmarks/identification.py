@@ -62,7 +62,7 @@ def noise_on_torques(runs: int) -> dict[str, Any]:
             arm.robot,
             record(motion, seed, torque_noise=NOISE),
             drives=rne.DriveModel(friction="viscous+coulomb"),
-            blocks=2,
+            folds=2,
             cutoff=10.0,
         )
         for seed in range(runs)
@@ -88,7 +88,7 @@ def sensors(bits: int, cutoff: float, runs: int) -> dict[str, Any]:
     for seed in range(runs):
         records = [record(motion, 1000 * k + seed, **kw) for k, motion in enumerate(motions)]
         found = rne.identify(
-            arm.robot, records, drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2, cutoff=cutoff
+            arm.robot, records, drives=rne.DriveModel(friction="viscous+coulomb"), folds=2, cutoff=cutoff
         )
         z.append(errors(found))
         ratios.append(prediction(found, other, 5000 + seed, kw))

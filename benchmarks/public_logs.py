@@ -26,7 +26,7 @@ from benchmarks.measure import write
 from rne.identification import Identification, Record
 
 SHAFT = [[0.0, 0.0, 0.0, 0.0, 1.0, 1.0]]  # the TX40's last motor turns with the sum of joints 5 and 6
-BLOCKS = 20
+FOLDS = 20
 
 
 def tx40(folder: Path, cutoff: float | None, shafts: Any = SHAFT) -> tuple[Identification, Any]:
@@ -45,7 +45,7 @@ def tx40(folder: Path, cutoff: float | None, shafts: Any = SHAFT) -> tuple[Ident
     )
     robot = rne.load(folder / "tx40.urdf")
     drives = rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True, coupled_motors=shafts)
-    found = rne.identify(robot, record, drives=drives, blocks=BLOCKS, cutoff=cutoff)
+    found = rne.identify(robot, record, drives=drives, folds=FOLDS, cutoff=cutoff)
     return found, found.held_out
 
 

@@ -20,7 +20,7 @@ class Truth(NamedTuple):
 
 
 def fourier_series(t, base, a, b):
-    """Positions, rates and accelerations of sums of sines a and cosines b, shape (n, harmonics), at base, 2 base, ... [Hz]."""
+    """q, qd and qdd of sums of sines a and cosines b, shape (n, harmonics), at base, 2 base, ... [Hz]."""
     omega = 2 * np.pi * base * np.arange(1, a.shape[1] + 1)
     sine, cosine = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
     q = sine @ (a / omega).T - cosine @ (b / omega).T

@@ -60,6 +60,7 @@ NOT_ASKED = {
 }
 REFERENCE = re.compile(r"those of `rne\.(Robot\.\w+)`(?: without `(\w+)`)?, with the model first")
 MADE_BY = re.compile(r"made by `(\w+)`.* attributes are (?:its|their|the) arguments")
+RESULT = re.compile(r"\bby `rne\.(\w+)`")
 IN_THE_REFERENCE = {"PR01", "RT01", "EX01"}  # parameters, result, example
 
 
@@ -73,9 +74,9 @@ def complaints(name):
     """What numpydoc finds in a docstring, less what is not asked for, by code."""
     found = validate(f"rne.{name}")
     errors = {code: message for code, message in found["errors"] if code not in NOT_ASKED}
-    if PUBLIC.is_property(name):
-        errors.pop("EX01", None)  # its class has an example
-    thing = PUBLIC.resolve(name)
+    thing, (owner, _, member) = PUBLIC.resolve(name), name.rpartition(".")
+    if PUBLIC.is_property(name) or f".{member}(" in examples(owner) or (inspect.isclass(thing) and examples(name)):
+        errors.pop("EX01", None)  # its class has an example, or the function that finds it
     method = REFERENCE.search(" ".join((inspect.getdoc(thing) or "").split()))
     if method and call_of(thing) == call_of(PUBLIC.resolve(method[1]), without=method[2]):
         errors = {code: message for code, message in errors.items() if code not in IN_THE_REFERENCE}
@@ -90,6 +91,16 @@ def complaints(name):
         ):
             del errors["PR01"]  # fields are attributes; errors and kernels are made by the package, a protocol by none
     return errors
+
+
+def examples(name):
+    """Examples of a class, and of the function whose result it is."""
+    if not inspect.isclass(thing := PUBLIC.resolve(name)):
+        return ""
+    text = inspect.getdoc(thing) or ""
+    found = RESULT.search(text.partition("\n\n")[0])
+    texts = [text] + ([inspect.getdoc(getattr(rne, found[1])) or ""] if found else [])
+    return "".join(text.partition("\nExamples\n--------\n")[2] for text in texts)
 
 
 def call_of(function, without=None):
@@ -118,6 +129,14 @@ def test_a_class_that_a_function_makes_needs_that_function_documented(monkeypatc
     assert complaints("control.PID") == {}
     monkeypatch.setattr(rne.control.pid, "__doc__", "PID control.")
     assert {"PR01", "EX01"} <= complaints("control.PID").keys()
+
+
+def test_a_result_without_an_example_needs_one_of_its_function(monkeypatch):
+    assert complaints("Identification") == complaints("Identification.predict") == {}
+    monkeypatch.setattr(rne.identify, "__doc__", rne.identify.__doc__.replace(".predict(", ".check("))
+    assert complaints("Identification.predict").keys() == {"EX01"}
+    monkeypatch.setattr(rne.identify, "__doc__", "Identify.")
+    assert complaints("Identification").keys() == {"EX01"}
 
 
 def test_a_function_that_refers_to_a_method_is_called_like_it(monkeypatch):

@@ -12,9 +12,9 @@ from rne.identification.consistent import consistent_fit, geometric_prior, model
 from rne.identification.equations import equations, joined
 from rne.identification.filtering import low_pass
 from rne.identification.least_squares import (
+    correlation_time_of_filtered_noise,
+    correlation_time_of_residuals,
     least_squares,
-    repeats_of_filtered_noise,
-    repeats_of_residuals,
     with_correlation,
 )
 from rne.model.parameters import dual_of_gradient, pseudo_inertia
@@ -199,27 +199,27 @@ def test_correlated_residuals_count_as_fewer():
     ]
     x = np.concatenate(parts)
     used = rng.uniform(size=x.shape) < 0.9
-    found = repeats_of_residuals(x, used, [slice(0, 20000), slice(20000, 40000)])
+    found = correlation_time_of_residuals(x, used, [slice(0, 20000), slice(20000, 40000)])
     assert found == pytest.approx([3.0, 1.0], rel=0.1)
 
 
 @pytest.mark.parametrize("decimation", [1, 10, 20])
 def test_filtered_noise_counts_as_fewer(decimation):
-    """The variance of the mean of filtered white noise is that of its rows, times the repeats, over their number."""
+    """The variance of the mean of filtered white noise is that of its rows over the effective sample size."""
     rate, cutoff = 500.0, 10.0
     noise = low_pass(np.random.default_rng(0).normal(size=(2000, 400)), cutoff, rate)[250:-250:decimation]
     measured = noise.mean(0).var() * len(noise) / noise.var()
-    assert repeats_of_filtered_noise(cutoff, rate, decimation) == pytest.approx(measured, rel=0.2)
+    assert correlation_time_of_filtered_noise(cutoff, rate, decimation) == pytest.approx(measured, rel=0.2)
 
 
 def test_standard_errors_of_correlated_residuals_are_the_sandwich():
     Y, tau, _ = problem(samples=80)
-    rows, repeats = compressed(Y, tau), np.array([1.0, 3.0, 5.0])
+    rows, correlation_time = compressed(Y, tau), np.array([1.0, 3.0, 5.0])
     fit = least_squares(rows)
     A = (Y / fit.sigma[:, None]).reshape(-1, 7)
     bread = np.linalg.inv(A.T @ A)
-    expected = bread @ A.T @ np.diag(np.tile(repeats, 80)) @ A @ bread
-    found = with_correlation(fit, rows, repeats)
+    expected = bread @ A.T @ np.diag(np.tile(correlation_time, 80)) @ A @ bread
+    found = with_correlation(fit, rows, correlation_time)
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-9)
     np.testing.assert_allclose(found.errors, np.sqrt(np.diag(expected)), rtol=1e-9)
 

@@ -492,10 +492,10 @@ def test_rates_that_are_not_those_of_the_positions_are_named(true):
     assert Record(t, q, tau, true.qd).findings == ()
     wrong = true.qd * [1, 1, np.rad2deg(1), 1, -1, 1]
     assert [str(finding) for finding in Record(t, q, tau, wrong).findings] == [
-        "warning: record: joint_3: measured rates are 57.3 times those of the positions; "
-        "the rates are not used; check their unit, sign and joint",
-        "warning: record: joint_5: measured rates are -1 times those of the positions; "
-        "the rates are not used; check their unit, sign and joint",
+        "warning: record: joint_3: measured velocities are 57.3 times those of the positions; "
+        "the velocities are not used; check their unit, sign and joint",
+        "warning: record: joint_5: measured velocities are -1 times those of the positions; "
+        "the velocities are not used; check their unit, sign and joint",
     ]
 
 
@@ -520,8 +520,11 @@ def test_positions_that_repeat_and_jump_do_not_spoil_what_rates_measure(scene, m
     tau = true.tau + 0.3 * rng.normal(size=true.tau.shape)
     q, qd = polled(true.q, most), true.qd + 1e-3 * rng.normal(size=true.qd.shape)
     without, fused = Record(true.t, q, tau).prepare(), Record(true.t, q, tau, qd).prepare()
-    assert fused.notes[0].startswith("cut-off 3.75 Hz, chosen from the spectrum of the positions and measured rates: ")
-    assert fused.notes[1].startswith("rates as measured above a crossover, from the positions below it: 0.1, 0.1, ")
+    source = "chosen from the spectrum of the positions and measured velocities: "
+    assert fused.notes[0].startswith(f"cut-off 3.75 Hz, {source}")
+    assert fused.notes[1].startswith(
+        "velocities as measured above a crossover, from the positions below it: 0.1, 0.1, "
+    )
     assert acceleration_errors(fused, true).max() < 2e-3
     assert acceleration_errors(without, true).max() > 5e-3
     assert without.notes[1].startswith(
@@ -532,7 +535,7 @@ def test_positions_that_repeat_and_jump_do_not_spoil_what_rates_measure(scene, m
 
 @pytest.mark.parametrize("rounded", [0.0, 1e-2])
 def test_rates_take_over_where_their_noise_is_less(scene, rounded):
-    """A coarse encoder: below the crossover of about 2 Hz positions are better, above it rates, rounded or not."""
+    """A coarse encoder: below the crossover of about 2 Hz positions are better, above it velocities, rounded or not."""
     true = truth(scene, duration=20.0)
     t, q, tau = measure(true, encoder_step=5e-4, torque_noise=0.3)
     qd = true.qd + 1e-3 * np.random.default_rng(0).normal(size=true.qd.shape)
@@ -543,13 +546,13 @@ def test_rates_take_over_where_their_noise_is_less(scene, rounded):
 
 @pytest.mark.parametrize("kind", ["late", "noisy"])
 def test_positions_alone_count_where_they_are_better(scene, kind):
-    """Rates of a drive's filter at 20 Hz come 8 ms late, however little noise they have."""
+    """Velocities of a drive's filter at 20 Hz come 8 ms late, however little noise they have."""
     true = truth(scene, duration=20.0)
     t, q, tau = measure(true, encoder_step=1e-5, torque_noise=0.3)
     late = lfilter([0.22], [1, -0.78], true.qd, axis=0)
     qd = late if kind == "late" else true.qd + 0.1 * np.random.default_rng(0).normal(size=q.shape)
     prepared = Record(t, q, tau, qd).prepare()
-    assert "rates from the positions: the measured ones are noisier, or late" in prepared.notes
+    assert "velocities from the positions: the measured ones are noisier, or late" in prepared.notes
     assert np.array_equal(prepared.qdd, Record(t, q, tau).prepare().qdd)
 
 
@@ -678,7 +681,7 @@ def test_entries_left_out_of_a_file_are_missing_values(tmp_path):
     assert kinds(Record.from_csv(file, ["a"]))[:3] == [
         ("a", "no finite position", (20,)),
         ("a", "no finite torque", (30,)),
-        ("a", "no finite rate", (40,)),
+        ("a", "no finite velocity", (40,)),
     ]
     for wrong, column in (("", "t"), ("nan", "t"), ("inf", "q.a"), ("up", "q.a")):
         row = [wrong, "1", "2", "3"] if column == "t" else ["0", wrong, "2", "3"]

@@ -54,7 +54,7 @@ def identified(scene, motion, seed, **options):
 def test_without_noise_the_truth_is_found(scene, motions):
     t, q, tau = measure(motions[0])
     found = rne.identify(
-        scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), spread=3.0, blocks=2
+        scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), prior_std=3.0, folds=2
     )
     size = np.abs(tau).max(0)
     assert (found.estimate.sigma < BETWEEN_SAMPLES * size).all()
@@ -67,7 +67,7 @@ def errors_in_standard_errors(scene, motion, seeds, **options):
     """(estimate - truth) / standard error, and the smallest eigenvalue of the bodies' pseudo-inertias, per seed."""
     z, least = [], []
     for seed in seeds:
-        found = identified(scene, motion, seed, blocks=2, **options)
+        found = identified(scene, motion, seed, folds=2, **options)
         z.append((found.estimate.values - true_values(found)) / found.estimate.errors)
         least.append(np.linalg.eigvalsh(pseudo_inertia(found.parameters[:60])).min())
     return np.array(z), np.array(least)
@@ -92,7 +92,7 @@ def test_truth_lies_within_three_standard_errors_in_200_runs(scene, motions):
 @pytest.fixture(scope="module")
 def found(scene, motions):
     """A consistent fit to one motion with noise on the torques."""
-    return identified(scene, motions[0], 0, drives=MEASURED, blocks=4)
+    return identified(scene, motions[0], 0, drives=MEASURED, folds=4)
 
 
 def sensors(seed):
@@ -110,7 +110,7 @@ def error_over_noise(found, motion, seed):
 def test_torques_of_another_motion_are_predicted_to_the_noise(scene, motions):
     """Encoders, clocks and noise; positions differentiated and filtered; two motions fitted."""
     fitted = [record(motion, **sensors(k)) for k, motion in enumerate((motions[0], truth(scene, seed=11, rate=250.0)))]
-    found = rne.identify(scene.robot, fitted, drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2)
+    found = rne.identify(scene.robot, fitted, drives=rne.DriveModel(friction="viscous+coulomb"), folds=2)
     assert (error_over_noise(found, motions[1], 100) < 1.2).all()
 
 
@@ -124,7 +124,7 @@ def test_bodies_are_physically_consistent_and_predict_as_well(found):
 
 
 def test_held_out_errors_are_those_of_fits_without_the_block(scene, motions):
-    found = identified(scene, motions[0], 0, consistent=False, blocks=2)
+    found = identified(scene, motions[0], 0, consistent=False, folds=2)
     squares = np.zeros(6)
     for k in range(2):
         others = found.equations.of_blocks(np.arange(2) != k).mapped(found.base.back)
@@ -171,7 +171,7 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
 def test_a_guess_from_the_geometry_is_prior_enough(scene):
     """Masses are not known at all; torques are predicted as well."""
     motion = truth(scene, seed=1)
-    known, guessed = (identified(scene, motion, 0, blocks=2, prior=prior) for prior in (None, "geometry"))
+    known, guessed = (identified(scene, motion, 0, folds=2, prior=prior) for prior in (None, "geometry"))
     assert (guessed.held_out < 1.2 * known.held_out).all()
     total = guessed.parameters[:60:10].sum()
     assert 0.2 < total / scene.robot.model.mass.sum() < 5
@@ -198,7 +198,7 @@ def test_coupled_motor(scene, motions):
 def test_sliding_joints_branches_and_mimics(name):
     robot = rne.Robot(TREES[name])
     motion = truth(robot, seed=4, duration=20.0, rate=250.0)
-    found = rne.identify(robot, record(motion), drives=rne.DriveModel(), blocks=2, spread=3.0)
+    found = rne.identify(robot, record(motion), drives=rne.DriveModel(), folds=2, prior_std=3.0)
     other = truth(robot, seed=5, duration=20.0, rate=250.0)
     check = found.check(record(other))
     assert (check.relative < 0.02).all()
@@ -212,7 +212,7 @@ def test_a_joint_that_does_not_move_is_not_excited(scene, motions):
     tau = scene.inverse_dynamics(q, qd, qdd)
     q[:, 5] += ENCODER * np.random.default_rng(0).integers(-1, 2, len(t))
     rec = Record(t, ENCODER * np.rint(q / ENCODER), tau)
-    found = rne.identify(scene.robot, rec, drives=rne.DriveModel(rotor=True, friction="viscous+coulomb"), blocks=2)
+    found = rne.identify(scene.robot, rec, drives=rne.DriveModel(rotor=True, friction="viscous+coulomb"), folds=2)
     names = [found.base.names.index(f"{symbol}_6") for symbol in ("Ia", "Fv", "Fc")]
     assert not found.excited[names].any()
     assert np.isinf(found.estimate.errors[names]).all()
@@ -228,7 +228,7 @@ def test_where_the_motion_says_nothing_the_model_has_the_last_word(scene, motion
     t, q, qd, qdd, _ = (x.copy() for x in motions[0])
     q[:, 5], qd[:, 5], qdd[:, 5] = 0.3, 0, 0
     rec = Record(t, q, scene.robot.inverse_dynamics(q, qd, qdd))
-    found = rne.identify(robot, rec, drives=rne.DriveModel(rotor=True), blocks=2)
+    found = rne.identify(robot, rec, drives=rne.DriveModel(rotor=True), folds=2)
     assert found.robot.model.armature[5] == pytest.approx(0.5, rel=1e-6)
     assert found.robot.model.armature[1] < 0.2
 
@@ -236,7 +236,7 @@ def test_where_the_motion_says_nothing_the_model_has_the_last_word(scene, motion
 def test_a_joint_without_torques_is_no_perfect_one(scene, motions):
     t, q, tau = measure(motions[0], torque_noise=NOISE)
     tau[:, 5] = 0
-    found = rne.identify(scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2)
+    found = rne.identify(scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), folds=2)
     assert np.isnan(found.held_out[5])
     assert (found.held_out[:5] < 0.1).all()
     assert "joint_6 has no torque that can be used" in found.notes
@@ -246,9 +246,7 @@ def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motion
     t, q, tau = measure(motions[0], torque_noise=NOISE)
     tau[:, 2] *= -1
     with pytest.warns(rne.IdentificationWarning, match="the torque of joint_3 has the wrong sign"):
-        found = rne.identify(
-            scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), blocks=2
-        )
+        found = rne.identify(scene.robot, Record(t, q, tau), drives=rne.DriveModel(friction="viscous+coulomb"), folds=2)
     assert found.causes[0].kind == "torque sign"
     assert found.notes[-1] == "negative friction: is the sign of the joint's torque right?"
     assert any(note.startswith("Fv_3 comes out negative") for note in found.notes)
@@ -258,7 +256,7 @@ def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motion
             scene.robot,
             Record(t, q, tau),
             drives=rne.DriveModel(friction="viscous+coulomb"),
-            blocks=2,
+            folds=2,
             consistent=False,
         )
     with pytest.raises(
@@ -272,7 +270,7 @@ def test_errors_of_each_motion_show_the_bad_one(scene, motions):
         Record(*measure(motions[0], k, torque_noise=NOISE), name=name) for k, name in enumerate(("good", "bad"))
     )
     bad = Record(bad.t, bad.q, bad.tau * np.array([1, 1, -1, 1, 1, 1]), name="bad")
-    options = {"drives": rne.DriveModel(friction="viscous+coulomb"), "blocks": 2, "consistent": False}
+    options = {"drives": rne.DriveModel(friction="viscous+coulomb"), "folds": 2, "consistent": False}
     with pytest.warns(rne.IdentificationWarning):
         text = rne.identify(scene.robot, [good, good, bad], **options).report()
     lines = {line.split()[0]: line.split() for line in text.split("errors of each motion [%]")[1].splitlines()[1:4]}
@@ -280,8 +278,8 @@ def test_errors_of_each_motion_show_the_bad_one(scene, motions):
 
 
 def test_low_speeds_are_left_out_with_coulomb_friction(found, scene, motions):
-    assert (found.minimum_rate > 0).all()
-    every = identified(scene, motions[0], 0, consistent=False, blocks=2, minimum_rate=np.zeros(6))
+    assert (found.minimum_velocity > 0).all()
+    every = identified(scene, motions[0], 0, consistent=False, folds=2, minimum_velocity=np.zeros(6))
     assert every.equations.rows.sum() > found.equations.rows.sum()
 
 
@@ -316,8 +314,8 @@ def short():
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), spread=0.0),
-            "`spread` must be positive, got 0.0",
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), prior_std=0.0),
+            "`prior_std` must be positive, got 0.0",
         ),
         (
             TypeError,
@@ -354,8 +352,8 @@ def short():
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), blocks=1),
-            "`blocks` must be an integer of at least 2, got 1",
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), folds=1),
+            "`folds` must be an integer of at least 2, got 1",
         ),
         (
             ValueError,
@@ -365,12 +363,12 @@ def short():
         (
             rne.NotFiniteError,
             lambda r, rec: rne.identify(r, Record(rec.t, rec.q, rec.tau * 1e300), drives=rne.DriveModel()),
-            "the equations overflow: torques or rates of the measurements are too large",
+            "the equations overflow: torques or velocities of the measurements are too large",
         ),
         (
             ValueError,
-            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), minimum_rate=[0.1]),
-            "`minimum_rate` must have shape (6,), got (1,)",
+            lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), minimum_velocity=[0.1]),
+            "`minimum_velocity` must have shape (6,), got (1,)",
         ),
     ],
 )

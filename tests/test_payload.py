@@ -6,8 +6,7 @@ import pytest
 import rne
 from rne.identification import Record
 from rne.identification.least_squares import least_squares
-from rne.identification.payload import DENSITY, body_of, load_map, possible_load
-from rne.identification.two_sets import two_sets
+from rne.identification.payload import DENSITY, body_of, load_map, possible_load, two_sets
 from rne.model.standard_parameters import StandardParameters
 
 from .helpers import kept, loaded
@@ -176,20 +175,21 @@ def test_without_any_information_the_load_is_a_ball():
     np.testing.assert_allclose(ball[[6, 9]], ball[4], rtol=1e-4)
 
 
-def test_standard_errors_count_what_filtered_noise_repeats(robot, measured, found):
+def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, measured, found):
     """Variances are those of independent residuals, times the number of equations that count as one."""
     sets = two_sets(robot, *measured, None, None, None, None)
     K = sets.base.count
-    E = np.hstack([sets.base.back, load_map(sets.standard, "tool0")])
+    E = np.hstack([sets.base.back, load_map(sets.base.standard, "tool0")])
     alone = least_squares(sets.joined(E, K))
     x = sets.base.back @ alone.values[:K], E @ alone.values
-    repeats = sets.repeats(*x)
-    both = [data.repeats(values) for data, values in zip((sets.without, sets.loaded), x, strict=True)]
-    assert ((np.min(both, 0) <= repeats * (1 + 1e-12)) & (repeats <= np.max(both, 0) * (1 + 1e-12))).all()
+    correlation_time = sets.correlation_time(*x)
+    both = [data.correlation_time(values) for data, values in zip((sets.without, sets.loaded), x, strict=True)]
+    assert (np.min(both, 0) <= correlation_time * (1 + 1e-12)).all()
+    assert (correlation_time <= np.max(both, 0) * (1 + 1e-12)).all()
     ratio = (found.estimate.errors / alone.errors) ** 2
-    assert (ratio >= 0.999 * repeats.min()).all()
-    assert (ratio <= 1.001 * repeats.max()).all()
-    assert repeats.min() > 1.1
+    assert (ratio >= 0.999 * correlation_time.min()).all()
+    assert (ratio <= 1.001 * correlation_time.max()).all()
+    assert correlation_time.min() > 1.1
 
 
 def test_a_load_that_least_squares_make_impossible_is_replaced(robot):
@@ -307,7 +307,7 @@ def test_an_identification_of_currents_and_several_records_give_the_same_gains(r
     records = logs(robot, LOAD, units=GAINS)
     expected = rne.identify_drive_gains(robot, *records, LOAD)
     with pytest.warns(rne.IdentificationWarning, match="is measured"):
-        of_currents = rne.identify(robot, records[0], consistent=False, blocks=2)
+        of_currents = rne.identify(robot, records[0], consistent=False, folds=2)
     np.testing.assert_allclose(
         rne.identify_drive_gains(of_currents, None, [records[1]], LOAD).gains, expected.gains, rtol=1e-6
     )

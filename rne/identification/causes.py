@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,16 +22,20 @@ from ..basics.spatial import Array
 from ..basics.text import listed
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .prepared import Prepared
 from .residuals import TINY, Grid, Residuals
 
 STRIBECK, SIZE = "Stribeck friction", "gravity magnitude"
-KINDS = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}
+DRIVES: dict[str, tuple[str, str, Callable[[Array, Array, Array], Array]]] = {  # kind, noun, torque of (q, qd, qdd)
+    "Ia": ("rotor", "a rotor", lambda q, qd, qdd: qdd),
+    "Fv": ("viscous friction", "viscous friction", lambda q, qd, qdd: qd),
+    "Fc": ("Coulomb friction", "Coulomb friction", lambda q, qd, qdd: np.sign(qd)),
+    "tau0": ("offset", "an offset", lambda q, qd, qdd: np.ones(len(qd))),
+}
 EVIDENT = 8.0  # gain of log likelihood above which a cause is named
 DIFFERENCE = 1e-4  # of central differences, relative or [rad or m]
 PLACES = 20  # times at which something may begin
 WIDTHS = (1, 2, 4, 6)  # of a contact, in half of their distance
-RATES = (0.01, 0.02, 0.04, 0.08, 0.16)  # Stribeck velocities that are tried, as parts of the largest rate
+VELOCITIES = (0.01, 0.02, 0.04, 0.08, 0.16)  # Stribeck velocities that are tried, as parts of the largest velocity
 POOR = 0.05  # unexplained part of the torques from which joints are tried in another order
 TURNED, SCALED = 3.0, 0.03  # degrees, and part, by which gravity differs
 FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of the robot given must be
@@ -56,19 +60,6 @@ class Cause(NamedTuple):
         Its size and the standard error of that, where it is one number, otherwise NaN.
     at : float
         The record's number of a delay, or the Stribeck velocity [rad/s or m/s]; otherwise NaN.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> w = 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
-    >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
-    >>> tau = robot.inverse_dynamics(q, qd, qdd) * [1, -1, 1, 1, 1, 1]
-    >>> with np.testing.suppress_warnings() as quiet:
-    ...     quiet.filter(rne.IdentificationWarning)
-    ...     found = rne.identify(robot, rne.identification.Record(t, q, tau), consistent=False)
-    >>> found.causes[0].text
-    'the torque of joint_2 has the wrong sign'
     """
 
     kind: str
@@ -180,12 +171,11 @@ class Log:
         """Zeros, gear ratios and gains of torques."""
         for j, name in enumerate(self.names):
             of_joint, own = (name,), self.own(j, lambda tau, qd: tau)
-            column = self.res.columns(partial(by_ratio, self.res, j))[..., None]
-            ratio = ratio_text(name)
+            ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
             zero = words("the zero of {} is off by {:.3g} {}", name, self.units(j)[0])
             yield Candidate("joint zero", of_joint, self.zeros[j], zero)
-            yield Candidate("gear ratio", of_joint, column, ratio)
-            spring = self.res.column_of(j, partial(spring_torque, j))
+            yield Candidate("gear ratio", of_joint, self.ratio_column(j), ratio)
+            spring = self.res.column_of(j, lambda q, qd, qdd: q - q.mean())  # slack anywhere, beside an offset
             pull = words("something pulls {} as a spring of {:.3g} {} per {}", name, *self.units(j)[::-1])
             yield Candidate("spring", of_joint, spring, pull)
             factor = words("the torque of {} is measured {:.4g} times", name, start=1)
@@ -194,8 +184,22 @@ class Log:
     @cached_property
     def zeros(self) -> list[Array]:
         """Torques per unit of each joint's zero."""
-        joints = range(len(self.names))
-        return [self.res.columns(partial(by_position, self.res, j))[..., None] for j in joints]
+        return [self.zero_column(j) for j in range(len(self.names))]
+
+    def zero_column(self, j: int) -> Array:
+        """Torques per unit of a joint's zero."""
+        unit, predicted = np.eye(len(self.names))[j], self.res.predicted
+        return self.res.columns(lambda g: slope(lambda h: predicted(g.q + h * unit, g.qd, g.qdd)))[..., None]
+
+    def ratio_column(self, j: int) -> Array:
+        """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
+        unit = np.eye(len(self.names))[j]
+
+        def torques(g: Grid, h: float) -> Array:
+            k = 1 + h * unit
+            return np.asarray(k * self.res.predicted(k * g.q, k * g.qd, k * g.qdd))
+
+        return self.res.columns(lambda g: slope(partial(torques, g)))[..., None]
 
     def own(self, j: int, function: Callable[[Array, Array], Array]) -> Array:
         """A function of a joint's predicted torque and velocity as its torque."""
@@ -208,14 +212,15 @@ class Log:
 
     def drives(self) -> Iterator[Candidate]:
         """Rotors, friction and offsets that were not asked for."""
-        terms = {"Ia": "a rotor of", "Fv": "viscous friction of", "Fc": "Coulomb friction of", "tau0": "an offset of"}
-        for symbol in [symbol for symbol in terms if symbol not in self.res.standard.terms]:
-            columns = [self.res.column_of(j, partial(drive_torque, symbol, j)) for j in range(len(self.names))]
+        for symbol, (kind, noun, torque) in DRIVES.items():
+            if symbol in self.res.standard.terms:
+                continue
+            columns = [self.res.column_of(j, torque) for j in range(len(self.names))]
             for name, column in zip(self.names, columns, strict=True):
-                text = words(f"the drive of {{}} has {terms[symbol]} {{:.3g}}, which was not asked for", name)
-                yield Candidate(KINDS[symbol], (name,), column, text)
-            every = f"the drives have {terms[symbol].removesuffix(' of')}, which was not asked for"
-            yield Candidate(KINDS[symbol], self.names, np.concatenate(columns, axis=-1), words(every, ""))
+                text = words(f"the drive of {{}} has {noun} of {{:.3g}}, which was not asked for", name)
+                yield Candidate(kind, (name,), column, text)
+            every = f"the drives have {noun}, which was not asked for"
+            yield Candidate(kind, self.names, np.concatenate(columns, axis=-1), words(every, ""))
 
     def friction(self) -> Iterator[Candidate]:
         """Friction that changes during the log, with speed or with the load; torques whose zero drifts."""
@@ -223,19 +228,19 @@ class Log:
         courses = (ramp, ramp**2 - (ramp**2).mean())
         for j, name in enumerate(self.names):
             of_joint = (name,)
-            terms = [self.res.column_of(j, partial(drive_torque, symbol, j)) for symbol in ("Fv", "Fc")]
+            terms = [self.res.column_of(j, DRIVES[symbol][2]) for symbol in ("Fv", "Fc")]
             columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
             yield Candidate("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
             drift = np.eye(len(self.names))[j][:, None] * ramp
             yield Candidate("offset drifts", of_joint, drift, words("the zero of the torque of {} drifts", name))
-            sides = self.res.column_of(j, partial(side_torque, j))
+            sides = self.res.column_of(j, lambda q, qd, qdd: np.abs(qd))
             text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
             yield Candidate("friction by direction", of_joint, sides, text)
             load = self.own(j, lambda tau, qd: np.abs(tau) * np.sign(qd))
             text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
             yield Candidate("friction under load", of_joint, load, text)
             fastest = max(float(np.abs(r.qd[:, j]).max()) for r in self.res.records)
-            for share in RATES if fastest > 0 else ():
+            for share in VELOCITIES if fastest > 0 else ():
                 yield stribeck(self.res, j, share * fastest)
 
     @property
@@ -256,9 +261,8 @@ class Log:
         for j, name in enumerate(self.names):
             for start in self.starts:
                 text = words("the encoder of {} slips by {:.3g} {} near {}", name, self.units(j)[0], self.time(start))
-                yield Candidate(
-                    "encoder slip", (name,), self.zeros[j] * (self.place >= start), text, alternatives=PLACES
-                )
+                column = self.zeros[j] * (self.place >= start)
+                yield Candidate("encoder slip", (name,), column, text, alternatives=PLACES)
 
     def contacts(self) -> Iterator[Candidate]:
         """A force on the last link for a while."""
@@ -277,20 +281,25 @@ class Log:
             yield Candidate("contact", self.names[-1:], force * while_, text, alternatives=many)
 
 
-def words(text: str, *parts: str, scale: float = 1.0, start: float = 0.0) -> Callable[[Array], str]:
+def words(text: str, *parts: Any, scale: float = 1.0, start: float = 0.0) -> Callable[[Array], str]:
     """A text of the first coefficient, which takes the second place."""
     return lambda c: text.format(parts[0], start + scale * c[0], *parts[1:])
+
+
+def signed(text: str, above: str, below: str, *parts: Any, scale: float = 1.0) -> Callable[[Array], str]:
+    """A text of the size of the first coefficient in the second place, with a word for its sign in the third."""
+    return lambda c: text.format(parts[0], abs(scale * c[0]), above if c[0] > 0 else below, *parts[1:])
 
 
 def delay_text(joints: tuple[str, ...]) -> Callable[[Array], str]:
     """Words for a delay, of all joints or of some."""
     whose = f" of {listed(joints)}" if joints else ""
+    return signed("torques{} are measured {:.3g} ms {} than positions", "later", "earlier", whose, scale=1000)
 
-    def text(c: Array) -> str:
-        order = "later" if c[0] > 0 else "earlier"
-        return f"torques{whose} are measured {abs(1000 * c[0]):.3g} ms {order} than positions"
 
-    return text
+def slope(function: Callable[[float], Array]) -> Array:
+    """Derivative at zero by central differences."""
+    return np.asarray((function(DIFFERENCE) - function(-DIFFERENCE)) / (2 * DIFFERENCE))
 
 
 def delay_column(res: Residuals) -> Array:
@@ -304,57 +313,14 @@ def size_text(factor: float) -> str:
     return f"gravity is {factor:.3g} times the model's{clock}"
 
 
-def ratio_text(name: str) -> Callable[[Array], str]:
-    """Words for a gear ratio."""
-
-    def text(c: Array) -> str:
-        return f"the gear ratio given for {name} is {abs(100 * c[0]):.3g} % too {'large' if c[0] > 0 else 'small'}"
-
-    return text
-
-
-def spring_torque(j: int, record: Prepared) -> Array:
-    """Torque per unit of stiffness; where the spring is slack does not matter beside an offset."""
-    return np.asarray(record.q[:, j] - record.q[:, j].mean())
-
-
-def side_torque(j: int, record: Prepared) -> Array:
-    """Torque per unit of half the difference of viscous friction between both directions."""
-    return np.asarray(np.abs(record.qd[:, j]))
-
-
-def drive_torque(symbol: str, j: int, record: Prepared) -> Array:
-    """Torque per unit of a drive's parameter."""
-    qd = record.qd[:, j]
-    torques = {"Ia": record.qdd[:, j], "Fv": qd, "Fc": np.sign(qd), "tau0": np.ones(len(qd))}
-    return torques[symbol]
-
-
-def by_position(res: Residuals, j: int, g: Grid) -> Array:
-    """Torques per unit of a joint's zero."""
-    e = DIFFERENCE * np.eye(res.robot.n)[j]
-    more, less = (res.predicted(q, g.qd, g.qdd) for q in (g.q + e, g.q - e))
-    return np.asarray((more - less) / (2 * DIFFERENCE))
-
-
-def by_ratio(res: Residuals, j: int, g: Grid) -> Array:
-    """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
-    e = DIFFERENCE * np.eye(res.robot.n)[j]
-    more, less = (k * res.predicted(k * g.q, k * g.qd, k * g.qdd) for k in (1 + e, 1 - e))
-    return np.asarray((more - less) / (2 * DIFFERENCE))
-
-
 def stribeck(res: Residuals, j: int, vs: float) -> Candidate:
     """The Stribeck effect of a joint, of one velocity vs."""
     name, model = res.robot.joint_names[j], res.robot.model
-    torque, rate = ("N m", "rad/s") if model.is_revolute[model.independent_joints[j]] else ("N", "m/s")
-    column = res.column_of(j, lambda r: np.sign(r.qd[:, j]) * np.exp(-np.abs(r.qd[:, j]) / vs))
-
-    def text(c: Array) -> str:
-        size = f"{abs(c[0]):.3g} {torque} {'more' if c[0] > 0 else 'less'}"
-        return f"friction of {name} is {size} at rest than above {2 * vs:.2g} {rate}"
-
-    return Candidate(STRIBECK, (name,), column, text, vs, len(RATES))
+    torque, velocity = ("N m", "rad/s") if model.is_revolute[model.independent_joints[j]] else ("N", "m/s")
+    column = res.column_of(j, lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
+    size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}"
+    text = signed(size, "more", "less", name, torque, 2 * vs, velocity)
+    return Candidate(STRIBECK, (name,), column, text, vs, len(VELOCITIES))
 
 
 def sharpened(res: Residuals, cause: Cause) -> Cause:
@@ -376,9 +342,8 @@ def derivative_by(res: Residuals, cause: Cause) -> Array:
     if cause.kind == "delay":
         return delay_column(res) * np.isin(res.robot.joint_names, cause.joints)[:, None]
     j, vs = res.robot.joint_names.index(cause.joints[0]), cause.at
-    more, less = (stribeck(res, j, f * vs).columns for f in (1 + DIFFERENCE, 1 - DIFFERENCE))
     size = res.x[res.standard.groups["Fs"].start + j]
-    return np.asarray(size * (more - less) / (2 * DIFFERENCE * vs))
+    return np.asarray(size / vs * slope(lambda h: stribeck(res, j, (1 + h) * vs).columns))
 
 
 def last_link(robot: Robot) -> str:
@@ -422,33 +387,25 @@ def other_torques(res: Residuals) -> Iterator[Cause]:
         yield anew(res, "torque order", (names[i], names[j]), text, squares, None)
 
 
-def times(matrix: Array, x: Array) -> Array:
-    """A matrix times each of several vectors."""
-    return np.asarray(x @ matrix.T)
-
-
 def other_joints(res: Residuals) -> Iterator[Cause]:
-    """Joints in another order, of other directions, in degrees."""
-    names, n, tau = res.robot.joint_names, res.robot.n, res.tau
-    before = res.squares_of(res.moved(lambda x: x), tau)
+    """Joints in another order, coupled, of other directions, in degrees: joints J q, whose torques are J^-T tau."""
+    names, n, unit = res.robot.joint_names, res.robot.n, np.eye(res.robot.n)
+    changes: list[tuple[str, tuple[str, ...], str, Array]] = []
     for i, j in combinations(range(n), 2):
-        order = swapped(n, i, j)
-        squares = res.squares_of(res.moved(partial(np.take, indices=order, axis=-1)), tau[:, order])
-        joints = names[i], names[j]
-        yield anew(res, "joint order", joints, f"{names[i]} and {names[j]} are interchanged", squares, before)
+        text = f"{names[i]} and {names[j]} are interchanged"
+        changes.append(("joint order", (names[i], names[j]), text, unit[swapped(n, i, j)]))
     for j, k in ((j, k) for j in range(1, n) for k in (1, -1)):
-        motor = np.eye(n)
-        motor[j, j - 1] = k  # positions read as those of motors, torques as theirs
-        joint = np.linalg.inv(motor)
-        squares = res.squares_of(res.moved(partial(times, joint)), tau @ motor)
+        J = unit.copy()
+        J[j, j - 1] = -k  # positions read as those of motors
         text = f"the motor of {names[j]} turns with {names[j - 1]} too: a coupling is missing"
-        yield anew(res, "coupling", (names[j - 1], names[j]), text, squares, before)
-    for j in range(n):
-        signs = np.where(np.arange(n) == j, -1, 1)
-        squares = res.squares_of(res.moved(partial(np.multiply, signs)), tau * signs)
-        yield anew(res, "joint sign", (names[j],), f"{names[j]} turns the other way", squares, before)
+        changes.append(("coupling", (names[j - 1], names[j]), text, J))
+    for j, name in enumerate(names):
+        changes.append(("joint sign", (name,), f"{name} turns the other way", unit - 2 * np.diag(unit[j])))
+    before = res.squares_of(res.moved(unit), res.tau)
+    for kind, joints, text, J in changes:
+        yield anew(res, kind, joints, text, res.squares_of(res.moved(J), res.tau @ np.linalg.inv(J)), before)
     turns = res.robot.model.is_revolute[list(res.robot.model.independent_joints)]
-    squares = res.squares_of(res.moved(lambda x: x * np.where(turns, np.pi / 180, 1.0)), tau)
+    squares = res.squares_of(res.moved(np.diag(np.where(turns, np.pi / 180, 1.0))), res.tau)
     yield anew(res, "degrees", names, "positions are in degrees", squares, before)
 
 

@@ -46,6 +46,10 @@ class Check:
     >>> check = rne.identify(robot, record, consistent=False).check(record)
     >>> bool((check.relative < 1e-3).all())
     True
+    >>> print(check.report().splitlines()[0].split("  ")[0])
+    motion record
+    >>> len(check.plot().axes)
+    12
     """
 
     name: str
@@ -82,16 +86,6 @@ class Check:
         -------
         str
             A line for each joint.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-        >>> found = rne.identify(robot, record, consistent=False)
-        >>> print(found.check(record).report().splitlines()[0].split("  ")[0])
-        motion record
         """
         rows = [Row(f"motion {short(self.name)}", ("rms error [N m or N]", "relative [%]"), words=True)]
         for joint, rms, relative in zip(self.joint_names, self.rms, self.relative, strict=True):
@@ -110,16 +104,6 @@ class Check:
         -------
         matplotlib.figure.Figure
             `figure.savefig("torques.png")` writes it to a file.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-        >>> found = rne.identify(robot, record, consistent=False)
-        >>> len(found.check(record).plot().axes)
-        12
         """
         n = self.measured.shape[1]
         grid = [] if axes is not None else panels(2 * n, f"Torques of {self.name}", 2, height=1.5)
@@ -129,8 +113,8 @@ class Check:
             residual = (self.measured - self.predicted)[sound, j]
             ax.plot(self.qd[sound, j], residual, ".", color=LOOK[2][0], markersize=2)
             dress(ax, "")
-            rate = "rad/s" if self.units[j] == "N m" else "m/s"
-            ax.set_title(f"residual over velocity [{rate}]", loc="left", fontsize="small", pad=2)
+            unit = "rad/s" if self.units[j] == "N m" else "m/s"
+            ax.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)
             ax.set_xlabel("")
         t, measured, predicted = without_gaps(self.t, self.measured, self.predicted)
         shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}

@@ -28,6 +28,9 @@ from .equations import Equations
 LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables
 DIAGONAL = [k for k, (i, j) in enumerate(LOWER) if i == j]
 ENTRIES = len(LOWER)
+UNITS = np.zeros((ENTRIES, 4, 4))  # symmetric matrices that the entries of X multiply
+for k, (i, j) in enumerate(LOWER):
+    UNITS[k, i, j] = UNITS[k, j, i] = 1
 ROOT_2 = np.sqrt(2.0)
 AT_BOUND = 1e-6  # of its size: a parameter of a drive below it is at its bound
 ROUNDS = 20  # of holding entries at their bound and letting them go
@@ -56,52 +59,30 @@ class Variables(NamedTuple):
 def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, size: Array) -> Array:
     """The standard parameters that fit best among the physically consistent ones.
 
-    Parameters
-    ----------
-    factor : ndarray, shape (P + 1, P + 1)
-        Triangular, of the weighted equations [R b] of the standard parameters.
-    prior : ndarray, shape (nb, 4, 4)
-        Pseudo-inertias P0, positive definite.
-    weight : float
-        Of the divergence from the prior.
-    bounded : ndarray of bool, shape (P - 10 nb,)
-        True for the parameters of drives that may not be negative.
-    size : ndarray, shape (P - 10 nb,)
-        Typical sizes of the parameters of drives.
-
-    Returns
-    -------
-    ndarray, shape (P,)
-
-    Raises
-    ------
-    IdentificationError
-        If the solver does not converge.
-    ImportError
-        If Clarabel is not installed.
+    `factor` is triangular, of the weighted equations [R b] of the standard parameters; `prior` has pseudo-inertias P0,
+    positive definite, of shape (nb, 4, 4), `weight` belongs to the divergence from it; `bounded` drives may not be
+    negative, `size` is what they typically are.
     """
     factor = factor[:-1]  # the last row is what no parameters explain
     scale = scaling(prior, size)
     v = Variables.of(len(prior), len(size), len(factor))
     linear = np.zeros(v.total)
-    linear[[v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]] = weight  # tr X
+    diagonal = [v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]
+    linear[diagonal] = weight  # tr X
     linear[v.log.start : v.log.stop] = -weight
     R, b = factor[:, :-1] @ scale, factor[:, -1]
     found, status = solve_cones(v, linear, constraints(v, R, b, bounded))
-    units = np.array([symmetric_unit(i, j) for i, j in LOWER])
-    problem, drives = Barrier(R, b, weight, units, len(prior)), np.array(v.drives, int)[bounded]
-    bodies_of_the_prior = np.zeros(v.Z.start)
-    bodies_of_the_prior[[v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]] = 1
-    for start in (
-        found[: v.Z.start],
-        bodies_of_the_prior,
-    ):  # the second where the cone solver ended far from the minimum
+    problem, drives = Barrier(R, b, weight, len(prior)), np.array(v.drives, int)[bounded]
+    of_prior = np.zeros(v.Z.start)  # the start where the cone solver ended far from the minimum
+    of_prior[diagonal] = 1
+    for start in (found[: v.Z.start], of_prior):
         y = at_minimum(problem, start, drives)
         if y is not None:
             return np.asarray(scale @ y)
     raise IdentificationError(
         f"no physically consistent bodies were found (Clarabel: {status}). With `consistent=False` the report says "
-        "which parameters are negative or not excited; check signs and units of the torques, or give a larger `spread`"
+        "which parameters are negative or not excited; check signs and units of the torques, or give a larger "
+        "`prior_std`"
     )
 
 
@@ -129,18 +110,10 @@ def scaling(prior: Array, size: Array) -> Array:
     matrix = np.zeros((PARAMETERS * nb + len(size), ENTRIES * nb + len(size)))
     for k, L in enumerate(np.linalg.cholesky(prior)):
         own = slice(ENTRIES * k, ENTRIES * (k + 1))
-        matrix[PARAMETERS * k : PARAMETERS * (k + 1), own] = parameters_of_pseudo_inertia(
-            np.array([[L @ symmetric_unit(i, j) @ L.T] for i, j in LOWER])
-        ).T
+        bodies = (L @ UNITS @ L.T)[:, None]
+        matrix[PARAMETERS * k : PARAMETERS * (k + 1), own] = parameters_of_pseudo_inertia(bodies).T
     matrix[PARAMETERS * nb :, ENTRIES * nb :] = np.diag(size)
     return matrix
-
-
-def symmetric_unit(i: int, j: int) -> Array:
-    """The symmetric 4 x 4 matrix that is 1 at (i, j) and (j, i)."""
-    E = np.zeros((4, 4))
-    E[i, j] = E[j, i] = 1
-    return E
 
 
 def constraints(v: Variables, R: Array, b: Array, bounded: Array) -> list[tuple[str, Any, Array]]:
@@ -206,29 +179,16 @@ ATTEMPTS = 40  # halvings of a step
 
 
 class Barrier(NamedTuple):
-    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of the matrices X, drives).
-
-    Attributes
-    ----------
-    R, b : ndarray, shapes (rows, count) and (rows,)
-    weight : float
-        w.
-    units : ndarray, shape (10, 4, 4)
-        Symmetric matrices that the entries of each X multiply.
-    nb : int
-        Number of matrices.
-    """
+    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of the nb matrices X, drives)."""
 
     R: Array
     b: Array
-    weight: float
-    units: Array
+    weight: float  # w
     nb: int
 
     def bodies(self, y: Array) -> Array:
         """The matrices X, shape (nb, 4, 4)."""
-        X: Array = np.tensordot(y[: len(self.units) * self.nb].reshape(self.nb, -1), self.units, 1)
-        return X
+        return np.asarray(np.tensordot(y[: ENTRIES * self.nb].reshape(self.nb, -1), UNITS, 1))
 
     def value(self, y: Array) -> float:
         """The objective; infinite outside the cone."""
@@ -241,32 +201,18 @@ class Barrier(NamedTuple):
     def slopes(self, y: Array) -> tuple[Array, Array]:
         """Gradient and Hessian."""
         gradient, hessian = self.R.T @ (self.R @ y - self.b), self.R.T @ self.R
-        width = len(self.units)
         for k, inverse in enumerate(np.linalg.inv(self.bodies(y))):
-            own = slice(width * k, width * (k + 1))
-            turned = inverse @ self.units
-            gradient[own] += self.weight * np.trace(self.units - turned, axis1=1, axis2=2)
+            own = slice(ENTRIES * k, ENTRIES * (k + 1))
+            turned = inverse @ UNITS
+            gradient[own] += self.weight * np.trace(UNITS - turned, axis1=1, axis2=2)
             hessian[own, own] += self.weight * np.einsum("kab,lba->kl", turned, turned)
         return gradient, hessian
 
 
 def refined(problem: Barrier, start: Array, free: Array) -> tuple[Array, Array, float]:
-    """The minimum over the free entries of y; the others stay as they are.
+    """The minimum over the free entries of y, which starts inside the cone; the others stay as they are.
 
-    Parameters
-    ----------
-    problem : Barrier
-    start : ndarray, shape (count,)
-        Inside the cone.
-    free : ndarray of bool, shape (count,)
-
-    Returns
-    -------
-    y : ndarray, shape (count,)
-    gradient : ndarray, shape (count,)
-        Of the objective there; zero to rounding in the free entries.
-    decrement : float
-        Twice the estimated gap to the minimum.
+    With the gradient there, and the decrement, twice the estimated gap to the minimum.
     """
     y, decrement = start.copy(), np.inf
     for _ in range(STEPS):
@@ -292,18 +238,9 @@ UNIT = 1.0  # [m], of a robot whose joints are all at one point
 
 
 def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
-    """Pseudo-inertias of the model's bodies, positive definite.
+    """Pseudo-inertias of the model's bodies, positive definite, shape (nb, 4, 4).
 
-    Parameters
-    ----------
-    model : Model
-        The robot's parameters.
-
-    Returns
-    -------
-    prior : ndarray, shape (nb, 4, 4)
-    changed : tuple of str
-        Joints whose bodies are points, lines, sheets or impossible and were made thicker by some of the guess.
+    With the joints whose bodies are points, lines, sheets or impossible and were made thicker by some of the guess.
     """
     given, guess = pseudo_inertia(parameters_of(model)), geometric_prior(model)
     mean = model.mass.mean() if model.mass.any() else 1.0
@@ -322,17 +259,7 @@ def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
 def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Array:
     """How large base parameters may be: of bodies like these, and of drives that take a tenth of the torque.
 
-    Parameters
-    ----------
-    P : ndarray, shape (nb, 4, 4)
-        Pseudo-inertias of the bodies; infinite if nothing is known of them.
-    base : BaseParameters
-    equations : Equations
-        Of the standard parameters.
-
-    Returns
-    -------
-    ndarray, shape (base.count,)
+    The pseudo-inertias P are infinite if nothing is known of the bodies; equations are those of standard parameters.
     """
     mass, second = P[:, 3, 3], np.trace(P[:, :3, :3], axis1=1, axis2=2)
     first = np.sqrt(mass * second)
@@ -348,17 +275,7 @@ def expected_sizes(P: Array, base: BaseParameters, equations: Equations) -> Arra
 
 
 def geometric_prior(model: Model) -> Array:
-    """Pseudo-inertias of rods from each joint to the next, of one density per length and a total mass of 1 kg.
-
-    Parameters
-    ----------
-    model : Model
-        Whose masses are not looked at.
-
-    Returns
-    -------
-    ndarray, shape (nb, 4, 4)
-    """
+    """Pseudo-inertias of rods from each joint to the next, of one density per length and a total mass of 1 kg."""
     ends = [body_ends(model, i) for i in range(model.nb)]
     lengths = [np.linalg.norm(end, axis=1) for end in ends]
     known = np.concatenate(lengths)[np.concatenate(lengths) > 0]
@@ -371,11 +288,8 @@ def geometric_prior(model: Model) -> Array:
 def body_ends(model: Model, i: int) -> Array:
     """Points that body i reaches from its joint's origin: the next joints and its further links."""
     origin = model.joint_origin[i]
-    joints = [
-        model.translation[j] + model.rotation[j] @ model.joint_origin[j]
-        for j in range(model.nb)
-        if model.parent[j] == i
-    ]
+    children = [j for j in range(model.nb) if model.parent[j] == i]
+    joints = [model.translation[j] + model.rotation[j] @ model.joint_origin[j] for j in children]
     links = [p for p, body in zip(model.link_translation, model.link_body, strict=True) if body == i]
     points = np.array([p - origin for p in (joints or links)]).reshape(-1, 3)
     return points if len(points) else np.zeros((1, 3))
@@ -384,9 +298,7 @@ def body_ends(model: Model, i: int) -> Array:
 def rods(ends: Array, lengths: Array) -> Array:
     """Pseudo-inertia of rods from the origin to points, of unit density per length."""
     total = np.zeros((4, 4))
-    for end, length in zip(ends, lengths, strict=True):
-        total[:3, :3] += length * (np.outer(end, end) / 3 + (THICKNESS * length) ** 2 * np.eye(3))
-        total[:3, 3] += length * end / 2
-        total[3, :3] += length * end / 2
-        total[3, 3] += length
+    total[:3, :3] = (lengths * ends.T) @ ends / 3 + (THICKNESS**2 * lengths**3).sum() * np.eye(3)
+    total[:3, 3] = total[3, :3] = lengths @ ends / 2
+    total[3, 3] = lengths.sum()
     return total

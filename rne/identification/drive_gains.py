@@ -24,10 +24,9 @@ from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
 from .equations import Equations, joined, triangular
 from .least_squares import LeastSquares, least_squares, with_correlation
-from .payload import BEYOND_DOUBT
+from .payload import BEYOND_DOUBT, TwoSets, two_sets
 from .record import Record
 from .result import Identification
-from .two_sets import TwoSets, two_sets
 
 ROUNDS = 30  # of steps
 SETTLED = 1e-7  # relative change of the gains at which they end
@@ -48,17 +47,6 @@ class DriveGains:
         Of the base parameters, in N m, with the gains found.
     notes : tuple of str
         What was assumed, and what looks wrong.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> arm, motion = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1, 0.9, 0.8, 2, 1, 2], 2.0)
-    >>> t, load = np.arange(0, 2, 0.004), rne.Payload(5.0, com=[0.1, 0, 0.1])
-    >>> currents = [robot.inverse_dynamics(*motion(t)) / 8 for robot in (arm, arm.with_payload(*load))]
-    >>> logs = [rne.identification.Record(t, motion(t)[0], i) for i in currents]
-    >>> found = rne.identify_drive_gains(arm, *logs, load, cutoff=20, drives=rne.DriveModel())
-    >>> found.gains.round(1).tolist()
-    [8.0, 8.0, 8.0, 8.0, 8.0, 8.0]
     """
 
     joint_names: tuple[str, ...]
@@ -77,17 +65,6 @@ class DriveGains:
         -------
         str
             A table, then the notes.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> arm, motion = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1, 0.9, 0.8, 2, 1, 2], 2.0)
-        >>> t, load = np.arange(0, 2, 0.004), rne.Payload(5.0, com=[0.1, 0, 0.1])
-        >>> currents = [robot.inverse_dynamics(*motion(t)) / 8 for robot in (arm, arm.with_payload(*load))]
-        >>> logs = [rne.identification.Record(t, motion(t)[0], i) for i in currents]
-        >>> found = rne.identify_drive_gains(arm, *logs, load, cutoff=20, drives=rne.DriveModel())
-        >>> print(found.report().splitlines()[0])
-        drive gains [N m or N per unit]  gain  standard error
         """
         rows = [Row("drive gains [N m or N per unit]", ("gain", "standard error"), words=True)]
         for name, gain, error in zip(self.joint_names, self.gains, self.errors, strict=True):
@@ -102,7 +79,7 @@ def identify_drive_gains(
     payload: Payload | HasPayload | float,
     *,
     drives: DriveModel | None = None,
-    minimum_rate: ArrayLike | None = None,
+    minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
     decimation: int | None = None,
 ) -> DriveGains:
@@ -123,7 +100,7 @@ def identify_drive_gains(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_rate, cutoff, decimation : optional
+    minimum_velocity, cutoff, decimation : optional
         As of `rne.identify`.
 
     Returns
@@ -153,20 +130,22 @@ def identify_drive_gains(
     >>> found = rne.identify_drive_gains(arm, *logs, load, cutoff=20, drives=rne.DriveModel())
     >>> found.gains.round(1).tolist()
     [8.0, 8.0, 8.0, 8.0, 8.0, 8.0]
+    >>> print(found.report().splitlines()[0])
+    drive gains [N m or N per unit]  gain  standard error
     """
-    sets = two_sets(robot, without, with_load, drives, minimum_rate, cutoff, decimation)
-    load = np.zeros(sets.standard.count)
+    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
+    load = np.zeros(sets.base.standard.count)
     arm = sets.robot
     load[: PARAMETERS * arm.model.nb] = arm.with_payload(*payload_argument(payload)).parameters - arm.parameters
     if not load.any():
         raise ValueError("`payload` must have a mass and be on a link that moves: no joint carries it")
-    inverse, errors, repeats = of_single_joints(sets, load)
+    inverse, errors, correlation_time = of_single_joints(sets, load)
     told = np.abs(inverse) > BEYOND_DOUBT * errors
     if not told.any():
         raise IdentificationError("`payload`: the load changes the currents of no joint by more than chance does")
     gains = np.where(told, 1 / np.where(told, inverse, 1), np.nan)
     gains, equations = of_all_joints(sets, load, gains)
-    estimate = with_correlation(least_squares(equations), equations, repeats)
+    estimate = with_correlation(least_squares(equations), equations, correlation_time)
     errors = np.abs(gains) * estimate.errors[sets.base.count :]
     silent = [name for name, known in zip(arm.joint_names, told, strict=True) if not known]
     notes = (f"the load does not tell the gain of {listed(silent)}",) if silent else ()
@@ -176,18 +155,18 @@ def identify_drive_gains(
 def of_single_joints(sets: TwoSets, load: Array) -> tuple[Array, Array, Array]:
     """Inverse gains k of i_j = Y_j (k pi) + k Y_j S phi, each from its joint alone.
 
-    With their standard errors and the number of equations that count as one.
+    With their standard errors and the correlation time of their residuals.
     """
     back, K = sets.base.back, sets.base.count
     E = np.hstack([back, load[:, None]])
     both = sets.joined(E, K)
-    found, errors, repeats = np.zeros((3, both.joints))
+    found, errors, correlation_time = np.zeros((3, both.joints))
     for j in range(both.joints):
         one = both.of_joint(j)
         estimate = least_squares(one)
-        repeats[j] = sets.repeats(back @ estimate.values[:K], E @ estimate.values)[j]
-        found[j], errors[j] = estimate.values[K], with_correlation(estimate, one, repeats[[j]]).errors[K]
-    return found, errors, repeats
+        correlation_time[j] = sets.correlation_time(back @ estimate.values[:K], E @ estimate.values)[j]
+        found[j], errors[j] = estimate.values[K], with_correlation(estimate, one, correlation_time[[j]]).errors[K]
+    return found, errors, correlation_time
 
 
 def of_all_joints(sets: TwoSets, load: Array, gains: Array) -> tuple[Array, Equations]:

@@ -17,6 +17,7 @@ from ..errors import NotFiniteError
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from .prepared import Prepared, rows_without
+from .screening import runs
 
 REST = 0.5  # periods of the cut-off, below which a joint turns back without resting
 LARGEST = 1e150  # number whose square is still one
@@ -24,28 +25,15 @@ LARGEST = 1e150  # number whose square is still one
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Triangular factors of the equations of each block and joint.
+    """Triangular factors of the equations of each block and joint."""
 
-    Attributes
-    ----------
-    factors : ndarray, shape (blocks, n, P + 1, P + 1)
-        Of [Y tau]; the last column belongs to tau.
-    rows : ndarray, shape (blocks, n)
-        How many equations each has.
-    """
-
-    factors: Array
-    rows: Array
+    factors: Array  # of [Y tau], shape (blocks, n, P + 1, P + 1); the last column belongs to tau
+    rows: Array  # how many equations each has, shape (blocks, n)
 
     @property
     def joints(self) -> int:
         """Number of joints."""
         return int(self.factors.shape[1])
-
-    @property
-    def unknowns(self) -> int:
-        """Number of unknowns, P."""
-        return int(self.factors.shape[-1]) - 1
 
     def of_blocks(self, chosen: Array) -> Equations:
         """Those of some blocks, by a mask or by indices."""
@@ -63,26 +51,25 @@ class Equations:
 
     def mapped(self, E: Array) -> Equations:
         """Those of other unknowns z, of which the present ones are x = E z."""
-        return Equations(triangular(append_right(self.factors, E)), self.rows)
+        factors = np.concatenate([self.factors[..., :-1] @ E, self.factors[..., -1:]], axis=-1)
+        return Equations(triangular(factors), self.rows)
 
     def residuals(self, x: Array) -> Array:
         """|Y x - tau|^2 of each joint, shape (n,)."""
-        squares: Array = ((self.factors @ np.append(x, -1.0)) ** 2).sum((0, 2))
-        return squares
+        return np.asarray(((self.factors @ np.append(x, -1.0)) ** 2).sum((0, 2)))
 
     def torques(self) -> Array:
         """|tau|^2 of each joint, shape (n,)."""
-        return self.residuals(np.zeros(self.unknowns))
+        return np.asarray((self.factors[..., -1] ** 2).sum((0, 2)))
+
+    def rms_torques(self) -> Array:
+        """Root mean square of each joint's torques, shape (n,)."""
+        return np.asarray(np.sqrt(self.torques() / np.maximum(self.rows.sum(0), 1)))
 
     def weighted(self, sigma: Array) -> Array:
         """One triangular factor of the equations of all joints, those of joint j divided by sigma[j]."""
         scaled = self.factors / sigma[:, None, None]
         return triangular(scaled.reshape(-1, scaled.shape[-1]))
-
-
-def append_right(factors: Array, E: Array) -> Array:
-    """Factors of [Y E, tau] from those of [Y tau]; no longer triangular."""
-    return np.concatenate([factors[..., :-1] @ E, factors[..., -1:]], axis=-1)
 
 
 def triangular(rows: Array) -> Array:
@@ -94,23 +81,7 @@ def triangular(rows: Array) -> Array:
 
 
 def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice]) -> Equations:
-    """Compress the rows of measured motions.
-
-    Parameters
-    ----------
-    Y : ndarray, shape (N, n, P)
-        Regressor in each sample.
-    tau : ndarray, shape (N, n)
-        Measured torques [N m or N].
-    used : ndarray of bool, shape (N, n)
-        False for equations to leave out.
-    blocks : sequence of slice
-        Of the samples.
-
-    Returns
-    -------
-    Equations
-    """
+    """The used rows of measured motions, compressed: Y of shape (N, n, P), torques and `used` of shape (N, n)."""
     n, P = Y.shape[1:]
     factors, rows = np.zeros((len(blocks), n, P + 1, P + 1)), np.zeros((len(blocks), n), int)
     for k, block in enumerate(blocks):
@@ -120,7 +91,7 @@ def equations(Y: Array, tau: Array, used: Array, blocks: Sequence[slice]) -> Equ
             augmented = np.concatenate([Y[block, j][chosen], tau[block, j][chosen, None]], axis=1)
             factors[k, j] = triangular(augmented)
     if not (np.abs(factors).max(initial=0) < LARGEST):
-        raise NotFiniteError("the equations overflow: torques or rates of the measurements are too large")
+        raise NotFiniteError("the equations overflow: torques or velocities of the measurements are too large")
     return Equations(factors, rows)
 
 
@@ -129,7 +100,7 @@ def joined(parts: Sequence[Equations]) -> Equations:
     return Equations(np.concatenate([p.factors for p in parts]), np.concatenate([p.rows for p in parts]))
 
 
-class Stacked(NamedTuple):
+class RecordEquations(NamedTuple):
     """The equations Y x = tau of one record, of its reduced rows."""
 
     Y: Array  # shape (rows, n, P)
@@ -144,41 +115,26 @@ class Stacked(NamedTuple):
         return fitted, fitted if (self.used == self.valid).all() else equations(self.Y, self.tau, self.valid, blocks)
 
 
-def resting(record: Prepared, minimum_rate: Array) -> Array:
+def resting(record: Prepared, minimum_velocity: Array) -> Array:
     """True at samples where a joint rests for a while, and its friction takes any value, shape (T, n)."""
-    slow = np.abs(record.qd) < minimum_rate
+    slow = np.abs(record.qd) < minimum_velocity
     shortest = REST * record.sample_rate / record.cutoff
     for flags in slow.T:
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-        for begin, end in edges.reshape(-1, 2):
+        for begin, end in runs(flags):
             if end - begin < shortest:
                 flags[begin:end] = False
     return slow
 
 
-def stacked(
-    robot: Robot, standard: StandardParameters, record: Prepared, minimum_rate: Array, still: Array | None = None
-) -> Stacked:
-    """The equations of a record.
+def record_equations(
+    robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array
+) -> RecordEquations:
+    """The equations of a record; joints that stand `still` have velocities of but noise, which are taken as zero.
 
-    Parameters
-    ----------
-    robot : Robot
-    standard : StandardParameters
-        The unknowns.
-    record : Prepared
-    minimum_rate : ndarray, shape (n,)
-        Equations of a joint that is slower on average are not used: Coulomb friction then has no known direction
-        [rad/s or m/s].
-    still : ndarray of bool, shape (n,), optional
-        Joints whose rates are but noise, and are taken as zero.
-
-    Returns
-    -------
-    Stacked
+    Where a joint is slower on average than its minimum velocity, Coulomb friction has no known direction and its
+    equation is not used.
     """
-    moves = np.ones(robot.n) if still is None else ~still
-    qd, qdd = record.qd * moves, record.qdd * moves
+    qd, qdd = record.qd * ~still, record.qdd * ~still
     bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
     rows = np.zeros((len(record.times), robot.n, standard.count))
     for j in range(robot.n):  # one by one, to need less memory; most bodies and drives are not felt by a joint
@@ -186,6 +142,6 @@ def stacked(
         places, drives = standard.drive_columns_of(j, qd, qdd)
         columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
         rows[:, j, np.append(felt, first + places)] = record.reduce(columns)
-    used = record.valid & ((record.reduce(np.abs(qd)) > minimum_rate) | (minimum_rate == 0))
-    sure = used & rows_without(record, resting(record, minimum_rate))
-    return Stacked(rows, record.reduce(record.tau), record.valid, used, sure)
+    used = record.valid & ((record.reduce(np.abs(qd)) > minimum_velocity) | (minimum_velocity == 0))
+    sure = used & rows_without(record, resting(record, minimum_velocity))
+    return RecordEquations(rows, record.reduce(record.tau), record.valid, used, sure)

@@ -28,31 +28,22 @@ from ..robot import Robot, robot_argument
 from ..simulation.motion_files import write_columns
 from ..trajectories import Samples
 from ..trajectories.profiles import broadcast_times
-from .fourier import FourierBasis, States
-from .motion_limits import Locked, MotionLimits, locked_positions, motion_limits
+from .motion_limits import FourierBasis, Locked, MotionLimits, States, locked_positions, motion_limits
 
 
 class BaseRegressor(NamedTuple):
-    """The regressor of base parameters, bodies and drives, as a quantity whose kernel computes no other columns.
+    """The regressor of base parameters, bodies and drives, as a quantity whose kernel computes no other columns."""
 
-    Attributes
-    ----------
-    columns : tuple of int
-        The standard parameters that are kept.
-    drives : tuple
-        Fields of the DriveModel, arrays as tuples: the same key for the same kernel.
-    """
-
-    columns: tuple[int, ...]
-    drives: tuple[Any, ...]
+    columns: tuple[int, ...]  # the standard parameters that are kept
+    drives: tuple[Any, ...]  # fields of the DriveModel, arrays as tuples: the same key for the same kernel
 
     @classmethod
     def of(cls, base: BaseParameters) -> BaseRegressor:
         """That of a robot's base parameters."""
         drives = base.standard.drives
         rows = tuple(map(tuple, base.standard.motors.tolist())) or None
-        rates = None if drives.stribeck is None else tuple(np.asarray(drives.stribeck, float).tolist())
-        return cls(base.independent, (drives.rotor, drives.friction, drives.offset, rows, drives.smoothing, rates))
+        velocities = None if drives.stribeck is None else tuple(np.asarray(drives.stribeck, float).tolist())
+        return cls(base.independent, (drives.rotor, drives.friction, drives.offset, rows, drives.smoothing, velocities))
 
     @property
     def quantity(self) -> Quantity:
@@ -75,17 +66,7 @@ class BaseRegressor(NamedTuple):
 
 
 class Observation:
-    """The matrix W of a motion's samples: rows are torques over their noise, columns are base parameters.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    base : BaseParameters
-        Its base parameters.
-    noise : ndarray, shape (n,)
-        Standard deviation of each torque, or its relative size.
-    """
+    """The matrix W of a motion's samples: rows are torques over their noise, columns are base parameters."""
 
     def __init__(self, robot: Robot, base: BaseParameters, noise: Array) -> None:
         self.robot, self.count, self.noise = robot, base.count, noise
@@ -108,6 +89,7 @@ class Observation:
         return np.split(found[:, 0], 3, axis=-1)
 
 
+Criterion = Callable[[Array], tuple[float, Array]]  # of singular values: value, derivatives by their logarithms
 GRAM = 1e3  # condition number up to which W^T W leaves nine digits
 
 
@@ -152,17 +134,6 @@ def log_volume(s: Array) -> tuple[float, Array]:
     return float(-2 * np.log(s).mean()), np.full(len(s), -2 / len(s))
 
 
-class Criterion(NamedTuple):
-    """What is to be minimised: a function of the singular values of W, of columns of length one if `scaled`."""
-
-    of: Callable[[Array], tuple[float, Array]]
-    scaled: bool = False
-
-    def value(self, W: Array) -> float:
-        """The value at W."""
-        return self.of(Spectrum(W, self.scaled, exact=True).s)[0]
-
-
 ROUNDING = 1e-12  # relative
 SHRINK = 0.85  # of a random motion whose torques are too large
 POSES = 2000  # random ones, if the middle of the ranges cannot be held
@@ -170,13 +141,7 @@ HELD = 0.9  # share of the efforts at rest that leaves some for motion
 
 
 def random_series(within: MotionLimits, count: int, rng: np.random.Generator) -> Array:
-    """Random series x that touch some limit of each joint, less where torques are limited, shape (count, size).
-
-    Raises
-    ------
-    ValueError
-        If no pose can be held within the torque limits.
-    """
+    """Random series x that touch some limit of each joint, less where torques are limited, shape (count, size)."""
     n = within.robot.n
     anchor = rest_pose(within, rng)
     x = rng.normal(size=(count, n, within.size // n))
@@ -204,8 +169,7 @@ def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
         )
     coefficients = np.zeros((robot.n, within.free.shape[0]))
     coefficients[:, 0] = (poses[k] - within.centre) / within.velocity_limit
-    anchor: Array = (coefficients @ within.free).ravel()
-    return anchor
+    return np.asarray((coefficients @ within.free).ravel())
 
 
 LOGGER = logging.getLogger("rne")
@@ -228,30 +192,16 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Series x of least criterion within limits.
-
-    Attributes
-    ----------
-    within : MotionLimits
-    observation : Observation
-    samples : int
-        Times of one period at which W is taken.
-    exact : Criterion
-        What is to be minimised.
-    stages : tuple of Criterion
-        Smooth criteria minimised one after the other.
-    iterations : int
-        The most of each run.
-    progress : callable or None
-    """
+    """Series x of least criterion within limits."""
 
     within: MotionLimits
     observation: Observation
-    samples: int
-    exact: Criterion
-    stages: tuple[Criterion, ...]
-    iterations: int
+    samples: int  # times of one period at which W is taken
+    exact: Criterion  # what is to be minimised
+    stages: tuple[Criterion, ...]  # smooth ones that are minimised one after the other
+    iterations: int  # the most of each run
     progress: Progress | None
+    scaled: bool = False  # columns of W have length one
     _last: dict[bytes, tuple[States, Spectrum]] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -264,7 +214,7 @@ class Search:
         if key not in self._last:
             states = self.within.states(x, self._grid)
             self._last.clear()
-            self._last[key] = states, Spectrum(self.observation.matrix(states), self.exact.scaled)
+            self._last[key] = states, Spectrum(self.observation.matrix(states), self.scaled)
         return self._last[key]
 
     def matrix(self, x: Array) -> Array:
@@ -273,23 +223,22 @@ class Search:
 
     def value(self, criterion: Criterion, x: Array) -> float:
         """A criterion of a series."""
-        return criterion.of(self._observed(x)[1].s)[0]
+        return criterion(self._observed(x)[1].s)[0]
 
     def gradient(self, criterion: Criterion, x: Array) -> Array:
         """Its derivatives by x, exact: W's by q, qd and qdd, which are linear in x."""
         states, spectrum = self._observed(x)
-        slopes = self.observation.slopes(states, spectrum.gradient(criterion.of(spectrum.s)[1]))
+        slopes = self.observation.slopes(states, spectrum.gradient(criterion(spectrum.s)[1]))
         by_coefficients = sum(h.T @ m for h, m in zip(slopes, self._grid, strict=True))
         return self.within.gradient(np.asarray(by_coefficients))
 
     def run(self, starts: Array) -> Found:
         """The best of several starts: each through the first stage, the best of them through the further ones."""
         first, *further = self.stages
-        total = len(starts) + len(further)
-        runs = [
-            self._minimise(first, Found(x, self.value(self.exact, x), False, NOT_BETTER), k, (k, total))
-            for k, x in enumerate(starts)
-        ]
+        total, runs = len(starts) + len(further), []
+        for k, x in enumerate(starts):
+            start = Found(x, self.value(self.exact, x), False, NOT_BETTER)
+            runs.append(self._minimise(first, start, k, (k, total)))
         best = min(range(len(runs)), key=lambda k: runs[k].value)
         found = runs[best]
         for k, criterion in enumerate(further, start=len(runs)):
@@ -331,12 +280,8 @@ class Search:
         A, within = self.within.rows, self.within
         found: list[dict[str, Any]] = [{"type": "ineq", "fun": lambda x: 1 - A @ x, "jac": lambda x: -A}]
         if len(within.driven):
-            grid = self._grid
-            torques = {
-                "fun": lambda x: within.torque_slack(x, grid),
-                "jac": lambda x: within.torque_slack_slopes(x, grid),
-            }
-            found.append({"type": "ineq", **torques})
+            slack, slopes = (partial(f, matrices=self._grid) for f in (within.torque_slack, within.torque_slack_slopes))
+            found.append({"type": "ineq", "fun": slack, "jac": slopes})
         return found
 
     def _held(self, start: Array, end: Array) -> Array:
@@ -349,8 +294,7 @@ class Search:
         for _ in range(BISECTIONS):
             middle = (kept + broken) / 2
             kept, broken = (middle, broken) if self.within.holds(start + middle * (end - start)) else (kept, middle)
-        held: Array = start + kept * (end - start)
-        return held if kept else start
+        return np.asarray(start + kept * (end - start)) if kept else start
 
 
 ACTIVE = 0.97  # share of a limit from which it is called active
@@ -358,7 +302,7 @@ ACTIVE = 0.97  # share of a limit from which it is called active
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A periodic motion for the identification of a robot, made by `rne.excitation`.
+    """A periodic motion for the identification of a robot, found by `rne.excitation`.
 
     q(t) = q0 + sum over k of a_k / (k w) sin(k w t) - b_k / (k w) cos(k w t), with w = 2 pi / duration. It is a
     reference f(t) -> (q, qd, qdd), and repeats itself after `duration`.
@@ -372,7 +316,7 @@ class Excitation:
     q0 : ndarray, shape (n,)
         Mean positions [rad or m].
     a, b : ndarray, shape (n, H)
-        Amplitudes of the rates' cosines and sines [rad/s or m/s].
+        Amplitudes of the velocities' cosines and sines [rad/s or m/s].
     criterion : {"condition", "d-optimal"}
         What was minimised.
     condition : float
@@ -383,7 +327,7 @@ class Excitation:
     random : ndarray
         What the criterion, `condition` or `log_det`, is of random motions within the same limits.
     limit_use : mapping of str to ndarray, shape (n,)
-        The largest share of the limits of "position", "rate", "acceleration" and "torque" that the motion uses.
+        The largest share of the limits of "position", "velocity", "acceleration" and "torque" that the motion uses.
     converged : bool
         False if the optimiser stopped early or found nothing better than a random motion; the motion keeps its limits
         all the same.
@@ -394,14 +338,6 @@ class Excitation:
         they excite not among its columns, and their shares of limits are zero [rad or m].
     notes : tuple of str
         What the motion does not take into account.
-
-    Examples
-    --------
-    >>> import rne
-    >>> motion = rne.excitation(rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0}), 4.0, 3)
-    >>> q, qd, qdd = motion(0.0)
-    >>> q.shape, bool(motion.condition < motion.random.min())
-    ((3,), True)
     """
 
     robot: Robot
@@ -426,13 +362,12 @@ class Excitation:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Limits of which the motion uses 97 % and more, such as "rate of joint_2"."""
-        joints = self.robot.joint_names
-        found = [f"{kind} of {joints[k]}" for kind, use in self.limit_use.items() for k in np.flatnonzero(use > ACTIVE)]
-        return tuple(found)
+        """Limits of which the motion uses 97 % and more, such as "velocity of joint_2"."""
+        used = [(kind, k) for kind, use in self.limit_use.items() for k in np.flatnonzero(use > ACTIVE)]
+        return tuple(f"{kind} of {self.robot.joint_names[k]}" for kind, k in used)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at given times.
+        """Positions, velocities and accelerations at given times.
 
         Parameters
         ----------
@@ -473,13 +408,6 @@ class Excitation:
         ------
         ValueError
             If an argument is not positive.
-
-        Examples
-        --------
-        >>> import rne
-        >>> motion = rne.excitation(rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0}), 4.0, 3)
-        >>> motion.sample(100.0).q.shape
-        (401, 3)
         """
         step = 1 / positive_number("sample_rate", sample_rate)
         count = int(whole_number("periods", periods) * self.duration / step * (1 + 1e-12)) + 1
@@ -508,12 +436,6 @@ class Excitation:
         ------
         FileNotFoundError
             If its folder does not exist.
-
-        Examples
-        --------
-        >>> import rne
-        >>> motion = rne.excitation(rne.load("irb140"), 10.0, 5)  # doctest: +SKIP
-        >>> file = motion.to_csv("motion.csv", 250.0)  # doctest: +SKIP
         """
         samples, names = self.sample(sample_rate, periods), self.robot.joint_names
         parts = {"q": samples.q, "qd": samples.qd, "qdd": samples.qdd}
@@ -537,7 +459,7 @@ class Excitation:
 CRITERIA = ("condition", "d-optimal")
 ORDERS = (8.0, 64.0)  # of the Schatten norms in place of the spectral norm, one stage each
 SAMPLES = 20  # per period of the highest harmonic
-SMOOTHING = 0.05  # of the smallest rate limit: where Coulomb friction changes its sign
+SMOOTHING = 0.05  # of the smallest velocity limit: where Coulomb friction changes its sign
 EXCITED = 1e8  # condition number, columns of unit norm, of a motion that leaves parameters unexcited
 
 
@@ -579,8 +501,8 @@ def excitation(
         or m/s^2].
     drives : DriveModel, optional
         Rotors, friction and offsets of the drives that are to be identified too; by default none. Coulomb friction is
-        taken as tanh(qd / smoothing), so that it has a derivative, by default with 5 % of the smallest rate limit; with
-        smoothing 0 it is sign(qd), whose derivative is zero except at rest.
+        taken as tanh(qd / smoothing), so that it has a derivative, by default with 5 % of the smallest velocity limit;
+        with smoothing 0 it is sign(qd), whose derivative is zero except at rest.
     locked : mapping of str to float, or sequence of str or int, optional
         Joints that stay where they are, such as the fingers of a gripper, by name or index: with their positions, or in
         the middle of their ranges. Parameters that only they excite are not counted [rad or m].
@@ -591,7 +513,7 @@ def excitation(
         True for the condition number of W with each column divided by its norm, which does not depend on the units of
         the parameters, but does not ask for large motions either.
     rest : bool
-        True for a motion that starts and ends with rates and accelerations zero.
+        True for a motion that starts and ends with velocities and accelerations zero.
     samples : int, optional
         Times of one period at which W is taken; by default 20 per harmonic.
     random_motions : int
@@ -616,8 +538,8 @@ def excitation(
     TypeError
         If `robot`, `limits` or `locked` is of another type.
     ValueError
-        If an argument is out of range, a joint has no range or no rate limit, the harmonics or samples cannot excite
-        all base parameters, or no motion within the limits is found.
+        If an argument is out of range, a joint has no range or no velocity limit, the harmonics or samples cannot
+        excite all base parameters, or no motion within the limits is found.
 
     Notes
     -----
@@ -626,7 +548,7 @@ def excitation(
 
     Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor. The
     condition number has no derivative where singular values meet, as they do at the optimum; it is approximated by
-    Schatten norms of orders 8 and 64. Positions, rates and accelerations keep their limits at all times, by the
+    Schatten norms of orders 8 and 64. Positions, velocities and accelerations keep their limits at all times, by the
     inequality of Bernstein and Szego: a grid of 16 times per period of the highest harmonic misses at most 1.9 % of a
     maximum. Torques are those of `robot`, with its damping and friction; they are limited at 64 times per period of the
     highest harmonic, with the parabola through three of them in between.
@@ -638,6 +560,9 @@ def excitation(
     >>> motion = rne.excitation(robot, 4.0, 3, limits={"acceleration_limit": [10.0] * 3})
     >>> motion.converged, bool(motion.condition < motion.random.min())
     (True, True)
+    >>> motion.sample(100.0).q.shape
+    (401, 3)
+    >>> file = motion.to_csv("motion.csv", 250.0)  # doctest: +SKIP
 
     A 7-joint arm takes tens of seconds; `progress` shows them:
 
@@ -661,7 +586,7 @@ def excitation(
     observation = Observation(numeric, base, sizes[moving])
     exact, stages = _criteria(criterion, scaled)
     count = SAMPLES * harmonics if samples is None else whole_number("samples", samples)
-    search = Search(within, observation, count, exact, stages, whole_number("iterations", iterations), progress)
+    search = Search(within, observation, count, exact, stages, whole_number("iterations", iterations), progress, scaled)
     x = random_series(within, whole_number("random_motions", random_motions), rng)
     measures = _excited(search, x)
     values_of_random = measures[:, CRITERIA.index(criterion)]
@@ -682,28 +607,28 @@ def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_
     """Those of the joints that move, Coulomb friction smoothed."""
     drives = drive_argument(given)
     motors = StandardParameters(robot.model, drives).motors[:, moving]
-    rates = None if drives.stribeck is None else np.asarray(drives.stribeck)[moving]
+    velocities = None if drives.stribeck is None else np.asarray(drives.stribeck)[moving]
     slow = SMOOTHING * float(velocity_limit.min()) if drives.smoothing is None else drives.smoothing
-    return replace(drives, coupled_motors=motors[motors.any(1)], stribeck=rates, smoothing=slow)
+    return replace(drives, coupled_motors=motors[motors.any(1)], stribeck=velocities, smoothing=slow)
 
 
 def _criteria(criterion: str, scaled: bool) -> tuple[Criterion, tuple[Criterion, ...]]:
     if criterion not in CRITERIA:
         raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
     if criterion == "condition":
-        return Criterion(log_condition, scaled), tuple(Criterion(partial(log_condition, p=p), scaled) for p in ORDERS)
+        return log_condition, tuple(partial(log_condition, p=p) for p in ORDERS)
     if scaled:
         raise ValueError(
             "`scaled` must be False for criterion 'd-optimal', which does not depend on the columns' units"
         )
-    return Criterion(log_volume), (Criterion(log_volume),)
+    return log_volume, (log_volume,)
 
 
 def _measures(W: Array, scaled: bool, *, exact: bool = False) -> tuple[float, float]:
     """The condition number and log det(W^T W)."""
     s = Spectrum(W, scaled, exact=exact).s
-    squares = Spectrum(W, exact=exact).s ** 2 if scaled else s**2
-    return float(s.max() / s.min()), float(np.log(squares).sum())
+    plain = Spectrum(W, exact=exact).s if scaled else s
+    return float(s.max() / s.min()), float(np.log(plain**2).sum())
 
 
 def _excited(search: Search, x: Array) -> Array:
@@ -722,7 +647,7 @@ def _excited(search: Search, x: Array) -> Array:
                 f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
                 f"most {rank} of {parameters} base parameters; give more harmonics or wider limits"
             )
-    return np.array([_measures(W, search.exact.scaled) for W in matrices])
+    return np.array([_measures(W, search.scaled) for W in matrices])
 
 
 def _result(
@@ -739,7 +664,7 @@ def _result(
 
     coefficients = placed(within.coefficients(found.x))
     coefficients[list(positions), 0] = list(positions.values())
-    condition, log_det = _measures(search.matrix(found.x), search.exact.scaled, exact=True)
+    condition, log_det = _measures(search.matrix(found.x), search.scaled, exact=True)
     locked = {robot.joint_names[k]: position for k, position in positions.items()}
     return Excitation(
         robot=robot,

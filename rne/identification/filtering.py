@@ -3,8 +3,8 @@
 Measured torques and the columns of a regressor pass the same filter, after which the linear relation between them holds
 as before: the parallel filter of Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Systems Technology 21(2). Its
 cut-off lies well above the bandwidth of the motion, so that the filter does not change it. The bandwidth is that of the
-rates, whose spectrum tells motion from the noise of encoders where that of accelerations, in which noise grows with the
-fourth power of the frequency, does not.
+velocities, whose spectrum tells motion from the noise of encoders where that of accelerations, in which noise grows
+with the fourth power of the frequency, does not.
 """
 
 from __future__ import annotations
@@ -73,13 +73,13 @@ def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:
 
 
 WINDOW = 4.0  # seconds of one spectrum; several are averaged
-POWER = 0.99  # share of the rates' power that makes up the motion's bandwidth
+POWER = 0.99  # share of the velocities' power that makes up the motion's bandwidth
 FACTOR = 5.0  # times the motion's bandwidth, for the cut-off
 FEWEST = 8  # samples of a spectrum
 LEAST = 2.0  # times the motion's bandwidth, where noise asks for a lower cut-off
 NOISE = 1e-3  # power of the accelerations' noise below the cut-off, as a part of that of the accelerations
 SIGNIFICANT = 10.0  # times the noise, above which a part of a spectrum is motion
-MOVING = 0.05  # rate as a part of the fastest joint's, above which a joint has a say
+MOVING = 0.05  # velocity as a part of the fastest joint's, above which a joint has a say
 FASTEST = 0.2  # largest cut-off, as a part of the sample rate
 CHANCE = 0.01  # that spectra which have nothing to do with each other look coherent
 AVERAGES = 1.6  # independent spectra per window, where windows overlap by half
@@ -88,38 +88,38 @@ HIGHEST = 0.25  # crossover as a part of the sample rate, from which the positio
 
 
 class Spectrum(NamedTuple):
-    """Power of the joints' rates over frequency, each joint's from what measures better: positions or rates."""
+    """Power of the joint velocities over frequency, each from what measures better: positions or velocities."""
 
     f: Array  # shape (F,) [Hz]
-    rates: Array  # shape (F, n)
-    noise: Array  # in `rates`, shape (F, n)
-    crossover: Array  # below which positions measure better, shape (n,) [Hz]; infinite where rates are not used
+    velocities: Array  # shape (F, n)
+    noise: Array  # in `velocities`, shape (F, n)
+    crossover: Array  # below which positions measure better, shape (n,) [Hz]; infinite where velocities are not used
 
 
 def motion_spectrum(
     q: Sequence[Array], sample_rate: float, integrals: Sequence[Array] = (), used: Array | None = None
 ) -> Spectrum:
-    """Averaged over the segments that are long enough, shape (T, n) each; `integrals` are those of measured rates.
+    """Averaged over the segments that are long enough, shape (T, n) each; `integrals` are those of measured velocities.
 
     Noise of the positions that is equal at all frequencies, as that of quantisation, has in differences the spectrum
-    N (2 sin(pi f / f_s))^2; N is the median over the upper half of the frequencies. Noise of the rates is the median of
-    theirs there. Rates that a drive has filtered have little noise but come late: their noise is also what they differ
-    by from the positions', if these have a bandwidth and their noise does not account for it.
+    N (2 sin(pi f / f_s))^2; N is the median over the upper half of the frequencies, and the noise of the velocities the
+    median of theirs. Velocities that a drive has filtered have little noise but come late: their noise is also what
+    they differ by from the positions', if these have a bandwidth and their noise does not account for it.
     """
     f, power = _power(q, q, sample_rate)
-    rates = power.real
+    velocities = power.real
     shape = ((2 * np.sin(np.pi * f / sample_rate)) ** 2)[:, None]
     upper = f > sample_rate / 4
-    level = np.median(rates[upper] / shape[upper], axis=0)
-    noise, crossover = level * shape, np.full(rates.shape[1], np.inf)
-    plain = Spectrum(f, rates, noise, crossover)
+    level = np.median(velocities[upper] / shape[upper], axis=0)
+    noise, crossover = level * shape, np.full(velocities.shape[1], np.inf)
+    plain = Spectrum(f, velocities, noise, crossover)
     if used is None or not used.any():
         return plain
     off = [x - y for x, y in zip(q, integrals, strict=True)]
     measured, difference = (_power(x, x, sample_rate)[1].real for x in (integrals, off))
     is_bounded = FACTOR * _bandwidths(plain)[1].max() < FASTEST * sample_rate
     if not is_bounded:  # repeated positions have noise at single frequencies
-        level = np.mean(rates[upper] / shape[upper], axis=0)
+        level = np.mean(velocities[upper] / shape[upper], axis=0)
     unexplained = (difference > SIGNIFICANT * noise) & is_bounded
     late = np.where(unexplained, difference, 0.0).sum(0) / np.maximum(unexplained.sum(0), 1)
     measured_noise = np.maximum(np.median(measured[upper], axis=0), late)
@@ -127,7 +127,7 @@ def motion_spectrum(
     better = used & (equal < HIGHEST * sample_rate)
     crossover[better] = np.maximum(equal[better], PERIODS * sample_rate / max(len(x) for x in q))
     above = f[:, None] > crossover
-    return Spectrum(f, np.where(above, measured, rates), np.where(above, measured_noise, noise), crossover)
+    return Spectrum(f, np.where(above, measured, velocities), np.where(above, measured_noise, noise), crossover)
 
 
 def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[Array, Array]:
@@ -147,17 +147,16 @@ def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[
     return spectra[0][0][1:], np.average([power[1:] for _, power in spectra], axis=0, weights=weights)
 
 
-def integral(rates: Array, sample_rate: float) -> Array:
+def integral(velocities: Array, sample_rate: float) -> Array:
     """Integral of a cubic spline through samples along the first axis, zero at the first."""
     from scipy.interpolate import CubicSpline
 
-    t = np.arange(len(rates)) / sample_rate
-    integrated: Array = CubicSpline(t, rates, axis=0).antiderivative()(t)
-    return integrated
+    t = np.arange(len(velocities)) / sample_rate
+    return np.asarray(CubicSpline(t, velocities, axis=0).antiderivative()(t))
 
 
 def complementary_filter(q: Array, integrals: Array, crossover: Array, sample_rate: float) -> Array:
-    """Positions: below the crossover of each joint as measured, above it the integrals of the measured rates."""
+    """Positions: below the crossover of each joint as measured, above it the integrals of the measured velocities."""
     fused = q.copy()
     for j in np.flatnonzero(np.isfinite(crossover)):
         slow = low_pass(q[:, j] - integrals[:, j], crossover[j], sample_rate)
@@ -176,26 +175,26 @@ def choose_cutoff(
     highest, warned = FASTEST * sample_rate, []
     cutoff, reason = _cutoff(spectrum)
     if cutoff > highest:
-        common = spectrum.rates * _coherence(q, tau, sample_rate)
+        common = spectrum.velocities * _coherence(q, tau, sample_rate)
         warned = [
             f"warning: the spectrum asks for a cut-off above {highest:.6g} Hz, a fifth of the sample rate: positions "
             "that repeat or jump, noise up to half the sample rate, or a sample rate that is too low"
         ]
         if (common > SIGNIFICANT * spectrum.noise).any():
-            cutoff, reason = _cutoff(spectrum._replace(rates=common))
+            cutoff, reason = _cutoff(spectrum._replace(velocities=common))
             reason = f"of what torques and positions have in common, {reason}"
     if cutoff > highest:
         cutoff, reason = highest, f"{FASTEST:g} times the sample rate of {sample_rate:.6g} Hz"
-    source = "positions" if np.isinf(spectrum.crossover).all() else "positions and measured rates"
+    source = "positions" if np.isinf(spectrum.crossover).all() else "positions and measured velocities"
     return cutoff, (f"cut-off {cutoff:.3g} Hz, chosen from the spectrum of the {source}: {reason}", *warned)
 
 
 def _cutoff(spectrum: Spectrum) -> tuple[float, str]:
     """From the bandwidths of the joints that move."""
-    rate, motions, noises = _bandwidths(spectrum)
-    if not rate.any():
+    speed, motions, noises = _bandwidths(spectrum)
+    if not speed.any():
         raise ValueError("the positions show no motion above their noise")
-    moving = rate >= MOVING * rate.max()
+    moving = speed >= MOVING * speed.max()
     motion, noise = motions[moving].max(), noises[moving].min()
     if noise < FACTOR * motion:
         reason = f"the motion's bandwidth is {motion:.3g} Hz, noise disturbs the accelerations from {noise:.3g} Hz on"
@@ -218,15 +217,15 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
 
 
 def _bandwidths(spectrum: Spectrum) -> tuple[Array, Array, Array]:
-    """Of each joint, shape (n,): root mean square of its rate, and two frequencies [Hz].
+    """Of each joint, shape (n,): root mean square of its velocity, and two frequencies [Hz].
 
-    Below the first lies `POWER` of the rate's power, below the second accelerations have the share `NOISE` of noise.
+    Below the first lies `POWER` of its power, below the second accelerations have the share `NOISE` of noise.
     """
-    f, rates, noise = spectrum.f, spectrum.rates, spectrum.noise
-    power = np.cumsum(np.where(rates > SIGNIFICANT * noise, rates - noise, 0.0), axis=0)
+    f, velocities, noise = spectrum.f, spectrum.velocities, spectrum.noise
+    power = np.cumsum(np.where(velocities > SIGNIFICANT * noise, velocities - noise, 0.0), axis=0)
     motion = (power < POWER * power[-1]).sum(axis=0)
     omega2 = (2 * np.pi * f[:, None]) ** 2
-    moved = (omega2 * rates * (np.arange(len(f))[:, None] <= motion)).sum(axis=0)
+    moved = (omega2 * velocities * (np.arange(len(f))[:, None] <= motion)).sum(axis=0)
     disturbed = np.cumsum(omega2 * noise, axis=0) > NOISE * moved
     beyond = np.where(disturbed.any(axis=0), np.argmax(disturbed, axis=0), -1)
     return np.sqrt(power[-1] * f[0]), f[motion], f[beyond]

@@ -16,18 +16,18 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from .causes import Cause, derivative_by, joined, likely_causes, sharpened
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
 from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
 from .record import Record
-from .regression import HELD_OUT, Gathered, check_robot, gathered
+from .regression import FOLDS, RegressionData, build_regression
 from .residuals import Residuals
 from .result import IMPOSSIBLE, Identification
 
-SPREAD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
-SPREAD_OF_GUESS = 3.0  # of bodies guessed from the geometry
+PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
+PRIOR_STD_OF_GUESS = 3.0  # of bodies guessed from the geometry
 BEYOND_DOUBT = 4.0  # standard errors
 IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns
 MODELLED = ("delay", "Stribeck friction")  # causes that the fit takes into account
@@ -41,12 +41,12 @@ def identify(
     drives: DriveModel | None = None,
     consistent: bool = True,
     prior: Robot | str | None = None,
-    spread: float | None = None,
-    minimum_rate: ArrayLike | None = None,
+    prior_std: float | None = None,
+    minimum_velocity: ArrayLike | None = None,
     delay: ArrayLike | None = None,
     cutoff: float | None = None,
     decimation: int | None = None,
-    blocks: int = HELD_OUT,
+    folds: int = FOLDS,
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
 
@@ -68,11 +68,12 @@ def identify(
     prior : Robot or "geometry", optional
         Where the motion says nothing, bodies are like those of this robot; "geometry" guesses rods between the joints
         and finds their density from the measurements.
-    spread : float, optional
-        How far, relatively, bodies are expected to differ from the prior: by default 0.3, for "geometry" 3.
-    minimum_rate : array_like, shape (n,), optional
+    prior_std : float, optional
+        Standard deviation of the prior, how far bodies are expected to differ from it, relatively: by default 0.3, for
+        "geometry" 3.
+    minimum_velocity : array_like, shape (n,), optional
         Slower equations of a joint are not fitted, because the direction of Coulomb friction is not known; by default
-        2 % of the joint's largest rate, and what one step of its encoder makes, with Coulomb friction that is not
+        2 % of the joint's largest velocity, and what one step of its encoder makes, with Coulomb friction that is not
         smoothed, otherwise 0 [rad/s or m/s].
     delay : float or array_like, shape (n,), optional
         By which torques were measured later than positions, by default estimated for each record, and for a joint where
@@ -81,9 +82,9 @@ def identify(
         Of the low-pass filter, by default chosen from the measurements [Hz].
     decimation : int, optional
         Samples per equation after the filter; by default from the cut-off.
-    blocks : int
-        Each record is cut into `blocks` / number of records, rounded up and at least 2, each to be predicted from the
-        others.
+    folds : int
+        Of the cross-validation, contiguous in time: each record is cut into `folds` / number of records, rounded up and
+        at least 2, each to be predicted from the others.
 
     Returns
     -------
@@ -112,30 +113,35 @@ def identify(
     >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
     >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
     >>> found = rne.identify(robot, record, consistent=False)
-    >>> found.base.count
-    58
+    >>> print(found.report().splitlines()[0][:28])
+    58 base parameters of irb140
+    >>> found.estimate.values.shape, found.predict(q, qd, qdd).shape, found.held_out.shape
+    ((58,), (5000, 6), (6,))
+    >>> found.check(record).measured.shape[1], len(found.plot().axes)
+    (6, 12)
     """
-    check_robot(robot)
-    for name, given in (("prior", prior), ("spread", spread)):
+    robot_argument(robot)
+    for name, given in (("prior", prior), ("prior_std", prior_std)):
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
     drives = MEASURED if drives is None else drive_argument(drives)
-    options = {"minimum_rate": minimum_rate, "cutoff": cutoff, "decimation": decimation, "blocks": blocks}
+    options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "decimation": decimation, "folds": folds}
     base, data, causes, modelled = explained(robot, records, drives, delay, options)
     standard = base.standard
     guess, notes = prior_bodies(robot, prior, standard, data.fitted) if consistent else (None, ())
-    method = Method(standard, base, guess, positive_number("spread", spread_of(prior, spread)) ** -2)
+    if prior_std is None:
+        prior_std = PRIOR_STD_OF_GUESS if isinstance(prior, str) else PRIOR_STD
+    method = Method(standard, base, guess, positive_number("prior_std", prior_std) ** -2)
     estimate, parameters = method.solved(data.fitted)
-    repeats = data.repeats(base.back @ estimate.values)
-    estimate = with_correlation(estimate, data.fitted.mapped(base.back), repeats)
+    correlation_time = data.correlation_time(base.back @ estimate.values)
+    estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
     estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
     drift = data.at_lower_cutoff(base, estimate.sigma) - estimate.values
     errors = held_out(method, data.fitted, data.measured)
-    taken = tuple(f"{name_of(cause)}: {cause.text} (+- {plus_minus(cause)}); taken into account" for cause in modelled)
-    notes = (*data.notes, *taken, *notes, *ignored_drives(standard), *negative_drives(robot, base, estimate))
-    found = Identification(
-        robot, standard, base, data, estimate, parameters, consistent, errors, repeats, drift, joined(causes), notes
-    )
+    notes = (*data.notes, *map(taken_text, modelled), *notes)
+    notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
+    trust = errors, correlation_time, drift, joined(causes)
+    found = Identification(robot, standard, base, data, estimate, parameters, consistent, *trust, notes)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
     return found
@@ -147,7 +153,7 @@ def explained(
     drives: DriveModel,
     delay: ArrayLike | None,
     options: dict[str, Any],
-) -> tuple[BaseParameters, Gathered, tuple[Cause, ...], list[Cause]]:
+) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause]]:
     """The equations with the delays and Stribeck effects that they ask for, what causes the rest, what is modelled."""
     delays = np.zeros((len(records) if isinstance(records, Sequence) else 1, robot.n))
     if delay is not None:
@@ -155,7 +161,7 @@ def explained(
     modelled: dict[tuple[str, tuple[str, ...], float], Cause] = {}
     for k in range(ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
-        data = gathered(robot, records, base, **options, delays=delays)
+        data = build_regression(robot, records, base, **options, delays=delays)
         rest = residuals_of(robot, base, data, least_squares(data.fitted.mapped(base.back)))
         causes = likely_causes(rest)
         found = [c for c in causes if c.kind in MODELLED and (c.kind != "delay" or delay is None)]
@@ -183,20 +189,18 @@ def with_estimated(estimate: LeastSquares, rest: Residuals, modelled: Sequence[C
     return replace(estimate, covariance=covariance, errors=errors)
 
 
-def name_of(cause: Cause) -> str:
-    """What is taken into account."""
-    return f"delay of {1000 * cause.value:.3g} ms" if cause.kind == "delay" else cause.kind
+def taken_text(cause: Cause) -> str:
+    """What is taken into account, with its standard error."""
+    name, error = cause.kind, f"{cause.error:.2g}"
+    if cause.kind == "delay":
+        name, error = f"delay of {1000 * cause.value:.3g} ms", f"{1000 * cause.error:.2g} ms"
+    return f"{name}: {cause.text} (+- {error}); taken into account"
 
 
-def plus_minus(cause: Cause) -> str:
-    """The standard error of a cause in its unit."""
-    return f"{1000 * cause.error:.2g} ms" if cause.kind == "delay" else f"{cause.error:.2g}"
-
-
-def residuals_of(robot: Robot, base: BaseParameters, data: Gathered, found: LeastSquares) -> Residuals:
+def residuals_of(robot: Robot, base: BaseParameters, data: RegressionData, found: LeastSquares) -> Residuals:
     """What least squares left."""
-    repeats = data.repeats(base.back @ found.values)
-    return Residuals(robot, base, data.prepared, data.rows, found.values, found.sigma, repeats)
+    correlation_time = data.correlation_time(base.back @ found.values)
+    return Residuals(robot, base, data.prepared, data.rows, found.values, found.sigma, correlation_time)
 
 
 def delay_of(robot: Robot, cause: Cause, count: int) -> Array:
@@ -208,17 +212,10 @@ def delay_of(robot: Robot, cause: Cause, count: int) -> Array:
 
 def with_stribeck(robot: Robot, drives: DriveModel, causes: Sequence[Cause]) -> DriveModel:
     """The drives with the Stribeck velocities of these causes."""
-    rates = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
+    velocities = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
     for cause in causes:
-        rates[robot.joint_names.index(cause.joints[0])] = cause.at
-    return replace(drives, stribeck=rates)
-
-
-def spread_of(prior: Robot | str | None, given: float | None) -> float:
-    """How far bodies are expected to differ from the prior: a guess says less than a file."""
-    if given is not None:
-        return given
-    return SPREAD_OF_GUESS if isinstance(prior, str) else SPREAD
+        velocities[robot.joint_names.index(cause.joints[0])] = cause.at
+    return replace(drives, stribeck=velocities)
 
 
 def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:

@@ -2,13 +2,13 @@
 
 Gautier 1997; Siciliano et al. 2009, section 7.3. The noise of a joint is its residual over its degrees of freedom,
 which depend on the fit, which depends on the noise: the fit is repeated until neither changes. Residuals that are like
-those of neighbouring equations carry less information than their number says: the sum over their autocorrelations,
-1 + 2 sum rho_k, is the number of equations that count as one (Sokal 1997, section 3).
+those of neighbouring equations carry less information than their number says: the number of rows over the integrated
+autocorrelation time, 1 + 2 sum rho_k, is the effective sample size (Sokal 1997, section 3).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -33,7 +33,7 @@ UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations 
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """Estimates and how far to trust them.
+    """Estimates and how far to trust them, such as by `rne.identify`.
 
     Attributes
     ----------
@@ -48,15 +48,6 @@ class LeastSquares:
         Condition number of the weighted equations; infinite if unknowns depend on each other.
     scaled_condition : float
         The same with columns of unit length.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-    >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-    >>> rne.identify(robot, record, consistent=False).estimate.values.shape
-    (36,)
     """
 
     values: Array
@@ -89,20 +80,17 @@ def solve(factor: Array) -> Solution:
     return Solution(inverse @ (U.T[kept] @ b), inverse, S, free)
 
 
+def weighted_fit(equations: Equations, sigma: Array) -> tuple[Array, Array]:
+    """The solution of equations over the noise of their joint, and how many unknowns each joint determines."""
+    solution = solve(equations.weighted(sigma))
+    spent = ((equations.factors[..., :-1] @ solution.inverse) ** 2).sum((0, 2, 3)) / sigma**2
+    return solution.x, spent
+
+
 def least_squares(equations: Equations) -> LeastSquares:
-    """Estimates of all unknowns from the equations of all blocks and joints.
-
-    Parameters
-    ----------
-    equations : Equations
-
-    Returns
-    -------
-    LeastSquares
-    """
+    """Estimates of all unknowns from the equations of all blocks and joints."""
     equations = equations.merged()
-    rows = equations.rows[0]
-    size = np.sqrt(equations.torques() / np.maximum(rows, 1))
+    size = equations.rms_torques()
     least = np.maximum(ROUNDING * np.maximum(size, size.max(initial=0) * ROUNDING), np.finfo(float).tiny)
     sigma = np.maximum(size, least)
     for _ in range(ROUNDS):
@@ -120,27 +108,14 @@ def least_squares(equations: Equations) -> LeastSquares:
     return LeastSquares(solution.x, errors, covariance, sigma, *conditions)
 
 
-def with_correlation(estimate: LeastSquares, equations: Equations, repeats: Array) -> LeastSquares:
-    """The same estimates, with the standard errors of correlated residuals.
-
-    Parameters
-    ----------
-    estimate : LeastSquares
-        Of these equations.
-    equations : Equations
-    repeats : ndarray, shape (n,)
-        How many equations of a joint count as one.
-
-    Returns
-    -------
-    LeastSquares
-    """
+def with_correlation(estimate: LeastSquares, equations: Equations, correlation_time: Array) -> LeastSquares:
+    """The estimates from these equations with the standard errors of residuals of this correlation time in rows."""
     equations = equations.merged()
     solution = solve(equations.weighted(estimate.sigma))
     covariance = np.zeros_like(estimate.covariance)
-    for j, factor in enumerate(equations.factors[0]):  # G (sum over joints of repeats A_j^T A_j) G^T of the sandwich
+    for j, factor in enumerate(equations.factors[0]):  # G (sum over joints of tau_j A_j^T A_j) G^T of the sandwich
         share = solution.inverse @ (factor[:, :-1] @ solution.inverse / estimate.sigma[j]).T
-        covariance += repeats[j] * share @ share.T
+        covariance += correlation_time[j] * share @ share.T
     errors = np.where(solution.free, np.inf, np.sqrt(np.diag(covariance)))
     return replace(estimate, covariance=covariance, errors=errors)
 
@@ -150,10 +125,9 @@ def noise(equations: Equations, sigma: Array, start: Array, least: Array) -> Arr
 
     A joint with hardly more equations than it has unknowns of its own leaves no residual: it keeps the value `start`.
     """
-    solution = solve(equations.weighted(sigma))
-    spent = ((equations.factors[..., :-1] @ solution.inverse) ** 2).sum((0, 2, 3)) / sigma**2
+    x, spent = weighted_fit(equations, sigma)
     freedom = equations.rows.sum(0) - spent
-    found = np.sqrt(equations.residuals(solution.x) / np.maximum(freedom, 1))
+    found = np.sqrt(equations.residuals(x) / np.maximum(freedom, 1))
     return np.maximum(np.where(freedom < FEWEST, start, found), least)
 
 
@@ -161,23 +135,18 @@ HELD = 1e-4  # weight of the model's drives, of that of the measurements
 LEAST_NOISE = 1e-3  # of the torques: the consistent fit does not take measurements for more exact than this
 
 
-class Method(NamedTuple):
-    """What is unknown, and what is known beforehand.
+def believed_noise(equations: Equations, sigma: Array) -> Array:
+    """Noise of the joints: measurements are not taken for more exact than a thousandth of the torques."""
+    return np.maximum(sigma, LEAST_NOISE * equations.rms_torques())
 
-    Attributes
-    ----------
-    standard : StandardParameters
-    base : BaseParameters
-    prior : ndarray, shape (nb, 4, 4), or None
-        Pseudo-inertias; None for least squares alone.
-    weight : float
-        Of the divergence from the prior.
-    """
+
+class Method(NamedTuple):
+    """What is unknown, and what is known beforehand."""
 
     standard: StandardParameters
     base: BaseParameters
-    prior: Array | None
-    weight: float
+    prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
+    weight: float  # of the divergence from the prior
 
     def solved(self, equations: Equations) -> tuple[LeastSquares, Array]:
         """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
@@ -189,8 +158,7 @@ class Method(NamedTuple):
 
     def consistent(self, equations: Equations, sigma: Array) -> Array:
         """The physically consistent standard parameters."""
-        size = np.sqrt(equations.torques() / np.maximum(equations.rows.sum(0), 1))
-        factor = equations.merged().weighted(np.maximum(sigma, LEAST_NOISE * size))
+        factor = equations.merged().weighted(believed_noise(equations, sigma))
         bodies = PARAMETERS * self.standard.model.nb
         lengths = np.linalg.norm(factor[:, bodies:-1], axis=0)
         factor = triangular(np.concatenate([factor, self.drives_of_the_model(lengths)]))
@@ -219,13 +187,19 @@ class Unexplained(NamedTuple):
     at_rest: Array
 
 
-def held_out(method: Method, fitted: Equations, measured: Equations) -> Unexplained:
-    """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
-    squares = np.zeros((2, fitted.joints))
+def held_out_squares(fit: Callable[[Equations], Array], fitted: Equations, *checked: Equations) -> Array:
+    """|residual|^2 of each joint's equations, each fold predicted by a fit to the others, shape (len(checked), n)."""
+    squares = np.zeros((len(checked), fitted.joints))
     for k in range(len(fitted.factors)):
         others = np.arange(len(fitted.factors)) != k
-        _, parameters = method.solved(fitted.of_blocks(others))
-        squares += [equations.of_blocks(~others).residuals(parameters) for equations in (measured, fitted)]
+        x = fit(fitted.of_blocks(others))
+        squares += [equations.of_blocks(~others).residuals(x) for equations in checked]
+    return squares
+
+
+def held_out(method: Method, fitted: Equations, measured: Equations) -> Unexplained:
+    """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
+    squares = held_out_squares(lambda some: method.solved(some)[1], fitted, measured, fitted)
     torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
     shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, np.finfo(float).tiny))
@@ -236,25 +210,12 @@ RESPONSE = 8.0  # periods of the cut-off after which nothing is left of an impul
 WINDOW = 5.0  # the sum ends at this many times itself (Sokal's rule)
 
 
-def repeats_of_residuals(residuals: Array, used: Array, parts: Sequence[slice]) -> Array:
-    """1 + 2 sum rho_k of each joint, at least 1.
-
-    Parameters
-    ----------
-    residuals : ndarray, shape (rows, n)
-    used : ndarray of bool, shape (rows, n)
-        Rows that were fitted.
-    parts : sequence of slice
-        Rows without a gap between them.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-    """
+def correlation_time_of_residuals(residuals: Array, used: Array, parts: Sequence[slice]) -> Array:
+    """1 + 2 sum rho_k of each joint, at least 1, over the rows that are `used`; of `parts` none has a gap in it."""
     return np.array([_of_joint(r, u, parts) for r, u in zip(residuals.T, used.T, strict=True)])
 
 
-def repeats_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
+def correlation_time_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
     """The same for noise that was white before the filter, from the filter's response to an impulse."""
     reach = decimation * int(np.ceil(RESPONSE * sample_rate / (cutoff * decimation)))
     impulse = np.zeros((2 * reach + 1, 1))

@@ -1,4 +1,4 @@
-"""Limits of a motion's positions, rates, accelerations and torques as inequalities in its coefficients."""
+"""Fourier series of joint positions, and limits of motions as inequalities in their coefficients."""
 
 from __future__ import annotations
 
@@ -14,37 +14,75 @@ from ..basics.arrays import convert_numbers, real_array
 from ..basics.spatial import Array
 from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot
-from .fourier import FourierBasis, States
 
 GRID, FINE = 16, 64  # times per period of the highest harmonic: of the optimiser, of the final check
 TORQUE_MARGIN = 0.01  # of the limits, which the optimiser leaves for torques between its samples
 NAMES = ("lower", "upper", "velocity_limit", "acceleration_limit", "effort_limit")
 
 Locked = Mapping[Any, float] | Iterable[Any]  # joints by name or index, with their positions or without
+States = tuple[Array, Array, Array]  # q, qd and qdd, or the matrices that give them
+
+
+@dataclass(frozen=True)
+class FourierBasis:
+    """q(t) = q0 + sum over k of a_k / (k w) sin(k w t) - b_k / (k w) cos(k w t), with w = 2 pi / duration.
+
+    Swevers et al. 1997, (4). A coefficient vector is (q0, a_1 ... a_H, b_1 ... b_H): 2 H + 1 numbers per joint.
+    """
+
+    duration: float  # the period [s]
+    harmonics: int  # the number H of them
+
+    @property
+    def frequencies(self) -> Array:
+        """k w of each harmonic, shape (H,) [rad/s]."""
+        return 2 * np.pi / self.duration * np.arange(1, self.harmonics + 1)
+
+    def states(self, t: Array, coefficients: Array) -> States:
+        """q, qd and qdd of n series, coefficients of shape (n, 2 H + 1), at times of shape (..., 1)."""
+        w = self.frequencies
+        q0, a, b = coefficients[:, 0], coefficients[:, 1 : self.harmonics + 1], coefficients[:, self.harmonics + 1 :]
+        s, c = np.sin(t * w), np.cos(t * w)
+        return q0 + s @ (a / w).T - c @ (b / w).T, c @ a.T + s @ b.T, c @ (b * w).T - s @ (a * w).T
+
+    def grid(self, count: int) -> States:
+        """Matrices, shape (count, 2 H + 1), from coefficients to q, qd and qdd at equal intervals of one period."""
+        t = np.arange(count) * (self.duration / count)
+        return self.states(t[:, None], np.eye(2 * self.harmonics + 1))
+
+    def grid_share(self, count: int) -> float:
+        """What part of its maximum over all times a series reaches at least on a grid of so many times.
+
+        cos(pi H / count): next to a maximum a trigonometric polynomial of degree H falls no faster than the cosine of
+        its highest harmonic (Bernstein and Szego; Ehlich and Zeller 1964).
+        """
+        return float(np.cos(np.pi * self.harmonics / count))
+
+    @cached_property
+    def from_rest(self) -> Array:
+        """Orthonormal coefficient vectors with qd(0) = qdd(0) = 0, shape (2 H + 1, 2 H - 1).
+
+        The velocities are zero if the a_k add up to zero, the accelerations if the k b_k do.
+        """
+        _, qd, qdd = self.grid(1)
+        _, _, rows = np.linalg.svd(np.vstack([qd, qdd / self.frequencies[-1]]))
+        return np.asarray(rows[2:].T)
 
 
 def motion_limits(robot: Robot, given: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
-    """The robot's limits, those of joints that mimic others included, replaced by those given; shape (n,) each.
-
-    Raises
-    ------
-    TypeError
-        If `given` is no mapping.
-    ValueError
-        If a name is unknown or a shape wrong.
-    """
+    """The robot's limits, those of joints that mimic others included, replaced by those given; shape (n,) each."""
     if given is None:
         given = {}
     if not isinstance(given, Mapping):
         raise TypeError(f"`limits` must be a mapping of names to arrays, got {type(given).__name__}")
-    model, lower, upper, rate = robot.model, robot.lower.copy(), robot.upper.copy(), robot.velocity_limit.copy()
+    model, lower, upper, velocity = robot.model, robot.lower.copy(), robot.upper.copy(), robot.velocity_limit.copy()
     for i, k in enumerate(model.coordinate):
         m = model.multiplier[i]
         if i != model.independent_joints[k] and m != 0:
             ends = sorted(((model.lower[i] - model.offset[i]) / m, (model.upper[i] - model.offset[i]) / m))
             lower[k], upper[k] = max(lower[k], ends[0]), min(upper[k], ends[1])
-            rate[k] = min(rate[k], model.velocity_limit[i] / abs(m))
-    values = dict(zip(NAMES, (lower, upper, rate, np.full(robot.n, np.inf), robot.effort_limit), strict=True))
+            velocity[k] = min(velocity[k], model.velocity_limit[i] / abs(m))
+    values = dict(zip(NAMES, (lower, upper, velocity, np.full(robot.n, np.inf), robot.effort_limit), strict=True))
     for name, limit in given.items():
         if name not in NAMES:
             raise ValueError(f"`limits` must name some of {list(NAMES)}, got {name!r}")
@@ -58,15 +96,7 @@ def motion_limits(robot: Robot, given: Mapping[str, ArrayLike] | None) -> dict[s
 
 
 def locked_positions(robot: Robot, locked: Locked | None, values: Mapping[str, Array]) -> dict[int, float]:
-    """Coordinates that stay where they are with their positions, by default the middle of their ranges.
-
-    Raises
-    ------
-    TypeError
-        If `locked` is neither a mapping nor a list.
-    ValueError
-        If it names another joint, a position is not in the joint's range, or no joint is left.
-    """
+    """Coordinates that stay where they are with their positions, by default the middle of their ranges."""
     if isinstance(locked, str) or not isinstance(locked, Iterable | None):
         raise TypeError(f"`locked` must be a list of joints or a mapping to positions, got {type(locked).__name__}")
     names, found = robot.joint_names, {}
@@ -88,26 +118,17 @@ def locked_positions(robot: Robot, locked: Locked | None, values: Mapping[str, A
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """The limits of one robot, and its series x: coefficients over the rate limits, zero in mid-range.
-
-    Attributes
-    ----------
-    robot : Robot
-    basis : FourierBasis
-    rest : bool
-        True for series that start with zero rates and accelerations.
-    lower, upper, velocity_limit, acceleration_limit, effort_limit : ndarray, shape (n,)
-        Accelerations and torques may be unlimited.
+    """The limits of one robot, and its series x: coefficients over the velocity limits, zero in mid-range.
 
     Raises
     ------
     ValueError
-        If a range is empty, a limit negative, or a joint has no range or rate limit.
+        If a range is empty, a limit negative, or a joint has no range or velocity limit.
     """
 
     robot: Robot
     basis: FourierBasis
-    rest: bool
+    rest: bool  # series start with zero velocities and accelerations
     lower: Array
     upper: Array
     velocity_limit: Array
@@ -120,7 +141,7 @@ class MotionLimits:
             if not np.isfinite([low, high]).all():
                 raise ValueError(f"joint {joint!r} has no finite range; give `limits` with 'lower' and 'upper'")
             if not np.isfinite(others[0]):
-                raise ValueError(f"joint {joint!r} has no finite rate limit; give `limits` with 'velocity_limit'")
+                raise ValueError(f"joint {joint!r} has no finite velocity limit; give `limits` with 'velocity_limit'")
             if not low < high:
                 raise ValueError(f"`limits`: the range of joint {joint!r} is empty, from {low:g} to {high:g}")
             for name, limit in zip(NAMES[2:], others, strict=True):
@@ -155,8 +176,8 @@ class MotionLimits:
 
     def gradient(self, by_coefficients: Array) -> Array:
         """Derivatives by x from those by the coefficients, shape (..., n, 2 H + 1)."""
-        rates = (by_coefficients @ self.free) * self.velocity_limit[:, None]
-        return rates.reshape(*rates.shape[:-2], -1)
+        slopes = (by_coefficients @ self.free) * self.velocity_limit[:, None]
+        return slopes.reshape(*slopes.shape[:-2], -1)
 
     def states(self, x: Array, matrices: States) -> States:
         """q, qd and qdd, shape (..., T, n) each."""
@@ -165,12 +186,12 @@ class MotionLimits:
         return q, qd, qdd
 
     def linear(self, count: int) -> dict[str, Array]:
-        """Bounds A x of positions, rates and accelerations over their limits, shape (n, count, size of one joint).
+        """Bounds A x of positions, velocities and accelerations over their limits, shape (n, count, size of one joint).
 
         Values between the times of the grid are included: |A x| <= 1 on the grid keeps the limit at all times.
         """
         matrices = (m @ self.free / self.basis.grid_share(count) for m in self.basis.grid(count))
-        limits = {"position": self.half_range, "rate": self.velocity_limit, "acceleration": self.acceleration_limit}
+        limits = {"position": self.half_range, "velocity": self.velocity_limit, "acceleration": self.acceleration_limit}
         shares = (self.velocity_limit / limit for limit in limits.values())
         return {kind: m * v[:, None, None] for kind, m, v in zip(limits, matrices, shares, strict=True)}
 
@@ -201,8 +222,7 @@ class MotionLimits:
     def torques(self, states: States) -> Array:
         """Torques of the drives over their limits, with the model's viscous friction."""
         viscous, _ = self._friction
-        shares: Array = (self.robot.inverse_dynamics(*states) + viscous * states[1]) / self.effort_limit
-        return shares
+        return np.asarray((self.robot.inverse_dynamics(*states) + viscous * states[1]) / self.effort_limit)
 
     @property
     def coulomb(self) -> Array:
@@ -218,8 +238,7 @@ class MotionLimits:
             return np.zeros((*x.shape[:-1], self.robot.n))
         tau = self.torques(self.states(x, self._fine[1]))
         bend = np.abs(np.roll(tau, 1, -2) - 2 * tau + np.roll(tau, -1, -2)).max(-2) / 8
-        use: Array = np.abs(tau).max(-2) + self.coulomb + bend
-        return use
+        return np.asarray(np.abs(tau).max(-2) + self.coulomb + bend)
 
     def torque_slack(self, x: Array, matrices: States) -> Array:
         """What the optimiser keeps positive, of each joint with a limit, at each time, of either sign of the torque."""
@@ -241,7 +260,7 @@ class MotionLimits:
         return self.linear(count), self.basis.grid(count)
 
     def linear_use(self, x: Array) -> dict[str, Array]:
-        """The largest share of the limits of positions, rates and accelerations at all times, at most."""
+        """The largest share of the limits of positions, velocities and accelerations at all times, at most."""
         parts = x.reshape(*x.shape[:-1], self.robot.n, -1)
         return {kind: np.abs(np.einsum("jti,...ji->...jt", A, parts)).max(-1) for kind, A in self._fine[0].items()}
 
@@ -250,5 +269,5 @@ class MotionLimits:
         return self.linear_use(x) | {"torque": self.torque_use(x)}
 
     def holds(self, x: Array) -> bool:
-        """True if a series keeps its limits: positions, rates and accelerations at all times."""
+        """True if a series keeps its limits: positions, velocities and accelerations at all times."""
         return all(bool((share <= 1).all()) for share in self.use(x).values())

@@ -9,35 +9,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import Row, aligned, short, wrapped
+from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
-from ..model.parameters import (
-    COLUMNS,
-    ENTRIES,
-    PARAMETERS,
-    ROWS,
-    parameters_of_pseudo_inertia,
-    pseudo_inertia,
-)
-from ..model.standard_parameters import BODY_SYMBOLS, DriveModel, StandardParameters
+from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, parameters_of_pseudo_inertia, pseudo_inertia
+from ..model.standard_parameters import BODY_SYMBOLS, MEASURED, DriveModel, StandardParameters
 from ..model.topology import end_link
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from ..simulation.scene import Payload
 from .consistent import consistent_fit
-from .equations import triangular
-from .least_squares import DEPENDENT, LEAST_NOISE, LeastSquares, least_squares, with_correlation
+from .equations import Equations, joined, triangular
+from .least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, with_correlation
 from .record import Record
+from .regression import RegressionData, build_regression
 from .result import Identification
-from .two_sets import two_sets
 
 BEYOND_DOUBT = 4.0  # standard errors
 DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
-SPREAD = 3.0  # how far, relatively, a load may differ from it
+PRIOR_STD = 3.0  # how far, relatively, a load may differ from it
 STEP = 1e-30  # of derivatives by complex numbers
 QUANTITIES = (
     "mass [kg]",
@@ -67,17 +62,6 @@ class PayloadEstimate:
         True if the load is not that of least squares but the physically consistent one.
     notes : tuple of str
         What was assumed, and what looks wrong.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, motion = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1, 0.9, 0.8, 2, 1, 2], 2.0)
-    >>> t = np.arange(0, 2, 0.004)
-    >>> logs = [rne.identification.Record(t, motion(t)[0], arm.inverse_dynamics(*motion(t)))
-    ...         for arm in (robot, robot.with_payload(3.0, com=[0, 0, 0.1]))]
-    >>> found = rne.identify_payload(robot, *logs, cutoff=20, drives=rne.DriveModel())
-    >>> abs(found.mass - 3.0) < 0.05
-    True
     """
 
     payload: Payload
@@ -117,17 +101,6 @@ class PayloadEstimate:
         -------
         str
             A table, then the notes.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, motion = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1, 0.9, 0.8, 2, 1, 2], 2.0)
-        >>> t = np.arange(0, 2, 0.004)
-        >>> logs = [rne.identification.Record(t, motion(t)[0], arm.inverse_dynamics(*motion(t)))
-        ...         for arm in (robot, robot.with_payload(3.0, com=[0, 0, 0.1]))]
-        >>> found = rne.identify_payload(robot, *logs, cutoff=20, drives=rne.DriveModel())
-        >>> print(found.report().splitlines()[0])
-        load on tool0   estimate  standard error
         """
         values = [self.mass, *self.com, *self.inertia[ROWS, COLUMNS]]
         errors = [self.mass_error, *self.com_error, *self.inertia_error[ROWS, COLUMNS]]
@@ -147,7 +120,7 @@ def identify_payload(
     link: str | None = None,
     consistent: bool = True,
     drives: DriveModel | None = None,
-    minimum_rate: ArrayLike | None = None,
+    minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
     decimation: int | None = None,
 ) -> PayloadEstimate:
@@ -170,7 +143,7 @@ def identify_payload(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_rate, cutoff, decimation : optional
+    minimum_velocity, cutoff, decimation : optional
         As of `rne.identify`.
 
     Returns
@@ -204,15 +177,17 @@ def identify_payload(
     >>> found = rne.identify_payload(robot, *logs, cutoff=20, drives=rne.DriveModel())
     >>> round(found.mass, 2), rne.Scene(robot, payload=found).n
     (3.0, 6)
+    >>> print(found.report().splitlines()[0])
+    load on tool0   estimate  standard error
     """
-    sets = two_sets(robot, without, with_load, drives, minimum_rate, cutoff, decimation)
+    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
-    E = np.hstack([sets.base.back, load_map(sets.standard, name)])
+    E = np.hstack([sets.base.back, load_map(sets.base.standard, name)])
     both = sets.joined(E, K)
     estimate = least_squares(both)
-    repeats = sets.repeats(E[:, :K] @ estimate.values[:K], E @ estimate.values)
-    estimate = with_correlation(estimate, both, repeats)
+    correlation_time = sets.correlation_time(E[:, :K] @ estimate.values[:K], E @ estimate.values)
+    estimate = with_correlation(estimate, both, correlation_time)
     phi, errors = estimate.values[K:], estimate.errors[K:]
     if not errors[0] < np.inf:
         raise IdentificationError(
@@ -226,17 +201,75 @@ def identify_payload(
     notes = [*sets.notes, *doubts(phi, errors)]
     impossible = np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0 or not np.isfinite(errors).all()
     if impossible and consistent:
-        size = np.sqrt(both.torques() / np.maximum(both.rows.sum(0), 1))
-        sigma = np.maximum(estimate.sigma, LEAST_NOISE * size) * np.sqrt(repeats)
+        sigma = believed_noise(both, estimate.sigma) * np.sqrt(correlation_time)
         phi = possible_load(of_load_alone(both.merged().weighted(sigma), K), phi, errors)
         notes.append(
             "the load is the physically consistent one that fits best; `estimate` has least squares as they are"
         )
-    of_body, spread = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
-    load = Payload(float(of_body[0]), of_body[1:4], of_body[4:][ENTRIES], name)
+    body, error = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
     return PayloadEstimate(
-        load, float(spread[0]), spread[1:4], spread[4:][ENTRIES], estimate, impossible and consistent, tuple(notes)
+        Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name),
+        float(error[0]),
+        error[1:4],
+        error[4:][ENTRIES],
+        estimate,
+        impossible and consistent,
+        tuple(notes),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class TwoSets:
+    """The equations of records without and with a load, of the same standard parameters."""
+
+    robot: Robot
+    base: BaseParameters
+    without: RegressionData
+    loaded: RegressionData
+
+    @cached_property
+    def equations(self) -> tuple[Equations, Equations]:
+        """Of both, each in one block."""
+        return self.without.fitted.merged(), self.loaded.fitted.merged()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was said of the records, once."""
+        return tuple(dict.fromkeys((*self.without.notes, *self.loaded.notes)))
+
+    def joined(self, E: Array, K: int) -> Equations:
+        """Equations of both for unknowns z, of which the last, from K on, belong to the load: parameters are E z."""
+        without, loaded = self.equations
+        return joined([without.mapped(E * (np.arange(E.shape[1]) < K)), loaded.mapped(E)])
+
+    def correlation_time(self, without: Array, loaded: Array) -> Array:
+        """Correlation time of each joint's residuals, for parameters of either set, in rows, shape (n,)."""
+        rows = np.concatenate([equations.rows for equations in self.equations])
+        both = np.array([self.without.correlation_time(without), self.loaded.correlation_time(loaded)])
+        return np.asarray(np.maximum((rows * both).sum(0) / np.maximum(rows.sum(0), 1), 1.0))
+
+
+def two_sets(
+    robot: Robot | Identification,
+    without: Record | Sequence[Record] | None,
+    with_load: Record | Sequence[Record],
+    drives: DriveModel | None,
+    minimum_velocity: ArrayLike | None,
+    cutoff: float | None,
+    decimation: int | None,
+) -> TwoSets:
+    """Check and prepare the records of both sets."""
+    further = (minimum_velocity, cutoff, decimation, 2)  # two folds: none is held out
+    if isinstance(robot, Identification):
+        if without is not None or drives is not None:
+            raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
+        data = build_regression(robot.initial, with_load, robot.base, *further)
+        return TwoSets(robot.initial, robot.base, robot.data, data)
+    base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
+    if without is None:
+        raise ValueError("`without` must have a record without the load, unless an Identification is given")
+    sets = [build_regression(robot, records, base, *further) for records in (without, with_load)]
+    return TwoSets(robot, base, *sets)
 
 
 def load_map(standard: StandardParameters, link: str) -> Array:
@@ -286,7 +319,7 @@ def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
     ball[:3, :3] += np.outer(centre, centre)
     ball[:3, 3] = ball[3, :3] = centre
     none = np.zeros(0)
-    return consistent_fit(factor, mass * ball[None], SPREAD**-2, none.astype(bool), none)
+    return consistent_fit(factor, mass * ball[None], PRIOR_STD**-2, none.astype(bool), none)
 
 
 def body_of(phi: Array) -> Array:

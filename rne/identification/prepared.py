@@ -1,10 +1,9 @@
-"""Measurements on an equally spaced grid with rates and accelerations, and the filter that reduces them for a fit."""
+"""Measurements on an equally spaced grid, with velocities and accelerations, and the filter that reduces them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,12 +23,12 @@ from .filtering import (
     motion_spectrum,
     settling,
 )
-from .screening import Screened
+from .screening import Screened, consecutive
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Measurements on an equally spaced grid with rates and accelerations, as `Record.prepare` returns them.
+    """Measurements on an equally spaced grid with velocities and accelerations, as `Record.prepare` returns them.
 
     Attributes
     ----------
@@ -62,6 +61,8 @@ class Prepared:
     >>> prepared = rne.identification.Record(t, q, np.cos(q)).prepare(cutoff=10.0)
     >>> prepared.decimation, prepared.reduce(prepared.tau).shape, prepared.times.shape
     (20, (91, 2), (91,))
+    >>> prepared.blocks(2)
+    (slice(0, 46, None), slice(46, 91, None))
     """
 
     t: Array
@@ -102,14 +103,6 @@ class Prepared:
         Each segment by itself: a Butterworth filter of fourth order forwards and backwards, gain 1/2 at `cutoff`. At
         either end of a segment 1.25 / cutoff are dropped, after which less than 1 % of a step is left. The map is
         linear, so that tau = Y pi holds for reduced rows as before.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> t = np.arange(2000) / 500
-        >>> prepared = rne.identification.Record(t, np.sin(t)[:, None], np.cos(t)[:, None]).prepare(cutoff=5.0)
-        >>> bool(np.allclose(prepared.reduce(2 * prepared.tau), 2 * prepared.reduce(prepared.tau), rtol=1e-12))
-        True
         """
         values = np.asarray(columns, dtype=np.float64)
         if not values.ndim or len(values) != len(self.t):
@@ -118,12 +111,9 @@ class Prepared:
             )
         if not np.isfinite(values).all():
             raise ValueError("`columns` must be finite")
-        return np.concatenate(
-            [
-                low_pass(values[part], self.cutoff, self.sample_rate, rows - part.start)
-                for part, rows in zip(self.segments, self._segment_rows, strict=True)
-            ]
-        )
+        parts = zip(self.segments, self._segment_rows, strict=True)
+        filtered = [low_pass(values[part], self.cutoff, self.sample_rate, rows - part.start) for part, rows in parts]
+        return np.concatenate(filtered)
 
     @property
     def times(self) -> Array:
@@ -152,14 +142,6 @@ class Prepared:
         ------
         ValueError
             If `k` is below 2 or above the number of rows.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> t = np.arange(2000) / 500
-        >>> prepared = rne.identification.Record(t, np.sin(t)[:, None], np.cos(t)[:, None]).prepare(cutoff=10.0)
-        >>> prepared.blocks(2)
-        (slice(0, 46, None), slice(46, 91, None))
         """
         lengths = [len(rows) for rows in self._segment_rows]
         if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 2 <= k <= sum(lengths):
@@ -170,8 +152,7 @@ class Prepared:
         while sum(counts) < k:  # one more for the segment whose blocks are longest
             counts[int(np.argmax(np.divide(lengths, counts)))] += 1
         sizes = [len(part) for m, c in zip(lengths, counts, strict=True) for part in np.array_split(np.arange(m), c)]
-        ends = np.cumsum([0, *sizes]).tolist()
-        return tuple(slice(a, b) for a, b in pairwise(ends))
+        return consecutive(sizes)
 
     @property
     def segment_lengths(self) -> tuple[int, ...]:
@@ -186,6 +167,12 @@ class Prepared:
     @cached_property
     def _rows(self) -> Array:
         return np.concatenate(self._segment_rows)
+
+
+def undisturbed(flags: Array, rows: Array, reach: int) -> Array:
+    """True at rows that no flagged sample is within reach of; flags have shape (T, n), the result (len(rows), n)."""
+    count = np.vstack([np.zeros((1, flags.shape[1]), int), np.cumsum(flags, axis=0)])
+    return np.asarray(count[rows + reach] == count[rows - reach])
 
 
 POSITIONS = 5.0  # cut-off of the positions' filter, as a multiple of the parallel filter's
@@ -208,7 +195,10 @@ def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int
         except ValueError as error:
             raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
     else:
-        cutoff = _check_cutoff(cutoff, rate)
+        cutoff = positive_number("cutoff", cutoff)
+        if cutoff > ROUNDED * FASTEST * rate:
+            most = f"{FASTEST * rate:.6g} Hz, a fifth of the sample rate"
+            raise ValueError(f"`cutoff` must be at most {most}, got {cutoff:.6g}")
         reasons = (f"cut-off {cutoff:.3g} Hz, as given",)
     decimation = _decimation(decimation, cutoff, rate)
     position_cutoff = min(POSITIONS * cutoff, HIGHEST * rate)
@@ -224,8 +214,7 @@ def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int
     differentiated = [_differentiated(positions[k], position_cutoff, rate, drop) for k in kept]
     q, qd, qdd = (np.concatenate(arrays) for arrays in zip(*differentiated, strict=True))
     rows = np.concatenate([np.arange(parts[k].start + drop, parts[k].stop - drop) for k in kept])
-    ends = np.cumsum([0, *(lengths[k] - 2 * drop for k in kept)]).tolist()
-    segments = tuple(slice(a, b) for a, b in pairwise(ends))
+    segments = consecutive(lengths[k] - 2 * drop for k in kept)
     notes = [*reasons, *notes, f"{drop} samples at either end of a segment dropped after the filter of the positions"]
     if len(kept) < len(parts):
         left_out = [length for length in lengths if length < needed]
@@ -239,7 +228,7 @@ def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int
 
 
 def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[list[Array], Spectrum | None, list[str]]:
-    """Positions with what measured rates know better, the spectrum that told what this is, and where rates enter."""
+    """Positions with what measured velocities know better, the spectrum that told this, and where velocities enter."""
     if screened.qd is None or not screened.believed.any():
         return positions, None, []
     integrals = [integral(screened.qd[part], rate) for part in screened.segments]
@@ -249,19 +238,11 @@ def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[lis
         return positions, None, []
     crossover = spectrum.crossover
     if np.isinf(crossover).all():
-        return positions, spectrum, ["rates from the positions: the measured ones are noisier, or late"]
+        return positions, spectrum, ["velocities from the positions: the measured ones are noisier, or late"]
     fused = [complementary_filter(q, Q, crossover, rate) for q, Q in zip(positions, integrals, strict=True)]
     named = ", ".join(f"{f:.3g}" if np.isfinite(f) else "none" for f in crossover)
-    return fused, spectrum, [f"rates as measured above a crossover, from the positions below it: {named} Hz by joint"]
-
-
-def _check_cutoff(given: float, rate: float) -> float:
-    cutoff = positive_number("cutoff", given)
-    if cutoff > ROUNDED * FASTEST * rate:
-        raise ValueError(
-            f"`cutoff` must be at most {FASTEST * rate:.6g} Hz, a fifth of the sample rate, got {cutoff:.6g}"
-        )
-    return cutoff
+    note = f"velocities as measured above a crossover, from the positions below it: {named} Hz by joint"
+    return fused, spectrum, [note]
 
 
 def _decimation(given: int | None, cutoff: float, rate: float) -> int:
@@ -276,7 +257,7 @@ def _decimation(given: int | None, cutoff: float, rate: float) -> int:
 
 
 def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Array, Array, Array]:
-    """Positions, rates and accelerations, without `drop` samples at either end."""
+    """Positions, velocities and accelerations, without `drop` samples at either end."""
     filtered = low_pass(q, cutoff, rate)
     qd, qdd = derivatives(filtered[drop - MARGIN : len(q) - drop + MARGIN], rate)
     return filtered[drop : len(q) - drop], qd, qdd
@@ -284,10 +265,5 @@ def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Ar
 
 def rows_without(record: Prepared, flags: Array) -> Array:
     """True at reduced rows that no flagged sample enters; flags have shape (T, n), the result (R, n)."""
-    reach = settling(record.cutoff, record.sample_rate)
-    found = []
-    for part, rows in zip(record.segments, record._segment_rows, strict=True):
-        count = np.vstack([np.zeros((1, flags.shape[1]), int), np.cumsum(flags[part], axis=0)])
-        inner = rows - part.start
-        found.append(count[inner + reach] == count[inner - reach])
-    return np.concatenate(found)
+    reach, parts = settling(record.cutoff, record.sample_rate), zip(record.segments, record._segment_rows, strict=True)
+    return np.concatenate([undisturbed(flags[part], rows - part.start, reach) for part, rows in parts])

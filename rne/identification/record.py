@@ -41,8 +41,8 @@ class Record:
     tau : array_like, shape (T, n)
         Joint torques [N m or N].
     qd : array_like, shape (T, n), optional
-        Measured joint rates, per second of `unit`. Where they are those of the positions and have less noise than the
-        derivatives of these, `prepare` uses them.
+        Measured joint velocities, in `unit` per second. Where they are those of the positions and have less noise than
+        the derivatives of these, `prepare` uses them.
     name : str
         For messages.
     joint_names : sequence of str, optional
@@ -63,7 +63,7 @@ class Record:
     q, tau : ndarray, shape (T, n)
         Positions and torques as given, in SI units [rad or m; N m or N].
     qd : ndarray, shape (T, n), or None
-        Rates as given, in SI units [rad/s or m/s].
+        Velocities as given, in SI units [rad/s or m/s].
     findings : tuple of RecordFinding
         What is wrong with the measurements and what is done about it; empty if nothing is.
     encoder_step : ndarray, shape (n,)
@@ -81,8 +81,8 @@ class Record:
     Looked for: times that go back or are there twice, gaps and missing samples; times made by the reader of the log;
     values that are not finite; spikes, up to three samples off the curve through their neighbours by more than ten
     times the usual deviation, such as positions repeated in the midst of a motion; jumps of positions; torques that are
-    constant, or at a limit; rates that are not those of the positions; positions in degrees; joints that do not move;
-    fewer than two samples per second, as of times in milliseconds. Errors are raised by `prepare`.
+    constant, or at a limit; velocities that are not those of the positions; positions in degrees; joints that do not
+    move; fewer than two samples per second, as of times in milliseconds. Errors are raised by `prepare`.
 
     Examples
     --------
@@ -93,6 +93,12 @@ class Record:
     >>> record = rne.identification.Record(t, q, np.cos(q), name="run 1")
     >>> print(record.findings[0])
     warning: run 1: joint_2: position spike at sample 700 (t = 1.4 s); interpolated
+    >>> len(record.between(1.0, 2.0).t)
+    501
+    >>> record.prepare().notes[0]
+    "cut-off 6.25 Hz, chosen from the spectrum of the positions: 5 times the motion's bandwidth of 1.25 Hz"
+    >>> [prepared.cutoff for prepared in record.sweep([5, 10, 20])]
+    [5.0, 10.0, 20.0]
     """
 
     def __init__(
@@ -128,6 +134,9 @@ class Record:
         for array in (self.t, self.q, self.tau, *([] if self.qd is None else [self.qd])):
             array.flags.writeable = False
         self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
+        self.findings: tuple[RecordFinding, ...] = self._screened.findings
+        self.encoder_step: Array = self._screened.encoder_step
+        self.sample_rate = 1 / self._screened.period
 
     @classmethod
     def from_csv(cls, path: str | os.PathLike[str], joint_names: Sequence[str], **options: Any) -> Self:
@@ -183,7 +192,7 @@ class Record:
         Returns
         -------
         Record
-            Positions, rates and torques of the drives.
+            Positions, velocities and torques of the drives.
 
         Raises
         ------
@@ -229,14 +238,14 @@ class Record:
         motor_tau : array_like, shape (T, n)
             Torques of the motors [N m], or what is proportional to them by `drive_gains`, such as currents [A].
         motor_qd : array_like, shape (T, n), optional
-            Rates of the motors, per second of `unit`.
+            Velocities of the motors, per second of `unit`.
         ratios : array_like, shape (n,)
             Turns of each motor per turn of its joint; negative if they turn against each other.
         coupling : array_like, shape (n, n), optional
             Joints that each motor turns with, the identity if not given: motor_q = K (q - offsets) with
             K = diag(ratios) coupling. A wrist whose joint 5 turns motor 6 as well has coupling[5, 4] = 1. The rotor and
-            friction of such a motor act at the sum of the rates: to fit them, give its row of `coupling` as a row of
-            `DriveModel.coupled_motors` to `rne.identify`.
+            friction of such a motor act at the sum of the velocities: to fit them, give its row of `coupling` as a row
+            of `DriveModel.coupled_motors` to `rne.identify`.
         drive_gains : array_like, shape (n,), optional
             Torque of the motor per unit of `motor_tau` [N m/A]; one if not given.
         offsets : array_like, shape (n,), optional
@@ -274,10 +283,10 @@ class Record:
         zero = 0.0 if offsets is None else vector("offsets", offsets, n)
         K = _gears(n, ratios, coupling)
         torques = (gains * samples_array("motor_tau", motor_tau, positions.shape)) @ K
-        rates = None
+        velocities = None
         if motor_qd is not None:
-            rates = np.linalg.solve(K, samples_array("motor_qd", motor_qd, positions.shape).T).T * UNITS[unit]
-        return cls(t, np.linalg.solve(K, positions.T).T + zero, torques, rates, **options)
+            velocities = np.linalg.solve(K, samples_array("motor_qd", motor_qd, positions.shape).T).T * UNITS[unit]
+        return cls(t, np.linalg.solve(K, positions.T).T + zero, torques, velocities, **options)
 
     def __repr__(self) -> str:
         t = self.t
@@ -290,21 +299,6 @@ class Record:
     def n(self) -> int:
         """Number of joints."""
         return int(self.q.shape[1])
-
-    @property
-    def findings(self) -> tuple[RecordFinding, ...]:
-        """What is wrong with the measurements and what is done about it."""
-        return self._screened.findings
-
-    @property
-    def encoder_step(self) -> Array:
-        """Smallest step of each position, shape (n,) [rad or m]; zero if there is none."""
-        return self._screened.encoder_step
-
-    @property
-    def sample_rate(self) -> float:
-        """Samples per second, those that are missing included [Hz]."""
-        return 1 / self._screened.period
 
     def between(self, start: float, end: float) -> Record:
         """The part of the record in an interval of time.
@@ -323,33 +317,23 @@ class Record:
         ------
         ValueError
             If there is none.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> t = np.arange(2000) / 500
-        >>> record = rne.identification.Record(t, np.sin(t)[:, None], np.cos(t)[:, None])
-        >>> len(record.between(1.0, 2.0).t)
-        501
         """
         part = (self.t >= start) & (self.t <= end)
         if not part.any():
             raise ValueError(f"there are no samples between {start:.6g} and {end:.6g} s")
         qd = None if self.qd is None else self.qd[part]
-        options: dict[str, Any] = {"name": self.name, "joint_names": self.joint_names}
-        return Record(
-            self.t[part], self.q[part], self.tau[part], qd, stamps=self._stamps, bridge=self._bridge, **options
-        )
+        options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge, "joint_names": self.joint_names}
+        return Record(self.t[part], self.q[part], self.tau[part], qd, name=self.name, **options)
 
     def prepare(self, cutoff: float | None = None, decimation: int | None = None) -> Prepared:
-        """Positions, rates, accelerations and torques on an equally spaced grid, and the filter for a fit.
+        """Positions, velocities, accelerations and torques on an equally spaced grid, and the filter for a fit.
 
         Parameters
         ----------
         cutoff : float, optional
             Of the parallel filter [Hz], at most a fifth of the sample rate. If it is not given, five times the
-            frequency below which 99 % of the power of the rates lies, less where noise disturbs the accelerations. Were
-            that more than a fifth of the sample rate, only what positions and torques have in common counts.
+            frequency below which 99 % of the power of the velocities lies, less where noise disturbs the accelerations.
+            Were that more than a fifth of the sample rate, only what positions and torques have in common counts.
         decimation : int, optional
             Samples per reduced row; by default the cut-off is 0.8 times half the rate of the rows.
 
@@ -366,21 +350,12 @@ class Record:
 
         Notes
         -----
-        Measured rates and the derivatives of positions pass complementary filters, those above and these below the
-        frequency at which both have the same noise; of positions, the integrals of the rates take the upper part. They
-        pass a filter of five times the cut-off, at most a quarter of the sample rate, before they are
+        Measured velocities and the derivatives of positions pass complementary filters, those above and these below the
+        frequency at which both have the same noise; of positions, the integrals of the velocities take the upper part.
+        They pass a filter of five times the cut-off, at most a quarter of the sample rate, before they are
         differentiated by central differences of eighth order. Both filters are Butterworth filters of fourth order that
         run forwards and backwards. What a filter takes from the accelerations it takes from the inertias, so that
         parameters depend on the cut-off: `sweep` shows by how much.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> t = np.arange(2000) / 500
-        >>> q = np.sin(2 * np.pi * np.outer(t, [0.5, 1.0]))
-        >>> prepared = rne.identification.Record(t, q, np.cos(q)).prepare()
-        >>> prepared.notes[0]
-        "cut-off 6.25 Hz, chosen from the spectrum of the positions: 5 times the motion's bandwidth of 1.25 Hz"
         """
         errors = [finding for finding in self.findings if finding.severity == "error"]
         if errors:
@@ -405,14 +380,6 @@ class Record:
         ------
         ValueError
             As `prepare`.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> t = np.arange(4000) / 500
-        >>> record = rne.identification.Record(t, np.sin(t)[:, None], np.cos(t)[:, None])
-        >>> [prepared.cutoff for prepared in record.sweep([5, 10, 20])]
-        [5.0, 10.0, 20.0]
         """
         if cutoffs is None:
             chosen, sweep = self.prepare().cutoff, []
@@ -443,8 +410,7 @@ def _gears(n: int, ratios: ArrayLike, coupling: ArrayLike | None) -> Array:
         raise ValueError(
             "`coupling` must be invertible: joint positions do not follow from the motors' through a singular matrix"
         )
-    K: Array = gears[:, None] * mixed
-    return K
+    return np.asarray(gears[:, None] * mixed)
 
 
 def _not_zero(name: str, value: ArrayLike, n: int) -> Array:

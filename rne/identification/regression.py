@@ -13,45 +13,31 @@ from ..basics.arrays import vector
 from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
-from ..robot import Robot, robot_argument
+from ..robot import Robot
 from ..simulation.motion_files import numbered_joints
-from .equations import Equations, Stacked, joined, stacked
+from .equations import Equations, RecordEquations, joined, record_equations
 from .filtering import low_pass, settling
-from .least_squares import repeats_of_filtered_noise, repeats_of_residuals
-from .prepared import Prepared
+from .least_squares import correlation_time_of_filtered_noise, correlation_time_of_residuals
+from .prepared import Prepared, undisturbed
 from .record import Record
+from .screening import consecutive
 
-HELD_OUT = 10  # blocks of the measurements, each predicted from the others
-SLOWEST = 0.02  # of a joint's largest rate: below it, Coulomb friction has no known direction
+FOLDS = 10  # of the cross-validation, contiguous in time
+SLOWEST = 0.02  # of a joint's largest velocity: below it, Coulomb friction has no known direction
 STEPS_AT_REST = 2.0  # of the encoder, within which a joint at rest stays of its mean position
 ROUNDINGS = 1e3  # of a position, within which it does not change
 
 
-class Gathered(NamedTuple):
-    """The equations of several records.
+class RegressionData(NamedTuple):
+    """The equations of several records."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the records.
-    prepared : tuple of Prepared
-    minimum_rate : ndarray, shape (n,)
-        Rates below which the equations of a joint are not fitted; infinite for a joint that does not move.
-    rows : list of Stacked
-    fitted, measured : Equations
-        To fit, and to check the fit on, in blocks of time.
-    delays : ndarray, shape (records, n)
-        By which torques were measured later than positions [s].
-    notes : tuple of str
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the records
     prepared: tuple[Prepared, ...]
-    minimum_rate: Array
-    rows: list[Stacked]
-    fitted: Equations
-    measured: Equations
-    delays: Array
+    minimum_velocity: Array  # of equations that are fitted, shape (n,); infinite for a joint that does not move
+    rows: list[RecordEquations]
+    fitted: Equations  # in folds of time
+    measured: Equations  # to check the fit on, likewise
+    delays: Array  # by which torques were measured later than positions, shape (records, n) [s]
     notes: tuple[str, ...]
 
     def residuals(self, x: Array) -> list[Array]:
@@ -62,60 +48,55 @@ class Gathered(NamedTuple):
         """Base parameters from the equations filtered again with half the cut-off; NaN where they are too few."""
         parts = []
         for record, row in zip(self.prepared, self.rows, strict=True):
-            cutoff, rate, start = record.cutoff / 2, record.sample_rate / record.decimation, 0
+            cutoff, rate = record.cutoff / 2, record.sample_rate / record.decimation
             reach = settling(cutoff, rate)
             both = np.concatenate([row.Y @ base.back, row.tau[..., None]], axis=-1)
-            for length in record.segment_lengths:
-                part = slice(start, start + length)
-                start += length
+            for part in consecutive(record.segment_lengths):
+                length = part.stop - part.start
                 if length > 2 * reach + base.count // self.fitted.joints:
                     inner = np.arange(reach, length - reach)
-                    bad = np.vstack([np.zeros((1, len(sigma)), int), np.cumsum(~row.valid[part], axis=0)])
-                    sound = bad[inner + reach] == bad[inner - reach]
+                    sound = undisturbed(~row.valid[part], inner, reach)
                     parts.append((low_pass(both[part], cutoff, rate, inner) / sigma[:, None])[sound])
         rows = np.concatenate(parts) if parts else np.zeros((0, base.count + 1))
         if len(rows) <= 2 * base.count:
             return np.full(base.count, np.nan)
         return np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=None)[0])
 
-    def repeats(self, x: Array) -> Array:
-        """How many equations of a joint count as one, for the residuals of parameters x, shape (n,)."""
+    def correlation_time(self, x: Array) -> Array:
+        """Integrated autocorrelation time of the residuals of parameters x, in rows, shape (n,)."""
         residuals = np.concatenate([r.Y @ x - r.tau for r in self.rows])
         used = np.concatenate([r.used for r in self.rows])
-        parts, start = [], 0
-        for record in self.prepared:
-            for length in record.segment_lengths:
-                parts.append(slice(start, start + length))
-                start += length
-        by_filter = max(repeats_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in self.prepared)
-        return np.maximum(repeats_of_residuals(residuals, used, parts), by_filter)
+        parts = consecutive(length for record in self.prepared for length in record.segment_lengths)
+        of_noise = [correlation_time_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in self.prepared]
+        return np.maximum(correlation_time_of_residuals(residuals, used, parts), max(of_noise))
 
 
-def gathered(
+def build_regression(
     robot: Robot,
     records: Record | Sequence[Record],
     base: BaseParameters,
-    minimum_rate: ArrayLike | None,
+    minimum_velocity: ArrayLike | None,
     cutoff: float | None,
     decimation: int | None,
-    blocks: int,
+    folds: int,
     delays: Array | float = 0.0,
-) -> Gathered:
+) -> RegressionData:
     """The equations of the records; arguments as of `rne.identify`."""
     given, standard = checked_records(robot, records), base.standard
-    check_blocks(blocks)
+    check_folds(folds)
     late = np.broadcast_to(delays, (len(given), robot.n))
     prepared = tuple(delayed(r.prepare(cutoff, decimation), d) for r, d in zip(given, late, strict=True))
-    still, rates = minimum_rates(standard, given, prepared, minimum_rate)
-    rows = [stacked(robot, standard, record, rates, still) for record in prepared]
+    still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
+    rows = [record_equations(robot, standard, record, slowest, still) for record in prepared]
     check_count(rows, base, still)
-    fitted, measured = equations_of(rows, prepared, blocks)
+    fitted, measured = equations_of(rows, prepared, folds)
     names = [robot.joint_names[j] for j in np.flatnonzero(still)]
     lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
     silent = [robot.joint_names[j] for j in np.flatnonzero(measured.rows.sum(0) == 0)]
     notes = tuple(f"{name} does not move" + (f": its {lost} cannot be found" if lost else "") for name in names)
     notes += tuple(f"{name} has no torque that can be used" for name in silent)
-    return Gathered(tuple(record.name for record in given), prepared, rates, rows, fitted, measured, late, notes)
+    names_of_records = tuple(record.name for record in given)
+    return RegressionData(names_of_records, prepared, slowest, rows, fitted, measured, late, notes)
 
 
 def delayed(record: Prepared, delays: Array) -> Prepared:
@@ -130,11 +111,6 @@ def delayed(record: Prepared, delays: Array) -> Prepared:
         for j in np.flatnonzero(delays):
             tau[part, j] = CubicSpline(t, record.tau[part, j])(np.clip(t + delays[j], t[0], t[-1]))
     return replace(record, tau=tau)
-
-
-def check_robot(robot: Robot) -> None:
-    """Refuse what is no Robot."""
-    robot_argument(robot)
 
 
 def checked_records(robot: Robot, records: Record | Sequence[Record]) -> tuple[Record, ...]:
@@ -160,19 +136,19 @@ def check_joints(robot: Robot, record: Record, argument: str) -> None:
         )
 
 
-def check_blocks(blocks: int) -> None:
-    """Refuse numbers of blocks that cannot be held out."""
-    if isinstance(blocks, bool) or not isinstance(blocks, int | np.integer) or blocks < 2:
-        raise ValueError(f"`blocks` must be an integer of at least 2, got {blocks!r}")
+def check_folds(folds: int) -> None:
+    """Refuse numbers of folds that cannot be held out."""
+    if isinstance(folds, bool) or not isinstance(folds, int | np.integer) or folds < 2:
+        raise ValueError(f"`folds` must be an integer of at least 2, got {folds!r}")
 
 
-def minimum_rates(
+def minimum_velocities(
     standard: StandardParameters, records: Sequence[Record], prepared: Sequence[Prepared], given: ArrayLike | None
 ) -> tuple[Array, Array]:
-    """Which joints do not move, and rates below which the equations of a joint are not fitted, shape (n,) each.
+    """Which joints do not move, and velocities below which the equations of a joint are not fitted, shape (n,) each.
 
-    A joint whose positions stay within a few steps of its encoder, or roundings, does not move; rates that one step
-    makes at the filter's cut-off are none.
+    A joint whose positions stay within a few steps of its encoder, or roundings, does not move; velocities that one
+    step makes at the filter's cut-off are none.
     """
     step = np.max([record.encoder_step for record in records], axis=0)
     middle = np.mean([p.q.mean(0) for p in prepared], axis=0)
@@ -181,13 +157,13 @@ def minimum_rates(
     largest = np.max([np.abs(p.qd).max(0) for p in prepared], axis=0)
     floor = 2 * np.pi * max(p.cutoff for p in prepared) * step
     if given is not None:
-        return still, vector("minimum_rate", given, standard.model.n, sign="not negative")
+        return still, vector("minimum_velocity", given, standard.model.n, sign="not negative")
     if "Fc" not in standard.terms or standard.smoothing:
         return still, np.zeros(standard.model.n)
     return still, np.where(still, np.inf, np.maximum(SLOWEST * largest, floor))
 
 
-def check_count(rows: Sequence[Stacked], base: BaseParameters, still: Array) -> None:
+def check_count(rows: Sequence[RecordEquations], base: BaseParameters, still: Array) -> None:
     """Refuse records of which no joint moves, and fewer equations than unknowns."""
     if still.all() and len(still):
         raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
@@ -199,11 +175,13 @@ def check_count(rows: Sequence[Stacked], base: BaseParameters, still: Array) -> 
         )
 
 
-def equations_of(rows: Sequence[Stacked], prepared: Sequence[Prepared], blocks: int) -> tuple[Equations, Equations]:
+def equations_of(
+    rows: Sequence[RecordEquations], prepared: Sequence[Prepared], folds: int
+) -> tuple[Equations, Equations]:
     """Equations to fit, and those to check the fit on, in blocks of time."""
-    each = max(-(-blocks // len(prepared)), 2)
+    each = max(-(-folds // len(prepared)), 2)
     shortest = min(len(r.tau) for r in rows)
     if each > shortest:
-        raise ValueError(f"`blocks` must be at most {shortest * len(rows)}, got {blocks}: there are no more equations")
+        raise ValueError(f"`folds` must be at most {shortest * len(rows)}, got {folds}: there are no more equations")
     parts = [r.compressed(record.blocks(each)) for r, record in zip(rows, prepared, strict=True)]
     return joined([fitted for fitted, _ in parts]), joined([measured for _, measured in parts])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,9 +12,10 @@ from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .equations import Stacked
+from .equations import RecordEquations
 from .filtering import low_pass
 from .prepared import Prepared
+from .screening import consecutive
 
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
 FEWEST = 3  # equations per parameter, from which those beside a rest are left out
@@ -40,20 +40,17 @@ class Grid(NamedTuple):
         """Every so many samples of each segment."""
         step = max(1, int(record.sample_rate / (THINNED * record.cutoff)))
         rows = [np.arange(s.start, s.stop, step) for s in record.segments]
-        ends = np.cumsum([0, *(len(r) for r in rows)]).tolist()
-        every = np.concatenate(rows)
-        segments = tuple(slice(a, b) for a, b in pairwise(ends))
+        every, segments = np.concatenate(rows), consecutive(len(r) for r in rows)
         return cls(record, step, record.t[every], record.q[every], record.qd[every], record.qdd[every], segments)
 
     def reduced(self, values: Array) -> Array:
         """Values on the grid, filtered as torques are, at the times of the record's equations."""
         from scipy.interpolate import CubicSpline
 
-        rate, parts, start = self.record.sample_rate / self.step, [], 0
-        for segment, count in zip(self.segments, self.record.segment_lengths, strict=True):
+        rate, parts = self.record.sample_rate / self.step, []
+        for segment, rows in zip(self.segments, consecutive(self.record.segment_lengths), strict=True):
             smooth = low_pass(values[segment], self.record.cutoff, rate)
-            parts.append(CubicSpline(self.t[segment], smooth, axis=0)(self.record.times[start : start + count]))
-            start += count
+            parts.append(CubicSpline(self.t[segment], smooth, axis=0)(self.record.times[rows]))
         return np.concatenate(parts)
 
     def rate_of_change(self, values: Array) -> Array:
@@ -65,19 +62,9 @@ class Grid(NamedTuple):
 
 
 class Residuals:
-    """What least squares left of the equations Y x = tau of records, over each joint's noise.
+    """What least squares left of the equations Y x = tau of records, over each joint's noise sigma.
 
-    Parameters
-    ----------
-    robot : Robot
-    base : BaseParameters
-    records : sequence of Prepared
-    rows : sequence of Stacked
-        Their equations of standard parameters.
-    beta : ndarray, shape (count,)
-        Base parameters.
-    sigma, repeats : ndarray, shape (n,)
-        Noise of the joints, and how many of their equations count as one.
+    `beta` are base parameters, `rows` equations of standard parameters, `correlation_time` is that of the residuals.
     """
 
     def __init__(
@@ -85,13 +72,13 @@ class Residuals:
         robot: Robot,
         base: BaseParameters,
         records: Sequence[Prepared],
-        rows: Sequence[Stacked],
+        rows: Sequence[RecordEquations],
         beta: Array,
         sigma: Array,
-        repeats: Array,
+        correlation_time: Array,
     ) -> None:
         self.robot, self.base, self.standard, self.records = robot, base, base.standard, records
-        self.x, self.sigma, self.repeats = base.back @ beta, sigma, repeats
+        self.x, self.sigma, self.correlation_time = base.back @ beta, sigma, correlation_time
         self.tau, self.Y = np.concatenate([r.tau for r in rows]), np.concatenate([r.Y for r in rows])
         sure = np.concatenate([r.sure for r in rows])
         self.used = sure if sure.sum() > FEWEST * base.count else np.concatenate([r.used for r in rows])
@@ -101,7 +88,7 @@ class Residuals:
         b = self.weighted(self.tau)
         self.left = b - self.Q @ (self.Q.T @ b)
         self.squares = self.by_joint(self.left)
-        self.counts = np.bincount(self.joint, minlength=robot.n) / repeats
+        self.counts = np.bincount(self.joint, minlength=robot.n) / correlation_time
         self.torques = np.maximum(self.by_joint(b), TINY)
 
     def weighted(self, columns: Array) -> Array:
@@ -137,7 +124,7 @@ class Residuals:
         known = lengths > INDEPENDENT * np.maximum(np.linalg.norm(X, axis=0), TINY)
         c = np.zeros(X.shape[1])
         c[known] = np.linalg.lstsq(left[:, known] / lengths[known], self.left, rcond=1e-8)[0] / lengths[known]
-        error = float(np.sqrt(self.repeats.max(initial=1)) / lengths[0]) if known[0] else float("inf")
+        error = float(np.sqrt(self.correlation_time.max(initial=1)) / lengths[0]) if known[0] else float("inf")
         return c, error, self.by_joint(self.left - left @ c)
 
     def squares_of(self, Q: Array, tau: Array) -> Array:
@@ -145,11 +132,11 @@ class Residuals:
         b = self.weighted(tau)
         return self.by_joint(b - Q @ (Q.T @ b))
 
-    def moved(self, change: Callable[[Array], Array]) -> Array:
-        """Orthonormal columns of the equations, of which positions, rates and accelerations are changed."""
+    def moved(self, J: Array) -> Array:
+        """Orthonormal columns of the equations of other joints, of positions J q."""
 
         def columns(g: Grid) -> Array:
-            q, qd, qdd = (change(x) for x in (g.q, g.qd, g.qdd))
+            q, qd, qdd = (x @ J.T for x in (g.q, g.qd, g.qdd))
             drives = self.standard.drive_columns(qd, qdd)
             return np.concatenate([self.robot.regressor(q, qd, qdd), drives], axis=-1) @ self.base.back
 
@@ -161,7 +148,7 @@ class Residuals:
         along = self.Q.T @ X
         left = X - self.Q @ along
         moved = np.linalg.lstsq(self.Q.T @ self.A, along, rcond=1e-12)[0]
-        return np.asarray(self.repeats.max() * moved @ np.linalg.pinv(left.T @ left, hermitian=True) @ moved.T)
+        return np.asarray(self.correlation_time.max() * moved @ np.linalg.pinv(left.T @ left, hermitian=True) @ moved.T)
 
     @cached_property
     def grids(self) -> list[Grid]:
@@ -177,9 +164,10 @@ class Residuals:
         pairs = zip(self.grids, self.torques_on_grids, strict=True)
         return np.concatenate([grid.reduced(function(grid, torques)) for grid, torques in pairs])
 
-    def column_of(self, j: int, torque: Callable[[Prepared], Array]) -> Array:
-        """The torque of one joint along the records, shape (samples,), as a column, shape (rows, n, 1)."""
-        found = np.concatenate([record.reduce(torque(record)) for record in self.records])
+    def column_of(self, j: int, torque: Callable[[Array, Array, Array], Array]) -> Array:
+        """The torque of one joint, a function of its (q, qd, qdd), as a column, shape (rows, n, 1)."""
+        states = [(record.q[:, j], record.qd[:, j], record.qdd[:, j]) for record in self.records]
+        found = np.concatenate([r.reduce(torque(*x)) for r, x in zip(self.records, states, strict=True)])
         return np.asarray((found[:, None] * np.eye(self.robot.n)[j])[..., None])
 
     @cached_property

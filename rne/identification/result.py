@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..basics.text import counted, listed, wrapped
+from ..basics.text import Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
 from ..model.model import joint_array
@@ -22,11 +22,10 @@ from .causes import Cause
 from .checking import Check
 from .consistent import expected_sizes, model_prior
 from .equations import Equations
-from .least_squares import LeastSquares, Unexplained
+from .least_squares import LeastSquares, Unexplained, believed_noise
 from .prepared import Prepared
 from .record import Record
-from .regression import Gathered, check_joints
-from .report import EXPLAINS, report_text
+from .regression import RegressionData, check_joints
 from .rigid_body_test import certified
 
 if TYPE_CHECKING:
@@ -35,6 +34,9 @@ if TYPE_CHECKING:
 UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
 NAMED = 3  # causes that a warning names
 IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
+EXPLAINED = 0.15  # part of a torque in motion that may be left where a model explains it
+EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explains them
+WORSE = 1.2  # residuals of possible bodies, of those of least squares
 UNKNOWN = (
     "no single change explains all of it: look at the joints' residuals over time and speed (`plot`), and check "
     "friction, the placement of the axes, couplings and the torques' source"
@@ -53,7 +55,7 @@ class Identification:
         What the torques are linear in, and the names.
     base : BaseParameters
         Those combinations that torques depend on.
-    data : Gathered
+    data : RegressionData
         The measurements after the filter, and the equations from them.
     estimate : LeastSquares
         Base parameters by weighted least squares, with standard errors.
@@ -65,8 +67,9 @@ class Identification:
     unexplained : Unexplained
         |predicted - measured| / |measured| of each joint, over blocks of time of which each was predicted by a fit to
         the others: `everywhere`, `in_motion`, where equations are fitted, and `at_rest`. NaN for a joint without.
-    repeats : ndarray, shape (n,)
-        How many equations of a joint count as one, because residuals are like their neighbours; in the standard errors.
+    correlation_time : ndarray, shape (n,)
+        Integrated autocorrelation time of the residuals, in rows; the number of rows over it is the effective sample
+        size, by which standard errors are taken.
     drift : ndarray, shape (base.count,)
         By how much base parameters change when everything is filtered again with half the cut-off: beyond a few
         standard errors, the filter biases them. NaN where the record is too short for it.
@@ -74,27 +77,17 @@ class Identification:
         What would explain the residuals better, the likeliest first.
     notes : tuple of str
         What was assumed, and what looks wrong.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> motion = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)
-    >>> q, qd, qdd = motion(t)
-    >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-    >>> rne.identify(robot, record, consistent=False).held_out.shape
-    (6,)
     """
 
     initial: Robot
     standard: StandardParameters
     base: BaseParameters
-    data: Gathered
+    data: RegressionData
     estimate: LeastSquares
     parameters: Array
     consistent: bool
     unexplained: Unexplained
-    repeats: Array
+    correlation_time: Array
     drift: Array
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
@@ -146,15 +139,14 @@ class Identification:
         return self.data.fitted
 
     @property
-    def minimum_rate(self) -> Array:
-        """Rates below which the equations of a joint were not fitted, shape (n,) [rad/s or m/s]."""
-        return self.data.minimum_rate
+    def minimum_velocity(self) -> Array:
+        """Velocities below which the equations of a joint were not fitted, shape (n,) [rad/s or m/s]."""
+        return self.data.minimum_velocity
 
     @property
     def values(self) -> Array:
         """Base parameters of `parameters`, in the order of `base.names`, shape (base.count,)."""
-        values: Array = self.base.matrix @ self.parameters
-        return values
+        return np.asarray(self.base.matrix @ self.parameters)
 
     @property
     def excited(self) -> Array:
@@ -168,8 +160,7 @@ class Identification:
             P = pseudo_inertia(bodies)
         else:
             P = model_prior(model)[0] if model.mass.any() else np.full((model.nb, 4, 4), np.inf)
-        found: Array = self.estimate.errors < expected_sizes(P, self.base, self.equations)
-        return found
+        return np.asarray(self.estimate.errors < expected_sizes(P, self.base, self.equations))
 
     @cached_property
     def robot(self) -> Robot:
@@ -190,15 +181,8 @@ class Identification:
             raise IdentificationError(
                 f"least squares gave no possible bodies: fit with `consistent=True`; {error}"
             ) from None
-        return Robot(
-            replace(
-                model,
-                armature=self._by_joint("Ia"),
-                damping=self._by_joint("Fv"),
-                friction=self._by_joint("Fc"),
-            ),
-            self.initial.engine,
-        )
+        rotors, damping, friction = (self._by_joint(symbol) for symbol in ("Ia", "Fv", "Fc"))
+        return Robot(replace(model, armature=rotors, damping=damping, friction=friction), self.initial.engine)
 
     def _by_joint(self, symbol: str) -> Array:
         """A parameter of drives with one entry per moving joint, zero for those that mimic others."""
@@ -241,7 +225,7 @@ class Identification:
         Parameters
         ----------
         q, qd, qdd : array_like, shape (..., n)
-            Joint positions, rates and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
+            Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
 
         Returns
         -------
@@ -252,22 +236,11 @@ class Identification:
         ------
         ValueError
             If an array has the wrong shape or is not finite.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-        >>> tau = robot.inverse_dynamics(q, qd, qdd)
-        >>> found = rne.identify(robot, rne.identification.Record(t, q, tau), consistent=False)
-        >>> found.predict(q, qd, qdd).shape
-        (5000, 6)
         """
         model, bodies = self.initial.model, PARAMETERS * self.initial.model.nb
-        rates, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
-        drives = self.standard.drive_torques(rates, accelerations, self.parameters[bodies:])
-        torques: Array = self.initial.regressor(q, rates, accelerations) @ self.parameters[:bodies] + drives
-        return torques
+        velocities, accelerations = joint_array("qd", qd, model), joint_array("qdd", qdd, model)
+        drives = self.standard.drive_torques(velocities, accelerations, self.parameters[bodies:])
+        return np.asarray(self.initial.regressor(q, velocities, accelerations) @ self.parameters[:bodies] + drives)
 
     def check(self, record: Record) -> Check:
         """The torques predicted for another measured motion beside the measured ones.
@@ -287,15 +260,6 @@ class Identification:
         ------
         ValueError
             If the record has another number of joints, or cannot be filtered so.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-        >>> rne.identify(robot, record, consistent=False).check(record).measured.shape[1]
-        6
         """
         if not isinstance(record, Record):
             raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
@@ -306,17 +270,9 @@ class Identification:
         predicted = prepared.reduce(self.predict(prepared.q, prepared.qd, prepared.qdd))
         model = self.initial.model
         units = tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
-        measured = prepared.reduce(prepared.tau)
-        return Check(
-            name,
-            model.joint_names,
-            units,
-            prepared.times,
-            prepared.reduce(prepared.qd),
-            measured,
-            predicted,
-            prepared.valid,
-        )
+        velocities, measured = prepared.reduce(prepared.qd), prepared.reduce(prepared.tau)
+        joints = name, model.joint_names, units
+        return Check(*joints, prepared.times, velocities, measured, predicted, prepared.valid)
 
     def plot(self, record: Record | None = None) -> Figure:
         """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
@@ -330,16 +286,6 @@ class Identification:
         -------
         matplotlib.figure.Figure
             `figure.savefig("torques.png")` writes it to a file.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-        >>> found = rne.identify(robot, record, consistent=False)
-        >>> len(found.plot().axes)
-        12
         """
         check = self._compared(self.data.names[0], self.records[0]) if record is None else self.check(record)
         return check.plot()
@@ -352,17 +298,136 @@ class Identification:
         str
             Paragraphs on the measurements, the joints, the base parameters and the bodies, and whether one rigid-body
             model can be behind the measurements, as `rne.consistency` says.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-        >>> q, qd, qdd = rne.trajectories.quintic([0] * 6, [1] * 6, 10.0)(t)
-        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-        >>> found = rne.identify(robot, record, consistent=False)
-        >>> print(found.report().splitlines()[0][:28])
-        36 base parameters of irb140
         """
-        verdict = certified(self.base, self.data, self.repeats)
+        verdict = certified(self.base, self.data, self.correlation_time)
         certificate = replace(verdict, held_out=self.unexplained.in_motion).report()
         return f"{report_text(self)}\n\n{certificate}"
+
+
+def report_text(found: Identification) -> str:
+    """What was fitted, what was found, and how far to trust it, in paragraphs."""
+    parts = [fitted_text(found), joints_text(found), causes_text(found), parameters_text(found)]
+    if found.consistent:
+        parts.append(bodies_text(found))
+    return "\n\n".join(parts)
+
+
+def fitted_text(found: Identification) -> str:
+    """What was fitted: the motions, their filter, the prior."""
+    e = found.estimate
+    lines = [
+        f"{counted(found.base.count, 'base parameter')} of {short(found.initial.model.name)} from "
+        f"{counted(int(found.equations.rows.sum()), 'equation')}, condition number {e.condition:.3g} "
+        f"({e.scaled_condition:.3g} with columns of unit length)"
+    ]
+    for name, record in zip(found.data.names, found.records, strict=True):
+        lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
+        lines += [f"  {note}" for note in record.notes]
+    return "\n".join([*lines, *found.notes])
+
+
+def joints_text(found: Identification) -> str:
+    """Errors of each joint."""
+    fitted = found.equations.residuals(found.parameters)
+    torques = np.maximum(found.equations.torques(), np.finfo(float).tiny)
+    columns = ("noise [N m or N]", "fitted [%]", "held out: in motion", "at rest", "equations", "independent")
+    rows = [Row("errors", columns, words=True)]
+    left = found.unexplained
+    for j, name in enumerate(found.initial.joint_names):
+        shares = (np.sqrt(fitted[j] / torques[j]), left.in_motion[j], left.at_rest[j])
+        count = int(found.equations.rows[:, j].sum())
+        cells = (
+            f"{found.estimate.sigma[j]:.4g}",
+            *("-" if np.isnan(left.everywhere[j]) or np.isnan(x) else f"{100 * x:.1f}" for x in shares),
+            str(count),
+            f"{count / found.correlation_time[j]:.0f}",
+        )
+        rows.append(Row(f"  {short(name)}", cells))
+    blocks = len(found.equations.factors)
+    close = (
+        f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others. At rest: torques of "
+        "slow joints, which are not fitted because Coulomb friction then has no known direction."
+    )
+    return "\n".join([*aligned(rows), close, *motions_text(found)])
+
+
+def causes_text(found: Identification) -> str:
+    """What would explain the residuals, the likeliest first, and joints that are not explained."""
+    lines: list[str] = []
+    for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
+        if left > EXPLAINED:
+            own = [cause.text for cause in found.causes if cause.removed[j] > EXPLAINS]
+            why = f": {own[0]}" if own else ": no single change of the log, the robot or the drives explains it"
+            lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
+    lines = ["not explained", *lines] if lines else []
+    if found.causes:
+        lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
+        lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed.max(), 0))):.0f} %: {c.text}" for c in found.causes]
+    return "\n".join(lines or ["no single change of the log, the robot or the drives explains what is left"])
+
+
+def motions_text(found: Identification) -> list[str]:
+    """Errors of each of several motions."""
+    if len(found.records) == 1:
+        return []
+    rows = [Row("errors of each motion [%]", [short(name) for name in found.initial.joint_names], words=True)]
+    each = len(found.equations.factors) // len(found.records)
+    for k, name in enumerate(found.data.names):
+        part = found.equations.of_blocks(np.arange(each * k, each * (k + 1)))
+        share = np.sqrt(part.residuals(found.parameters) / np.maximum(part.torques(), np.finfo(float).tiny))
+        rows.append(Row(f"  {short(name)}", [f"{100 * x:.1f}" for x in share]))
+    return aligned(rows)
+
+
+def parameters_text(found: Identification) -> str:
+    """Base parameters with standard errors."""
+    e = found.estimate
+    title = "least squares", "standard error", "drift", *(("consistent",) if found.consistent else ())
+    joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
+    rows = [Row("base parameters", title, words=True)]
+    for k, name in enumerate(found.base.names):
+        numbers = [e.values[k], e.errors[k], found.drift[k], *([found.values[k]] if found.consistent else [])]
+        rows.append(Row(f"  {name}", ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]))
+    lines = [*aligned(rows), f"Numbers are those of the joints: {joints}."]
+    combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
+    lines += (
+        ["Base parameters that stand for a combination of several:", *(f"  {text}" for text in combined)]
+        if combined
+        else []
+    )
+    moved = [name for name, x, error in zip(found.base.names, found.drift, e.errors, strict=True) if abs(x) > 3 * error]
+    if moved:
+        lines.append(
+            f"drift, the change with half the cut-off, beyond three standard errors: {', '.join(moved)}; the filter "
+            "biases these, or something else changes with frequency"
+        )
+    weak = [name for name, seen in zip(found.base.names, found.excited, strict=True) if not seen]
+    if weak:
+        lines.append(f"not excited, with a standard error above the expected size: {', '.join(weak)}")
+    return "\n".join(lines)
+
+
+def bodies_text(found: Identification) -> str:
+    """Masses and centres of the consistent bodies; each is one of many with the same torques."""
+    rows = [Row("bodies", ("mass [kg]", "centre x [m]", "y", "z"), words=True)]
+    bodies = found.parameters[found.standard.groups["bodies"]].reshape(-1, PARAMETERS)
+    for name, body in zip(found.initial.model.moving_joints, bodies, strict=True):
+        rows.append(Row(f"  {short(name)}", [f"{x:.4f}" for x in (body[0], *(body[1:4] / body[0]))]))
+    return "\n".join([*aligned(rows), closing(found)])
+
+
+def closing(found: Identification) -> str:
+    """What the bodies are worth."""
+    values = found.base.back @ found.estimate.values, found.parameters
+    sigma = believed_noise(found.equations, found.estimate.sigma)
+    free, consistent = ((found.equations.residuals(x) / sigma**2).sum() for x in values)
+    growth = float(np.sqrt(consistent / max(free, found.equations.rows.sum())))
+    if growth > WORSE:
+        return (
+            f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and "
+            "zeros of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`prior_std`)."
+        )
+    return (
+        "Torques do not determine single masses: of all bodies with the same base parameters, these are the nearest to "
+        "the prior."
+    )

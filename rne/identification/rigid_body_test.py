@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import gamma
 from typing import NamedTuple
 
 import numpy as np
@@ -23,18 +22,21 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor
 from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
-from ..robot import Robot
+from ..robot import Robot, robot_argument
 from .equations import Equations
 from .filtering import ORDER
-from .least_squares import solve
+from .least_squares import held_out_squares, weighted_fit
 from .prepared import Prepared
 from .record import Record
-from .regression import HELD_OUT, Gathered, check_robot, gathered
+from .regression import FOLDS, RegressionData, build_regression
 
 CHANCE = 1e-3  # of all joints together, that F is called large by accident
 WORSE = 2.0  # times the joint's own residual: a conflict has to matter
 EXPLAINED = 0.15  # part of a torque in motion that may be left where a model explains it
 FLOOR = 3.0  # times the noise, above which a residual is not noise
+PRECISION = 1e-6  # of a joint's torques: no fit is taken for more exact
+BELIEVED = 1e-6  # singular values below this part of the largest say nothing
+TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +64,6 @@ class Consistency:
     energy : EnergyBalance
         `missing`, the share of the work that the fitted model neither stores nor loses, and by joint `lost` and
         `power`, the mean and the root mean square of the residual torques' power, as parts of that of the torques.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> w = 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
-    >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
-    >>> tau = robot.inverse_dynamics(q, qd, qdd)
-    >>> rne.consistency(robot, rne.identification.Record(t, q, tau)).one_model
-    True
     """
 
     joint_names: tuple[str, ...]
@@ -126,16 +118,6 @@ class Consistency:
         -------
         str
             Lines of at most 100 characters.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-        >>> w = 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
-        >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
-        >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
-        >>> rne.consistency(robot, record).report().startswith("one rigid-body model explains the torques")
-        True
         """
         title = ("noise", "alone", "together", "held out", "F", "chance of F", "power left", "its mean")
         rows = [Row("errors [%]", title, words=True)]
@@ -156,25 +138,55 @@ def percent(x: Array) -> str:
     return f"{low:.2g} to {high:.2g} %"
 
 
-def certified(base: BaseParameters, data: Gathered, repeats: Array) -> Consistency:
-    """The verdict on the equations of records."""
-    E = base.back
-    found = joint_statistics(data.fitted.mapped(E), repeats)
-    conflict = (found.probability < CHANCE / data.fitted.joints) & (found.together > WORSE * found.alone)
-    x = E @ found.parameters
-    energy = energy_balance(base.standard, data.prepared, x, data.residuals(x))
-    return Consistency(
-        base.standard.model.joint_names,
-        noise_shares(data.prepared),
-        found.held_out,
-        found.together,
-        found.alone,
-        found.F,
-        found.probability,
-        found.independent,
-        conflict,
-        energy,
+def certified(base: BaseParameters, data: RegressionData, correlation_time: Array) -> Consistency:
+    """The verdict on the equations of records, whose residuals have this integrated autocorrelation time in rows."""
+    from scipy.stats import f
+
+    fitted = data.fitted.mapped(base.back)
+    rows, size = fitted.rows.sum(0), fitted.torques()
+    least = PRECISION**2 * np.maximum(size, PRECISION**2 * size.max(initial=0)) + TINY
+    own = [own_fit(fitted.of_joint(j)) for j in range(fitted.joints)]
+    squares, ranks = (np.array(x) for x in zip(*((s, r) for _, s, r in own), strict=True))
+    squares, freedom = np.maximum(squares, least), np.maximum(rows - ranks, 1)
+    sigma = np.sqrt(squares / freedom)
+    x, spent = weighted_fit(fitted, sigma)
+    total, free = np.maximum(fitted.residuals(x), squares), np.maximum(ranks - spent, 1)
+    F = (total - squares) / free / (squares / freedom) / correlation_time
+    independent = np.maximum(rows / correlation_time - ranks, 1)
+    probability = np.asarray(f.sf(F, free, independent))
+    torques = np.maximum(size, TINY)
+    together, alone = (
+        np.sqrt(s / free_rows * rows / torques)
+        for s, free_rows in ((total, np.maximum(rows - spent, 1)), (squares, freedom))
     )
+    parameters = base.back @ x
+    return Consistency(
+        joint_names=base.standard.model.joint_names,
+        noise=noise_shares(data.prepared),
+        held_out=np.sqrt(held_out_squares(lambda some: weighted_fit(some, sigma)[0], fitted, fitted)[0] / torques),
+        together=together,
+        alone=alone,
+        F=F,
+        probability=probability,
+        independent=independent,
+        conflict=(probability < CHANCE / fitted.joints) & (together > WORSE * alone),
+        energy=energy_balance(base.standard, data.prepared, parameters, data.residuals(parameters)),
+    )
+
+
+def own_fit(equations: Equations) -> tuple[Array, float, int]:
+    """Estimates of smallest length, |residual|^2 and rank of the equations of one joint."""
+    factor = equations.weighted(np.ones(1))
+    lengths = np.linalg.norm(factor[:, :-1], axis=0)
+    lengths[lengths == 0] = 1
+    x, _, rank, _ = np.linalg.lstsq(factor[:, :-1] / lengths, factor[:, -1], rcond=BELIEVED)
+    return x / lengths, float(equations.residuals(x / lengths)[0]), int(rank)
+
+
+ABOVE = 2.0  # times the cut-off: no motion is left there
+LOWEST, HIGHEST = 0.25, 0.45  # of the sample rate, between which noise is looked for
+WINDOW = 8.0  # periods of the cut-off in one spectrum, at least
+POINTS = 64  # of a spectrum, at least
 
 
 def noise_shares(prepared: Sequence[Prepared]) -> Array:
@@ -182,8 +194,86 @@ def noise_shares(prepared: Sequence[Prepared]) -> Array:
     squares = np.zeros((2, prepared[0].q.shape[1]))
     for record in prepared:
         torque = record.reduce(record.tau) * record.valid
-        squares += [record.valid.sum(0) * torque_noise(record) ** 2, (torque**2).sum(0)]
-    return np.asarray(np.sqrt(squares[0] / np.maximum(squares[1], np.finfo(float).tiny)))
+        squares += [record.valid.sum(0) * torque_noise(record), (torque**2).sum(0)]
+    return np.asarray(np.sqrt(squares[0] / np.maximum(squares[1], TINY)))
+
+
+def torque_noise(record: Prepared) -> Array:
+    """Variance that noise gives the torques after the filter, shape (n,) [N^2 m^2 or N^2].
+
+    Noise that is equal at all frequencies has the spectral density S. It is the mean from a quarter of the sample rate
+    to 0.45 of it, above twice the cut-off, where no motion is left. The filter leaves S times the integral of its
+    squared gain, 1 / (1 + (f / cutoff)^(2 m))^2.
+    """
+    from scipy.signal import welch
+
+    rate = record.sample_rate
+    longest = max(part.stop - part.start for part in record.segments)
+    length = min(longest, max(POINTS, int(WINDOW * rate / record.cutoff)))
+    parts = [part for part in record.segments if part.stop - part.start >= length]
+    spectra = [welch(record.tau[part], rate, "hann", length, detrend="linear", axis=0) for part in parts]
+    f = spectra[0][0]
+    density = np.average([s for _, s in spectra], axis=0, weights=[part.stop - part.start for part in parts])
+    above = (f >= max(ABOVE * record.cutoff, LOWEST * rate)) & (f <= HIGHEST * rate)
+    k = 1 / (2 * ORDER)
+    bandwidth = record.cutoff * (1 - k) * np.pi * k / np.sin(np.pi * k)
+    return np.asarray(density[above].mean(0) * bandwidth)
+
+
+PIECES = 10  # of each segment, over which work and energy are compared
+
+
+class EnergyBalance(NamedTuple):
+    """Shares of the work that drives and brakes do, by `rne.consistency`.
+
+    Attributes
+    ----------
+    missing : float
+        Root mean square of the energy that is neither stored nor lost in the model, in pieces of the motion, as a part
+        of the work done there, forwards and backwards.
+    lost : ndarray, shape (n,)
+        Mean power of the residual torque of each joint as a part of that of its torque: above zero, the model loses
+        less than the robot.
+    power : ndarray, shape (n,)
+        Root mean square of that power, as the same part.
+    """
+
+    missing: float
+    lost: Array
+    power: Array
+
+
+def energy_balance(
+    standard: StandardParameters, records: Sequence[Prepared], x: Array, residuals: Sequence[Array]
+) -> EnergyBalance:
+    """The balance of measured motions, of standard parameters x that leave these torques of each record's rows."""
+    pieces = np.concatenate([_pieces(standard, record, x) for record in records])
+    sums = np.zeros((4, standard.model.n))
+    for record, residual in zip(records, residuals, strict=True):
+        velocity, torque = record.reduce(record.qd), record.reduce(record.tau)
+        power, total = residual * velocity * record.valid, torque * velocity * record.valid
+        sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
+    missing, work = np.sqrt((pieces**2).sum(0))
+    lost, power = sums[0] / np.maximum(sums[1], TINY), np.sqrt(sums[2] / np.maximum(sums[3], TINY))
+    return EnergyBalance(float(missing / max(work, TINY)), lost, power)
+
+
+def _pieces(standard: StandardParameters, record: Prepared, x: Array) -> Array:
+    """Energy that is missing, and work done, in each piece; shape (pieces, 2) [J]."""
+    from scipy.integrate import cumulative_trapezoid
+
+    model, bodies = standard.model, PARAMETERS * standard.model.nb
+    found = []
+    for part in record.segments:
+        q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
+        ends = np.unique(np.linspace(0, len(q) - 1, PIECES + 1).astype(int))
+        stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
+        drives = (qd * standard.drive_torques(qd, qdd, x[bodies:])).sum(-1)  # rotors and losses
+        powers = np.stack([(tau * qd).sum(-1) - drives, np.abs(tau * qd).sum(-1)], axis=1)
+        work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
+        work[:, 0] -= stored @ x[:bodies]
+        found.append(np.diff(work, axis=0))
+    return np.concatenate(found)
 
 
 def consistency(
@@ -191,10 +281,10 @@ def consistency(
     records: Record | Sequence[Record],
     *,
     drives: DriveModel | None = None,
-    minimum_rate: ArrayLike | None = None,
+    minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
     decimation: int | None = None,
-    blocks: int = HELD_OUT,
+    folds: int = FOLDS,
 ) -> Consistency:
     """Say whether measured torques can come from one rigid-body model at all.
 
@@ -209,14 +299,14 @@ def consistency(
         Measured motions.
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets.
-    minimum_rate : array_like, shape (n,), optional
+    minimum_velocity : array_like, shape (n,), optional
         Slower equations of a joint are left out, as by `rne.identify` [rad/s or m/s].
     cutoff : float, optional
         Of the low-pass filter, by default chosen from the measurements [Hz].
     decimation : int, optional
         Samples per equation after the filter; by default from the cut-off.
-    blocks : int
-        The measurements are cut into so many, each to be predicted from the others.
+    folds : int
+        Of the cross-validation: the measurements are cut into so many, each to be predicted from the others.
 
     Returns
     -------
@@ -240,276 +330,17 @@ def consistency(
     >>> w = 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
     >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
     >>> tau = robot.inverse_dynamics(q, qd, qdd)
+    >>> found = rne.consistency(robot, rne.identification.Record(t, q, tau))
+    >>> found.one_model, bool(found.energy.missing < 0.01)
+    (True, True)
+    >>> found.report().startswith("one rigid-body model explains the torques")
+    True
     >>> tau[:, 2] *= 1.2  # a wrong gear ratio
     >>> rne.consistency(robot, rne.identification.Record(t, q, tau)).one_model
     False
     """
-    check_robot(robot)
-    base = robot.base_parameters(drives=MEASURED if drives is None else drives)
-    data = gathered(robot, records, base, minimum_rate, cutoff, decimation, blocks)
+    base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
+    data = build_regression(robot, records, base, minimum_velocity, cutoff, decimation, folds)
     own = [base.back @ own_fit(data.fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
-    repeats = np.array([data.repeats(x)[j] for j, x in enumerate(own)])
-    return certified(base, data, repeats)
-
-
-PRECISION = 1e-6  # of a joint's torques: no fit is taken for more exact
-BELIEVED = 1e-6  # singular values below this part of the largest say nothing
-
-
-@dataclass(frozen=True, eq=False)
-class JointStatistics:
-    """Residuals of each joint: together with the others, and alone; shape (n,) each.
-
-    Attributes
-    ----------
-    parameters : ndarray, shape (count,)
-        Base parameters of all joints together.
-    held_out : ndarray
-        |predicted - measured| / |measured| on blocks of time that were not fitted, together.
-    together, alone : ndarray
-        Standard deviation of the residual, with the parameters that a joint spends taken into account, in |measured|.
-    F : ndarray
-        Ratio of the mean squares; about 1 if one set of parameters serves all joints.
-    probability : ndarray
-        That chance alone makes F so large.
-    independent : ndarray
-        Number of independent equations.
-    """
-
-    parameters: Array
-    held_out: Array
-    together: Array
-    alone: Array
-    F: Array
-    probability: Array
-    independent: Array
-
-
-def joint_statistics(fitted: Equations, repeats: Array) -> JointStatistics:
-    """The comparison, for equations of the base parameters.
-
-    Parameters
-    ----------
-    fitted : Equations
-    repeats : ndarray, shape (n,)
-        How many equations of a joint count as one.
-
-    Returns
-    -------
-    JointStatistics
-    """
-    n, all_rows = fitted.joints, fitted.rows.sum(0)
-    size = fitted.torques()
-    least = PRECISION**2 * np.maximum(size, PRECISION**2 * size.max(initial=0)) + np.finfo(float).tiny
-    own = [own_fit(fitted.of_joint(j)) for j in range(n)]
-    squares, ranks = (np.array(x) for x in zip(*((s, r) for _, s, r in own), strict=True))
-    squares = np.maximum(squares, least)
-    sigma = np.sqrt(squares / np.maximum(all_rows - ranks, 1))
-    x, spent = joint_fit(fitted, sigma)
-    freedom, independent = np.maximum(all_rows - ranks, 1), np.maximum(all_rows / repeats - ranks, 1)
-    total = np.maximum(fitted.residuals(x), squares)
-    free = np.maximum(ranks - spent, 1)
-    F = (total - squares) / free / (squares / freedom) / repeats
-    from scipy.stats import f
-
-    def share(squares: Array, freedom: Array) -> Array:
-        return np.asarray(np.sqrt(squares / freedom * all_rows / np.maximum(size, np.finfo(float).tiny)))
-
-    held = held_out_together(fitted, sigma)
-    return JointStatistics(
-        x,
-        np.sqrt(held / np.maximum(size, np.finfo(float).tiny)),
-        share(total, np.maximum(all_rows - spent, 1)),
-        share(squares, freedom),
-        F,
-        np.asarray(f.sf(F, free, independent)),
-        independent,
-    )
-
-
-def own_fit(equations: Equations) -> tuple[Array, float, int]:
-    """Estimates, |residual|^2 and rank of the equations of one joint."""
-    factor = equations.weighted(np.ones(1))
-    x, rank = truncated(factor)
-    return x, float(equations.residuals(x)[0]), rank
-
-
-def truncated(factor: Array) -> tuple[Array, int]:
-    """The solution of smallest length in the directions that the equations determine."""
-    A, b = factor[:, :-1], factor[:, -1]
-    lengths = np.linalg.norm(A, axis=0)
-    lengths[lengths == 0] = 1
-    x, _, rank, _ = np.linalg.lstsq(A / lengths, b, rcond=BELIEVED)
-    return x / lengths, int(rank)
-
-
-def joint_fit(equations: Equations, sigma: Array) -> tuple[Array, Array]:
-    """Estimates of all joints together, and how many parameters each joint's equations determine."""
-    solution = solve(equations.weighted(sigma))
-    spent = ((equations.factors[..., :-1] @ solution.inverse) ** 2).sum((0, 2, 3)) / sigma**2
-    return solution.x, spent
-
-
-def held_out_together(fitted: Equations, sigma: Array) -> Array:
-    """|residual|^2 of each joint on blocks that were not fitted."""
-    squares = np.zeros(fitted.joints)
-    for k in range(len(fitted.factors)):
-        others = np.arange(len(fitted.factors)) != k
-        x, _ = joint_fit(fitted.of_blocks(others), sigma)
-        squares += fitted.of_blocks(~others).residuals(x)
-    return squares
-
-
-ABOVE = 2.0  # times the cut-off: no motion is left there
-LOWEST, HIGHEST = 0.25, 0.45  # of the sample rate, between which noise is looked for
-PASSED = 0.7  # of the cut-off of the positions' filter, up to which their noise passes
-WINDOW = 8.0  # periods of the cut-off in one spectrum, at least
-POINTS = 64  # of a spectrum, at least
-
-
-def torque_noise(record: Prepared) -> Array:
-    """Standard deviation that noise gives the torques after the filter, shape (n,) [N m or N].
-
-    Noise that is equal at all frequencies has the spectral density S. It is the mean from a quarter of the sample rate
-    to 0.45 of it, above twice the cut-off, where no motion is left. The filter leaves S times the integral of its
-    squared gain.
-    """
-    rate = record.sample_rate
-    f, density = spectrum(record, record.tau)
-    above = (f >= max(ABOVE * record.cutoff, LOWEST * rate)) & (f <= HIGHEST * rate)
-    noise: Array = np.sqrt(density[above].mean(0) * bandwidth(record.cutoff))
-    return noise
-
-
-def torque_noise_of_positions(record: Prepared, torques: Array) -> Array:
-    """Standard deviation that noise of the positions gives predicted torques after the filter, shape (n,) [N m or N].
-
-    White noise of positions makes accelerations, and torques predicted from them, of density A f^4. A is found between
-    twice the cut-off and 0.7 of that of the positions' filter; the filter leaves A times the integral of f^4 times its
-    squared gain.
-
-    Parameters
-    ----------
-    record : Prepared
-    torques : ndarray, shape (T, n)
-        Predicted on the grid, not filtered [N m or N].
-
-    Returns
-    -------
-    ndarray, shape (n,)
-    """
-    f, density = spectrum(record, torques)
-    between = (f >= ABOVE * record.cutoff) & (f <= PASSED * record.position_cutoff)
-    if not between.any():
-        return np.zeros(torques.shape[1])
-    A = (density[between] / f[between, None] ** 4).mean(0)
-    k = 5 / (2 * ORDER)  # the integral of x^4 / (1 + x^(2 m))^2 is Gamma(k) Gamma(2 - k) / (2 m), with k = 5 / (2 m)
-    noise: Array = np.sqrt(A * record.cutoff**5 * gamma(k) * gamma(2 - k) / (2 * ORDER))
-    return noise
-
-
-def spectrum(record: Prepared, x: Array) -> tuple[Array, Array]:
-    """Frequencies and power spectral density of columns on the grid, averaged over the long segments."""
-    from scipy.signal import welch
-
-    rate = record.sample_rate
-    longest = max(part.stop - part.start for part in record.segments)
-    length = min(longest, max(POINTS, int(WINDOW * rate / record.cutoff)))
-    parts = [part for part in record.segments if part.stop - part.start >= length]
-    spectra = [welch(x[part], rate, "hann", length, detrend="linear", axis=0) for part in parts]
-    return spectra[0][0], np.average([s for _, s in spectra], axis=0, weights=[p.stop - p.start for p in parts])
-
-
-def bandwidth(cutoff: float) -> float:
-    """Integral of the squared gain of the filter forwards and backwards, 1 / (1 + (f / cutoff)^(2 m))^2 [Hz]."""
-    x = 1 / (2 * ORDER)
-    return float(cutoff * (1 - x) * np.pi * x / np.sin(np.pi * x))
-
-
-PIECES = 10  # of each segment, over which work and energy are compared
-
-
-class EnergyBalance(NamedTuple):
-    """Shares of the work that drives and brakes do, of `Consistency.energy`.
-
-    Attributes
-    ----------
-    missing : float
-        Root mean square of the energy that is neither stored nor lost in the model, in pieces of the motion, as a part
-        of the work done there, forwards and backwards.
-    lost : ndarray, shape (n,)
-        Mean power of the residual torque of each joint as a part of that of its torque: above zero, the model loses
-        less than the robot.
-    power : ndarray, shape (n,)
-        Root mean square of that power, as the same part.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> q = np.sin(np.outer(t, 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])))
-    >>> spline = rne.trajectories.spline(t, q)
-    >>> tau = robot.inverse_dynamics(*spline(t))
-    >>> energy = rne.consistency(robot, rne.identification.Record(t, q, tau)).energy
-    >>> bool(energy.missing < 0.01)
-    True
-    """
-
-    missing: float
-    lost: Array
-    power: Array
-
-
-def energy_balance(
-    standard: StandardParameters, records: Sequence[Prepared], x: Array, residuals: Sequence[Array]
-) -> EnergyBalance:
-    """The balance of measured motions.
-
-    Parameters
-    ----------
-    standard : StandardParameters
-    records : sequence of Prepared
-    x : ndarray, shape (P,)
-        Standard parameters.
-    residuals : sequence of ndarray, shape (R, n)
-        Measured less predicted torques of each record's reduced rows.
-
-    Returns
-    -------
-    EnergyBalance
-    """
-    pieces = np.concatenate([_pieces(standard, record, x) for record in records])
-    sums = np.zeros((4, standard.model.n))
-    for record, residual in zip(records, residuals, strict=True):
-        rate, torque = record.reduce(record.qd), record.reduce(record.tau)
-        power, total = residual * rate * record.valid, torque * rate * record.valid
-        sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
-    tiny = np.finfo(float).tiny
-    work = max(float(np.sqrt((pieces[:, 1] ** 2).sum())), tiny)
-    return EnergyBalance(
-        float(np.sqrt((pieces[:, 0] ** 2).sum())) / work,
-        sums[0] / np.maximum(sums[1], tiny),
-        np.sqrt(sums[2] / np.maximum(sums[3], tiny)),
-    )
-
-
-def _pieces(standard: StandardParameters, record: Prepared, x: Array) -> Array:
-    """Energy that is missing, and work done, in each piece; shape (pieces, 2) [J]."""
-    model, bodies = standard.model, PARAMETERS * standard.model.nb
-    found = []
-    for part in record.segments:
-        q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
-        ends = np.unique(np.linspace(0, len(q) - 1, PIECES + 1).astype(int))
-        stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
-        drives = (qd * standard.drive_torques(qd, qdd, x[bodies:])).sum(-1)  # rotors and losses
-        power = (tau * qd).sum(-1)
-        left = integral(power - drives, record.sample_rate)[ends]
-        done = integral(np.abs(tau * qd).sum(-1), record.sample_rate)[ends]
-        found.append(np.stack([np.diff(left - stored @ x[:bodies]), np.diff(done)], axis=1))
-    return np.concatenate(found)
-
-
-def integral(power: Array, rate: float) -> Array:
-    """Integral from the first sample, by trapezoids."""
-    steps = (power[1:] + power[:-1]) / (2 * rate)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    correlation_time = np.array([data.correlation_time(x)[j] for j, x in enumerate(own)])
+    return certified(base, data, correlation_time)

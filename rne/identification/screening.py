@@ -117,6 +117,12 @@ def runs(flags: Array) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
+def consecutive(lengths: Iterable[int]) -> tuple[slice, ...]:
+    """Slices of these lengths, one after the other."""
+    ends = np.cumsum([0, *lengths]).tolist()
+    return tuple(slice(a, b) for a, b in pairwise(ends))
+
+
 # Times
 
 Stamps = Literal["auto", "sampled", "regular"]
@@ -167,11 +173,10 @@ def check_stamps(found: Findings, t: Array, q: Array, bridge: int, stamps: Stamp
     else:
         reason = _made_by_reader(t, q, by_count, gap, counted_period)
     if reason:
-        size = (
-            f"by {1e3 * float(np.std(t - by_count)):.3g} ms (standard deviation; period {1e3 * counted_period:.4g} ms)"
-        )
+        off, usual = 1e3 * float(np.std(t - by_count)), 1e3 * counted_period
+        text = f"differ from equal steps by {off:.3g} ms (standard deviation; period {usual:.4g} ms)"
         cure = f"samples are counted, {reason}"
-        found.warning(None, "stamps that are not the samples'", f"differ from equal steps {size}", cure)
+        found.warning(None, "stamps that are not the samples'", text, cure)
         t, period = by_count, counted_period
     elif (same := np.flatnonzero(steps == 0) + 1).size:
         _refuse_same(found, same)
@@ -240,13 +245,11 @@ def _check_gaps(found: Findings, t: Array, period: float, gap: Array) -> None:
     lost = np.flatnonzero((steps > 1.5 * period + 3 * np.std(usual)) & ~gap)
     if len(lost):
         missing = int((np.rint(steps[lost] / period) - 1).sum())
-        found.warning(
-            None, "missing samples", f"{found.after(lost)}: {missing} in all", "interpolated by a cubic spline", lost
-        )
+        text = f"{found.after(lost)}: {missing} in all"
+        found.warning(None, "missing samples", text, "interpolated by a cubic spline", lost)
 
 
 # Values
-
 
 BOUND = 10.0  # times the usual deviation from neighbours, above which a value is a spike
 LONGEST = 3  # samples of a spike
@@ -310,8 +313,7 @@ def usual_deviation(x: Array, step: float) -> Array:
     blocks = deviation[: len(x) // count * count].reshape(count, -1)
     local = np.repeat(NORMAL * np.median(blocks, axis=1), blocks.shape[1])
     local = np.pad(local, (0, len(x) - len(local)), mode="edge")
-    usual: Array = np.maximum(local, max(float(np.percentile(deviation, EXCEEDED)), step) / 2)
-    return usual
+    return np.asarray(np.maximum(local, max(float(np.percentile(deviation, EXCEEDED)), step) / 2))
 
 
 def spikes(x: Array, usual: Array) -> Array:
@@ -326,14 +328,13 @@ def spikes(x: Array, usual: Array) -> Array:
 
 
 def jumps(x: Array, usual: Array) -> Array:
-    """Samples k between which and the next one the position jumps, while the rates before and after agree."""
+    """Samples k between which and the next one the position jumps, while the velocities before and after agree."""
     steps = np.diff(x)
     before, at, after = steps[:-2], steps[1:-1], steps[2:]
     level = np.maximum(usual[1:-2], usual[2:-1])
     smooth = np.maximum(np.abs(before), np.abs(after))
     bound = 2 * BOUND * level + 3 * np.abs(after - before) + smooth
-    found: Array = np.flatnonzero(np.abs(at - (before + after) / 2) > bound) + 1
-    return found
+    return np.asarray(np.flatnonzero(np.abs(at - (before + after) / 2) > bound) + 1)
 
 
 CLIPPED = 10  # samples at a torque's limit, from which it is one
@@ -373,8 +374,8 @@ def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
 
 FEWEST = 20  # samples from which anything can be said
 SLOWEST = 2.0  # samples per second, below which times are hardly in seconds: 1 kHz in milliseconds gives 1
-RATES = 0.05  # deviation of measured rates from those of the positions that is named
-RESTING = 0.01  # motion as a part of the fastest, of a joint whose rates are not compared
+VELOCITIES = 0.05  # deviation of measured velocities from those of the positions that is named
+RESTING = 0.01  # motion as a part of the fastest, of a joint whose velocities are not compared
 SPAN = 0.1  # seconds over which these are compared
 ONE_STEP = 1.5  # steps of the encoder, below which a position that flickers between two values stays
 TURNS = 20 * np.pi  # range of a position [rad] from which degrees are likely
@@ -383,43 +384,19 @@ NEAR = 4  # samples on either side of a value that is interpolated
 
 @dataclass(frozen=True)
 class Screened:
-    """Measurements on an equally spaced grid, without the values that cannot be used.
+    """Measurements on an equally spaced grid, without the values that cannot be used."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (T,)
-        The grid, all segments after each other [s].
-    q, tau : ndarray, shape (T, n)
-        Positions and torques; single spikes and missing values are interpolated.
-    qd : ndarray, shape (T, n), or None
-        Measured velocities.
-    usable : ndarray, shape (T, n)
-        False where a torque is not to be used.
-    believed : ndarray, shape (n,)
-        True for joints whose measured velocities are those of the positions.
-    segments : tuple of slice
-        The parts of the grid between gaps.
-    period : float
-        Time from one sample to the next [s].
-    encoder_step : ndarray, shape (n,)
-        Smallest step of the positions; zero where there is none.
-    findings : tuple of RecordFinding
-        What was found.
-    notes : tuple of str
-        What was done though nothing is wrong.
-    """
-
-    t: Array
-    q: Array
+    t: Array  # the grid, all segments after each other, shape (T,) [s]
+    q: Array  # shape (T, n), single spikes and missing values interpolated; torques and velocities likewise
     tau: Array
     qd: Array | None
-    usable: Array
-    believed: Array
-    segments: tuple[slice, ...]
-    period: float
-    encoder_step: Array
+    usable: Array  # False where a torque is not to be used, shape (T, n)
+    believed: Array  # True for joints whose measured velocities are those of the positions, shape (n,)
+    segments: tuple[slice, ...]  # the parts of the grid between gaps
+    period: float  # from one sample to the next [s]
+    encoder_step: Array  # smallest step of the positions, shape (n,); zero where there is none
     findings: tuple[RecordFinding, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was done though nothing is wrong
 
 
 def screen(
@@ -435,7 +412,7 @@ def screen(
     """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
     found = Findings(name, joint_names, t)
     n = q.shape[1]
-    columns = {"position": q, "torque": tau} | ({} if qd is None else {"rate": qd})
+    columns = {"position": q, "torque": tau} | ({} if qd is None else {"velocity": qd})
     measured = np.hstack(list(columns.values()))
     kept = check_order(found, t, measured, stamps) & _numbers(found, columns)
     steps = np.array([encoder_step(x[np.isfinite(x)]) for x in measured.T])
@@ -478,8 +455,7 @@ def _numbers(found: Findings, columns: dict[str, Array]) -> Array:
             bad = np.flatnonzero(~np.isfinite(x))
             if len(bad):
                 found.warning(j, f"no finite {name}", found.at(bad), "taken as missing samples", bad)
-    finite: Array = np.isfinite(np.hstack(list(columns.values()))).all(axis=1)
-    return finite
+    return np.asarray(np.isfinite(np.hstack(list(columns.values()))).all(axis=1))
 
 
 def _usable_torques(found: Findings, q: Array, tau: Array, steps: Array, spike: Array) -> Array:
@@ -555,12 +531,9 @@ def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
 
 def _check_motion(found: Findings, q: Array, steps: Array) -> None:
     """Joints must move by more than one step of their encoders, and by less than some turns."""
-    resting = [
-        j for j, x in enumerate(q.T) if np.ptp(x) <= ONE_STEP * steps[j] or bool(np.isin(x, (x.min(), x.max())).all())
-    ]
+    resting = [j for j, x in enumerate(q.T) if np.ptp(x) <= ONE_STEP * steps[j] or np.isin(x, (x.min(), x.max())).all()]
     if len(resting) == q.shape[1]:
-        cure = "nothing can be found from one pose: measure while the joints move"
-        found.error("no motion", "of any joint", cure)
+        found.error("no motion", "of any joint", "nothing can be found from one pose: measure while the joints move")
         return
     for j in resting:
         found.warning(j, "no motion", "at any time", "its friction and rotor cannot be found from this record")
@@ -572,20 +545,22 @@ def _check_motion(found: Findings, q: Array, steps: Array) -> None:
 
 
 def _check_rates(found: Findings, t: Array, q: Array, qd: Array, period: float) -> Array:
-    """True for joints whose measured rates are those of the positions: their integrals over short spans agree."""
-    width, steps = max(1, int(SPAN / period)), np.diff(t)
+    """True for joints whose measured velocities are those of the positions: their integrals over short spans agree."""
+    from scipy.integrate import cumulative_trapezoid
+
+    width = max(1, int(SPAN / period))
     moved = np.asfortranarray(q[width:] - q[:-width])
     believed = np.zeros(q.shape[1], dtype=bool)
-    for j, (x, rate) in enumerate(zip(moved.T, qd.T, strict=True)):
+    for j, (x, velocity) in enumerate(zip(moved.T, qd.T, strict=True)):
         size = float(x @ x)
         if size <= (RESTING * np.abs(moved).max()) ** 2 * len(x):
             continue
-        area = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * steps)])
+        area = cumulative_trapezoid(velocity, t, initial=0)
         factor = float(x @ (area[width:] - area[:-width])) / size
-        believed[j] = abs(factor - 1) <= RATES
+        believed[j] = abs(factor - 1) <= VELOCITIES
         if not believed[j]:
-            cure = "the rates are not used; check their unit, sign and joint"
-            found.warning(j, "measured rates", f"are {factor:.4g} times those of the positions", cure)
+            cure = "the velocities are not used; check their unit, sign and joint"
+            found.warning(j, "measured velocities", f"are {factor:.4g} times those of the positions", cure)
     return believed
 
 
@@ -614,8 +589,7 @@ def _on_grid(
         after = np.clip(np.searchsorted(stamps, grid), 1, len(part) - 1)
         on_grid = CubicSpline(stamps[apart], values[part[apart]], axis=0)(grid)
         parts.append((grid, on_grid, usable[part[after]] & usable[part[after - 1]]))
-    ends = np.cumsum([0, *(len(grid) for grid, _, _ in parts)]).tolist()
     if not parts:
         return t[:0], values[:0], usable[:0], (), False
     joined = [parts[0][k] if len(parts) == 1 else np.concatenate([part[k] for part in parts]) for k in range(3)]
-    return joined[0], joined[1], joined[2], tuple(slice(a, b) for a, b in pairwise(ends)), resampled
+    return joined[0], joined[1], joined[2], consecutive(len(grid) for grid, _, _ in parts), resampled
