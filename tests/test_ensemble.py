@@ -386,7 +386,7 @@ class TestMachineCode:
 
     def test_states_to_be_examined_are_finished_by_rows(self, chain, starts):
         test_a_state_that_must_be_examined_changes_no_other(rne.Robot(chain.model, "numba"), starts)
-        test_a_motion_that_diverges_is_named(rne.Robot(chain.model, "numba"))
+        test_a_motion_that_diverges_is_named(rne.Robot(chain.model, "numba"), {})
 
     def test_stiff_motions_are_run_as_alone(self, chain):
         test_stiff_motions_are_run_as_alone(rne.Robot(chain.model, "numba"))

@@ -24,7 +24,7 @@ from ..model.parameters import PARAMETERS
 from ..robot import Robot
 from .residuals import TINY, Grid, Residuals
 
-STRIBECK, SIZE = "Stribeck friction", "gravity magnitude"
+STRIBECK, SIZE, GAIN = "Stribeck friction", "gravity magnitude", "torque factor"
 DRIVES: dict[str, tuple[str, str, Callable[[Array, Array, Array], Array]]] = {  # kind, noun, torque of (q, qd, qdd)
     "Ia": ("rotor", "a rotor", lambda q, qd, qdd: qdd),
     "Fv": ("viscous friction", "viscous friction", lambda q, qd, qdd: qd),
@@ -93,6 +93,7 @@ class Candidate(NamedTuple):
         gain, removed = res.gain(squares)
         size = (float(c[0]), error) if len(c) == 1 else (float("nan"), float("nan"))
         kind = "pre-sliding friction" if self.kind == STRIBECK and c[0] < 0 else self.kind
+        kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
         score = gain - res.penalty(len(c)) - float(np.log(self.alternatives))
         return Cause(kind, self.joints, self.text(c), score, removed, *size, self.at)
 
@@ -179,7 +180,7 @@ class Log:
             pull = words("something pulls {} as a spring of {:.3g} {} per {}", name, *self.units(j)[::-1])
             yield Candidate("spring", of_joint, spring, pull)
             factor = words("the torque of {} is measured {:.4g} times", name, start=1)
-            yield Candidate("torque factor", of_joint, own, factor)
+            yield Candidate(GAIN, of_joint, own, factor)
 
     @cached_property
     def zeros(self) -> list[Array]:

@@ -30,7 +30,6 @@ PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely
 PRIOR_STD_OF_GUESS = 3.0  # of bodies guessed from the geometry
 BEYOND_DOUBT = 4.0  # standard errors
 IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns
-MODELLED = ("delay", "Stribeck friction")  # causes that the fit takes into account
 ROUNDS = 4  # of taking a cause into account
 
 
@@ -62,7 +61,8 @@ def identify(
         Measured motions.
     drives : DriveModel, optional
         Torques of the drives to find, by default rotors, viscous and Coulomb friction and offsets, as drives of real
-        robots have; `DriveModel()` for none. What is left out ends up in other parameters and residuals.
+        robots have, with the Stribeck effect where the log asks for it; `DriveModel()` for none. What is left out is
+        found in other parameters and residuals.
     consistent : bool
         False to skip the physically consistent fit, which needs the extra `identify`.
     prior : Robot or "geometry", optional
@@ -124,7 +124,6 @@ def identify(
     for name, given in (("prior", prior), ("prior_std", prior_std)):
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
-    drives = MEASURED if drives is None else drive_argument(drives)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "decimation": decimation, "folds": folds}
     base, data, causes, modelled = explained(robot, records, drives, delay, options)
     standard = base.standard
@@ -150,7 +149,7 @@ def identify(
 def explained(
     robot: Robot,
     records: Record | Sequence[Record],
-    drives: DriveModel,
+    drives: DriveModel | None,
     delay: ArrayLike | None,
     options: dict[str, Any],
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause]]:
@@ -158,13 +157,15 @@ def explained(
     delays = np.zeros((len(records) if isinstance(records, Sequence) else 1, robot.n))
     if delay is not None:
         delays = delays + per_joint_array("delay", delay, robot.n)
+    free = {"delay": delay is None, "Stribeck friction": drives is None}  # what may be taken into account
+    drives = MEASURED if drives is None else drive_argument(drives)
     modelled: dict[tuple[str, tuple[str, ...], float], Cause] = {}
     for k in range(ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
         data = build_regression(robot, records, base, **options, delays=delays)
         rest = residuals_of(robot, base, data, least_squares(data.fitted.mapped(base.back)))
         causes = likely_causes(rest)
-        found = [c for c in causes if c.kind in MODELLED and (c.kind != "delay" or delay is None)]
+        found = [cause for cause in causes if free.get(cause.kind)]
         if k == ROUNDS or not found or found[0].score < causes[0].score / 2:
             break
         if found[0].kind == "delay":
