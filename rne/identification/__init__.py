@@ -2,11 +2,12 @@
 
 from ..validation.comparison import ModelComparison, compare_models
 from ..validation.torque_difference import Candidate
+from .causes import Cause
 from .checking import Check
 from .drive_gains import DriveGains, identify_drive_gains
 from .exciting_motion import Excitation, excitation
 from .fit import identify
-from .least_squares import LeastSquares
+from .least_squares import LeastSquares, Unexplained
 from .payload import PayloadEstimate, identify_payload
 from .prepared import Prepared
 from .record import Record
@@ -16,6 +17,7 @@ from .screening import RecordFinding
 
 __all__ = [
     "Candidate",
+    "Cause",
     "Check",
     "Consistency",
     "DriveGains",
@@ -28,6 +30,7 @@ __all__ = [
     "Prepared",
     "Record",
     "RecordFinding",
+    "Unexplained",
     "compare_models",
     "consistency",
     "excitation",

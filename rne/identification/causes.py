@@ -42,7 +42,7 @@ FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of t
 
 
 class Cause(NamedTuple):
-    """A change that explains what an identification leaves unexplained, of `Identification.causes`.
+    """A change that explains what `rne.identify` leaves unexplained, of `Identification.causes`.
 
     Attributes
     ----------
@@ -53,11 +53,12 @@ class Cause(NamedTuple):
     text : str
         In words, with its size.
     score : float
-        Gain of log likelihood, less log(N) / 2 per free number.
+        Gain of log likelihood, less log(N) / 2 per free number and the logarithm of how many were tried.
     removed : ndarray, shape (n,)
         Part of the squares of each joint's residuals that it takes away.
     value, error : float
-        Its size and the standard error of that, where it is one number, otherwise NaN.
+        Its size and the standard error of that, where it is one number, otherwise NaN: a delay [s], a zero [rad or m],
+        a ratio relative to one, friction, an inertia or an offset in the units of its joint.
     at : float
         The record's number of a delay, or the Stribeck velocity [rad/s or m/s]; otherwise NaN.
     """
@@ -77,8 +78,8 @@ class Cause(NamedTuple):
         return self._replace(value=total, text=delay_text(self.joints if np.isnan(self.at) else ())(np.array([total])))
 
 
-class Candidate(NamedTuple):
-    """Columns of a cause, shape (rows, n, k), and the words for their coefficients."""
+class Change(NamedTuple):
+    """A possible cause as columns of the equations, shape (rows, n, k), and the words for their coefficients."""
 
     kind: str
     joints: tuple[str, ...]
@@ -101,8 +102,8 @@ class Candidate(NamedTuple):
 def likely_causes(res: Residuals) -> tuple[Cause, ...]:
     """Causes whose score is evident, the likeliest first, of each kind and joints the best."""
     log = Log(res)
-    changes = (log.delays, log.gravity, log.joints, log.drives, log.friction, log.payloads, log.slips, log.contacts)
-    found = [candidate.judged(res) for candidates in changes for candidate in candidates()]
+    kinds = (log.delays, log.gravity, log.joints, log.drives, log.friction, log.payloads, log.slips, log.contacts)
+    found = [change.judged(res) for changes in kinds for change in changes()]
     found += [*torque_scale(res), *other_torques(res)]
     if res.share > POOR:
         found += [*gravity_directions(res), *other_joints(res)]
@@ -113,7 +114,7 @@ def likely_causes(res: Residuals) -> tuple[Cause, ...]:
     return tuple(best.values())
 
 
-def joined(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """One cause of each kind, with the joints of all."""
     kinds = dict.fromkeys(cause.kind for cause in causes)
     found = []
@@ -127,7 +128,7 @@ def joined(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Candidates of causes that are columns of torques along the log."""
+    """Changes of causes that are columns of torques along the log."""
 
     res: Residuals
 
@@ -154,33 +155,34 @@ class Log:
         name = f" of record {int(place) + 1}" if len(self.res.records) > 1 else ""
         return f"{t[k]:.3g} s{name}"
 
-    def delays(self) -> Iterator[Candidate]:
+    def delays(self) -> Iterator[Change]:
         """Torques later than positions: in a record, or of one joint."""
         late = delay_column(self.res)
         for k in range(len(self.res.records)):
-            yield Candidate("delay", self.names, late * (self.place.astype(int) == k), delay_text(()), k)
+            of_record = (self.res.record == k)[:, None, None]
+            yield Change("delay", self.names, late * of_record, delay_text(()), k)
         for j, name in enumerate(self.names if len(self.names) > 1 else ()):
-            yield Candidate("delay", (name,), late * np.eye(len(self.names))[j][:, None], delay_text((name,)))
+            yield Change("delay", (name,), late * np.eye(len(self.names))[j][:, None], delay_text((name,)))
 
-    def gravity(self) -> Iterator[Candidate]:
+    def gravity(self) -> Iterator[Change]:
         """Gravity of another size, which a clock of another rate is too."""
         bodies = self.res.x[: PARAMETERS * self.res.robot.model.nb]
         column = self.res.columns(lambda g: self.res.robot.gravity_torque(g.q, parameters=bodies))[..., None]
-        yield Candidate(SIZE, (), column, lambda c: size_text(1 + float(c[0])))
+        yield Change(SIZE, (), column, lambda c: size_text(1 + float(c[0])))
 
-    def joints(self) -> Iterator[Candidate]:
+    def joints(self) -> Iterator[Change]:
         """Zeros, gear ratios and gains of torques."""
         for j, name in enumerate(self.names):
             of_joint, own = (name,), self.own(j, lambda tau, qd: tau)
             ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
             zero = words("the zero of {} is off by {:.3g} {}", name, self.units(j)[0])
-            yield Candidate("joint zero", of_joint, self.zeros[j], zero)
-            yield Candidate("gear ratio", of_joint, self.ratio_column(j), ratio)
+            yield Change("joint zero", of_joint, self.zeros[j], zero)
+            yield Change("gear ratio", of_joint, self.ratio_column(j), ratio)
             spring = self.res.column_of(j, lambda q, qd, qdd: q - q.mean())  # slack anywhere, beside an offset
             pull = words("something pulls {} as a spring of {:.3g} {} per {}", name, *self.units(j)[::-1])
-            yield Candidate("spring", of_joint, spring, pull)
+            yield Change("spring", of_joint, spring, pull)
             factor = words("the torque of {} is measured {:.4g} times", name, start=1)
-            yield Candidate(GAIN, of_joint, own, factor)
+            yield Change(GAIN, of_joint, own, factor)
 
     @cached_property
     def zeros(self) -> list[Array]:
@@ -211,7 +213,7 @@ class Log:
 
         return self.res.columns_of_torques(torques)[..., None]
 
-    def drives(self) -> Iterator[Candidate]:
+    def drives(self) -> Iterator[Change]:
         """Rotors, friction and offsets that were not asked for."""
         for symbol, (kind, noun, torque) in DRIVES.items():
             if symbol in self.res.standard.terms:
@@ -219,11 +221,11 @@ class Log:
             columns = [self.res.column_of(j, torque) for j in range(len(self.names))]
             for name, column in zip(self.names, columns, strict=True):
                 text = words(f"the drive of {{}} has {noun} of {{:.3g}}, which was not asked for", name)
-                yield Candidate(kind, (name,), column, text)
+                yield Change(kind, (name,), column, text)
             every = f"the drives have {noun}, which was not asked for"
-            yield Candidate(kind, self.names, np.concatenate(columns, axis=-1), words(every, ""))
+            yield Change(kind, self.names, np.concatenate(columns, axis=-1), words(every, ""))
 
-    def friction(self) -> Iterator[Candidate]:
+    def friction(self) -> Iterator[Change]:
         """Friction that changes during the log, with speed or with the load; torques whose zero drifts."""
         ramp = self.place - self.place.mean()
         courses = (ramp, ramp**2 - (ramp**2).mean())
@@ -231,15 +233,15 @@ class Log:
             of_joint = (name,)
             terms = [self.res.column_of(j, DRIVES[symbol][2]) for symbol in ("Fv", "Fc")]
             columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
-            yield Candidate("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
+            yield Change("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
             drift = np.eye(len(self.names))[j][:, None] * ramp
-            yield Candidate("offset drifts", of_joint, drift, words("the zero of the torque of {} drifts", name))
+            yield Change("offset drifts", of_joint, drift, words("the zero of the torque of {} drifts", name))
             sides = self.res.column_of(j, lambda q, qd, qdd: np.abs(qd))
             text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
-            yield Candidate("friction by direction", of_joint, sides, text)
+            yield Change("friction by direction", of_joint, sides, text)
             load = self.own(j, lambda tau, qd: np.abs(tau) * np.sign(qd))
             text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
-            yield Candidate("friction under load", of_joint, load, text)
+            yield Change("friction under load", of_joint, load, text)
             fastest = max(float(np.abs(r.qd[:, j]).max()) for r in self.res.records)
             for share in VELOCITIES if fastest > 0 else ():
                 yield stribeck(self.res, j, share * fastest)
@@ -249,37 +251,37 @@ class Log:
         """Places at which something may begin."""
         return np.quantile(self.place, np.linspace(0, 1, PLACES + 2)[1:-1])
 
-    def payloads(self) -> Iterator[Candidate]:
+    def payloads(self) -> Iterator[Change]:
         """Another last body from some time on."""
         body = PARAMETERS * (self.res.robot.model.nb - 1)
         last = self.res.Y[..., body : body + PARAMETERS]
         for start in self.starts:
             text = words("the payload changes by {1:.3g} kg near {0}", self.time(start))
-            yield Candidate("payload changed", self.names[-1:], last * (self.place >= start), text, alternatives=PLACES)
+            yield Change("payload changed", self.names[-1:], last * (self.place >= start), text, alternatives=PLACES)
 
-    def slips(self) -> Iterator[Candidate]:
+    def slips(self) -> Iterator[Change]:
         """Another zero of a joint from some time on."""
         for j, name in enumerate(self.names):
             for start in self.starts:
                 text = words("the encoder of {} slips by {:.3g} {} near {}", name, self.units(j)[0], self.time(start))
                 column = self.zeros[j] * (self.place >= start)
-                yield Candidate("encoder slip", (name,), column, text, alternatives=PLACES)
+                yield Change("encoder slip", (name,), column, text, alternatives=PLACES)
 
-    def contacts(self) -> Iterator[Candidate]:
+    def contacts(self) -> Iterator[Change]:
         """A force on the last link for a while."""
         link = last_link(self.res.robot)
         force = self.res.columns(lambda g: np.swapaxes(self.res.robot.jacobian(g.q, link)[..., 3:, :], -1, -2))
         edges = np.quantile(self.place, np.linspace(0, 1, 2 * PLACES + 1))
         for a, width in ((a, w) for a in range(2 * PLACES) for w in WIDTHS if a + w <= 2 * PLACES):
             begin, end = edges[a], edges[a + width]
-            while_ = (self.place >= begin) & (self.place <= end)
+            during = (self.place >= begin) & (self.place <= end)
 
             def text(c: Array, begin: float = begin, end: float = end) -> str:
                 newtons = float(np.linalg.norm(c))
                 return f"something pushes {link} with {newtons:.3g} N from {self.time(begin)} to {self.time(end)}"
 
             many = 2 * PLACES * len(WIDTHS)
-            yield Candidate("contact", self.names[-1:], force * while_, text, alternatives=many)
+            yield Change("contact", self.names[-1:], force * during, text, alternatives=many)
 
 
 def words(text: str, *parts: Any, scale: float = 1.0, start: float = 0.0) -> Callable[[Array], str]:
@@ -314,14 +316,14 @@ def size_text(factor: float) -> str:
     return f"gravity is {factor:.3g} times the model's{clock}"
 
 
-def stribeck(res: Residuals, j: int, vs: float) -> Candidate:
+def stribeck(res: Residuals, j: int, vs: float) -> Change:
     """The Stribeck effect of a joint, of one velocity vs."""
     name, model = res.robot.joint_names[j], res.robot.model
     torque, velocity = ("N m", "rad/s") if model.is_revolute[model.independent_joints[j]] else ("N", "m/s")
     column = res.column_of(j, lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
     size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}"
     text = signed(size, "more", "less", name, torque, 2 * vs, velocity)
-    return Candidate(STRIBECK, (name,), column, text, vs, len(VELOCITIES))
+    return Change(STRIBECK, (name,), column, text, vs, len(VELOCITIES))
 
 
 def sharpened(res: Residuals, cause: Cause) -> Cause:
@@ -341,7 +343,9 @@ def sharpened(res: Residuals, cause: Cause) -> Cause:
 def derivative_by(res: Residuals, cause: Cause) -> Array:
     """Torques per unit of the delay or the Stribeck velocity of a cause, which the fit takes into account."""
     if cause.kind == "delay":
-        return delay_column(res) * np.isin(res.robot.joint_names, cause.joints)[:, None]
+        late = np.isin(res.robot.joint_names, cause.joints)[:, None]
+        of_record = np.isnan(cause.at) | (res.record == cause.at)
+        return np.asarray(delay_column(res) * late * of_record[:, None, None])
     j, vs = res.robot.joint_names.index(cause.joints[0]), cause.at
     size = res.x[res.standard.groups["Fs"].start + j]
     return np.asarray(size / vs * slope(lambda h: stribeck(res, j, (1 + h) * vs).columns))
@@ -354,7 +358,7 @@ def last_link(robot: Robot) -> str:
 
 
 def anew(res: Residuals, kind: str, joints: tuple[str, ...], text: str, squares: Array, before: Array | None) -> Cause:
-    """A cause with a fit of its own."""
+    """A cause that a fit without columns of its own judges, against the squares before it (by default those left)."""
     return Cause(kind, joints, text, *res.gain(squares, before))
 
 
@@ -365,7 +369,7 @@ def swapped(n: int, i: int, j: int) -> Array:
     return order
 
 
-def brakes(res: Residuals) -> Array:
+def dissipates(res: Residuals) -> Array:
     """True for joints whose friction takes power, as with a torque of the right sign; False where none is modelled."""
     power = np.zeros(res.robot.n)
     for symbol, exponent in (("Fv", 2), ("Fc", 1)):
@@ -378,7 +382,7 @@ def brakes(res: Residuals) -> Array:
 def other_torques(res: Residuals) -> Iterator[Cause]:
     """Torques of other signs and in another order."""
     names, n = res.robot.joint_names, res.robot.n
-    for j in np.flatnonzero(~brakes(res)).tolist():
+    for j in np.flatnonzero(~dissipates(res)).tolist():
         signs = np.where(np.arange(n) == j, -1, 1)
         text = f"the torque of {names[j]} has the wrong sign"
         yield anew(res, "torque sign", (names[j],), text, res.squares_of(res.Q, res.tau * signs), None)
@@ -411,7 +415,7 @@ def other_joints(res: Residuals) -> Iterator[Cause]:
 
 
 def torque_scale(res: Residuals) -> Iterator[Cause]:
-    """Torques that are many times, or less than nothing of, what the bodies of the robot given ask for."""
+    """Torques many times larger or smaller than the bodies of the robot given ask for, or of the opposite sign."""
     bodies = PARAMETERS * res.standard.model.nb
     found, given = (res.weighted(res.Y[..., :bodies] @ x[:bodies]) for x in (res.x, res.standard.values))
     size = float(given @ given)
@@ -432,7 +436,7 @@ def regressor_on(robot: Robot, g: Grid) -> Array:
 
 
 def gravity_directions(res: Residuals) -> Iterator[Cause]:
-    """Gravity in the direction with which the torques are fitted best, by the angles of a sphere."""
+    """Gravity, a vector of any length, with which the torques are fitted best (Nelder and Mead 1965)."""
     from scipy.optimize import minimize
 
     model, width = res.robot.model, PARAMETERS * res.robot.model.nb
@@ -454,7 +458,7 @@ def gravity_directions(res: Residuals) -> Iterator[Cause]:
     given = model.gravity / size
     starts = [given, *(s * e for e in np.eye(3) for s in (1, -1)), *(given + s * e for e in np.eye(3) for s in (1, -1))]
     before = squares(given)
-    start = min((x for x in starts if np.linalg.norm(x) > ALIKE), key=loss)
+    start = min((x for x in starts if x.any()), key=loss)
     found = minimize(loss, start, method="Nelder-Mead", options={"maxfev": 150, "xatol": 1e-3, "fatol": 0.1}).x
     length = float(np.linalg.norm(found))
     g = found / max(length, TINY)

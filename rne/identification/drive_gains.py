@@ -100,8 +100,12 @@ def identify_drive_gains(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity, cutoff, decimation : optional
-        As of `rne.identify`.
+    minimum_velocity : array_like, shape (n,), optional
+        Slower equations of a joint are not fitted, as by `rne.identify` [rad/s or m/s].
+    cutoff : float, optional
+        Of the low-pass filter, by default chosen from the measurements [Hz].
+    decimation : int, optional
+        Samples per equation after the filter; by default from the cut-off.
 
     Returns
     -------
@@ -118,7 +122,8 @@ def identify_drive_gains(
     Notes
     -----
     A gain is found if its inverse, from its joint alone, differs from zero by more than four standard errors. Drives
-    are taken as the same without and with the load. Of coupled motors the gains are those of the joints' torques.
+    are taken as the same without and with the load, and a delay of the currents only from an Identification. Of coupled
+    motors the gains are those of the joints' torques.
 
     Examples
     --------

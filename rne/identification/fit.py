@@ -17,7 +17,7 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
-from .causes import Cause, derivative_by, joined, likely_causes, sharpened
+from .causes import Cause, derivative_by, likely_causes, merged_by_kind, sharpened
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
 from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
@@ -91,6 +91,12 @@ def identify(
     Identification
         Estimates with standard errors, the robot with consistent bodies, predictions, plots and a report.
 
+    Warns
+    -----
+    IdentificationWarning
+        If more than 30 % of a joint's torque in motion is not explained, if one change of the robot, the log or the
+        drives explains the residuals better, or if a rotor or friction comes out impossible: `Identification.doubt`.
+
     Raises
     ------
     ValueError
@@ -124,10 +130,11 @@ def identify(
     for name, given in (("prior", prior), ("prior_std", prior_std)):
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
+    known = prior_robot(robot, prior) if consistent else None
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "decimation": decimation, "folds": folds}
     base, data, causes, modelled = explained(robot, records, drives, delay, options)
     standard = base.standard
-    guess, notes = prior_bodies(robot, prior, standard, data.fitted) if consistent else (None, ())
+    guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
     if prior_std is None:
         prior_std = PRIOR_STD_OF_GUESS if isinstance(prior, str) else PRIOR_STD
     method = Method(standard, base, guess, positive_number("prior_std", prior_std) ** -2)
@@ -139,7 +146,7 @@ def identify(
     errors = held_out(method, data.fitted, data.measured)
     notes = (*data.notes, *map(taken_text, modelled), *notes)
     notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
-    trust = errors, correlation_time, drift, joined(causes)
+    trust = errors, correlation_time, drift, merged_by_kind(causes)
     found = Identification(robot, standard, base, data, estimate, parameters, consistent, *trust, notes)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
@@ -246,14 +253,10 @@ def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) 
     return (*found, "negative friction: is the sign of the joint's torque right?") if has_friction else tuple(found)
 
 
-def prior_bodies(
-    robot: Robot, prior: Robot | str | None, standard: StandardParameters, fitted: Equations
-) -> tuple[Array, tuple[str, ...]]:
-    """Pseudo-inertias to start from, and what to say of them."""
+def prior_robot(robot: Robot, prior: Robot | str | None) -> Robot | str:
+    """The robot whose bodies are the prior, checked, or "geometry"."""
     if isinstance(prior, str) and prior == "geometry":
-        bodies = geometric_prior(robot.model)
-        density = found_density(bodies, standard, fitted)
-        return density * bodies, (f"prior: rods between the joints, {density:.4g} kg in all",)
+        return prior
     known = robot if prior is None else prior
     if not isinstance(known, Robot):
         raise TypeError(f"`prior` must be an rne.Robot or 'geometry', got {known!r}")
@@ -264,6 +267,15 @@ def prior_bodies(
             "`prior` must have masses, which the robot does not: give another robot, or 'geometry' for rods between "
             "the joints, or `consistent=False`"
         )
+    return known
+
+
+def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equations) -> tuple[Array, tuple[str, ...]]:
+    """Pseudo-inertias to start from, and what to say of them."""
+    if isinstance(known, str):
+        bodies = geometric_prior(standard.model)
+        density = found_density(bodies, standard, fitted)
+        return density * bodies, (f"prior: rods between the joints, {density:.4g} kg in all",)
     bodies, thickened = model_prior(known.model)
     return bodies, tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)
 

@@ -143,8 +143,12 @@ def identify_payload(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity, cutoff, decimation : optional
-        As of `rne.identify`.
+    minimum_velocity : array_like, shape (n,), optional
+        Slower equations of a joint are not fitted, as by `rne.identify` [rad/s or m/s].
+    cutoff : float, optional
+        Of the low-pass filter, by default chosen from the measurements [Hz].
+    decimation : int, optional
+        Samples per equation after the filter; by default from the cut-off.
 
     Returns
     -------
@@ -163,7 +167,8 @@ def identify_payload(
     Notes
     -----
     Drives are taken as the same without and with the load; friction that grows with the load, as of worm and harmonic
-    gears, is not modelled and changes the estimate. Standard errors take into account that residuals resemble their
+    gears, is not modelled and changes the estimate. Nor is a delay of the torques looked for: that of an Identification
+    is taken for the records with the load too. Standard errors take into account that residuals resemble their
     neighbours. A load that least squares make impossible is replaced by the physically consistent one that fits best;
     where the motions say nothing, it is like a ball of 3000 kg/m^3.
 
@@ -263,7 +268,7 @@ def two_sets(
     if isinstance(robot, Identification):
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
-        data = build_regression(robot.initial, with_load, robot.base, *further)
+        data = build_regression(robot.initial, with_load, robot.base, *further, robot.delay.mean(0))
         return TwoSets(robot.initial, robot.base, robot.data, data)
     base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
     if without is None:

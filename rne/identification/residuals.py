@@ -80,6 +80,7 @@ class Residuals:
         self.robot, self.base, self.standard, self.records = robot, base, base.standard, records
         self.x, self.sigma, self.correlation_time = base.back @ beta, sigma, correlation_time
         self.tau, self.Y = np.concatenate([r.tau for r in rows]), np.concatenate([r.Y for r in rows])
+        self.record = np.repeat(np.arange(len(rows)), [len(r.tau) for r in rows])  # number of each row's record
         sure = np.concatenate([r.sure for r in rows])
         self.used = sure if sure.sum() > FEWEST * base.count else np.concatenate([r.used for r in rows])
         self.joint = np.nonzero(self.used)[1]

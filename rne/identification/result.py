@@ -25,8 +25,8 @@ from .equations import Equations
 from .least_squares import LeastSquares, Unexplained, believed_noise
 from .prepared import Prepared
 from .record import Record
-from .regression import RegressionData, check_joints
-from .rigid_body_test import certified
+from .regression import RegressionData, check_joints, delayed
+from .rigid_body_test import EXPLAINED, certified
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
 NAMED = 3  # causes that a warning names
 IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
-EXPLAINED = 0.15  # part of a torque in motion that may be left where a model explains it
 EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explains them
 WORSE = 1.2  # residuals of possible bodies, of those of least squares
 UNKNOWN = (
@@ -248,8 +247,9 @@ class Identification:
         Parameters
         ----------
         record : Record
-            Of the same robot; it is filtered with the lowest cut-off of those of the fit. Torques of joints at rest
-            count, which Coulomb friction does not determine.
+            Of the same robot; it is filtered with the lowest cut-off of those of the fit, and its torques are taken as
+            late as those of the fit's records were on average. Torques of joints at rest count, which Coulomb friction
+            does not determine.
 
         Returns
         -------
@@ -264,7 +264,8 @@ class Identification:
         if not isinstance(record, Record):
             raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
         check_joints(self.initial, record, "record")
-        return self._compared(record.name, record.prepare(min(fitted.cutoff for fitted in self.records)))
+        prepared = record.prepare(min(fitted.cutoff for fitted in self.records))
+        return self._compared(record.name, delayed(prepared, self.delay.mean(0)))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
         predicted = prepared.reduce(self.predict(prepared.q, prepared.qd, prepared.qdd))
@@ -390,11 +391,8 @@ def parameters_text(found: Identification) -> str:
         rows.append(Row(f"  {name}", ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]))
     lines = [*aligned(rows), f"Numbers are those of the joints: {joints}."]
     combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
-    lines += (
-        ["Base parameters that stand for a combination of several:", *(f"  {text}" for text in combined)]
-        if combined
-        else []
-    )
+    if combined:
+        lines += ["Base parameters that stand for a combination of several:", *(f"  {text}" for text in combined)]
     moved = [name for name, x, error in zip(found.base.names, found.drift, e.errors, strict=True) if abs(x) > 3 * error]
     if moved:
         lines.append(

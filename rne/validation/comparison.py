@@ -14,8 +14,8 @@ from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import Row, aligned, short, wrapped
 from ..robot import Robot, robot_argument
-from . import causes
-from .causes import Convention, LinearCause
+from . import hypotheses
+from .hypotheses import Convention, LinearCause
 from .torque_difference import Candidate, Other, TorqueDifference, torque_difference
 
 TOLERANCE = 1e-8  # of torques: two models that differ by less are the same
@@ -47,17 +47,17 @@ class Search:
 
     def __init__(self, data: TorqueDifference) -> None:
         self.data = data
-        linear = causes.linear_causes(data)
+        linear = hypotheses.linear_causes(data)
         self.switches = [cause for cause in linear if cause.coefficients == "switches"]
         self.free = [cause for cause in linear if cause.coefficients != "switches"]
-        found = causes.conventions(data.robot).items()
+        found = hypotheses.conventions(data.robot).items()
         self.families = [self.of_conventions(cause, members) for cause, members in found if members]
         self.families.append(self.of_switches())
 
     def candidates(self) -> list[Candidate]:
         """All hypotheses, the best first; two at a time only where none alone explains the difference."""
         found = list(self.single())
-        if not any(c.explains and c.causes != (causes.SEVERAL_BODIES,) for c in found):
+        if not any(c.explains and c.causes != (hypotheses.SEVERAL_BODIES,) for c in found):
             found += self.double()
         return sorted(found, key=lambda c: (not c.explains, c.score))
 
@@ -65,10 +65,10 @@ class Search:
         """Conventions of a cause: their torques in a few states, and in all states of those that are asked for."""
         data = self.data
         states = data.q, data.qd, data.qdd
-        torques = causes.torques_of(members, *(x[data.few] for x in states))
+        torques = hypotheses.torques_of(members, *(x[data.few] for x in states))
 
         def candidate(k: int) -> Candidate:
-            left = data.tau - causes.torques_of([members[k]], *states)[0]
+            left = data.tau - hypotheses.torques_of([members[k]], *states)[0]
             return data.candidate(cause, members[k].text(), 0, members[k].alternatives, left)
 
         left = ((data.tau[data.few] - torques) / data.rounding).reshape(len(members), -1)
@@ -103,12 +103,12 @@ class Search:
             yield from family.nearest(FINALISTS)
         yield from self.rounded(np.zeros((*self.data.tau.shape, 0)))
         yield from map(self.fitted, self.free)
-        yield from causes.shifted_zeros(self.data)
-        yield from causes.changes_of_one_body(self.data)
+        yield from hypotheses.shifted_zeros(self.data)
+        yield from hypotheses.changes_of_one_body(self.data)
 
     def double(self) -> Iterator[Candidate]:
         """Two causes at a time, of which at least one has free numbers."""
-        free = [cause for cause in self.free if cause.name != causes.SEVERAL_BODIES]
+        free = [cause for cause in self.free if cause.name != hypotheses.SEVERAL_BODIES]
         for cause in free:
             columns = self.data.weighted(cause.columns, self.data.few)
             nearest = [family.nearest(1, columns)[0] for family in self.families]
