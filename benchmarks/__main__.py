@@ -1,9 +1,9 @@
 """All charts: python -m benchmarks [--quick] [--only CHART]
 
 Evaluation, integration, growth and scenes, with Pinocchio in the same interleaved runs, one thread each. Writes
-benchmarks/results/charts.json, and the tables and pictures of docs/benchmarks/index.md, whose text is written by hand.
-Peers that are installed take part in the first chart: pip install $(python -m benchmarks.peers). With `--only`, other
-charts stay as they were kept.
+benchmarks/results/charts.json, the tables and pictures of docs/benchmarks/index.md, whose text is written by hand, and
+the README's chart. Peers that are installed take part in the first chart: pip install $(python -m benchmarks.peers).
+With `--only`, other charts stay as they were kept.
 """
 
 from __future__ import annotations
@@ -13,7 +13,16 @@ import sys
 import time
 from typing import Any
 
-from benchmarks import evaluation, evaluation_picture, growth, growth_picture, integration, integration_picture, scenes
+from benchmarks import (
+    evaluation,
+    evaluation_picture,
+    growth,
+    growth_picture,
+    integration,
+    integration_picture,
+    readme_picture,
+    scenes,
+)
 from benchmarks.cases import engines_left_out
 from benchmarks.measure import QUICK_NOTE, RESULTS, command_line, machine, write
 from benchmarks.pages import DOCS, rewrite
@@ -65,6 +74,7 @@ def main() -> None:
     for name, (module, _) in CHARTS.items():
         tables |= module.tables(results[name])
     rewrite(DOCS / "benchmarks" / "index.md", tables)
+    readme_picture.write_pictures(results)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks import engines, readme_picture
 
 from .helpers import ROOT
 
@@ -16,7 +17,7 @@ ENGINES = (ROOT / "docs" / "explanation" / "kernels.md").read_text(encoding="utf
 
 
 def test_is_short():
-    assert README.count("\n") <= 150
+    assert README.count("\n") <= 110
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
@@ -27,30 +28,32 @@ def test_links_lead_somewhere(page):
     assert [link for link in links if not link.startswith("https://") and not (ROOT / link).exists()] == []
 
 
-def figures_of(engine):
-    """The cells of an engine's row: ranges of what it is beside Pinocchio."""
-    row = next(line for line in ENGINES.splitlines() if line.startswith(f"| {engine} |"))
-    names = ("one state", "batch of 1000", "batch of 100 000", "swing of 10 s", "ensemble of 1000")
-    return dict(zip(names, [cell.strip() for cell in row.split("|")[2:-1]], strict=True))
-
-
-def rounded(cell):
-    """Its numbers as whole ones."""
-    return [round(float(number)) for number in re.findall(r"[\d.]+", cell)]
+def engines_in(page):
+    """The table of the engines, as `python -m benchmarks.engines` writes it."""
+    return re.search(r"<!-- table: engines -->\n\n(.*?)\n\n<!-- end", page, re.DOTALL)[1]
 
 
 def test_figures_are_those_of_the_last_measurement():
-    plain, compiled = figures_of("NumPy"), figures_of("Numba")
-    low, high = re.findall(r"[\d.]+", plain["batch of 100 000"])
-    assert f"Batches of 100 000 states run {low} to {high} times faster than\n  Pinocchio's" in README
-    low, high = rounded(plain["one state"])
-    assert plain["one state"].endswith("slower")
-    assert f"a single state takes {low} to {high} times longer" in README
-    low, high = rounded(compiled["batch of 100 000"])
-    (ensemble,) = rounded(compiled["ensemble of 1000"])
-    first, last = re.findall(r"[\d.]+", compiled["one state"])
-    assert f"batches {low} to {high} times faster than Pinocchio, ensembles of motions {ensemble} times" in README
-    assert f"a single state {first} to {last} times" in README
+    assert engines_in(README) == engines_in(ENGINES)
+    assert engines_in(README) == engines.beside_each_other(
+        engines.read("kernels.json"), engines.read("simulation.json")
+    )
+
+
+@pytest.mark.parametrize("theme", readme_picture.THEMES)
+def test_chart_shows_the_kept_results(theme):
+    """Every point of the committed results is on the chart, and the README shows it."""
+    charts = engines.read("charts.json")["charts"]
+    left, right = readme_picture.picture(charts, theme).axes
+    rows = charts["evaluation"]["robots"]["ur5"]["inverse_dynamics"]
+    shown = {line.get_label(): line.get_xydata().tolist() for line in left.lines}
+    assert shown == {
+        who: [[rows[call]["ns_per_state"], rows[call]["worst_error"]]] for who, call in readme_picture.CALLS.items()
+    }
+    assert [len(line.get_xydata()) for line in right.lines] == [3] * 4
+    picture = f"docs/pictures/speed_and_accuracy{theme}.png"
+    assert picture in README
+    assert (ROOT / picture).is_file()
 
 
 def test_named_robots_and_extras_exist():
