@@ -207,7 +207,7 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
     for heading in ("Figure 6.11: joint positions of run 6.5-1", "Figure 6.12: control inputs of run 6.5-1"):
         (anchor,) = re.findall(rf'<h3 id="(s\d+)">{heading}</h3>', page)
         assert f'<a href="#{anchor}">{heading}</a>' in page
-    assert "Figure 6.9" in page
+    assert "Figure 6.6" in page
     settled = "Criterion: every joint within 0.01 rad for good after 2.25 to 3.75 s. Found: after 2.814 s."
     assert f"Confirmed. {settled}" in page
 

@@ -59,11 +59,24 @@ def test_page_has_every_experiment(short, tmp_path):
     for number in FIGURES:
         assert len(re.findall(rf"^### Figure {re.escape(number)}: ", markdown, re.MULTILINE)) == 1
         assert f"figure_{number.replace('.', '_')}.png" in html
-    for run in ("6.3-1", "6.3-4", "6.4-1", "6.5-3", "7.1-1", "7.1-2", "Table 7.1", "6.5.3", "Appendix A", "Appendix C"):
+    for run in (
+        "6.3-1",
+        "6.3-4",
+        "6.4-1",
+        "6.4-2",
+        "Figure 6.10",
+        "6.5-3",
+        "7.1-1",
+        "7.1-2",
+        "Table 7.1",
+        "6.5.3",
+        "Appendix A",
+        "Appendix C",
+    ):
         assert run in html
         assert run in markdown
     pictures = re.findall(r'src="([^"]+)"', html)
-    assert len(pictures) == 16 + 12
+    assert len(pictures) == len(FIGURES) + 13
     for picture in pictures:
         assert (tmp_path / "page" / picture).stat().st_size > 10_000
         assert (tmp_path / "page" / picture.replace(".png", "-dark.png")).exists()

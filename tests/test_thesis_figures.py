@@ -30,7 +30,7 @@ def motions():
     ]
 
 
-both = functools.cache(formulations.both)
+both, same_numbers = functools.cache(formulations.both), functools.cache(formulations.same_numbers)
 varied = functools.cache(lambda name, k: vary(k, next(variation for variation in VARIATIONS if variation.name == name)))
 
 
@@ -47,10 +47,11 @@ def texts(figure):
     return [text for text in found if text.get_visible() and text.get_text().strip()]
 
 
-def test_sixteen_figures_are_titled_by_the_thesis_numbers():
+def test_figures_are_titled_by_the_thesis_numbers():
     assert [figure.number for figure in numbered.FIGURES] == FIGURES
     assert numbered.BY_NUMBER["6.12"].title == "Figure 6.12: control inputs of run 6.5-1"
     assert numbered.BY_NUMBER["6.12"].file == "figure_6_12"
+    assert numbered.BY_NUMBER["6.9"].title == "Figure 6.9: energies of run 6.4-2"
 
 
 DRAWN = {  # of the closed loops, a swing and the IRB 140
@@ -58,7 +59,9 @@ DRAWN = {  # of the closed loops, a swing and the IRB 140
     "robot": lambda motions, swing, robot: small_picture(robot, np.zeros(6)),
     "swing": lambda motions, swing, robot: small_plots(swing)[0][1](),
     "V": lambda motions, swing, robot: figures.plot_lyapunov(motions),
-    "energies": lambda motions, swing, robot: figures.plot_energies(swing),
+    "energies": lambda motions, swing, robot: figures.plot_energies([swing, swing]),
+    "6.7": lambda motions, swing, robot: numbered.swing_energies("6.7", swing),
+    "6.8": lambda motions, swing, robot: numbered.swing_positions("6.8", swing, swing),
     "6.11": lambda motions, swing, robot: numbered.loop_positions("6.11", motions[0], 0),
     "6.12": lambda motions, swing, robot: numbered.loop_inputs("6.12", motions[0], 0),
 }
@@ -77,8 +80,20 @@ def test_text_is_readable_on_a_phone(motions, irb140, name):
 
 
 @pytest.mark.long
-def test_text_of_figure_7_2_is_readable_on_a_phone():
+def test_text_of_figures_7_2_and_7_4_is_readable_on_a_phone():
     check_text(numbered.formulations("7.2", both("7.1-2")))
+    check_text(numbered.same_numbers("7.4", same_numbers(1)))
+
+
+def test_energies_of_a_swing_are_drawn_from_0_J_and_close_up(irb140):
+    swing = rne.simulate(irb140, REST, REST, 0.5)
+    above, below = numbered.swing_energies("6.7", swing).axes
+    drawn = {curve.get_label(): curve.get_ydata() for curve in above.lines}
+    np.testing.assert_array_equal(drawn["kinetic"], swing.kinetic)
+    np.testing.assert_array_equal(drawn["potential"], swing.potential)
+    np.testing.assert_allclose(drawn["total"], 370.876860, rtol=0, atol=1e-3)  # by the solver
+    assert (above.get_title(loc="left"), below.get_title(loc="left")) == ("energy [J]", "total less 370.8769 J [J]")
+    assert np.ptp(below.lines[0].get_ydata()) == pytest.approx(np.ptp(swing.energy), abs=1e-12)
 
 
 def test_inputs_are_those_of_the_thesis_and_with_gravity_those_of_the_drives(motions, irb140):
@@ -132,8 +147,39 @@ def test_a_joint_that_turns_much_farther_has_its_own_axis(sizes, groups):
 )
 def test_both_formulations_give_one_motion(run, allowed):
     """Of an arm whose q3 counts the other way, from its own equations; to the tolerances of the two solvers."""
-    assert np.abs(both(run).newton.q - both(run).lagrange.q).max() <= allowed
-    assert both(run).newton.t[-1] == (10 if run == "7.1-1" else 2.3)
+    newton, lagrange = pair = both(run)
+    assert np.abs(pair.difference).max() <= allowed
+    assert newton.q[0, 2] == -lagrange.q[0, 2]
+    assert newton.t[-1] == (10 if run == "7.1-1" else 2.3)
+
+
+@pytest.mark.parametrize(
+    ("k", "settled", "distance", "joint", "left"),
+    kept(
+        [(0, 2.284, 0.181, 2, 0.0096), (1, 2.392, 0.755, 3, 0.0130), (2, 2.762, 0.520, 3, 0.0445)],
+        [(1, 2.392, 0.755, 3, 0.0130)],
+    ),
+)
+def test_the_same_numbers_are_another_motion_where_q3_counts_the_other_way(k, settled, distance, joint, left):
+    """Figures 7.3 to 7.5: settling, distance from figures 6.11, 6.13 and 6.15, and what is left after 2.3 s."""
+    run = same_numbers(k)
+    assert run.lagrange.q[0] == pytest.approx(CLOSED_LOOPS[k].start)
+    assert run.lagrange.q[-1] == pytest.approx(np.array(CLOSED_LOOPS[k].reference), abs=1e-3)
+    assert run.settled == pytest.approx(settled, abs=2e-3)
+    assert np.abs(run.distance).max() == pytest.approx(distance, abs=1e-3)
+    assert 1 + np.abs(run.distance).max(axis=0).argmax() == joint
+    assert run.left == pytest.approx(left, abs=1e-4)
+
+
+def test_figure_7_4_is_drawn_in_the_coordinates_of_the_euler_lagrange_model_until_2_3_s():
+    run = same_numbers(1)
+    above, below = numbered.same_numbers("7.4", run).axes
+    joint_3 = above.lines[2]
+    assert (joint_3.get_label(), joint_3.get_xdata()[-1]) == ("joint_3", pytest.approx(2.3))
+    assert joint_3.get_ydata()[0] == pytest.approx(-np.pi / 2)
+    assert joint_3.get_ydata().max() > 0.2  # it overshoots; joint 3 of figure 6.13 does not
+    assert run.newton.q[:, 2].max() < 0.01
+    assert np.abs(below.lines[2].get_ydata()).max() == pytest.approx(0.755, abs=1e-3)
 
 
 @pytest.mark.long

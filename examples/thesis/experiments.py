@@ -14,7 +14,7 @@ from rne.commands.pages import UPRIGHT, fine_grid
 from rne.model.abb_irb140 import CLOSED_LOOPS
 
 from .closed_loop import REST, loop_scene, variations
-from .formulations import RUNS, STARTS, both, costs
+from .formulations import RUNS, STARTS, THESIS, both, costs, same_numbers
 
 PI = np.pi
 HANGING = np.array([0, PI, -PI / 2, 0, 0, 0])
@@ -23,6 +23,7 @@ SOLVERS = ("RK45", "LSODA", "Radau", "BDF")
 SAMPLE_TIMES = (1.30e-4, 1.35e-4)  # just below and just above the stability limit [s]
 SAMPLED = (2.0, 0.031)  # duration simulated with each [s]
 LONG, LONG_STEP, LONG_RTOL = 1000.0, 5e-3, 1e-4  # [s, s, 1]
+LEVELS = 20  # parts of a long run, each with its level
 
 
 class Timed(NamedTuple):
@@ -54,11 +55,13 @@ def holding() -> list[rne.Trajectory]:
 
 
 def swings() -> list[rne.Trajectory]:
-    """Free motions 6.4-1 and 6.4-2 with tight tolerances, and 6.4-1 with the thesis's."""
-    robot = rne.load("irb140")
-    times = np.linspace(0, 10, 4001)
-    tight = [rne.simulate(robot, [0, x, 0, 0, 0, 0], REST, 10.0, t_eval=times, **TIGHT) for x in (0.0, 1e-6)]
-    return [*tight, rne.simulate(robot, REST, REST, 10.0, method="RK45", rtol=1e-6, atol=1e-6)]
+    """Free motions 6.4-1 and 6.4-2 with tight tolerances, and then both with the thesis's."""
+    robot, starts = rne.load("irb140"), ([0, x, 0, 0, 0, 0] for x in (0.0, 1e-6, 0.0, 1e-6))
+    tight = {"t_eval": np.linspace(0, 10, 4001), **TIGHT}
+    return [
+        rne.simulate(robot, start, REST, 10.0, **how)
+        for start, how in zip(starts, (tight, tight, THESIS, THESIS), strict=True)
+    ]
 
 
 def closed_loop(k: int) -> dict[str, Timed]:
@@ -122,6 +125,13 @@ def long_swing(method: str) -> Timed:
     return timed(rne.load("irb140"), REST, REST, LONG, method=method, step=step, rtol=LONG_RTOL, t_eval=times)
 
 
+def levels(motion: rne.Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Middle times [s] of equal parts of a motion and the median energy error of each [J], unmoved by short bursts."""
+    parts = np.array_split(np.arange(len(motion.t)), min(LEVELS, len(motion.t)))
+    error = motion.energy - motion.energy[0]
+    return np.array([motion.t[k].mean() for k in parts]), np.array([np.median(error[k]) for k in parts])
+
+
 def wrong_height(swing: rne.Trajectory) -> np.ndarray:
     """The energy with the height of the wrist's 1 kg as in (6.38), which omits q4, shape (T,) [J]."""
     _, q2, q3, q4, q5, _ = swing.q.T
@@ -131,7 +141,7 @@ def wrong_height(swing: rne.Trajectory) -> np.ndarray:
 
 
 def gravity_slope() -> float:
-    """Norm of dg/dq at the upright pose of 6.3-3, where it vanishes [N m/rad]."""
+    """Norm of dg/dq in the stretched position of 6.3-3, where it vanishes [N m/rad]."""
     return float(np.linalg.norm(rne.load("irb140").kernel(rne.dynamics.gravity_torque, "q")(UPRIGHT), 2))
 
 
@@ -151,6 +161,7 @@ JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "equilibrium 7.1-2": (tipping, ()),
     "equilibrium 7.1-2, Euler-Lagrange": (tipping, ("euler-lagrange",)),
     **{f"chapter 7, run {run}": (both, (run,)) for run in RUNS},
+    **{f"figure 7.{k + 3}": (same_numbers, (k,)) for k in range(3)},
     "formulations": (costs, ()),
 }
 

@@ -11,7 +11,8 @@ from rne.plotting.html_page import FLOOR, column, lines, log_axis, log_lines
 from rne.plotting.plots import BELOW
 
 from .closed_loop import lyapunov
-from .experiments import SAMPLE_TIMES, SOLVERS, Timed, wrong_height
+from .experiments import SAMPLE_TIMES, SOLVERS, Timed, levels, wrong_height
+from .formulations import Pair
 from .numbered_figures import DASHED
 
 
@@ -38,17 +39,12 @@ def plot_swings(one: rne.Trajectory, other: rne.Trajectory) -> Any:
     return figure
 
 
-def plot_energies(swing: rne.Trajectory) -> Any:
-    """Energy of 6.4-1 at the thesis's tolerance, with the correct height of the wrist and with that of (6.38)."""
-    figure, axes = column("Energy of the free swing 6.4-1, RK45 at the thesis's tolerance", [2.2, 1.7, 1.7])
-    parts = np.stack([swing.kinetic, swing.potential, swing.energy], axis=1)
-    drawn = lines(axes[0], swing.t, parts, ("kinetic", "potential", "total"))
-    axes[0].set_title("energy [J]")
-    lines(axes[1], swing.t, (wrong_height(swing) - swing.energy[0])[:, None], [""], first=3)
-    axes[1].set_title("change of the total, height of (6.38) [J]")
-    lines(axes[2], swing.t, (swing.energy - swing.energy[0])[:, None], [""], first=2)
-    axes[2].set_title("change of the total, correct height [J]")
-    figure.legend(handles=drawn, **BELOW)
+def plot_energies(swings: Sequence[rne.Trajectory]) -> Any:
+    """Total energy of both free swings with the height of the wrist of (6.38), of which only that height varies."""
+    figure, axes = column("Total energy with the height of (6.38)", [1.7] * len(swings))
+    for k, (ax, swing) in enumerate(zip(axes, swings, strict=True)):
+        lines(ax, swing.t, (wrong_height(swing) - swing.energy[0])[:, None], [""], first=3)
+        ax.set_title(f"6.4-{k + 1}: total less {swing.energy[0]:.4f} J [J]")
     return figure
 
 
@@ -96,6 +92,16 @@ def plot_sampled(runs: Sequence[Sequence[Timed]], limit: float) -> Any:
     return figure
 
 
+def plot_formulations(pairs: Mapping[str, Pair]) -> Any:
+    """How far apart the formulations are in one motion, for each closed loop."""
+    figure, (ax,) = column("One motion by both formulations", [2.4])
+    for k, (run, pair) in enumerate(pairs.items()):
+        log_lines(ax, pair.newton.t, np.abs(pair.difference).max(axis=1)[:, None], [run], first=k)
+    ax.set_title("largest difference of any joint, q3 turned back [rad]")
+    figure.legend(**BELOW)
+    return figure
+
+
 def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> Any:
     """7.1-2 from 1e-6 rad along its unstable mode, and the exponential growth of its linearisation."""
     figure, (ax,) = column("7.1-2 started 1e-6 rad off its equilibrium", [2.4])
@@ -108,9 +114,12 @@ def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> A
 
 
 def plot_long(symplectic: rne.Trajectory, explicit: rne.Trajectory) -> Any:
-    """Energy error over a long run by a symplectic method and by RK45."""
+    """Energy error over a long run by a symplectic method and by RK45, and its level."""
     figure, axes = column(f"Free swing for {symplectic.t[-1]:g} s: energy error", [1.8, 1.8])
     for ax, run, name in ((axes[0], symplectic, "gauss-4, 5 ms"), (axes[1], explicit, "RK45, rtol 1e-4")):
-        lines(ax, run.t, (run.energy - run.energy[0])[:, None], [""], color="0.5")
+        drawn = lines(ax, run.t, (run.energy - run.energy[0])[:, None], ["error"], color="0.5")
+        middles, level = levels(run)
+        drawn += lines(ax, middles, level[:, None], ["its level: medians"], first=3)
         ax.set_title(f"{name}: energy error [J]")
+    figure.legend(handles=drawn, **BELOW)
     return figure

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import rne
+from rne.commands.pages import settling_time
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
 
 PI = np.pi
@@ -32,16 +33,21 @@ class Motion(NamedTuple):
     """Joint positions over time, the evaluations of the right-hand side and the wall time of a simulation."""
 
     t: np.ndarray  # (T,) [s]
-    q: np.ndarray  # (T, 6), in the coordinates of `rne.irb140` [rad]
+    q: np.ndarray  # (T, 6), in the model's own coordinates [rad]
     evaluations: int
     seconds: float
 
 
 class Pair(NamedTuple):
-    """A run by both formulations."""
+    """One motion by both formulations, each in its model's own coordinates."""
 
     newton: Motion
     lagrange: Motion
+
+    @property
+    def difference(self) -> np.ndarray:
+        """Differences of the joints, with q3 turned back, shape (T, 6) [rad]."""
+        return self.newton.q - MIRROR * self.lagrange.q
 
 
 def slower(run: str) -> float:
@@ -56,16 +62,13 @@ def closed_by_open() -> float:
 
 
 def newton_euler(start: ArrayLike, duration: float, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
-    """A run by Newton-Euler, from rest, under the thesis's controller if there is a reference."""
+    """Simulate by Newton-Euler, from rest, under the thesis's controller if there is a reference."""
     return _simulated(rne.load("irb140"), "newton-euler", start, duration, t, reference, **how)
 
 
 def euler_lagrange(start: ArrayLike, duration: float, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
-    """A run by Euler-Lagrange, of the mirrored arm; positions are mirrored back."""
-    mirrored = None if reference is None else MIRROR * np.asarray(reference)
-    start = MIRROR * np.asarray(start, dtype=float)
-    motion = _simulated(rne.Robot(irb140_mirrored()), "euler-lagrange", start, duration, t, mirrored, **how)
-    return motion._replace(q=motion.q * MIRROR)
+    """Simulate by Euler-Lagrange the arm whose q3 counts the other way; all in the coordinates of that arm."""
+    return _simulated(rne.Robot(irb140_mirrored()), "euler-lagrange", start, duration, t, reference, **how)
 
 
 def _simulated(
@@ -86,17 +89,57 @@ def _simulated(
 
 
 def both(run: str) -> Pair:
-    """A run of chapter 7 by both formulations: 7.1-1, 7.1-2, or 6.5-1 to 6.5-3."""
-    arguments: tuple[Any, ...]
+    """One motion by both formulations: 7.1-1, 7.1-2, or 6.5-1 to 6.5-3 until the thesis's Euler-Lagrange runs end."""
     if run in STARTS:
-        arguments = (STARTS[run], FREE, np.linspace(0, FREE, 2001), None)
-        how = THESIS
+        start, reference, duration, samples, how = STARTS[run], None, FREE, 2001, THESIS
     else:
         loop = CLOSED_LOOPS[int(run[-1]) - 1]
-        duration = min(CONTROLLED, loop.duration)
-        arguments = (loop.start, duration, np.linspace(0, duration, 1151), loop.reference)
+        start, reference, duration, samples = loop.start, loop.reference, min(CONTROLLED, loop.duration), 1151
         how = CONTROL
-    return Pair(newton_euler(*arguments, **how), euler_lagrange(*arguments, **how))
+    t = np.linspace(0, duration, samples)
+    turned = None if reference is None else MIRROR * reference
+    return Pair(
+        newton_euler(start, duration, t, reference, **how), euler_lagrange(MIRROR * start, duration, t, turned, **how)
+    )
+
+
+class SameNumbers(NamedTuple):
+    """A closed loop by Newton-Euler, and by Euler-Lagrange with the same numbers: another motion, as q3 is turned."""
+
+    newton: Motion
+    lagrange: Motion
+    reference: np.ndarray  # (6,), the same numbers for both [rad]
+
+    @property
+    def shown(self) -> int:
+        """Samples until the thesis's Euler-Lagrange runs end."""
+        return int(np.searchsorted(self.newton.t, CONTROLLED + 1e-9))
+
+    @property
+    def distance(self) -> np.ndarray:
+        """Differences of the numbers until the thesis's Euler-Lagrange runs end, shape (T, 6) [rad]."""
+        return (self.lagrange.q - self.newton.q)[: self.shown]
+
+    @property
+    def settled(self) -> float:
+        """Time from which on every joint of the Euler-Lagrange model stays near its reference [s]."""
+        return settling_time(self.lagrange, self.reference)
+
+    @property
+    def left(self) -> float:
+        """Largest error of a joint when the thesis's Euler-Lagrange run ends [rad]."""
+        return float(np.abs(self.lagrange.q[self.shown - 1] - self.reference).max())
+
+
+def same_numbers(k: int) -> SameNumbers:
+    """Figures 7.3 to 7.5: start and reference of 6.5-(k+1), each formulation in its own coordinates."""
+    loop = CLOSED_LOOPS[k]
+    t = np.linspace(0, loop.duration, 1 + round(1000 * loop.duration))
+    newton, lagrange = (
+        simulated(loop.start, loop.duration, t, loop.reference, **CONTROL)
+        for simulated in (newton_euler, euler_lagrange)
+    )
+    return SameNumbers(newton, lagrange, np.array(loop.reference))
 
 
 class Cost(NamedTuple):

@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rne
-from rne.commands.pages import GRAVITY, JOINTS, REFERENCE, plot_loop_inputs
+from rne.commands.pages import GRAVITY, JOINTS, REFERENCE, plot_each_joint, plot_loop_inputs
 from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.plotting.html_page import FLOOR, column, lines, log_lines
 from rne.plotting.plots import BELOW
 
-from .formulations import Pair
+from .formulations import Pair, SameNumbers
 
 NOTHING = 1e-14  # [rad], some roundings
 APART = 4.0  # times larger than the others: a joint gets a panel of its own
@@ -18,17 +18,16 @@ DASHED = (0, (4, 3))  # over a solid line that it may cover
 
 
 class Numbered(NamedTuple):
-    """A figure of the thesis: its number, what it shows, the run, and what we draw in addition."""
+    """A figure of the thesis: its number, what it shows, and what we draw in addition."""
 
     number: str
     shows: str
-    run: str
     note: str
 
     @property
     def title(self) -> str:
         """Such as "Figure 6.12: control inputs of run 6.5-1"."""
-        return f"Figure {self.number}: {self.shows} of run {self.run}"
+        return f"Figure {self.number}: {self.shows}"
 
     @property
     def file(self) -> str:
@@ -37,25 +36,36 @@ class Numbered(NamedTuple):
 
 
 OWN_AXIS = "A joint that turns much farther than the others has a panel of its own."
-BOTH = "Both formulations, positions in the coordinates of our arm; at the bottom the difference between them."
-POSITIONS = "joint positions"
+COVERED = "The curves of joint_1, joint_4, joint_5 and joint_6 cover each other at 0."
+SCALES = "Each joint has its own scale."
+BESIDE = f"Dashed, for comparison: run 6.4-1, which starts 1e-6 rad away. {SCALES}"
+CLOSE_UP = "At the thesis's tolerance. Below, the total by itself: its variation is the solver's error."
+BOTH = "Each formulation in its own coordinates, q3 of opposite sign; at the bottom the difference with q3 turned back."
+SAME = (
+    "Start and reference (dotted) are the numbers of figure {}, taken in the coordinates of the Euler-Lagrange model. "
+    "Its q3 counts the other way, so that the arm moves otherwise. Below, how far the numbers are from that figure."
+)
+POSITIONS, ENERGIES, INPUTS = (f"{what} of run" for what in ("joint positions", "energies", "control inputs"))
 FIGURES = (
-    Numbered("6.2", POSITIONS, "6.3-1", OWN_AXIS),
-    Numbered("6.3", POSITIONS, "6.3-2", OWN_AXIS),
-    Numbered("6.4", POSITIONS, "6.3-3", "The curves of joint_1, joint_4, joint_5 and joint_6 cover each other at 0."),
-    Numbered("6.5", POSITIONS, "6.3-4", ""),
-    Numbered("6.9", POSITIONS, "6.4-1", "Dashed: run 6.4-2, which starts 1e-6 rad off. Each joint has its own scale."),
-    Numbered("6.11", POSITIONS, "6.5-1", REFERENCE),
-    Numbered("6.12", "control inputs", "6.5-1", GRAVITY),
-    Numbered("6.13", POSITIONS, "6.5-2", REFERENCE),
-    Numbered("6.14", "control inputs", "6.5-2", GRAVITY),
-    Numbered("6.15", POSITIONS, "6.5-3", REFERENCE),
-    Numbered("6.16", "control inputs", "6.5-3", GRAVITY),
-    Numbered("7.1", POSITIONS, "7.1-1", BOTH),
-    Numbered("7.2", POSITIONS, "7.1-2", BOTH),
-    Numbered("7.3", POSITIONS, "6.5-1", BOTH),
-    Numbered("7.4", POSITIONS, "6.5-2", BOTH),
-    Numbered("7.5", POSITIONS, "6.5-3", BOTH),
+    Numbered("6.2", f"{POSITIONS} 6.3-1", OWN_AXIS),
+    Numbered("6.3", f"{POSITIONS} 6.3-2", OWN_AXIS),
+    Numbered("6.4", f"{POSITIONS} 6.3-3", COVERED),
+    Numbered("6.5", f"{POSITIONS} 6.3-4", ""),
+    Numbered("6.6", f"{POSITIONS} 6.4-1", SCALES),
+    Numbered("6.7", f"{ENERGIES} 6.4-1", CLOSE_UP),
+    Numbered("6.8", f"{POSITIONS} 6.4-2", BESIDE),
+    Numbered("6.9", f"{ENERGIES} 6.4-2", CLOSE_UP),
+    Numbered("6.11", f"{POSITIONS} 6.5-1", REFERENCE),
+    Numbered("6.12", f"{INPUTS} 6.5-1", GRAVITY),
+    Numbered("6.13", f"{POSITIONS} 6.5-2", REFERENCE),
+    Numbered("6.14", f"{INPUTS} 6.5-2", GRAVITY),
+    Numbered("6.15", f"{POSITIONS} 6.5-3", REFERENCE),
+    Numbered("6.16", f"{INPUTS} 6.5-3", GRAVITY),
+    Numbered("7.1", "run 7.1-1 by both formulations", f"{BOTH} {COVERED}"),
+    Numbered("7.2", "run 7.1-2 by both formulations", BOTH),
+    Numbered("7.3", "Euler-Lagrange, numbers of 6.5-1", SAME.format("6.11")),
+    Numbered("7.4", "Euler-Lagrange, numbers of 6.5-2", SAME.format("6.13")),
+    Numbered("7.5", "Euler-Lagrange, numbers of 6.5-3", SAME.format("6.15")),
 )
 BY_NUMBER = {figure.number: figure for figure in FIGURES}
 
@@ -98,14 +108,24 @@ def holding(number: str, motion: rne.Trajectory) -> Any:
     return positions(BY_NUMBER[number].title, motion.t, motion.q)
 
 
-def swings(one: rne.Trajectory, other: rne.Trajectory) -> Any:
-    """6.9: q(t) of the free swing, joint by joint, with that of the second one."""
-    figure, axes = column(BY_NUMBER["6.9"].title, [1.25] * len(JOINTS))
-    for k, ax in enumerate(axes):
-        solid = lines(ax, one.t, one.q[:, [k]], ["6.4-1"])
-        dashed = lines(ax, other.t, other.q[:, [k]], ["6.4-2"], first=1, linestyle=DASHED)
-        ax.set_title(f"{JOINTS[k]} [rad]")
-    figure.legend(handles=solid + dashed, **BELOW)
+def swing_positions(number: str, swing: rne.Trajectory, beside: rne.Trajectory | None = None) -> Any:
+    """6.6, 6.8: q(t) of a free swing, joint by joint, and of another one beside it."""
+    figure = plot_each_joint(BY_NUMBER[number].title, swing)
+    if beside is not None:
+        for k, ax in enumerate(figure.axes):
+            lines(ax, beside.t, beside.q[:, [k]], [""], color="0.5", linestyle=DASHED)
+    return figure
+
+
+def swing_energies(number: str, swing: rne.Trajectory) -> Any:
+    """6.7, 6.9: energies of a free swing, and the total close up."""
+    figure, axes = column(BY_NUMBER[number].title, [2.2, 1.7])
+    parts = np.stack([swing.kinetic, swing.potential, swing.energy], axis=1)
+    drawn = lines(axes[0], swing.t, parts, ("kinetic", "potential", "total"))
+    axes[0].set_title("energy [J]")
+    lines(axes[1], swing.t, (swing.energy - swing.energy[0])[:, None], [""], first=2)
+    axes[1].set_title(f"total less {swing.energy[0]:.4f} J [J]")
+    figure.legend(handles=drawn, **BELOW)
     return figure
 
 
@@ -120,23 +140,37 @@ def loop_inputs(number: str, motion: rne.Trajectory, k: int) -> Any:
 
 
 def formulations(number: str, pair: Pair) -> Any:
-    """7.1 to 7.5: q(t) by both formulations, and the difference between them."""
-    newton, lagrange = pair
-    groups = apart(lagrange.q)
-    panels = [*groups] * 2
-    heights = [2.0 if len(group) > 1 else 1.3 for group in panels]
-    figure, axes = column(BY_NUMBER[number].title, [*heights, 1.8])
-    halves = ((lagrange, "Euler-Lagrange"), (newton, "Newton-Euler"))
-    for ax, group, (motion, name) in zip(axes, panels, [h for h in halves for _ in groups], strict=False):
+    """7.1, 7.2: q(t) by both formulations, each in its own coordinates, and the difference between the motions."""
+    groups = apart(pair.newton.q)
+    heights = [2.0 if len(group) > 1 else 1.3 for group in groups]
+    figure, axes = column(BY_NUMBER[number].title, [*heights * 2, 1.8])
+    halves = ((pair.newton, "Newton-Euler"), (pair.lagrange, "Euler-Lagrange"))
+    panels = [(motion, name, group) for motion, name in halves for group in groups]
+    for ax, (motion, name, group) in zip(axes, panels, strict=False):
         for k in group:
             lines(ax, motion.t, motion.q[:, [k]], JOINTS[k : k + 1], first=k)
         ax.set_title(f"{name}: q [rad]" if len(group) > 1 else f"{name}: q of {JOINTS[group[0]]} [rad]")
-    difference = np.abs(lagrange.q - newton.q).max(axis=1)
-    log_lines(axes[-1], newton.t, difference[:, None], [""], color="0.5")
+    difference = np.abs(pair.difference).max(axis=1)
+    log_lines(axes[-1], pair.newton.t, difference[:, None], [""], color="0.5")
     if difference.max() < NOTHING:
         axes[-1].set_ylim(FLOOR, 1)
         text = f"at most {difference.max():.0e} rad"
         axes[-1].text(0.5, 0.5, text, transform=axes[-1].transAxes, ha="center", va="center")
-    axes[-1].set_title("largest difference of any joint [rad]")
+    axes[-1].set_title("largest difference of any joint, q3 turned back [rad]")
     figure.legend(handles=_by_joint(axes[:-1]), **BELOW)
+    return figure
+
+
+def same_numbers(number: str, run: SameNumbers) -> Any:
+    """7.3 to 7.5: q(t) by Euler-Lagrange from the numbers of a Newton-Euler run, and the distance from that run."""
+    figure, axes = column(BY_NUMBER[number].title, [2.8, 1.8])
+    distance = run.distance
+    shown = slice(run.shown)
+    drawn = lines(axes[0], run.lagrange.t[shown], run.lagrange.q[shown], JOINTS)
+    for k, q in enumerate(run.reference):
+        axes[0].axhline(q, color=f"C{k}", linestyle=":", linewidth=1)
+    axes[0].set_title("Euler-Lagrange, in its own coordinates: q [rad]")
+    lines(axes[1], run.lagrange.t[shown], distance, JOINTS)
+    axes[1].set_title("less the numbers by Newton-Euler [rad]")
+    figure.legend(handles=drawn, **BELOW)
     return figure
