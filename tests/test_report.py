@@ -12,7 +12,7 @@ from examples.thesis import closed_loop, experiments, formulations
 from examples.thesis.markdown import write_markdown
 from rne.plotting.html_page import DARK_COLORS, Report
 
-from .helpers import FIGURES
+from .helpers import FIGURES, ROOT
 
 
 @pytest.fixture
@@ -90,6 +90,21 @@ def test_page_has_every_experiment(short, tmp_path):
         assert f'<a href="#s{number}">{heading}</a>' in html
     assert "Not confirmed. Criterion: every joint within 0.01 rad" in html  # the loops are cut short
     assert html.count("<table>") == html.count('<div class="scroll"><table>') > 5
+
+
+QUANTITY = re.compile(r"(?<![\d.])(-?\d+(?:\.\d+)?(?:e-?\d+)?) (s|min|rad|J|m|1/s|N m s|N m/s|N m)(?![\w/]| s\b)")
+
+
+def test_every_quantity_of_the_overview_is_on_the_page_of_experiments():
+    """Rounded to the overview's digits."""
+    overview, page = (
+        QUANTITY.findall(" ".join((ROOT / "docs" / name).read_text(encoding="utf-8").split()))
+        for name in ("thesis-overview.md", "thesis.md")
+    )
+    assert len(overview) > 25
+    for number, unit in overview:
+        digits = len(number.partition(".")[2]) if "e" not in number else 20
+        assert any(u == unit and round(float(x), digits) == float(number) for x, u in page), (number, unit)
 
 
 def test_every_contents_entry_of_the_markdown_has_its_heading(tmp_path):
