@@ -13,24 +13,31 @@ from rne.simulation.symplectic import WEIGHTS, Hamilton, solve_stages
 
 from .helpers import kept
 
+STARTS = {"6.4-1": np.zeros(6), "hanging": np.array([0, np.pi, -np.pi / 2, 0, 0, 0]) + 0.1}
 
-@pytest.mark.parametrize("duration", kept([8.0, 30.0, 1000.0], [8.0]))
-def test_energy_error_has_no_trend(irb140, duration):
-    """6.4-1 up to a hundred times longer: slope times duration stays below half the band of the error."""
+
+@pytest.mark.parametrize(
+    ("start", "duration", "most"),
+    kept([("6.4-1", 8.0, 1e-4), ("hanging", 8.0, 1.5e-10), ("hanging", 1000.0, 1.5e-10)], [("6.4-1", 8.0, 1e-4)]),
+)
+def test_energy_error_has_no_trend(irb140, start, duration, most):
+    """Slope times duration stays below half the band of the error, which does not grow with the duration.
+
+    For long about the hanging arm, where motions are regular: a chaotic one ends elsewhere on every processor.
+    """
     times = np.arange(0, duration + 0.25, 0.5)
-    swing = rne.simulate(irb140, np.zeros(6), np.zeros(6), duration, method="gauss-4", step=5e-3, t_eval=times)
+    how = {"method": "gauss-4", "step": 5e-3, "t_eval": times}
+    swing = rne.simulate(irb140, STARTS[start], np.zeros(6), duration, **how)
     error = swing.energy - swing.energy[0]
     band = np.ptp(error)
-    assert band <= 0.01
+    assert band <= most
     assert abs(np.polyfit(times, error, 1)[0]) * duration <= band / 2
 
 
 @pytest.mark.parametrize("duration", kept([20.0, 60.0], [20.0]))
 def test_energy_error_of_rk45_is_all_trend(irb140, duration):
-    """About the hanging arm, where motions are regular: a chaotic one ends elsewhere on every processor."""
-    start = np.array([0, np.pi, -np.pi / 2, 0, 0, 0]) + 0.1
     times = np.arange(0, duration + 0.1, 0.5)
-    swing = rne.simulate(irb140, start, np.zeros(6), duration, method="RK45", t_eval=times)
+    swing = rne.simulate(irb140, STARTS["hanging"], np.zeros(6), duration, method="RK45", t_eval=times)
     error = swing.energy - swing.energy[0]
     assert abs(np.polyfit(times, error, 1)[0]) * duration >= np.ptp(error) / 2
 
