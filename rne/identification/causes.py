@@ -42,7 +42,7 @@ FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of t
 
 
 class Cause(NamedTuple):
-    """A change that explains what `rne.identify` leaves unexplained, of `Identification.causes`.
+    """A change that explains part of the torques left unexplained by `rne.identify`, of `Identification.causes`.
 
     Attributes
     ----------
@@ -71,11 +71,6 @@ class Cause(NamedTuple):
     value: float = float("nan")
     error: float = float("nan")
     at: float = float("nan")
-
-    def more(self, before: float) -> Cause:
-        """The delay with what had been taken into account of it before."""
-        total = self.value + before
-        return self._replace(value=total, text=delay_text(self.joints if np.isnan(self.at) else ())(np.array([total])))
 
 
 class Change(NamedTuple):

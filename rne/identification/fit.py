@@ -17,7 +17,7 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
-from .causes import Cause, derivative_by, likely_causes, merged_by_kind, sharpened
+from .causes import Cause, delay_text, derivative_by, likely_causes, merged_by_kind, sharpened
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
 from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
@@ -91,12 +91,6 @@ def identify(
     Identification
         Estimates with standard errors, the robot with consistent bodies, predictions, plots and a report.
 
-    Warns
-    -----
-    IdentificationWarning
-        If more than 30 % of a joint's torque in motion is not explained, if one change of the robot, the log or the
-        drives explains the residuals better, or if a rotor or friction comes out impossible: `Identification.doubt`.
-
     Raises
     ------
     ValueError
@@ -105,6 +99,12 @@ def identify(
         If the consistent fit does not succeed.
     ImportError
         If Clarabel is not installed and `consistent` is true.
+
+    Warns
+    -----
+    IdentificationWarning
+        If more than 30 % of a joint's torque in motion is not explained, if one change of the robot, the log or the
+        drives explains the residuals better, or if a rotor or friction comes out impossible: `Identification.doubt`.
 
     Notes
     -----
@@ -177,9 +177,10 @@ def explained(
             break
         if found[0].kind == "delay":
             best, key = found[0], ("delay", found[0].joints, found[0].at)
+            joints = best.joints if np.isnan(best.at) else ()
             delays = delays + delay_of(robot, best, len(delays))
-            before = modelled.get(key)
-            modelled[key] = best if before is None else best.more(before.value)
+            total = best.value + (modelled[key].value if key in modelled else 0.0)
+            modelled[key] = best._replace(value=total, text=delay_text(joints)(np.array([total])))
         else:
             sharp = [sharpened(rest, cause) for cause in found if cause.kind == found[0].kind]
             drives = with_stribeck(robot, drives, sharp)

@@ -177,9 +177,18 @@ class Method(NamedTuple):
 
 
 class Unexplained(NamedTuple):
-    """|predicted - measured| / |measured| of each joint, each block predicted from the others, shape (n,).
+    """|predicted - measured| / |measured| per joint, each fold predicted from the others, as found by `rne.identify`.
 
     NaN for a joint of which no such torque was measured.
+
+    Attributes
+    ----------
+    everywhere : ndarray, shape (n,)
+        Of all torques.
+    in_motion : ndarray, shape (n,)
+        Of torques at more than the minimum velocity, those fitted.
+    at_rest : ndarray, shape (n,)
+        Of the others.
     """
 
     everywhere: Array
