@@ -33,7 +33,7 @@ def test_every_row_has_its_equation_number_and_unit(irb140):
         "  gravity (5.33) m/s^2",
         "  f       (3.24) N",
         "  tau     (3.27) N m",
-        "  u       (5.3)  N m",
+        "  u       §5.3   N m",
     ]
 
 
@@ -49,7 +49,7 @@ def test_numbers_are_those_of_the_record(irb140):
 
 def test_holding_torque_is_printed_as_such(irb140):
     text = str(irb140.recursion([0, np.pi / 2, -np.pi / 2, 0, 0, 0], np.zeros(6), np.zeros(6)))
-    assert block(text, "joint_2")[-1].split() == ["u", "(5.3)", "N", "m", "-158.834"]
+    assert block(text, "joint_2")[-1].split() == ["u", "§5.3", "N", "m", "-158.834"]
 
 
 def test_decimal_points_stand_below_each_other(irb140):

@@ -12,7 +12,7 @@ from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
 from .helpers import EPS, kept
 
 PI = np.pi
-UPRIGHT = np.array([0, PI / 2, -PI / 2, 0, 0, 0])
+STRETCHED_OUT = np.array([0, PI / 2, -PI / 2, 0, 0, 0])
 REST = np.zeros(6)
 TIGHT = {"rtol": 1e-9, "atol": 1e-12}
 
@@ -20,7 +20,7 @@ TIGHT = {"rtol": 1e-9, "atol": 1e-12}
 @pytest.fixture(scope="module")
 def holding(irb140):
     """The torque of (6.21)."""
-    return irb140.gravity_torque(UPRIGHT)
+    return irb140.gravity_torque(STRETCHED_OUT)
 
 
 def first_time(motion, distance, centre):
@@ -49,19 +49,19 @@ def test_constant_torque_is_unstable(irb140, holding, start, tenth, one):
 
 def test_6_3_3_stays_put(irb140, holding):
     """dg/dq vanishes there: an error grows as t^2, not exponentially."""
-    slope = rne.kernels.derivative(rne.dynamics.gravity_torque, irb140.model, "q")(UPRIGHT)
-    motion = rne.simulate(irb140, UPRIGHT, REST, 10.0, torque=holding)
-    assert np.abs(motion.q - UPRIGHT).max() <= 6e-12
+    slope = rne.kernels.derivative(rne.dynamics.gravity_torque, irb140.model, "q")(STRETCHED_OUT)
+    motion = rne.simulate(irb140, STRETCHED_OUT, REST, 10.0, torque=holding)
+    assert np.abs(motion.q - STRETCHED_OUT).max() <= 6e-12
     assert np.abs(slope).max() <= 1e-13 * np.abs(holding).max()
     assert np.abs(rne.kernels.derivative(rne.dynamics.gravity_torque, irb140.model, "q")(REST)).max() > 1
 
 
 def test_6_3_4_collapses_after_four_seconds(irb140, holding):
-    start = UPRIGHT + [0, 0.05, 0, 0, 0, 0]
+    start = STRETCHED_OUT + [0, 0.05, 0, 0, 0, 0]
     times = np.linspace(0, 6, 6001)
     motion = rne.simulate(irb140, start, REST, 6.0, torque=holding, t_eval=times, **TIGHT)
-    assert first_time(motion, 0.1, UPRIGHT) == pytest.approx(4.242, abs=0.01)
-    assert first_time(motion, 1.0, UPRIGHT) == pytest.approx(5.418, abs=0.01)
+    assert first_time(motion, 0.1, STRETCHED_OUT) == pytest.approx(4.242, abs=0.01)
+    assert first_time(motion, 1.0, STRETCHED_OUT) == pytest.approx(5.418, abs=0.01)
 
 
 def test_6_4_keeps_its_energy_while_a_small_offset_grows(irb140):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import rne
-from rne.commands.pages import UPRIGHT
+from rne.commands.pages import STRETCHED_OUT
 from rne.commands.shared import CommandError, check_file, check_folder, fail, say
 from rne.plotting.html_page import Report
 from rne.plotting.robot_picture import small_picture
@@ -60,7 +60,7 @@ def run(folder: Path, say: Callable[[str], None], markdown: Path | None = None) 
         "and figures is in the code. Joints are called joint_1 to joint_6 as in the model; the thesis writes q_1 to "
         "q_6."
     )
-    page.figure("robot", lambda: small_picture(rne.load("irb140"), UPRIGHT), "The arm at (0, π/2, -π/2, 0, 0, 0)")
+    page.figure("robot", lambda: small_picture(rne.load("irb140"), STRETCHED_OUT), "The arm at (0, π/2, -π/2, 0, 0, 0)")
     say("simulating in parallel processes")
     found = run_all(say)
     for section in SECTIONS:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import rne
-from rne.commands.pages import UPRIGHT, plot_errors, settling_time
+from rne.commands.pages import STRETCHED_OUT, plot_errors, settling_time
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.plotting.html_page import Report
 
@@ -58,7 +58,7 @@ def holding(page: Report, found: dict[str, Any]) -> None:
         "start 0.05 rad off stays for about 4 s and then collapses."
     )
     starts = ("q = 0", "(0, π, -π/2, 0, 0, 0)", "(0, π/2, -π/2, 0, 0, 0)", "the same, joint_2 0.05 rad off")
-    centres = (0 * UPRIGHT, HANGING, UPRIGHT, UPRIGHT)
+    centres = (0 * STRETCHED_OUT, HANGING, STRETCHED_OUT, STRETCHED_OUT)
     times = [[first_time(m, c, d) for d in (0.1, 1.0)] for m, c in zip(runs, centres, strict=True)]
     farthest = [float(np.abs(m.q - c).max()) for m, c in zip(runs, centres, strict=True)]
     page.table(

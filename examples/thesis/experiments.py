@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rne
-from rne.commands.pages import UPRIGHT, fine_grid
+from rne.commands.pages import STRETCHED_OUT, fine_grid
 from rne.model.abb_irb140 import CLOSED_LOOPS
 
 from .closed_loop import REST, loop_scene, variations
@@ -18,6 +18,10 @@ from .formulations import RUNS, STARTS, THESIS, both, costs, same_numbers
 
 PI = np.pi
 HANGING = np.array([0, PI, -PI / 2, 0, 0, 0])
+OFF = STRETCHED_OUT + [0, 0.05, 0, 0, 0, 0]
+# Starts of 6.3-1 to 6.3-4, (6.22) to (6.29), with our durations [s]; starts of 6.4-1 and 6.4-2, (6.40) to (6.45).
+HELD = ((REST, 2.0), (HANGING, 2.0), (STRETCHED_OUT, 10.0), (OFF, 6.0))
+FREE = ((0, 0, 0, 0, 0, 0), (0, 1e-6, 0, 0, 0, 0))
 TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 SOLVERS = ("RK45", "LSODA", "Radau", "BDF")
 SAMPLE_TIMES = (1.30e-4, 1.35e-4)  # just below and just above the stability limit [s]
@@ -46,22 +50,17 @@ def timed(*arguments: Any, **how: Any) -> Timed:
 def holding() -> list[rne.Trajectory]:
     """6.3-1 to 6.3-4: motions under the constant torque of (6.21)."""
     robot = rne.load("irb140")
-    torque = robot.gravity_torque(UPRIGHT)
-    runs = ((REST, 2.0), (HANGING, 2.0), (UPRIGHT, 10.0), (UPRIGHT + [0, 0.05, 0, 0, 0, 0], 6.0))
+    torque = robot.gravity_torque(STRETCHED_OUT)
     return [
         rne.simulate(robot, start, REST, end, torque=torque, t_eval=np.linspace(0, end, 6001), **TIGHT)
-        for start, end in runs
+        for start, end in HELD
     ]
 
 
 def swings() -> list[rne.Trajectory]:
     """Free motions 6.4-1 and 6.4-2 with tight tolerances, and then both with the thesis's."""
-    robot, starts = rne.load("irb140"), ([0, x, 0, 0, 0, 0] for x in (0.0, 1e-6, 0.0, 1e-6))
-    tight = {"t_eval": np.linspace(0, 10, 4001), **TIGHT}
-    return [
-        rne.simulate(robot, start, REST, 10.0, **how)
-        for start, how in zip(starts, (tight, tight, THESIS, THESIS), strict=True)
-    ]
+    robot, tight = rne.load("irb140"), {"t_eval": np.linspace(0, 10, 4001), **TIGHT}
+    return [rne.simulate(robot, start, REST, 10.0, **how) for how in (tight, THESIS) for start in FREE]
 
 
 def closed_loop(k: int) -> dict[str, Timed]:
@@ -142,7 +141,7 @@ def wrong_height(swing: rne.Trajectory) -> np.ndarray:
 
 def gravity_slope() -> float:
     """Norm of dg/dq in the stretched position of 6.3-3, where it vanishes [N m/rad]."""
-    return float(np.linalg.norm(rne.load("irb140").kernel(rne.dynamics.gravity_torque, "q")(UPRIGHT), 2))
+    return float(np.linalg.norm(rne.load("irb140").kernel(rne.dynamics.gravity_torque, "q")(STRETCHED_OUT), 2))
 
 
 JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {

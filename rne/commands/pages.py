@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 SAMPLES = 1000  # random states
 ROUNDING = 1e-13  # of the largest torque: what is left of zero
 SWING, MAIN_SWING = 2.0, 10.0  # durations of free swings [s]
-UPRIGHT = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])  # [rad], the pose of (6.21)
+STRETCHED_OUT = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])  # [rad], horizontally: (6.19)
 JOINTS = tuple(f"joint_{k}" for k in range(1, 7))
 FIRST = 0.02  # [s], in which the wrist's torques fall from their peak
 SETTLED = 0.01  # [rad], every joint
@@ -53,7 +53,7 @@ def write_main_page(folder: Path, say: Callable[[str], None]) -> bool:
     robot = load("irb140")
     page = Report("ABB IRB 140 by recursive Newton-Euler", say, folder)
     page.text("Joints are called joint_1 to joint_6 as in the model; the thesis writes q_1 to q_6.")
-    held = _examination(robot, UPRIGHT, "q = (0, π/2, -π/2, 0, 0, 0), the pose of (6.21)", "", page)
+    held = _examination(robot, STRETCHED_OUT, "q = (0, π/2, -π/2, 0, 0, 0), the pose of (6.21)", "", page)
     page.heading("Free swing, 10 s from rest at q = 0 (thesis 6.4-1, Figure 6.6)")
     swing = simulate(robot, np.zeros(robot.n), np.zeros(robot.n), MAIN_SWING, rtol=1e-9)
     page.text(repr(swing), "pre")

@@ -134,7 +134,7 @@ def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike 
 
     Notes
     -----
-    Høifødt 2011, (6.46) with the sign that (6.50)-(6.56) need: the error is q - reference.
+    Høifødt 2011, (6.48), with the sign that (6.50)-(6.56) need: the error is q - reference. (6.46) is without g(q).
 
     Examples
     --------

@@ -28,8 +28,9 @@ VECTORS = (
     ("f", "(3.24)", "N"),
     ("tau", "(3.27)", "N m"),
 )
+DRIVE = "§5.3"  # where u stands: a section, without an equation
 LEGEND = (
-    "Each vector in the axes of its own link; in brackets the equations of Høifødt 2011.",
+    "Each vector in the axes of its own link; in brackets equations, after § a section of Høifødt 2011.",
     "omega, alpha: angular velocity, acceleration. a_c, a_e: true accelerations of mass centre and end.",
     "f, tau: of the joint on its link, at the joint. u: the drive's share of them.",
 )
@@ -60,7 +61,7 @@ class Recursion(InNotebooks):
         Force (3.24) and torque (3.27) of the joint on the body, at the joint's origin in the file: the component along
         the axis is the drive's, the rest the bearing's [N, N m].
     u : ndarray, shape (..., n)
-        Torques of the drives (5.3) [N m or N].
+        Torques of the drives, the components of tau or f along the axes (section 5.3) [N m or N].
     joint_types : tuple of str
         "revolute", "continuous" or "prismatic", of each of `joints`.
     independent_joints : tuple of int, length n
@@ -70,7 +71,7 @@ class Recursion(InNotebooks):
     --------
     >>> import rne
     >>> print(rne.dynamics.recursion(rne.irb140(), [0] * 6, [1, 0, 0, 0, 0, 0], [0] * 6))  # doctest: +ELLIPSIS
-    Each vector in the axes of its own link; in brackets the equations of Høifødt 2011.
+    Each vector in the axes of its own link; in brackets equations, after § a section of Høifødt 2011.
     ...
     joint_1, revolute
       omega   (3.29) rad/s     0            -1           0
@@ -266,7 +267,7 @@ def record_rows(record: Recursion, i: int) -> Iterator[tuple[str, str, str, list
             yield name, equation, unit, list(vectors[i])
     if i in record.independent_joints:
         unit = UNITS["tau"][record.joint_types[i] == "prismatic"]
-        yield "u", "(5.3)", unit, [record.u[record.independent_joints.index(i)]]
+        yield "u", DRIVE, unit, [record.u[record.independent_joints.index(i)]]
 
 
 def is_complex(x: Any) -> bool:

@@ -18,10 +18,12 @@ Every vector of the recursion is in the axes of its own link's frame i, whose or
 | joint torque (or force)               | tau        | u       | u           | tau             | tau         |
 
 "Record" is rne.dynamics.Recursion. Frame i has its origin on joint i; Siciliano's frame i, and the thesis's, at the far
-end of link i. Numbers at the ends of lines are equations of Høifødt 2011; the terms of sliding joints are those of
-Siciliano et al. 2009, section 7.5. A point of a body at r has the acceleration a + U r. Summed over the body, force and
-moment about its frame's origin are m a + U h, which is m a_c, and h x a + I alpha + omega x I omega, with
-h = m r_c and I about that origin.
+end of link i. Numbers at the ends of lines are equations of Høifødt 2011, with two differences: the base is accelerated
+by -g, where (3.24) adds each link's weight, and moments are taken about the joint, where (3.25)-(3.27) take them about
+the centre of mass; forces and torques are the same. Terms of sliding joints are those of Siciliano et al. 2009,
+section 7.5. A point of a body at r has the acceleration a + U r. Summed over the body, force and moment about its
+frame's origin are m a + U h, which is m a_c, and h x a + I alpha + omega x I omega, with h = m r_c and I about that
+origin.
 """
 
 from __future__ import annotations
@@ -81,7 +83,7 @@ def newton_euler(
     tau = zeros(qdd.shape, like=qdd)
     for i in reversed(range(model.nb)):
         parent, f_p = model.parent[i], rotate(R[i], f[i])
-        tau[..., i] = dot(n[i], s[i]) + dot(f[i], t[i]) + model.armature[i] * qdd[..., i]  # (5.3)
+        tau[..., i] = dot(n[i], s[i]) + dot(f[i], t[i]) + model.armature[i] * qdd[..., i]  # section 5.3
         f[parent] = f[parent] + f_p  # (3.24)
         n[parent] = n[parent] + rotate(R[i], n[i]) + cross(p[i], f_p)  # (3.27)
     tau = tau @ model.coordinate_map if model.has_mimics else tau  # G^T tau: joints that mimic add to their coordinate

@@ -87,7 +87,7 @@ def bearing_peaks(robot: Robot | Scene, motion: Trajectory) -> BearingPeaks:
 
     Notes
     -----
-    Høifødt 2011, (3.24), (3.27) and (5.3): the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
+    Høifødt 2011, (3.24), (3.27) and section 5.3: the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
     Accelerations are those recorded in the motion.
 
     Examples
