@@ -12,6 +12,7 @@ from rne.commands.pages import settling_time
 from rne.control.laws import pd_gravity
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, LINKS, cylinder_inertia, frame_rotation
 from rne.model.topology import tip
+from rne.plotting.shapes import link_shapes
 
 from .helpers import ROOT, states
 
@@ -27,6 +28,12 @@ def test_urdf_loads_as_the_same_model():
     assert file == built
     assert file.link_parent == built.link_parent
     assert tip(file).tolist() == tip(built).tolist() == [0, 0, 0.065]  # r_{5,6} (4.24)
+    assert "their widths are ASSUMED" in built.notes["robot"]
+    for link, end in zip(
+        ("link_2", "link_4", "link_6"), (0.36, 0.38, 0.065), strict=True
+    ):  # shapes reach the next joint
+        points = np.concatenate([x.faces().reshape(-1, 3) for x in link_shapes(built) if x.link == link])
+        assert points.max() == pytest.approx(end, abs=0.09)
 
 
 def test_flange_is_the_thesis_frame_6(irb140):

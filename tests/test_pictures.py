@@ -13,6 +13,7 @@ from PIL import Image
 
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
+from rne.model.solids import Box
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
 
@@ -74,14 +75,18 @@ def test_draw_places_joints_and_cylinders(irb140, q):
     assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x [m]", "y [m]", "z [m]"]
     np.testing.assert_allclose(line(ax, "link on a fixed joint"), poses[7:, :3, 3], rtol=0, atol=SAME_POSITION)
     markers = ["joint axis", "revolute joint", "link on a fixed joint"]
-    assert legend(ax) == [*markers, "link_1", "link_2", "link_4", "link_6"]
-    corners = np.asarray(ax.collections[0]._faces).reshape(4, -1, 3)
-    for shape, points in zip(irb140.model.shapes, corners, strict=True):
+    assert legend(ax) == [*markers, "base_link", *(f"link_{k}" for k in range(1, 7))]
+    drawn = np.asarray(ax.collections[0]._faces)
+    for shape in irb140.model.shapes:  # those of a link follow each other, links in order
+        count, half = (
+            (6, np.array(shape.size) / 2) if isinstance(shape, Box) else (64, [shape.radius, shape.length / 2])
+        )
+        points, drawn = drawn[:count].reshape(-1, 3), drawn[count:]
         T = poses[irb140.link_names.index(shape.link)]
         centre = T[:3, :3] @ shape.position + T[:3, 3]
-        reach = np.linalg.norm(points - centre, axis=1)
-        assert reach.max() == pytest.approx(np.hypot(shape.radius, shape.length / 2), rel=1e-12)
+        assert np.linalg.norm(points - centre, axis=1).max() == pytest.approx(np.linalg.norm(half), rel=1e-12)
         np.testing.assert_allclose((points.max(0) + points.min(0)) / 2, centre, atol=1e-12)
+    assert not len(drawn)
 
 
 def test_draw_is_to_one_scale_and_holds_everything(irb140):
@@ -153,8 +158,9 @@ def test_draw_on_given_axes_adds_and_keeps_room_for_both(irb140):
     assert legend(ax).count("revolute joint") == 1
 
 
-def test_faces_of_a_cylinder_look_outwards(irb140):
-    shape = link_shapes(irb140.model)[0]
+@pytest.mark.parametrize("number", [0, 1])  # a box, a cylinder
+def test_faces_look_outwards(irb140, number):
+    shape = link_shapes(irb140.model)[number]
     faces = surface([shape])
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     assert ((normals * (faces.mean(axis=1) - shape.pose[:3, 3])).sum(axis=1) > 0).all()

@@ -223,12 +223,17 @@ def test_masses_centres_and_inertias(both):
     assert abs(model.base_mass + model.mass.sum() - total) <= BODIES * total
 
 
-def test_cylinders(both):
+def test_cylinders_and_boxes(both):
     model, theirs = both
     by_name = {link.name: link for link in theirs.links}
-    visuals = [(name, v) for name in model.link_names for v in by_name[name].visuals if v.geometry.cylinder]
+    visuals = [
+        (name, v) for name in model.link_names for v in by_name[name].visuals if v.geometry.cylinder or v.geometry.box
+    ]
     for shape, (name, visual) in zip(model.shapes, visuals, strict=True):
         cylinder, T = visual.geometry.cylinder, matrix(visual.origin)
-        assert (shape.link, shape.radius, shape.length) == (name, cylinder.radius, cylinder.length)
+        if cylinder:
+            assert (shape.link, shape.radius, shape.length) == (name, cylinder.radius, cylinder.length)
+        else:
+            assert (shape.link, *shape.size) == (name, *visual.geometry.box.size)
         assert list(shape.position) == T[:3, 3].tolist()
         assert np.abs(Rotation.from_euler("xyz", shape.rpy).as_matrix() - T[:3, :3]).max() <= POSES

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import rne
 from benchmarks.random_robots import random_tree
 from rne.basics.spatial import rotation_from_rpy, rpy_from_rotation
-from rne.model.solids import Cylinder
+from rne.model.solids import Box, Cylinder
 
 from .helpers import EPS, Oracle, each, kept, relative, states
 from .test_urdf_errors import ARM, INERTIAL, LIMIT, joint, link, robot
@@ -173,18 +173,19 @@ def test_limits(read, name):
     assert [x[0] for x in (m.lower, m.upper, m.velocity_limit, m.effort_limit)] == expected
 
 
-def test_cylinders_are_kept_for_drawing(read):
+def test_cylinders_and_boxes_are_kept_for_drawing(read):
     def visual(size, place=""):
         return f"<visual>{place}<geometry>{size}</geometry></visual>"
 
     first, second = '<cylinder radius="0.1" length="2"/>', '<cylinder radius="3" length="0.5"/>'
     shapes = (
-        visual(first, f"<origin {SKEW}/>") + visual('<box size="1 1 1"/>') + visual(second, '<origin rpy="1 2 3"/>')
+        visual(first, f"<origin {SKEW}/>") + visual('<box size="1 2 3"/>') + visual(second, '<origin rpy="1 2 3"/>')
     )
     model = read(robot(link("base", visual(second)), link("arm", INERTIAL + shapes), ARM[2])).model
     assert model.shapes == (
         Cylinder("base", 3, 0.5, (0, 0, 0), (0, 0, 0)),
         Cylinder("arm", 0.1, 2, (0.3, -0.2, 0.5), (0.4, 1.1, -0.7)),
+        Box("arm", (1, 2, 3), (0, 0, 0), (0, 0, 0)),
         Cylinder("arm", 3, 0.5, (0, 0, 0), (1, 2, 3)),
     )
 

@@ -21,11 +21,12 @@ from PIL import Image
 import rne
 from benchmarks.random_robots import random_tree
 from rne.__main__ import main
+from rne.model.abb_irb140 import LINKS
 from rne.plotting import viewer
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
 from rne.plotting.viewer import FOV, aim, frame_times, placed
-from rne.plotting.viewer_scene import ellipsoids, link_lines
+from rne.plotting.viewer_scene import cylinder_of, ellipsoids, link_lines
 
 from .helpers import EPS
 
@@ -141,7 +142,7 @@ class TestShapes:
         kinds = [("base", "box"), ("jib", "sphere"), ("jib", "cylinder"), ("hook", "mesh")]
         assert [(s.link, s.kind) for s in shapes] == kinds
         assert (shapes[2].radius, shapes[2].length) == (0.1, 0.7)
-        np.testing.assert_allclose(shapes[0].mesh.extents, [0.2, 0.4, 1.0], rtol=1e-15)
+        assert shapes[0].size == (0.2, 0.4, 1.0)
         np.testing.assert_allclose(np.linalg.norm(shapes[1].mesh.vertices, axis=1), 0.3, rtol=1e-15)
         c, s = np.cos(1), np.sin(1)
         np.testing.assert_allclose(
@@ -165,7 +166,7 @@ class TestShapes:
 
     def test_the_built_in_robot_needs_no_reader(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "yourdfpy", None)
-        assert {s.kind for s in link_shapes(rne.irb140())} == {"cylinder"}
+        assert [s.kind for s in link_shapes(rne.irb140())].count("box") == 7
 
     @pytest.mark.parametrize("case", LOST)
     def test_what_is_lost_is_named_in_one_warning(self, tmp_path, case):
@@ -193,19 +194,21 @@ class TestShapes:
         robot = crane(tmp_path)
         monkeypatch.setitem(sys.modules, "yourdfpy", None)
         text = (
-            "robot 'crane <1>': visual shapes are not shown: <box>, <mesh>, <sphere> need yourdfpy, which is not "
+            "robot 'crane <1>': visual shapes are not shown: <mesh>, <sphere> need yourdfpy, which is not "
             "installed: pip install 'rne[view]'; links without shapes are drawn as lines"
         )
         with pytest.warns(UserWarning, match=f"^{re.escape(text)}$"):
-            assert [(s.link, s.kind) for s in link_shapes(robot.model)] == [("jib", "cylinder")]
-        assert {s.kind for s in link_shapes(rne.read_urdf("robots/irb140.urdf"))} == {"cylinder"}  # nothing is lost
+            assert [(s.link, s.kind) for s in link_shapes(robot.model)] == [("base", "box"), ("jib", "cylinder")]
+        assert len(link_shapes(rne.read_urdf("robots/irb140.urdf"))) == 17  # nothing is lost
 
-    def test_without_its_file_cylinders_are_left(self, tmp_path):
+    def test_without_its_file_cylinders_and_boxes_are_left(self, tmp_path):
         robot = crane(tmp_path)
         file = tmp_path / "crane" / "urdf" / "crane.urdf"
         file.unlink()
-        with pytest.warns(UserWarning, match=re.escape(f"all but cylinders: file {str(file)!r} is not there any more")):
-            assert [s.kind for s in link_shapes(robot.model)] == ["cylinder"]
+        with pytest.warns(
+            UserWarning, match=re.escape(f"all but cylinders and boxes: file {str(file)!r} is not there any more")
+        ):
+            assert [s.kind for s in link_shapes(robot.model)] == ["box", "cylinder"]
 
     def test_faces_for_pictures_enclose_the_volume_anticlockwise(self, tmp_path):
         """The divergence theorem: a sum over faces seen from outside is the volume, of a sphere and a prism a little less."""
@@ -257,17 +260,17 @@ class TestRecording:
             "/joint axes",
             "/link frames",
             "/centres of mass",
-            "/inertia ellipsoids",
+            "/solids of the same inertia",
         ]
-        cylinders = nodes(messages, "CylinderMessage")
+        shapes = nodes(messages, "CylinderMessage") + nodes(messages, "BoxMessage")
         for group in ("robot", "other"):
-            assert {f"/{group}/link_{i}/cylinder 1" for i in (1, 2, 4, 6)} <= set(cylinders)
+            assert sum(name.startswith(f"/{group}/") for name in shapes) == len(irb140.model.shapes)
         assert sorted(nodes(messages, "ArrowMessage")) == [f"/joint axes/link_{i}/joint_{i}" for i in range(1, 7)]
         assert {f"/link frames/{link}/axes" for link in irb140.link_names} <= set(frames)
         assert "/floor" in nodes(messages, "GridMessage")
 
     def test_frames_and_masses_are_hidden_unless_asked_for(self, irb140):
-        hidden = {"/link frames", "/centres of mass", "/inertia ellipsoids"}
+        hidden = {"/link frames", "/centres of mass", "/solids of the same inertia"}
         for arguments, expected in (
             ({}, hidden),
             ({"frames": True}, hidden - {"/link frames"}),
@@ -327,6 +330,16 @@ class TestRecording:
                 assert np.linalg.det(axes[i]) == pytest.approx(1.0)
         assert (half[irb140.model.mass > 0].max(axis=-1) > 0).all()
 
+    def test_solids_of_the_irb140_are_the_cylinders_of_its_tables(self, irb140):
+        heavy = [link for link in LINKS if link.mass]
+        for link, inertia in zip(heavy, irb140.model.inertia[irb140.model.mass > 0], strict=True):
+            R, radius, length = cylinder_of(link.mass, inertia)
+            np.testing.assert_allclose([radius, length], [link.radius, link.height], rtol=1e-12)
+            np.testing.assert_allclose(abs(R[:, 2]), np.eye(3)["xyz".index(link.along)], atol=1e-12)
+            assert np.linalg.det(R) == pytest.approx(1.0)
+        assert cylinder_of(1.0, np.diag([1.0, 2.0, 2.5])) is None
+        assert cylinder_of(1.0, np.diag([0.1, 0.1, 0.2])) is None  # a ring: no length is left
+
     @pytest.mark.parametrize("aspect", [1.0, 1.6, 0.46, 0.3])
     def test_the_camera_sees_all_points(self, aspect):
         points = np.random.default_rng(0).uniform([-1, -2, 0], [0.5, 1, 3], (200, 3))
@@ -369,13 +382,14 @@ class TestPage:
 
     def test_the_legend_says_what_is_shown(self, irb140, both, tmp_path):
         assert re.search(
-            r'<div id="rne"><b>irb140</b><br><i style="[^"]*"></i>plain<br><i [^>]*></i>6 kg<br>grid: 0.2 m<br><small>',
+            r'<div id="rne"><b>irb140</b><br><i style="[^"]*"></i>plain<br><i [^>]*></i>6 kg<br>1.5 s of motion, in real '
+            r"time<br>purple: joint axes; squares of the floor: 0.2 m<br><label>",
             both.html,
         )
         assert "<title>irb140</title>" in both.html
         page = rne.view(crane(tmp_path), q=[[0, 0], [1, -0.5]], t=[2, 3], speed=0.5)
         assert "<title>crane &lt;1&gt;</title>" in page.html
-        assert "<b>crane &lt;1&gt;</b><br>grid: 0.2 m<br>t = 2 + 0.5 &times; time on the slider<br><small>" in page.html
+        assert "<b>crane &lt;1&gt;</b><br>1 s of motion from t = 2 s, at 0.5 times its speed<br>" in page.html
 
     def test_the_server_is_local_silent_and_stopped(self, irb140, monkeypatch, capfd):
         import viser
@@ -608,7 +622,6 @@ class Tab:
         self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
         self.tab.goto(file.as_uri())
         self.tab.wait_for_selector("canvas")
-        self.tab.add_style_tag(content=".mantine-Notifications-root{display:none}")  # about slow graphics
 
     def pause(self):
         self.tab.wait_for_selector(".mantine-Slider-track")
@@ -640,6 +653,11 @@ def warm(picture):
     return (picture[..., 0] - picture[..., 2] > 25).mean()
 
 
+def teal(picture):
+    """Share of pixels with much more green than red, as only the masses have it."""
+    return (picture[..., 1] - picture[..., 0] > 40).mean()
+
+
 def saturated(picture):
     """Share of pixels that are clearly coloured, unlike background, floor and shadows."""
     return (np.ptp(picture, axis=-1) > 35).mean()
@@ -657,6 +675,13 @@ def test_a_browser_shows_the_motion_without_network(browser, both, tmp_path):
     assert saturated(early) > 0.02
     assert (np.abs(early - late).max(axis=-1) > 40).mean() > 0.02
     assert warm(late) > 0.005
+    tab.tab.locator("#masses").check()
+    tab.tab.wait_for_timeout(1000)
+    weights = tab.picture()
+    assert teal(weights) > 0.01 > 0.001 > max(teal(late), warm(weights))
+    tab.tab.locator("#masses").uncheck()
+    tab.tab.wait_for_timeout(1000)
+    assert teal(tab.picture()) < 0.001
     assert tab.addresses
     assert all(address.startswith(("file:", "data:", "blob:")) for address in tab.addresses)
     assert tab.errors == []

@@ -62,8 +62,8 @@ assert off[-1] > 10
 # -----------------
 # ``rne.view`` writes the motion as one HTML file. The other motion is shown half
 # transparent, in orange, with the same clock. The page has a slider for the time and a
-# choice of speeds; frames, centres of mass and inertia ellipsoids are shown on demand.
-# Dragging turns the view.
+# choice of speeds; a switch shows what the model weighs in place of the links, and the
+# list of parts their frames. Dragging turns the view.
 
 with tempfile.TemporaryDirectory() as folder:
     file = Path(folder) / "sag.html"

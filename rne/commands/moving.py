@@ -217,7 +217,7 @@ def add_view(commands: Any) -> None:
     parser.add_argument("--out", metavar="FILE.html", type=Path, help="page to write (default: <name of ROBOT>.html)")
     parser.add_argument("--speed", type=number, default=1.0, help="seconds of the motion per second (default: 1)")
     parser.add_argument("--frames", action="store_true", help="show the links' frames at first")
-    parser.add_argument("--inertia", action="store_true", help="show centres of mass and inertia ellipsoids at first")
+    parser.add_argument("--inertia", action="store_true", help="show masses as solids of their inertia at first")
     parser.set_defaults(run=run_view)
 
 

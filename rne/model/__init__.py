@@ -5,9 +5,10 @@ from .chains import chain, dh_chain
 from .model import Model
 from .modify import locked, mounted, with_limits, with_payload
 from .parameters import with_parameters
-from .solids import Cylinder, cylinder_inertia
+from .solids import Box, Cylinder, cylinder_inertia
 
 __all__ = [
+    "Box",
     "Cylinder",
     "Model",
     "chain",

@@ -15,7 +15,7 @@ import numpy as np
 from ..basics.spatial import Array, rotation_about, snap
 from .chains import chain
 from .model import Model
-from .solids import Cylinder, cylinder_inertia
+from .solids import Box, Cylinder, cylinder_inertia
 
 
 class Datum(NamedTuple):
@@ -98,7 +98,8 @@ NOTES = {
         "ABB IRB 140 after H. Hoifodt, Dynamic Modeling and Simulation of Robot Manipulators: The Newton-Euler "
         "Formulation, MSc thesis, NTNU, 2011. Link i's frame has the orientation of the thesis's frame i and the "
         "origin of its frame i-1, so that every joint axis passes through its link's origin. The frame tool0 is the "
-        "thesis's frame 6, the flange."
+        "thesis's frame 6, the flange. Shapes are for drawing only: between the joints they have the thesis's lengths, "
+        "their widths are ASSUMED; masses and inertias are those of the thesis's cylinders, not of the shapes."
     ),
     "base_link": "The fixed base of 23 kg moves nothing and is left out; the arm's total is 98 kg with it.",
     "limits": (
@@ -116,11 +117,31 @@ def frame_rotation(link: Link, q: float = 0.0) -> Array:
     return snap(rotation_about(z, np.asarray(q + link.theta)) @ rotation_about(x, np.asarray(link.a)))
 
 
-def cylinder(name: str, link: Link) -> Cylinder:
-    """The link's cylinder of table 4.1, for drawing."""
-    z_to = {"x": (0.0, PI / 2, 0.0), "y": (-PI / 2, 0.0, 0.0), "z": ORIGIN}
-    x, y, z = (float(r) for r in link.r_com)
-    return Cylinder(name, link.radius, link.height, (x, y, z), z_to[link.along])
+ALONG_X, ALONG_Y = (0.0, PI / 2, 0.0), (-PI / 2, 0.0, 0.0)  # of a cylinder, in place of z
+
+
+def _shapes() -> tuple[Box | Cylinder, ...]:
+    """Housings, for drawing only: between the joints the lengths of the table above, all widths ours."""
+    (out, down, _), (upper, _, _), (_, fore, _), (_, _, flange) = (LINKS[k].r_end for k in (0, 1, 3, 5))
+    side = -0.1  # middle of the upper arm along axis 2, beside the forearm
+    return (
+        Box("base_link", (0.40, 0.34, 0.05), (-0.03, 0.0, 0.025), ORIGIN),
+        Cylinder("base_link", 0.125, 0.17, (0.0, 0.0, 0.135), ORIGIN),
+        Box("base_link", (0.14, 0.18, 0.10), (-0.14, 0.0, 0.10), ORIGIN),
+        Cylinder("link_1", 0.135, 0.04, (0.0, -0.24, 0.0), ALONG_Y),
+        Box("link_1", (0.23, 0.16, 0.19), (out / 2, -0.33, 0.035), ORIGIN),
+        Cylinder("link_1", 0.10, 0.22, (out, down, 0.045), ORIGIN),
+        Cylinder("link_2", 0.095, 0.07, (0.0, 0.0, side), ORIGIN),
+        Box("link_2", (upper, 0.14, 0.068), (upper / 2, 0.0, side), ORIGIN),
+        Cylinder("link_2", 0.08, 0.07, (upper, 0.0, side), ORIGIN),
+        Cylinder("link_3", 0.085, 0.16, (0.0, -0.015, 0.0), ALONG_Y),
+        Box("link_3", (0.13, 0.13, 0.15), (0.0, -0.015, -0.10), ORIGIN),
+        Cylinder("link_3", 0.07, 0.10, (0.0, 0.0, 0.10), ORIGIN),
+        Cylinder("link_4", 0.058, fore - 0.21, (0.0, (fore - 0.06 + 0.15) / 2, 0.0), ALONG_Y),
+        *(Box("link_4", (0.075, 0.13, 0.022), (0.0, fore - 0.025, z), ORIGIN) for z in (-0.051, 0.051)),
+        Cylinder("link_5", 0.04, 0.078, ORIGIN, ALONG_Y),
+        Cylinder("link_6", 0.03, flange - 0.03, (0.0, 0.0, (flange + 0.03) / 2), ORIGIN),
+    )
 
 
 def _notes() -> dict[str, str]:
@@ -175,8 +196,7 @@ def irb140() -> Model:
         velocity=speeds,
         name="irb140",
     )
-    shapes = tuple(cylinder(f"link_{i}", link) for i, link in enumerate(LINKS, 1) if link.mass)
-    return replace(model, shapes=shapes, notes=_notes())
+    return replace(model, shapes=_shapes(), notes=_notes())
 
 
 def irb140_mirrored() -> Model:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..basics.spatial import Array, combine_bodies, rotate, snap, symmetric, transpose
 from .model import STANDARD_GRAVITY, Model
-from .solids import Cylinder
+from .solids import Box, Cylinder
 
 # Fields of a Model by those of a Part.
 LIMITS_AND_DRIVES = {name: f"{name}_limit" for name in ("velocity", "effort", "acceleration", "jerk")}
@@ -85,7 +85,7 @@ def assemble(
     parts: Sequence[Part],
     *,
     gravity: Any = STANDARD_GRAVITY,
-    shapes: Sequence[Cylinder] = (),
+    shapes: Sequence[Cylinder | Box] = (),
     notes: Mapping[str, str] | None = None,
     source: str | None = None,
 ) -> Model:

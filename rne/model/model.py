@@ -15,7 +15,7 @@ from ..basics.arrays import convert_array, convert_numbers, is_equal, number_arr
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import brief_array, counted, listed, short, wrapped
 from .checks import LIMITS, check_model
-from .solids import Cylinder, Moments
+from .solids import Box, Cylinder, Moments
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2], the thesis's value
 REVOLUTE_TYPES = ("revolute", "continuous")
@@ -73,7 +73,7 @@ class Model:
     link_rotation, link_translation : ndarray, shapes (n_links, 3, 3) and (n_links, 3)
         Pose of each link in its body's frame; the identity for a link carried by a moving joint, unless the joint's
         origin was moved along its axis at load.
-    shapes : tuple of Cylinder
+    shapes : tuple of Cylinder or Box
         For drawing; not used by dynamics.
     notes : mapping of str to str
         Where the numbers of a link or joint come from. Not compared.
@@ -131,7 +131,7 @@ class Model:
     base_com: Array = field(default_factory=lambda: np.zeros(3))
     base_inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
     gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
-    shapes: tuple[Cylinder, ...] = ()
+    shapes: tuple[Cylinder | Box, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
     source: str | None = None
     given_moments: Moments | None = None

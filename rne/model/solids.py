@@ -27,13 +27,38 @@ class Cylinder(NamedTuple):
     Examples
     --------
     >>> import rne
-    >>> rne.irb140().shapes[0].link
-    'link_1'
+    >>> rne.irb140().shapes[1].link
+    'base_link'
     """
 
     link: str
     radius: float
     length: float
+    position: tuple[float, float, float]
+    rpy: tuple[float, float, float]
+
+
+class Box(NamedTuple):
+    """A box fixed to a link, for drawing only; its edges are along the axes of its own pose.
+
+    Attributes
+    ----------
+    link : str
+        The link that it is fixed to.
+    size : tuple of float, length 3
+        Lengths of its edges [m].
+    position, rpy : tuple of float, length 3
+        Its middle, and roll, pitch and yaw of its pose, in the link's frame [m, rad].
+
+    Examples
+    --------
+    >>> import rne
+    >>> rne.irb140().shapes[0].size
+    (0.4, 0.34, 0.05)
+    """
+
+    link: str
+    size: tuple[float, float, float]
     position: tuple[float, float, float]
     rpy: tuple[float, float, float]
 

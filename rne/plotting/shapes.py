@@ -1,4 +1,4 @@
-"""Visual shapes of a robot's links: the cylinders of its model, or all <visual> elements of its URDF file."""
+"""Visual shapes of a robot's links: cylinders and boxes of its model, or all <visual> elements of its URDF file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from ..basics.spatial import Array, rotate, rotation_from_rpy
 from ..model.model import Model
-from ..model.solids import Cylinder
+from ..model.solids import Box, Cylinder
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -35,11 +35,15 @@ class Shape:
     color: Color | None = None  # red, green, blue and opacity from 0 to 1, where the file gives them
     radius: float = 0.0  # of a cylinder along z [m]
     length: float = 0.0
-    mesh: Trimesh | None = None  # the triangles of all other kinds, vertices in the shape's frame [m]
+    size: tuple[float, ...] = ()  # of a box [m]
+    mesh: Trimesh | None = None  # the triangles of other kinds, vertices in the shape's frame [m]
 
     def faces(self) -> Array:
         """Corners of the faces in the link's frame, shape (faces, 4, 3); triangles have their last one twice [m]."""
-        own = _cylinder(self.radius, self.length) if self.mesh is None else self.mesh.triangles[:, [0, 1, 2, 2]]
+        if self.mesh is not None:
+            own = self.mesh.triangles[:, [0, 1, 2, 2]]
+        else:
+            own = _box(self.size) if self.size else _cylinder(self.radius, self.length)
         return rotate(self.pose[:3, :3], own) + self.pose[:3, 3]
 
 
@@ -62,21 +66,21 @@ class PosedRobot:
 
 
 def link_shapes(model: Model) -> list[Shape]:
-    """The visual shapes of a robot's links: those of its URDF file, or the cylinders of a model without a file.
+    """The visual shapes of a robot's links: those of its URDF file, or those of a model without a file.
 
     They are in the links' frames, so that a robot with a payload, with joints locked or mounted otherwise keeps them.
     One UserWarning names the links whose shapes are lost and why: a mesh is not found or not readable, or yourdfpy is
     not installed.
     """
-    shapes = [_from_model(cylinder) for cylinder in model.shapes]
+    shapes = [_from_model(shape) for shape in model.shapes]
     if model.source is None:
         return shapes
     try:
         read, lost = _from_file(model.source, os.stat(model.source).st_mtime_ns)
     except FileNotFoundError:
-        lost = (f"all but cylinders: file {model.source!r} is not there any more",)
+        lost = (f"all but cylinders and boxes: file {model.source!r} is not there any more",)
     except ModuleNotFoundError:
-        lost = _beside_cylinders(model.source)
+        lost = _beyond_the_model(model.source)
     else:
         shapes = [shape for shape in read if shape.link in model.link_names]
     if lost:
@@ -86,17 +90,19 @@ def link_shapes(model: Model) -> list[Shape]:
     return shapes
 
 
-def _from_model(cylinder: Cylinder) -> Shape:
+def _from_model(shape: Cylinder | Box) -> Shape:
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation_from_rpy(np.array(cylinder.rpy)), cylinder.position
-    return Shape(cylinder.link, "cylinder", pose, None, cylinder.radius, cylinder.length)
+    pose[:3, :3], pose[:3, 3] = rotation_from_rpy(np.array(shape.rpy)), shape.position
+    if isinstance(shape, Box):
+        return Shape(shape.link, "box", pose, size=shape.size)
+    return Shape(shape.link, "cylinder", pose, None, shape.radius, shape.length)
 
 
-def _beside_cylinders(source: str) -> tuple[str, ...]:
+def _beyond_the_model(source: str) -> tuple[str, ...]:
     """The shapes of a file that need yourdfpy, in words."""
     from lxml import etree
 
-    kinds = {geometry.tag for geometry in etree.parse(source).iterfind("link/visual/geometry/*")} - {"cylinder"}
+    kinds = {geometry.tag for geometry in etree.parse(source).iterfind("link/visual/geometry/*")} - {"cylinder", "box"}
     found = ", ".join(f"<{kind}>" for kind in sorted(str(kind) for kind in kinds))
     return (f"{found} need yourdfpy, which is not installed: {INSTALL}",) if found else ()
 
@@ -121,7 +127,7 @@ def _from_file(source: str, changed: int) -> tuple[tuple[Shape, ...], tuple[str,
 
 def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence[Path]) -> Iterator[Shape]:
     """The shapes of a <visual> element as yourdfpy reads it."""
-    from trimesh.creation import box, icosphere
+    from trimesh.creation import icosphere
 
     pose = np.eye(4) if visual.origin is None else np.array(visual.origin, dtype=float)
     given = visual.material and (visual.material.color or colors.get(visual.material.name))
@@ -134,8 +140,10 @@ def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence
             _check(f"<{kind}>", pose, size)
             if kind == "cylinder":
                 yield Shape(link, kind, pose, color, *size.tolist())
+            elif kind == "box":
+                yield Shape(link, kind, pose, color, size=tuple(size.tolist()))
             else:
-                yield Shape(link, kind, pose, color, mesh=box(size) if kind == "box" else icosphere(radius=size[0]))
+                yield Shape(link, kind, pose, color, mesh=icosphere(radius=size[0]))
     mesh = visual.geometry.mesh
     if mesh is not None:
         scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3).astype(float)
@@ -217,3 +225,11 @@ def _cylinder(radius: float, length: float) -> Array:
     centre = np.zeros((SIDES // 2, 3))
     fan = np.stack([centre, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1)
     return np.concatenate([sides, fan + up, fan[:, ::-1] - up])
+
+
+def _box(size: Sequence[float]) -> Array:
+    """The six faces, as x = +-1 with two of the axes exchanged in turn."""
+    side = np.array([[1.0, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]])
+    faces = np.stack([np.roll(side, k, axis=1) for k in range(3)])
+    corners: Array = np.concatenate([faces, -faces[:, ::-1]]) * np.array(size) / 2
+    return corners

@@ -21,7 +21,7 @@ from ..robot import Robot
 from ..simulation.trajectory import Trajectory
 from .motions import Motion, arrays_argument, check_positions, motion_argument
 from .shapes import INSTALL, PosedRobot
-from .viewer_scene import GHOST, TONES, add_floor, build, corners
+from .viewer_scene import GHOST, MASSES, TONES, add_floor, build, corners
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -34,14 +34,25 @@ HEIGHT = 480  # [px] of the view in a notebook
 PAGE = (".html", ".htm")
 TITLE, ROOT = "<title>Viser</title>", '<div id="root"></div>'  # in viser's page
 STYLE = (
-    "#rne{position:fixed;bottom:3.6em;left:.9em;z-index:1;pointer-events:none;"
+    "#rne{position:fixed;bottom:3.6em;left:.9em;right:.9em;z-index:1;pointer-events:none;"
     "font:13px/1.5 system-ui,sans-serif;color:#334}"
     "#rne i{display:inline-block;width:.8em;height:.8em;margin-right:.5em;border:1px solid #667}"
+    "#rne label{pointer-events:auto;cursor:pointer}#rne input{margin:0 .5em 0 0;vertical-align:-.15em}"
+    ".mantine-Notifications-root{display:none}"  # about slow graphics, over the scene
 )
 # A window that is higher than wide sees less to the sides: the camera goes back. viser takes it from the address.
 CAMERA = (
     "<script>try{const a=innerWidth/innerHeight,c=%s;if(a<1)"
     'history.replaceState(null,"","?initialCameraPosition="+c[0].map((x,i)=>x+c[1][i]/a))}catch(e){}</script>'
+)
+# The switch in the legend queues viser's own messages, again after each round of the recording, which sets all parts.
+SWITCH = (
+    "<script>{const box=document.getElementById('masses'),parts=%s;let was=false;setInterval(()=>{"
+    "const m=window.__viserMutable,tree=window.__viserSceneTree;box.disabled=!m||!tree;"
+    "if(box.disabled||!box.checked&&!was)return;was=box.checked;const seen=tree.getState();"
+    "for(const[name,first,then]of parts){const visible=was?then:first;"
+    "if((seen[name]?.visibility??visible)!==visible)"
+    "m.messageQueue.push({type:'SetSceneNodeVisibilityMessage',name,visible})}},100)}</script>"
 )
 
 
@@ -77,8 +88,9 @@ def view(
     speed : float
         Seconds of the motion per second of the page at the speed 1x; the page offers 0.5x to 8x of it.
     frames, inertia : bool
-        True if the links' frames, or centres of mass and inertia ellipsoids, are to be visible at first, with the
-        links half transparent. The list of the scene's parts in the page shows and hides them in any case.
+        True if the links' frames, or centres of mass and solids of the bodies' inertias, are to be visible at first,
+        with the links half transparent. The list of the scene's parts in the page shows and hides them in any case, and
+        a switch shows the masses in place of the links.
 
     Returns
     -------
@@ -105,8 +117,9 @@ def view(
     Notes
     -----
     Shown are the visual shapes of the URDF, meshes simplified to about 12 000 triangles a robot, and lines for links
-    that have none; the joint axes; a floor whose grid is named in the legend. Up is against gravity. An inertia
-    ellipsoid is the solid ellipsoid of even density that has the body's mass and inertia. There are 30 frames per
+    that have none; the joint axes; a floor whose grid is named in the legend. Up is against gravity. What the model
+    weighs is shown as solid bodies of even density with the masses and inertias of the model: cylinders where two
+    principal moments of inertia are alike, ellipsoids otherwise. There are 30 frames per
     second of the page, in long motions fewer. A local server of viser makes the page: it is bound to 127.0.0.1 and is
     stopped before this function returns.
 
@@ -144,7 +157,9 @@ def view(
             recording.insert_sleep(HOLD)
         text = recording.as_html()
     key = _legend(main, labels if ghost else labels[:1], cell, times, rate)
-    return Page(_finished(text, main.model.name, key, (target, away)), file)
+    switched = ("/robot", "/other") if ghost else ("/robot",)
+    parts = [[x, True, False] for x in switched] + [[f"/{x}", inertia, True] for x in MASSES]
+    return Page(_finished(text, main.model.name, key + SWITCH % json.dumps(parts), (target, away)), file)
 
 
 class Page:
@@ -297,19 +312,20 @@ def aim(points: Array) -> tuple[Array, Array]:
 
 
 def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array, speed: float) -> str:
-    """A text beside the scene: names, colours, the size of the grid, and how the slider's time becomes the motion's."""
+    """A text beside the scene: names, colours, duration and pace, the size of the grid, and a switch for the masses."""
     lines = [f"<b>{html.escape(robot.model.name)}</b>"]
     if len(labels) > 1:
         own = [shape.color[:3] for shape in robot.shapes if shape.color is not None]
         main = "rgb({} {} {})".format(*(round(255 * x) for x in own[0])) if own else "rgb({} {} {})".format(*TONES[0])
         marks = (main, "rgb({} {} {} / 60%)".format(*GHOST))
         lines += [f'<i style="background:{c}"></i>{html.escape(x)}' for c, x in zip(marks, labels, strict=True)]
-    lines.append(f"grid: {cell:g} m")
-    if len(times) > 1 and (speed != 1 or times[0] != 0):
-        start = f"{times[0]:g} + " if times[0] else ""
-        factor = f"{speed:g} &times; " if speed != 1 else ""
-        lines.append(f"t = {start}{factor}time on the slider")
-    return "<br>".join([*lines, "<small>tree button: show link frames and masses</small>"])
+    if len(times) > 1:
+        pace = "in real time" if speed == 1 else f"at {speed:g} times its speed"
+        start = f" from t = {times[0]:g} s" if times[0] else ""
+        lines.append(f"{times[-1] - times[0]:.4g} s of motion{start}, {pace}")
+    lines.append(f"purple: joint axes; squares of the floor: {cell:g} m")
+    lines.append('<label><input type="checkbox" id="masses">show what the model weighs</label>')
+    return "<br>".join([*lines, "<small>solids of the same mass and inertia; black: centres of mass</small>"])
 
 
 def _finished(text: str, name: str, key: str, camera: tuple[Array, Array]) -> str:

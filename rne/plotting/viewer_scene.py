@@ -24,10 +24,12 @@ GHOST = (240, 120, 20)
 GHOST_OPACITY = 0.4
 GHOST_SCALE = 1.004  # where both motions agree, the surfaces of the other one are just outside
 GLASS = 0.35  # opacity of the links where what is inside them is to be seen
-AXIS, CENTRE, ELLIPSOID, LINE = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115)
+MASSES = ("centres of mass", "solids of the same inertia")  # the groups that show what the model weighs
+AXIS, CENTRE, SOLID, LINE = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115)
 FLOOR: dict[str, Any] = {"cell_color": (196, 203, 212), "section_color": (160, 170, 182), "fade_strength": 0.0}
 MAX_FACES = 20_000  # of a robot's meshes; with more, all are simplified alike
 SMALL = 60  # faces of a mesh that is never simplified
+ALIKE = 1e-9  # principal moments that differ by less, relative to the largest
 CREASE = np.radians(35)  # of a mesh: edges that are sharper are shown as edges
 
 
@@ -68,7 +70,7 @@ def build(scene: SceneApi, robot: PosedRobot, other: PosedRobot | None, *, frame
     _add_axes(groups[-2], size)
     for k in range(len(robot.model.link_names)):
         scene.add_frame(groups[-1].on(k, "axes"), axes_length=0.09 * size, axes_radius=0.003 * size, origin_radius=0.0)
-    groups += [Group(scene, name, robot, inertia) for name in ("centres of mass", "inertia ellipsoids")]
+    groups += [Group(scene, name, robot, inertia) for name in MASSES]
     _add_masses(groups[-2], groups[-1], size)
     return groups
 
@@ -137,7 +139,9 @@ def _add_robot(
         }
         look["opacity"] = opacity or (solid if solid < 1 else None)
         name = group.on(k, f"{shape.kind} {number[k]}")
-        if shape.mesh is None:
+        if shape.size:
+            scene.add_box(name, dimensions=np.array(shape.size), **look)
+        elif shape.mesh is None:
             scene.add_cylinder(name, shape.radius, shape.length, radial_segments=48, **look)
         else:
             mesh = simplified(shape.mesh, keep)
@@ -183,15 +187,20 @@ def _add_axes(group: Group, size: float) -> None:
 
 
 def _add_masses(centres: Group, inertias: Group, size: float) -> None:
-    """Centres of mass, and solid ellipsoids of the same mass and inertia, of the moving bodies."""
+    """Centres of mass, and solid cylinders or ellipsoids of the same mass and inertia, of the moving bodies."""
     robot = centres.robot
     axes, half = ellipsoids(robot.model)
     for i, k in enumerate(robot.carried):
         if robot.model.mass[i] > 0:
             p, scale = robot.com[i], tuple(np.maximum(half[i], 1e-3 * size).tolist())
             centres.scene.add_icosphere(centres.on(k, "centre of mass"), 0.015 * size, CENTRE, position=p)
-            look = _at(axes[i], p) | {"scale": scale, "opacity": 0.5, "subdivisions": 4}
-            inertias.scene.add_icosphere(inertias.on(k, "ellipsoid"), 1.0, ELLIPSOID, **look)
+            name, cylinder = inertias.on(k, "solid"), cylinder_of(robot.model.mass[i], robot.model.inertia[i])
+            if cylinder is not None:
+                R, radius, length = cylinder
+                inertias.scene.add_cylinder(name, radius, length, SOLID, radial_segments=48, opacity=0.5, **_at(R, p))
+            else:
+                look = _at(axes[i], p) | {"scale": scale, "opacity": 0.5, "subdivisions": 4}
+                inertias.scene.add_icosphere(name, 1.0, SOLID, **look)
 
 
 def ellipsoids(model: Model) -> tuple[Array, Array]:
@@ -205,3 +214,22 @@ def ellipsoids(model: Model) -> tuple[Array, Array]:
     mass = np.where(model.mass > 0, model.mass, np.inf)[:, None]
     squares = 5 / mass * (moments.sum(axis=-1, keepdims=True) / 2 - moments)
     return axes, np.sqrt(np.maximum(squares, 0.0))
+
+
+def cylinder_of(mass: float, inertia: Array) -> tuple[Array, float, float] | None:
+    """The solid cylinder of even density with this mass and inertia: its axes, with z along it, radius and length.
+
+    None if no two principal moments are alike, or no cylinder has them [m].
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    alike = np.diff(moments) <= ALIKE * moments[2]
+    if not alike.any() or not moments[0] > 0:
+        return None
+    k = 0 if alike[1] else 2  # the axis: that of the other moment
+    radius = np.sqrt(2 * moments[k] / mass)
+    square = 12 * moments[1] / mass - 3 * radius**2
+    if square <= 0:
+        return None
+    R = np.roll(axes, 2 - k, axis=1)
+    R[:, 0] *= np.sign(np.linalg.det(R))
+    return R, float(radius), float(np.sqrt(square))

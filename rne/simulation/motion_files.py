@@ -20,7 +20,7 @@ from ..basics.paths import output_file
 from ..basics.spatial import Array
 from ..errors import ModelError
 from ..model.model import Model
-from ..model.solids import Cylinder
+from ..model.solids import Box, Cylinder
 
 # What NumPy, zlib and JSON raise for other files and damaged ones.
 DAMAGED = (
@@ -273,7 +273,13 @@ def _model(arrays: dict[str, Array], texts: dict[str, Any]) -> Model | None:
             value = part.pop(name)
             values[name.removeprefix("model.")] = tuple(value) if isinstance(value, list) else value
     try:
-        values["shapes"] = tuple(Cylinder(link, r, h, tuple(p), tuple(rpy)) for link, r, h, p, rpy in values["shapes"])
+        values["shapes"] = tuple(_shape(*fields) for fields in values["shapes"])
         return Model(**values)
     except (KeyError, TypeError, ValueError, ModelError) as error:
         raise ValueError(f"the model in the file is not complete: {error}") from None
+
+
+def _shape(link: str, *sizes: Any) -> Cylinder | Box:
+    """A shape of a model from its fields, whose vectors are lists in the file; a cylinder has one more than a box."""
+    values: list[Any] = [tuple(x) if isinstance(x, list) else x for x in sizes]
+    return Cylinder(link, *values) if len(values) > 3 else Box(link, *values)

@@ -146,6 +146,7 @@ RULES = {
     "visual": Rule("name", once="origin geometry", many="material"),
     "geometry": Rule(once="cylinder box sphere mesh capsule"),
     "cylinder": Rule("radius length"),
+    "box": Rule("size"),
 }
 # The attributes that hold numbers: how many, and the text that stands for a missing one; None if it must be there.
 # Missing efforts, velocities, accelerations and jerks are infinite once read, as no limit is meant.
@@ -158,10 +159,11 @@ NUMBERS: dict[str, dict[str, tuple[int, str | None]]] = {
     "dynamics": dict.fromkeys(RULES["dynamics"].attributes.split(), (1, "0")),
     "mimic": {"multiplier": (1, "1"), "offset": (1, "0")},
     "cylinder": dict.fromkeys(RULES["cylinder"].attributes.split(), (1, None)),
+    "box": {"size": (3, None)},
 }
 # Known, but used neither for dynamics nor for drawing: their content is not checked.
 UNREAD = frozenset(["material", "transmission", "gazebo", "collision", "calibration", "safety_controller"])
-UNREAD |= {"box", "sphere", "mesh", "capsule"}
+UNREAD |= {"sphere", "mesh", "capsule"}
 
 
 def describe(element: Any) -> str:

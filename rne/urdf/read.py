@@ -13,11 +13,11 @@ from ..basics.spatial import Array, rotation_from_rpy, snap, transpose, unit_vec
 from ..errors import ModelError, UrdfError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble
 from ..model.model import STANDARD_GRAVITY, Model
-from ..model.solids import Cylinder
+from ..model.solids import Box, Cylinder
 from .document import LARGEST, parse, read_bytes
 from .far_origins import slide_far_origins
 from .findings import Report
-from .strict import cylinder_errors, link_of, mimics_of, validate
+from .strict import link_of, mimics_of, shape_errors, validate
 
 
 def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRAVITY) -> Model:
@@ -77,7 +77,7 @@ def model_of(root: Any, gravity: ArrayLike, source: str | None = None) -> Model:
     """The Model of a validated <robot>."""
     links, joints = _in_tree_order(root)
     unrounded = [(_origin(element, "rpy"), _axis(element)) for element in (root, *joints)]
-    shapes = [shape for link in links.values() for shape in _cylinders(link)]
+    shapes = [shape for link in links.values() for shape in _shapes(link)]
     parts = slide_far_origins(parts_of(root), unrounded)
     return assemble(root.get("name", ""), parts, gravity=gravity, shapes=shapes, source=source)
 
@@ -192,13 +192,17 @@ def _mimics(joints: list[Any]) -> dict[str, tuple[str, Any, Any]]:
     return composed
 
 
-def _cylinders(link: Any) -> list[Cylinder]:
-    shapes = []
+def _shapes(link: Any) -> list[Cylinder | Box]:
+    """The cylinders and boxes of a link's visuals."""
+    shapes: list[Cylinder | Box] = []
     for visual in link.findall("visual"):
-        size = visual.find("geometry/cylinder")
-        if size is None or cylinder_errors(visual):
+        cylinder, box = visual.find("geometry/cylinder"), visual.find("geometry/box")
+        if (cylinder is None and box is None) or shape_errors(visual):
             continue
-        radius, length = (float(size.get(name)) for name in ("radius", "length"))
         xyz, rpy = (tuple(_origin(visual, name).astype(float).tolist()) for name in ("xyz", "rpy"))
-        shapes.append(Cylinder(link.get("name"), radius, length, xyz, rpy))
+        if cylinder is not None:
+            radius, length = (float(cylinder.get(name)) for name in ("radius", "length"))
+            shapes.append(Cylinder(link.get("name"), radius, length, xyz, rpy))
+        else:
+            shapes.append(Box(link.get("name"), tuple(_vector(box.get("size")).astype(float).tolist()), xyz, rpy))
     return shapes

@@ -70,16 +70,17 @@ def _check_link(link: Any, report: Report) -> None:
     if inertial is not None:
         _check_inertial(inertial, owner, report)
     for visual in link.findall("visual"):
-        for finding in cylinder_errors(visual):
+        for finding in shape_errors(visual):
             report.warning(finding.line, owner, f"visual ignored: {finding.message}", finding.cure)
 
 
-def cylinder_errors(visual: Any) -> list[Finding]:
-    """What keeps a visual's cylinder from being drawn: nothing else of a visual is read."""
+def shape_errors(visual: Any) -> list[Finding]:
+    """What keeps a visual's cylinder or box from being drawn: nothing else of a visual is read."""
     trial = Report("")
-    if visual.find("geometry/cylinder") is not None:
-        checked_numbers(visual.find("geometry"), "cylinder", "", trial)
-        checked_numbers(visual, "origin", "", trial)
+    for kind in ("cylinder", "box"):
+        if visual.find(f"geometry/{kind}") is not None:
+            checked_numbers(visual.find("geometry"), kind, "", trial)
+            checked_numbers(visual, "origin", "", trial)
     return trial.errors
 
 

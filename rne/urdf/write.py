@@ -9,6 +9,7 @@ import numpy as np
 from ..basics.spatial import rpy_from_rotation
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import Model, model_argument
+from ..model.solids import Box
 from .document import LARGEST
 
 
@@ -96,7 +97,11 @@ def _add_link(root: Any, model: Model, part: Part) -> None:
         if shape.link == part.link:
             visual = _add(link, "visual")
             _add(visual, "origin", xyz=shape.position, rpy=shape.rpy)
-            _add(_add(visual, "geometry"), "cylinder", radius=shape.radius, length=shape.length)
+            geometry = _add(visual, "geometry")
+            if isinstance(shape, Box):
+                _add(geometry, "box", size=shape.size)
+            else:
+                _add(geometry, "cylinder", radius=shape.radius, length=shape.length)
 
 
 def _add_joint(root: Any, parts: list[Part], part: Part) -> None:
