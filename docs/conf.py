@@ -26,6 +26,7 @@ extensions = [
 ]
 exclude_patterns = ["_extensions", "tutorials", "Thumbs.db"]  # the gallery copies tutorials to generated/tutorials
 templates_path = ["_templates"]
+suppress_warnings = ["sphinx_gallery.config"]  # that the list of tutorials is by file, which is meant
 nitpicky = True
 nitpick_ignore_regex = [
     # Words of a docstring's types, and names that Sphinx has no page for; those of rne itself are all checked.
@@ -38,6 +39,7 @@ myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
 
 autosummary_generate = True
+autosummary_context = {"member_lists": public.member_lists()}
 autosummary_ignore_module_all = False
 autodoc_typehints = "none"  # the docstrings' types are read by people
 autodoc_member_order = "bysource"
@@ -57,8 +59,9 @@ pygments_dark_style = "monokai"
 sphinx_gallery_conf = {
     "examples_dirs": ["tutorials"],
     "gallery_dirs": ["generated/tutorials"],
+    "copyfile_regex": r"index\.rst",  # written by hand: tutorials by level
     "filename_pattern": r"\.py$",
-    "within_subsection_order": "FileNameSortKey",
+    "within_subsection_order": "FileNameSortKey",  # tutorials/index.rst orders them by level
     "image_scrapers": ("figures.scrape",),
     "reset_modules": (),
     "capture_repr": ("_repr_html_", "__repr__"),

@@ -65,9 +65,27 @@ IN_THE_REFERENCE = {"PR01", "RT01", "EX01"}  # parameters, result, example
 
 
 def test_every_public_name_is_in_the_reference_once():
-    page = (DOCS / "reference.md").read_text(encoding="utf-8")
-    listed = [line.strip() for line in page.splitlines() if re.fullmatch(r"   [\w.]+", line)]
+    pages = "".join(page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md"))
+    listed = [line.strip() for line in pages.splitlines() if re.fullmatch(r"   [\w.]+", line)]
     assert sorted(listed) == sorted(PUBLIC.names())
+
+
+def test_lists_at_the_head_of_a_class_hold_its_public_members_once():
+    lists = PUBLIC.member_lists()
+    assert {"rne.Robot", "rne.Scene", "rne.Trajectory"} <= lists.keys()
+    for name, groups in lists.items():
+        listed = [member for _, members in groups for member in members]
+        expected = PUBLIC.vars_of(PUBLIC.resolve(name.removeprefix("rne.")))
+        assert sorted(listed) == sorted(m for m in expected if f"{name.rpartition('.')[2]}.{m}" not in PUBLIC.INTERNAL)
+
+
+def test_every_page_of_the_reference_and_every_tutorial_is_in_the_sidebar():
+    front = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert [p.stem for p in (DOCS / "reference").glob("*.md") if f"\nreference/{p.stem}\n" not in front] == []
+    index = (DOCS / "tutorials" / "index.rst").read_text(encoding="utf-8")
+    for tutorial in (DOCS / "tutorials").glob("[0-9]*.py"):
+        assert f"    tutorials/{tutorial.stem}.py\n" in index
+        assert f"    {tutorial.stem}\n" in index
 
 
 def complaints(name):

@@ -45,7 +45,7 @@ def test_tutorial_runs(name, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", TUTORIALS)
 def test_tutorial_names_the_extras_that_it_needs(name):
     text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
-    (named,) = re.findall(r"^Needs: ``pip install 'rne\[([a-z,]+)\]'``", text, re.MULTILINE)
+    (named,) = re.findall(r"^Needs: ``pip install '\.\[([a-z,]+)\]'``", text, re.MULTILINE)
     assert set(named.split(",")) == {extra for extra, sign in USES.items() if re.search(sign, text)}
     known = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     assert set(named.split(",")) <= set(known)

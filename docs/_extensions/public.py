@@ -36,6 +36,30 @@ INTERNAL = {
     "Scene.right_hand_side_with_energies",
 }
 
+# The head of a class's page lists its methods and properties by these groups; what is in none comes last.
+GROUPS = {
+    "Robot": {
+        "Dynamics": "inverse_dynamics forward_dynamics mass_matrix gravity_torque bias_torque coriolis_torque "
+        "coriolis_matrix recursion diagnose",
+        "Kinematics and energies": "link_poses jacobian jacobian_rate kinetic_energy potential_energy momentum",
+        "Derivatives": "inverse_dynamics_derivatives forward_dynamics_derivatives linearize",
+        "Inertial parameters": "parameters regressor control_regressor base_parameters",
+        "Changed robots": "with_payload with_parameters with_limits locked mounted",
+        "Joints, links and limits": "model n joint_names link_names joint_order lower upper velocity_limit "
+        "effort_limit acceleration_limit jerk_limit",
+        "Kernels": "engine compile kernel",
+    },
+    "Trajectory": {
+        "Questions to a motion": "torques check_limits trusted_horizon balance breaks",
+        "Files": "save load to_csv to_dataframe",
+    },
+    "Scene": {
+        "Dynamics": "n inverse_dynamics forward_dynamics",
+        "The kernel": "kernel is_traced traced_samples cost",
+    },
+}
+FEWEST = 3  # members that make a list worth its lines
+
 
 def names() -> list[str]:
     """Names as in the reference: "load", "control.pd", ..."""
@@ -64,6 +88,21 @@ def vars_of(owner: type) -> list[str]:
     own = [base for base in owner.__mro__ if base.__module__.startswith("rne")]
     found = {name: thing for base in reversed(own) for name, thing in vars(base).items()}
     return [name for name, thing in found.items() if not name.startswith("_") and is_member(thing)]
+
+
+def member_lists() -> dict[str, list[tuple[str, list[str]]]]:
+    """Titles and members at the head of each class's page: {"rne.Robot": [("Dynamics", [...]), ...]}."""
+    lists = {}
+    for name in names():
+        if not inspect.isclass(owner := resolve(name)):
+            continue
+        found = [member for member in vars_of(owner) if f"{owner.__name__}.{member}" not in INTERNAL]
+        groups = [(title, group.split()) for title, group in GROUPS.get(name, {}).items()]
+        rest = [member for member in found if not any(member in group for _, group in groups)]
+        if len(found) >= FEWEST:
+            title = "Further" if groups else "Methods and properties"
+            lists[f"rne.{name}"] = groups + ([(title, rest)] if rest else [])
+    return lists
 
 
 def is_member(thing: Any) -> bool:

@@ -6,7 +6,7 @@ A UR5 with a gripper of 3 kg moves from one pose to another in a given time. Whi
 torque does each drive deliver, which joint comes nearest to its limit, and how fast
 could the same path be run?
 
-Needs: ``pip install 'rne[plot,robots]'``
+Needs: ``pip install '.[plot,robots]'``
 """
 
 import numpy as np

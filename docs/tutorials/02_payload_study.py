@@ -6,7 +6,7 @@ How heavy a tool may a UR5 carry, and how far from its flange may the tool's cen
 mass lie, before one of the drives has to deliver more than its largest torque? The
 answer is a load diagram, like those in the data sheets of robots.
 
-Needs: ``pip install 'rne[plot,robots]'``
+Needs: ``pip install '.[plot,robots]'``
 """
 
 import numpy as np

@@ -7,7 +7,7 @@ model does not know the right mass. How large is the tracking error, how does it
 on the error of the model, and is computed torque with a wrong model still better than
 PD control with gravity compensation?
 
-Needs: ``pip install 'rne[plot,robots]'``
+Needs: ``pip install '.[plot,robots]'``
 """
 
 import numpy as np

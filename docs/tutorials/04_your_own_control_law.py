@@ -7,7 +7,7 @@ writes one for a UR5 in four forms: as a plain function, traced into the equatio
 motion, with states of its own, and sampled as on a real controller. It shows which form
 is called, which is compiled, and what each costs in arithmetic operations.
 
-Needs: ``pip install 'rne[plot,robots]'``
+Needs: ``pip install '.[plot,robots]'``
 """
 
 import logging

@@ -7,7 +7,7 @@ linear-quadratic regulator (LQR) is designed from the exact linearisation of the
 and it is tried out on the nonlinear one: after a small push, after larger ones, and up
 to the push from which it does not recover.
 
-Needs: ``pip install 'rne[plot]'``
+Needs: ``pip install '.[plot]'``
 """
 
 import numpy as np

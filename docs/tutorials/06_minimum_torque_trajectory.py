@@ -6,7 +6,7 @@ A Panda moves from one pose to another in a given time. Of all smooth motions be
 the two, which one needs the least torque? The motion is described by 16 numbers, and
 SciPy's optimiser finds them, led by exact derivatives of the inverse dynamics.
 
-Needs: ``pip install 'rne[plot,robots]'``
+Needs: ``pip install '.[plot,robots]'``
 """
 
 import numpy as np

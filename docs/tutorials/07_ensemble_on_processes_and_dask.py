@@ -7,7 +7,7 @@ arm falls freely until then. How far does the flange drop? The posture and the r
 that moment are not known exactly, so 2000 of them are drawn and simulated, in this
 process, on two processes, and on a Dask cluster. All three give the same bits.
 
-Needs: ``pip install 'rne[plot,robots,cluster]'``
+Needs: ``pip install '.[plot,robots,cluster]'``
 """
 
 from concurrent.futures import ProcessPoolExecutor

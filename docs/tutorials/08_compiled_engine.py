@@ -7,7 +7,7 @@ compiled when it is first needed. Which of the two is faster depends on how many
 are computed. This tutorial measures it, on the machine that runs it, and shows that the
 numbers are the same up to rounding.
 
-Needs: ``pip install 'rne[plot,numba]'``
+Needs: ``pip install '.[plot,numba]'``
 """
 
 from time import perf_counter

@@ -7,7 +7,7 @@ without any library, and a colleague needs one entry of the mass matrix in MATLA
 are printed from the traced program; the C code is then compiled and compared with
 Python, bit by bit.
 
-Needs: ``pip install 'rne[plot,robots]'``, and a C compiler called ``cc``
+Needs: ``pip install '.[plot,robots]'``, and a C compiler called ``cc``
 """
 
 import ctypes

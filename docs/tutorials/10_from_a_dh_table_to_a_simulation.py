@@ -6,7 +6,7 @@ A SCARA robot is known by its Denavit-Hartenberg table, the masses of its links 
 their dimensions. From these it becomes a model, a URDF file for other programs, and the
 simulation of a pick-and-place motion under control.
 
-Needs: ``pip install 'rne[plot]'``
+Needs: ``pip install '.[plot]'``
 """
 
 import tempfile

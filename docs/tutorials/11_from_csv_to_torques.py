@@ -7,7 +7,7 @@ Inverse dynamics needs accelerations, the second derivative of the recording, an
 differentiating amplifies its noise. This tutorial reads a CSV file, shows what noise
 and quantisation do to the torques, and smooths them away, with the truth beside it.
 
-Needs: ``pip install 'rne[plot]'``
+Needs: ``pip install '.[plot]'``
 """
 
 import tempfile

@@ -6,7 +6,7 @@ A box of 8 kg is mounted on the forearm of an IRB 140, and its controller does n
 it. Numbers say how far the arm sags; a view of both motions, the expected and the
 actual one, shows where. The page that is written works in any browser, without network.
 
-Needs: ``pip install 'rne[plot,view]'``
+Needs: ``pip install '.[plot,view]'``
 """
 
 import tempfile

@@ -6,7 +6,7 @@ A robot picks up a part of which nobody knows the mass. An adaptive law tracks t
 all the same, and learns the mass on the way. How large are the errors, what does it
 learn, and when does it learn nothing?
 
-Needs: ``pip install 'rne[plot]'``
+Needs: ``pip install '.[plot]'``
 """
 
 import numpy as np

@@ -7,7 +7,7 @@ are the torques of a motion then, and the motion itself under a controller that 
 in the nominal values? Inertial parameters are an input of every quantity, so that
 thousands of variants of a robot are one batch.
 
-Needs: ``pip install 'rne[plot]'``
+Needs: ``pip install '.[plot]'``
 """
 
 import numpy as np
