@@ -12,6 +12,7 @@ from .errors import (
     PrecisionWarning,
     RneError,
     SimulationError,
+    SimulationInterrupted,
     SingularMassMatrixError,
     UrdfError,
 )
@@ -96,6 +97,7 @@ __all__ = [
     "Robot",
     "Scene",
     "SimulationError",
+    "SimulationInterrupted",
     "SingularMassMatrixError",
     "Trajectory",
     "UrdfError",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .commands import COMMANDS
 from .commands.printing import FOLDER, add_out, run_main_page
-from .commands.shared import CommandError, Parser, fail, in_one_line, join_numbers, note
+from .commands.shared import CommandError, Parser, fail, in_one_line, join_numbers, note, work
 from .errors import RneError
 
 
@@ -27,14 +27,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(join_numbers(sys.argv[1:] if argv is None else argv))
     run: Callable[[argparse.Namespace], int] = arguments.run
     try:
-        code = run(arguments)
+        with work.told():
+            code = run(arguments)
         sys.stdout.flush()
         return code
     except BrokenPipeError:  # the reader of the output, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except KeyboardInterrupt:
-        note("interrupted")
+    except KeyboardInterrupt as interrupt:
+        note(f"interrupted{f': {interrupt}' if interrupt.args else ''}")
         return 130  # as shells say it
     except (CommandError, RneError, OSError) as error:
         return fail(in_one_line(error))

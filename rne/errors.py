@@ -165,6 +165,38 @@ class SimulationError(RneError, RuntimeError):
         return type(self), (str(self), self.time, self.trajectory)
 
 
+class SimulationInterrupted(KeyboardInterrupt):
+    """A simulation that Ctrl-C ended; as a KeyboardInterrupt it passes `except Exception`.
+
+    Attributes
+    ----------
+    time : float
+        The time that was reached [s].
+    trajectory : Trajectory
+        The motion up to then.
+
+    Examples
+    --------
+    >>> import rne
+    >>> def interrupt(t, duration):
+    ...     if t > 0.05:
+    ...         raise KeyboardInterrupt
+    >>> try:
+    ...     rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 1.0, method="RK45", progress=interrupt)
+    ... except rne.SimulationInterrupted as error:
+    ...     print(0.05 < error.time == error.trajectory.t[-1] < 1)
+    True
+    """
+
+    def __init__(self, message: str, time: float, trajectory: Any) -> None:
+        super().__init__(message)
+        self.time = time
+        self.trajectory = trajectory
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.time, self.trajectory)
+
+
 class IdentificationError(RneError, RuntimeError):
     """A fit to measured motions that did not succeed.
 

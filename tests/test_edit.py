@@ -101,6 +101,11 @@ def refused(call, text):
 def test_wrong_arguments_are_named(irb140):
     refused(lambda: irb140.with_payload(-1.0), "payload on link 'tool0': the mass must be 0 or positive, got -1.0")
     refused(lambda: irb140.with_payload(1.0, [0, 0]), "`com` must have shape (3,), got (2,)")
+    refused(
+        lambda: irb140.with_payload(np.ones(3)),
+        "`mass` must be one number, got shape (3,); for many masses in one call, "
+        "parameters=np.stack([robot.with_payload(m).parameters for m in masses])",
+    )
     refused(lambda: irb140.with_payload(np.nan), "`mass` must be finite, got nan at index ()")
     refused(
         lambda: irb140.with_payload(1.0, [0, 0, 0], np.diag([1, 1, -1])),

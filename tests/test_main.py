@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import rne
 from rne.__main__ import main
 from rne.commands import pages
 from rne.commands.printing import quantities
+from rne.commands.shared import work
 from rne.validation.agreement import against_energies, validate
 
 from .helpers import ROOT
@@ -141,6 +143,31 @@ def test_an_error_of_the_system_is_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("rne.commands.pages.write_main_page", fail)
     assert main(["--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == "error: page/index.html: No space left on device\n"
+
+
+def test_ctrl_c_leaves_the_motion_so_far(tmp_path, monkeypatch, capsys):
+    def interrupt(t, duration):
+        if t > 0.05:
+            raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(work, "progress", interrupt)
+    assert main(["simulate", "irb140", "--duration", "1", "--method", "RK45", "--out", "m.csv"]) == 130
+    end = np.loadtxt("m.csv", delimiter=",", skiprows=1)[-1, 0]
+    assert 0.05 < end < 1
+    assert capsys.readouterr().err == f"interrupted: the motion up to t = {end:.4g} s is in m.csv\n"
+
+
+def test_what_takes_long_is_told(monkeypatch, capsys):
+    monkeypatch.setattr(work, "pause", 0.02)
+    with work.told():
+        work.begin("simulating")
+        work.progress(1.0, 4.0)
+        for _ in range(100):
+            time.sleep(0.02)
+            if told := capsys.readouterr().err:
+                break
+    assert told.splitlines()[0] == "  simulating, 25% ... 0 s"
 
 
 @pytest.mark.parametrize(("argv0", "name"), [("/usr/lib/rne/__main__.py", "python -m rne"), ("/usr/bin/rne", "rne")])

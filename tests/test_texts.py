@@ -40,7 +40,7 @@ def test_values_in_a_few_words(value, text):
 
 def test_long_values_are_cut_at_120_characters():
     names = [f"{'n' * 18}{k}" for k in range(6)]
-    assert brief(names) == "[" + ", ".join(f"'{name}'" for name in names)[: 120 - 4] + "..."
+    assert brief(names) == "[" + ", ".join(f"'{name}'" for name in names)[: 120 - 6] + " ..."
     exact = type("Exact", (), {"__repr__": lambda self: "z" * 120})()
     assert brief(exact) == "z" * 120
 
@@ -65,14 +65,15 @@ def test_lines_end_at_100_characters_and_go_on_indented():
     assert wrapped("a\nb") == "a\nb"
 
 
-def test_a_summary_leaves_out_defaults_and_does_not_break_values():
-    @dataclass
-    class Thing:
-        gains: Any
-        name: Any = None
-        step: float = 1.0
-        other: Any = None
+@dataclass
+class Thing:
+    gains: Any
+    name: Any = None
+    step: float = 1.0
+    other: Any = None
 
+
+def test_a_summary_leaves_out_defaults_and_does_not_break_values():
     assert summary(Thing([1.0, 2.0])) == "Thing(gains=[1, 2])"
     assert summary(Thing([1.0, 2.0], step=2.0), other="x") == "Thing(gains=[1, 2], step=2, other='x')"
     lines = summary(Thing(["a" * 30, "b" * 30], name="c" * 30)).split("\n")
@@ -106,3 +107,16 @@ def test_files_are_written_into_folders_that_exist(tmp_path):
 )
 def test_six_digits_with_an_exponent_from_a_millionth_and_a_million_on(number, text):
     assert six_digits(number) == six_digits(np.float64(number)) == six_digits(mpmath.mpf(number)) == text
+
+
+def test_values_longer_than_a_line_break_at_words():
+    words = [f"word{k}" for k in range(30)]
+
+    class Wordy:
+        def __repr__(self):
+            return " ".join(words)
+
+    shown = summary(Thing(Wordy()))
+    assert max(map(len, shown.split("\n"))) <= 100
+    assert {word.rstrip(")") for word in shown.split()} - {"...", "Thing(gains=word0"} <= set(words)
+    assert shown.endswith(" ...)")

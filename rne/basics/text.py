@@ -37,20 +37,23 @@ def summary(thing: Any, **shown: Any) -> str:
     """
     values = {f.name: shown.get(f.name, getattr(thing, f.name)) for f in fields(thing)}
     left_out = {f.name for f in fields(thing) if values[f.name] is None or values[f.name] is f.default}
-    parts = [f"{name}={brief(value)}".replace(" ", UNBROKEN) for name, value in values.items() if name not in left_out]
+    parts = [f"{name}={brief(value)}" for name, value in values.items() if name not in left_out]
+    parts = [part.replace(" ", UNBROKEN) if len(part) < WIDTH - 4 else part for part in parts]
     return wrapped(f"{type(thing).__name__}({', '.join(parts)})").replace(UNBROKEN, " ")
 
 
 def wrapped(text: str) -> str:
-    """Text in lines of at most 100 characters, the further ones indented."""
-    lines = (textwrap.wrap(line, WIDTH, subsequent_indent="  ") for line in text.splitlines())
+    """Text in lines of at most 100 characters, the further ones indented; no word is broken."""
+    whole: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
+    lines = (textwrap.wrap(line, WIDTH, subsequent_indent="  ", **whole) for line in text.splitlines())
     return "\n".join(part for line in lines for part in line)
 
 
 def brief(value: Any) -> str:
     """A value of any type in at most 120 characters."""
     text = _brief(value)
-    return cut(text, LONGEST)
+    whole, space, _ = text[: LONGEST - 3].rpartition(" ")
+    return text if len(text) <= LONGEST else f"{whole} ..." if space else cut(text, LONGEST)
 
 
 def _brief(value: Any) -> str:

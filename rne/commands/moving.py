@@ -31,6 +31,7 @@ from .shared import (
     units_of,
     used,
     warnings_in_one_line,
+    work,
     written,
 )
 
@@ -83,18 +84,27 @@ def run_simulate(arguments: argparse.Namespace) -> int:
         with warnings_in_one_line():
             options = {"method": arguments.method, "rtol": arguments.rtol, "t_eval": times}
             law = None if arguments.torque is None else torque
-            motion = rne.simulate(robot, q0, qd0, arguments.duration, torque=law, **options)
+            work.begin("simulating")
+            motion = rne.simulate(robot, q0, qd0, arguments.duration, torque=law, progress=work.progress, **options)
+            work.begin("energies and the file")
     except ValueError as error:
         raise CommandError(re.sub("`(method|rtol|duration)`", r"--\1", in_one_line(error))) from None
     except rne.SimulationError as error:
         fail(in_one_line(error))
         return 1
-    (motion.save if arguments.out.suffix.lower() == ".npz" else motion.to_csv)(arguments.out)
+    except rne.SimulationInterrupted as interrupt:
+        _write(interrupt.trajectory, arguments.out)
+        raise KeyboardInterrupt(f"the motion up to t = {interrupt.time:.4g} s is in {arguments.out}") from None
+    _write(motion, arguments.out)
     say(motion.message)
     say(f"energy drift {motion.energy_drift:.3g} J")
     say_limits(say, robot, motion.check_limits())
     say_samples(arguments.out, motion.t)
     return 0
+
+
+def _write(motion: rne.Trajectory, file: Path) -> None:
+    (motion.save if file.suffix.lower() == ".npz" else motion.to_csv)(file)
 
 
 def _per_joint(robot: rne.Robot, option: str, given: list[float] | None) -> list[float]:
@@ -228,6 +238,7 @@ def run_view(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path(f"{Path(arguments.robot).stem}.html")
     check_file(out, suffixes=PAGES)
     robot = robot_of(arguments)
+    work.begin("placing the links in all frames")
     labels = [file.stem for file in (arguments.motion or out, arguments.other or out)]
     try:
         motion, other = (

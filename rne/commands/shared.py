@@ -7,6 +7,8 @@ import math
 import re
 import sys
 import tempfile
+import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -177,12 +179,54 @@ def check_file(file: Path | None, option: str = "--out", suffixes: Sequence[str]
 
 def say(line: str) -> None:
     """Print a line at once."""
+    work.said = time.monotonic()
     print(line, flush=True)
 
 
 def note(line: str) -> None:
     """Print a line on standard error, where it does not mix with output that is piped on."""
+    work.said = time.monotonic()
     print(line, file=sys.stderr, flush=True)
+
+
+class Work:
+    """What a command does and how far it is, told on standard error where nothing else was said for two seconds."""
+
+    pause = 2.0  # [s]
+
+    def __init__(self) -> None:
+        self.begin("computing")
+
+    def begin(self, what: str) -> None:
+        """Note what is done from now on."""
+        self.what, self.share, self.begun = what, "", time.monotonic()
+        self.said = self.begun
+
+    def progress(self, done: float, total: float) -> None:
+        """Note how much is done."""
+        self.share = f", {done / total:.0%}"
+
+    @contextmanager
+    def told(self) -> Iterator[None]:
+        """Tell of it while the block runs."""
+        self.begin("computing")
+        ended = threading.Event()
+
+        def tell() -> None:
+            while not ended.wait(self.pause / 8):
+                if time.monotonic() - self.said >= self.pause:
+                    note(f"  {self.what}{self.share} ... {time.monotonic() - self.begun:.0f} s")
+
+        thread = threading.Thread(target=tell, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+
+
+work = Work()
 
 
 def in_one_line(error: BaseException) -> str:

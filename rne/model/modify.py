@@ -40,6 +40,9 @@ def with_payload(
     The result is a Model; parameters and errors are those of `rne.Robot.with_payload`, with the model first.
     """
     model_argument(model)
+    if np.ndim(mass):
+        cure = "for many masses in one call, parameters=np.stack([robot.with_payload(m).parameters for m in masses])"
+        raise ValueError(f"`mass` must be one number, got shape {np.shape(mass)}; {cure}")
     m = real_array("mass", mass, "()")
     c = real_array("com", com, "(3,)")
     I = real_array("inertia", np.zeros((3, 3)) if inertia is None else inertia, "(3, 3)")

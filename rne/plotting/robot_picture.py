@@ -210,6 +210,9 @@ def small_picture(robot: Robot, q: ArrayLike) -> Figure:
     if beside is not None:
         beside.remove()
         labels = [text.get_text() for text in beside.get_texts()]
+        axes, legend = 4.3, 0.4 + 0.25 * -(-len(labels) // 2)  # heights [inch]
+        figure.set_size_inches(WIDTH, axes + legend)
+        ax.set_position((0.0, legend / (axes + legend), 0.96, axes / (axes + legend)))
         figure.legend(beside.legend_handles, labels, loc="lower center", ncols=2, frameon=False)
     return figure
 

@@ -7,7 +7,7 @@ begins, or the run ends at a stop. Times to report and the energies of the ledge
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,6 +42,7 @@ class Task(NamedTuple):
     breaks: Sequence[float] = ()
     stops: Sequence[Stop] = ()
     is_auto: bool = False  # True if the method may be changed while the run goes on
+    progress: Callable[[float, float], object] | None = None  # is told the time and the duration
 
 
 class Failure(NamedTuple):
@@ -49,6 +50,7 @@ class Failure(NamedTuple):
 
     time: float
     cause: str
+    is_interrupt: bool = False  # by the user
 
 
 class Run(NamedTuple):
@@ -121,6 +123,8 @@ class Loop:
             self.record.finish(self.t, self.x, self.system, stopped=self.stop is not None)
         except FAILURES as error:
             failure = self._failure(error)
+        except KeyboardInterrupt:
+            failure = Failure(self.t, "interrupted", is_interrupt=True)
         self.plant.span = (-np.inf, np.inf)
         if self.ledger is not None and (failure or self.plant.law is not None):
             try:
@@ -157,6 +161,8 @@ class Loop:
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
             self.t, self.x = (float(steps.T[-1]), steps.X[-1]) if crossing is None else (crossing.t, crossing.x)
             self.record.take(steps, count, self.t, self.x, self.system)
+            if self.task.progress is not None:
+                self.task.progress(self.t, self.task.duration)
             if self.ledger is not None:
                 self.ledger.add(steps, count, self.t, self.system.at_rest)
             if modes_may_change:

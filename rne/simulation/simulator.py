@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array
-from ..errors import NotFiniteError, SimulationError, SingularMassMatrixError
+from ..errors import NotFiniteError, SimulationError, SimulationInterrupted, SingularMassMatrixError
 from ..model.model import joint_array
 from ..robot import Robot
 from .compiled import has_rodas5p
@@ -50,6 +50,7 @@ def simulate(
     t_eval: ArrayLike | None = None,
     step: float | None = None,
     breaks: Sequence[float] = (),
+    progress: Callable[[float, float], object] | None = None,
 ) -> Trajectory:
     """Simulate a robot or a scene from an initial state.
 
@@ -80,6 +81,8 @@ def simulate(
     breaks : sequence of float
         Instants at which the torques jump, which the solver steps onto exactly; the `breaks` attribute of the
         controller or its reference adds to them [s].
+    progress : callable, optional
+        A function progress(t, duration), called after steps, a thousand at most, with the time that they reached [s].
 
     Returns
     -------
@@ -95,6 +98,8 @@ def simulate(
     SimulationError
         If a state or torque is not finite, M becomes singular, the solver fails, a law chatters, or a sampled loop
         diverges before the end; has the time and the trajectory so far.
+    SimulationInterrupted
+        On Ctrl-C, a KeyboardInterrupt that has them too.
 
     Notes
     -----
@@ -128,14 +133,14 @@ def simulate(
     ends = stops(robot.model) if scene.stops else []
     check_within_stops(ends, x0)
     breaks = law_breaks(scene.controller, real_array("breaks", breaks, "(k,)").tolist())
-    task = Task(x0, end, chosen, *relative_and_absolute, times, longest_step, breaks, ends, method == "auto")
+    task = Task(x0, end, chosen, *relative_and_absolute, times, longest_step, breaks, ends, method == "auto", progress)
     run = Loop(plant, task, hold).run()
     repeat = partial(_repeat, scene, rhs, name)
-    error = partial(repeated_error, repeat, robot.n, task, run)
+    error = partial(repeated_error, repeat, robot.n, task._replace(progress=None), run)
     motion, failure = build_trajectory(plant, task, run, reason, scene, error_estimate=error)
     if failure is not None:
         message = f"simulation stopped at t = {failure.time:.6g} s of {end:g} s: {failure.cause}"
-        raise SimulationError(message, failure.time, motion)
+        raise (SimulationInterrupted if failure.is_interrupt else SimulationError)(message, failure.time, motion)
     plant.verdict.raise_or_warn(stacklevel=2)
     return motion
 
