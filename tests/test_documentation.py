@@ -103,7 +103,7 @@ def complaints(name):
         errors = {code: message for code, message in errors.items() if code not in IN_THE_REFERENCE}
     if inspect.isclass(thing) and "PR01" in errors:
         documented = documented_names(thing)
-        made_here = issubclass(thing, Exception) or name in ("kernels.Kernel", "control.Reference")
+        made_here = issubclass(thing, BaseException) or name in ("kernels.Kernel", "control.Reference")
         if made_here or (
             documented and {name for name in inspect.signature(thing).parameters if name[0] != "_"} <= documented
         ):
