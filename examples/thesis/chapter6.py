@@ -172,8 +172,8 @@ def variations(page: Report, found: dict[str, Any]) -> None:
     page.text(
         "6.5.3 names what the simulations leave out. It says that friction makes no real difference while torques are "
         "not saturated, that limits to the rate of torques make no significant one, and that the proof of stability "
-        "covers limited torques as it stands (it does not: errata.md, entry 6). The same three runs with each of "
-        "these, equal on all joints:"
+        "covers limited torques as it stands; none of the three holds (errata.md, entries 18, 17 and 6). The same three "
+        "runs with each of these, equal on all joints:"
     )
     page.table(["added", *RUNS], [[v.name, *(settling(o[v.name]) for o in outcomes)] for v in VARIATIONS])
     for what, names in (("Friction", (VISCOUS, MORE_VISCOUS, COULOMB)), ("Rate limits", (RATE, LAGGING))):
