@@ -11,6 +11,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -108,9 +109,10 @@ def machine() -> dict[str, Any]:
 
 
 def write(name: str, content: Mapping[str, Any]) -> None:
-    """Keep results as JSON beside the benchmarks."""
+    """Keep results as JSON beside the benchmarks, with the day of the run."""
     RESULTS.mkdir(exist_ok=True)
-    text = json.dumps({"machine": machine(), "numpy_simd": simd()} | dict(content), indent=1)
+    about = {"date": date.today().isoformat(), "machine": machine(), "numpy_simd": simd()}
+    text = json.dumps(about | dict(content), indent=1)
     (RESULTS / name).write_text(text + "\n", encoding="utf-8")
 
 

@@ -1,0 +1,76 @@
+"""docs/figures.md: its numbers are those of the kept results, and its own two pictures show them."""
+
+import re
+
+import numpy as np
+import pytest
+
+from benchmarks import figures
+from benchmarks.engines import read
+from benchmarks.pages import BLOCK, filled
+
+from .helpers import ROOT
+
+TEXT = figures.PAGE.read_text(encoding="utf-8")
+NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
+
+
+def test_tables_are_those_of_the_kept_results():
+    """After new runs: python -m benchmarks.figures."""
+    assert filled(TEXT, figures.tables()) == TEXT
+
+
+def test_every_picture_names_command_machine_and_date_of_its_results():
+    for section in TEXT.split("\n## ")[1:]:
+        assert re.search(r"!\[[^]]+\]\(([^)]+)\)", section), section[:40]
+        (place,) = re.findall(r"<!-- table: (\S+-run) -->", section)
+        source, command = figures.RUNS[place]
+        found = read(source)
+        assert f"| `{command}` | {found['machine']['cpu']}, " in section
+        assert f"| {found['date']} | `benchmarks/results/{source}` |" in section
+
+
+def test_every_result_has_the_day_of_its_run():
+    for path in (ROOT / "benchmarks" / "results").glob("*.json"):
+        assert re.fullmatch(r"20\d\d-\d\d-\d\d", read(path.name)["date"]), path.name
+
+
+def test_numbers_of_the_text_that_are_measured_stand_in_its_tables():
+    text, tables = BLOCK.sub("", TEXT), "\n".join(block[0] for block in BLOCK.finditer(TEXT))
+    chosen = {"2026", "24", "140", "50", "0", "1", "10", "1e6", "1e-3", "20", "000", "1000"}  # of the experiment
+    measured = set(NUMBER.findall(text)) - chosen
+    assert measured
+    assert measured <= set(NUMBER.findall(tables))
+
+
+def test_picture_of_the_engines_shows_every_ratio():
+    found = read("kernels.json")
+    panels = figures.engines_picture(found).axes
+    for ax, size in zip(panels, figures.BATCHES, strict=True):
+        for line, engine in zip(ax.lines, figures.ENGINES, strict=False):
+            assert list(line.get_xdata()) == list(figures.ratios(found, engine, size).values())
+            assert len(line.get_xdata()) == 3 * len(found["robots"])
+
+
+def test_picture_of_the_differences_shows_every_robot():
+    found = read("validation.json")
+    (ax,) = figures.differences_picture(found).axes
+    for line, values in zip(ax.lines, figures.differences(found).values(), strict=False):
+        assert list(line.get_xdata()) == values
+    assert len(values) < len(found["robots"]) + 1 == len(ax.lines[0].get_xdata())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["engines", "differences"])
+def test_committed_picture_is_what_the_kept_results_give(name, tmp_path):
+    from PIL import Image
+
+    source = {"engines": "kernels.json", "differences": "validation.json"}[name]
+    getattr(figures, f"{name}_picture")(read(source)).savefig(tmp_path / "made.png", facecolor="white")
+    with (
+        Image.open(tmp_path / "made.png") as made,
+        Image.open(ROOT / "docs" / "pictures" / f"{name}.png") as committed,
+    ):
+        assert made.size == committed.size
+        difference = np.abs(np.asarray(made.convert("RGB"), int) - np.asarray(committed.convert("RGB"), int))
+    assert difference.mean() < 2  # of 255: other versions of matplotlib draw text a little differently
