@@ -76,7 +76,7 @@ def holding(page: Report, found: dict[str, Any]) -> None:
         figure_of_the_thesis(page, number, partial(numbered.holding, number, motion))
     page.heading(f"{BEYOND}: how the deviation grows", 3)
     page.text(
-        "At the pose of (6.21) the derivative of the gravity torque vanishes "
+        "At the pose of (6.19) the derivative of the gravity torque vanishes "
         f"(norm {gravity_slope():.0e} N m/rad; it would be zero but for rounding). A small deviation meets neither a "
         "restoring nor a driving torque, and grows at first as a power of time, not exponentially."
     )
@@ -172,8 +172,8 @@ def variations(page: Report, found: dict[str, Any]) -> None:
     page.text(
         "6.5.3 names what the simulations leave out. It says that friction makes no real difference while torques are "
         "not saturated, that limits to the rate of torques make no significant one, and that the proof of stability "
-        "covers limited torques as it stands; none of the three holds (errata.md, entries 18, 17 and 6). The same three "
-        "runs with each of these, equal on all joints:"
+        "covers limited torques as it stands; none of the three holds (errata.md, entries 18, 17 and 6). The same "
+        "three runs with each of these, equal on all joints:"
     )
     page.table(["added", *RUNS], [[v.name, *(settling(o[v.name]) for o in outcomes)] for v in VARIATIONS])
     for what, names in (("Friction", (VISCOUS, MORE_VISCOUS, COULOMB)), ("Rate limits", (RATE, LAGGING))):

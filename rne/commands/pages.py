@@ -53,8 +53,8 @@ def write_main_page(folder: Path, say: Callable[[str], None]) -> bool:
     robot = load("irb140")
     page = Report("ABB IRB 140 by recursive Newton-Euler", say, folder)
     page.text("Joints are called joint_1 to joint_6 as in the model; the thesis writes q_1 to q_6.")
-    held = _examination(robot, STRETCHED_OUT, "q = (0, π/2, -π/2, 0, 0, 0), the pose of (6.21)", "", page)
-    page.heading("Free swing, 10 s from rest at q = 0 (thesis 6.4-1, Figure 6.6)")
+    held = _examination(robot, STRETCHED_OUT, "q = (0, π/2, -π/2, 0, 0, 0), the pose of (6.19)", "", page)
+    page.heading("Free swing, 10 s from rest at q = 0 (thesis 6.4-1, Figure 6.6; the duration is ours)")
     swing = simulate(robot, np.zeros(robot.n), np.zeros(robot.n), MAIN_SWING, rtol=1e-9)
     page.text(repr(swing), "pre")
     caption = "Figure 6.6: joint positions of run 6.4-1"

@@ -61,7 +61,7 @@ def body_kinetic_energy(model: Model, i: int, omega: Array, v: Array) -> Array:
 def kinetic_energy(model: Model, q: Array, qd: Array) -> Array:
     """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
 
-    Høifødt 2011, (6.30), summed over the bodies. Parameters, result and errors are those of
+    Høifødt 2011, (6.31), by (6.30) summed over the bodies. Parameters, result and errors are those of
     `rne.Robot.kinetic_energy`, with the model first.
     """
     of_bodies, qd = link_kinetic_energies.core(model, q, qd), joint_velocities(model, qd)

@@ -172,7 +172,7 @@ def equations(model: Model, q: Array, qd: Array) -> tuple[Array, Array]:
 def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> tuple[Array, Array, Array]:
     """Joint accelerations by the Euler-Lagrange formulation; equal to those of `forward_dynamics`.
 
-    Høifødt 2011, (7.4), with the terms of Siciliano et al. 2009, section 7.1. O(n^4). Parameters, result and errors are
+    Høifødt 2011, (6.3), with the terms of Siciliano et al. 2009, section 7.1. O(n^4). Parameters, result and errors are
     those of `rne.Robot.forward_dynamics` without `external`, with the model first. `lagrange_forward_dynamics.core`
     returns (qdd, pivots, diagonal of M).
     """

@@ -173,7 +173,7 @@ def irb140() -> Model:
 
     Notes
     -----
-    Høifødt 2011, chapter 4 with table 4.1, (4.24)-(4.31); ABB's data sheet for ranges and speeds. The cylinders of
+    Høifødt 2011, chapter 4 with table 4.1, (4.2)-(4.31); ABB's data sheet for ranges and speeds. The cylinders of
     table 4.1 have densities of 1493 to 1516 kg/m^3; the thesis states 1500. The reach of axis 5 from axis 1 is
     0.070 + 0.360 + 0.380 = 0.810 m, as in the data sheet, whose numbers are in
     ``DATA_SHEET`` of ``rne/model/abb_irb140.py``.

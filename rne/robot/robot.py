@@ -792,7 +792,7 @@ class Robot(InNotebooks):
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
 
-        Høifødt 2011, (6.30), summed over the bodies.
+        Høifødt 2011, (6.31), by (6.30) summed over the bodies.
 
         Parameters
         ----------
