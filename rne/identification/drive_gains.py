@@ -100,12 +100,8 @@ def identify_drive_gains(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity : array_like, shape (n,), optional
-        Slower equations of a joint are not fitted, as by `rne.identify` [rad/s or m/s].
-    cutoff : float, optional
-        Of the low-pass filter, by default chosen from the measurements [Hz].
-    decimation : int, optional
-        Samples per equation after the filter; by default from the cut-off.
+    minimum_velocity, cutoff, decimation : optional
+        As of `rne.identify`.
 
     Returns
     -------

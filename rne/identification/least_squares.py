@@ -94,7 +94,10 @@ def least_squares(equations: Equations) -> LeastSquares:
     least = np.maximum(ROUNDING * np.maximum(size, size.max(initial=0) * ROUNDING), np.finfo(float).tiny)
     sigma = np.maximum(size, least)
     for _ in range(ROUNDS):
-        found = noise(equations, sigma, size, least)
+        x, spent = weighted_fit(equations, sigma)
+        freedom = equations.rows.sum(0) - spent
+        found = np.sqrt(equations.residuals(x) / np.maximum(freedom, 1))
+        found = np.maximum(np.where(freedom < FEWEST, size, found), least)  # few equations leave no residual
         settled = np.abs(found / sigma - 1).max(initial=0) <= SETTLED
         sigma = found
         if settled:
@@ -118,17 +121,6 @@ def with_correlation(estimate: LeastSquares, equations: Equations, correlation_t
         covariance += correlation_time[j] * share @ share.T
     errors = np.where(solution.free, np.inf, np.sqrt(np.diag(covariance)))
     return replace(estimate, covariance=covariance, errors=errors)
-
-
-def noise(equations: Equations, sigma: Array, start: Array, least: Array) -> Array:
-    """Standard deviation of each joint's residual, of a fit weighted by `sigma`.
-
-    A joint with hardly more equations than it has unknowns of its own leaves no residual: it keeps the value `start`.
-    """
-    x, spent = weighted_fit(equations, sigma)
-    freedom = equations.rows.sum(0) - spent
-    found = np.sqrt(equations.residuals(x) / np.maximum(freedom, 1))
-    return np.maximum(np.where(freedom < FEWEST, start, found), least)
 
 
 HELD = 1e-4  # weight of the model's drives, of that of the measurements
@@ -161,19 +153,13 @@ class Method(NamedTuple):
         factor = equations.merged().weighted(believed_noise(equations, sigma))
         bodies = PARAMETERS * self.standard.model.nb
         lengths = np.linalg.norm(factor[:, bodies:-1], axis=0)
-        factor = triangular(np.concatenate([factor, self.drives_of_the_model(lengths)]))
+        weights = np.where(lengths == 0, 1.0, HELD * lengths)  # of the model's drives, where the motion says nothing
+        held = np.zeros((len(lengths), factor.shape[1]))
+        held[:, bodies:-1], held[:, -1] = np.diag(weights), weights * np.maximum(self.standard.values[bodies:], 0)
+        factor = triangular(np.concatenate([factor, held]))
         bounded = np.array([not name.startswith("tau0") for name in self.standard.names[bodies:]], bool)
         assert self.prior is not None
         return consistent_fit(factor, self.prior, self.weight, bounded, 1 / np.where(lengths == 0, 1, lengths))
-
-    def drives_of_the_model(self, lengths: Array) -> Array:
-        """Equations that keep a drive as the model has it where the motion says nothing of it."""
-        bodies = PARAMETERS * self.standard.model.nb
-        known = np.maximum(self.standard.values[bodies:], 0)
-        rows = np.zeros((len(lengths), self.standard.count + 1))
-        weights = np.where(lengths == 0, 1.0, HELD * lengths)
-        rows[:, bodies:-1], rows[:, -1] = np.diag(weights), weights * known
-        return rows
 
 
 class Unexplained(NamedTuple):
@@ -221,7 +207,21 @@ WINDOW = 5.0  # the sum ends at this many times itself (Sokal's rule)
 
 def correlation_time_of_residuals(residuals: Array, used: Array, parts: Sequence[slice]) -> Array:
     """1 + 2 sum rho_k of each joint, at least 1, over the rows that are `used`; of `parts` none has a gap in it."""
-    return np.array([_of_joint(r, u, parts) for r, u in zip(residuals.T, used.T, strict=True)])
+    from scipy.signal import correlate
+
+    lags = np.arange(max(part.stop - part.start for part in parts))
+    found = []
+    for x, flags in zip((residuals * used).T, used.T.astype(float), strict=True):
+        products, pairs = np.zeros((2, len(lags)))
+        for part in parts:
+            count = part.stop - part.start
+            products[:count] += correlate(x[part], x[part])[count - 1 :]
+            pairs[:count] += correlate(flags[part], flags[part])[count - 1 :]
+        covariances = products / np.maximum(np.rint(pairs), 1) * (1 - lags / len(lags))
+        sums = 2 * np.cumsum(covariances / (covariances[0] or 1.0)) - 1
+        ends = np.flatnonzero(lags >= WINDOW * sums)
+        found.append(max(sums[ends[0] if len(ends) else -1], 1.0))
+    return np.array(found)
 
 
 def correlation_time_of_filtered_noise(cutoff: float, sample_rate: float, decimation: int) -> float:
@@ -232,20 +232,3 @@ def correlation_time_of_filtered_noise(cutoff: float, sample_rate: float, decima
     response = low_pass(impulse, cutoff, sample_rate)[:, 0]
     covariances = np.correlate(response, response, "full")[len(response) - 1 :: decimation]
     return float(2 * covariances.sum() / covariances[0] - 1)
-
-
-def _of_joint(residual: Array, used: Array, parts: Sequence[slice]) -> float:
-    variance = (residual[used] ** 2).mean() if used.any() else 0.0
-    if variance == 0:
-        return 1.0
-    total, longest = 1.0, max(part.stop - part.start for part in parts)
-    for lag in range(1, longest):
-        pairs, products = 0, 0.0
-        for part in parts:
-            both = used[part][lag:] & used[part][:-lag]
-            pairs += int(both.sum())
-            products += float((residual[part][lag:] * residual[part][:-lag])[both].sum())
-        total += 2 * products / (variance * max(pairs, 1)) * (1 - lag / longest)
-        if lag >= WINDOW * total:
-            break
-    return max(total, 1.0)

@@ -143,12 +143,8 @@ def identify_payload(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity : array_like, shape (n,), optional
-        Slower equations of a joint are not fitted, as by `rne.identify` [rad/s or m/s].
-    cutoff : float, optional
-        Of the low-pass filter, by default chosen from the measurements [Hz].
-    decimation : int, optional
-        Samples per equation after the filter; by default from the cut-off.
+    minimum_velocity, cutoff, decimation : optional
+        As of `rne.identify`.
 
     Returns
     -------
@@ -321,8 +317,7 @@ def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
     ball[:3, :3] *= (3 * mass / (4 * np.pi * DENSITY)) ** (2 / 3) / 5
     ball[:3, :3] += np.outer(centre, centre)
     ball[:3, 3] = ball[3, :3] = centre
-    none = np.zeros(0)
-    return consistent_fit(factor, mass * ball[None], PRIOR_STD**-2, none.astype(bool), none)
+    return consistent_fit(factor, mass * ball[None], PRIOR_STD**-2, np.zeros(0, bool), np.zeros(0))
 
 
 def body_of(phi: Array) -> Array:

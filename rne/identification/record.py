@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory
 
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
-
-
 SINGULAR = 1e-10  # smallest singular value as a part of the largest, with each motor's row scaled to one
 SWEEP = (0.5, 1.0, 2.0)  # times the chosen cut-off
 
@@ -127,12 +125,15 @@ class Record:
         self.joint_names = numbered_joints(n) if joint_names is None else tuple(joint_names)
         if len(self.joint_names) != n:
             raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
-        factors = _factors(unit, n)
-        self.q *= factors
-        if self.qd is not None:
-            self.qd *= factors
-        for array in (self.t, self.q, self.tau, *([] if self.qd is None else [self.qd])):
-            array.flags.writeable = False
+        units = [unit] * n if isinstance(unit, str) else list(unit)
+        if len(units) != n or any(u not in UNITS for u in units):
+            raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')
+        for array in (self.q, self.qd):
+            if array is not None:
+                array *= [UNITS[u] for u in units]
+        for array in (self.t, self.q, self.tau, self.qd):
+            if array is not None:
+                array.flags.writeable = False
         self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
         self.findings: tuple[RecordFinding, ...] = self._screened.findings
         self.encoder_step: Array = self._screened.encoder_step
@@ -381,13 +382,13 @@ class Record:
         ValueError
             As `prepare`.
         """
-        if cutoffs is None:
-            chosen, sweep = self.prepare().cutoff, []
-            for factor in SWEEP:
-                with suppress(ValueError):  # above the cap, or no segment is long enough for the filter
-                    sweep.append(self.prepare(factor * chosen))
-            return tuple(sweep)
-        return tuple(self.prepare(float(cutoff)) for cutoff in np.asarray(cutoffs, dtype=np.float64))
+        if cutoffs is not None:
+            return tuple(self.prepare(float(cutoff)) for cutoff in np.asarray(cutoffs, dtype=np.float64))
+        chosen, sweep = self.prepare().cutoff, []
+        for factor in SWEEP:
+            with suppress(ValueError):  # above the cap, or no segment is long enough for the filter
+                sweep.append(self.prepare(factor * chosen))
+        return tuple(sweep)
 
 
 def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) -> Array:
@@ -428,11 +429,3 @@ def _times(t: ArrayLike, count: int) -> Array:
         k = int(np.argmin(np.isfinite(array)))
         raise ValueError(f"`t` must be finite, got {array[k]} at index ({k},)")
     return array
-
-
-def _factors(unit: str | Sequence[str], n: int) -> Array:
-    """Factors from the units of n joints to SI units."""
-    units = [unit] * n if isinstance(unit, str) else list(unit)
-    if len(units) != n or any(u not in UNITS for u in units):
-        raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')
-    return np.array([UNITS[u] for u in units])

@@ -302,15 +302,14 @@ class Identification:
         """
         verdict = certified(self.base, self.data, self.correlation_time)
         certificate = replace(verdict, held_out=self.unexplained.in_motion).report()
-        return f"{report_text(self)}\n\n{certificate}"
-
-
-def report_text(found: Identification) -> str:
-    """What was fitted, what was found, and how far to trust it, in paragraphs."""
-    parts = [fitted_text(found), joints_text(found), causes_text(found), parameters_text(found)]
-    if found.consistent:
-        parts.append(bodies_text(found))
-    return "\n\n".join(parts)
+        paragraphs = [
+            fitted_text,
+            joints_text,
+            causes_text,
+            parameters_text,
+            *([bodies_text] if self.consistent else []),
+        ]
+        return "\n\n".join([*(paragraph(self) for paragraph in paragraphs), certificate])
 
 
 def fitted_text(found: Identification) -> str:

@@ -299,14 +299,8 @@ def consistency(
         Measured motions.
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets.
-    minimum_velocity : array_like, shape (n,), optional
-        Slower equations of a joint are left out, as by `rne.identify` [rad/s or m/s].
-    cutoff : float, optional
-        Of the low-pass filter, by default chosen from the measurements [Hz].
-    decimation : int, optional
-        Samples per equation after the filter; by default from the cut-off.
-    folds : int
-        Of the cross-validation: the measurements are cut into so many, each to be predicted from the others.
+    minimum_velocity, cutoff, decimation, folds : optional
+        As of `rne.identify`.
 
     Returns
     -------
