@@ -182,22 +182,21 @@ class Log:
     @cached_property
     def zeros(self) -> list[Array]:
         """Torques per unit of each joint's zero."""
-        return [self.zero_column(j) for j in range(len(self.names))]
+        predicted = self.res.predicted
 
-    def zero_column(self, j: int) -> Array:
-        """Torques per unit of a joint's zero."""
-        unit, predicted = np.eye(len(self.names))[j], self.res.predicted
-        return self.res.columns(lambda g: slope(lambda h: predicted(g.q + h * unit, g.qd, g.qdd)))[..., None]
+        def torques(unit: Array, g: Grid) -> Array:
+            return slope(lambda h: predicted(g.q + h * unit, g.qd, g.qdd))
+
+        return [self.res.columns(partial(torques, unit))[..., None] for unit in np.eye(len(self.names))]
 
     def ratio_column(self, j: int) -> Array:
         """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
-        unit = np.eye(len(self.names))[j]
+        unit, predicted = np.eye(len(self.names))[j], self.res.predicted
 
-        def torques(g: Grid, h: float) -> Array:
-            k = 1 + h * unit
-            return np.asarray(k * self.res.predicted(k * g.q, k * g.qd, k * g.qdd))
+        def torques(g: Grid, k: Array) -> Array:
+            return np.asarray(k * predicted(k * g.q, k * g.qd, k * g.qdd))
 
-        return self.res.columns(lambda g: slope(partial(torques, g)))[..., None]
+        return self.res.columns(lambda g: slope(lambda h: torques(g, 1 + h * unit)))[..., None]
 
     def own(self, j: int, function: Callable[[Array, Array], Array]) -> Array:
         """A function of a joint's predicted torque and velocity as its torque."""
@@ -425,11 +424,6 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
     yield Cause(kind, res.robot.joint_names, text, score, np.zeros(res.robot.n), factor)
 
 
-def regressor_on(robot: Robot, g: Grid) -> Array:
-    """Torques per unit of the inertial parameters."""
-    return robot.regressor(g.q, g.qd, g.qdd)
-
-
 def gravity_directions(res: Residuals) -> Iterator[Cause]:
     """Gravity, a vector of any length, with which the torques are fitted best (Nelder and Mead 1965)."""
     from scipy.optimize import minimize
@@ -438,8 +432,12 @@ def gravity_directions(res: Residuals) -> Iterator[Cause]:
     size = float(np.linalg.norm(model.gravity))
     if size == 0:
         return
-    alone = [Robot(replace(model, gravity=size * e), "numpy") for e in (np.zeros(3), *np.eye(3))]
-    still, *pulled = (res.columns(partial(regressor_on, robot)) for robot in alone)
+
+    def columns(gravity: Array) -> Array:
+        alone = Robot(replace(model, gravity=size * gravity), "numpy")
+        return res.columns(lambda g: alone.regressor(g.q, g.qd, g.qdd))
+
+    still, *pulled = map(columns, (np.zeros(3), *np.eye(3)))
     pulls = np.array([res.weighted(y - still) for y in pulled])
     drives, still = res.weighted(res.Y[..., width:]), res.weighted(still)
 

@@ -17,7 +17,7 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
-from .causes import Cause, delay_text, derivative_by, likely_causes, merged_by_kind, sharpened
+from .causes import DRIVES, Cause, delay_text, derivative_by, likely_causes, merged_by_kind, sharpened
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
 from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
@@ -228,14 +228,11 @@ def with_stribeck(robot: Robot, drives: DriveModel, causes: Sequence[Cause]) -> 
 def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
     """Rotors and friction that the given model has and that were not asked for: the robot found is without them."""
     model = standard.model
-    known = {
-        "Ia": ("rotor", model.armature),
-        "Fv": ("viscous friction", model.damping),
-        "Fc": ("Coulomb friction", model.friction),
-    }
+    known = {"Ia": model.armature, "Fv": model.damping, "Fc": model.friction}
     return tuple(
-        f"{name} of the model was not fitted: what there is of it is in other parameters, and the robot found has none"
-        for symbol, (name, values) in known.items()
+        f"{DRIVES[symbol][0]} of the model was not fitted: what there is of it is in other parameters, and the robot "
+        "found has none"
+        for symbol, values in known.items()
         if symbol not in standard.terms and values.any()
     )
 

@@ -58,16 +58,6 @@ class FourierBasis:
         """
         return float(np.cos(np.pi * self.harmonics / count))
 
-    @cached_property
-    def from_rest(self) -> Array:
-        """Orthonormal coefficient vectors with qd(0) = qdd(0) = 0, shape (2 H + 1, 2 H - 1).
-
-        The velocities are zero if the a_k add up to zero, the accelerations if the k b_k do.
-        """
-        _, qd, qdd = self.grid(1)
-        _, _, rows = np.linalg.svd(np.vstack([qd, qdd / self.frequencies[-1]]))
-        return np.asarray(rows[2:].T)
-
 
 def motion_limits(robot: Robot, given: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
     """The robot's limits, those of joints that mimic others included, replaced by those given; shape (n,) each."""
@@ -160,8 +150,11 @@ class MotionLimits:
 
     @cached_property
     def free(self) -> Array:
-        """Coefficient vectors of one joint that x combines, as columns."""
-        return self.basis.from_rest if self.rest else np.eye(2 * self.basis.harmonics + 1)
+        """Orthonormal coefficient vectors of one joint that x combines, as columns: with `rest` qd(0) = qdd(0) = 0."""
+        from scipy.linalg import null_space
+
+        _, qd, qdd = self.basis.grid(1 if self.rest else 0)
+        return np.asarray(null_space(np.vstack([qd, qdd / self.basis.frequencies[-1]])))
 
     @property
     def size(self) -> int:

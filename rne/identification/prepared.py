@@ -118,7 +118,7 @@ class Prepared:
     @property
     def times(self) -> Array:
         """Times of the reduced rows, shape (R,) [s]."""
-        return self.t[self._rows]
+        return np.asarray(self.t[np.concatenate(self._segment_rows)])
 
     @cached_property
     def valid(self) -> Array:
@@ -163,10 +163,6 @@ class Prepared:
     def _segment_rows(self) -> tuple[Array, ...]:
         drop = settling(self.cutoff, self.sample_rate)
         return tuple(np.arange(part.start + drop, part.stop - drop, self.decimation) for part in self.segments)
-
-    @cached_property
-    def _rows(self) -> Array:
-        return np.concatenate(self._segment_rows)
 
 
 def undisturbed(flags: Array, rows: Array, reach: int) -> Array:

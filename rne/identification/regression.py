@@ -83,7 +83,8 @@ def build_regression(
 ) -> RegressionData:
     """The equations of the records; arguments as of `rne.identify`."""
     given, standard = checked_records(robot, records), base.standard
-    check_folds(folds)
+    if isinstance(folds, bool) or not isinstance(folds, int | np.integer) or folds < 2:
+        raise ValueError(f"`folds` must be an integer of at least 2, got {folds!r}")
     late = np.broadcast_to(delays, (len(given), robot.n))
     prepared = tuple(delayed(r.prepare(cutoff, decimation), d) for r, d in zip(given, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
@@ -134,12 +135,6 @@ def check_joints(robot: Robot, record: Record, argument: str) -> None:
             f"`{argument}` must have the robot's joints in their order, {list(robot.joint_names)}, {record.name} has "
             f"{list(record.joint_names)}"
         )
-
-
-def check_folds(folds: int) -> None:
-    """Refuse numbers of folds that cannot be held out."""
-    if isinstance(folds, bool) or not isinstance(folds, int | np.integer) or folds < 2:
-        raise ValueError(f"`folds` must be an integer of at least 2, got {folds!r}")
 
 
 def minimum_velocities(
