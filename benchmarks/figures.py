@@ -53,9 +53,7 @@ def run(name: str, command: str) -> str:
     machine, date = found["machine"], found["date"]
     versions = ", ".join(f"{package} {machine[package]}" for package in ("python", "numpy", "pin"))
     where = f"{machine['cpu']}, {machine['cores']} cores, {versions}"
-    return table(
-        ["command", "machine", "date", "results"], [[f"`{command}`", where, date, f"`benchmarks/results/{name}`"]]
-    )
+    return f"*Measured by* `{command}` *on* {date}: {where}; kept in `benchmarks/results/{name}`."
 
 
 def of_chart(charts: Results) -> str:

@@ -22,12 +22,12 @@ def test_tables_are_those_of_the_kept_results():
 
 def test_every_picture_names_command_machine_and_date_of_its_results():
     for section in TEXT.split("\n## ")[1:]:
-        assert re.search(r"!\[[^]]+\]\(([^)]+)\)", section), section[:40]
+        assert re.search(r"!\[[^]]+\]\(\S+\.png\)|\{figure\} \S+\.png", section), section[:40]
         (place,) = re.findall(r"<!-- table: (\S+-run) -->", section)
         source, command = figures.RUNS[place]
         found = read(source)
-        assert f"| `{command}` | {found['machine']['cpu']}, " in section
-        assert f"| {found['date']} | `benchmarks/results/{source}` |" in section
+        assert f"`{command}` *on* {found['date']}: {found['machine']['cpu']}, " in section
+        assert f"kept in `benchmarks/results/{source}`." in section
 
 
 def test_every_result_has_the_day_of_its_run():
