@@ -153,8 +153,9 @@ class MotionLimits:
         """Orthonormal coefficient vectors of one joint that x combines, as columns: with `rest` qd(0) = qdd(0) = 0."""
         from scipy.linalg import null_space
 
-        _, qd, qdd = self.basis.grid(1 if self.rest else 0)
-        return np.asarray(null_space(np.vstack([qd, qdd / self.basis.frequencies[-1]])))
+        _, qd, qdd = self.basis.grid(1)
+        at_rest = np.vstack([qd, qdd / self.basis.frequencies[-1]])
+        return np.asarray(null_space(at_rest) if self.rest else np.eye(at_rest.shape[1]))
 
     @property
     def size(self) -> int:
