@@ -7,7 +7,7 @@ positions and torques. This tutorial finds a motion that is worth recording, tak
 recording, fits bodies and friction, checks the model on another motion, and writes a
 URDF. The log is simulated, so that the truth is known.
 
-Needs: ``pip install '.[plot]'``
+Needs: ``pip install '.[plot,identify]'``
 """
 
 import tempfile

@@ -5,12 +5,16 @@ minimise 1/2 |R x - b|^2 + w sum over bodies of (tr(P0^-1 P) - log det(P0^-1 P) 
 over the bodies' pseudo-inertias P, which log det keeps positive definite, and over drives whose inertia and friction
 are not negative. The second term is the log-det divergence from a prior P0 (Lee, Wensing and Park 2020): it decides
 where the motion says nothing, and does not depend on units and frames. With P = L X L^T and P0 = L L^T each body is a
-matrix X near the identity. Its log det is a barrier: Newton's method follows the minimum from a large weight of the
-logarithms down to w, and with the logarithm of each drive on to next to nothing (the barrier method; Boyd and
-Vandenberghe 2004, section 11.3).
+matrix X near the identity; log det X is the largest sum of log Z_ii with [[X, Z], [Z^T, diag Z]] positive semidefinite
+and Z lower triangular (Ben-Tal and Nemirovski 2001, section 4.2). Clarabel solves the cone programme to a small gap of
+its objective, which log det leaves flat: bodies then have half of their digits. The minimum is smooth inside the cone,
+and a few Newton steps find the others.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,20 +25,35 @@ from ..model.model import Model
 from ..model.parameters import PARAMETERS, parameters_of, parameters_of_pseudo_inertia, pseudo_inertia
 from .equations import Equations
 
-LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X, in the order of their variables
+LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables
+DIAGONAL = [k for k, (i, j) in enumerate(LOWER) if i == j]
 ENTRIES = len(LOWER)
 UNITS = np.zeros((ENTRIES, 4, 4))  # symmetric matrices that the entries of X multiply
 for k, (i, j) in enumerate(LOWER):
     UNITS[k, i, j] = UNITS[k, j, i] = 1
-IDENTITY = [float(i == j) for i, j in LOWER]
-FACTOR = 30.0  # by which the weight falls from one minimisation to the next, about
-LAST = 1e-11  # weight v of the drives' logarithms at the end, of that of the bodies, w
-STEPS = 100  # of Newton's method, at most
-CENTRED, CONVERGED = 1e-3, 1e-11  # decrement at which they end, per weight v or w
-ATTEMPTS = 40  # halvings of a step
-ROUNDING = 1e-13  # of a Hessian of unit diagonal
-GAP = 1e-6  # of the objective to its minimum, per weight, above which the fit has failed
-AT_BOUND = 1e-4  # of its usual size: a parameter of a drive below it is zero
+ROOT_2 = np.sqrt(2.0)
+AT_BOUND = 1e-6  # of its size: a parameter of a drive below it is at its bound
+ROUNDS = 20  # of holding entries at their bound and letting them go
+GAP = 1e-9  # of the objective to its minimum, per unit of the prior's weight
+
+
+class Variables(NamedTuple):
+    """Places of the programme's variables."""
+
+    X: range  # ten per body
+    drives: range
+    Z: range  # ten per body
+    log: range  # four per body: log Z_ii
+    residual: range
+
+    @classmethod
+    def of(cls, nb: int, drives: int, rows: int) -> Variables:
+        ends = np.cumsum([0, ENTRIES * nb, drives, ENTRIES * nb, len(DIAGONAL) * nb, rows]).tolist()
+        return cls(*(range(a, b) for a, b in pairwise(ends)))
+
+    @property
+    def total(self) -> int:
+        return self.residual.stop
 
 
 def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, size: Array) -> Array:
@@ -44,22 +63,45 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     positive definite, of shape (nb, 4, 4), `weight` belongs to the divergence from it; `bounded` drives may not be
     negative, `size` is what they typically are.
     """
-    scale, nb = scaling(prior, size), len(prior)
-    problem = Barrier(factor[:-1, :-1] @ scale, factor[:-1, -1], nb, ENTRIES * nb + np.flatnonzero(bounded))
-    y = np.concatenate([np.tile(IDENTITY, nb), np.ones(len(size))])
-    first, last = max(weight, np.abs(problem.slopes(y, 0, 0)[0]).max(initial=0)), LAST * weight
-    try:
-        for of_drives in np.geomspace(first, last, 2 + int(np.log(first / last) / np.log(FACTOR))):
-            y, decrement = problem.minimum(y, weight, of_drives)
-    except np.linalg.LinAlgError:  # a body at the boundary of the cone, up to rounding
-        decrement = np.inf
-    if not decrement <= GAP * weight:
-        raise IdentificationError(
-            "no physically consistent bodies were found. With `consistent=False` the report says which parameters are "
-            "negative or not excited; check signs and units of the torques, or give a larger `prior_std`"
-        )
-    y[problem.bounded] *= y[problem.bounded] > AT_BOUND
-    return np.asarray(scale @ y)
+    factor = factor[:-1]  # the last row is what no parameters explain
+    scale = scaling(prior, size)
+    v = Variables.of(len(prior), len(size), len(factor))
+    linear = np.zeros(v.total)
+    diagonal = [v.X[ENTRIES * k + d] for k in range(len(prior)) for d in DIAGONAL]
+    linear[diagonal] = weight  # tr X
+    linear[v.log.start : v.log.stop] = -weight
+    R, b = factor[:, :-1] @ scale, factor[:, -1]
+    found, status = solve_cones(v, linear, constraints(v, R, b, bounded))
+    problem, drives = Barrier(R, b, weight, len(prior)), np.array(v.drives, int)[bounded]
+    of_prior = np.zeros(v.Z.start)  # the start where the cone solver ended far from the minimum
+    of_prior[diagonal] = 1
+    for start in (found[: v.Z.start], of_prior):
+        y = at_minimum(problem, start, drives)
+        if y is not None:
+            return np.asarray(scale @ y)
+    raise IdentificationError(
+        f"no physically consistent bodies were found (Clarabel: {status}). With `consistent=False` the report says "
+        "which parameters are negative or not excited; check signs and units of the torques, or give a larger "
+        "`prior_std`"
+    )
+
+
+def at_minimum(problem: Barrier, y: Array, bounded: Array) -> Array | None:
+    """The minimum near a point, with those entries held at their bound that ask for it; None if it is not reached."""
+    y, held = y.copy(), set(bounded[y[bounded] < AT_BOUND].tolist())
+    for _ in range(ROUNDS):
+        free = np.ones(len(y), bool)
+        free[list(held)] = False
+        y[~free] = 0.0
+        if not np.isfinite(problem.value(y)):
+            break
+        y, gradient, decrement = refined(problem, y, free)
+        beyond = {k for k in bounded.tolist() if y[k] < 0}
+        pulled = {k for k in held if gradient[k] < -GAP * max(1.0, np.abs(problem.b).max(initial=0))}
+        if not beyond and not pulled and decrement <= GAP * problem.weight:
+            return y
+        held = (held | beyond) - pulled
+    return None
 
 
 def scaling(prior: Array, size: Array) -> Array:
@@ -74,65 +116,117 @@ def scaling(prior: Array, size: Array) -> Array:
     return matrix
 
 
-class Barrier:
-    """1/2 |R y - b|^2 + sum (w tr X - max(v, w) log det X) + sum (min(v, w) d - v log d), y = (entries of X, drives).
+def constraints(v: Variables, R: Array, b: Array, bounded: Array) -> list[tuple[str, Any, Array]]:
+    """Cones as (kind, matrix A, right-hand side c): c - A x lies in the cone."""
+    residual = np.zeros((len(b), v.total))
+    residual[:, : v.Z.start], residual[:, v.residual.start :] = -R, np.eye(len(b))
+    cones = [
+        ("zero", residual, -b),
+        ("not negative", -np.eye(v.total)[np.array(v.drives, int)[bounded]], 0 * b[: bounded.sum()]),
+    ]
+    for k in range(len(v.log) // len(DIAGONAL)):
+        own = slice(ENTRIES * k, ENTRIES * (k + 1))
+        cones.append(("semidefinite", -block_matrix(v.X[own], v.Z[own], v.total), np.zeros(36)))
+        for place, d in enumerate(DIAGONAL):  # exp(log_i) <= Z_ii
+            row = np.zeros((3, v.total))
+            row[0, v.log[len(DIAGONAL) * k + place]] = row[2, v.Z[own][d]] = -1
+            cones.append(("exponential", row, np.array([0.0, 1.0, 0.0])))
+    return cones
 
-    Each `bounded` entry d of y is a drive that may not be negative; there are nb bodies X.
-    """
 
-    def __init__(self, R: Array, b: Array, nb: int, bounded: Array) -> None:
-        self.R, self.b, self.nb, self.bounded = R, b, nb, bounded
-        self.hessian = R.T @ R
+def block_matrix(X: range, Z: range, count: int) -> Array:
+    """[[X, Z], [Z^T, diag Z]] as a linear function of the variables: its upper triangle, column by column."""
+    dense = np.zeros((8, 8, count))
+    for k, (i, j) in enumerate(LOWER):
+        dense[i, j, X[k]] = dense[j, i, X[k]] = 1
+        dense[i, 4 + j, Z[k]] = 1
+        if i == j:
+            dense[4 + i, 4 + i, Z[k]] = 1
+    return np.array([dense[i, j] * (1 if i == j else ROOT_2) for j in range(8) for i in range(j + 1)])
+
+
+def solve_cones(v: Variables, linear: Array, cones: list[tuple[str, Any, Array]]) -> tuple[Array, str]:
+    """The minimum of 1/2 |residual|^2 + linear . x under the constraints, by Clarabel, and how it ended."""
+    try:
+        import clarabel
+    except ModuleNotFoundError:
+        raise ImportError(
+            "the physically consistent fit needs Clarabel, which is not installed: pip install 'rne[identify]'"
+        ) from None
+    from scipy import sparse
+
+    make = {
+        "zero": clarabel.ZeroConeT,
+        "not negative": clarabel.NonnegativeConeT,
+        "semidefinite": lambda rows: clarabel.PSDTriangleConeT(8),
+        "exponential": lambda rows: clarabel.ExponentialConeT(),
+    }
+    quadratic = np.zeros(v.total)
+    quadratic[v.residual.start :] = 1
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    A = sparse.csc_matrix(np.concatenate([A for _, A, _ in cones]))
+    c = np.concatenate([c for _, _, c in cones])
+    kinds = [make[kind](len(c)) for kind, _, c in cones if len(c)]
+    found = clarabel.DefaultSolver(sparse.diags(quadratic).tocsc(), linear, A, c, kinds, settings).solve()
+    return np.array(found.x), str(found.status)
+
+
+STEPS = 100
+CONVERGED = 1e-16  # of the decrement, half of which is the gap of the objective to its minimum
+ATTEMPTS = 40  # halvings of a step
+
+
+class Barrier(NamedTuple):
+    """1/2 |R y - b|^2 + w sum (tr X - log det X) of y = (entries of the nb matrices X, drives)."""
+
+    R: Array
+    b: Array
+    weight: float  # w
+    nb: int
 
     def bodies(self, y: Array) -> Array:
         """The matrices X, shape (nb, 4, 4)."""
         return np.asarray(np.tensordot(y[: ENTRIES * self.nb].reshape(self.nb, -1), UNITS, 1))
 
-    def value(self, y: Array, w: float, v: float) -> float:
-        """The objective, inside the cone."""
-        X, d = self.bodies(y), y[self.bounded]
-        traces = w * np.trace(X, axis1=1, axis2=2).sum() + min(v, w) * d.sum()
-        logs = max(v, w) * np.linalg.slogdet(X)[1].sum() + v * np.log(d).sum()
-        return float(0.5 * ((self.R @ y - self.b) ** 2).sum() + traces - logs)
+    def value(self, y: Array) -> float:
+        """The objective; infinite outside the cone."""
+        X = self.bodies(y)
+        if np.linalg.eigvalsh(X).min(initial=np.inf) <= 0:
+            return float("inf")
+        barrier = np.trace(X, axis1=1, axis2=2).sum() - np.linalg.slogdet(X)[1].sum()
+        return float(0.5 * ((self.R @ y - self.b) ** 2).sum() + self.weight * barrier)
 
-    def longest(self, y: Array, step: Array) -> float:
-        """The part of a step, at most 1, that goes to a tenth of the distance from the boundary at most."""
-        bodies = np.linalg.eigvals(np.linalg.solve(self.bodies(y), self.bodies(step))).real
-        drives = step[self.bounded] / y[self.bounded]
-        return float(min(1.0, 0.9 / max(-bodies.min(initial=0), -drives.min(initial=0), 0.9)))
-
-    def slopes(self, y: Array, w: float, v: float) -> tuple[Array, Array]:
+    def slopes(self, y: Array) -> tuple[Array, Array]:
         """Gradient and Hessian."""
-        gradient, hessian = self.R.T @ (self.R @ y - self.b), self.hessian.copy()
+        gradient, hessian = self.R.T @ (self.R @ y - self.b), self.R.T @ self.R
         for k, inverse in enumerate(np.linalg.inv(self.bodies(y))):
             own = slice(ENTRIES * k, ENTRIES * (k + 1))
             turned = inverse @ UNITS
-            gradient[own] += np.trace(w * UNITS - max(v, w) * turned, axis1=1, axis2=2)
-            hessian[own, own] += max(v, w) * np.einsum("kab,lba->kl", turned, turned)
-        d = y[self.bounded]
-        gradient[self.bounded] += min(v, w) - v / d
-        hessian[self.bounded, self.bounded] += v / d**2
+            gradient[own] += self.weight * np.trace(UNITS - turned, axis1=1, axis2=2)
+            hessian[own, own] += self.weight * np.einsum("kab,lba->kl", turned, turned)
         return gradient, hessian
 
-    def minimum(self, y: Array, w: float, v: float) -> tuple[Array, float]:
-        """The minimum from a start inside the cone, and the decrement there, twice the estimated gap."""
-        from scipy.linalg import cho_factor, cho_solve
 
-        for _ in range(STEPS):
-            gradient, hessian = self.slopes(y, w, v)
-            scale = 1 / np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
-            regular = hessian * np.outer(scale, scale) + ROUNDING * np.eye(len(y))
-            step = -scale * cho_solve(cho_factor(regular), scale * gradient)
-            decrement = float(-gradient @ step)
-            if decrement <= max(CENTRED * v, CONVERGED * w):
-                break
-            value, lengths = self.value(y, w, v), self.longest(y, step) * 0.5 ** np.arange(ATTEMPTS)
-            lower = (a for a in lengths if self.value(y + a * step, w, v) <= value - 1e-4 * a * decrement)
-            length = next(lower, 0.0)
-            y = y + length * step
-            if length == 0:
-                break
-        return y, decrement
+def refined(problem: Barrier, start: Array, free: Array) -> tuple[Array, Array, float]:
+    """The minimum over the free entries of y, which starts inside the cone; the others stay as they are.
+
+    With the gradient there, and the decrement, twice the estimated gap to the minimum.
+    """
+    y, decrement = start.copy(), np.inf
+    for _ in range(STEPS):
+        gradient, hessian = problem.slopes(y)
+        step = np.zeros(len(y))
+        step[free] = -np.linalg.lstsq(hessian[np.ix_(free, free)], gradient[free], rcond=None)[0]
+        decrement = float(-gradient @ step)
+        lengths = 0.5 ** np.arange(ATTEMPTS)
+        value = problem.value(y)
+        length = next((a for a in lengths if problem.value(y + a * step) <= value - 1e-4 * a * decrement), 0.0)
+        y = y + length * step
+        if decrement <= CONVERGED or length == 0:
+            break
+    return y, problem.slopes(y)[0], decrement
 
 
 THICKNESS = 0.2  # of a guessed body: standard deviation of its mass across its length, as a part of the length

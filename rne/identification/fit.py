@@ -64,7 +64,7 @@ def identify(
         robots have, with the Stribeck effect where the log asks for it; `DriveModel()` for none. What is left out is
         found in other parameters and residuals.
     consistent : bool
-        False to skip the physically consistent fit.
+        False to skip the physically consistent fit, which needs the extra `identify`.
     prior : Robot or "geometry", optional
         Where the motion says nothing, bodies are like those of this robot; "geometry" guesses rods between the joints
         and finds their density from the measurements.
@@ -97,6 +97,8 @@ def identify(
         If an argument does not fit the robot, or there are fewer equations than parameters.
     IdentificationError
         If the consistent fit does not succeed.
+    ImportError
+        If Clarabel is not installed and `consistent` is true.
 
     Warns
     -----

@@ -157,6 +157,8 @@ def identify_payload(
         If a record is of other joints, or there are fewer equations than parameters.
     IdentificationError
         If the motions do not tell the mass, or it is negative beyond doubt.
+    ImportError
+        If the physically consistent load is needed and Clarabel is not installed.
 
     Notes
     -----
