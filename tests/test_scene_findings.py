@@ -128,7 +128,7 @@ def test_an_unstable_sampled_loop_ends_after_bounded_work(irb140):
     scene = rne.Scene(irb140, controller=law, sample_time=1e-3)
     with pytest.raises(
         rne.SimulationError,
-        match=r"within one sample at t = .* the sampled loop is unstable; by rne.check_gains it is stable up to 0.0001308 s everywhere, and sampled every 0.001 s$",
+        match=r"within one sample at t = .* the sampled loop is unstable; by rne.check_gains it is stable up to 0.0001308 s, and sampled every 0.001 s$",
     ) as caught:
         rne.simulate(scene, [0.1] * 6, [0] * 6, 1.0)
     assert caught.value.trajectory.evaluations < 60_000

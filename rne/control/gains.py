@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
+from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 from .laws import checked_vectors
+from .sampled_loop import LinearLoop, Window, first_unstable_time, gravity_modes, step_matrix
 
 SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of them that are refined
-TRIED, SHORTEST = 1024, 1e-6  # sample times of the scan, and the shortest of them, of the longest
+SWEPT = 16  # sample times below the limit at which a part of them is examined
+LONGEST = 1.25  # of the horizon of a loop: sample times that are examined
+MARGINAL = 1e-12  # above 1: a spectral radius within rounding
 ROUNDS = 20  # of lowering the sample time and searching again
+BOTH = "beats_gravity", "sample_time_limit"  # results that bounds may prove
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
 
@@ -35,13 +40,17 @@ class Gains:
     fastest_pole : float
         Fastest decay of the loop in that configuration, Kp included [1/s].
     sample_time_limit : float
-        Sample time above which held torques make the loop unstable somewhere in the workspace [s].
+        Sample time up to which the loop with held torques is stable, in every configuration that was examined [s].
     sample_time_q : ndarray, shape (n,)
-        Configuration that becomes unstable first [rad or m].
+        Configuration that is the first not to be stable [rad or m].
+    windows : tuple of Window
+        All sample times in that configuration: tuples (start, end, verdict), "stable", "unstable" or "undecided" [s].
     gravity_stiffness : float
         Largest norm of dg/dq over the workspace: without gravity compensation every Kp must exceed it [N m/rad].
     beats_gravity : bool
         True if the smallest Kp exceeds it.
+    proven : tuple of str
+        Which of "beats_gravity" and "sample_time_limit" hold for the whole workspace by proof; others by a search.
     sample_time : float or None
         The given sample time [s].
     stable : bool or None
@@ -60,8 +69,10 @@ class Gains:
     fastest_pole: float
     sample_time_limit: float
     sample_time_q: Array
+    windows: tuple[Window, ...]
     gravity_stiffness: float
     beats_gravity: bool
+    proven: tuple[str, ...]
     sample_time: float | None
     stable: bool | None
 
@@ -72,12 +83,25 @@ class Gains:
         exceed = "exceed" if self.beats_gravity else "do NOT exceed"
         return (
             f"fastest mode M^-1 Kd {self.largest_mode:.6g} 1/s, fastest pole {self.fastest_pole:.6g} 1/s\n"
-            f"largest stable sample time {self.sample_time_limit:.4g} s.{verdict}\n"
-            f"gravity's stiffness {self.gravity_stiffness:.4g} N m/rad: without compensation the gains {exceed} it"
+            f"largest stable sample time {self.sample_time_limit:.4g} s{self._search('sample_time_limit')}.{verdict}\n"
+            f"gravity's stiffness {self.gravity_stiffness:.4g} N m/rad{self._search('beats_gravity')}: "
+            f"without compensation the gains {exceed} it"
         )
 
+    def _search(self, name: str) -> str:
+        return " (proven)" if name in self.proven else " (searched)"
 
-def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float | None = None) -> Gains:
+
+def check_gains(
+    robot: Robot,
+    kp: ArrayLike,
+    kd: ArrayLike,
+    sample_time: float | None = None,
+    *,
+    q: ArrayLike | None = None,
+    max_sample_time: float | None = None,
+    bounds: Any = None,
+) -> Gains:
     """Stability of PD gains over a robot's workspace, continuous or sampled.
 
     Parameters
@@ -85,9 +109,16 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     robot : Robot
         The robot.
     kp, kd : float or array_like, shape (n,)
-        Gains of each joint, positive [N m/rad, N m s/rad].
+        Gains of each joint [N m/rad, N m s/rad]: kp positive, kd not negative.
     sample_time : float, optional
         Time between samples, over which torques are held [s].
+    q : array_like, shape (n,), optional
+        The only configuration to examine, instead of the workspace [rad or m].
+    max_sample_time : float, optional
+        End of the `windows` [s]; by default a quarter more than a time at which unstable ones are expected.
+    bounds : object, optional
+        Proven bounds over the workspace: attributes `gravity_stiffness`, of the norm of dg/dq, and `mass_eigenvalues`,
+        of M, each with `lower` and `upper`.
 
     Returns
     -------
@@ -97,18 +128,28 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     Raises
     ------
     ValueError
-        If a gain or the sample time is not positive and finite, or has the wrong shape.
+        If a gain or a sample time is not finite, has the wrong sign or shape.
     SingularMassMatrixError
         If M is singular somewhere in the workspace; names the joints.
 
     Notes
     -----
     With gravity compensated, M qdd = -Kp e - Kd qd near a reference, e = q - q_ref. Evaluated continuously this loop is
-    stable for all positive gains. Evaluated every T and held, it is the linear map of (e, qd) from sample to sample, in
-    which the compensated gravity is held too: exact but for terms of second order in e and qd. The limit is the
-    smallest T at which an eigenvalue of that map leaves the unit circle, over all configurations. For one configuration
-    this is certain; over the workspace it is a search: random configurations within the joints' limits (seeded), the
-    worst of them refined by L-BFGS-B. Åström and Wittenmark 1997, Computer-Controlled Systems, section 2.3.
+    stable for all positive gains; without damping, Kd = 0, its energy is conserved: it is marginal, not stable.
+    Evaluated every T and held, it is the linear map of (e, qd) from sample to sample, in which the compensated gravity
+    is held too: exact but for terms of second order in e and qd. Without damping it is unstable for all T where
+    Kp - dg/dq is positive definite, and stable, but for single values of T, where dg/dq - Kp is.
+
+    For one configuration the verdicts are certain, to rounding. One joint, and modes that the gains do not couple, have
+    a closed form. For others intervals of T are proven stable or unstable; what is neither is undecided (most often
+    1e-9 of T at a boundary) and counts as not stable. The limit is the largest T below which all are proven stable; it
+    is not looked for beyond 1.25 times the smaller of 2 / largest mode and half of gravity's shortest period, unless a
+    closed form gives it.
+
+    Over the workspace the limit is a search: random configurations within the joints' limits (seeded), the worst of
+    them refined by L-BFGS-B. `bounds` prove the comparison with gravity's stiffness and, for one joint, the limit: the
+    worst loops have the smallest or largest inertia and stiffness. Åström and Wittenmark 1997, Computer-Controlled
+    Systems, sections 2.3 and 3.2.
 
     Examples
     --------
@@ -117,36 +158,54 @@ def check_gains(robot: Robot, kp: ArrayLike, kd: ArrayLike, sample_time: float |
     >>> round(gains.sample_time_limit * 1e4, 3), gains.stable
     (1.308, True)
     """
-    p, d = checked_vectors(robot, sign="positive", kp=kp, kd=kd)
-    if sample_time is not None:
-        positive_number("sample_time", sample_time)
+    p, d = (checked_vectors(robot, sign="positive", kp=kp)[0], checked_vectors(robot, sign="not negative", kd=kd)[0])
+    for name, value in (("sample_time", sample_time), ("max_sample_time", max_sample_time)):
+        if value is not None:
+            positive_number(name, value)
     n = robot.n
     if n == 0:
         stable = None if sample_time is None else True
-        return Gains(0.0, np.zeros(0), 0.0, np.inf, np.zeros(0), 0.0, True, sample_time, stable)
-    lower, upper = workspace(robot)
-    half = np.sqrt(d)
+        none, always = np.zeros(0), (Window(0.0, np.inf, "stable"),)
+        return Gains(0.0, none, 0.0, np.inf, none, always, 0.0, True, BOTH, sample_time, stable)
+    space = workspace(robot) if q is None else (per_joint_array("q", q, n),) * 2
+    loop, half = SampledLoop(robot, p, d), np.sqrt(d)
 
     def fastest(q: Array) -> Array:
         return np.linalg.eigvalsh(half[:, None] * inverse_mass_matrix(robot, q) * half)[..., -1]
 
-    slope = robot.kernel(gravity_torque, "q")
-    largest, worst = largest_over(fastest, lower, upper)
-    stiffness, _ = largest_over(lambda q: np.linalg.norm(slope(q), 2, axis=(-2, -1)), lower, upper)
+    largest, worst = largest_over(fastest, *space)
+    stiffness, _ = largest_over(lambda q: np.linalg.norm(loop.slope(q), 2, axis=(-2, -1)), *space)
     inverse = inverse_mass_matrix(robot, worst)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse * p, -inverse * d]])
-    limit, limit_q = SampledLoop(robot, p, d).limit(2 / largest, worst)
+    limit, limit_q = loop.limit(worst, *space)
+    proven = BOTH[: 0 if q is None else 2]
+    if bounds is not None and q is None:
+        stiffness, proven = float(bounds.gravity_stiffness.upper), BOTH[: 2 if n == 1 else 1]
+        limit = min(limit, proven_limit(p, d, bounds)) if n == 1 else limit
+    there = loop.at(limit_q)
     return Gains(
         largest,
         worst,
         float(-np.linalg.eigvals(A).real.min()),
         limit,
         limit_q,
+        tuple(there.windows(max_sample_time or LONGEST * max(there.horizon, limit))),
         stiffness,
         bool(p.min() > stiffness),
+        proven,
         sample_time,
         None if sample_time is None else bool(sample_time < limit),
     )
+
+
+def proven_limit(kp: Array, kd: Array, bounds: Any) -> float:
+    """Sample time up to which one joint is stable for all inertias and stiffnesses within their bounds.
+
+    The worst are corners: the conditions are concave in the stiffness and monotone in the inertia, for each sign of it.
+    """
+    k, inertia = bounds.gravity_stiffness.upper, bounds.mass_eigenvalues
+    m = np.array([[inertia.lower], [inertia.upper]])
+    return float(first_unstable_time(np.array([-k, 0.0, k]) / m, kp / m, kd / m).min())
 
 
 def inverse_mass_matrix(robot: Robot, q: Array) -> Array:
@@ -188,61 +247,57 @@ class SampledLoop:
 
     def __init__(self, robot: Robot, kp: Array, kd: Array) -> None:
         self.robot, self.kp, self.kd = robot, kp, kd
-        self.slope = robot.kernel(gravity_torque, "q")
+        self.slope, self.check = robot.kernel(gravity_torque, "q"), robot.kernel(solve_mass_matrix)
+
+    def modes(self, q: Array) -> tuple[Array, Array, Array]:
+        """Modes of gravity and gains in configurations q, shape (..., n); raises SingularMassMatrixError."""
+        self.check(q, np.zeros(self.robot.n))
+        return gravity_modes(self.robot.mass_matrix(q), self.slope(q), self.kp, self.kd)
+
+    def at(self, q: Array) -> LinearLoop:
+        """The loop of one configuration."""
+        return LinearLoop(*self.modes(q))
 
     def radius(self, q: Array, T: float | Array) -> Array:
-        """Spectral radius of `step` for configurations q, shape (...)."""
-        radius: Array = np.abs(np.linalg.eigvals(self.step(q, T))).max(axis=-1)
+        """Spectral radius of the map from sample to sample, for configurations q, shape (...)."""
+        modes = self.modes(q)
+        change, _ = step_matrix(*modes, np.broadcast_to(T, np.broadcast_shapes(modes[0].shape[:-1], np.shape(T))))
+        radius: Array = np.abs(1 + np.linalg.eigvals(change)).max(axis=-1)
         return radius
 
-    def step(self, q: Array, T: float | Array) -> Array:
-        """The matrix of the map of (e, qd) over one sample time T, for configurations q, shape (..., 2 n, 2 n)."""
-        inverse = inverse_mass_matrix(self.robot, q)
-        W = inverse @ self.slope(q) * T * T  # gravity's stiffness: y'' = -(W / T^2) y + a while torques are held
-        one = np.broadcast_to(np.eye(len(self.kp)), W.shape)
-        position, velocity, force = one, one, one / 2  # y(T) = force a T^2, y'(T) = velocity a T, e(T) = position e
-        term = one
-        for k in range(1, 12):  # their power series
-            term = -term @ W / ((2 * k - 1) * (2 * k))
-            position = position + term
-            velocity = velocity + term / (2 * k + 1)
-            force = force + term / ((2 * k + 1) * (2 * k + 2))
-        P, D = inverse * self.kp, inverse * self.kd
-        by_error = [one - T * T * force @ P, -T * velocity @ P]
-        by_velocity = [T * velocity - T * T * force @ D, position - T * velocity @ D]
-        return np.concatenate([np.concatenate(by_error, -2), np.concatenate(by_velocity, -2)], -1)
-
-    def limit(self, upper: float, start: Array) -> tuple[float, Array]:
-        """The smallest sample time, at most about `upper`, that is unstable in some configuration, and where.
+    def limit(self, start: Array, lower: Array, upper: Array) -> tuple[float, Array]:
+        """The smallest sample time that is not proven stable in some configuration, and where.
 
         `start` is a configuration that is examined along with the random ones.
         """
-        low, high = workspace(self.robot)
-        drawn = np.concatenate([start[None], random_configurations(low, high)])
-        T, where = self.first_unstable(start, upper * (1 + 1e-9)), start
+        if self.robot.n == 1:
+            unit = float(self.first_of_one_joint(start)) or 1.0
+            value, where = largest_over(lambda q: -self.first_of_one_joint(q) / unit, lower, upper)
+            return -value * unit, where
+        loop, where = self.at(start), start
+        T = loop.first_unstable(LONGEST * loop.horizon)
+        drawn = np.concatenate([start[None], random_configurations(lower, upper)])
         for _ in range(ROUNDS):
-            tried = T * (1 - 1e-6)
-            radii = self.radius(drawn, tried)
-            spread = float(np.ptp(radii)) or 1.0  # lightly damped loops differ in the fifth digit only
-            largest, q = largest_over(lambda x: (self.radius(x, tried) - 1) / spread, low, high, drawn)  # noqa: B023
-            if largest < 0 or T == 0:
+            found = self.unstable_configuration(drawn, T, lower, upper) if T > 0 else None
+            first = T if found is None else self.at(found).first_unstable(T)
+            if found is None or first == T:
                 break
-            T, where = self.first_unstable(q, T), q
+            T, where = first, found
         return T, where
 
-    def first_unstable(self, q: Array, upper: float) -> float:
-        """The smallest sample time up to `upper` at which configuration q is unstable; `upper` if there is none.
+    def first_of_one_joint(self, q: Array) -> Array:
+        """The limit in configurations q, shape (..., 1), in closed form."""
+        w, P, D = self.modes(q)
+        return first_unstable_time(w, P[..., 0], D[..., 0])[..., 0]
 
-        Windows between neighbouring times of the scan are not seen; 0 if its shortest time is unstable already.
-        """
-        from scipy.optimize import brentq
-
-        tried = upper * np.geomspace(SHORTEST, 1.0, TRIED)
-        unstable = self.radius(q[None], tried[:, None, None]) >= 1
-        k = int(unstable.argmax())
-        if not unstable[k]:
-            return upper
-        if k == 0:
-            return 0.0
-        T = tried[k]
-        return float(T * brentq(lambda part: self.radius(q[None], part * T)[0] - 1, tried[k - 1] / T, 1.0))
+    def unstable_configuration(self, drawn: Array, T: float, lower: Array, upper: Array) -> Array | None:
+        """A configuration that is unstable for a sample time below T, if one is found."""
+        some, times = drawn[::SWEPT], T * np.arange(1, SWEPT) / SWEPT
+        unstable = self.radius(some[:, None], times) > 1 + MARGINAL
+        if unstable.any():
+            return np.asarray(some[np.argwhere(unstable.T)[0, 1]])
+        tried = T * (1 - 1e-6)
+        radii = self.radius(drawn, tried)
+        spread = float(np.ptp(radii)) or 1.0  # lightly damped loops differ in the fifth digit only
+        largest, q = largest_over(lambda x: (self.radius(x, tried) - 1) / spread, lower, upper, drawn)
+        return None if largest < 0 else q

@@ -366,7 +366,7 @@ class ZeroOrderHold:
             limit = check_gains(self.scene.resolved.robot, *gains).sample_time_limit  # type: ignore[arg-type]
         except (ValueError, TypeError):
             return "see rne.check_gains for the sample time that its gains need"
-        return f"by rne.check_gains it is stable up to {limit:.4g} s everywhere, and sampled every {self.period:g} s"
+        return f"by rne.check_gains it is stable up to {limit:.4g} s, and sampled every {self.period:g} s"
 
 
 class ModeChange:
