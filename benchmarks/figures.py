@@ -118,7 +118,8 @@ def engines_picture(found: Results) -> Any:
 
 def differences(found: Results) -> dict[str, list[float]]:
     """Relative differences from Pinocchio, by quantity, one for each robot, the smallest first."""
-    robots = [*found["robots"].values(), found["worst"]["irb140"]]
+    three = {name: errors for name, errors in found["worst"].items() if not name.startswith("worst of")}
+    robots = (found["robots"] | three).values()
     return {quantity: sorted(robot[quantity] for robot in robots if quantity in robot) for quantity in COMPARED}
 
 
