@@ -142,17 +142,17 @@ def main(arguments=None):
     parser.add_argument("--number", type=int, default=300)
     parser.add_argument("--seed", type=int, default=20261122)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--only", choices=FOLDERS, help="keep the draw's mutants of this folder")
+    parser.add_argument("--only", choices=FOLDERS, help="draw from this folder alone")
+    parser.add_argument("--tests", nargs="*", default=[], metavar="FILE", help="files of tests; by default all")
     parser.add_argument("--mutants", type=Path, metavar="FILE", help="run the survivors in this file of results again")
     parser.add_argument("--list", action="store_true", help="print the draw, run nothing")
     parser.add_argument("--results", type=Path, default=Path("build/mutation.json"), help="file to write")
     parser.add_argument("--root", type=Path, default=Path(__file__).parents[2], help="the tree to break")
     parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "rne-mutation")
     options = parser.parse_args(arguments)
-    root = options.root.resolve()
-    mutants = listed(root, options.mutants) if options.mutants else draw(root, options.number, options.seed)
+    root, folders = options.root.resolve(), (options.only,) if options.only else FOLDERS
+    mutants = listed(root, options.mutants) if options.mutants else draw(root, options.number, options.seed, folders)
     equivalent = {} if options.mutants else equivalents(mutants)
-    mutants = [m for m in mutants if options.only in (None, m.file.split("/")[1])]
     if options.list:
         print(*mutants, sep="\n")
         return
@@ -167,7 +167,7 @@ def main(arguments=None):
             flush=True,
         )
 
-    suite = Suite(root, options.cache)
+    suite = Suite(root, options.cache, options.tests)
     print(
         f"{len(suite.cost)} short tests, {sum(suite.cost.values()):.0f} s with coverage; failing without a mutant: {suite.failing or 0}",
         flush=True,

@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 
 FOLDERS = ("kernels", "dynamics", "control", "model", "urdf", "robot", "basics", "trajectories", "simulation")
+FOLDERS += ("identification",)
 OPERATORS = {"Add": "-", "Sub": "+", "Mult": "/", "Div": "*", "FloorDiv": "*", "Mod": "//", "Pow": "*", "MatMult": "*"}
 OPERATORS |= {"BitAnd": "|", "BitOr": "&", "BitXor": "&", "LShift": ">>", "RShift": "<<"}
 OPPOSITES = {"Lt": ">=", "LtE": ">", "Gt": "<=", "GtE": "<", "Eq": "!=", "NotEq": "=="}

@@ -71,8 +71,8 @@ def files_of(root):
     return sorted(name for name in listed.stdout.decode().split("\0") if name and (root / name).is_file())
 
 
-def start(tree, log, *, order=None, cpu, coverage=None):
-    """Fork a child that runs pytest in `tree`; its process id."""
+def start(tree, log, *, order=None, cpu, coverage=None, files=()):
+    """Fork a child that runs pytest in `tree`, all tests, those of some files or those in `order`; its process id."""
     log.unlink(missing_ok=True)
     sys.stdout.flush()
     if child := os.fork():
@@ -99,7 +99,7 @@ def start(tree, log, *, order=None, cpu, coverage=None):
         coverage.start()
     code = 70
     with contextlib.suppress(BaseException):
-        files = sorted({test.split("::")[0] for test in order or ()})
+        files = sorted({test.split("::")[0] for test in order}) if order else files
         options = ["-p", "no:cacheprovider", "--continue-on-collection-errors", "--basetemp", f"{home}/tests"]
         code = pytest.main([*options, *files], plugins=[Watch(log, order, coverage)])
     if coverage:
@@ -127,10 +127,10 @@ def notes(log):
 class Suite:
     """What the unbroken tree's short tests cover and cost; kept on disk for a tree of the same content."""
 
-    def __init__(self, root, cache):
+    def __init__(self, root, cache, files=()):
         import coverage
 
-        content, texts = hashlib.sha256(), ""
+        content, texts = hashlib.sha256(repr(sorted(files)).encode()), ""
         for name in files_of(root):
             content.update(f"{name}\0".encode() + (root / name).read_bytes())
             texts += (root / name).read_text() if name.endswith(".py") else ""
@@ -147,7 +147,7 @@ class Suite:
                 shutil.copy2(root / name, self.tree / name)
             subprocess.run("git init -q && git add -A", shell=True, cwd=self.tree, check=True)  # for tests that ask git
             measured = coverage.Coverage(data_file=str(data), source=[str(self.tree / "rne")], config_file=False)
-            ended({start(self.tree, log, cpu=7200, coverage=measured)})
+            ended({start(self.tree, log, cpu=7200, coverage=measured, files=files)})
             (kept / "done").touch()
         log = notes(log)
         self.failing = {test for what, test, _ in log if what in ("failed", "not imported")}
