@@ -698,13 +698,13 @@ T, Q = np.arange(60) / 60, np.zeros((60, 2))
     [
         ((T, Q[0], Q), {}, "`q` must have shape (T, n), got (2,)"),
         ((T, Q, Q[:, :1]), {}, "`tau` must have shape (60, 2), got (60, 1)"),
-        ((T[1:], Q, Q), {}, "`t` must have shape (60,), one time for each row of `q`, got (59,)"),
+        ((T[1:], Q, Q), {}, "`t` must have shape (60,), got (59,)"),
         ((np.where(T > 0.5, np.nan, T), Q, Q), {}, "`t` must be finite, got nan at index (31,)"),
         ((T, Q, Q, Q + 1j), {}, "`qd` must be real, got dtype complex128"),
         ((T, Q, Q), {"joint_names": ["a"]}, "`joint_names` must have 2 names, got 1"),
         ((T, Q, Q), {"unit": "grad"}, '`unit` must be "rad", "m" or "deg", or 2 of them, got \'grad\''),
         ((T, Q, Q), {"stamps": "late"}, '`stamps` must be "auto", "sampled" or "regular", got \'late\''),
-        ((T, Q, Q), {"bridge": -1}, "`bridge` must be an integer that is not negative, got -1"),
+        ((T, Q, Q), {"bridge": -1}, "`bridge` must be a whole number of at least 0, got -1"),
     ],
 )
 def test_arguments_are_checked(arguments, options, text):

@@ -353,7 +353,7 @@ def short():
         (
             ValueError,
             lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), folds=1),
-            "`folds` must be an integer of at least 2, got 1",
+            "`folds` must be a whole number of at least 2, got 1",
         ),
         (
             ValueError,

@@ -238,10 +238,7 @@ UNIT = 1.0  # [m], of a robot whose joints are all at one point
 
 
 def model_prior(model: Model) -> tuple[Array, tuple[str, ...]]:
-    """Pseudo-inertias of the model's bodies, positive definite, shape (nb, 4, 4).
-
-    With the joints whose bodies are points, lines, sheets or impossible and were made thicker by some of the guess.
-    """
+    """Positive definite pseudo-inertias of bodies, (nb, 4, 4), and joints whose bodies had to be made thicker."""
     given, guess = pseudo_inertia(parameters_of(model)), geometric_prior(model)
     mean = model.mass.mean() if model.mass.any() else 1.0
     mass = np.where(model.mass > 0, model.mass, ADDED * mean)

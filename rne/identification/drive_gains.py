@@ -154,10 +154,7 @@ def identify_drive_gains(
 
 
 def of_single_joints(sets: TwoSets, load: Array) -> tuple[Array, Array, Array]:
-    """Inverse gains k of i_j = Y_j (k pi) + k Y_j S phi, each from its joint alone.
-
-    With their standard errors and the correlation time of their residuals.
-    """
+    """Inverse gains k of i_j = Y_j (k pi) + k Y_j S phi, each from its joint alone, errors, and correlation times."""
     back, K = sets.base.back, sets.base.count
     E = np.hstack([back, load[:, None]])
     both = sets.joined(E, K)
@@ -171,11 +168,7 @@ def of_single_joints(sets: TwoSets, load: Array) -> tuple[Array, Array, Array]:
 
 
 def of_all_joints(sets: TwoSets, load: Array, gains: Array) -> tuple[Array, Equations]:
-    """Gains by a fit of all joints with the same parameters, and the equations of the last step.
-
-    A step from gains g and parameters pi solves Y_j pi' + (Y_j pi + Y_j S phi) d_j = g_j i_j - Y_j S phi for pi' and
-    the relative changes d of the inverse gains.
-    """
+    """Gains by a fit of all joints with the same parameters, and the equations of the last step."""
     K = sets.base.count
     x = least_squares(stepped(sets, load, gains, None)).values
     for _ in range(ROUNDS):
@@ -188,7 +181,10 @@ def of_all_joints(sets: TwoSets, load: Array, gains: Array) -> tuple[Array, Equa
 
 
 def stepped(sets: TwoSets, load: Array, gains: Array, pi: Array | None) -> Equations:
-    """Equations of one step, those of joints without a gain left out; with `pi` None those of the parameters alone."""
+    """Equations Y_j pi' + (Y_j pi + Y_j S phi) d_j = g_j i_j - Y_j S phi of a step from gains g and parameters pi.
+
+    The unknowns are pi' and the relative changes d of the inverse gains; with `pi` None they are pi' alone.
+    """
     back, told = sets.base.back, np.isfinite(gains)
     P, K, n = len(back), sets.base.count, len(gains)
     parts = []

@@ -129,11 +129,7 @@ def resting(record: Prepared, minimum_velocity: Array) -> Array:
 def record_equations(
     robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array
 ) -> RecordEquations:
-    """The equations of a record; joints that stand `still` have velocities of but noise, which are taken as zero.
-
-    Where a joint is slower on average than its minimum velocity, Coulomb friction has no known direction and its
-    equation is not used.
-    """
+    """The equations of a record; those of joints slower than their minimum velocity are not used, `still` ones rest."""
     qd, qdd = record.qd * ~still, record.qdd * ~still
     bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
     rows = np.zeros((len(record.times), robot.n, standard.count))

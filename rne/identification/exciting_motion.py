@@ -78,10 +78,7 @@ class Observation:
         return np.asarray(Y.reshape(-1, self.count))
 
     def slopes(self, states: States, G: Array) -> list[Array]:
-        """Derivatives by q, qd and qdd, shape (K, n) each, of a function of W, given those by the entries of W.
-
-        Coulomb friction without smoothing has the derivative zero, which it has everywhere but at rest.
-        """
+        """Derivatives by q, qd and qdd, shape (K, n) each, of a function of W, given those by the entries of W."""
         K, n = states[0].shape
         dY = self.robot.kernel(self.regressor, "q", "qd", "qdd")(*states)
         by_columns = G.reshape(K, n, -1) / self.noise[:, None]
@@ -96,8 +93,7 @@ GRAM = 1e3  # condition number up to which W^T W leaves nine digits
 class Spectrum:
     """Singular values of W, with columns of length one if `scaled`, and right singular vectors as columns of V.
 
-    Unless they are to be `exact` they are found from W^T W where rounding allows: an SVD of W takes many times as
-    long, most of all if LAPACK's threads are on cores that others use.
+    Where rounding allows they are those of W^T W, unless `exact`: an SVD of W takes many times as long.
     """
 
     def __init__(self, W: Array, scaled: bool = False, *, exact: bool = False) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,12 +30,11 @@ MARGIN = len(FIRST)  # samples at either end that have no central difference
 def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = None) -> Array:
     """Low-pass along the first axis without shift in time; of the result only the rows `kept`, if given.
 
-    A Butterworth filter of fourth order forwards and backwards: the gain is 1 / (1 + (f / cutoff)^8) up to the warping
-    of the bilinear transform, and 1/2 at the cut-off.
+    A Butterworth filter forwards and backwards: the gain is 1 / (1 + (f / cutoff)^8), but for the bilinear transform.
     """
-    from scipy.signal import sosfiltfilt
+    from scipy.signal import butter, sosfiltfilt
 
-    sections = butterworth(cutoff, sample_rate)
+    sections = butter(ORDER, cutoff, output="sos", fs=sample_rate)
     padding = min(settling(cutoff, sample_rate), len(x) - 1)
     rows: Array = np.arange(len(x)) if kept is None else kept
     columns = x.reshape(len(x), -1)
@@ -46,14 +44,6 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
         part = slice(k, k + width)
         filtered[:, part] = sosfiltfilt(sections, columns[:, part], axis=0, padlen=padding)[rows]
     return filtered.reshape(len(rows), *x.shape[1:])
-
-
-@lru_cache
-def butterworth(cutoff: float, sample_rate: float) -> Array:
-    """Second-order sections of the filter."""
-    from scipy.signal import butter
-
-    return np.asarray(butter(ORDER, cutoff, output="sos", fs=sample_rate))
 
 
 def settling(cutoff: float, sample_rate: float) -> int:
@@ -167,14 +157,12 @@ def complementary_filter(q: Array, integrals: Array, crossover: Array, sample_ra
 def choose_cutoff(
     spectrum: Spectrum, sample_rate: float, q: Sequence[Array], tau: Sequence[Array]
 ) -> tuple[float, tuple[str, ...]]:
-    """A cut-off [Hz] for the motion of these segments, shape (T, n) each, and the reason in words.
-
-    Where the motion seems to reach so far that the cut-off is at its cap, noise is likely to be taken for motion: then
-    only what torques have in common with the positions counts.
-    """
+    """A cut-off [Hz] for the motion of these segments, shape (T, n) each, and the reason in words."""
     highest, warned = FASTEST * sample_rate, []
     cutoff, reason = _cutoff(spectrum)
-    if cutoff > highest:
+    if (
+        cutoff > highest
+    ):  # noise is likely to be taken for motion: only what torques and positions have in common counts
         common = spectrum.velocities * _coherence(q, tau, sample_rate)
         warned = [
             f"warning: the spectrum asks for a cut-off above {highest:.6g} Hz, a fifth of the sample rate: positions "
@@ -217,10 +205,7 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
 
 
 def _bandwidths(spectrum: Spectrum) -> tuple[Array, Array, Array]:
-    """Of each joint, shape (n,): root mean square of its velocity, and two frequencies [Hz].
-
-    Below the first lies `POWER` of its power, below the second accelerations have the share `NOISE` of noise.
-    """
+    """RMS velocities, the bandwidths below which `POWER` lies, and where accelerations are `NOISE`, shape (n,) each."""
     f, velocities, noise = spectrum.f, spectrum.velocities, spectrum.noise
     power = np.cumsum(np.where(velocities > SIGNIFICANT * noise, velocities - noise, 0.0), axis=0)
     motion = (power < POWER * power[-1]).sum(axis=0)

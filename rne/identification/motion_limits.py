@@ -180,10 +180,7 @@ class MotionLimits:
         return q, qd, qdd
 
     def linear(self, count: int) -> dict[str, Array]:
-        """Bounds A x of positions, velocities and accelerations over their limits, shape (n, count, size of one joint).
-
-        Values between the times of the grid are included: |A x| <= 1 on the grid keeps the limit at all times.
-        """
+        """A of shape (n, count, size of one joint): |A x| <= 1 on the grid keeps the limits at all times."""
         matrices = (m @ self.free / self.basis.grid_share(count) for m in self.basis.grid(count))
         limits = {"position": self.half_range, "velocity": self.velocity_limit, "acceleration": self.acceleration_limit}
         shares = (self.velocity_limit / limit for limit in limits.values())
@@ -224,10 +221,7 @@ class MotionLimits:
         return self._friction[1] / self.effort_limit
 
     def torque_use(self, x: Array) -> Array:
-        """The largest share of the efforts that series use, shape (..., n).
-
-        Between samples of the fine grid what a parabola through three of them says.
-        """
+        """The largest share of the efforts that series use, shape (..., n), with parabolas between samples."""
         if not len(self.driven):
             return np.zeros((*x.shape[:-1], self.robot.n))
         tau = self.torques(self.states(x, self._fine[1]))

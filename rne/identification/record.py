@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers, positive_number, real_array, vector
+from ..basics.arrays import convert_numbers, positive_number, real_array, vector, whole_number
 from ..basics.spatial import Array
 from ..basics.text import counted
 from ..simulation.motion_files import numbered_joints
@@ -114,11 +114,9 @@ class Record:
     ) -> None:
         if stamps not in get_args(Stamps):
             raise ValueError(f'`stamps` must be "auto", "sampled" or "regular", got {stamps!r}')
-        if isinstance(bridge, bool) or not isinstance(bridge, int | np.integer) or bridge < 0:
-            raise ValueError(f"`bridge` must be an integer that is not negative, got {bridge!r}")
-        self.name, self._stamps, self._bridge = name, stamps, int(bridge)
+        self.name, self._stamps, self._bridge = name, stamps, whole_number("bridge", bridge, least=0)
         self.q = samples_array("q", q, None)
-        self.t = _times(t, len(self.q))
+        self.t = vector("t", t, len(self.q))
         self.tau = samples_array("tau", tau, self.q.shape)
         self.qd = None if qd is None else samples_array("qd", qd, self.q.shape)
         n = self.q.shape[1]
@@ -131,7 +129,7 @@ class Record:
         for array in (self.q, self.qd):
             if array is not None:
                 array *= [UNITS[u] for u in units]
-        for array in (self.t, self.q, self.tau, self.qd):
+        for array in (self.q, self.tau, self.qd):
             if array is not None:
                 array.flags.writeable = False
         self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
@@ -419,13 +417,3 @@ def _not_zero(name: str, value: ArrayLike, n: int) -> Array:
     if (factors == 0).any():
         raise ValueError(f"`{name}` must not be zero, got zero for joint {int(np.argmin(np.abs(factors))) + 1}")
     return factors
-
-
-def _times(t: ArrayLike, count: int) -> Array:
-    array = np.array(convert_numbers("t", t, f"({count},)"), dtype=np.float64)
-    if array.shape != (count,):
-        raise ValueError(f"`t` must have shape ({count},), one time for each row of `q`, got {array.shape}")
-    if not np.isfinite(array).all():
-        k = int(np.argmin(np.isfinite(array)))
-        raise ValueError(f"`t` must be finite, got {array[k]} at index ({k},)")
-    return array

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import vector
+from ..basics.arrays import vector, whole_number
 from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
@@ -83,8 +83,7 @@ def build_regression(
 ) -> RegressionData:
     """The equations of the records; arguments as of `rne.identify`."""
     given, standard = checked_records(robot, records), base.standard
-    if isinstance(folds, bool) or not isinstance(folds, int | np.integer) or folds < 2:
-        raise ValueError(f"`folds` must be an integer of at least 2, got {folds!r}")
+    whole_number("folds", folds, least=2)
     late = np.broadcast_to(delays, (len(given), robot.n))
     prepared = tuple(delayed(r.prepare(cutoff, decimation), d) for r, d in zip(given, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
@@ -140,17 +139,13 @@ def check_joints(robot: Robot, record: Record, argument: str) -> None:
 def minimum_velocities(
     standard: StandardParameters, records: Sequence[Record], prepared: Sequence[Prepared], given: ArrayLike | None
 ) -> tuple[Array, Array]:
-    """Which joints do not move, and velocities below which the equations of a joint are not fitted, shape (n,) each.
-
-    A joint whose positions stay within a few steps of its encoder, or roundings, does not move; velocities that one
-    step makes at the filter's cut-off are none.
-    """
+    """Which joints do not move, but for a few steps of their encoders, and velocities below which none is fitted."""
     step = np.max([record.encoder_step for record in records], axis=0)
     middle = np.mean([p.q.mean(0) for p in prepared], axis=0)
     reach = np.max([np.abs(p.q - middle).max(0) for p in prepared], axis=0)
     still = reach <= np.maximum(STEPS_AT_REST * step, ROUNDINGS * np.finfo(float).eps * np.abs(middle))
     largest = np.max([np.abs(p.qd).max(0) for p in prepared], axis=0)
-    floor = 2 * np.pi * max(p.cutoff for p in prepared) * step
+    floor = 2 * np.pi * max(p.cutoff for p in prepared) * step  # velocities that one step makes at the cut-off
     if given is not None:
         return still, vector("minimum_velocity", given, standard.model.n, sign="not negative")
     if "Fc" not in standard.terms or standard.smoothing:

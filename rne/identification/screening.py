@@ -135,10 +135,7 @@ CLOSE = 0.3  # step as a part of the period, below which one of two samples is e
 
 
 def check_order(found: Findings, t: Array, rows: Array, stamps: Stamps) -> Array:
-    """True at samples to keep: times must ascend, and samples that are there twice are kept once.
-
-    `rows` holds all that was measured, by which samples with the same time are told apart.
-    """
+    """True at samples to keep: times must ascend, and `rows` that are there twice are kept once."""
     kept = np.ones(len(t), dtype=bool)
     steps = np.diff(t)
     same, back = np.flatnonzero(steps == 0) + 1, np.flatnonzero(steps < 0) + 1
