@@ -3,8 +3,8 @@ Torques along a path
 ====================
 
 A UR5 with a gripper of 3 kg moves from one pose to another in a given time. Which
-torque does each drive deliver, which joint comes nearest to its limit, and how fast
-could the same path be run?
+torque does each drive deliver? Which joint comes nearest to its limit? How fast could
+you run the same path?
 
 Needs: ``pip install '.[plot,robots]'``
 """
@@ -23,10 +23,11 @@ for name, torque, speed in zip(robot.joint_names, effort_limit, speed_limit):
 # %%
 # The reference motion
 # --------------------
-# A reference is a function of time that returns the positions, rates and accelerations
-# of all joints. The quintic polynomial starts and ends at rest with zero acceleration.
-# The trapezoidal profile accelerates at a constant rate, cruises and brakes, so its
-# accelerations jump. Angles are in radians, in the order of ``robot.joint_names``.
+# A reference is a function of time that returns the positions, velocities and
+# accelerations of all joints. The quintic polynomial starts and ends at rest with zero
+# acceleration. The trapezoidal profile accelerates at a constant rate, cruises and
+# brakes, so its accelerations jump. Angles are in radians, in the order of
+# ``robot.joint_names``.
 
 start = np.deg2rad([-20, -15, 40, -25, -90, 0])
 end = np.deg2rad([20, -55, 75, -20, -60, 30])
@@ -44,11 +45,11 @@ torques = {
 }
 
 # %%
-# ``inverse_dynamics`` takes all 601 states in one call. In the picture the torques are
+# One call of ``inverse_dynamics`` takes all 601 states. The picture shows the torques
 # divided by the limits: a curve that leaves the grey band asks for more than its drive
-# has. Before and after the motion the torques are those of gravity; what is added in
-# between accelerates and brakes the arm and its load. The jumps of the trapezoidal
-# acceleration are jumps of the torques.
+# has. Before and after the motion the torques are those of gravity. What is added in
+# between accelerates and brakes the arm and its load. Where the trapezoidal
+# acceleration jumps, the torques jump.
 
 figure = Figure(figsize=(9, 4), layout="constrained")
 axes = figure.subplots(1, 2, sharey=True)
@@ -75,15 +76,15 @@ for name, tau in torques.items():
 # %%
 # How fast could it be?
 # ---------------------
-# Running the same path in the time :math:`T` instead of :math:`T_0` multiplies all
-# rates by :math:`T_0/T` and all accelerations by :math:`(T_0/T)^2`. Gravity does not
-# change; the rest of the equations of motion is quadratic in the rates or linear in the
-# accelerations. The torques are therefore
+# Run the same path in the time :math:`T` instead of :math:`T_0`. All velocities are
+# then multiplied by :math:`T_0/T`, and all accelerations by :math:`(T_0/T)^2`. Gravity
+# does not change. The rest of the equations of motion is quadratic in the velocities or
+# linear in the accelerations. So the torques are
 #
 # .. math:: \tau_T = g + (T_0 / T)^2 \, (\tau_{T_0} - g)
 #
-# and those of every duration follow from one evaluation of inverse dynamics and one of
-# gravity.
+# and one evaluation of inverse dynamics and one of gravity give them for every
+# duration.
 
 T = np.linspace(0.25, 1.0, 301)
 figure = Figure(figsize=(6.5, 3.8), layout="constrained")
@@ -110,12 +111,12 @@ ax.legend(frameon=False)
 figure
 
 # %%
-# The motion can be run in the longer of its two times. The quintic has the higher peak
-# speed and the higher peak acceleration of the two for the same duration, which is the
-# price of its smoothness.
+# The longer of its two times is the shortest in which the motion can be run. For the
+# same duration the quintic has the higher peak velocity and the higher peak
+# acceleration. That is the price of its smoothness.
 #
-# As a check, inverse dynamics of the quintic in the shortest time that its torques
-# allow: the largest torque meets its limit, up to the resolution of the curve above.
+# Check it: run the quintic in the shortest time that its torques allow. The largest
+# torque meets its limit, up to the resolution of the curve above.
 
 by_torque, _ = shortest["quintic"]
 fastest = rne.trajectories.quintic(start, end, by_torque)

@@ -2,8 +2,8 @@ r"""
 Payload study
 =============
 
-How heavy a tool may a UR5 carry, and how far from its flange may the tool's centre of
-mass lie, before one of the drives has to deliver more than its largest torque? The
+How heavy a tool may a UR5 carry, and how far from the flange may the tool's centre of
+mass lie? Beyond that, a drive would have to deliver more than its largest torque. The
 answer is a load diagram, like those in the data sheets of robots.
 
 Needs: ``pip install '.[plot,robots]'``
@@ -20,10 +20,10 @@ limit = robot.effort_limit  # [N m]
 # %%
 # A payload on a link
 # -------------------
-# ``with_payload`` returns a new robot with a further rigid body fixed to one of its
-# links; the first robot stays as it is. The centre of mass is given in the axes of that
-# link. Several links of this URDF could be called its end, and the axes of some of them
-# point in different directions:
+# ``with_payload`` returns a new robot with one more rigid body fixed to a link. The
+# first robot stays as it is. You give the centre of mass in the axes of that link.
+# Several links of this URDF could be called its end, and their axes point in different
+# directions:
 
 for link in ("wrist_3_link", "ee_link", "tool0"):
     pose = robot.link_poses(np.zeros(6))[robot.link_names.index(link)]
@@ -31,9 +31,9 @@ for link in ("wrist_3_link", "ee_link", "tool0"):
     print(f"{link:13} origin [m] {origin.round(3)}, z axis {z_axis.round(3) + 0.0}")
 
 # %%
-# The flange is ``tool0``, with its z axis pointing away from the arm; the same numbers
-# in the axes of one of the others would put the load beside it. Where the link is left
-# out, robots with one end take that, and others are refused:
+# The flange is ``tool0``. Its z axis points away from the arm. In the axes of the other
+# links, the same numbers would put the load beside it. If a robot has only one end, you
+# may leave out the link. Otherwise you get an error:
 
 try:
     rne.load("panda").with_payload(3.0)
@@ -43,10 +43,10 @@ except ValueError as error:
 # %%
 # The states of the study
 # -----------------------
-# What a joint has to carry depends on the posture and the motion. Here it is 4000
-# random states: all postures, with rates up to a third of the speed limits and
-# accelerations up to 3 rad/s\ :sup:`2`. Quantities are computed for the whole batch in
-# one call, (4000, 6) in and (4000, 6) out.
+# What a joint has to carry depends on the posture and the motion. Here we take 4000
+# random states: all postures, velocities up to a third of the limits, and accelerations
+# up to 3 rad/s\ :sup:`2`. One call computes the whole batch, (4000, 6) in and (4000, 6)
+# out.
 
 rng = np.random.default_rng(0)
 q = rng.uniform(-np.pi, np.pi, (4000, 6))
@@ -81,16 +81,16 @@ figure
 
 # %%
 # The boxes hold the middle half of the states, the whiskers all of them. The shoulder
-# carries the arm even without a load; the wrist's smaller drives have almost nothing to
-# do without one, and their share grows faster with the mass.
+# carries the arm even without a load. The smaller drives of the wrist have almost
+# nothing to do then, and their share grows faster with the mass.
 #
 # The load diagram
 # ----------------
-# Inverse dynamics is linear in the mass of a payload whose centre of mass stays where
-# it is: :math:`\tau(m) = \tau(0) + m\,y`, with :math:`y = \tau(1\,\mathrm{kg}) -
-# \tau(0)`. The largest mass that a joint can carry in one state therefore follows from
-# a division, and the study needs one batch per position of the load instead of one per
-# position and mass.
+# If the centre of mass stays where it is, the torques are linear in the mass of the
+# payload: :math:`\tau(m) = \tau(0) + m\,y`, with
+# :math:`y = \tau(1\,\mathrm{kg}) - \tau(0)`. So a division gives the largest mass that
+# a joint can carry in one state. The study needs one batch per position of the load,
+# and none per mass.
 
 offsets = np.linspace(0, 0.4, 21)  # of the load from the flange, along its axis [m]
 carried = []
@@ -113,10 +113,10 @@ ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, title="allo
 figure
 
 # %%
-# Below the lowest curve all drives stay within their limits in all states of the study;
-# curves above 20 kg are left out. Close to the flange one joint limits the load, far
-# from it another: the torque of a wrist joint grows with the offset from its own axis,
-# that of the shoulder hardly changes.
+# Below the lowest curve all drives stay within their limits in all states of the study.
+# Curves above 20 kg are left out. One joint limits the load close to the flange, and
+# another one far from it. The torque of a wrist joint grows with the offset from its
+# own axis; that of the shoulder hardly changes.
 
 for k in (0, 5, 10, 20):
     joint = robot.joint_names[carried[k].argmin()]
@@ -124,8 +124,8 @@ for k in (0, 5, 10, 20):
 assert len(set(carried.argmin(axis=1))) > 1
 
 # %%
-# The linearity is checked by the full computation with the largest mass at one offset:
-# the worst joint of the worst state is at its limit.
+# Check it with the full computation: with the largest mass at one offset, the worst
+# joint of the worst state is at its limit.
 
 mass, offset = carried[10].min(), offsets[10]
 loaded = robot.with_payload(mass, com=[0, 0, offset], link="tool0")

@@ -2,10 +2,10 @@ r"""
 Computed torque with a wrong model
 ==================================
 
-A UR5 moves a part of 5 kg along a path under computed torque control. The controller's
-model does not know the right mass. How large is the tracking error, how does it depend
-on the error of the model, and is computed torque with a wrong model still better than
-PD control with gravity compensation?
+A UR5 moves a part of 5 kg along a path under computed torque control, and the
+controller's model has the wrong mass. How large is the tracking error? How does it
+depend on the error of the model? Is computed torque with a wrong model still better
+than PD control with gravity compensation?
 
 Needs: ``pip install '.[plot,robots]'``
 """
@@ -27,16 +27,16 @@ plant = with_part(5.0)  # the robot that moves
 # %%
 # Controller and plant
 # --------------------
-# Computed torque control calculates the torques of the commanded acceleration with a
-# model of its own,
+# Computed torque control uses a model of its own to calculate the torques of the
+# commanded acceleration,
 #
 # .. math:: u = \hat M(q)\,(\ddot q_r - K_d\,\dot e - K_p\,e) + \hat C(q, \dot q)\,\dot q + \hat g(q),
 #           \qquad e = q - q_r.
 #
-# With the right model the error obeys :math:`\ddot e + K_d \dot e + K_p e = 0`: two
-# poles at -10 1/s for the gains below, and no error at all if the motion begins on the
-# reference. The robot of the controller and the robot of the scene are two objects,
-# which need not be equal.
+# With the right model the error obeys :math:`\ddot e + K_d \dot e + K_p e = 0`. The
+# gains below give two poles at -10 1/s. If the motion begins on the reference, there is
+# no error at all. The robot of the controller and the robot of the scene are two
+# objects, so you can make them different.
 
 kp, kd = np.full(6, 100.0), np.full(6, 20.0)  # [1/s^2], [1/s]
 start = np.deg2rad([-40, -30, 60, -30, -90, 0])
@@ -72,8 +72,8 @@ for mass, motion in motions.items():
 # %%
 # PD control with gravity compensation
 # ------------------------------------
-# ``rne.control.pd_gravity`` compensates the weight and leaves the rest to its gains. To
-# compare like with like it gets the right mass, and gains in N m/rad that equal those of
+# ``rne.control.pd_gravity`` compensates the weight and leaves the rest to its gains.
+# For a fair comparison it gets the right mass, and gains in N m/rad that equal those of
 # computed torque in the middle of the path.
 
 inertia = np.diag(plant.mass_matrix(path(0.5)[0]))
@@ -95,10 +95,10 @@ figure
 
 # %%
 # PD control lags while the arm accelerates, because nothing supplies the torques of the
-# motion, and arrives exactly, because the gravity is right. Computed torque with most
-# of the mass known lags less, but ends beside the target: weight that the model does
-# not know is held up by the error alone. With none of it known, PD control is better
-# all along.
+# motion. It arrives exactly, because its gravity is right. Computed torque that knows
+# most of the mass lags less, but ends beside the target: only the error holds up the
+# weight that the model does not know. If the model knows none of the mass, PD control
+# is better all along.
 #
 # Error against mass
 # ------------------
@@ -107,7 +107,7 @@ figure
 #
 # .. math:: e = -K_p^{-1} \hat M^{-1} (g - \hat g).
 #
-# The simulated error at the end and this formula agree:
+# The simulated error at the end agrees with this formula:
 
 for mass in known[1:]:
     model, q = with_part(mass), motions[mass].q[-1]
@@ -120,9 +120,9 @@ for mass in known[1:]:
 
 # %%
 # The missing gravity is proportional to the missing mass. The error grows faster than
-# that, since :math:`\hat M`, which turns the gains into torques, shrinks with the mass
-# that the model knows. Higher gains reduce the error in inverse proportion; an integral
-# part (``rne.control.pid``) or a better mass removes it.
+# that. The reason is :math:`\hat M`, which turns the gains into torques: it shrinks
+# with the mass that the model knows. Higher gains reduce the error in inverse
+# proportion. An integral part (``rne.control.pid``) or a better mass removes it.
 
 unknown = 5 - np.array(known)
 largest = [flange_error(motion).max() for motion in motions.values()]

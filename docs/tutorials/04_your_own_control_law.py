@@ -4,8 +4,8 @@ Your own control law
 
 A control law is a Python function of time and state that returns torques. This tutorial
 writes one for a UR5 in four forms: as a plain function, traced into the equations of
-motion, with states of its own, and sampled as on a real controller. It shows which form
-is called, which is compiled, and what each costs in arithmetic operations.
+motion, with states of its own, and sampled as on a real controller. For each form you
+see whether it is called or traced, and what it costs in arithmetic operations.
 
 Needs: ``pip install '.[plot,robots]'``
 """
@@ -29,8 +29,8 @@ t = np.linspace(0, 2, 401)
 # %%
 # A plain function
 # ----------------
-# ``law(t, q, qd)`` gets a number and two arrays of shape (6,) and returns the torques.
-# It may do whatever Python can. The solver calls it in every evaluation of the
+# ``law(t, q, qd)`` gets a number and two arrays of shape (6,), and returns the torques.
+# It may do whatever Python can. The solver calls it at every evaluation of the
 # equations of motion, and some more times to choose its method and to report the
 # torques:
 
@@ -49,14 +49,14 @@ print(f"{motion.method}: {motion.evaluations} evaluations, {calls} calls of the 
 # %%
 # A traced function
 # -----------------
-# A law that is a formula can be made part of the program that computes the
-# accelerations. Marked with ``rne.traceable`` it is called once with symbols instead of
-# numbers, and the operations are recorded. Such a law shares terms with the robot: the
-# gravity torques need the same sines and cosines as the dynamics. Only traced laws run
-# in ``rne.ensemble`` and in the compiled engine.
+# If your law is a formula, it can become part of the program that computes the
+# accelerations. Mark it with ``rne.traceable``. It is then called once with symbols
+# instead of numbers, and its operations are recorded. It shares terms with the robot:
+# gravity torques need the same sines and cosines as the dynamics. In ``rne.ensemble``
+# and with ``engine="numba"``, traced laws are much faster than called ones.
 #
-# A symbol has no value, so that an ``if`` on a position or ``np.clip`` cannot be
-# recorded. The law is then called as before, and a line on the logger "rne" says so:
+# A symbol has no value, so an ``if`` on a position or ``np.clip`` cannot be recorded.
+# The law is then called as before, and a line on the logger "rne" says so:
 
 handler = logging.StreamHandler(sys.stdout)
 logging.getLogger("rne").addHandler(handler)
@@ -92,12 +92,12 @@ assert cost["controller"] < gravity + 7 * 6
 # %%
 # A law with states
 # -----------------
-# An integral of the error, a filter or an observer is a differential equation of its
-# own. Such a law has an attribute ``states``, the number of its states z; it is called
-# as ``law(t, q, qd, z)`` and returns the torques and dz/dt. The solver integrates z
-# with the motion, from zero. Here the arm, at rest in its target position, gets a load
-# of 2 kg that the law does not know. The integral of the error learns its weight, up to
-# half of each drive's torque.
+# An integral of the error, a filter or an observer is a differential equation. Set the
+# attribute ``states`` to the number of its states z. The law is then called as
+# ``law(t, q, qd, z)``, and returns the torques and dz/dt. The solver integrates z
+# together with the motion, from zero. In this example the arm rests in its target
+# position and gets a load of 2 kg that the law does not know. The integral of the error
+# learns the weight, up to half of each drive's torque.
 
 
 class WithIntegral:
@@ -133,11 +133,11 @@ assert np.allclose(learned, weight, atol=0.05)
 # %%
 # A sampled law
 # -------------
-# A real controller runs every few milliseconds on measured positions, and its torques
-# are held in between. With ``sample_time`` the law is called once per sample, never
-# traced; it may therefore keep values from one sample to the next. (A law that is not
-# sampled must not: a solver tries steps and repeats them.) This one has no tachometer:
-# it takes rates from the differences of encoder counts.
+# A real controller runs every few milliseconds on measured positions, and holds its
+# torques in between. With ``sample_time`` the law is called once per sample, so it may
+# keep values from one sample to the next. (A law that is not sampled must not: a solver
+# tries steps and repeats them.) This one cannot measure velocities. It takes them from
+# the differences of encoder counts.
 
 
 class OnEncoders:
@@ -179,8 +179,8 @@ for ax in (left, right):
 figure
 
 # %%
-# On the left the load pulls the arm off its target, and the integral brings it back. On
-# the right, one count of an encoder between two samples changes the measured rate by
-# resolution / sample time, and the torque by that times the gain:
+# On the left, the load pulls the arm off its target, and the integral brings it back.
+# On the right, one count of the encoder between two samples changes the measured
+# velocity by resolution / sample time, and the torque by that times the gain:
 
 print(f"{kd[2] * law.resolution / law.sample_time:.2f} N m per count at the elbow")

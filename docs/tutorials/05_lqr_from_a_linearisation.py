@@ -2,10 +2,10 @@ r"""
 LQR from a linearisation
 ========================
 
-Two rods stand upright on a cart, one on top of the other; only the cart is driven. A
-linear-quadratic regulator (LQR) is designed from the exact linearisation of the robot,
-and it is tried out on the nonlinear one: after a small push, after larger ones, and up
-to the push from which it does not recover.
+Two rods stand upright on a cart, one on top of the other, and only the cart is driven.
+We design a linear-quadratic regulator (LQR) from the exact linearisation of the robot.
+Then we try it on the nonlinear robot: after a small push, after larger ones, and up to
+the push from which it does not recover.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -19,8 +19,8 @@ import rne
 # %%
 # The robot
 # ---------
-# A chain of a prismatic joint along x and two revolute joints about y. All frames are
-# parallel at q = 0, where the rods stand upright.
+# It is a chain of a prismatic joint along x and two revolute joints about y. All frames
+# are parallel at q = 0, where the rods stand upright.
 
 lengths = np.array([0.0, 0.5, 0.4])  # cart, rods [m]
 masses = np.array([1.0, 0.3, 0.2])  # [kg]
@@ -45,9 +45,9 @@ print(robot)
 # The regulator
 # -------------
 # ``linearize`` returns A and B of :math:`\dot x = A x + B \tau` for small changes of
-# the state x = (q, qd). The derivatives are exact, not differences. At the upright rest
-# the torques are zero; the force on the cart is the first column of B. The open loop
-# has poles with positive real parts: the rods fall.
+# the state x = (q, qd). The derivatives are exact; no differences are taken. At the
+# upright rest the torques are zero, and the force on the cart is the first column of B.
+# The open loop has poles with positive real parts: the rods fall.
 
 A, B = robot.linearize(np.zeros(3), np.zeros(3), np.zeros(3))
 B = B[:, :1]
@@ -73,8 +73,8 @@ scene = rne.Scene(robot, controller=lqr, effort_limit=drives)
 # %%
 # A push
 # ------
-# A tap on the upper rod gives it a rate at once. The cart first moves back, which tips
-# the rods forward, and then runs under them and stops.
+# A tap on the upper rod gives it a velocity at once. The cart first moves back, which
+# tips the rods forward. Then it runs under them and stops.
 
 duration, tap = 4.0, np.array([0.0, 0.0, 1.0])  # [s], [rad/s]
 t = np.linspace(0, duration, 401)
@@ -114,9 +114,8 @@ figure
 # Small motions are linear
 # ------------------------
 # For a state near the upright one the design predicts :math:`x(t) = e^{(A - BK)t} x_0`.
-# The nonlinear motion differs from it by terms of third order, because the robot is
-# symmetric to left and right: a tenth of the push leaves about a thousandth of the
-# difference.
+# The robot is symmetric to left and right, so the nonlinear motion differs from this by
+# terms of third order: a tenth of the push leaves about a thousandth of the difference.
 
 for size in (0.1, 0.01):
     pushed = rne.simulate(scene, np.zeros(3), size * tap, 1.0, rtol=1e-10, atol=1e-13)
@@ -128,8 +127,8 @@ for size in (0.1, 0.01):
 # %%
 # How large a push?
 # -----------------
-# ``ensemble`` simulates all initial states at once. A push counts as recovered from if
-# everything is at rest at the end.
+# ``ensemble`` simulates all initial states at once. The robot has recovered from a push
+# if everything is at rest at the end.
 
 sizes = np.linspace(0.1, 6, 60)
 starts = np.zeros((60, 3))

@@ -2,9 +2,9 @@ r"""
 Minimum-torque trajectory
 =========================
 
-A Panda moves from one pose to another in a given time. Of all smooth motions between
-the two, which one needs the least torque? The motion is described by 16 numbers, and
-SciPy's optimiser finds them, led by exact derivatives of the inverse dynamics.
+A Panda moves from one pose to another in a given time. Which of all smooth motions
+between the two needs the least torque? We describe the motion by 16 numbers. SciPy's
+optimiser finds them with exact derivatives of the inverse dynamics.
 
 Needs: ``pip install '.[plot,robots]'``
 """
@@ -24,10 +24,10 @@ print(arm.joint_names)
 # %%
 # The motions
 # -----------
-# A quintic polynomial is the first guess. Added to it are polynomials that vanish at
-# both ends together with their rates and accelerations: :math:`s^3 (1 - s)^3` times
-# Legendre polynomials, with :math:`s = t/T`. Positions, rates and accelerations are
-# linear in the coefficients c, four for each joint.
+# A quintic polynomial is the first guess. We add polynomials that vanish at both ends
+# together with their velocities and accelerations: :math:`s^3 (1 - s)^3` times Legendre
+# polynomials, with :math:`s = t/T`. Positions, velocities and accelerations are linear
+# in the coefficients c, four for each joint.
 
 start = np.array([-0.8, 0.9, -0.9, 1.6])
 end = np.array([0.8, 0.6, -1.5, 1.9])
@@ -54,12 +54,12 @@ def motion(c):
 # The cost and its gradient
 # -------------------------
 # The cost is the mean over time of the squared torques, each relative to its drive's
-# limit, and penalties: for positions and rates beyond 95 % of the joints' ranges, and
-# for wrist and hand lower than 0.1 m. By the chain rule, its gradient needs the
-# derivatives of the torques by positions, rates and accelerations at every time.
-# ``inverse_dynamics_derivatives`` gives all three, exactly, for all times at once; the
-# last one is the mass matrix. The derivative of a link's height is the last row of its
-# Jacobian, which is [angular; linear] in the axes of the base.
+# limit. Penalties are added for positions and velocities beyond 95 % of the joints'
+# ranges, and for wrist and hand lower than 0.1 m. By the chain rule, the gradient needs
+# the derivatives of the torques by positions, velocities and accelerations at every
+# time. ``inverse_dynamics_derivatives`` gives all three exactly, for all times in one
+# call. The last one is the mass matrix. The derivative of a link's height is the last
+# row of its Jacobian, which is [angular; linear] in the axes of the base.
 
 middle = (arm.upper + arm.lower) / 2
 half = (arm.upper - arm.lower) / 2
@@ -98,7 +98,7 @@ def cost(c):
 
 
 # %%
-# Before a gradient is trusted, it is compared with a difference of the cost along some
+# Before you trust a gradient, compare it with a difference of the cost along some
 # direction.
 
 rng = np.random.default_rng(0)
@@ -112,8 +112,8 @@ assert abs(exact - difference) < 1e-7 * abs(exact)
 # %%
 # The optimisation
 # ----------------
-# Without the gradient, each step of the optimiser would need 16 further evaluations of
-# the cost.
+# Without the gradient, each step of the optimiser would need 16 more evaluations of the
+# cost.
 
 found = minimize(
     cost,
@@ -141,11 +141,11 @@ assert (abs(qd) <= arm.velocity_limit).all()
 # %%
 # What was gained
 # ---------------
-# The quintic turns joint 1 with the arm stretched out. The optimised motion
-# draws the hand in on its way, as low as is allowed (the dotted line), and stretches
-# the arm again at the end: the weights act on shorter levers, and less inertia has to
-# be turned. The bars show the mean squares of the joints, which add up to the cost
-# without its penalties. At both ends nothing can be saved, because the poses are given.
+# The quintic turns joint 1 with the arm stretched out. The optimised motion draws the
+# hand in on its way, as low as is allowed (the dotted line), and stretches the arm
+# again at the end. The weights then act on shorter levers, and less inertia has to be
+# turned. The bars show the mean squares of the joints. They add up to the cost without
+# its penalties. Nothing can be saved at the ends, because the poses are given.
 
 shown = [0, 2, 3, 4, 5, 6, 7, low["panda_link8"], low["panda_hand_tcp"]]
 

@@ -2,10 +2,10 @@ r"""
 Ensemble on processes and Dask
 ==============================
 
-Suppose that the brakes of a UR5 need 0.3 s to close when the power fails, and that the
-arm falls freely until then. How far does the flange drop? The posture and the rates at
-that moment are not known exactly, so 2000 of them are drawn and simulated, in this
-process, on two processes, and on a Dask cluster. All three give the same bits.
+The power fails. The brakes of a UR5 need 0.3 s to close (we assume), and until then the
+arm falls freely. How far does the flange drop? We do not know posture and velocities at
+that moment exactly, so we draw 2000 of them and simulate them all: in this process, on
+two processes, and on a Dask cluster. All three give the same bits.
 
 Needs: ``pip install '.[plot,robots,cluster]'``
 """
@@ -21,9 +21,9 @@ import rne
 # %%
 # The scene and the starts
 # ------------------------
-# Without a controller the drives give no torque. Friction alone slows the fall; its
+# Without a controller the drives give no torque. Only friction slows the fall; its
 # coefficients are assumed. The starts are normally distributed about a working posture.
-# With a seed the same ones are drawn every time.
+# The seed makes them the same in every run.
 
 robot = rne.load("ur5").with_payload(3.0, link="tool0")
 friction = rne.Friction(viscous=[15, 15, 10, 2, 2, 2])  # [N m s/rad]
@@ -42,14 +42,14 @@ def fall(executor=None):
 # %%
 # One process
 # -----------
-# ``ensemble`` moves all initial states together, each by steps of its own lengths, so
-# that the error of each step stays within ``rtol`` and ``atol``. A run at a hundredth of
-# the tolerance shows what these errors add up to. ``keep`` is the number of times that
-# are stored.
+# ``ensemble`` moves all initial states together. Each has steps of its own, so that the
+# error of each step stays within ``rtol`` and ``atol``. A run at a hundredth of the
+# tolerance shows what these errors add up to. ``keep`` is the number of times that are
+# stored.
 #
-# Everything from here on stands under ``if __name__ == "__main__":``. Processes of a
-# pool import this file, and must not start pools of their own; the lines above are all
-# that they need.
+# Everything from here on stands under ``if __name__ == "__main__":``. The processes of
+# a pool import this file, and must not start pools of their own. The lines above are
+# all that they need.
 
 if __name__ == "__main__":
     falls = fall()
@@ -65,9 +65,9 @@ if __name__ == "__main__":
 # Two processes
 # -------------
 # Any executor of ``concurrent.futures`` can run the parts of an ensemble. Each process
-# traces the equations of motion once. What one state gives does not depend on the
-# states beside it, so that the results are equal to the last bit, however the work is
-# divided. Two processes pay off for longer runs than this one.
+# traces the equations of motion once. No motion depends on its neighbours, so the
+# results are equal to the last bit, however you divide the work. Two processes pay off
+# for longer runs than this one.
 
 if __name__ == "__main__":
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
@@ -79,10 +79,10 @@ if __name__ == "__main__":
 # %%
 # Dask
 # ----
-# A Dask client is taken as it is. Here the cluster is two threads of this
-# process, and its status pages are for this machine only; with the address of a
-# scheduler, ``Client("tcp://...")``, the same lines run on a real cluster, whose
-# machines need the same versions of rne and NumPy.
+# You can pass a Dask client as it is. Here the cluster is two threads of this process,
+# and its status pages are for this machine only. With the address of a scheduler,
+# ``Client("tcp://...")``, the same lines run on a real cluster. Its machines need the
+# same versions of rne and NumPy.
 
 if __name__ == "__main__":
     from distributed import Client, LocalCluster
@@ -107,7 +107,7 @@ if __name__ == "__main__":
     )
 
 # %%
-# The flange's height follows from the positions of all motions and times in one call.
+# One call gives the height of the flange for all motions and times.
 
 if __name__ == "__main__":
     height = robot.link_poses(falls.q)[:, :, robot.link_names.index("tool0"), 2, 3]
@@ -137,8 +137,8 @@ if __name__ == "__main__":
         print(f"{level:2} % of the motions drop less than {value:5.0f} mm")
 
 # %%
-# The estimate of a quantile from 2000 motions is itself uncertain. Drawing the motions
-# anew from the 2000 (the bootstrap) says by how much.
+# A quantile estimated from 2000 motions is itself uncertain. To see by how much, draw
+# motions anew from the 2000 (the bootstrap).
 
 if __name__ == "__main__":
     again = rng.integers(0, 2000, (500, 2000))

@@ -2,10 +2,9 @@ r"""
 The compiled engine
 ===================
 
-The dynamics of a robot run as NumPy calls, or, with ``engine="numba"``, as machine code
-compiled when it is first needed. Which of the two is faster depends on how many states
-are computed. This tutorial measures it, on the machine that runs it, and shows that the
-numbers are the same up to rounding.
+The dynamics of a robot run as NumPy calls or, with ``engine="numba"``, as machine code.
+Which is faster depends on how many states you compute. This tutorial measures it on the
+machine that runs it, and shows that both give the same numbers up to rounding.
 
 Needs: ``pip install '.[plot,numba]'``
 """
@@ -24,12 +23,12 @@ print("engines:", plain.engine, "and", compiled.engine)
 # %%
 # What is compiled when
 # ---------------------
-# Nothing so far: each quantity is compiled at its first call, once for single states
-# and once for batches, for this robot only. (A robot's very first call for one state
-# runs the recursion as it is written, and the second one the kernel; here the kernel is
-# called itself.) The code lives as long as the kernel, and a copy on disk, which later
-# processes load; ``rne cache`` shows where. What the first call takes longer than the
-# later ones is the time of compiling or loading.
+# Nothing so far. Each quantity is compiled at its first call, once for single states
+# and once for batches, for this robot. (The very first call of a robot for one state
+# runs the recursion as it is written, and the second one runs the kernel. Here we call
+# the kernel itself.) The code lives as long as the kernel. A copy stays on disk for
+# later processes; ``rne cache`` shows where. The first call takes longer than the later
+# ones by the time of compiling or loading.
 
 rng = np.random.default_rng(0)
 q, qd, qdd = rng.uniform(-1, 1, (3, 100_000, 6)) * [[[np.pi]], [[2.0]], [[10.0]]]
@@ -63,9 +62,9 @@ for name, states in calls.items():
 # The same numbers
 # ----------------
 # Both engines run the same list of operations. They may differ in the last digits,
-# because sines and products with a sum are rounded differently by different
-# instructions. The measure is the spacing of floating-point numbers at each state's
-# largest torque; states whose torques nearly cancel show larger numbers.
+# because their instructions round sines, and products with a sum, in different ways. We
+# measure the difference in spacings of floating-point numbers at each state's largest
+# torque. States whose torques nearly cancel show larger numbers.
 
 by_numpy, by_numba = (robot.inverse_dynamics(q, qd, qdd) for robot in (plain, compiled))
 units = abs(by_numba - by_numpy).max(axis=1) / np.spacing(abs(by_numpy).max(axis=1))
@@ -77,9 +76,9 @@ assert largest <= 1000
 # %%
 # How many states make it worth while?
 # ------------------------------------
-# NumPy calls cost a microsecond or so each, however few states they work on; a batch
-# spreads that cost. Machine code has no such cost. With ``workers`` threads share a
-# batch: the machine code runs in parallel, NumPy's calls mostly do not.
+# Each NumPy call costs a microsecond or so, however few states it works on. A batch
+# spreads that cost. Machine code has no such cost. With ``workers``, threads share a
+# batch: machine code runs in parallel, NumPy's calls mostly do not.
 
 sizes = 10 ** np.arange(6)
 
@@ -110,8 +109,8 @@ ax.legend(frameon=False)
 figure
 
 # %%
-# Compiling is paid once. It is won back after
-# compile time / (time per state with NumPy - time per state with Numba) states:
+# You pay for compiling once. You win it back after compile time / (time per state with
+# NumPy - time per state with Numba) states:
 
 gain = per_state["numpy"][-1] - per_state["numba"][-1]
 if gain > 0:
@@ -120,11 +119,11 @@ if gain > 0:
 # %%
 # Simulations and ensembles
 # -------------------------
-# The engine belongs to the robot. Robots and scenes that are derived from it keep it,
-# and their whole equations of motion are compiled. An ensemble gains most, since its
-# Runge-Kutta loop is compiled as well. But every new model is compiled anew: a study
-# that changes the payload a hundred times, and evaluates each robot a few thousand
-# times, is done sooner with NumPy. So is everything that takes less than a second.
+# The engine belongs to the robot. Robots and scenes that you derive from it keep it,
+# and their whole equations of motion are compiled. Ensembles gain most, because their
+# steps are compiled as well. Robots that differ only in numbers, such as those of one
+# arm with many payloads, share the code. For everything that takes less than a second
+# with NumPy, compiling does not pay.
 
 starts = q[:500, :3] / 4
 runs = {}

@@ -3,9 +3,9 @@ Exporting C and MATLAB
 ======================
 
 A controller that runs every millisecond needs the inverse dynamics of a UR5 as C code
-without any library, and a colleague needs one entry of the mass matrix in MATLAB. Both
-are printed from the traced program; the C code is then compiled and compared with
-Python, bit by bit.
+without any library. A colleague needs one entry of the mass matrix in MATLAB. We print
+both from the traced program. Then we compile the C code and compare it with Python, bit
+by bit.
 
 Needs: ``pip install '.[plot,robots]'``, and a C compiler called ``cc``
 """
@@ -26,9 +26,9 @@ robot = rne.load("ur5")
 # %%
 # A kernel and its source
 # -----------------------
-# ``rne.compile`` traces a function for one robot: what is left is a list of additions,
-# products, sines and cosines, without zeros, without constants times constants, with
-# shared terms computed once.
+# ``rne.compile`` traces a function for one robot. The result is a list of additions,
+# products, sines and cosines. Zeros are gone, constants are multiplied out, and shared
+# terms are computed once.
 
 kernel = rne.compile(rne.dynamics.inverse_dynamics, robot.model)
 print(kernel)
@@ -44,8 +44,8 @@ print(*lines[:20], "...", *lines[-8:], sep="\n")
 # Compiled and compared
 # ---------------------
 # ``-ffp-contract=off`` keeps the compiler from merging a product and a sum into one
-# instruction with one rounding instead of two. Without it the last digits may differ on
-# some processors; the result is not worse, only different.
+# instruction, which rounds once instead of twice. Without it the last digits may differ
+# on some processors. They are then no worse, only different.
 
 rng = np.random.default_rng(0)
 states = rng.uniform(-1, 1, (1000, 3, 6)) * [[np.pi], [2.0], [10.0]]
@@ -80,7 +80,7 @@ else:
 # %%
 # One entry for MATLAB
 # --------------------
-# ``element`` picks one entry, with only the operations that it needs; joints are
+# ``element`` picks one entry, with only the operations that it needs. Joints are
 # counted from 1. The source runs in MATLAB and in Octave. (Factors near 5e-12 come from
 # this URDF, which writes right angles with twelve digits.)
 
@@ -90,9 +90,9 @@ print(mass_matrix.source("matlab", element="m23"))
 # %%
 # The same entries as Python source need nothing but ``math``. Here they are drawn over
 # the angle of the elbow. m22 and m33 are the inertias that shoulder and elbow feel on
-# their own, m23 is the torque at the shoulder per unit acceleration of the elbow. With
-# the arm stretched out the elbow's motion shakes the shoulder most; with the forearm
-# folded back hardly at all.
+# their own. m23 is the torque at the shoulder per unit acceleration of the elbow. With
+# the arm stretched out, the elbow's motion shakes the shoulder most; with the forearm
+# folded back it hardly does.
 
 entries = {}
 for element in ("m22", "m23", "m33"):

@@ -2,9 +2,9 @@ r"""
 From a DH table to a simulation
 ===============================
 
-A SCARA robot is known by its Denavit-Hartenberg table, the masses of its links and
-their dimensions. From these it becomes a model, a URDF file for other programs, and the
-simulation of a pick-and-place motion under control.
+You know a SCARA robot by its Denavit-Hartenberg table, the masses of its links and
+their dimensions. This tutorial makes a model of it, writes a URDF file for other
+programs, and simulates a pick-and-place motion under control.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -32,9 +32,9 @@ import rne
 # 4      0      0            0.05   q4
 # =====  =====  ===========  =====  =======
 #
-# The joint variables stay out of the arrays: what stands in their places is the value
-# at q = 0. The turn by pi in the second row lets the z axes of the quill point down, so
-# that it moves down with growing q3.
+# Leave the joint variables out of the arrays: in their places stands the value at q =
+# 0. The turn by pi in the second row lets the z axis of the quill point down, so the
+# quill moves down with growing q3.
 
 masses = np.array([8.0, 5.0, 1.5, 0.8])  # [kg]
 model = rne.dh_chain(
@@ -60,12 +60,13 @@ model = rne.dh_chain(
 print(rne.Robot(model))
 
 # %%
-# Each link's centre of mass and inertia are given in its DH frame, which in the
-# standard convention lies at the far end of the link; hence the negative x of the arms'
-# centres, half a length back. ``convention="modified"`` takes Craig's table instead.
+# You give each link's centre of mass and inertia in its DH frame. In the standard
+# convention this frame lies at the far end of the link. That is why the arms' centres
+# have a negative x, half a length back. ``convention="modified"`` takes Craig's table
+# instead.
 #
-# Shapes are for pictures only. They are placed in the frames of the links, which have
-# the axes of the DH frames, and their origins on the axes of the links' own joints.
+# Shapes are for pictures only. They are placed in the frames of the links. These have
+# the axes of the DH frames, and their origins lie on the axes of the links' own joints.
 
 lying, upright = (0.0, np.pi / 2, 0.0), (0.0, 0.0, 0.0)
 shapes = (
@@ -82,9 +83,9 @@ picture = rne.plotting.draw(robot, pick)
 # %%
 # Two checks by hand
 # ------------------
-# The place of the gripper follows from the table with a pencil. And gravity acts along
-# the vertical axes of the rotating joints, so that only the quill feels it: it has to
-# be held up by the weight of quill and gripper, against its downward direction.
+# You can find the place of the gripper from the table with a pencil. And gravity acts
+# along the axes of the rotating joints, so only the quill feels it: its drive holds the
+# weight of quill and gripper, against the downward direction of the joint.
 
 q1, q2, q3, _ = pick
 by_hand = [
@@ -103,7 +104,7 @@ assert np.allclose(
 # %%
 # A URDF file
 # -----------
-# Other programs read the robot from a URDF. Read back, it is the same robot.
+# Other programs read the robot from a URDF. Read it back, and you get the same robot.
 
 with tempfile.TemporaryDirectory() as folder:
     file = Path(folder) / "scara.urdf"
@@ -118,7 +119,7 @@ assert difference < 1e-14 * abs(robot.mass_matrix(q)).max()
 # Pick and place
 # --------------
 # The quill lifts, the arms turn, the quill lowers: three quintic motions one after the
-# other. A reference is any function of time that returns positions, rates and
+# other. A reference is any function of time that returns positions, velocities and
 # accelerations.
 
 lift = np.array([0, 0, 0.13, 0])
@@ -157,5 +158,5 @@ print(*(motion.check_limits() or ["no limit is exceeded"]), sep="\n")
 figure = rne.plotting.plot(motion, quantities=["q", "tau"])
 
 # %%
-# The first torques are those that remove the initial error. The quill's force is its
-# weight, more while it accelerates upwards and less while it brakes.
+# The first torques remove the initial error. The force of the quill is its weight, plus
+# more while it accelerates upwards, and less while it brakes.

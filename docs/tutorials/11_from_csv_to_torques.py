@@ -2,10 +2,10 @@ r"""
 From CSV to torques
 ===================
 
-The positions of an arm were recorded while it moved. Which torques did the motion take?
-Inverse dynamics needs accelerations, the second derivative of the recording, and
-differentiating amplifies its noise. This tutorial reads a CSV file, shows what noise
-and quantisation do to the torques, and smooths them away, with the truth beside it.
+You recorded the positions of an arm while it moved. Which torques did the motion take?
+Inverse dynamics needs accelerations, and differentiating twice amplifies the noise of
+the recording. This tutorial reads a CSV file, shows what noise and quantisation do to
+the torques, and smooths them away. The true torques stand beside the result.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -26,9 +26,9 @@ robot = rne.load("irb140")
 # A recording
 # -----------
 # In place of a real recording, an IRB 140 moves with a trapezoidal profile of its
-# rates, and its positions are read every 4 ms with noise and with the steps of an
-# encoder. So the true torques are known, which they are not in a laboratory. A file of
-# this form has a column ``t`` and one ``q.<joint>`` per joint, in any order.
+# velocities. Its positions are read every 4 ms, with noise and with the steps of an
+# encoder. So we know the true torques, which you do not in a laboratory. A file of this
+# form has a column ``t`` and one column ``q.<joint>`` per joint, in any order.
 
 dt, noise, count = 0.004, 1e-4, 2 * np.pi / 2**16  # [s], [rad], [rad]
 t = np.arange(0, 1.6 + dt / 2, dt)
@@ -59,9 +59,9 @@ print(*file.read_text().splitlines()[:3], sep="\n")
 # %%
 # Reading
 # -------
-# ``read_csv`` sorts the columns by the joints' names and refuses gaps, times that do
-# not ascend, and numbers that are none. What the file does not give, such as rates
-# here, is None.
+# ``read_csv`` sorts the columns by the names of the joints. It refuses gaps, times that
+# do not ascend, and entries that are not numbers. What the file does not have, such as
+# velocities here, is None.
 
 samples = rne.trajectories.read_csv(file, robot.joint_names)
 folder.cleanup()
@@ -74,18 +74,19 @@ print(
 # %%
 # Straight through the samples
 # ----------------------------
-# ``rne.trajectories.spline`` passes exactly through all samples, noise included: a good
-# choice for positions that were computed, a bad one for these.
+# ``rne.trajectories.spline`` passes exactly through all samples, noise included. That
+# is a good choice for positions that were computed, and a bad one for these.
 
 true = robot.inverse_dynamics(*truth)
 exact = rne.trajectories.spline(samples.t, samples.q)(t)
 interpolated = robot.inverse_dynamics(*exact)
 
 # %%
-# How large is the noise of an acceleration? For the central difference :math:`(q_{k+1}
-# - 2 q_k + q_{k-1})/\Delta t^2` of independent errors of standard deviation
-# :math:`\sigma`, it is :math:`\sqrt{1 + 4 + 1}\,\sigma/\Delta t^2`. Rounding to a count
-# adds errors of standard deviation count/:math:`\sqrt{12}`.
+# How large is the noise of an acceleration? Take the central difference
+# :math:`(q_{k+1} - 2 q_k + q_{k-1})/\Delta t^2` of independent errors with standard
+# deviation :math:`\sigma`. Its standard deviation is
+# :math:`\sqrt{1 + 4 + 1}\,\sigma/\Delta t^2`. Rounding to a count adds errors of
+# standard deviation count/:math:`\sqrt{12}`.
 
 sigma = np.hypot(noise, count / np.sqrt(12))
 differences = np.diff(samples.q, 2, axis=0) / dt**2
@@ -95,17 +96,16 @@ assert abs(found / formula - 1) < 0.05
 print(f"largest true acceleration: {abs(truth[2]).max():.2f} rad/s^2")
 
 # %%
-# Twice the sampling rate makes it four times worse: the noise does not shrink with the
-# time step, the divisor does.
+# Twice the sampling rate makes it four times worse: the divisor shrinks with the time
+# step, and the noise does not.
 #
 # Smoothing
 # ---------
-# Most of an arm's motion lies below some ten hertz, the noise at all frequencies. Two
-# tools of SciPy take advantage of that. ``filtfilt`` runs a low-pass filter forwards
-# and backwards, which cancels its delay; the derivatives then follow from a spline
-# through the filtered samples. ``make_smoothing_spline`` fits a spline that balances
-# closeness to the samples against curvature, and chooses the balance by
-# cross-validation.
+# Most of an arm's motion lies below some ten hertz, and the noise lies at all
+# frequencies. Two tools of SciPy use that. ``filtfilt`` runs a low-pass filter forwards
+# and backwards, which cancels its delay. A spline through the filtered samples then
+# gives the derivatives. ``make_smoothing_spline`` fits a spline that balances closeness
+# to the samples against curvature, and chooses the balance by cross-validation.
 
 
 def low_passed(frequency):
@@ -153,9 +153,9 @@ figure
 # Where to cut off
 # ----------------
 # A low cut-off frequency removes the noise and part of the motion, a high one keeps
-# both. In between there is a best one, which depends on the motion. Without the truth,
-# look for the frequency above which the recording of the robot at rest has as much as
-# that of the robot in motion.
+# both. The best one lies in between and depends on the motion. If you do not know the
+# truth, compare two recordings, one at rest and one in motion. Cut off where they begin
+# to have equal power.
 
 frequencies = np.geomspace(2, 60, 25)
 errors = [rms(low_passed(frequency)) for frequency in frequencies]

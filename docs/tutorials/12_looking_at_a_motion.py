@@ -3,8 +3,8 @@ Looking at a motion
 ===================
 
 A box of 8 kg is mounted on the forearm of an IRB 140, and its controller does not know
-it. Numbers say how far the arm sags; a view of both motions, the expected and the
-actual one, shows where. The page that is written works in any browser, without network.
+it. Numbers say how far the arm sags. A view of both motions, the expected and the
+actual one, shows where. The page works in any browser, without network.
 
 Needs: ``pip install '.[plot,view]'``
 """
@@ -22,7 +22,7 @@ loaded = robot.with_payload(8.0, com=[0, 0, 0.1], link="link_3")
 # %%
 # Two motions
 # -----------
-# Computed torque control moves the arm along a quintic path, once without the load, as
+# Computed torque control moves the arm along a quintic path: once without the load, as
 # the controller expects, and once with it.
 
 start, end = np.deg2rad([-50, 20, -40, 0, 30, 0]), np.deg2rad([50, 60, -60, 40, 60, 90])
@@ -34,16 +34,15 @@ expected, actual = (
 )
 
 # %%
-# Both are drawn in one set of panels: the second motion is dashed. Joint 2 carries the
-# box with more torque than expected, and the arm comes to rest where the error of the
-# joint gives the missing torque. Joint 5 is light, and is pushed aside while the arm
-# accelerates.
+# Both are drawn in one set of panels, the second one dashed. Joint 2 needs more torque
+# to carry the box, and the arm comes to rest where the error of the joint gives the
+# missing torque. Joint 5 is light and is pushed aside while the arm accelerates.
 
 figure = rne.plotting.plot(expected, other=actual, quantities=["q", "tau"])
 
 # %%
-# A trajectory can be evaluated at any time, so that the two are compared at the same
-# times although their solvers took different steps.
+# You can evaluate a trajectory at any time. So you can compare the two at the same
+# times, although their solvers took different steps.
 
 t = np.linspace(0, 2.5, 251)
 
@@ -60,10 +59,10 @@ assert off[-1] > 10
 # %%
 # A page to look at
 # -----------------
-# ``rne.view`` writes the motion as one HTML file. The other motion is shown half
-# transparent, in orange, with the same clock. The page has a slider for the time and a
-# choice of speeds; a switch shows what the model weighs in place of the links, and the
-# list of parts their frames. Dragging turns the view.
+# ``rne.view`` writes the motion as one HTML file. The other motion is half transparent,
+# in orange, with the same clock. The page has a slider for the time and a choice of
+# speeds. A switch shows what the model weighs in place of the links, and the list of
+# parts shows their frames. Drag to turn the view.
 
 with tempfile.TemporaryDirectory() as folder:
     file = Path(folder) / "sag.html"
@@ -73,8 +72,7 @@ print(f"one file of {size / 1e6:.1f} MB")
 assert size < 2e6
 
 # %%
-# In a notebook ``page`` as the last value of a cell, or ``page.show()``, shows the same
-# without a file. A measured motion is compared in the same way, as arrays of times and
-# positions.
+# In a notebook, make ``page`` the last value of a cell, or call ``page.show()``. You
+# can compare a measured motion in the same way, as arrays of times and positions.
 
 page

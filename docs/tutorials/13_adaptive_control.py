@@ -2,8 +2,8 @@ r"""
 Adaptive control with an unknown payload
 ========================================
 
-A robot picks up a part of which nobody knows the mass. An adaptive law tracks the motion
-all the same, and learns the mass on the way. How large are the errors, what does it
+A robot picks up a part, and nobody knows its mass. An adaptive law tracks the motion
+all the same, and learns the mass on the way. How large are the errors? What does it
 learn, and when does it learn nothing?
 
 Needs: ``pip install '.[plot]'``
@@ -22,8 +22,8 @@ t = np.linspace(0, 10, 1001)
 # The motion
 # ----------
 # Neighbouring joints run on circles at 0.5 Hz. Any function of time that returns
-# positions, rates and accelerations is a reference; one made of NumPy's sine and cosine
-# can be traced into the equations of motion.
+# positions, velocities and accelerations is a reference. If you make it of NumPy's sine
+# and cosine, it can be traced into the equations of motion.
 
 centre = np.array([0, 0.2, -0.3, 0.2, 0.8, 0.1])  # [rad]
 radius = np.array([0.4, 0.3, 0.3, 0.4, 0.4, 0.5])  # [rad]
@@ -52,15 +52,15 @@ def error(motion, reference=circle):
 # %%
 # Two laws that know the arm alone
 # --------------------------------
-# The adaptive law gives the torques of its estimated parameters, and corrects these by
+# The adaptive law gives the torques of its estimated parameters. It corrects them by
 # what the composite error :math:`s = \dot e + \lambda e` says:
 #
 # .. math:: u = Y \hat\pi - K_d s, \qquad \dot{\hat\pi} = -\Gamma\, Y^T s.
 #
-# Only the last link carries the part, so that only its ten parameters are adapted. They
-# are states of the controller, which the solver integrates with the motion. With
-# ``consistent=True`` the estimate stays a possible body: no negative mass, no impossible
-# inertia.
+# Only the last link carries the part, so we adapt only its ten parameters. They are
+# states of the controller, and the solver integrates them with the motion. With
+# ``consistent=True`` the estimate stays a possible body: it never has a negative mass
+# or an impossible inertia.
 
 rate, kd = np.full(6, 20.0), np.array([40, 60, 20, 4, 2, 1.0])  # [1/s], [N m s/rad]
 adaptive = rne.control.adaptive(
@@ -83,12 +83,12 @@ ax.legend(frameon=False)
 figure
 
 # %%
-# Computed torque turns its gains into torques by the model's inertia. That of the wrist
-# without the part is so small that joint 5 sinks under 3 kg.
+# Computed torque turns its gains into torques by the model's inertia. Without the part,
+# the inertia of the wrist is so small that joint 5 sinks under 3 kg.
 #
 # What it learnt
 # --------------
-# ``parameters`` translates the states: mass, first moment and inertia of each body.
+# ``parameters`` translates the states into mass, first moment and inertia of each body.
 
 estimate = adaptive.parameters(motions["adaptive"].controller_state)[:, -10:]
 truth = held.parameters[-10:]
@@ -107,9 +107,10 @@ figure
 # %%
 # A motion that teaches nothing
 # -----------------------------
-# The proof promises that the error goes to zero, not that the parameters become right. At
-# rest only the torques of gravity in one configuration have to be right. Here they give
-# the mass away, but not where it is: many places and inertias fit.
+# The proof promises that the error goes to zero. It does not promise that the
+# parameters become right. At rest, only the torques of gravity in one configuration
+# have to be right. Here they show the mass, but not where it is: many places and
+# inertias fit.
 
 
 def rest(t):
@@ -127,5 +128,5 @@ assert error(motion, rest)[-1] < 1e-3
 assert np.abs(resting[1:4] - truth[1:4]).max() > 0.05
 
 # %%
-# With friction that the model does not have, and with drives at their limits, the
-# proof does not hold either: see the page on adaptive and robust control.
+# The proof does not hold either if there is friction that the model does not have, or
+# if drives reach their limits. The page on adaptive and robust control shows both.

@@ -2,10 +2,10 @@ r"""
 Monte Carlo over parameters
 ===========================
 
-Masses, centres of mass and inertias of an arm are known to some percent. How uncertain
-are the torques of a motion then, and the motion itself under a controller that believes
-in the nominal values? Inertial parameters are an input of every quantity, so that
-thousands of variants of a robot are one batch.
+You know the masses, centres of mass and inertias of an arm to some percent. How
+uncertain are then the torques of a motion? And the motion itself, under a controller
+that believes in the nominal values? Inertial parameters are an input of every quantity,
+so thousands of variants of a robot are one batch.
 
 Needs: ``pip install '.[plot]'``
 """
@@ -21,9 +21,9 @@ rng = np.random.default_rng(0)
 # %%
 # Variants of a robot
 # -------------------
-# ``robot.parameters`` are ten numbers per body: mass, first moment and inertia. A body
-# whose density is scaled by a factor has all ten scaled by it, and is a possible body
-# whatever the factor. Here each body weighs 5 % more or less (one standard deviation).
+# ``robot.parameters`` are ten numbers per body: mass, first moment and inertia. If you
+# scale the density of a body, all ten are scaled by the same factor, and it remains a
+# possible body. Here each body weighs 5 % more or less (one standard deviation).
 
 count = 4000
 density = 1 + 0.05 * rng.standard_normal((count, robot.model.nb))
@@ -33,8 +33,8 @@ print(variants.shape)
 # %%
 # Torques of a motion
 # -------------------
-# A swing from rest to rest in 0.8 s. Parameters broadcast against states: 81 states
-# times 4000 variants in one call. The band holds 95 % of the variants.
+# The arm swings from rest to rest in 0.8 s. Parameters broadcast against states: 81
+# states times 4000 variants in one call. The band holds 95 % of the variants.
 
 path = rne.trajectories.quintic([0] * 6, [1.0, 0.8, -0.6, 1.0, -0.5, 1.5], 0.8)
 t = np.linspace(0, 0.8, 81)
@@ -56,8 +56,9 @@ figure
 # %%
 # Which body matters
 # ------------------
-# Torques are linear in the parameters, :math:`\tau = Y \pi`, so the share of each
-# body in the variance needs no sampling. Here at the largest torque of joint 2:
+# Torques are linear in the parameters, :math:`\tau = Y \pi`, so you need no sampling to
+# find the share of each body in the variance. Here it is at the largest torque of joint
+# 2:
 
 worst = abs(nominal[:, 1]).argmax()
 Y = robot.regressor(*(x[worst] for x in path(t)))[1].reshape(-1, 10)
@@ -75,8 +76,8 @@ assert abs(spread / predicted - 1) < 0.05
 # %%
 # Motions under a controller
 # --------------------------
-# A computed-torque controller that believes in the nominal robot drives 200 of the
-# variants. The controller keeps the parameters that it was made with; it is the arm that
+# A computed-torque controller believes in the nominal robot and drives 200 of the
+# variants. The controller keeps the parameters that it was made with, and only the arm
 # varies. All 200 motions are one ensemble.
 
 law = rne.control.computed_torque(robot, [100] * 6, [20] * 6, path)
@@ -100,7 +101,7 @@ figure = rne.plotting.fan(runs, of="tau")
 # %%
 # What is left after the swing is the weight that the controller does not know of,
 # divided by its stiffness: computed torque has no integral part. By linearity again,
-# with :math:`M^{-1} \Delta g = K_p e` at rest:
+# :math:`M^{-1} \Delta g = K_p e` at rest:
 
 end = path(1.2)[0]
 weights = robot.gravity_torque(end, parameters=variants[:200])

@@ -2,10 +2,10 @@ r"""
 From a log to a URDF
 ====================
 
-An arm's URDF has wrong masses and no friction, as many have. Its controller can record
-positions and torques. This tutorial finds a motion that is worth recording, takes the
-recording, fits bodies and friction, checks the model on another motion, and writes a
-URDF. The log is simulated, so that the truth is known.
+The URDF of an arm has wrong masses and no friction, as many have. Its controller can
+record positions and torques. This tutorial finds a motion that is worth recording,
+takes the recording, and fits bodies and friction. Then it checks the model on another
+motion and writes a URDF. The log is simulated, so we know the truth.
 
 Needs: ``pip install '.[plot,identify]'``
 """
@@ -20,22 +20,22 @@ import rne
 # %%
 # What is known
 # -------------
-# The places of the joints are right. The masses are not: the file says that every body
-# is a third lighter than it is, and nothing about friction.
+# The places of the joints are right. The masses are not: in the file every body is a
+# third lighter than it is. The file says nothing about friction.
 
 true = rne.load("irb140")
 known = rne.Robot(rne.model.with_parameters(true.model, true.parameters / 1.5))
 print(known.base_parameters())
 
 # %%
-# These 36 combinations are what torques depend on. Two viscous and Coulomb coefficients
-# per joint come to them.
+# Torques depend on these 36 combinations of parameters. Each joint adds a viscous and a
+# Coulomb coefficient.
 #
 # A motion that is worth recording
 # --------------------------------
-# ``rne.excitation`` looks for a periodic motion inside the robot's limits whose
-# regressor has a small condition number, so that noise does little harm. Random motions
-# within the same limits are many times worse.
+# ``rne.excitation`` looks for a periodic motion inside the robot's limits. Its
+# regressor should have a small condition number, so that noise does little harm. Random
+# motions within the same limits are many times worse.
 
 drives = rne.DriveModel(friction="viscous+coulomb")
 motion = rne.excitation(
@@ -46,8 +46,8 @@ print(motion)
 # %%
 # The recording
 # -------------
-# In place of the arm: friction on each drive, noise on the torques, encoders of 17 bits,
-# 500 samples per second, and a file as a controller may write it.
+# In place of the arm we simulate one: friction on each drive, noise on the torques,
+# encoders of 17 bits, 500 samples per second, and a file as a controller may write it.
 
 viscous, coulomb = [8, 6, 2, 1.2, 1.4, 0.6], [6, 8, 6, 2, 2.4, 0.5]
 arm = rne.Scene(true, friction=rne.Friction(viscous=viscous, coulomb=coulomb))
@@ -72,21 +72,23 @@ record = rne.identification.Record.from_csv(file, known.joint_names)
 print(record, *record.findings, sep="\n")
 
 # %%
-# Two periods of the motion. Findings name what is wrong with a log: gaps, spikes, times made
-# by the reader of the log, torques at their limit. This one has none.
+# The log holds two periods of the motion. Findings name what is wrong with a log: gaps,
+# spikes, times made by the reader of the log, torques at their limit. This one has
+# none.
 #
 # The fit
 # -------
-# Without ``drives``, rotors and offsets are fitted too, as arms in a laboratory have them;
-# this simulated one has none.
+# Without ``drives``, rotors and offsets would be fitted too, because arms in a
+# laboratory have them. This simulated one has none.
 
 found = rne.identify(known, record, drives=drives)
 print(found.report())
 
 # %%
-# Least squares give the base parameters and how well each is determined. The bodies
-# below them are physically consistent: each has an inertia that some distribution of
-# mass has. Of all that fit the torques they are the nearest to those of the wrong file.
+# Least squares give the base parameters and say how well each is determined. The bodies
+# below them are physically consistent: some distribution of mass has each of these
+# inertias. Of all bodies that fit the torques they are the nearest to those of the
+# wrong file.
 
 values = found.base.matrix[:, :60] @ true.parameters
 values[-12:] = [*viscous, *coulomb]
@@ -99,8 +101,8 @@ assert abs(z).max() < 5
 # %%
 # Another motion
 # --------------
-# A model that predicts what it was fitted to proves little. Here is a motion it has not
-# seen: measured and predicted torques, and what is left.
+# A model that predicts what it was fitted to proves little. Here is a motion that it
+# has not seen: measured and predicted torques, and what is left.
 
 w = 2 * np.pi * np.array([0.2, 0.25, 0.3, 0.35, 0.4, 0.45])  # [rad/s]
 
@@ -119,8 +121,8 @@ figure = check.plot()
 # %%
 # The URDF
 # --------
-# ``found.robot`` has the bodies, and friction as ``<dynamics>``. Written as a URDF it is
-# read by every other program.
+# ``found.robot`` has the bodies, and friction as ``<dynamics>``. Every other program
+# can read the URDF.
 
 urdf = Path(folder.name) / "irb140_identified.urdf"
 urdf.write_text(rne.to_urdf(found.robot.model), encoding="utf-8")
