@@ -53,7 +53,7 @@ print(f"{motion.method}: {motion.evaluations} evaluations, {calls} calls of the 
 # accelerations. Mark it with ``rne.traceable``. It is then called once with symbols
 # instead of numbers, and its operations are recorded. It shares terms with the robot:
 # gravity torques need the same sines and cosines as the dynamics. In ``rne.ensemble``
-# and with ``engine="numba"``, traced laws are much faster than called ones.
+# and in the compiled engine, traced laws are much faster than called ones.
 #
 # A symbol has no value, so an ``if`` on a position or ``np.clip`` cannot be recorded.
 # The law is then called as before, and a line on the logger "rne" says so:
