@@ -1,6 +1,7 @@
 """The command line."""
 
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -14,6 +15,8 @@ from rne.__main__ import main
 from rne.commands import pages
 from rne.commands.printing import quantities
 from rne.commands.shared import work
+from rne.commands.speed import BATCH, INVERSE, NUMPY, ONE, PINOCCHIO, Measured, Way, speed_tables
+from rne.plotting.html_page import Report
 from rne.validation.agreement import against_energies, validate
 
 from .helpers import ROOT
@@ -216,8 +219,9 @@ def test_validation_without_pinocchio_keeps_every_bound(irb140, monkeypatch):
 
 @pytest.fixture
 def short(monkeypatch):
-    """The main job with a tenth of its free swing; everything else as it is."""
+    """The main job with a tenth of its free swing, and few frames; everything else as it is."""
     monkeypatch.setattr(pages, "MAIN_SWING", 1.0)
+    monkeypatch.setattr("rne.plotting.html_page.FILM_FPS", 1.0)
 
 
 @pytest.mark.long
@@ -228,19 +232,78 @@ def test_main_job_writes_page_and_pictures(tmp_path, short, capsys):
     page = (tmp_path / "index.html").read_text()
     assert "<th>mass behind the joint [kg]</th>" in page
     assert "<td>joint_1</td><td>75</td>" in page
-    for picture in ("robot.png", "swing_1.png", "figure_6_11.png", "figure_6_12.png", "loop_1.png"):
+    for picture in ("speed.png", "motion_1.png", "swing_1.png"):
         assert picture in page
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
-    for heading in ("Figure 6.11: joint positions of run 6.5-1", "Figure 6.12: control inputs of run 6.5-1"):
-        (anchor,) = re.findall(rf'<h3 id="(s\d+)">{heading}</h3>', page)
-        assert f'<a href="#{anchor}">{heading}</a>' in page
-    assert "Figure 6.6" in page
-    settled = "Criterion: every joint within 0.01 rad for good after 2.25 to 3.75 s. Found: after 2.814 s."
-    assert f"Confirmed. {settled}" in page
+    assert page.index('<img src="motion.gif"') < page.index("<p>An industrial arm") < page.index("<nav>")
+    assert (tmp_path / "motion.gif").read_bytes().startswith(b"GIF89a")
+    assert "From 2.84 s on every joint stays within 0.01 rad of its target." in page
+    for form in ("one state", "1000 states"):
+        assert f"<p>Inverse dynamics, {form} a call:</p>" in page
+    for who in ("rne, NumPy", "rne, machine code", "Pinocchio"):
+        assert len(re.findall(f"<td[^>]*>{who}</td>", page)) == 4
+    assert not re.search(r"\(\d+\.\d+\)|\b\d\.\d-\d\b|Criterion", page)  # equations and runs that are explained nowhere
 
 
 def test_main_job_without_matplotlib_says_so(tmp_path, short, monkeypatch, capsys):
     monkeypatch.setattr("rne.plotting.html_page.has_matplotlib", lambda: False)
+    monkeypatch.setattr("rne.plotting.html_page.view", lambda *_: None)
     assert main(["--out", str(tmp_path)]) == 0
     assert "matplotlib is not installed: no pictures" in capsys.readouterr().out
     assert [p.name for p in tmp_path.iterdir()] == ["index.html"]
+
+
+def test_ctrl_c_leaves_the_page_so_far(tmp_path, monkeypatch, capsys):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Report, "film", lambda *_: None)
+    monkeypatch.setattr(pages, "measure", interrupt)
+    assert main(["--out", str(tmp_path)]) == 130
+    assert f"interrupted: the page so far is {tmp_path / 'index.html'}\n" in capsys.readouterr().err
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert page.index("Why to believe it") < page.index("Interrupted: what follows is missing.")
+
+
+@pytest.mark.parametrize("gravity", [[0, 0, -9.81], [0, 0, 0]])
+def test_a_report_starts_where_every_joint_moves(gravity):
+    robot = rne.load("irb140", gravity=gravity)
+    q, torque = pages.moving_start(robot)
+    motion = rne.simulate(robot, q, np.zeros(6), 1.0, torque=torque)
+    assert (np.ptp(motion.q, axis=0) > 0.1).all()
+    assert ((q >= robot.lower) & (q <= robot.upper)).all()
+
+
+def test_speed_stands_beside_the_faster_of_pinocchios_calls():
+    def measured(form, who, seconds):
+        return Measured(Way(INVERSE, form, who, lambda: None, 1, lambda: None), seconds, 1e-15)
+
+    found = [measured(ONE, NUMPY, 6e-6), measured(BATCH, NUMPY, 1e-6)]
+    assert [rows[1][2] for rows in speed_tables(found).values()] == ["-", "-"]
+    found += [measured(ONE, PINOCCHIO, 2e-6), measured(BATCH, PINOCCHIO, 3e-6)]
+    tables = speed_tables(found)
+    assert [rows[1][1:3] for rows in tables.values()] == [["6", "3.0 times slower"], ["1", "2.0 times faster"]]
+
+
+@pytest.mark.long
+def test_main_page_fits_a_phone_and_moves_in_3d(tmp_path, short):
+    """In a browser: nothing is wider than the window, and the animation stands where WebGL is missing."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        pytest.skip("Chromium is not installed: apt-get install chromium")
+    from playwright.sync_api import sync_playwright
+
+    assert main(["--out", str(tmp_path)]) == 0
+    with sync_playwright() as playwright:
+        for graphics in (
+            ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+            ["--disable-3d-apis"],
+        ):
+            browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", *graphics])
+            tab = browser.new_page(viewport={"width": 390, "height": 844})
+            tab.goto((tmp_path / "index.html").as_uri())
+            assert tab.locator("iframe").count() == ("--disable-3d-apis" not in graphics)
+            assert tab.locator("img[src='motion.gif']").count() == ("--disable-3d-apis" in graphics)
+            wider = "[...document.querySelectorAll('*')].filter(x => x.getBoundingClientRect().right > 391).length"
+            assert tab.evaluate(wider) == 0
+            browser.close()

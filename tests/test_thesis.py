@@ -6,7 +6,7 @@ import pytest
 import rne
 from examples.thesis import appendix_c
 from examples.thesis.experiments import wrong_height
-from rne.commands.pages import inputs
+from examples.thesis.loop_plots import inputs
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP, irb140_mirrored
 
 from .helpers import EPS, kept

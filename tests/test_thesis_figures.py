@@ -10,7 +10,7 @@ import rne
 from examples.thesis import closed_loop, figures, formulations, machine
 from examples.thesis import numbered_figures as numbered
 from examples.thesis.closed_loop import IDEAL, REST, VARIATIONS, loop_scene, outcome, vary
-from rne.commands.pages import fine_grid, inputs, plot_errors
+from examples.thesis.loop_plots import fine_grid, inputs, plot_errors
 from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.plotting import html_page
 from rne.plotting.plots import WIDTH, small_plots

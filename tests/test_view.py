@@ -26,7 +26,7 @@ from rne.plotting import viewer
 from rne.plotting.motions import motion_argument
 from rne.plotting.shapes import link_shapes, surface
 from rne.plotting.viewer import FOV, aim, frame_times, placed
-from rne.plotting.viewer_scene import cylinder_of, ellipsoids, link_lines
+from rne.plotting.viewer_scene import cylinder_of, ellipsoids, link_lines, simplified
 
 from .helpers import EPS
 
@@ -234,6 +234,17 @@ class TestShapes:
         faces = np.array(ax.collections[0]._faces).reshape(-1, 3)
         np.testing.assert_allclose(faces.max(axis=0), [0.9, 0.3, 1.35], rtol=1e-6)  # hook, sphere, cylinder
         assert "centre of mass" not in labels
+
+    def test_simplified_meshes_keep_their_surface(self):
+        """Also where triangles share no vertices, as files with normals of their own have it."""
+        from trimesh import Trimesh
+        from trimesh.creation import icosphere
+
+        corners = icosphere(subdivisions=4).triangles.reshape(-1, 3)
+        seamed = Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+        few = simplified(seamed, 0.2)
+        assert len(few.faces) < 0.25 * len(seamed.faces)
+        assert few.area == pytest.approx(seamed.area, rel=0.03)
 
 
 class TestRecording:

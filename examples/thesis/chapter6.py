@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import rne
-from rne.commands.pages import STRETCHED_OUT, plot_errors, settling_time
+from rne.commands.pages import STRETCHED_OUT, settling_time
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.plotting.html_page import Report
 
@@ -23,6 +23,7 @@ from .closed_loop import (
     lyapunov_deviation,
 )
 from .experiments import HANGING, gravity_slope, wrong_height
+from .loop_plots import plot_errors
 
 BEYOND = "What the figures do not show"
 _, VISCOUS, MORE_VISCOUS, COULOMB, LIMITED, WEAK, RATE, LAGGING = (variation.name for variation in VARIATIONS)

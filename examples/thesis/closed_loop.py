@@ -5,8 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rne
-from rne.commands.pages import fine_grid, settling_time
+from rne.commands.pages import settling_time
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
+
+from .loop_plots import fine_grid
 
 REST = np.zeros(6)
 SAMPLE_TIME = 1e-4  # of the controller whose torques are limited in rate [s]

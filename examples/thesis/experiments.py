@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rne
-from rne.commands.pages import STRETCHED_OUT, fine_grid
+from rne.commands.pages import STRETCHED_OUT
 from rne.model.abb_irb140 import CLOSED_LOOPS
 
 from .closed_loop import REST, loop_scene, variations
 from .formulations import RUNS, STARTS, THESIS, both, costs, same_numbers
+from .loop_plots import fine_grid
 
 PI = np.pi
 HANGING = np.array([0, PI, -PI / 2, 0, 0, 0])

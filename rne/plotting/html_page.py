@@ -6,8 +6,11 @@ axes plain numbers, so that they can be read on a phone.
 
 from __future__ import annotations
 
+import importlib.util
+import re
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,8 +18,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
+from ..robot import Robot
 from ..simulation.trajectory import Trajectory
 from .plots import WIDTH, blank_figure, curves, has_matplotlib, small_plots
+from .robot_picture import animate
+from .viewer import view
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,16 +31,24 @@ if TYPE_CHECKING:
 
 CSS = """
 :root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 46rem; margin: 1rem auto; padding: 0 1rem;
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 52rem; margin: 1rem auto; padding: 0 1rem;
   overflow-wrap: break-word; }
 .scroll { overflow-x: auto; margin: 1rem 0; }
-table { border-collapse: collapse; font-size: .9375rem; }
-th, td { border-bottom: 1px solid #8886; padding: .25rem .6rem; text-align: left; vertical-align: top; }
+table { border-collapse: collapse; font-size: .9375rem; width: 100%; }
+th, td { border-bottom: 1px solid #8886; padding: .25rem .6rem .25rem 0; text-align: left; vertical-align: top; }
 td { white-space: nowrap; }
-pre { overflow-x: auto; font-size: .875rem; }
-img { display: block; width: 100%; max-width: 35rem; height: auto; border-radius: .25rem; }
+td.long { white-space: normal; }
+pre { white-space: pre-wrap; font-size: .8125rem; }
+img { display: block; width: 100%; max-width: 35rem; height: auto; border-radius: .25rem; margin: auto; }
+.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 22rem), 1fr)); gap: 1rem; }
+.pictures picture:last-child:nth-child(odd) { grid-column: 1 / -1; }
+iframe { display: block; width: 100%; height: min(36rem, 80vh); border: 0; border-radius: .25rem; }
 th { vertical-align: bottom; }
-@media (max-width: 40rem) { table { width: max-content; } th { max-width: 10rem; } }
+@media (max-width: 40rem) { /* each row of a wide table becomes a list */
+  .wide thead { display: none; } .wide tr { display: block; padding: .5rem 0; border-bottom: 1px solid #8886; }
+  .wide td { display: flex; justify-content: space-between; gap: 1rem; border: 0; padding: .1rem 0; text-align: right; }
+  .wide td::before { content: attr(data-label); opacity: .7; text-align: left; }
+  .wide td:first-child { font-weight: 600; } }
 h3 { margin: 2rem 0 .5rem; }
 nav ul { padding-left: 1.25rem; }
 nav .h3 { margin-left: 1.25rem; }
@@ -64,6 +78,13 @@ DARK: dict[str, Any] = {  # added to matplotlib's style of this name
 DARK_COLORS = (  # matplotlib's ten, of the same hues
     *("#4fa3e0", "#ff9d47", "#5fcf5f", "#ff6b6b", "#b794e8"),
     *("#c08a7a", "#f09ad8", "#a8a8a8", "#d6d84a", "#42d6e6"),
+)
+NARROW, SHORT = 46, 12  # characters of a row that fit on a phone, and of a cell that is never broken
+SKY = "#e4e9f0"  # behind the robot on light and dark pages, as in the viewer
+FILM_FPS = 8.0  # frames per second of the picture in place of a 3-D view
+THREE_D = (  # where a browser can draw it; the picture stays otherwise
+    "<script>if(document.createElement('canvas').getContext('webgl2'))document.currentScript.previousElementSibling"
+    '.outerHTML=\'<iframe src="%s.html" title="3-D view"></iframe>\'</script>'
 )
 LINE = 46  # characters of a title that fit
 FLOOR = 1e-16  # smallest value on a log axis
@@ -96,7 +117,7 @@ class Report:
         self.blocks.append(Block(tag, text))
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Add a table of strings, which scrolls in its own box where it is wider than the page."""
+        """Add a table of strings; where it is wider than a phone each row becomes a list there."""
         lines = [header, *rows]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         for line in lines:
@@ -122,6 +143,30 @@ class Report:
         for k, (label, draw) in enumerate(small_plots(motion) if has_matplotlib() else [], 1):
             self.figure(f"{name}_{k}", draw, f"{caption}: {label}")
 
+    def film(self, name: str, motion: Trajectory, caption: str) -> None:
+        """Add a motion that plays: in 3-D, or as a plain animation where viewer or WebGL is missing."""
+        assert motion.model is not None
+        self.say("drawing the motion in 3-D and as an animation")
+        robot, in_3d = Robot(motion.model), importlib.util.find_spec("viser") is not None
+        if in_3d:
+            view(motion, self.folder / f"{name}.html")
+        if has_matplotlib():
+            import matplotlib.style
+
+            with matplotlib.style.context([{f"{part}.facecolor": SKY for part in ("figure", "axes")}]):
+                animate(robot, motion, self.folder / f"{name}.gif", fps=FILM_FPS)
+        if in_3d or has_matplotlib():
+            self.blocks.append(Block("film", (name, caption, in_3d)))
+
+    @contextmanager
+    def kept_if_interrupted(self) -> Iterator[None]:
+        """Write what there is when Ctrl-C ends the block, and say so."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            self.text("Interrupted: what follows is missing.")
+            raise KeyboardInterrupt(f"the page so far is {self.write()}") from None
+
     def write(self) -> Path:
         """Write the page as HTML into its folder, with a table of contents before the first heading."""
         if not has_matplotlib():
@@ -135,7 +180,8 @@ class Report:
             '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
             f"<title>{escape(self.title)}</title><style>{CSS}</style>"
         )
-        body = "\n".join([f"<h1>{escape(self.title)}</h1>", *pieces])
+        body = "\n".join([f"<h1>{escape(self.title)}</h1>", *pieces, ""])
+        body = re.sub(r"(<picture>.*\n){2,}", r'<div class="pictures">\n\g<0></div>\n', body)  # side by side
         path = self.folder / "index.html"
         path.write_text(
             f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n', encoding="utf-8"
@@ -154,13 +200,31 @@ def _html(block: Block, number: int) -> str:
         name, caption = content
         dark = f'<source srcset="{name}-dark.png" media="(prefers-color-scheme: dark)">'
         return f'<picture>{dark}<img src="{name}.png" alt="{escape(caption)}"></picture>'
+    if tag == "film":
+        name, caption, in_3d = content
+        return f'<img src="{name}.gif" alt="{escape(caption)}">' + (THREE_D % name if in_3d else "")
     if tag == "table":
         header, *rows = [[escape(cell) for cell in line] for line in content]
+        is_wide = sum(2 + max(map(_longest_word, column)) for column in zip(*content, strict=True)) > NARROW
+        labels = [f' data-label="{cell}"' if is_wide else "" for cell in header]
         head = "".join(f"<th>{cell}</th>" for cell in header)
-        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-        return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        body = "".join(
+            f"<tr>{''.join(f'<td{_long(cell)}{x}>{cell}</td>' for x, cell in zip(labels, row, strict=True))}</tr>"
+            for row in rows
+        )
+        table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        return f'<div class="scroll{" wide" * is_wide}">{table}</div>'
     attribute = f' id="s{number}"' if is_heading(block) else ""
-    return f"<{tag}{attribute}>{escape(content)}</{tag}>"
+    text = re.sub(r"(\de)-(\d)", "\\1\N{NON-BREAKING HYPHEN}\\2", escape(content))  # 1e-13 in one line
+    return f"<{tag}{attribute}>{text}</{tag}>"
+
+
+def _long(cell: str) -> str:
+    return ' class="long"' if len(cell) > SHORT else ""
+
+
+def _longest_word(cell: str) -> int:
+    return len(cell) if len(cell) <= SHORT else max(map(len, cell.split()))
 
 
 def column(title: str, heights: Sequence[float], *, share: bool = True) -> tuple[Figure, list[Axes]]:

@@ -156,6 +156,8 @@ def simplified(mesh: Trimesh, keep: float) -> Trimesh:
     from trimesh.graph import smooth_shade
 
     if keep < 1 and len(mesh.faces) > SMALL:
+        mesh = mesh.copy()
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)  # seams that files leave would open
         mesh = mesh.simplify_quadric_decimation(percent=1 - keep)
     smooth: Trimesh = smooth_shade(mesh, angle=CREASE)
     return smooth
