@@ -79,6 +79,8 @@ class Ensemble:
     >>> motions = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, t_eval=[0, 0.05, 0.1])
     >>> motions.t.tolist(), motions.q.shape
     ([0.0, 0.05, 0.1], (3, 10, 6))
+    >>> motions.q[-1, :3, 1].round(2).tolist()  # joint 2 of the first three motions at the end [rad]
+    [-0.54, 0.53, -1.05]
     """
 
     t: Array
@@ -120,8 +122,8 @@ class Ensemble:
         >>> import numpy as np, rne
         >>> starts = np.random.default_rng(0).uniform(-1, 1, (100, 6))
         >>> swings = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1, keep=5)
-        >>> swings.quantiles([0.05, 0.5, 0.95]).shape
-        (3, 5, 6)
+        >>> swings.quantiles([0.05, 0.5, 0.95])[:, -1, 1].round(2).tolist()  # joint 2 at the end [rad]
+        [-0.94, 0.13, 1.03]
         """
         if of not in QUANTITIES:
             raise ValueError(f"`of` must be one of {list(QUANTITIES)}, got {of!r}")
@@ -222,8 +224,9 @@ def ensemble(
     --------
     >>> import numpy as np, rne
     >>> starts = np.random.default_rng(0).uniform(-1, 1, (100, 6))
-    >>> rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1).q.shape
-    (2, 100, 6)
+    >>> motions = rne.ensemble(rne.load("irb140"), starts, 0 * starts, 0.1)
+    >>> motions.q.shape, motions.q[-1, :, 1].mean().round(2).item()  # joint 2 at the end [rad]
+    ((2, 100, 6), 0.09)
     """
     scene = scene_of_robot(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
     if not isinstance(scene, Scene):

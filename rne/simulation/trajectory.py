@@ -95,8 +95,10 @@ class Trajectory(MotionFiles, InNotebooks):
     --------
     >>> import rne
     >>> motion = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.2)
-    >>> motion.t[-1].item(), motion.q.shape == (len(motion.t), 6), motion.energy_drift < 1e-6
-    (0.2, True, True)
+    >>> motion.t[-1].item(), motion.energy_drift < 1e-6
+    (0.2, True)
+    >>> motion([0.1, 0.2])[0][:, 2].round(3).tolist()  # joint 3 at two times [rad]
+    [0.103, 0.398]
     """
 
     t: Array
@@ -171,8 +173,8 @@ class Trajectory(MotionFiles, InNotebooks):
         >>> import rne
         >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
         >>> q, qd, qdd = swing([0.1, 0.2, 0.3])
-        >>> q.shape
-        (3, 6)
+        >>> q[:, 1].round(3).tolist()  # joint 2 [rad]
+        [0.001, 0.017, 0.084]
         """
         q, qd, qdd = self._at(t, "q", "qd", "qdd")
         return q, qd, qdd
