@@ -19,9 +19,8 @@ from .laws import checked_vectors
 from .sampled_loop import LinearLoop, Window, first_unstable_time, gravity_modes, step_matrix
 
 SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of them that are refined
-SWEPT = 16  # sample times below the limit at which a part of them is examined
+SWEPT, MARGINAL = 16, 1e-12  # times below the limit at which a part of them is examined; rounding of a spectral radius
 LONGEST = 1.25  # of the horizon of a loop: sample times that are examined
-MARGINAL = 1e-12  # above 1: a spectral radius within rounding
 ROUNDS = 20  # of lowering the sample time and searching again
 BOTH = "beats_gravity", "sample_time_limit"  # results that bounds may prove
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
@@ -80,16 +79,14 @@ class Gains:
 
     def __str__(self) -> str:
         verdict = "" if self.stable is None else f" {self.sample_time:g} s is {'' if self.stable else 'NOT '}stable."
+        found = ["proven" if name in self.proven else "searched" for name in BOTH]
         exceed = "exceed" if self.beats_gravity else "do NOT exceed"
         return (
             f"fastest mode M^-1 Kd {self.largest_mode:.6g} 1/s, fastest pole {self.fastest_pole:.6g} 1/s\n"
-            f"largest stable sample time {self.sample_time_limit:.4g} s{self._search('sample_time_limit')}.{verdict}\n"
-            f"gravity's stiffness {self.gravity_stiffness:.4g} N m/rad{self._search('beats_gravity')}: "
+            f"largest stable sample time {self.sample_time_limit:.4g} s ({found[1]}).{verdict}\n"
+            f"gravity's stiffness {self.gravity_stiffness:.4g} N m/rad ({found[0]}): "
             f"without compensation the gains {exceed} it"
         )
-
-    def _search(self, name: str) -> str:
-        return " (proven)" if name in self.proven else " (searched)"
 
 
 def check_gains(
@@ -115,7 +112,7 @@ def check_gains(
     q : array_like, shape (n,), optional
         The only configuration to examine, instead of the workspace [rad or m].
     max_sample_time : float, optional
-        End of the `windows` [s]; by default a quarter more than a time at which unstable ones are expected.
+        End of the `windows` [s]; by default somewhat beyond the limit.
     bounds : object, optional
         Proven bounds over the workspace: attributes `gravity_stiffness`, of the norm of dg/dq, and `mass_eigenvalues`,
         of M, each with `lower` and `upper`.
@@ -135,21 +132,19 @@ def check_gains(
     Notes
     -----
     With gravity compensated, M qdd = -Kp e - Kd qd near a reference, e = q - q_ref. Evaluated continuously this loop is
-    stable for all positive gains; without damping, Kd = 0, its energy is conserved: it is marginal, not stable.
-    Evaluated every T and held, it is the linear map of (e, qd) from sample to sample, in which the compensated gravity
-    is held too: exact but for terms of second order in e and qd. Without damping it is unstable for all T where
-    Kp - dg/dq is positive definite, and stable, but for single values of T, where dg/dq - Kp is.
+    stable for all positive gains; for Kd = 0 its energy is conserved, which is marginal, not stable. Evaluated every T
+    and held, it is the linear map of (e, qd) from sample to sample, in which the compensated gravity is held too: exact
+    but for terms of second order. For Kd = 0 it is unstable where Kp - dg/dq is positive definite, and stable but for
+    single T where dg/dq - Kp is.
 
-    For one configuration the verdicts are certain, to rounding. One joint, and modes that the gains do not couple, have
-    a closed form. For others intervals of T are proven stable or unstable; what is neither is undecided (most often
-    1e-9 of T at a boundary) and counts as not stable. The limit is the largest T below which all are proven stable; it
-    is not looked for beyond 1.25 times the smaller of 2 / largest mode and half of gravity's shortest period, unless a
-    closed form gives it.
+    For one configuration the verdicts are certain, to rounding: in closed form for one joint and for modes that gains
+    do not couple; otherwise intervals of T are proven stable or unstable, and what is neither, mostly 1e-10 of T at a
+    boundary, is undecided and not called stable. The limit of several joints is at most 1.25 times the smaller of 2
+    over the largest mode and half of gravity's shortest period.
 
     Over the workspace the limit is a search: random configurations within the joints' limits (seeded), the worst of
-    them refined by L-BFGS-B. `bounds` prove the comparison with gravity's stiffness and, for one joint, the limit: the
-    worst loops have the smallest or largest inertia and stiffness. Åström and Wittenmark 1997, Computer-Controlled
-    Systems, sections 2.3 and 3.2.
+    them refined by L-BFGS-B. `bounds` prove the comparison with gravity's stiffness and, for one joint, the limit.
+    Åström and Wittenmark 1997, Computer-Controlled Systems, sections 2.3 and 3.2.
 
     Examples
     --------
@@ -182,27 +177,14 @@ def check_gains(
     if bounds is not None and q is None:
         stiffness, proven = float(bounds.gravity_stiffness.upper), BOTH[: 2 if n == 1 else 1]
         limit = min(limit, proven_limit(p, d, bounds)) if n == 1 else limit
-    there = loop.at(limit_q)
-    return Gains(
-        largest,
-        worst,
-        float(-np.linalg.eigvals(A).real.min()),
-        limit,
-        limit_q,
-        tuple(there.windows(max_sample_time or LONGEST * max(there.horizon, limit))),
-        stiffness,
-        bool(p.min() > stiffness),
-        proven,
-        sample_time,
-        None if sample_time is None else bool(sample_time < limit),
-    )
+    there, pole = LinearLoop(*loop.modes(limit_q)), float(-np.linalg.eigvals(A).real.min())
+    windows = tuple(there.windows(max_sample_time or LONGEST * max(there.horizon, limit)))
+    beats, stable = bool(p.min() > stiffness), None if sample_time is None else bool(sample_time < limit)
+    return Gains(largest, worst, pole, limit, limit_q, windows, stiffness, beats, proven, sample_time, stable)
 
 
 def proven_limit(kp: Array, kd: Array, bounds: Any) -> float:
-    """Sample time up to which one joint is stable for all inertias and stiffnesses within their bounds.
-
-    The worst are corners: the conditions are concave in the stiffness and monotone in the inertia, for each sign of it.
-    """
+    """Limit of one joint: corners are worst, for conditions concave in the stiffness and monotone in the inertia."""
     k, inertia = bounds.gravity_stiffness.upper, bounds.mass_eigenvalues
     m = np.array([[inertia.lower], [inertia.upper]])
     return float(first_unstable_time(np.array([-k, 0.0, k]) / m, kp / m, kd / m).min())
@@ -254,41 +236,32 @@ class SampledLoop:
         self.check(q, np.zeros(self.robot.n))
         return gravity_modes(self.robot.mass_matrix(q), self.slope(q), self.kp, self.kd)
 
-    def at(self, q: Array) -> LinearLoop:
-        """The loop of one configuration."""
-        return LinearLoop(*self.modes(q))
-
     def radius(self, q: Array, T: float | Array) -> Array:
         """Spectral radius of the map from sample to sample, for configurations q, shape (...)."""
         modes = self.modes(q)
         change, _ = step_matrix(*modes, np.broadcast_to(T, np.broadcast_shapes(modes[0].shape[:-1], np.shape(T))))
-        radius: Array = np.abs(1 + np.linalg.eigvals(change)).max(axis=-1)
-        return radius
+        return np.asarray(np.abs(1 + np.linalg.eigvals(change)).max(axis=-1))
 
     def limit(self, start: Array, lower: Array, upper: Array) -> tuple[float, Array]:
-        """The smallest sample time that is not proven stable in some configuration, and where.
-
-        `start` is a configuration that is examined along with the random ones.
-        """
+        """The smallest sample time that is not proven stable in `start` or another configuration, and where."""
         if self.robot.n == 1:
-            unit = float(self.first_of_one_joint(start)) or 1.0
-            value, where = largest_over(lambda q: -self.first_of_one_joint(q) / unit, lower, upper)
+
+            def first(q: Array) -> Array:
+                return first_unstable_time(*(X.reshape(q.shape[:-1]) for X in self.modes(q)))
+
+            unit = float(first(start)) or 1.0
+            value, where = largest_over(lambda q: -first(q) / unit, lower, upper)
             return -value * unit, where
-        loop, where = self.at(start), start
+        loop, where = LinearLoop(*self.modes(start)), start
         T = loop.first_unstable(LONGEST * loop.horizon)
         drawn = np.concatenate([start[None], random_configurations(lower, upper)])
         for _ in range(ROUNDS):
             found = self.unstable_configuration(drawn, T, lower, upper) if T > 0 else None
-            first = T if found is None else self.at(found).first_unstable(T)
-            if found is None or first == T:
+            shorter = T if found is None else LinearLoop(*self.modes(found)).first_unstable(T)
+            if found is None or shorter == T:
                 break
-            T, where = first, found
+            T, where = shorter, found
         return T, where
-
-    def first_of_one_joint(self, q: Array) -> Array:
-        """The limit in configurations q, shape (..., 1), in closed form."""
-        w, P, D = self.modes(q)
-        return first_unstable_time(w, P[..., 0], D[..., 0])[..., 0]
 
     def unstable_configuration(self, drawn: Array, T: float, lower: Array, upper: Array) -> Array | None:
         """A configuration that is unstable for a sample time below T, if one is found."""
