@@ -61,7 +61,8 @@ sphinx_gallery_conf = {
     "gallery_dirs": ["generated/tutorials"],
     "copyfile_regex": r"index\.rst",  # written by hand: tutorials by level
     "filename_pattern": r"\.py$",
-    "within_subsection_order": "FileNameSortKey",  # tutorials/index.rst orders them by level
+    "within_subsection_order": "levels.position",
+    "minigallery_sort_order": "levels.position",
     "image_scrapers": ("figures.scrape",),
     "reset_modules": (),
     "capture_repr": ("_repr_html_", "__repr__"),
