@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import orth
+from scipy.stats import f
 
 import rne
 from rne.identification import Record
+from rne.identification.filtering import low_pass
+from rne.identification.regression import build_regression
+from rne.identification.rigid_body_test import certified, torque_noise
 
 from .helpers import loaded
 from .measurements import truth
@@ -47,6 +52,40 @@ def test_noise_is_found(scene, motion):
     noise = prepared.reduce(NOISE * np.random.default_rng(6).normal(size=prepared.tau.shape))
     expected = noise.std(0) / np.sqrt((prepared.reduce(prepared.tau) ** 2).mean(0))
     np.testing.assert_allclose(found.noise, expected, rtol=NOISE_FOUND)
+
+
+def test_noise_after_the_filter_is_that_of_its_response_to_an_impulse():
+    """White noise of variance one leaves the sum of squares of the response."""
+    t, cutoff = np.arange(40_000) / 250.0, 5.0
+    tau = np.random.default_rng(0).normal(size=(len(t), 6))
+    prepared = Record(t, np.sin(np.outer(t, np.ones(6))), tau).prepare(cutoff)
+    impulse = np.zeros((2001, 1))
+    impulse[1000] = 1
+    expected = (low_pass(impulse, cutoff, 250.0) ** 2).sum()
+    assert torque_noise(prepared).mean() == pytest.approx(expected, rel=0.02)  # 50 000 ordinates, windows overlap
+
+
+def test_f_is_that_of_nested_models_by_independent_equations(scene, motion):
+    """Draper and Smith 1998, (6.1.8), of all rows: residuals of a joint's own fit and of one fit to all joints."""
+    base = scene.robot.base_parameters(drives=rne.DriveModel(friction="viscous+coulomb"))
+    tau = motion.tau + NOISE * np.random.default_rng(0).normal(size=motion.tau.shape)
+    data = build_regression(scene.robot, Record(motion.t, motion.q, tau), base, None, 5.0, 20, 2)
+    times = np.linspace(1, 2, 6)
+    (rows,) = data.rows
+    joint, A, b = np.nonzero(rows.used)[1], (rows.Y @ base.back)[rows.used], rows.tau[rows.used]
+    own, N = [A[joint == j] for j in range(6)], np.bincount(joint)
+    spaces = [orth(X / np.maximum(np.linalg.norm(X, axis=0), 1e-9), rcond=1e-6) for X in own]
+    ranks = np.array([U.shape[1] for U in spaces])
+    alone = np.array([((b[joint == j] - U @ (U.T @ b[joint == j])) ** 2).sum() for j, U in enumerate(spaces)])
+    sigma = np.sqrt(alone / (N - ranks))[joint]
+    Q = np.linalg.qr(A / sigma[:, None])[0]
+    together = np.bincount(joint, (b - sigma * (Q @ (Q.T @ (b / sigma)))) ** 2)
+    shared = ranks - np.bincount(joint, (Q**2).sum(1))
+    F = (together - alone) / shared / (alone / (N - ranks)) / times
+    found = certified(base, data, times)
+    np.testing.assert_allclose(found.F, F, rtol=1e-6)
+    np.testing.assert_allclose(found.probability, f.sf(F, shared, N / times - ranks), rtol=1e-4)
+    np.testing.assert_allclose(found.independent, N / times - ranks)
 
 
 @pytest.mark.parametrize(("joint", "factor"), [(2, 1.2)])

@@ -203,6 +203,11 @@ def test_correlated_residuals_count_as_fewer():
     assert found == pytest.approx([3.0, 1.0], rel=0.1)
 
 
+def test_residuals_that_are_all_equal_count_as_one():
+    found = correlation_time_of_residuals(np.ones((8, 1)), np.ones((8, 1), bool), [slice(0, 8)])
+    assert found == pytest.approx([8.0])
+
+
 @pytest.mark.parametrize("decimation", [1, 10, 20])
 def test_filtered_noise_counts_as_fewer(decimation):
     """The variance of the mean of filtered white noise is that of its rows over the effective sample size."""

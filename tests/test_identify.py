@@ -63,6 +63,18 @@ def test_without_noise_the_truth_is_found(scene, motions):
     assert found.base.count == 48
 
 
+def test_the_weight_of_the_prior_is_that_of_a_standard_deviation(scene, motions, monkeypatch):
+    weights = []
+
+    def spy(factor, prior, weight, bounded, size):
+        weights.append(weight)
+        return np.concatenate([scene.robot.parameters, VISCOUS, COULOMB])
+
+    monkeypatch.setattr("rne.identification.least_squares.consistent_fit", spy)
+    identified(scene, motions[0], 0, prior_std=0.5, folds=2)
+    assert weights == [4.0] * 3
+
+
 def errors_in_standard_errors(scene, motion, seeds, **options):
     """(estimate - truth) / standard error, and the smallest eigenvalue of the bodies' pseudo-inertias, per seed."""
     z, least = [], []

@@ -25,7 +25,7 @@ from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from .equations import Equations
 from .filtering import ORDER
-from .least_squares import held_out_squares, weighted_fit
+from .least_squares import NOTHING, held_out_squares, weighted_fit
 from .prepared import Prepared
 from .record import Record
 from .regression import FOLDS, RegressionData, build_regression
@@ -178,7 +178,7 @@ def own_fit(equations: Equations) -> tuple[Array, float, int]:
     """Estimates of smallest length, |residual|^2 and rank of the equations of one joint."""
     factor = equations.weighted(np.ones(1))
     lengths = np.linalg.norm(factor[:, :-1], axis=0)
-    lengths[lengths == 0] = 1
+    lengths[lengths <= NOTHING * lengths.max(initial=0)] = np.inf  # such columns are rounding, and get a zero
     x, _, rank, _ = np.linalg.lstsq(factor[:, :-1] / lengths, factor[:, -1], rcond=BELIEVED)
     return x / lengths, float(equations.residuals(x / lengths)[0]), int(rank)
 
