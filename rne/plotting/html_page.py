@@ -79,7 +79,7 @@ DARK_COLORS = (  # matplotlib's ten, of the same hues
     *("#4fa3e0", "#ff9d47", "#5fcf5f", "#ff6b6b", "#b794e8"),
     *("#c08a7a", "#f09ad8", "#a8a8a8", "#d6d84a", "#42d6e6"),
 )
-NARROW, SHORT = 46, 12  # characters of a row that fit on a phone, and of a cell that is never broken
+NARROW, SHORT, LONGEST = 46, 12, 30  # characters of a row on a phone, of a cell that is never broken, of the longest
 SKY = "#e4e9f0"  # behind the robot on light and dark pages, as in the viewer
 FILM_FPS = 8.0  # frames per second of the picture in place of a 3-D view
 THREE_D = (  # where a browser can draw it; the picture stays otherwise
@@ -205,7 +205,7 @@ def _html(block: Block, number: int) -> str:
         return f'<img src="{name}.gif" alt="{escape(caption)}">' + (THREE_D % name if in_3d else "")
     if tag == "table":
         header, *rows = [[escape(cell) for cell in line] for line in content]
-        is_wide = sum(2 + max(map(_longest_word, column)) for column in zip(*content, strict=True)) > NARROW
+        is_wide = _is_wide(content)
         labels = [f' data-label="{cell}"' if is_wide else "" for cell in header]
         head = "".join(f"<th>{cell}</th>" for cell in header)
         body = "".join(
@@ -223,8 +223,15 @@ def _long(cell: str) -> str:
     return ' class="long"' if len(cell) > SHORT else ""
 
 
-def _longest_word(cell: str) -> int:
-    return len(cell) if len(cell) <= SHORT else max(map(len, cell.split()))
+def _is_wide(lines: Sequence[Sequence[str]]) -> bool:
+    """True if the rows of a table are too long for a phone; titles and long cells may break between words."""
+    header, *rows = lines
+    words = [title.split() for title in header]
+    for row in rows:
+        for k, cell in enumerate(row):
+            words[k] += [cell] if len(cell) <= SHORT else cell.split()
+    longest = max((len(cell) for row in rows for cell in row), default=0)
+    return longest > LONGEST or sum(2 + max(map(len, column), default=0) for column in words) > NARROW
 
 
 def column(title: str, heights: Sequence[float], *, share: bool = True) -> tuple[Figure, list[Axes]]:
