@@ -217,6 +217,20 @@ def test_limits_of_a_robot_are_those_of_its_coordinates():
     assert robot.model == rne.model.with_limits(PAIR, effort=1, velocity=2, acceleration=3, jerk=4)
 
 
+def test_a_joint_that_mimics_binds_its_coordinate():
+    """q_i = m q + o with m = -2, o = 0.5: a range of -1 to 2 is one of -0.75 to 0.75 for q, other limits are half."""
+    (mimic,) = set(range(3)) - set(PAIR.independent_joints)
+    k, m = PAIR.coordinate[mimic], np.ones(3)
+    m[mimic] = -2.0
+    place = np.arange(3) == mimic
+    one = {f"{name}_limit": np.where(place, 3.0, 4.0) for name in ("velocity", "acceleration", "jerk", "effort")}
+    ranges = {"lower": np.where(place, -1.0, -9.0), "upper": np.where(place, 2.0, 9.0)}
+    limits = replace(PAIR, multiplier=m, offset=0.5 * place, **ranges, **one).coordinate_limits()
+    found = {name: (limit[k], limit[1 - k]) for name, limit in limits.items()}
+    same = dict.fromkeys(("velocity_limit", "acceleration_limit", "jerk_limit"), (1.5, 4.0))
+    assert found == {"lower": (-0.75, -9.0), "upper": (0.75, 9.0), "effort_limit": (4.0, 4.0)} | same
+
+
 def test_degrees_of_a_mounting_are_refused():
     text = "`rpy` looks like degrees; pass np.deg2rad(rpy), got 180 at index (0,)"
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):

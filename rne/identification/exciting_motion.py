@@ -492,9 +492,8 @@ def excitation(
         What is minimised: the condition number of W, whose rows are the torques of the samples and whose columns are
         the base parameters; or -log det(W^T W), the volume of the parameters' confidence ellipsoid.
     limits : mapping of str to array_like, shape (n,), optional
-        Replaces limits of the robot: "lower", "upper", "velocity_limit" and "effort_limit"; accelerations are not
-        limited unless "acceleration_limit" is given. Efforts may be infinite [rad or m; rad/s or m/s; N m or N; rad/s^2
-        or m/s^2].
+        Replaces limits of the robot: "lower", "upper", "velocity_limit", "acceleration_limit" and "effort_limit"; the
+        last two may be infinite [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     drives : DriveModel, optional
         Rotors, friction and offsets of the drives that are to be identified too; by default none. Coulomb friction is
         taken as tanh(qd / smoothing), so that it has a derivative, by default with 5 % of the smallest velocity limit;

@@ -65,14 +65,8 @@ def motion_limits(robot: Robot, given: Mapping[str, ArrayLike] | None) -> dict[s
         given = {}
     if not isinstance(given, Mapping):
         raise TypeError(f"`limits` must be a mapping of names to arrays, got {type(given).__name__}")
-    model, lower, upper, velocity = robot.model, robot.lower.copy(), robot.upper.copy(), robot.velocity_limit.copy()
-    for i, k in enumerate(model.coordinate):
-        m = model.multiplier[i]
-        if i != model.independent_joints[k] and m != 0:
-            ends = sorted(((model.lower[i] - model.offset[i]) / m, (model.upper[i] - model.offset[i]) / m))
-            lower[k], upper[k] = max(lower[k], ends[0]), min(upper[k], ends[1])
-            velocity[k] = min(velocity[k], model.velocity_limit[i] / abs(m))
-    values = dict(zip(NAMES, (lower, upper, velocity, np.full(robot.n, np.inf), robot.effort_limit), strict=True))
+    known = robot.model.coordinate_limits()
+    values = {name: known[name] for name in NAMES}
     for name, limit in given.items():
         if name not in NAMES:
             raise ValueError(f"`limits` must name some of {list(NAMES)}, got {name!r}")

@@ -216,6 +216,34 @@ class Model:
         G[range(self.nb), self.coordinate] = self.multiplier
         return G
 
+    def coordinate_limits(self) -> dict[str, Array]:
+        """Limits of the coordinates, those of the joints that mimic them included.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,) each
+            By name: `lower`, `upper`, and the velocity, effort, acceleration and jerk limits. With q_i = m q + o, the
+            range of joint i less o over m, and its other limits over abs(m), bind the coordinate too. A drive turns a
+            coordinate's own joint: its effort limit is that joint's.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.irb140().coordinate_limits()["velocity_limit"].round(2).tolist()
+        [3.49, 3.49, 4.54, 6.28, 6.28, 7.85]
+        """
+        own = list(self.independent_joints)
+        limits = {name: getattr(self, name)[own] for name in ("lower", "upper", *LIMITS)}
+        for i, k in enumerate(self.coordinate):
+            m = self.multiplier[i]
+            if i == own[k] or m == 0:
+                continue
+            low, high = sorted(((self.lower[i] - self.offset[i]) / m, (self.upper[i] - self.offset[i]) / m))
+            limits["lower"][k], limits["upper"][k] = max(limits["lower"][k], low), min(limits["upper"][k], high)
+            for name in ("velocity_limit", "acceleration_limit", "jerk_limit"):
+                limits[name][k] = min(limits[name][k], getattr(self, name)[i] / abs(m))
+        return limits
+
     @cached_property
     def coordinate_parent(self) -> tuple[int, ...]:
         """The parent of each coordinate in the sparsity pattern of M; the previous one if mimics fill it."""
