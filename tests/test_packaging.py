@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 
@@ -40,19 +41,34 @@ def test_sources_hold_what_runs_in_a_clone():
     assert {"rne", "examples", "tests", "benchmarks", "docs"} <= set(build["sdist"]["include"])
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """The path of a wheel built from the repository."""
+def built(kind, folder):
+    """The path of a wheel or of the sources ("sdist"), built from the repository."""
     pytest.importorskip("build", reason="the package `build` is not installed")
-    folder = tmp_path_factory.mktemp("dist")
-    command = [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(ROOT)]
+    command = [sys.executable, "-m", "build", f"--{kind}", "--outdir", str(folder), str(ROOT)]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     said = run.stdout + run.stderr
     if run.returncode and any(text in said for text in NO_NETWORK):
         pytest.skip("the build back end cannot be downloaded")
     assert run.returncode == 0, said
-    (path,) = folder.glob("*.whl")
+    (path,) = folder.glob("*.*")
     return path
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """The path of a wheel built from the repository."""
+    return built("wheel", tmp_path_factory.mktemp("dist"))
+
+
+@pytest.mark.long
+def test_sources_hold_what_the_repository_tracks(tmp_path):
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if tracked.returncode:
+        pytest.skip("not a clone: there is no list of files to compare with")
+    root = f"rne-{rne.__version__}/"
+    with tarfile.open(built("sdist", tmp_path)) as archive:
+        held = {name.removeprefix(root) for name in archive.getnames()}
+    assert set(tracked.stdout.splitlines()) - held == set()
 
 
 @pytest.mark.long
