@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.__main__ import main
+from rne.__main__ import main, parser
 from rne.commands import COMMANDS
 from rne.commands.shared import join_numbers
 from rne.plotting import html_page
@@ -444,3 +444,33 @@ def test_torques_of_a_pendulum_that_cancel_are_no_difference(tmp_path, capsys, m
     )
     assert main(["report", str(path), "--out", str(tmp_path / "page")]) == 0
     assert " NO" not in capsys.readouterr().out
+
+
+PAGE = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+SESSION = re.compile(r"^```sh\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?", re.DOTALL | re.MULTILINE)
+
+
+def without_numbers(text):
+    """Energy drifts and last digits are others on other processors."""
+    return re.sub(r"\d+(\.\d+)?(e-\d+)?", "#", text)
+
+
+def test_page_of_the_command_line_lists_every_command():
+    listed = re.findall(r"^\| `rne (\w+)", PAGE, re.MULTILINE)
+    assert sorted(listed) == sorted(add.__name__.removeprefix("add_") for add in COMMANDS)
+
+
+def test_session_of_the_page_prints_what_it_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for lines, said in SESSION.findall(PAGE):
+        for line in lines.splitlines():
+            words, _, file = line.partition(" > ")
+            if words.startswith("rne view"):
+                assert parser().parse_args(words.split()[1:]).out.name == "arm.html"  # test_view.py writes such pages
+                continue
+            assert main(words.split()[1:]) == 0
+            printed = capsys.readouterr().out
+            if file:
+                (tmp_path / file).write_text(printed, encoding="utf-8")
+        if said:
+            assert without_numbers(printed) == without_numbers(said)
