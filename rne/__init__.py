@@ -20,7 +20,7 @@ from .model import Model, dh_chain, irb140
 from .robot import Robot
 
 if TYPE_CHECKING:
-    from . import control, elementwise, identification, kernels, plotting, trajectories
+    from . import bounds, control, elementwise, identification, kernels, plotting, trajectories
     from .control.gains import Gains, check_gains
     from .control.laws import traceable
     from .identification import (
@@ -49,6 +49,7 @@ else:
     __getattr__ = on_first_use(
         __name__,
         {
+            "bounds": "",
             "control": "",
             "control.gains": "Gains check_gains",
             "control.laws": "traceable",
@@ -102,6 +103,7 @@ __all__ = [
     "Trajectory",
     "UrdfError",
     "bearing_peaks",
+    "bounds",
     "check",
     "check_gains",
     "compare_models",

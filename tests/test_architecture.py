@@ -25,6 +25,7 @@ FLOORS = [
     ["elementwise", "model"],
     ["dynamics", "trajectories"],
     ["kernels"],
+    ["bounds"],
     ["robot"],
     ["urdf", "control"],
     ["simulation", "validation"],

@@ -9,7 +9,17 @@ from typing import Any
 
 import rne
 
-MODULES = ("dynamics", "model", "kernels", "control", "trajectories", "elementwise", "plotting", "identification")
+MODULES = (
+    "dynamics",
+    "model",
+    "kernels",
+    "bounds",
+    "control",
+    "trajectories",
+    "elementwise",
+    "plotting",
+    "identification",
+)
 # What one part of the package offers to another: neither documented in the reference nor kept stable.
 INTERNAL = {
     "Candidate.followed_by",

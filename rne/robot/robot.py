@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from ..model.parameters import parameters_of, with_parameters
 from ..model.standard_parameters import DriveModel
 
 if TYPE_CHECKING:
+    from ..bounds import Bounds
     from ..dynamics.base_inertial_parameters import BaseParameters
     from ..dynamics.recursion_record import Recursion
     from ..kernels.kernel import Kernel
@@ -1005,6 +1006,71 @@ class Robot(InNotebooks):
             tolerance=tolerance,
         )
         return replace(found, body_regressor=self.regressor)
+
+    def bounds(
+        self,
+        positions: str | tuple[ArrayLike, ArrayLike] = "circle",
+        *,
+        rates: ArrayLike | None = None,
+        accelerations: ArrayLike | None = None,
+        payload: tuple[float, float] | None = None,
+        masses: Mapping[str, tuple[float, float]] | None = None,
+        tolerance: float = 0.05,
+        budget: float = 60.0,
+        quantities: Sequence[str] | None = None,
+    ) -> Bounds:
+        """Constants that stability theorems take as known, with proof: gravity, inertia and Coriolis at every position.
+
+        Values that no position exceeds, by branch and bound on the trigonometric polynomials that M, C and g are,
+        beside the values attained. Rounding is included.
+
+        Parameters
+        ----------
+        positions : {"circle", "limits"} or (lower, upper)
+            Full turns, the joints' ranges, or ranges of shape (n,) [rad or m]. Sliding joints have their ranges anyway;
+            ranges that are unknown or longer than a turn are full turns.
+        rates, accelerations : array_like, shape (n,), optional
+            Largest speeds and accelerations, for `torque`; by default the joints' limits
+            [rad/s or m/s; rad/s^2 or m/s^2].
+        payload : tuple of float, optional
+            Least and largest mass of a point at the end of the last link, every mass between included [kg].
+        masses : mapping of str to tuple of float, optional
+            Least and largest mass of bodies by their links, with the same centre and radii of gyration [kg].
+        tolerance : float
+            Gap to prove, relative to the value attained.
+        budget : float
+            Time for each quantity, after which the bounds proven so far are returned [s].
+        quantities : sequence of str, optional
+            Of "gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque". By
+            default all, `torque` only where rates and accelerations are known.
+
+        Returns
+        -------
+        Bounds
+            Each with `lower`, `upper`, `attained`, `q` and `is_tight`; printed as a table.
+
+        Raises
+        ------
+        ValueError
+            If an argument does not fit the robot, a range is missing, or the robot has too many joints.
+
+        Notes
+        -----
+        docs/explanation/bounds.md derives them. Kelly, Santibanez and Loria 2005, section 4.3, bound the same constants
+        by hand.
+
+        Examples
+        --------
+        >>> import rne
+        >>> found = rne.load("irb140").bounds(quantities=["gravity_stiffness"]).gravity_stiffness
+        >>> bool(162.8 < found.attained <= found.upper < 171)
+        True
+        """
+        from ..bounds.bounds import robot_bounds
+
+        return robot_bounds(
+            self._kernels, positions, rates, accelerations, payload, masses, tolerance, budget, quantities
+        )
 
     def with_payload(
         self,

@@ -1,0 +1,5 @@
+"""Constants of a robot with proof, by branch and bound on trigonometric polynomials; see `Robot.bounds`."""
+
+from .bounds import Bound, Bounds
+
+__all__ = ["Bound", "Bounds"]

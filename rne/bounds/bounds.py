@@ -1,0 +1,355 @@
+"""The constants of a robot that stability theorems take as known: computed with proof, beside the values attained."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import dynamics
+from ..basics.arrays import per_joint_array, positive_number, real_array
+from ..basics.spatial import Array
+from ..basics.text import InNotebooks, short
+from ..dynamics.lagrange import christoffel
+from ..kernels.cache import KernelCache
+from ..model.model import Model
+from ..model.modify import with_payload
+from .branch_and_bound import Extreme, largest
+from .criteria import Coriolis, Criterion, InverseOfLeastEigenvalue, Modulus, Norm, Torque
+from .polynomials import Box, Polynomial, box_argument, independent, polynomial
+
+QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
+NEGLIGIBLE = 1e-13  # of the largest entry's size: what entries that vanish have from rounding
+SAMPLES = 500
+
+
+@dataclass(frozen=True)
+class Bound(InNotebooks):
+    """A constant, or an array of constants, of `Robot.bounds`: proven to be from `lower` to `upper`.
+
+    Attributes
+    ----------
+    lower, upper : ndarray
+        Proven, rounding included. Entries that are identically zero are 0 and what rounding leaves of them.
+    attained : ndarray
+        The value at `q`, found by search.
+    q : ndarray, shape (..., n)
+        Where it is attained [rad or m].
+    tolerance : float
+        That was asked for.
+
+    Examples
+    --------
+    >>> import rne
+    >>> k_g = rne.load("irb140").bounds(quantities=["gravity_stiffness"]).gravity_stiffness
+    >>> k_g.attained.round(1).item(), bool(k_g.is_tight)
+    (162.8, True)
+    """
+
+    lower: Array
+    upper: Array
+    attained: Array
+    q: Array
+    tolerance: float
+
+    @property
+    def gap(self) -> Array:
+        """(upper - lower) / attained, 0 for entries that are identically zero, inf where nothing was proven."""
+        with np.errstate(all="ignore"):
+            return np.where(self.attained == 0, 0.0, (self.upper - self.lower) / self.attained)
+
+    @property
+    def is_tight(self) -> Array:
+        """True where the gap is within the tolerance, up to rounding."""
+        return self.gap <= self.tolerance * (1 + 1e-6) + 1e-9
+
+
+@dataclass(frozen=True)
+class Bounds(InNotebooks):
+    """Constants of a robot with proof, as found by `Robot.bounds`. What was not asked for is None.
+
+    Attributes
+    ----------
+    gravity_torque : Bound, shape (n,)
+        The largest \\|g_i(q)\\| [N m or N].
+    gravity_stiffness : Bound, shape ()
+        k_g, the largest norm of dg/dq [N m/rad].
+    mass_matrix : Bound, shape (n, n)
+        The largest \\|M_ij(q)\\| [kg m^2, kg m or kg].
+    mass_eigenvalues : Bound, shape (2,)
+        The least and the largest eigenvalue of M(q).
+    coriolis : Bound, shape ()
+        k_C, the largest \\|C(q, v) w\\| of unit vectors v and w.
+    torque : Bound, shape (n,)
+        The largest \\|tau_i\\| within the rates and accelerations [N m or N].
+    joint_names : tuple of str
+    lower, upper : ndarray, shape (n,)
+        The positions considered [rad or m].
+    circle : ndarray, shape (n,)
+        True for coordinates that make full turns.
+
+    Examples
+    --------
+    >>> import rne
+    >>> print(rne.load("irb140").bounds(quantities=["gravity_stiffness"]))
+       gap    proven  attained
+    0.23 %  <= 163.2     162.8  norm of dg/dq
+    """
+
+    gravity_torque: Bound | None = None
+    gravity_stiffness: Bound | None = None
+    mass_matrix: Bound | None = None
+    mass_eigenvalues: Bound | None = None
+    coriolis: Bound | None = None
+    torque: Bound | None = None
+    joint_names: tuple[str, ...] = ()
+    lower: Array = field(default_factory=lambda: np.zeros(0))
+    upper: Array = field(default_factory=lambda: np.zeros(0))
+    circle: Array = field(default_factory=lambda: np.zeros(0, bool))
+
+    def __str__(self) -> str:
+        rows = [("gap", "proven", "attained", "")]
+        for bound, name, place, least in self._entries():
+            lower, upper, attained, gap = (getattr(bound, x)[place] for x in ("lower", "upper", "attained", "gap"))
+            proven = f">= {lower:.4g}" if least else f"<= {upper:.4g}"
+            if attained == 0:
+                rows.append(("0", "0", "0", name))
+            elif upper == np.inf or lower == 0:
+                rows.append(("", "not proven", f"{attained:.4g}", name))
+            else:
+                rows.append((f"{100 * gap:.2g} %", proven, f"{attained:.4g}", name))
+        width = [max(len(row[k]) for row in rows) for k in range(3)]
+        return "\n".join(
+            "  ".join([*(c.rjust(w) for c, w in zip(row, width, strict=False)), row[3]]).rstrip() for row in rows
+        )
+
+    __repr__ = __str__
+
+    def _entries(self) -> Iterator[tuple[Bound, str, Any, bool]]:
+        """Bound, what it is, its place in the arrays, and whether it bounds from below."""
+        names = [short(name) for name in self.joint_names]
+        scalars = {"gravity_stiffness": "norm of dg/dq", "coriolis": "|C(q, v) w| of unit v and w"}
+        for quantity in QUANTITIES:
+            bound = getattr(self, quantity)
+            if bound is None:
+                continue
+            if quantity == "mass_eigenvalues":
+                yield bound, "least eigenvalue of M", 0, True
+                yield bound, "largest eigenvalue of M", 1, False
+            elif quantity == "mass_matrix":
+                for i, j in zip(*map(np.ndarray.tolist, np.triu_indices(len(names))), strict=True):
+                    yield bound, f"|M| of {names[i]}" + (f" and {names[j]}" if i != j else ""), (i, j), False
+            elif quantity in scalars:
+                yield bound, scalars[quantity], (), False
+            else:
+                for i, name in enumerate(names):
+                    yield bound, f"{quantity.replace('_', ' ')} of {name}", i, False
+
+
+def robot_bounds(
+    cache: KernelCache,
+    positions: Any,
+    rates: ArrayLike | None,
+    accelerations: ArrayLike | None,
+    payload: tuple[float, float] | None,
+    masses: Mapping[str, tuple[float, float]] | None,
+    tolerance: float,
+    budget: float,
+    quantities: Sequence[str] | None,
+) -> Bounds:
+    """`Robot.bounds` of the robot of a kernel cache."""
+    model, joints = cache.model, list(cache.model.independent_joints)
+    tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
+    limits = {"rates": (rates, model.velocity_limit), "accelerations": (accelerations, model.acceleration_limit)}
+    speeds, changes = (
+        limit[joints] if given is None else per_joint_array(name, given, model.n, sign="not negative")
+        for name, (given, limit) in limits.items()
+    )
+    known = np.isfinite([*speeds, *changes]).all()
+    chosen = [q for q in QUANTITIES if known or q != "torque"] if quantities is None else list(quantities)
+    for name in chosen:
+        if name not in QUANTITIES:
+            raise ValueError(f"`quantities` must be of {list(QUANTITIES)}, got {name!r}")
+    if "torque" in chosen and not known:
+        raise ValueError("bounds of torques need `rates` and `accelerations`: not all joints have such limits")
+    box = box_argument(model, positions)
+    caches = [KernelCache(m, cache.engine) for m in corners_of_masses(model, payload, masses)] or [cache]
+    found = {}
+    for name in chosen:
+        per_model = [
+            bound_of(Terms(c, replace(box, model=c.model)), name, speeds, changes, tolerance, budget / len(caches))
+            for c in caches
+        ]
+        found[name] = extremes(per_model, least=name == "mass_eigenvalues")
+    return Bounds(**found, joint_names=model.joint_names, lower=box.lower, upper=box.upper, circle=box.circle)
+
+
+def corners_of_masses(
+    model: Model, payload: tuple[float, float] | None, masses: Mapping[str, tuple[float, float]] | None
+) -> list[Model]:
+    """The models at the corners of ranges of masses; none without ranges.
+
+    M, g and C are linear in the masses, and what is bounded is convex in these matrices (the least eigenvalue of M is
+    concave): the extremes are at the corners.
+    """
+    models = [model] if payload or masses else []
+    for link, ends in (masses or {}).items():
+        low, high = mass_range(f"masses of {link!r}", ends)
+        body = model.link_body[model.link_index(link)]
+        if body < 0 or not model.mass[body] > 0:
+            raise ValueError(f"`masses` must name links that move and have a mass, got {link!r}")
+        scaled = []
+        for m in models:
+            for mass in (low, high):
+                factor = np.where(np.arange(model.nb) == body, mass / model.mass[body], 1.0)
+                scaled.append(replace(m, mass=m.mass * factor, inertia=m.inertia * factor[:, None, None]))
+        models = scaled
+    if payload:
+        models = [with_payload(m, mass) for m in models for mass in mass_range("payload", payload)]
+    return models
+
+
+def mass_range(name: str, ends: Any) -> tuple[float, float]:
+    """Two masses in order."""
+    low, high = real_array(name, ends, "(2,)").tolist()
+    if not 0 <= low <= high:
+        raise ValueError(f"`{name}` must be the least and the largest mass in kg, got {ends!r}")
+    return low, high
+
+
+def extremes(bounds: Sequence[Bound], least: bool) -> Bound:
+    """The largest of each entry; of eigenvalues the first entry is the least."""
+    sign = np.array([-1.0, 1.0]) if least else 1.0
+    lower, upper, attained = (np.array([getattr(b, x) for b in bounds]) for x in ("lower", "upper", "attained"))
+    k = (sign * attained).argmax(axis=0)
+    q = np.take_along_axis(np.array([b.q for b in bounds]), k[None, ..., None], axis=0)[0]
+    lower, upper, attained = ((sign * (sign * x).max(axis=0)) for x in (lower, upper, attained))
+    return Bound(lower, upper, attained, q, bounds[0].tolerance)
+
+
+class Terms:
+    """The polynomials of one model on a box."""
+
+    def __init__(self, cache: KernelCache, box: Box) -> None:
+        model = cache.model
+        self.box, self.engine = box, cache.engine
+        self.free = KernelCache(independent(model), cache.engine) if model.has_mimics else cache
+
+    def of(self, function: Any, degree: int, *wrt: str) -> Polynomial:
+        """A quantity of joints as one of coordinates: each index by G of q_joints = G q + offset."""
+        G = self.box.model.coordinate_map
+
+        def reduced(x: Array) -> Array:
+            for axis in range(1, x.ndim if self.box.model.has_mimics else 1):
+                x = np.moveaxis(np.moveaxis(x, axis, -1) @ G, -1, axis)
+            return x
+
+        return polynomial([self.free.kernel(function, *wrt)], self.box, degree, reduced)
+
+    def gravity_directions(self, i: int) -> tuple[Polynomial, Box]:
+        """Torques of joint i by gravity along three axes: by gravity of any direction they have no further unknowns."""
+        model, above, joint = self.box.model, np.zeros(self.box.model.n, bool), i
+        while joint >= 0:
+            above[joint], joint = True, model.parent[joint]
+        directions = np.linalg.norm(model.gravity) * np.eye(3)
+        kernels = [
+            KernelCache(replace(model, gravity=g), self.engine).kernel(dynamics.gravity_torque) for g in directions
+        ]
+        box = replace(self.box, lower=np.where(above, 0.0, self.box.lower), upper=np.where(above, 0.0, self.box.upper))
+        return polynomial(kernels, box, 1, lambda x: x[:, i]), box
+
+
+def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolerance: float, budget: float) -> Bound:
+    """The bound of one quantity of one model; the budget is shared by its entries."""
+    box, n, end = terms.box, terms.box.model.n, time.monotonic() + budget
+    if name == "gravity_torque":
+        return gravity_torques(terms, tolerance, budget)
+    if name == "gravity_stiffness":
+        found = [largest(Norm(terms.of(dynamics.gravity_torque, 1, "q")), box, tolerance, budget)]
+        return as_bound(found, (), tolerance)
+    if name == "coriolis":
+        c = terms.of(dynamics.mass_matrix, 2, "q").mapped(christoffel)
+        return as_bound([largest(Coriolis(c), box, tolerance, budget)], (), tolerance)
+    if name == "torque":
+        criteria = torque_criteria(terms, rates, accelerations)
+        return as_bound(in_turns(criteria, box, tolerance, end), (n,), tolerance)
+    M = terms.of(dynamics.mass_matrix, 2)
+    if name == "mass_matrix":
+        i, j = np.triu_indices(n)
+        place = np.zeros((n, n), dtype=int)
+        place[i, j] = place[j, i] = range(len(i))
+        found = in_turns(
+            [Modulus(entry(M, *ij)) for ij in zip(i.tolist(), j.tolist(), strict=True)], box, tolerance, end
+        )
+        return as_bound([found[k] for k in place.ravel()], (n, n), tolerance)
+    samples = np.random.default_rng(4).uniform(box.lower, box.upper, (SAMPLES, n))
+    high = largest(Norm(M), box, tolerance, budget / 2)
+    low = largest(InverseOfLeastEigenvalue(M, samples), box, tolerance, end - time.monotonic())
+    inverse = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
+    return as_bound([inverse, high], (2,), tolerance)
+
+
+def entry(polynomial: Polynomial, *place: int) -> Polynomial:
+    """One entry of the array, as a vector of one."""
+    return polynomial.mapped(lambda x: x[(slice(None), *place, None)])
+
+
+def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[Torque]:
+    """Of each joint k, from g_k, M_k and c_ij = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2."""
+    g, M = terms.of(dynamics.gravity_torque, 1), terms.of(dynamics.mass_matrix, 2)
+    dM = terms.of(dynamics.mass_matrix, 2, "q")
+
+    def of(k: int) -> Torque:
+        def symbols(x: Array) -> Array:
+            return np.asarray((x[:, k].swapaxes(1, 2) + x[:, k] - x[..., k]).reshape(len(x), -1) / 2)
+
+        return Torque(entry(g, k).beside(M.mapped(lambda x: x[:, k]), dM.mapped(symbols)), rates, accelerations)
+
+    return [of(k) for k in range(len(rates))]
+
+
+def gravity_torques(terms: Terms, tolerance: float, budget: float) -> Bound:
+    """By the direction of gravity where that is tight, otherwise over all positions."""
+    box, end = terms.box, time.monotonic() + budget
+    g = terms.of(dynamics.gravity_torque, 1)
+    criteria = [Modulus(entry(g, k)) for k in range(box.model.n)]
+    found = in_turns(criteria, box, tolerance, time.monotonic())  # attained, and bounds without search
+    for i, extreme in enumerate(found):
+        if extreme.upper > (1 + tolerance) * extreme.attained > 0 and not box.model.has_mimics:
+            of_directions, fewer = terms.gravity_directions(i)
+            share = (end - time.monotonic()) / 2 / (len(found) - i)
+            other = largest(Modulus(of_directions), fewer, tolerance, share)
+            found[i] = extreme._replace(upper=min(extreme.upper, other.upper))
+    return as_bound(in_turns(criteria, box, tolerance, end, found), (box.model.n,), tolerance)
+
+
+def in_turns(
+    criteria: Sequence[Criterion], box: Box, tolerance: float, end: float, known: Sequence[Extreme] = ()
+) -> list[Extreme]:
+    """The largest values, each with its share of the time left; what is not tight then once more."""
+    negligible = NEGLIGIBLE * max(c.size for c in criteria)
+    found = dict(enumerate(known))
+    for _ in range(2):
+        untight = [
+            k
+            for k in range(len(criteria))
+            if k not in found or found[k].upper > (1 + tolerance) * found[k].attained > 0
+        ]
+        for place, k in enumerate(untight):
+            share = (end - time.monotonic()) / (len(untight) - place)
+            if k not in found or share > 0:
+                again = largest(criteria[k], box, tolerance, share, negligible)
+                found[k] = min(again, found.get(k, again), key=lambda extreme: extreme.upper)
+    return [found[k] for k in range(len(criteria))]
+
+
+def as_bound(found: Sequence[Extreme], shape: tuple[int, ...], tolerance: float) -> Bound:
+    """Arrays of the entries."""
+    lower, upper, attained = (
+        np.array([getattr(e, x) for e in found]).reshape(shape) for x in ("lower", "upper", "attained")
+    )
+    return Bound(lower, upper, attained, np.array([e.q for e in found]).reshape(*shape, -1), tolerance)

@@ -1,0 +1,202 @@
+"""The largest value of a convex function of a polynomial array over a box, with proof: branch and bound on equal cells.
+
+In a cell of half widths r, A(q) differs from the multilinear interpolation of its values at the corners by at most
+sum_k K_k r_k^2 / 2 in the norm of K_k >= |d^2 A / dq_k^2|. The interpolation is a mean of the corners' values, so that
+what holds for the corners with this slack holds for the whole cell. Cells share corners; all are halved along the
+coordinate with the largest term, until each is proven or time is over.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .criteria import ROUNDING, Criterion
+from .polynomials import Box
+
+BLOCK = 8192  # positions that are tested at once
+DENSE = 2**27  # corners of a whole grid that are held as a table of bytes
+MOST_CELLS = 8_000_000
+SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
+WIDEST = 1.0  # fraction at which searches begin
+FEW = 512
+STARTS, SAMPLES = 6, 1000
+
+
+class Extreme(NamedTuple):
+    """A constant proven to be between `lower` and `upper`, the value attained, and where."""
+
+    lower: float
+    upper: float
+    attained: float
+    q: Array
+    tested: int
+
+
+def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float, negligible: float = 0.0) -> Extreme:
+    """The largest value, proven within ever smaller fractions of the one attained, to `tolerance` if time suffices.
+
+    A value proven to be at most `negligible` is 0 up to rounding.
+    """
+    deadline = time.monotonic() + seconds
+    if criterion.size <= negligible:
+        return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, (box.lower + box.upper) / 2, 0)
+    q, best = climbed(criterion, box)
+    upper, fraction, tested = criterion.size + criterion.rounding(best), WIDEST, 0
+    while upper > (1 + tolerance) * best:
+        began = time.monotonic()
+        fraction = max(tolerance, min(fraction, (upper / best - 1) / 2))
+        search = Search(criterion, box, q, (1 + fraction) * best)
+        proven = search.run(deadline)
+        tested += search.tested
+        if search.higher is not None:
+            q, best = climbed(criterion, box, search.higher)
+        elif not proven:
+            break
+        else:
+            upper, now = search.target, time.monotonic()
+            left = (deadline - now) / 2 / max(now - began, 1e-3)  # times the last search, about fraction^(-5 / 2)
+            fraction *= np.clip(left**-0.4, 0.1, 0.8) if left > 0 else 0.8
+    return Extreme(best - criterion.rounding(best), upper, best, q, tested)
+
+
+def climbed(criterion: Criterion, box: Box, start: Array | None = None) -> tuple[Array, float]:
+    """A local maximum from the best of random positions, by steps along the coordinates and at random, halved."""
+    rng = np.random.default_rng(1)
+    width = box.upper - box.lower
+    q = rng.uniform(box.lower, box.upper, (SAMPLES, len(width)))
+    q = np.vstack([q, (box.lower + box.upper) / 2] + ([] if start is None else [start]))
+    values = criterion.values(q)
+    order = np.argsort(-values)[:STARTS]
+    q, values = q[order], values[order]
+    step = np.full(len(q), 0.1)
+    while step.max() > 1e-9:
+        moves = np.vstack([np.eye(len(width)), -np.eye(len(width)), rng.normal(size=(2 * len(width), len(width))) / 2])
+        tried = q[:, None] + step[:, None, None] * width * moves
+        tried = np.clip(tried, box.lower, box.upper)
+        found = criterion.values(tried.reshape(-1, len(width))).reshape(len(q), -1)
+        k = found.argmax(axis=1)
+        better = found[range(len(q)), k] > values
+        q = np.where(better[:, None], tried[range(len(q)), k], q)
+        values = np.where(better, found[range(len(q)), k], values)
+        step = np.where(better, np.minimum(1.5 * step, 0.1), step / 2)
+    return q[values.argmax()], float(values.max())
+
+
+class Search:
+    """Cells of a grid that are not proven yet."""
+
+    def __init__(self, criterion: Criterion, box: Box, q: Array, target: float) -> None:
+        self.criterion, self.box, self.target = criterion, box, target
+        self.radius = (box.upper - box.lower) / 2
+        polynomial, share = criterion.polynomial, criterion.importance(q)
+        # A coordinate on which A hardly depends stays at its middle, at the cost of its slope times the half width.
+        cost = share @ polynomial.slope * self.radius
+        self.free = cost > SMALL * share.sum()
+        self.curvature = np.where(self.free, share @ polynomial.curvature, -1.0)
+        self.fixed_weights = ROUNDING + polynomial.slope @ np.where(self.free, 0.0, self.radius)
+        self.counts = np.ones(len(self.radius), dtype=np.int64)
+        self.cells = np.zeros((1, len(self.radius)), dtype=np.int64)
+        self.samples = np.random.default_rng(2).uniform(box.lower, box.upper, (FEW, len(self.radius)))
+        self.higher: Array | None = None
+        self.tested = 0
+
+    def slack(self) -> Any:
+        """Of cells of the present size."""
+        terms = np.where(self.free, (self.radius / self.counts) ** 2 / 2, 0.0)
+        return self.criterion.slack(self.fixed_weights + self.criterion.polynomial.curvature @ terms)
+
+    def run(self, deadline: float) -> bool:
+        """True if all cells are proven, False if time is over or a position is `higher`."""
+        while self.prove(deadline):
+            if not len(self.cells):
+                return True
+            if len(self.cells) > MOST_CELLS or not self.free.any():
+                return False
+            self.halve()
+        return False
+
+    def halve(self) -> None:
+        """Halve the cells along the coordinate that the slack owes most to."""
+        k = int((self.curvature / self.counts**2 * self.radius**2).argmax())
+        self.counts[k] *= 2
+        self.cells[:, k] *= 2
+        other = self.cells.copy()
+        other[:, k] += 1
+        self.cells = np.vstack([self.cells, other])
+
+    def prove(self, deadline: float) -> bool:
+        """Drop the cells whose corners all hold; False if time is over or a corner is above the target."""
+        slack = self.slack()
+        if not self.criterion.holds(self.samples, self.target, slack).any():
+            return True  # cells are too large for any to hold
+        corners = Corners(self.cells, self.counts, self.free, self.box)
+        holds = np.zeros(len(corners.numbers), dtype=bool)
+        for start in range(0, len(holds), BLOCK):
+            if time.monotonic() > deadline:
+                return False
+            q = corners.positions(corners.numbers[start : start + BLOCK])
+            now = holds[start : start + BLOCK] = self.criterion.holds(q, self.target, slack)
+            if self._is_higher(q[~now]):
+                return False
+        self.tested += len(holds)
+        self.cells = self.cells[~corners.all_of(holds)]
+        return True
+
+    def _is_higher(self, q: Array) -> bool:
+        """Whether the value at one of the positions is above the target; then it is `higher`."""
+        q = q[~self.criterion.holds(q, self.target, 0 * self.slack())] if len(q) else q
+        values = self.criterion.values(q) if len(q) else np.zeros(0)
+        if (values > self.target).any():
+            self.higher = q[values.argmax()]
+        return self.higher is not None
+
+
+class Corners:
+    """The corners of cells, each once."""
+
+    def __init__(self, cells: Array, counts: Array, free: Array, box: Box) -> None:
+        self.cells, self.counts, self.free, self.box = cells, counts, free, box
+        self.points = np.where(
+            free, counts + np.where(box.circle, 0, 1), 1
+        )  # on each axis; a circle ends where it begins
+        self.strides = np.concatenate([[1], np.cumprod(self.points[:-1])]).astype(np.int64)
+        self.sides = list(itertools.product(*[(0, 1) if f else (0,) for f in free]))
+        total = int(self.points.prod(dtype=float))
+        if total <= DENSE:
+            present = np.zeros(total, dtype=bool)
+            for side in self.sides:
+                present[self.numbers_of(side)] = True
+            self.numbers = np.flatnonzero(present)
+        else:
+            self.numbers = np.unique(np.concatenate([self.numbers_of(side) for side in self.sides]))
+
+    def numbers_of(self, side: tuple[int, ...]) -> Array:
+        """Number of each cell's corner on one side."""
+        numbers = np.zeros(len(self.cells), dtype=np.int64)
+        for k in np.flatnonzero(self.free):
+            numbers += (self.cells[:, k] + side[k]) % self.points[k] * self.strides[k]
+        return numbers
+
+    def positions(self, numbers: Array) -> Array:
+        """Positions of corners, shape (N, n)."""
+        index = numbers[:, None] // self.strides % self.points
+        width = self.box.upper - self.box.lower
+        q: Array = self.box.lower + np.where(self.free, index / self.counts, 0.5) * width
+        return q
+
+    def all_of(self, holds: Array) -> Array:
+        """True for each cell all of whose corners hold."""
+        total = int(self.points.prod(dtype=float))
+        table = np.zeros(total, dtype=bool) if total <= DENSE else None
+        if table is not None:
+            table[self.numbers[holds]] = True
+        proven = np.ones(len(self.cells), dtype=bool)
+        for side in self.sides:
+            numbers = self.numbers_of(side)
+            proven &= table[numbers] if table is not None else holds[np.searchsorted(self.numbers, numbers)]
+        return proven

@@ -1,0 +1,238 @@
+"""Constants of stability theorems as convex functions of polynomial arrays: values attained, and tests with slack."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..basics.spatial import Array
+from .polynomials import Polynomial
+
+# Of the sum of modes: what recursions (20 eps), coefficients and pivots of matrices up to order 36 may err by.
+ROUNDING = 2000 * float(np.finfo(float).eps)
+
+
+def positive_definite(A: Array) -> Array:
+    """True where all pivots are positive, of matrices (N, n, n)."""
+    a = np.ascontiguousarray(np.moveaxis(A, 0, -1))
+    sound = np.ones(len(A), dtype=bool)
+    with np.errstate(all="ignore"):
+        for k in range(len(a)):
+            sound &= a[k, k] > 0
+            a[k + 1 :, k + 1 :] -= (a[k + 1 :, k] / a[k, k])[:, None] * a[k, None, k + 1 :]
+    return sound
+
+
+@dataclass
+class Criterion:
+    """The largest value of a convex function phi of a polynomial array A(q)."""
+
+    polynomial: Polynomial
+
+    def values(self, q: Array) -> Array:
+        """Values attained at positions, shape (N,)."""
+        raise NotImplementedError
+
+    def holds(self, q: Array, target: float, slack: Any) -> Array:
+        """True where phi(A + E) is certainly at most `target` for every E that the slack bounds, shape (N,)."""
+        return np.asarray(self.values(q) <= target - slack)
+
+    @cached_property
+    def modes(self) -> Array:
+        """What bounds the real part of a mode times any phase: phi of its modulus, shape (modes,)."""
+        raise NotImplementedError
+
+    def slack(self, weights: Array) -> Any:
+        """A bound of the sum of modes, each times a number of modulus at most its weight (modes,)."""
+        return float(weights @ self.modes)
+
+    def importance(self, q: Array) -> Array:
+        """Share of each mode in the slack at a maximum, for the choice of the next coordinate, shape (modes,)."""
+        return self.modes
+
+    @cached_property
+    def size(self) -> float:
+        """A bound of phi at every position."""
+        return float(self.modes.sum())
+
+    def rounding(self, value: float) -> float:
+        """A bound of the error of a computed value."""
+        return ROUNDING * self.size
+
+
+class Modulus(Criterion):
+    """The Euclidean norm of a vector or the modulus of a number, A of shape (N, m)."""
+
+    def values(self, q: Array) -> Array:
+        return np.asarray(np.linalg.norm(self.polynomial.evaluate(q), axis=1))
+
+    @cached_property
+    def modes(self) -> Array:
+        return np.asarray(np.linalg.norm(self.polynomial.coefficients, axis=1))
+
+
+class Norm(Criterion):
+    """The largest modulus of the eigenvalues of a symmetric matrix. Slacks are matrices.
+
+    For a complex symmetric c and any phase, the real part of exp(i phase) v^T c v is at most v^T Re (c^* c)^1/2 v, by
+    Takagi's factorisation.
+    """
+
+    def values(self, q: Array) -> Array:
+        return np.asarray(abs(np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, [0, -1]]).max(axis=1))
+
+    def holds(self, q: Array, target: float, slack: Array) -> Array:
+        A, room = self.polynomial.evaluate(q), target * np.eye(len(slack)) - slack
+        return np.asarray(positive_definite(room - A) & positive_definite(room + A))
+
+    @cached_property
+    def modes(self) -> Array:
+        L = self.scale()
+        inverse = np.linalg.inv(L)
+        _, s, vh = np.linalg.svd(inverse @ self.polynomial.coefficients @ inverse.T)
+        return np.asarray(L @ np.einsum("mki,mk,mkj->mij", vh.conj(), s, vh).real @ L.T)
+
+    def scale(self) -> Array:
+        """L of the matrix L L^T relative to which modes are bounded."""
+        return np.eye(self.polynomial.coefficients.shape[-1])
+
+    def slack(self, weights: Array) -> Array:
+        return np.asarray(np.tensordot(weights, self.modes, 1))
+
+    def importance(self, q: Array) -> Array:
+        value, vectors = np.linalg.eigh(self.polynomial.evaluate(q[None])[0])
+        v = vectors[:, self.extreme(value)]
+        return np.asarray(v @ self.modes @ v)
+
+    def extreme(self, values: Array) -> int:
+        """The eigenvalue that is judged."""
+        return int(abs(values).argmax())
+
+    @cached_property
+    def size(self) -> float:
+        return float(np.linalg.eigvalsh(self.modes.sum(axis=0))[-1])
+
+
+@dataclass
+class InverseOfLeastEigenvalue(Norm):
+    """1 / the least eigenvalue of M. Slacks are relative to the harmonic mean of M(samples): small where M is."""
+
+    samples: Array
+    size = np.inf
+
+    def rounding(self, value: float) -> float:
+        return ROUNDING * value**2 * float(np.linalg.eigvalsh(self.modes.sum(axis=0))[-1])
+
+    def values(self, q: Array) -> Array:
+        return np.asarray(1 / np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, 0])
+
+    def holds(self, q: Array, target: float, slack: Array) -> Array:
+        return positive_definite(self.polynomial.evaluate(q) - (slack + np.eye(len(slack)) / target))
+
+    def scale(self) -> Array:
+        inverse = np.linalg.inv(self.polynomial.evaluate(self.samples)).mean(axis=0)
+        return np.asarray(np.linalg.cholesky(np.linalg.inv(inverse)))
+
+    def extreme(self, values: Array) -> int:
+        return 0
+
+
+class Coriolis(Criterion):
+    """The largest |C(q, v) w| of unit vectors v and w, A = c_ijk of shape (N, n, n, n), torques last.
+
+    It is attained at v = w, because for each u the form u^T C(q, v) w of v and w is symmetric. The square of
+    |C(q, v) v| is a form of degree 4 in v, which the largest eigenvalue of its symmetric tensor, as a matrix, bounds.
+    """
+
+    @cached_property
+    def _pairs(self) -> tuple[Array, Array, Array]:
+        i, j = np.triu_indices(self.polynomial.coefficients.shape[-1])
+        return i, j, np.where(i == j, 1.0, np.sqrt(2))
+
+    def values(self, q: Array) -> Array:
+        """By turns u = C(q, v) v / |C(q, v) v| and v, the eigenvector of u^T C(q, v) v: the value does not decrease."""
+        c = self.polynomial.evaluate(q)
+        v = np.linalg.eigh(np.einsum("nijk,nljk->nil", c, c))[1][:, :, -1]
+        for _ in range(5):
+            u = self._torque(c, v)
+            u /= np.maximum(np.linalg.norm(u, axis=1), np.finfo(float).tiny)[:, None]
+            value, vectors = np.linalg.eigh((c @ u[:, None, :, None]).squeeze(-1))
+            v = vectors[range(len(v)), :, abs(value).argmax(axis=1)]
+        return np.asarray(np.linalg.norm(self._torque(c, v), axis=1))
+
+    @staticmethod
+    def _torque(c: Array, v: Array) -> Array:
+        return np.asarray(np.einsum("nj,njk->nk", v, (v[:, None, None] @ c).squeeze(2)))
+
+    def holds(self, q: Array, target: float, slack: float) -> Array:
+        if slack >= target:
+            return np.zeros(len(q), dtype=bool)
+        c, room = self.polynomial.evaluate(q), (target - slack) ** 2
+        n, (i, j, weight) = c.shape[-1], self._pairs
+        rows = c[:, i, j] * weight[:, None]
+        holds = positive_definite(room * np.eye(n) - np.swapaxes(rows, 1, 2) @ rows)  # for all matrices, not v v^T only
+        holds[~holds] = positive_definite(room * np.eye(len(i)) - self._form(c[~holds]))
+        return holds
+
+    def _form(self, c: Array) -> Array:
+        """The symmetric matrix of |c_ijk v_i v_j|^2 on the products v_i v_j, i <= j, with weights: of unit length."""
+        n, (i, j, weight) = c.shape[-1], self._pairs
+        c = c.reshape(-1, n * n, n)
+        T = (c @ np.swapaxes(c.conj(), 1, 2)).real.reshape(len(c), n**4)
+        I, J = i[:, None], j[:, None]
+        places = [np.ravel_multi_index(p, (n,) * 4) for p in ((I, J, i, j), (I, i, J, j), (I, j, J, i))]
+        return np.asarray((T[:, places[0]] + T[:, places[1]] + T[:, places[2]]) * (np.outer(weight, weight) / 3))
+
+    @cached_property
+    def modes(self) -> Array:
+        parts = np.array_split(self.polynomial.coefficients, 1 + len(self.polynomial.coefficients) // 1000)
+        squares = [np.linalg.eigvalsh(self._form(part))[:, -1] for part in parts]
+        return np.asarray(np.sqrt(np.maximum(np.concatenate(squares), 0)))
+
+
+@dataclass
+class Torque(Criterion):
+    """The largest torque of a joint under bounds of rates and accelerations; A = (g, a row of M, c_ij of the joint).
+
+    M qdd is largest at +-accelerations. The quadratic form of the rates is convex in each rate where its diagonal is
+    not negative: with the negative part left out it is largest at +-rates.
+    """
+
+    rates: Array
+    accelerations: Array
+
+    @cached_property
+    def _products(self) -> Array:
+        """Products of the rates at half of the corners of their box, shape (n^2, 2^(n - 1))."""
+        signs = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1)))) * self.rates
+        return np.asarray(np.einsum("si,sj->ijs", signs, signs).reshape(-1, len(signs)))
+
+    def _parts(self, A: Array) -> tuple[Array, Array, Array]:
+        n = len(self.rates)
+        return A[:, :1], abs(A[:, 1 : n + 1]) @ self.accelerations, A[:, n + 1 :]
+
+    def values(self, q: Array) -> Array:
+        g, inertial, c = self._parts(self.polynomial.evaluate(q))
+        return np.asarray(inertial + abs(g + c @ self._products).max(axis=1))
+
+    def holds(self, q: Array, target: float, slack: float) -> Array:
+        g, inertial, c = self._parts(self.polynomial.evaluate(q))
+        rest, squares = self._rest(g, c)
+        high = rest.max(axis=1) + np.maximum(squares, 0).sum(axis=1)
+        low = rest.min(axis=1) + np.minimum(squares, 0).sum(axis=1)
+        return np.asarray(inertial + np.maximum(high, -low) <= target - slack)
+
+    def _rest(self, g: Array, c: Array) -> tuple[Array, Array]:
+        """Gravity and products of different rates at the corners, and the terms of squared rates."""
+        squares = c[:, :: len(self.rates) + 1] * self.rates**2
+        return g + c @ self._products - squares.sum(axis=1)[:, None], squares
+
+    @cached_property
+    def modes(self) -> Array:
+        g, inertial, c = self._parts(self.polynomial.coefficients)
+        rest, squares = self._rest(g, c)
+        return np.asarray(inertial + abs(rest).max(axis=1) + abs(squares).sum(axis=1))

@@ -1,0 +1,172 @@
+"""Torques and inertias as polynomials in the joints' sines and cosines: coefficients, and what they say everywhere.
+
+M and its derivatives have degree 2 in the angle of each joint, gravity torques degree 1; in the position of a sliding
+joint they are polynomials of the same degrees. Values on a grid of 2 degree + 1 points per joint give all coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..basics.arrays import per_joint_array
+from ..basics.spatial import Array
+from ..kernels.kernel import Kernel
+from ..kernels.program import Operand, Program
+from ..model.model import Model
+
+Map = Callable[[Array], Array]
+MOST_SAMPLES = 2_000_000
+
+
+@dataclass(frozen=True)
+class Box:
+    """Ranges of the coordinates of a model; `circle` where a range is a full turn."""
+
+    model: Model
+    lower: Array
+    upper: Array
+    circle: Array
+
+    @cached_property
+    def joint_ranges(self) -> tuple[Array, Array]:
+        """Middle and half width of each moving joint's range, shapes (nb,)."""
+        G = self.model.coordinate_map
+        return G @ (self.lower + self.upper) / 2 + self.model.offset, abs(G) @ (self.upper - self.lower) / 2
+
+
+def box_argument(model: Model, positions: Any) -> Box:
+    """The box of `positions`: "circle", "limits" or (lower, upper). Unknown ranges of angles are full turns."""
+    joints = list(model.independent_joints)
+    lower, upper = model.lower[joints].copy(), model.upper[joints].copy()
+    if isinstance(positions, str):
+        if positions not in ("circle", "limits"):
+            raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
+    else:
+        if not isinstance(positions, Sequence | np.ndarray) or len(positions) != 2:
+            raise ValueError('`positions` must be "circle", "limits" or (lower, upper)')
+        lower, upper = (per_joint_array("positions", x, model.n) for x in positions)
+        if (lower > upper).any():
+            raise ValueError(f"`positions` must have lower <= upper, got {lower} and {upper}")
+    of_coordinate = [model.multiplier[np.array(model.coordinate) == k] for k in range(model.n)]
+    periodic = model.is_revolute[joints] & np.array([(m == np.round(m)).all() for m in of_coordinate], bool)
+    circle = periodic & (np.array(isinstance(positions, str) and positions == "circle") | (upper - lower >= 2 * np.pi))
+    for k in np.flatnonzero(~circle & ~np.isfinite(upper - lower)):
+        why = "slides" if not model.is_revolute[joints[k]] else "drives joints that turn by a fraction of its angle"
+        raise ValueError(
+            f"bounds need a range of {model.joint_names[k]!r}, which {why}; give `positions`=(lower, upper)"
+        )
+    return Box(model, np.where(circle, -np.pi, lower), np.where(circle, np.pi, upper), circle)
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """An array A(q) as a sum of modes, each the product of one function of modulus at most 1 per joint.
+
+    Attributes
+    ----------
+    evaluate : callable
+        (N, n) -> (N, ...).
+    coefficients : ndarray, shape (modes, ...)
+    slope, curvature : ndarray, shape (modes, n)
+        Bounds of a mode's first and second derivative by each coordinate.
+    """
+
+    evaluate: Map
+    coefficients: Array
+    slope: Array
+    curvature: Array
+
+    def mapped(self, linear: Map) -> Polynomial:
+        """The polynomial of a linear map of A."""
+        return replace(self, evaluate=lambda q: linear(self.evaluate(q)), coefficients=linear(self.coefficients))
+
+    def beside(self, *others: Polynomial) -> Polynomial:
+        """Several arrays of one row each, side by side."""
+        parts = (self, *others)
+        ends = np.cumsum([0] + [p.coefficients.shape[1] for p in parts])
+        coefficients = np.zeros((sum(len(p.coefficients) for p in parts), ends[-1]), complex)
+        row = 0
+        for p, start, end in zip(parts, ends[:-1], ends[1:], strict=True):
+            coefficients[row : row + len(p.coefficients), start:end] = p.coefficients
+            row += len(p.coefficients)
+        slope, curvature = (np.concatenate([getattr(p, name) for p in parts]) for name in ("slope", "curvature"))
+        return Polynomial(lambda q: np.hstack([p.evaluate(q) for p in parts]), coefficients, slope, curvature)
+
+
+def independent(model: Model) -> Model:
+    """The model with mimic joints set free: the positions of all moving joints are its coordinates."""
+    free = {"coordinate": None, "independent_joints": None, "multiplier": None, "offset": None}
+    return replace(model, **free) if model.has_mimics else model  # type: ignore[arg-type]
+
+
+def polynomial(kernels: Sequence[Kernel], box: Box, degree: int, reduced: Map) -> Polynomial:
+    """The polynomial of kernels of the `independent` model, stacked; `reduced` goes from joints to coordinates."""
+    model, G = box.model, box.model.coordinate_map
+    modes, coefficients = _modes(kernels, box, degree)
+    half = np.where(model.is_revolute, 1.0, np.maximum(box.joint_ranges[1], np.finfo(float).tiny))
+    powers = np.where(model.is_revolute, 0.0, modes)
+    slope = abs(np.where(model.is_revolute, modes, 0.0) @ G) + powers @ abs(G / half[:, None])
+    curvature = slope**2 - powers @ (G / half[:, None]) ** 2  # x^p has p (p - 1)
+
+    def evaluate(q: Array) -> Array:
+        return reduced(_stacked(kernels, q @ G.T + model.offset))
+
+    coefficients = reduced(coefficients)
+    kept = abs(coefficients).reshape(len(modes), -1).max(axis=1) > 0
+    kept[0] = True  # of an array that vanishes
+    return Polynomial(evaluate, coefficients[kept], slope[kept], curvature[kept])
+
+
+def _stacked(kernels: Sequence[Kernel], q: Array) -> Array:
+    return np.asarray(kernels[0](q) if len(kernels) == 1 else np.stack([kernel(q) for kernel in kernels], axis=-1))
+
+
+def _modes(kernels: Sequence[Kernel], box: Box, degree: int) -> tuple[Array, Array]:
+    """Frequency or power of each joint, shape (modes, nb), and the coefficients, shape (modes, ...)."""
+    model, points = box.model, 2 * degree + 1
+    middle, half = box.joint_ranges
+    read = np.any([inputs_read(kernel.traced.program) for kernel in kernels], axis=0)
+    joints = np.flatnonzero(read & (half > 0))
+    if points ** len(joints) > MOST_SAMPLES:
+        names = [model.moving_joints[j] for j in joints]
+        raise ValueError(
+            f"bounds of {kernels[0].quantity.name} need {points}^{len(joints)} samples, one factor for each of the "
+            f"joints {names}; lock those that do not matter (Robot.locked)"
+        )
+    turning, indices = (
+        model.is_revolute[joints],
+        np.indices([points] * len(joints)).reshape(len(joints), points ** len(joints)),
+    )
+    turns, slides = 2 * np.pi / points * np.arange(points), np.outer(half, np.linspace(-1, 1, points)) + middle[:, None]
+    nodes = np.where(turning[:, None], turns, slides[joints])
+    numbers = np.where(turning[:, None], np.fft.fftfreq(points, 1 / points), np.arange(points))
+    modes = np.zeros((points ** len(joints), model.nb))
+    grid = modes + middle
+    for k, j in enumerate(joints):
+        grid[:, j], modes[:, j] = nodes[k, indices[k]], numbers[k, indices[k]]
+    values = _stacked(kernels, grid)
+    c = values.reshape(*[points] * len(joints), -1).astype(complex)
+    of_turns = np.fft.fft(np.eye(points)) / points
+    of_slides = np.linalg.inv(np.vander(np.linspace(-1, 1, points), increasing=True))
+    for axis, turns_here in enumerate(turning):
+        c = np.moveaxis(np.tensordot(of_turns if turns_here else of_slides, c, (1, axis)), 0, axis)
+    return modes, c.reshape(values.shape)
+
+
+def inputs_read(program: Program) -> Array:
+    """Which inputs the outputs depend on, as the traced operations show, shape (inputs,)."""
+    read: list[Array] = []
+
+    def of(operand: Operand) -> Array:
+        if operand.kind == "result":
+            return read[int(operand.value)]
+        return np.asarray(np.arange(program.inputs) == (operand.value if operand.kind == "input" else -1))
+
+    for instruction in program.instructions:
+        read.append(np.any([of(operand) for operand in instruction.args], axis=0))
+    return np.asarray(np.any([of(operand) for operand in program.outputs], axis=0))

@@ -1,0 +1,305 @@
+"""Bounds that hold: closed forms, samples never outside, second derivatives, parameters' corners, errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rne
+from rne.bounds.bounds import QUANTITIES, Terms
+from rne.bounds.criteria import Coriolis, InverseOfLeastEigenvalue, Norm, positive_definite
+from rne.bounds.polynomials import box_argument
+from rne.dynamics.lagrange import christoffel
+from rne.kernels.cache import KernelCache
+
+M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
+ROUNDING = 1e-10  # relative: a proof allows 2000 eps of the sum of some 100 terms
+RATES, ACCELERATIONS = 2.0, 5.0
+
+
+def planar(masses, lengths, centres, inertias, **options):
+    """Joints about z, gravity along -y."""
+    n = len(masses)
+    vectors = [[[x, 0, 0] for x in values] for values in (lengths, centres)]
+    return rne.model.chain(
+        [np.eye(3)] * n,
+        vectors[0],
+        masses,
+        vectors[1],
+        [np.diag([0, i, i]) for i in inertias],
+        gravity=[0, -G, 0],
+        **options,
+    )
+
+
+def two_link():
+    return rne.Robot(planar([M1, M2], [L1, 0.5], [C1, C2], [I1, I2]))
+
+
+def mimicking(multiplier, **limits):
+    """A planar arm whose second joint follows the first."""
+    model = replace(
+        planar([M1, M2], [L1, 0.5], [C1, C2], [I1, I2]),
+        coordinate=(0, 0), independent_joints=(0,), multiplier=[1.0, multiplier], offset=[0.0, 0.3],
+    )  # fmt: skip
+    return rne.Robot(replace(model, **{name: np.full(2, x) for name, x in limits.items()}))
+
+
+def polar_arm(lower=0.2, upper=0.9):
+    """An arm that turns and slides: M_11 = M1 C1^2 + I1 + M2 (q2 + C2)^2 + I2."""
+    slider = {"types": ["revolute", "prismatic"], "axes": [[0, 0, 1], [1, 0, 0]]}
+    return rne.Robot(planar([M1, M2], [0, 0.5], [C1, C2], [I1, I2], lower=[-9, lower], upper=[9, upper], **slider))
+
+
+@pytest.fixture(scope="module")
+def irb140():
+    return rne.load("irb140")
+
+
+@pytest.fixture(scope="module")
+def of_irb140(irb140):
+    return irb140.bounds(rates=RATES, accelerations=ACCELERATIONS, tolerance=0.1)
+
+
+def test_a_pendulum_has_its_closed_form():
+    m, c = 2.0, 0.5
+    found = rne.Robot(planar([m], [1.0], [c], [0.1])).bounds(rates=3.0, accelerations=4.0, tolerance=1e-9)
+    inertia = m * c**2 + 0.1
+    exact = {
+        "gravity_torque": m * G * c, "gravity_stiffness": m * G * c, "mass_matrix": inertia, "mass_eigenvalues": inertia,
+        "torque": m * G * c + inertia * 4.0,
+    }  # fmt: skip
+    for name, value in exact.items():
+        bound = getattr(found, name)
+        for x in (bound.lower, bound.upper, bound.attained):
+            np.testing.assert_allclose(x, value, rtol=2e-9)
+        assert (bound.lower <= value).all()
+        assert (value <= bound.upper).all()
+        assert bound.is_tight.all()
+    assert found.coriolis.attained == 0 == found.coriolis.gap
+
+
+def test_a_two_link_arm_has_its_closed_forms():
+    """Siciliano et al. 2009, (7.82): a = M2 L1 C2 sin q2 is the only Coriolis term, stretched out is the extreme of M."""
+    found = two_link().bounds(tolerance=1e-9, quantities=[q for q in QUANTITIES if q not in ("coriolis", "torque")])
+    M = two_link().mass_matrix([[0, 0], [0, np.pi]])
+    eigenvalues = np.linalg.eigvalsh(M)
+    torques = G * np.array([M1 * C1 + M2 * (L1 + C2), M2 * C2])
+    stiffness = np.linalg.norm([[torques[0], torques[1]], [torques[1], torques[1]]], 2)
+    expected = {
+        "gravity_torque": torques, "gravity_stiffness": stiffness, "mass_matrix": abs(M).max(axis=0),
+        "mass_eigenvalues": [eigenvalues[:, 0].min(), eigenvalues[:, 1].max()],
+    }  # fmt: skip
+    for name, value in expected.items():
+        bound = getattr(found, name)
+        np.testing.assert_allclose(bound.attained, value, rtol=1e-9, err_msg=name)
+        assert (bound.lower <= np.multiply(value, 1 + ROUNDING)).all(), name
+        assert (np.multiply(value, 1 - ROUNDING) <= bound.upper).all(), name
+        assert bound.is_tight.all(), name
+
+
+def test_coriolis_of_a_two_link_arm():
+    """|C(q, v) v| is at most a times the largest of |(2 v1 v2 + v2^2, v1^2)| on the circle."""
+    v1, v2 = np.cos(turn := np.linspace(0, np.pi, 200_001)), np.sin(turn)
+    a = M2 * L1 * C2
+    exact = a * np.hypot(2 * v1 * v2 + v2**2, v1**2).max()
+    bound = two_link().bounds(quantities=["coriolis"], tolerance=0.01).coriolis
+    np.testing.assert_allclose(bound.attained, exact, rtol=1e-8)  # of the grid of angles
+    assert bound.lower <= exact * (1 + 1e-8)
+    assert exact <= bound.upper
+    assert bound.is_tight
+
+
+def test_samples_and_searches_of_the_irb140_are_inside(irb140, of_irb140):
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-np.pi, np.pi, (100_000, 6))
+    # and around each place where a bound is attained
+    places = np.concatenate([getattr(of_irb140, name).q.reshape(-1, 6) for name in QUANTITIES])
+    q = np.concatenate([q, (places[:, None] + 0.1 * rng.normal(size=(len(places), 200, 6))).reshape(-1, 6)])
+    qd, qdd = (rng.choice([-1, 1], q.shape) * x for x in (RATES, ACCELERATIONS))
+    assert (abs(irb140.gravity_torque(q)) <= of_irb140.gravity_torque.upper).all()
+    assert (abs(irb140.inverse_dynamics(q, qd, qdd)) <= of_irb140.torque.upper).all()
+    few = q[::10]
+    M, stiffness = irb140.mass_matrix(few), irb140.kernel(rne.dynamics.gravity_torque, "q")(few)
+    eigenvalues = np.linalg.eigvalsh(M)
+    assert (abs(M) <= of_irb140.mass_matrix.upper).all()
+    assert (eigenvalues[:, 0] >= of_irb140.mass_eigenvalues.lower[0]).all()
+    assert (eigenvalues[:, -1] <= of_irb140.mass_eigenvalues.upper[1]).all()
+    assert (np.linalg.norm(stiffness, 2, axis=(1, 2)) <= of_irb140.gravity_stiffness.upper).all()
+    v = rng.normal(size=few.shape)
+    sizes = np.linalg.norm(irb140.coriolis_torque(few, v), axis=1) / (v**2).sum(axis=1)
+    assert (sizes <= of_irb140.coriolis.upper).all()
+
+
+def test_what_is_attained_is_attained(irb140, of_irb140):
+    """At the positions given, within the bounds."""
+    for name in QUANTITIES:
+        bound = getattr(of_irb140, name)
+        assert (bound.lower <= bound.attained).all(), name
+        assert (bound.attained <= bound.upper).all(), name
+        assert bound.is_tight.all(), name
+    gravity = of_irb140.gravity_torque
+    np.testing.assert_allclose(abs(irb140.gravity_torque(gravity.q))[range(6), range(6)], gravity.attained, atol=1e-12)
+    least, largest = of_irb140.mass_eigenvalues.q
+    eigenvalues = np.linalg.eigvalsh(irb140.mass_matrix([least, largest]))
+    np.testing.assert_allclose([eigenvalues[0, 0], eigenvalues[1, -1]], of_irb140.mass_eigenvalues.attained, rtol=1e-9)
+
+
+def test_entries_that_vanish_are_proven_0(of_irb140):
+    zero = of_irb140.gravity_torque.attained == 0
+    assert zero.tolist() == [True, False, False, False, False, True]
+    assert (of_irb140.gravity_torque.upper[zero] < 1e-12).all()
+    first = str(of_irb140).splitlines()[1].split()
+    assert first == ["0", "0", "0", "gravity", "torque", "of", "joint_1"]
+
+
+@pytest.mark.parametrize(
+    "make", [two_link, polar_arm, lambda: mimicking(2.0), lambda: mimicking(0.7, lower=-1, upper=2)]
+)
+def test_modes_bound_values_and_derivatives(make):
+    """Sums of modes bound |A|, |dA/dq_k| and |d^2A/dq_k^2|, turning, sliding and mimicking."""
+    robot = make()
+    cache = KernelCache(robot.model)
+    box = box_argument(robot.model, "limits")
+    terms, h = Terms(cache, box), 1e-4
+    q = np.random.default_rng(2).uniform(box.lower, box.upper, (2000, robot.n))
+    for A, function in (
+        (terms.of(rne.dynamics.gravity_torque, 1), robot.gravity_torque),
+        (terms.of(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
+    ):
+        np.testing.assert_allclose(A.evaluate(q), function(q), atol=1e-12)
+        size = abs(A.coefficients)
+        assert (abs(function(q)) <= size.sum(axis=0) * (1 + ROUNDING) + 1e-15).all()
+        for k, e in enumerate(np.eye(robot.n)):
+            low, middle, high = (function(q + s * h * e) for s in (-1, 0, 1))
+            slope, second = abs(high - low) / 2 / h, abs(high - 2 * middle + low) / h**2
+            assert (slope <= np.tensordot(A.slope[:, k], size, 1) + 1e-5).all()  # of differences: h^2, eps / h^2
+            assert (second <= np.tensordot(A.curvature[:, k], size, 1) + 1e-5).all()
+
+
+def test_a_matrix_mode_is_bounded_at_every_phase():
+    """-B <= Re(exp(i phase) c) <= B for a complex symmetric c, relative to any scale."""
+    rng = np.random.default_rng(3)
+    robot = two_link()
+    terms = Terms(KernelCache(robot.model), box_argument(robot.model, "circle"))
+    M = terms.of(rne.dynamics.mass_matrix, 2)
+    c = rng.normal(size=(5, 2, 2)) + 1j * rng.normal(size=(5, 2, 2))
+    M = replace(M, coefficients=c + c.swapaxes(1, 2))
+    for criterion in (Norm(M), InverseOfLeastEigenvalue(M, rng.uniform(-3, 3, (9, 2)))):
+        for phase in np.linspace(0, 2 * np.pi, 50):
+            real = (np.exp(1j * phase) * M.coefficients).real
+            assert np.linalg.eigvalsh(criterion.modes - real).min() > -1e-12
+            assert np.linalg.eigvalsh(criterion.modes + real).min() > -1e-12
+
+
+def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):
+    """Of random symbols c_ijk: no unit vectors v, w give more than the root of its largest eigenvalue."""
+    rng = np.random.default_rng(4)
+    terms = Terms(KernelCache(irb140.model), box_argument(irb140.model, "circle"))
+    A = terms.of(rne.dynamics.mass_matrix, 2, "q").mapped(christoffel)
+    criterion = Coriolis(A)
+    q = rng.uniform(-np.pi, np.pi, (50, 6))
+    bound = np.sqrt(np.linalg.eigvalsh(criterion._form(A.evaluate(q)))[:, -1])
+    attained = criterion.values(q)
+    v, w = rng.normal(size=(2, 20000, 6))
+    v, w = (x / np.linalg.norm(x, axis=1)[:, None] for x in (v, w))
+    sampled = np.linalg.norm(np.einsum("nijk,si,sj->nsk", A.evaluate(q[:5]), v, w), axis=2).max(axis=1)
+    assert (sampled <= attained[:5]).all()
+    assert (attained <= bound * (1 + ROUNDING)).all()
+    assert (bound <= 1.15 * attained).all()  # so tight is the relaxation for this arm
+    assert [bool(criterion.holds(q[:1], t * bound[0], 0.0)[0]) for t in (0.999, 1.001)] == [False, True]
+
+
+def test_positive_definite_matches_the_eigenvalues():
+    A = np.random.default_rng(5).normal(size=(500, 4, 4))
+    A = A + A.swapaxes(1, 2) + 2 * np.eye(4)
+    np.testing.assert_array_equal(positive_definite(A), np.linalg.eigvalsh(A)[:, 0] > 0)
+
+
+def test_a_sliding_joint_has_its_range():
+    found = polar_arm().bounds("limits", quantities=["mass_matrix", "gravity_torque"], tolerance=1e-6)
+    inertia = M1 * C1**2 + I1 + I2 + M2 * (0.9 - 0.5 + C2 + 0.5) ** 2
+    reach = max(abs(polar_arm().mass_matrix([[0, 0.2], [0, 0.9]])[:, 0, 0]))
+    np.testing.assert_allclose(found.mass_matrix.upper[0, 0], reach, rtol=2e-6)
+    np.testing.assert_allclose(reach, inertia, rtol=1e-12)
+    np.testing.assert_allclose(found.gravity_torque.upper[1], M2 * G, rtol=2e-6)
+    with pytest.raises(ValueError, match=r"bounds need a range of 'joint_2', which slides; give `positions`"):
+        polar_arm(upper=np.inf).bounds()
+
+
+@pytest.mark.parametrize(
+    ("robot", "positions"), [(mimicking(2.0), "circle"), (mimicking(-0.7), ([-1.0], [2.0]))], ids=["whole", "fraction"]
+)
+def test_joints_that_mimic_follow_their_driver(robot, positions):
+    found = robot.bounds(positions, rates=RATES, accelerations=ACCELERATIONS, tolerance=1e-4)
+    q = np.linspace(*((-np.pi, np.pi) if positions == "circle" else (-1, 2)), 20_001)[:, None]
+    sizes = {"gravity_torque": abs(robot.gravity_torque(q)).max(), "mass_matrix": robot.mass_matrix(q).max()}
+    sizes["torque"] = max(
+        abs(robot.inverse_dynamics(q, 0 * q + RATES, s * (0 * q + ACCELERATIONS))).max() for s in (-1, 1)
+    )
+    for name, size in sizes.items():
+        upper = getattr(found, name).upper.max()
+        assert size <= upper <= size * (1 + 2e-4), name
+    with pytest.raises(ValueError, match=r"range of 'joint_1', which drives joints that turn by a fraction"):
+        mimicking(0.7).bounds()
+
+
+def test_ranges_of_masses_have_their_extremes_at_the_ends(irb140):
+    wanted = ["gravity_torque", "mass_eigenvalues"]
+    options = {"quantities": wanted, "tolerance": 0.2}
+    found = irb140.bounds(payload=(0, 3), masses={"link_2": (20, 24)}, **options)
+    heavy = irb140.with_payload(3.0)
+    m = heavy.model
+    factor = np.where(np.arange(6) == 1, 24 / 22, 1.0)
+    heavy = rne.Robot(replace(m, mass=m.mass * factor, inertia=m.inertia * factor[:, None, None]))
+    np.testing.assert_allclose(found.gravity_torque.upper, heavy.bounds(**options).gravity_torque.upper, atol=1e-9)
+    rng = np.random.default_rng(6)
+    for mass in (0.0, 1.3, 3.0):
+        loaded, q = irb140.with_payload(mass), rng.uniform(-np.pi, np.pi, (2000, 6))
+        assert (abs(loaded.gravity_torque(q)) <= found.gravity_torque.upper).all()
+        eigenvalues = np.linalg.eigvalsh(loaded.mass_matrix(q))
+        assert eigenvalues.min() >= found.mass_eigenvalues.lower[0]
+        assert eigenvalues.max() <= found.mass_eigenvalues.upper[1]
+
+
+def test_smaller_ranges_have_smaller_bounds(irb140):
+    """Limits are within circles, and a fixed position has its own values."""
+    q = np.array([0.1, 0.2, -0.3, 0.4, 0.5, 0.6])
+    there = irb140.bounds((q, q), quantities=["gravity_torque", "gravity_stiffness"])
+    np.testing.assert_allclose(there.gravity_torque.upper, abs(irb140.gravity_torque(q)), rtol=1e-9, atol=1e-9)
+    limits, circle = (irb140.bounds(p, quantities=["gravity_torque"]).gravity_torque for p in ("limits", "circle"))
+    assert (limits.attained <= circle.upper).all()
+    assert limits.is_tight.all()
+
+
+def test_gravity_of_a_mounted_robot_depends_on_the_first_joint(irb140):
+    found = irb140.mounted([np.pi / 2, 0, 0]).bounds(quantities=["gravity_torque"]).gravity_torque
+    assert found.attained[0] > 100
+    assert found.is_tight.all()
+
+
+def test_time_that_is_too_short_leaves_honest_bounds(irb140):
+    bound = irb140.bounds(quantities=["coriolis"], budget=1e-3).coriolis
+    assert not bound.is_tight
+    assert bound.attained < bound.upper < np.inf
+    table = irb140.bounds(quantities=["mass_eigenvalues"], budget=1e-3)
+    assert table.mass_eigenvalues.lower[0] == 0
+    assert "not proven" in str(table)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"positions": "all"}, r'`positions` must be "circle", "limits" or \(lower, upper\), got \'all\''),
+        ({"positions": ([0] * 6, [-1] * 6)}, r"`positions` must have lower <= upper"),
+        ({"quantities": ["inertia"]}, r"`quantities` must be of \['gravity_torque', .*\], got 'inertia'"),
+        ({"quantities": ["torque"]}, r"bounds of torques need `rates` and `accelerations`"),
+        ({"rates": [-1] * 6}, r"`rates` must not be negative"),
+        ({"payload": (3, 1)}, r"`payload` must be the least and the largest mass in kg, got \(3, 1\)"),
+        ({"masses": {"base_link": (1, 2)}}, r"`masses` must name links that move and have a mass, got 'base_link'"),
+        ({"tolerance": 0}, r"`tolerance` must"),
+    ],
+)
+def test_errors_name_what_is_wrong(irb140, options, message):
+    with pytest.raises(ValueError, match=message):
+        irb140.bounds(**options)
