@@ -423,6 +423,14 @@ class TestReportOnARobot:
             "swing_1.png",
         }
 
+    def test_fingers_are_held_while_the_arm_swings(self, tmp_path, capsys, monkeypatch):
+        monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures
+        monkeypatch.setattr(html_page, "view", lambda motion, _: None)
+        assert main(["report", "panda", "--out", str(tmp_path)]) == 0
+        said = capsys.readouterr().out
+        assert "Sliding joints are held: panda_finger_joint1." in said
+        assert "Trajectory of 'panda': 7 joints, 0 to 2 s" in said
+
     def test_a_robot_without_a_file_has_no_findings(self, tmp_path, capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures
         assert main(["report", "irb140", "--out", str(tmp_path)]) == 0

@@ -114,38 +114,50 @@ def write_robot_page(robot: Robot, findings: str, folder: Path, say: Callable[[s
 def _examination(robot: Robot, findings: str, page: Report) -> bool:
     """A motion, what the robot consists of, whether the independent source agrees, and torques against gravity."""
     q, torque = moving_start(robot)
-    place = f"q = ({', '.join(f'{x:.3g}' for x in q)})"
-    try:
-        motion = simulate(robot, q, np.zeros(robot.n), SWING, torque=torque)
-        page.film("swing", motion, f"{robot.model.name} swings freely")
-    except (SimulationError, SingularMassMatrixError) as error:
-        page.figure("robot", lambda: small_picture(robot, q), f"The robot at {place}")
-        page.text(f"It cannot be simulated: {error}")
-        motion = None
+    motion = _swing(robot, q, torque, page)
     for line in repr(robot).splitlines():
         page.text(line.strip())
-    if motion is not None:
-        pushed = ", ".join(f"{n} by {x:.3g}" for n, x in zip(robot.joint_names, torque, strict=True) if x)
-        page.text(
-            f"It swings for {SWING:g} s from rest at {place}, without friction and limits. Of {SAMPLES} random "
-            "positions this is where gravity pulls hardest."
-        )
-        if pushed:
-            page.text(f"Joints that gravity hardly moves are pushed [{units_of(robot, 'N m', 'N')}]: {pushed}.")
-        page.text(repr(motion), "pre")
     if findings:
         page.heading("Findings in the file")
         for line in findings.splitlines():
             page.text(line)
     page.heading("Comparison with an independent source")
-    held = _comparison(robot, page)
+    within = _comparison(robot, page)
     page.heading("Torques against gravity")
     _gravity(robot, q, "At the start of the swing", page)
     if motion is not None:
         page.heading("The motion above")
+        page.text(repr(motion), "pre")
         page.motion("swing", motion, "Free swing")
     _parts(robot, page)
-    return held
+    return within
+
+
+def _swing(robot: Robot, q: Array, torque: Array, page: Report) -> Trajectory | None:
+    """Show a swing under gravity and constant torques; None if it cannot be simulated."""
+    place = f"q = ({', '.join(f'{x:.3g}' for x in q)})"
+    turns = robot.model.is_revolute[list(robot.model.independent_joints)]
+    names = np.array(robot.joint_names, dtype=object)
+    held = list(names[~turns]) if turns.any() else []  # without stops they would slide away
+    moves = np.isin(names, held, invert=True)
+    moving = robot.locked(dict(zip(held, q[~moves], strict=True))) if held else robot
+    try:
+        motion = simulate(moving, q[moves], np.zeros(moving.n), SWING, torque=torque[moves])
+    except (SimulationError, SingularMassMatrixError) as error:
+        page.figure("robot", lambda: small_picture(robot, q), f"The robot at {place}")
+        page.text(f"The swing cannot be simulated: {error}")
+        return None
+    page.film("swing", motion, f"{robot.model.name} swings freely")
+    page.text(
+        f"It swings for {SWING:g} s from rest at {place}, without friction and limits. Of {SAMPLES} random positions "
+        "this is where gravity pulls hardest."
+    )
+    pushed = ", ".join(f"{n} by {x:.3g}" for n, x in zip(moving.joint_names, torque[moves], strict=True) if x)
+    if pushed:
+        page.text(f"Joints that gravity hardly moves are pushed [{units_of(moving, 'N m', 'N')}]: {pushed}.")
+    if held:
+        page.text(f"Sliding joints are held: {', '.join(held)}.")
+    return motion
 
 
 def moving_start(robot: Robot) -> tuple[Array, Array]:
