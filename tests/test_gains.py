@@ -9,7 +9,7 @@ from scipy.linalg import expm
 import rne
 from benchmarks.random_robots import random_tree
 from rne.control.gains import SampledLoop, largest_over, proven_limit, random_configurations, workspace
-from rne.control.sampled_loop import LinearLoop, first_unstable_time, gravity_modes, unstable_windows
+from rne.control.sampled_loop import CoupledModes, LinearLoop, first_unstable_time, gravity_modes, unstable_windows
 from rne.dynamics.rnea import gravity_torque
 from rne.model.builder import Part, assemble, pose
 from rne.validation.agreement import validate
@@ -255,8 +255,7 @@ def test_no_unstable_sample_time_is_called_stable(loop):
 def test_no_unstable_sample_time_of_two_thousand_is_called_stable():
     for seed in range(30, 1030):
         assert check_windows(pendulum_loop(seed), seed) == 0
-    undecided = [check_windows(arm_loop(seed), seed) for seed in range(30, 1030)]
-    assert np.mean(np.array(undecided) > 1e-6) <= 0.03
+        assert check_windows(arm_loop(seed), seed) <= 1e-6
 
 
 def test_windows_of_pendulums_end_where_the_exponential_says():
@@ -302,6 +301,39 @@ def test_a_simulated_pendulum_grows_in_the_narrow_window_alone():
         radius = exact_radius(np.array([[inertia]]), np.array([[stiffness]]), np.array([kp]), np.array([kd]), T)
         assert growth == pytest.approx(radius**60, rel=1e-2)
         assert (growth > 1) == grows
+
+
+@pytest.mark.parametrize("width", [0.005, 0.1])
+def test_narrow_windows_of_other_configurations_are_found(width):
+    """Two pendulums side by side that hang inside their range, where the swing is fastest and the windows begin first.
+
+    In one configuration only 0.3 % (or 6 %) of the sample times below the limit of the others are unstable.
+    """
+    parts = [Part(link="base")]
+    for k, length in enumerate((0.5, 1.0)):
+        com = length * np.array([np.sin(0.4), 0, -np.cos(0.4)])
+        joint = {"joint": f"pivot{k}", "kind": "revolute", "parent": 0, "axis": np.array([0, 1.0, 0])}
+        parts.append(Part(link=f"rod{k}", **joint, mass=2.0, com=com, lower=-0.6, upper=0.6))
+    robot = rne.Robot(assemble("two", parts, gravity=[0, 0, -9.81]))
+    omega = np.sqrt(9.81 / 0.5)
+    gains = rne.check_gains(robot, [0.3 * 9.81, 0.3 * 19.62], [width * omega * 0.5, 0.04 * np.sqrt(9.81)])
+    assert gains.sample_time_limit == pytest.approx(2 * np.arctan2(1, width) / omega, rel=1e-6)
+    assert gains.sample_time_q[0] == pytest.approx(0.4, abs=2e-3)
+
+
+def test_the_rest_of_the_series_is_bounded():
+    """Of phi_1(h F) = (exp(h F) - 1) / (h F), beyond the terms 1 and h F / 2, where h |F| reaches 1."""
+    for seed in range(20):
+        w = np.random.default_rng(seed).uniform(-4, 4, 2)
+        modes, h = CoupledModes(w, np.eye(2), np.eye(2)), 1 / np.sqrt(np.abs(w).max())
+        lifted = np.zeros((8, 8))
+        lifted[:4, :4], lifted[:4, 4:] = h * modes.F, np.eye(4)
+        rest = expm(lifted)[:4, 4:] - np.eye(4) - h * modes.F / 2
+        assert (np.abs(rest) <= modes.rest(h) * (1 + 1e-12) + 1e-15).all()
+        assert (
+            modes.rest(h).max()
+            <= 1.5 * np.abs(expm(np.abs(lifted))[:4, 4:] - np.eye(4) - h * np.abs(modes.F) / 2).max()
+        )
 
 
 class Interval:

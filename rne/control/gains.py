@@ -19,9 +19,9 @@ from .laws import checked_vectors
 from .sampled_loop import LinearLoop, Window, first_unstable_time, gravity_modes, step_matrix
 
 SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of them that are refined
-SWEPT, MARGINAL = 16, 1e-12  # times below the limit at which a part of them is examined; rounding of a spectral radius
+SWEPT = np.append(np.arange(1, 16) / 16, 1 - 0.5 ** np.arange(5, 13))  # of the limit: times tried with some
 LONGEST = 1.25  # of the horizon of a loop: sample times that are examined
-ROUNDS = 20  # of lowering the sample time and searching again
+ROUNDS = 40  # of lowering the sample time and searching again
 BOTH = "beats_gravity", "sample_time_limit"  # results that bounds may prove
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
@@ -265,8 +265,8 @@ class SampledLoop:
 
     def unstable_configuration(self, drawn: Array, T: float, lower: Array, upper: Array) -> Array | None:
         """A configuration that is unstable for a sample time below T, if one is found."""
-        some, times = drawn[::SWEPT], T * np.arange(1, SWEPT) / SWEPT
-        unstable = self.radius(some[:, None], times) > 1 + MARGINAL
+        some = drawn[::16]
+        unstable = self.radius(some[:, None], T * SWEPT) > 1 + 1e-12  # more than rounding
         if unstable.any():
             return np.asarray(some[np.argwhere(unstable.T)[0, 1]])
         tried = T * (1 - 1e-6)
