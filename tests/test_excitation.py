@@ -292,8 +292,8 @@ def test_joints_that_mimic_keep_their_own_limits():
     robot = limited(model)
     limits = motion_limits(robot, None)
     ends = np.array([limits["lower"], limits["upper"]]) @ model.coordinate_map.T + model.offset
-    reach = np.array([np.abs(ends).max(0), np.abs(model.coordinate_map @ limits["velocity_limit"]) / 1.5])
-    largest = [[reach[k, np.array(model.coordinate) == j].max() for j in range(model.n)] for k in range(2)]
+    reach = np.abs([*ends, model.coordinate_map @ limits["velocity_limit"] / 1.5])
+    largest = [reach[:, np.array(model.coordinate) == j].max(1) for j in range(model.n)]
     np.testing.assert_allclose(largest, 1)  # one of the joints of a coordinate is at its limit, none beyond
     motion = rne.excitation(robot, DURATION, 2, starts=1, iterations=4)
     q, qd, _ = fine(motion)

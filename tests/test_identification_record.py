@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 import rne
 from rne.identification import Record
 from rne.identification.filtering import MARGIN, choose_cutoff, derivatives, low_pass, motion_spectrum, settling
+from rne.identification.screening import clipped
 
 from .helpers import loaded
 from .measurements import measure, record, truth
@@ -437,6 +438,22 @@ def test_torques_at_a_limit_are_named_whatever_their_last_digit(scene, torque_no
     named = np.isin(np.arange(len(t)), finding.samples)
     assert named[at_limit].mean() > 0.9
     assert (named & ~at_limit).sum() < 0.15 * at_limit.sum()  # close to it
+
+
+@pytest.mark.parametrize(("samples", "is_limit"), [(9, False), (10, True)])
+def test_ten_samples_at_a_limit_make_one(samples, is_limit):
+    x = np.sin(2 * np.pi * (np.arange(1000) + 0.3) / 1000)
+    x = np.minimum(x, np.sort(x)[-samples])
+    assert clipped(x, 0.0, np.ones(1000, bool), np.zeros(1000, bool)).sum() == samples * is_limit
+
+
+@pytest.mark.parametrize(("plateaus", "is_limit"), [(2, False), (3, True)])
+def test_three_plateaus_make_a_limit_where_it_flickers(plateaus, is_limit):
+    """Digits at the limit change as much as the torque does elsewhere."""
+    count = 1000 * plateaus
+    x = 5 * np.sin(2 * np.pi * np.arange(count) / 1000)
+    x[x > 4] = 4 + 0.01 * np.random.default_rng(0).integers(-1, 2, (x > 4).sum())
+    assert clipped(x, 0.01, np.ones(count, bool), np.zeros(count, bool)).any() == is_limit
 
 
 @pytest.mark.parametrize("torque_noise", [0.0, 0.01, 0.1, 1.0])

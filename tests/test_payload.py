@@ -175,6 +175,11 @@ def test_without_any_information_the_load_is_a_ball():
     np.testing.assert_allclose(ball[[6, 9]], ball[4], rtol=1e-4)
 
 
+def test_a_load_differs_from_the_ball_by_three_times_its_size(monkeypatch):
+    monkeypatch.setattr("rne.identification.payload.consistent_fit", lambda factor, prior, weight, *_: weight)
+    assert possible_load(np.zeros((11, 11)), np.ones(10), np.ones(10)) == pytest.approx(1 / 9)
+
+
 def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, measured, found):
     """Variances are those of independent residuals, times the number of equations that count as one."""
     sets = two_sets(robot, *measured, None, None, None, None)
