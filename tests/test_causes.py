@@ -1,11 +1,16 @@
 """Causes of what an identification leaves unexplained, on simulated logs of which the fault is known."""
 
+import dataclasses
+import re
+
 import numpy as np
 import pytest
 
 import rne
 from benchmarks import identification_faults as faults
 from rne.identification import Record
+from rne.identification.regression import build_regression
+from rne.identification.residuals import Residuals
 
 from .helpers import kept
 
@@ -87,6 +92,10 @@ def test_stribeck_friction_is_modelled_where_the_log_asks_for_it():
     found = identified(faults.stribeck, "gantry")
     assert (np.asarray(found.standard.drives.stribeck) > 0).any()
     assert any(name.startswith("Fs_") for name in found.base.names)
+    (note,) = [note for note in found.notes if note.startswith("Stribeck friction: ")][:1]
+    name, size = re.search(r"friction of (\S+) is (\S+) N(?: m)? more at rest", note).groups()
+    fitted = found.estimate.values[found.base.names.index(f"Fs_{found.initial.joint_names.index(name) + 1}")]
+    assert float(size) == pytest.approx(fitted, rel=0.1)
     assert (found.unexplained.in_motion < 0.004).all()
 
 
@@ -119,6 +128,58 @@ def coupled(c):
     q[:, 1] += q[:, 0]
     tau[:, 0] -= tau[:, 1]
     return data._replace(q=q, tau=tau)
+
+
+def interchanged(c):
+    data, order = faults.clean(c), [1, 0, 2, 3]
+    return data._replace(q=data.q[:, order], tau=data.tau[:, order])
+
+
+def turned(c):
+    """The second joint is logged with the other sign."""
+    data, signs = faults.clean(c), np.array([1, -1, 1, 1])
+    return data._replace(q=data.q * signs, tau=data.tau * signs)
+
+
+def drifting(c):
+    return faults.log(c, c.tau + np.outer(c.t / c.t[-1], [0, 0.5 * c.size[1], 0, 0]))
+
+
+def tilted(c):
+    robot = c.arm.robot
+    other = rne.Robot(dataclasses.replace(robot.model, gravity=9.81 * np.array([0.5, 0, -np.sqrt(0.75)])))
+    return faults.log(c, c.tau + other.gravity_torque(c.states[0]) - robot.gravity_torque(c.states[0]))
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "joints", "text"),
+    [
+        (interchanged, "joint order", (0, 1), r"are interchanged"),
+        (turned, "joint sign", (1,), r"turns the other way"),
+        (drifting, "offset drifts", (1,), r"drifts"),
+        (tilted, "gravity direction", (), r"along \(0\.[45]\d, -?0\.0\d, -0\.[89]\d\)"),
+    ],
+)
+def test_the_likeliest_cause_of_a_kind_names_its_joints_and_direction(fault, kind, joints, text):
+    with pytest.warns(rne.IdentificationWarning):
+        found = identified(fault)
+    cause = next(cause for cause in found.causes if cause.kind == kind)
+    assert cause.joints[: len(joints)] == tuple(found.initial.joint_names[j] for j in joints)
+    assert re.search(text, cause.text), cause.text
+    assert fault is not drifting or cause.value > 0
+
+
+def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
+    c = faults.case("gantry", 3)
+    data, robot = faults.clean(c), c.arm.robot
+    base = robot.base_parameters(drives=FRICTION)
+    rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 5.0, None, 2)
+    unit = np.ones(robot.n)
+    res = Residuals(robot, base, rows.prepared, rows.rows, np.zeros(base.count), unit, 2 * unit)
+    X = np.random.default_rng(0).normal(size=(*res.tau.shape, 2)) + 3 * (res.Y @ base.back)[..., :2]
+    both = np.column_stack([res.A, res.weighted(X)])
+    more = np.linalg.inv(both.T @ both)[: base.count, : base.count] - np.linalg.inv(res.A.T @ res.A)
+    np.testing.assert_allclose(res.covariance_of(X), 2 * more, rtol=1e-6, atol=1e-9 * np.abs(more).max())
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,16 @@ def test_noise_after_the_filter_is_that_of_its_response_to_an_impulse():
     assert torque_noise(prepared).mean() == pytest.approx(expected, rel=0.02)  # 50 000 ordinates, windows overlap
 
 
+def test_noise_of_every_part_of_a_record_counts():
+    """Between two gaps as after them."""
+    t = np.concatenate([np.arange(5000), np.arange(6000, 10_000)]) / 250.0
+    tau = np.random.default_rng(0).normal(size=(len(t), 6)) * np.where(t < 22, 1.0, 3.0)[:, None]
+    prepared = Record(t, np.sin(np.outer(t, np.ones(6))), tau).prepare(5.0)
+    both = torque_noise(prepared).mean()
+    alone = torque_noise(Record(t[:5000], np.sin(np.outer(t[:5000], np.ones(6))), tau[:5000]).prepare(5.0)).mean()
+    assert both / alone == pytest.approx((5 + 4 * 9) / 9, rel=0.05)
+
+
 def test_f_is_that_of_nested_models_by_independent_equations(scene, motion):
     """Draper and Smith 1998, (6.1.8), of all rows: residuals of a joint's own fit and of one fit to all joints."""
     base = scene.robot.base_parameters(drives=rne.DriveModel(friction="viscous+coulomb"))

@@ -220,6 +220,17 @@ def test_message_is_that_of_the_run_that_found_the_motion(arm, monkeypatch, ends
     assert (found.converged, found.message) == expected[1:]
 
 
+def test_a_run_that_ends_beyond_the_limits_is_taken_back_to_them(arm):
+    search, x = search_of(arm, log_volume)
+    held = search._held(0.01 * x, 100 * x)
+    assert max(use.max() for use in search.within.use(held).values()) == pytest.approx(1, abs=1e-3)
+    assert search.within.holds(held)
+
+
+def test_the_condition_number_depends_on_the_extreme_singular_values_alone():
+    np.testing.assert_array_equal(log_condition(np.array([1.0, 0.99, 0.11, 0.1]))[1], [1, 0, 0, -1])
+
+
 @pytest.mark.parametrize(
     ("criterion", "scaled"),
     [(condition(16.0), False), (condition(64.0), True), (condition(), False), (log_volume, False)],
@@ -286,15 +297,21 @@ def test_sliding_joints(gantry):
     assert motion.condition < motion.random.min()
 
 
+@pytest.mark.parametrize("seed", [6, 10, 13])
+def test_at_the_end_of_a_range_one_of_the_joints_that_mimic_is_at_its_limit(seed):
+    """None is beyond its own; of multipliers of either sign."""
+    model = random_tree(4, seed=seed, mimics=2)
+    limits = motion_limits(limited(model), None)
+    ends = np.array([limits["lower"], limits["upper"]]) @ model.coordinate_map.T + model.offset
+    reach = np.abs([*ends, model.coordinate_map @ limits["velocity_limit"] / 1.5])
+    largest = [reach[:, np.array(model.coordinate) == j].max(1) for j in range(model.n)]
+    np.testing.assert_allclose(largest, 1)
+
+
 def test_joints_that_mimic_keep_their_own_limits():
     model = random_tree(4, seed=6, mimics=2)
     assert model.n < model.nb
     robot = limited(model)
-    limits = motion_limits(robot, None)
-    ends = np.array([limits["lower"], limits["upper"]]) @ model.coordinate_map.T + model.offset
-    reach = np.abs([*ends, model.coordinate_map @ limits["velocity_limit"] / 1.5])
-    largest = [reach[:, np.array(model.coordinate) == j].max(1) for j in range(model.n)]
-    np.testing.assert_allclose(largest, 1)  # one of the joints of a coordinate is at its limit, none beyond
     motion = rne.excitation(robot, DURATION, 2, starts=1, iterations=4)
     q, qd, _ = fine(motion)
     positions = q @ model.coordinate_map.T + model.offset

@@ -56,6 +56,8 @@ def test_blocks_joints_and_other_unknowns():
     np.testing.assert_allclose(
         rows.of_blocks(np.array([1, 2])).residuals(x), ((Y[50:150] @ x - tau[50:150]) ** 2).sum(0), rtol=SAME
     )
+    uneven = equations(Y, tau, np.ones(tau.shape, bool), [slice(0, 20), slice(20, 200)])
+    np.testing.assert_array_equal(uneven.rows, [[20] * 3, [180] * 3])
     assert rows.of_joint(1).residuals(x) == pytest.approx(rows.residuals(x)[[1]], rel=SAME)
     E = np.random.default_rng(2).normal(size=(7, 4))
     np.testing.assert_allclose(rows.mapped(E).residuals(x[:4]), ((Y @ E @ x[:4] - tau) ** 2).sum(0), rtol=SAME)
@@ -86,8 +88,18 @@ def test_truth_lies_within_three_standard_errors_as_often_as_it_should():
     np.testing.assert_allclose(np.mean(sigma, 0), (0.1, 2.0, 0.5), rtol=0.02)
 
 
-def test_what_the_motion_says_nothing_of_has_an_infinite_error():
+@pytest.mark.parametrize(("ratio", "is_known"), [(1e-8, True), (1e-12, False)])
+def test_columns_that_differ_by_rounding_are_one(ratio, is_known):
     Y, tau, _ = problem(noise=(0.1,) * 3)
+    Y[..., 5] = Y[..., 4] + ratio * Y[..., 5]
+    fit = least_squares(compressed(Y, tau))
+    assert np.isfinite(fit.errors[4:6]).all() == np.isfinite(fit.scaled_condition) == is_known
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6])
+def test_what_the_motion_says_nothing_of_has_an_infinite_error(unit):
+    Y, tau, _ = problem(noise=(0.1,) * 3)
+    Y = unit * Y
     Y[..., 2] = 0
     Y[..., 5] = 2 * Y[..., 4]
     fit = least_squares(compressed(Y, tau))
@@ -173,6 +185,7 @@ def test_bodies_that_are_too_thin_are_made_thicker():
     prior, changed = model_prior(rne.model.with_parameters(model, rows.ravel()))
     assert changed == (model.moving_joints[2],)
     assert (np.linalg.eigvalsh(prior) > 0).all()
+    assert prior[2, 3, 3] == pytest.approx(1.01 * 5)  # with 1 % of a rod of its mass
 
 
 def test_guess_of_bodies_has_a_total_mass_of_one():

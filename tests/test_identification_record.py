@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 import rne
 from rne.identification import Record
 from rne.identification.filtering import MARGIN, choose_cutoff, derivatives, low_pass, motion_spectrum, settling
-from rne.identification.screening import clipped
+from rne.identification.screening import clipped, encoder_step
 
 from .helpers import loaded
 from .measurements import measure, record, truth
@@ -269,9 +269,11 @@ def test_spikes_are_cut_out_where_nothing_is_to_be_bridged(true):
 def test_a_jump_cuts_the_record(true):
     t, q, tau = measure(true, encoder_step=1e-5, torque_noise=0.2)
     q[2000:, 1] += 0.2
+    q[3000:, 1] += 0.1
     measured = Record(t, q, tau)
-    assert kinds(measured) == [("joint_2", "jump of the position", (1999,))]
-    assert len(measured.prepare(cutoff=5.0).segments) == 2
+    assert kinds(measured) == [("joint_2", "jump of the position", (1999, 2999))]
+    assert measured.findings[0].text.endswith(", by up to 0.1999")
+    assert len(measured.prepare(cutoff=5.0).segments) == 3
 
 
 def test_a_gap_cuts_and_single_missing_samples_are_interpolated(true):
@@ -514,6 +516,20 @@ def test_rates_that_are_not_those_of_the_positions_are_named(true):
         "warning: record: joint_5: measured velocities are -1 times those of the positions; "
         "the velocities are not used; check their unit, sign and joint",
     ]
+
+
+@pytest.mark.parametrize("part", [0.005, 0.05])
+def test_rates_of_a_joint_that_hardly_moves_are_not_compared(true, part):
+    """They are noise below 1 % of the fastest joint's."""
+    q, qd = true.q.copy(), true.qd.copy()
+    scale = part * np.ptp(q[:, 0]) / np.ptp(q[:, 5])
+    q[:, 5], qd[:, 5] = scale * q[:, 5], 2 * scale * qd[:, 5]
+    assert len(Record(true.t, q, true.tau, qd).findings) == (part > 0.01)
+
+
+def test_few_differences_tell_no_step_of_an_encoder():
+    assert encoder_step(np.repeat(np.arange(20.0), 10)) == 0
+    assert encoder_step(np.repeat(np.arange(60.0), 10)) == 1
 
 
 def polled(q, most, seed=0):
