@@ -140,12 +140,12 @@ def test_contents_of_the_html_are_nested(tmp_path):
 def test_rows_become_lists_only_where_a_phone_needs_it(tmp_path):
     page = Report("Title", lambda _: None, tmp_path)
     page.table(["joint", "mass behind the joint [kg]"], [["joint_1", "75"]])
-    page.table(["joint", "range"] * 4, [["shoulder_lift", "-1 to 1 rad"] * 4])
+    page.table(["joint", *["speed"] * 4], [["shoulder_lift", *["1.5 rad/s"] * 4]])
     page.table(["link", "inertia"], [["a", ", ".join(["0.123456"] * 6)]])
     text = page.write().read_text(encoding="utf-8")
     assert re.findall(r'<div class="scroll([ a-z]*)">', text) == ["", " wide", " wide"]
     assert "<td>joint_1</td><td>75</td>" in text
-    assert '<td class="long" data-label="joint">shoulder_lift</td><td data-label="range">-1 to 1 rad</td>' in text
+    assert '<td class="long" data-label="joint">shoulder_lift</td><td data-label="speed">1.5 rad/s</td>' in text
 
 
 def test_page_without_headings_has_no_contents(tmp_path):
