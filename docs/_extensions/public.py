@@ -50,7 +50,7 @@ INTERNAL = {
 GROUPS = {
     "Robot": {
         "Dynamics": "inverse_dynamics forward_dynamics mass_matrix gravity_torque bias_torque coriolis_torque "
-        "coriolis_matrix recursion diagnose",
+        "coriolis_matrix recursion diagnose bounds",
         "Kinematics and energies": "link_poses jacobian jacobian_rate kinetic_energy potential_energy momentum",
         "Derivatives": "inverse_dynamics_derivatives forward_dynamics_derivatives linearize",
         "Inertial parameters": "parameters regressor control_regressor base_parameters",
