@@ -276,6 +276,26 @@ def test_jacobian_is_the_derivative_of_the_pose(tree):
         np.testing.assert_allclose(twist, np.concatenate([omega, velocity[:, k, :3, 3]], -1), atol=1e-11)
 
 
+def test_jacobian_of_a_point_is_the_derivative_of_its_position(tree):
+    (q, qd, _), point = states(tree.n, 5), (0.1, -0.2, 0.3)
+    for k, link in enumerate(tree.link_names):
+        velocity = along(lambda x, k=k: rne.dynamics.link_poses(tree, x)[:, k, :3] @ [*point, 1], q, qd)
+        J = rne.dynamics.jacobian(tree, q, link, point)
+        np.testing.assert_allclose(multiply(J, qd)[:, 3:], velocity, atol=1e-11)
+        Jd = along(lambda x, link=link: rne.dynamics.jacobian(tree, x, link, point), q, qd)
+        rate = rne.dynamics.jacobian_rate(tree, q, qd, link, point)
+        assert np.abs(rate - Jd).max() <= LAW * max(1.0, np.abs(Jd).max()), link
+
+
+def test_momentum_is_mass_times_the_velocity_of_the_centre_of_mass(tree):
+    q, qd, _ = states(tree.n, 5)
+    J = rne.dynamics.centre_of_mass_jacobian(tree, q)
+    velocity = along(lambda x: rne.dynamics.centre_of_mass(tree, x), q, qd)
+    np.testing.assert_allclose(multiply(J, qd), velocity, atol=LAW * np.abs(velocity).max())
+    momentum = rne.dynamics.momentum(tree, q, qd)[:, 3:]
+    np.testing.assert_allclose(tree.mass.sum() * multiply(J, qd), momentum, atol=LAW * np.abs(momentum).max())
+
+
 def test_wrench_on_a_link_appears_as_minus_J_transposed_F(tree):
     q, qd, qdd = states(tree.n, 5)
     for link in tree.link_names:

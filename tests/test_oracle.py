@@ -143,6 +143,21 @@ class TestEveryDataRobot:
         kinetic = pin.computeKineticEnergy(oracle.theirs, oracle.data, oracle.q(q), oracle.velocities(qd))
         assert rne.dynamics.kinetic_energy(robot.model, q, qd) == pytest.approx(kinetic, rel=DATA, abs=1e-300)
 
+    def test_centre_of_mass_is_pinocchios(self, data_arm):
+        robot, oracle = data_arm
+        q, _, _ = states(robot.n)
+        if not robot.model.mass.sum():
+            with pytest.raises(ValueError, match="centre_of_mass"):
+                robot.centre_of_mass(q)
+            return
+        theirs = oracle.theirs.copy()
+        theirs.inertias[0] = pin.Inertia.Zero()  # of the base, which does not move
+        data = theirs.createData()
+        J = pin.jacobianCenterOfMass(theirs, data, oracle.q(q), False)[:, oracle.v] @ robot.model.coordinate_map
+        reach = 1 + abs(data.com[0]).max()
+        assert abs(robot.centre_of_mass(q) - data.com[0]).max() <= DATA * reach
+        assert abs(robot.centre_of_mass_jacobian(q) - J).max() <= DATA * reach
+
     def test_jacobians_and_their_rates_are_pinocchios(self, data_arm):
         robot, oracle = data_arm
         q, qd, _ = states(robot.n)

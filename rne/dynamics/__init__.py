@@ -7,7 +7,7 @@ from .aba import articulated_forward_dynamics
 from .crba import mass_matrix
 from .energy import kinetic_energy, link_kinetic_energies, momentum, potential_energy
 from .forward import forward_dynamics
-from .kinematics import jacobian, jacobian_rate, link_poses
+from .kinematics import centre_of_mass, centre_of_mass_jacobian, jacobian, jacobian_rate, link_poses
 from .precision import Diagnosis, diagnose
 from .rnea import bias_torque, coriolis_torque, gravity_torque, inverse_dynamics
 
@@ -35,6 +35,8 @@ __all__ = [
     "base_parameters",
     "bearing_loads",
     "bias_torque",
+    "centre_of_mass",
+    "centre_of_mass_jacobian",
     "christoffel_symbols",
     "control_regressor",
     "coriolis_matrix",

@@ -15,6 +15,7 @@ from ..model.model import Model
 from .quantity import quantity
 
 BASE = -1
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 def joint_positions(model: Model, q: Array) -> Array:
@@ -121,14 +122,13 @@ def _columns(model: Model, Jw: Array, Jv: Array, R0: Array) -> Array:
 
 
 @quantity()
-def jacobian(model: Model, q: Array, link: str) -> Array:
-    """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint velocity.
+def jacobian(model: Model, q: Array, link: str, point: tuple[float, ...] = ORIGIN) -> Array:
+    """Geometric Jacobian of a point of a link: the link's angular velocity and the point's velocity per joint velocity.
 
     Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008. Parameters, result and
     errors are those of `rne.Robot.jacobian`, with the model first.
     """
-    index = model.link_index(link)
-    body, offset = model.link_body[index], model.link_translation[index]
+    body, offset = point_of_body(model, link, point)
     if body < 0:
         return zeros((*q.shape[:-1], 6, model.n), like=q)
     Jw, Jv = (J[body] for J in body_jacobians(model, *joint_transforms(model, q)))
@@ -136,15 +136,21 @@ def jacobian(model: Model, q: Array, link: str) -> Array:
     return _columns(model, Jw, Jv + cross(Jw, offset), R0[body])
 
 
+def point_of_body(model: Model, link: str, point: tuple[float, ...]) -> tuple[int, Array]:
+    """The body that a link is part of, and a point of the link in the body's frame."""
+    k = model.link_index(link)
+    offset: Array = model.link_translation[k]
+    return model.link_body[k], offset if point == ORIGIN else offset + model.link_rotation[k] @ np.array(point)
+
+
 @quantity()
-def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
+def jacobian_rate(model: Model, q: Array, qd: Array, link: str, point: tuple[float, ...] = ORIGIN) -> Array:
     """Time derivative of `jacobian` along the motion (q, qd).
 
     Featherstone 2008, section 2.10: derivatives in moving coordinates. Parameters, result and errors are those of
     `rne.Robot.jacobian_rate`, with the model first.
     """
-    index = model.link_index(link)
-    body, offset = model.link_body[index], model.link_translation[index]
+    body, offset = point_of_body(model, link, point)
     if body < 0:
         return zeros((*q.shape[:-1], 6, model.n), like=q)
     R, p = joint_transforms(model, q)
@@ -157,3 +163,37 @@ def jacobian_rate(model: Model, q: Array, qd: Array, link: str) -> Array:
     R0, _ = body_poses(model, q)
     # from the derivative of components in moving axes to that of the vector: + omega x
     return _columns(model, dJw + cross(omega, Jw), dJv + cross(omega, Jv), R0[body])
+
+
+@quantity(moments=True)
+def centre_of_mass(model: Model, q: Array) -> Array:
+    """Centre of mass of the moving bodies.
+
+    Siciliano et al. 2009, section 7.1. Parameters, result and errors are those of `rne.Robot.centre_of_mass`, with the
+    model first.
+    """
+    R0, p0 = body_poses(model, q)
+    total, moment = zeros((1,), like=q), zeros((*q.shape[:-1], 3), like=q)
+    for i in range(model.nb):
+        m, h, _ = model.body_moments(i)
+        total, moment = total + m, moment + m * p0[i] + rotate(R0[i], h)
+    centre: Array = moment / total
+    return centre
+
+
+@quantity(moments=True)
+def centre_of_mass_jacobian(model: Model, q: Array) -> Array:
+    """Velocity of the centre of mass per joint velocity, the derivative of `centre_of_mass`.
+
+    Siciliano et al. 2009, (7.16). Parameters, result and errors are those of `rne.Robot.centre_of_mass_jacobian`,
+    with the model first.
+    """
+    R0, _ = body_poses(model, q)
+    all_Jw, all_Jv = body_jacobians(model, *joint_transforms(model, q))
+    total, rows = zeros((1,), like=q), zeros((*q.shape[:-1], model.nb, 3), like=q)
+    for i in range(model.nb):
+        m, h, _ = model.body_moments(i)
+        total = total + m
+        rows = rows + (m[..., None] * all_Jv[i] + cross(all_Jw[i], h[..., None, :])) @ transpose(R0[i])
+    J: Array = np.swapaxes(rows / total[..., None], -1, -2)
+    return J @ model.coordinate_map if model.has_mimics else J

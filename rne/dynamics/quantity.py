@@ -83,7 +83,7 @@ T_co = TypeVar("T_co", covariant=True)
 Check = Callable[[Model, Mapping[str, Any], Array, Array, Array], PrecisionStatus]
 
 JOINT_ARGUMENTS = ("q", "qd", "qdd", "qdr", "qddr", "tau")
-OPTIONS = ("external", "link")
+OPTIONS = ("external", "link", "point")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,17 +62,19 @@ class KernelCache:
         external: External | None = None,
         parameters: ArrayLike | None = None,
         link: str | None = None,
+        point: tuple[float, ...] | None = None,
     ) -> Array:
         """A quantity, or its derivatives by some arguments, for one state or a batch.
 
         Any quantity but forward dynamics, whose result comes with a status. `wrt` names the arguments to differentiate
-        by, `external` has wrenches by link, `parameters` take the place of the model's, and a Jacobian is of `link`.
+        by, `external` has wrenches by link, `parameters` take the place of the model's, and a Jacobian is of a `point`
+        of `link`.
         """
         fixed = NOTHING  # a dictionary for each call would cost 5 % of one
         if external is not None or parameters is not None:
             fixed, arrays = self._with_inputs(function, arrays, external, parameters)
         elif link is not None:
-            fixed = {"link": link}
+            fixed = {"link": link} if point is None else {"link": link, "point": point}
         key = (function, *wrt, *fixed.items()) if wrt or fixed else function
         kernel = self._kernels.get(key)
         if kernel is None:

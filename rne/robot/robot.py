@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from .. import dynamics
 from .. import model as models
+from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
+from ..dynamics.kinematics import ORIGIN
 from ..dynamics.precision import Diagnosis
 from ..dynamics.quantity import Declared
 from ..dynamics.rnea import External
@@ -736,8 +738,8 @@ class Robot(InNotebooks):
         """
         return self._kernels.evaluate_quantity(dynamics.link_poses, q)
 
-    def jacobian(self, q: ArrayLike, link: str) -> Array:
-        """Geometric Jacobian of a link: its angular velocity and its origin's velocity per joint velocity.
+    def jacobian(self, q: ArrayLike, link: str, point: ArrayLike = ORIGIN) -> Array:
+        """Geometric Jacobian of a point of a link: the link's angular velocity and the point's velocity.
 
         Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008.
 
@@ -747,6 +749,8 @@ class Robot(InNotebooks):
             Joint positions [rad or m].
         link : str
             One of `link_names`.
+        point : array_like, shape (3,)
+            In the link's frame; by default its origin [m].
 
         Returns
         -------
@@ -756,7 +760,7 @@ class Robot(InNotebooks):
         Raises
         ------
         ValueError
-            If `q` has the wrong shape or is not finite, or there is no such link.
+            If `q` or `point` has the wrong shape or is not finite, or there is no such link.
 
         Examples
         --------
@@ -765,9 +769,9 @@ class Robot(InNotebooks):
         [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
         """
         self._model.link_index(link)
-        return self._kernels.evaluate_quantity(dynamics.jacobian, q, link=link)
+        return self._kernels.evaluate_quantity(dynamics.jacobian, q, link=link, point=point_argument(point))
 
-    def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str) -> Array:
+    def jacobian_rate(self, q: ArrayLike, qd: ArrayLike, link: str, point: ArrayLike = ORIGIN) -> Array:
         """Time derivative of `jacobian` along the motion (q, qd).
 
         Featherstone 2008, section 2.10.
@@ -778,11 +782,13 @@ class Robot(InNotebooks):
             Joint positions and velocities [rad or m; rad/s or m/s].
         link : str
             One of `link_names`.
+        point : array_like, shape (3,)
+            In the link's frame; by default its origin [m].
 
         Returns
         -------
         ndarray, shape (..., 6, n)
-            The matrix dJ/dt in the axes of the root link [1/s, m/s]: the link's acceleration is J qdd + (dJ/dt) qd.
+            The matrix dJ/dt in the axes of the root link [1/s, m/s]: the point's acceleration is J qdd + (dJ/dt) qd.
 
         Raises
         ------
@@ -797,7 +803,67 @@ class Robot(InNotebooks):
         [-0.38, -0.36]
         """
         self._model.link_index(link)
-        return self._kernels.evaluate_quantity(dynamics.jacobian_rate, q, qd, link=link)
+        return self._kernels.evaluate_quantity(dynamics.jacobian_rate, q, qd, link=link, point=point_argument(point))
+
+    def centre_of_mass(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """Centre of mass of the moving bodies.
+
+        Siciliano et al. 2009, section 7.1. Bodies fixed to the root link do not count.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters of the bodies, by default the model's; see `parameters`.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            In the axes of the root link, from its origin [m].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or nothing that moves has a mass.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").centre_of_mass([0] * 6).round(3).tolist()
+        [0.119, 0.0, 0.463]
+        """
+        return self._kernels.evaluate_quantity(dynamics.centre_of_mass, q, parameters=parameters)
+
+    def centre_of_mass_jacobian(self, q: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
+        """Velocity of the centre of mass per joint velocity, the derivative of `centre_of_mass`.
+
+        Siciliano et al. 2009, (7.16), summed over the bodies.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+            Joint positions [rad or m].
+        parameters : array_like, shape (..., 10 nb), optional
+            Inertial parameters of the bodies, by default the model's; see `parameters`.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, n)
+            In the axes of the root link [m or 1].
+
+        Raises
+        ------
+        ValueError
+            If an array has the wrong shape or is not finite, or nothing that moves has a mass.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.load("irb140").centre_of_mass_jacobian([0] * 6)[:, 0].round(3).tolist()  # joint 1 turns about z
+        [0.0, 0.119, 0.0]
+        """
+        return self._kernels.evaluate_quantity(dynamics.centre_of_mass_jacobian, q, parameters=parameters)
 
     def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, parameters: ArrayLike | None = None) -> Array:
         """Kinetic energy of the robot, drives (`armature`) included; equal to qd^T M qd / 2.
@@ -1233,6 +1299,12 @@ class Robot(InNotebooks):
         [0.0, 0.0, 9.81]
         """
         return Robot(models.mounted(self._model, rpy), self.engine)
+
+
+def point_argument(point: ArrayLike) -> tuple[float, ...] | None:
+    """A point of a link; None for its origin."""
+    values = tuple(real_array("point", point, "(3,)").astype(float).tolist())
+    return None if values == ORIGIN else values
 
 
 def robot_argument(robot: Any) -> Robot:
