@@ -831,7 +831,7 @@ class Robot(InNotebooks):
         --------
         >>> import rne
         >>> rne.load("irb140").centre_of_mass([0] * 6).round(3).tolist()
-        [0.119, 0.0, 0.463]
+        [0.082, 0.004, 0.504]
         """
         return self._kernels.evaluate_quantity(dynamics.centre_of_mass, q, parameters=parameters)
 
@@ -861,7 +861,7 @@ class Robot(InNotebooks):
         --------
         >>> import rne
         >>> rne.load("irb140").centre_of_mass_jacobian([0] * 6)[:, 0].round(3).tolist()  # joint 1 turns about z
-        [0.0, 0.119, 0.0]
+        [-0.004, 0.082, 0.0]
         """
         return self._kernels.evaluate_quantity(dynamics.centre_of_mass_jacobian, q, parameters=parameters)
 
