@@ -82,7 +82,7 @@ class NotFiniteError(RneError, ValueError):
 
 
 class SingularMassMatrixError(RneError, LinAlgError):
-    """Forward dynamics of a state in which some combination of joint motions moves no inertia, or a negative one.
+    """M is singular in a state: some combination of joint motions moves no inertia, or a negative one.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class PrecisionWarning(UserWarning):
 
 
 class IdentificationWarning(UserWarning):
-    """An identification that does not explain the measured torques, or that a fault of the measurements spoils.
+    """The model does not explain the measured torques, or a fault of the measurements spoils the fit.
 
     Examples
     --------

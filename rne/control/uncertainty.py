@@ -26,7 +26,7 @@ MIXTURES = 16  # robots drawn for the bound of an uncertainty
 
 @dataclass(frozen=True, eq=False)
 class Cases:
-    """Robots that span a set of parameters, all mixtures of theirs; of `RobustPassive.cases` and `SlidingMode.cases`.
+    """Robots and all their mixtures, which a robust law takes as possible (`RobustPassive.cases`, `SlidingMode.cases`).
 
     Attributes
     ----------

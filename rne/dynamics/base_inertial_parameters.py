@@ -39,7 +39,7 @@ FLAT = 16  # entries of Phi or xi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BaseParameters(InNotebooks):
-    """The combinations of the standard parameters that torques depend on, one for each parameter that is kept.
+    """Combinations of the standard parameters that determine torques, each named after the parameter it keeps.
 
     Each is a kept parameter plus multiples of others that torques cannot tell from it. Those of each body are kept
     before those of the bodies that it carries, and the bodies' before those of drives. Y pi = (Y E) (B pi) in every
@@ -214,7 +214,7 @@ def base_parameters(
     drives: DriveModel | None = None,
     tolerance: float = 1e-9,
 ) -> BaseParameters:
-    """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
+    """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
 
     Gautier and Khalil 1990; Wensing, Niemeyer and Slotine 2024. They follow from the axes and places of the joints
     and the direction of gravity, not from its size, the masses or the limits. No states are sampled at random,

@@ -42,7 +42,7 @@ FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of t
 
 
 class Cause(NamedTuple):
-    """A change that explains part of the torques left unexplained by `rne.identify`, of `Identification.causes`.
+    """One of `Identification.causes`: a change that explains part of the torques left unexplained by `rne.identify`.
 
     Attributes
     ----------

@@ -358,7 +358,7 @@ class Excitation:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Limits of which the motion uses 97 % and more, such as "velocity of joint_2"."""
+        """Limits that the motion uses to 97 % or more, such as "velocity of joint_2"."""
         used = [(kind, k) for kind, use in self.limit_use.items() for k in np.flatnonzero(use > ACTIVE)]
         return tuple(f"{kind} of {self.robot.joint_names[k]}" for kind, k in used)
 

@@ -363,7 +363,7 @@ class Record:
         return prepare(self.name, self._screened, cutoff, decimation)
 
     def sweep(self, cutoffs: ArrayLike | None = None) -> tuple[Prepared, ...]:
-        """The record prepared with several cut-offs, to see how far what is fitted depends on the filter.
+        """The record prepared with several cut-offs, to see how much the filter changes a fit.
 
         Parameters
         ----------

@@ -106,12 +106,12 @@ class Identification:
 
     @property
     def delay(self) -> Array:
-        """By which torques of each record were measured later than positions, shape (records, n) [s]."""
+        """How much later than positions the torques of each record were measured, shape (records, n) [s]."""
         return self.data.delays
 
     @cached_property
     def doubt(self) -> str:
-        """Why the parameters should not be believed, the likeliest causes first; empty if nothing is found."""
+        """Reasons not to believe the parameters, the likeliest causes first; empty if there is none."""
         left = self.unexplained.in_motion
         names = self.initial.joint_names
         poor = [j for j in range(len(names)) if left[j] > UNEXPLAINED]
@@ -134,7 +134,7 @@ class Identification:
 
     @property
     def equations(self) -> Equations:
-        """What was fitted."""
+        """The equations that were fitted."""
         return self.data.fitted
 
     @property

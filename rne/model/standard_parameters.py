@@ -23,7 +23,7 @@ OF_MOTORS = ("Ia", "Fv", "Fc")  # symbols of coupled motors too
 
 @dataclass(frozen=True, eq=False)
 class DriveModel:
-    """Which torques of the drives are modelled beside those of the bodies; all are linear in their parameters.
+    """Torques of the drives that a fit includes: rotors, friction, offsets. All are linear in their parameters.
 
     Without arguments none is: torques are those of the bodies alone.
 

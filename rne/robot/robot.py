@@ -34,7 +34,7 @@ COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torqu
 
 
 class Robot(InNotebooks):
-    """A robot whose quantities are methods.
+    """A robot: its torques, accelerations, mass matrix, energies and their derivatives are methods.
 
     Arrays of joint values have shape (..., n): leading axes are independent states. All quantities are in SI units,
     angles in radians. The first call of a method for a single state runs the recursion; later calls and batches run its
@@ -585,7 +585,7 @@ class Robot(InNotebooks):
         return self._kernels.evaluate_quantity(dynamics.coriolis_matrix, q, qd, parameters=parameters)
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
-        """Exact derivatives of the inverse dynamics: of the traced program, without differences.
+        """Exact derivatives of the inverse dynamics, from the traced program.
 
         Parameters
         ----------
@@ -1035,7 +1035,7 @@ class Robot(InNotebooks):
         drives: DriveModel | None = None,
         tolerance: float = 1e-9,
     ) -> BaseParameters:
-        """The fewest combinations of inertial and drive parameters that joint torques depend on, by rules.
+        """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
 
         They follow from the axes and places of the joints and the direction of gravity: Gautier and Khalil 1990.
 

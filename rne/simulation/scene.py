@@ -82,7 +82,7 @@ class ResolvedScene:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot and what is modelled in addition to its rigid-body dynamics.
+    """A robot with all that a simulation models: payload, friction, limits, stops, a controller.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class Scene:
 
     @property
     def n(self) -> int:
-        """Number of joint coordinates that are left."""
+        """Number of joint coordinates, without locked joints."""
         return self.resolved.robot.n
 
     @cached_property
@@ -255,7 +255,7 @@ class Scene:
 
     @property
     def traced_samples(self) -> AppliedTorques | None:
-        """A controller that is sampled, where machine code can do it; traced anew if it has changed."""
+        """A sampled controller as machine code, where that is possible; traced anew if it has changed."""
         if self.sample_time is None or self.resolved.robot.engine != "numba":
             return None
         self._trace_anew()

@@ -190,7 +190,7 @@ class ModelComparison:
 
     @property
     def cause(self) -> str:
-        """The cause; of two that act together, both joined by "and"."""
+        """The cause; two that act together are joined by "and"."""
         return " and ".join(self.causes)
 
     def __repr__(self) -> str:

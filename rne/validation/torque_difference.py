@@ -27,7 +27,7 @@ Other = Robot | Callable[[Array, Array, Array], Any] | Sequence[Any]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A hypothesis on the difference between two models, of `ModelComparison.candidates`.
+    """A possible cause of the difference between two models, one of `ModelComparison.candidates`.
 
     Attributes
     ----------
