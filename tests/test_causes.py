@@ -104,6 +104,8 @@ def test_drives_that_were_declined_are_proposed():
     with pytest.warns(rne.IdentificationWarning, match="friction.* which was not asked for"):
         bare = identified(faults.clean, drives=rne.DriveModel())
     assert "friction" in bare.causes[0].kind
+    for count, words in ((1, "the likely cause: "), (2, "likely causes: ")):
+        assert words in dataclasses.replace(bare, causes=bare.causes[:count]).doubt
     with pytest.warns(rne.IdentificationWarning, match="a rotor.* which was not asked for"):
         assert identified(faults.clean, drives=FRICTION).causes[0].kind == "rotor"
 

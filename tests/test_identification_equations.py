@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 import rne
-from rne.identification.consistent import consistent_fit, geometric_prior, model_prior
+from rne.identification.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
 from rne.identification.equations import equations, joined
 from rne.identification.filtering import low_pass
 from rne.identification.least_squares import (
@@ -186,6 +186,18 @@ def test_bodies_that_are_too_thin_are_made_thicker():
     assert changed == (model.moving_joints[2],)
     assert (np.linalg.eigvalsh(prior) > 0).all()
     assert prior[2, 3, 3] == pytest.approx(1.01 * 5)  # with 1 % of a rod of its mass
+
+
+def test_expected_sizes_are_those_of_the_bodies_and_of_a_tenth_of_the_torque():
+    robot, rng = loaded("irb140"), np.random.default_rng(0)
+    base = robot.base_parameters(drives=rne.DriveModel(friction="viscous"))
+    q, qd, qdd = rng.uniform(-1, 1, (3, 60, 6))
+    Y = np.concatenate([robot.regressor(q, qd, qdd), base.standard.drive_columns(qd, qdd)], axis=-1)
+    tau, P = robot.inverse_dynamics(q, qd, qdd), pseudo_inertia(robot.parameters)
+    sizes, larger = (expected_sizes(k * P, base, compressed(Y, tau)) for k in (1, 4))
+    drives = np.array(base.independent) >= 60
+    np.testing.assert_allclose(larger[~drives], 4 * sizes[~drives])
+    np.testing.assert_allclose(sizes[drives], 0.1 * np.linalg.norm(tau, axis=0) / np.linalg.norm(qd, axis=0))
 
 
 def test_guess_of_bodies_has_a_total_mass_of_one():

@@ -276,6 +276,11 @@ def test_a_jump_cuts_the_record(true):
     assert len(measured.prepare(cutoff=5.0).segments) == 3
 
 
+def test_two_samples_between_gaps_are_a_segment_too_short(true):
+    measured = record(true, lost=[*range(900, 1000), *range(1002, 1100)], torque_noise=0.2)
+    assert any(note.startswith("1 segment, 2 samples in all, left out: ") for note in measured.prepare(5.0).notes)
+
+
 def test_a_gap_cuts_and_single_missing_samples_are_interpolated(true):
     measured = record(true, lost=[500, *range(1500, 1540), 3000, 3001], torque_noise=0.2)
     assert [str(finding) for finding in measured.findings] == [
@@ -447,6 +452,13 @@ def test_ten_samples_at_a_limit_make_one(samples, is_limit):
     x = np.sin(2 * np.pi * (np.arange(1000) + 0.3) / 1000)
     x = np.minimum(x, np.sort(x)[-samples])
     assert clipped(x, 0.0, np.ones(1000, bool), np.zeros(1000, bool)).sum() == samples * is_limit
+
+
+def test_single_samples_at_the_top_do_not_hide_that_a_plateau_is_quiet():
+    """A plateau of three samples and eight peaks that just touch it: what changes beside the peaks is not at the limit."""
+    x = 2 * np.abs((np.arange(1800) / 200 + 0.5) % 1 - 0.5)
+    x[99:102] = x[100]
+    assert clipped(x, 0.0, np.ones(1800, bool), np.zeros(1800, bool)).any()
 
 
 @pytest.mark.parametrize(("plateaus", "is_limit"), [(2, False), (3, True)])

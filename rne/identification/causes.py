@@ -263,7 +263,8 @@ class Log:
 
     def contacts(self) -> Iterator[Change]:
         """A force on the last link for a while."""
-        link = last_link(self.res.robot)
+        model = self.res.robot.model
+        link = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k == model.nb - 1][-1]
         force = self.res.columns(lambda g: np.swapaxes(self.res.robot.jacobian(g.q, link)[..., 3:, :], -1, -2))
         edges = np.quantile(self.place, np.linspace(0, 1, 2 * PLACES + 1))
         for a, width in ((a, w) for a in range(2 * PLACES) for w in WIDTHS if a + w <= 2 * PLACES):
@@ -343,12 +344,6 @@ def derivative_by(res: Residuals, cause: Cause) -> Array:
     j, vs = res.robot.joint_names.index(cause.joints[0]), cause.at
     size = res.x[res.standard.groups["Fs"].start + j]
     return np.asarray(size / vs * slope(lambda h: stribeck(res, j, (1 + h) * vs).columns))
-
-
-def last_link(robot: Robot) -> str:
-    """A link of the last body."""
-    links = zip(robot.model.link_names, robot.model.link_body, strict=True)
-    return [name for name, body in links if body == robot.model.nb - 1][-1]
 
 
 def anew(res: Residuals, kind: str, joints: tuple[str, ...], text: str, squares: Array, before: Array | None) -> Cause:

@@ -180,14 +180,9 @@ class Identification:
             raise IdentificationError(
                 f"least squares gave no possible bodies: fit with `consistent=True`; {error}"
             ) from None
-        rotors, damping, friction = (self._by_joint(symbol) for symbol in ("Ia", "Fv", "Fc"))
+        rotors, damping, friction = drives = np.zeros((3, model.nb))  # zero for joints that mimic others
+        drives[:, list(model.independent_joints)] = [self._of_drives(symbol) for symbol in ("Ia", "Fv", "Fc")]
         return Robot(replace(model, armature=rotors, damping=damping, friction=friction), self.initial.engine)
-
-    def _by_joint(self, symbol: str) -> Array:
-        """A parameter of drives with one entry per moving joint, zero for those that mimic others."""
-        values = np.zeros(self.initial.model.nb)
-        values[list(self.initial.model.independent_joints)] = self._of_drives(symbol)
-        return values
 
     @property
     def friction(self) -> Friction:
@@ -410,21 +405,17 @@ def bodies_text(found: Identification) -> str:
     bodies = found.parameters[found.standard.groups["bodies"]].reshape(-1, PARAMETERS)
     for name, body in zip(found.initial.model.moving_joints, bodies, strict=True):
         rows.append(Row(f"  {short(name)}", [f"{x:.4f}" for x in (body[0], *(body[1:4] / body[0]))]))
-    return "\n".join([*aligned(rows), closing(found)])
-
-
-def closing(found: Identification) -> str:
-    """What the bodies are worth."""
     values = found.base.back @ found.estimate.values, found.parameters
     sigma = believed_noise(found.equations, found.estimate.sigma)
     free, consistent = ((found.equations.residuals(x) / sigma**2).sum() for x in values)
     growth = float(np.sqrt(consistent / max(free, found.equations.rows.sum())))
-    if growth > WORSE:
-        return (
-            f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and "
-            "zeros of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`prior_std`)."
-        )
-    return (
+    worth = (
         "Torques do not determine single masses: of all bodies with the same base parameters, these are the nearest to "
         "the prior."
     )
+    if growth > WORSE:
+        worth = (
+            f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and "
+            "zeros of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`prior_std`)."
+        )
+    return "\n".join([*aligned(rows), worth])
