@@ -8,7 +8,8 @@ from scipy.linalg import expm
 
 import rne
 from benchmarks.random_robots import random_tree
-from rne.control.gains import SampledLoop, largest_over, proven_limit, random_configurations, workspace
+from rne.bounds.bounds import Bound, Bounds
+from rne.control.gains import SampledLoop, bounded, largest_over, random_configurations, workspace
 from rne.control.sampled_loop import CoupledModes, LinearLoop, first_unstable_time, gravity_modes, unstable_windows
 from rne.dynamics.rnea import gravity_torque
 from rne.model.builder import Part, assemble, pose
@@ -336,51 +337,67 @@ def test_the_rest_of_the_series_is_bounded():
         )
 
 
-class Interval:
-    """As bounds give it."""
-
-    def __init__(self, lower, upper):
-        self.lower, self.upper = lower, upper
-
-
-class Bounds:
-    """Proven bounds of a robot."""
-
-    def __init__(self, stiffness, inertia):
-        self.gravity_stiffness, self.mass_eigenvalues = Interval(0.0, stiffness), Interval(*inertia)
+def known(robot, stiffness, inertia):
+    """Bounds of a robot from numbers."""
+    bounds = [
+        Bound(np.array(low), np.array(high), np.array(high), np.zeros(1), 0.05) for low, high in (stiffness, inertia)
+    ]
+    full = {"lower": np.full(robot.n, -np.pi), "upper": np.full(robot.n, np.pi), "circle": np.full(robot.n, True)}
+    return Bounds(gravity_stiffness=bounds[0], mass_eigenvalues=bounds[1], joint_names=robot.joint_names, **full)
 
 
 def test_bounds_prove_the_limit_of_a_joint_and_what_gravity_needs():
-    """Of a pendulum that turns all the way round; with bounds twice as wide the limit is shorter, never longer."""
-    robot, stiffness, inertia = pendulum(np.pi)
+    """Of a pendulum that turns all the way round; the limit is shorter by no more than the bounds are wide."""
+    robot, stiffness, _ = pendulum(np.pi)
+    bounds = robot.bounds(quantities=["gravity_stiffness", "mass_eigenvalues"])
     for kp in (0.1, 0.9, 3.0, 30.0):
         searched = rne.check_gains(robot, kp * stiffness, 2.0)
-        proven, wide = (
-            rne.check_gains(robot, kp * stiffness, 2.0, bounds=Bounds(c * stiffness, [inertia / c, inertia * c]))
-            for c in (1, 2)
-        )
-        assert searched.proven == ()
-        assert proven.proven == ("beats_gravity", "sample_time_limit")
-        assert proven.sample_time_limit == pytest.approx(searched.sample_time_limit, rel=1e-6)
-        assert wide.sample_time_limit < proven.sample_time_limit
+        proven = rne.check_gains(robot, kp * stiffness, 2.0, bounds=bounds)
+        assert (searched.proven, proven.proven) == ((), ("beats_gravity", "sample_time_limit"))
+        assert 0.9 <= proven.sample_time_limit / searched.sample_time_limit <= 1 + 1e-9
         assert proven.beats_gravity is (kp > 1)
-        assert proven.gravity_stiffness == stiffness
+        assert proven.gravity_stiffness == bounds.gravity_stiffness.upper
 
 
 def test_the_worst_corner_of_inertia_and_stiffness_is_the_worst_within():
     rng = np.random.default_rng(0)
+    robot = pendulum(np.pi)[0]
     for _ in range(50):
-        k, m = 10 ** rng.uniform(-1, 2), 10 ** rng.uniform(-1, 1, 2)
+        k, (low, high) = 10 ** rng.uniform(-1, 2), np.sort(10 ** rng.uniform(-1, 1, 2))
         kp, kd = k * 10 ** rng.uniform(-2, 2, (1,)), 10 ** rng.uniform(-2, 1, (1,))
-        limit = proven_limit(kp, kd, Bounds(k, np.sort(m)))
-        within = rng.uniform(*np.sort(m), 200)
+        bounds = known(robot, (0, k), ([low, low], [high, high]))
+        limit = bounded(robot, kp, kd, bounds, np.inf)[1]
+        within = rng.uniform(low, high, 200)
         assert first_unstable_time(rng.uniform(-k, k, 200) / within, kp / within, kd / within).min() >= limit * (
             1 - 1e-12
         )
 
 
+def test_a_bound_that_was_not_found_proves_nothing_stable():
+    robot = pendulum(np.pi)[0]
+    for stiffness, least in ((np.inf, 0.5), (10.0, 0.0)):
+        bounds = known(robot, (0.0, stiffness), ([least, least], [0.6, 0.6]))
+        assert rne.check_gains(robot, 50.0, 2.0, bounds=bounds).sample_time_limit == 0
+
+
 def test_bounds_of_an_arm_prove_what_gravity_needs_alone(planar):
-    assert rne.check_gains(planar, 100.0, 10.0, bounds=Bounds(99.0, [0.1, 10.0])).proven == ("beats_gravity",)
+    bounds = planar.bounds("limits", quantities=["gravity_stiffness"])
+    assert rne.check_gains(planar, 100.0, 10.0, bounds=bounds).proven == ("beats_gravity",)
+
+
+def test_bounds_of_another_robot_or_of_a_part_of_the_workspace_are_refused(planar):
+    robot = pendulum(np.pi)[0]
+    text = "`bounds` must be of the robot, with the joints joint0, joint1; got those of one with pivot"
+    with pytest.raises(ValueError, match=f"^{text}$"):
+        rne.check_gains(planar, 1.0, 1.0, bounds=robot.bounds(quantities=["gravity_stiffness"]))
+    for bounds in (
+        planar.bounds(([-1, -1], [1, 1]), quantities=["gravity_stiffness"]),
+        planar.bounds(quantities=["mass_eigenvalues"]),
+    ):
+        with pytest.raises(
+            ValueError, match=r"^`bounds` must have the gravity_stiffness, and for all positions of the work"
+        ):
+            rne.check_gains(planar, 1.0, 1.0, bounds=bounds)
 
 
 def test_one_configuration_is_examined_alone_and_proven(planar):

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
-from ..basics.text import summary
+from ..basics.text import listed, summary
 from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 from .laws import checked_vectors
 from .sampled_loop import LinearLoop, Window, first_unstable_time, gravity_modes, step_matrix
 
+if TYPE_CHECKING:
+    from ..bounds.bounds import Bounds
+
 SAMPLES, REFINED = 2048, 4  # configurations that are drawn, and the best of them that are refined
 SWEPT = np.append(np.arange(1, 16) / 16, 1 - 0.5 ** np.arange(5, 13))  # of the limit: times tried with some
-LONGEST = 1.25  # of the horizon of a loop: sample times that are examined
-ROUNDS = 40  # of lowering the sample time and searching again
+LONGEST, ROUNDS = 1.25, 40  # sample times examined, of a loop's horizon; lowering the sample time and searching again
 BOTH = "beats_gravity", "sample_time_limit"  # results that bounds may prove
 FREE = np.pi  # range of a coordinate without limits: -pi to pi [rad or m]
 
@@ -97,7 +99,7 @@ def check_gains(
     *,
     q: ArrayLike | None = None,
     max_sample_time: float | None = None,
-    bounds: Any = None,
+    bounds: Bounds | None = None,
 ) -> Gains:
     """Stability of PD gains over a robot's workspace, continuous or sampled.
 
@@ -113,9 +115,8 @@ def check_gains(
         The only configuration to examine, instead of the workspace [rad or m].
     max_sample_time : float, optional
         End of the `windows` [s]; by default somewhat beyond the limit.
-    bounds : object, optional
-        Proven bounds over the workspace: attributes `gravity_stiffness`, of the norm of dg/dq, and `mass_eigenvalues`,
-        of M, each with `lower` and `upper`.
+    bounds : Bounds, optional
+        Of `Robot.bounds`: its `gravity_stiffness` and, for one joint, its `mass_eigenvalues`.
 
     Returns
     -------
@@ -133,18 +134,15 @@ def check_gains(
     -----
     With gravity compensated, M qdd = -Kp e - Kd qd near a reference, e = q - q_ref. Evaluated continuously this loop is
     stable for all positive gains; for Kd = 0 its energy is conserved, which is marginal, not stable. Evaluated every T
-    and held, it is the linear map of (e, qd) from sample to sample, in which the compensated gravity is held too: exact
-    but for terms of second order. For Kd = 0 it is unstable where Kp - dg/dq is positive definite, and stable but for
-    single T where dg/dq - Kp is.
+    and held, gravity's compensation too, it is a linear map of (e, qd), exact but for terms of second order. For Kd = 0
+    it is unstable where Kp - dg/dq is positive definite, and stable but for single T where dg/dq - Kp is.
 
-    For one configuration the verdicts are certain, to rounding: in closed form for one joint and for modes that gains
-    do not couple; otherwise intervals of T are proven stable or unstable, and what is neither, mostly 1e-10 of T at a
-    boundary, is undecided and not called stable. The limit of several joints is at most 1.25 times the smaller of 2
-    over the largest mode and half of gravity's shortest period.
-
-    Over the workspace the limit is a search: random configurations within the joints' limits (seeded), the worst of
-    them refined by L-BFGS-B. `bounds` prove the comparison with gravity's stiffness and, for one joint, the limit.
-    Åström and Wittenmark 1997, Computer-Controlled Systems, sections 2.3 and 3.2.
+    For one configuration verdicts are certain, to rounding: in closed form for one joint and where gains do not couple
+    modes; otherwise intervals of T are proven stable or unstable, and what is neither, mostly 1e-10 of T at a boundary,
+    is undecided and not called stable. The limit of several joints is at most 1.25 times the smaller of 2 over the
+    largest mode and half of gravity's shortest period. Over the workspace it is a search: random configurations within
+    the joints' limits (seeded), the worst of them refined by L-BFGS-B. `bounds` prove the comparison with gravity's
+    stiffness and, for one joint, the limit. Åström and Wittenmark 1997, Computer-Controlled Systems, sections 2.3, 3.2.
 
     Examples
     --------
@@ -154,9 +152,8 @@ def check_gains(
     (1.308, True)
     """
     p, d = (checked_vectors(robot, sign="positive", kp=kp)[0], checked_vectors(robot, sign="not negative", kd=kd)[0])
-    for name, value in (("sample_time", sample_time), ("max_sample_time", max_sample_time)):
-        if value is not None:
-            positive_number(name, value)
+    positive_number("sample_time", 1.0 if sample_time is None else sample_time)
+    positive_number("max_sample_time", 1.0 if max_sample_time is None else max_sample_time)
     n = robot.n
     if n == 0:
         stable = None if sample_time is None else True
@@ -175,19 +172,27 @@ def check_gains(
     limit, limit_q = loop.limit(worst, *space)
     proven = BOTH[: 0 if q is None else 2]
     if bounds is not None and q is None:
-        stiffness, proven = float(bounds.gravity_stiffness.upper), BOTH[: 2 if n == 1 else 1]
-        limit = min(limit, proven_limit(p, d, bounds)) if n == 1 else limit
+        stiffness, limit, proven = bounded(robot, p, d, bounds, limit)
     there, pole = LinearLoop(*loop.modes(limit_q)), float(-np.linalg.eigvals(A).real.min())
     windows = tuple(there.windows(max_sample_time or LONGEST * max(there.horizon, limit)))
     beats, stable = bool(p.min() > stiffness), None if sample_time is None else bool(sample_time < limit)
     return Gains(largest, worst, pole, limit, limit_q, windows, stiffness, beats, proven, sample_time, stable)
 
 
-def proven_limit(kp: Array, kd: Array, bounds: Any) -> float:
-    """Limit of one joint: corners are worst, for conditions concave in the stiffness and monotone in the inertia."""
-    k, inertia = bounds.gravity_stiffness.upper, bounds.mass_eigenvalues
-    m = np.array([[inertia.lower], [inertia.upper]])
-    return float(first_unstable_time(np.array([-k, 0.0, k]) / m, kp / m, kd / m).min())
+def bounded(robot: Robot, kp: Array, kd: Array, bounds: Bounds, limit: float) -> tuple[float, float, tuple[str, ...]]:
+    """Gravity's stiffness, the limit, and what bounds prove of both; where one was not found, nothing is stable."""
+    if bounds.joint_names != robot.joint_names:
+        names = (listed(x.joint_names) for x in (bounds, robot))
+        raise ValueError("`bounds` must be of the robot, with the joints {1}; got those of one with {0}".format(*names))
+    gravity, inertia, (lower, upper) = bounds.gravity_stiffness, bounds.mass_eigenvalues, workspace(robot)
+    if gravity is None or not (bounds.circle | (bounds.lower <= lower) & (upper <= bounds.upper)).all():
+        raise ValueError("`bounds` must have the gravity_stiffness, and for all positions of the workspace")
+    if robot.n > 1 or inertia is None:
+        return float(gravity.upper), limit, BOTH[:1]
+    with np.errstate(divide="ignore", invalid="ignore"):  # concave in stiffness, monotone in inertia: corners are worst
+        m = np.array([[inertia.lower[0]], [inertia.upper[1]]])
+        first = first_unstable_time(gravity.upper * np.array([-1, 0, 1]) / m, kp / m, kd / m)
+    return float(gravity.upper), float(np.minimum(limit, np.nan_to_num(first).min())), BOTH
 
 
 def inverse_mass_matrix(robot: Robot, q: Array) -> Array:
@@ -238,22 +243,20 @@ class SampledLoop:
 
     def radius(self, q: Array, T: float | Array) -> Array:
         """Spectral radius of the map from sample to sample, for configurations q, shape (...)."""
-        modes = self.modes(q)
-        change, _ = step_matrix(*modes, np.broadcast_to(T, np.broadcast_shapes(modes[0].shape[:-1], np.shape(T))))
+        change, _ = step_matrix(*self.modes(q), np.asarray(T))
         return np.asarray(np.abs(1 + np.linalg.eigvals(change)).max(axis=-1))
 
     def limit(self, start: Array, lower: Array, upper: Array) -> tuple[float, Array]:
         """The smallest sample time that is not proven stable in `start` or another configuration, and where."""
-        if self.robot.n == 1:
-
-            def first(q: Array) -> Array:
-                return first_unstable_time(*(X.reshape(q.shape[:-1]) for X in self.modes(q)))
-
-            unit = float(first(start)) or 1.0
-            value, where = largest_over(lambda q: -first(q) / unit, lower, upper)
-            return -value * unit, where
         loop, where = LinearLoop(*self.modes(start)), start
         T = loop.first_unstable(LONGEST * loop.horizon)
+        if self.robot.n == 1:
+
+            def part(q: Array) -> Array:
+                return -first_unstable_time(*(X.reshape(q.shape[:-1]) for X in self.modes(q))) / (T or 1.0)
+
+            value, where = largest_over(part, lower, upper)
+            return -value * (T or 1.0), where
         drawn = np.concatenate([start[None], random_configurations(lower, upper)])
         for _ in range(ROUNDS):
             found = self.unstable_configuration(drawn, T, lower, upper) if T > 0 else None

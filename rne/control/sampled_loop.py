@@ -20,8 +20,7 @@ PARTS, INTERVALS = 4, 4000  # an undecided interval is cut in so many; so many a
 REDUCED = 0.3  # of a gap between eigenvalues: larger couplings are not transformed away
 CLOSE = 0.1  # of their size: eigenvectors of closer eigenvalues may be nearly parallel and are made orthonormal
 LARGEST_GROWTH = 100.0  # of an inverted pendulum over one sample, exp(100): longer sample times are undecided
-ROUNDING = 16 * float(np.finfo(float).eps)
-NONE = np.empty((0, 2))  # no windows
+ROUNDING, NONE = 16 * float(np.finfo(float).eps), np.empty((0, 2))  # no windows
 
 
 class Window(NamedTuple):
@@ -100,9 +99,8 @@ class LinearLoop:
             begun, ended = np.sort(windows, axis=0).T
             verdict[np.searchsorted(begun, T, side="right") > np.searchsorted(ended, T, side="left")] = name
         first = np.flatnonzero(np.append(True, verdict[1:] != verdict[:-1]))
-        last = np.append(first[1:] - 1, len(T) - 1)
-        rows = zip(edges[first // 2].tolist(), edges[(last + 1) // 2].tolist(), verdict[first].tolist(), strict=True)
-        return [Window(*row) for row in rows]
+        rows = edges[first // 2], edges[np.append(first[1:], len(T)) // 2], verdict[first]
+        return [Window(*row) for row in zip(*(x.tolist() for x in rows), strict=True)]
 
     def first_unstable(self, upto: float) -> float:
         """The largest sample time up to `upto` below which all are proven stable."""
@@ -113,10 +111,9 @@ class LinearLoop:
 class CoupledModes:
     """Modes that gains couple: proofs that the number of unstable eigenvalues is constant over intervals of T.
 
-    Two facts: with F and A above, dPhi/dT = exp(F T) A, so that Taylor's series about the middle of an interval has
-    known terms and a known remainder; and diag(z) + R has no eigenvalue on the unit circle if |R_ij| / g_j, with g_j at
-    most the distance of z_j from the circle, is a matrix of spectral radius below 1 (diagonal dominance; Horn and
-    Johnson 2013, section 6.1). R is made small by following the eigenvectors from the middle to first order.
+    As dPhi/dT = exp(F T) A, Taylor's series about the middle of an interval has known terms and a known remainder; and
+    diag(z) + R has no eigenvalue on the unit circle if |R_ij| / g_j, with g_j at most the distance of z_j from it, has
+    a spectral radius below 1 (Horn and Johnson 2013, section 6.1). Eigenvectors are followed to first order.
     """
 
     def __init__(self, w: Array, P: Array, D: Array) -> None:
