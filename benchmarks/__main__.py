@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from datetime import date
 from typing import Any
 
 from benchmarks import (
@@ -37,10 +38,10 @@ CHARTS: dict[str, tuple[Any, Any]] = {
 
 
 def about(refused: dict[str, dict[str, str]]) -> str:
-    """Processor, versions, and which peers are left out."""
+    """Day, processor, versions, and which peers are left out."""
     found = machine() | versions()
     packages = ", ".join(f"{name} {value}" for name, value in found.items() if name not in ("cpu", "cores"))
-    lines = [f"- {found['cpu']}, {found['cores']} cores, one thread per call; {packages}."]
+    lines = [f"- {date.today()}: {found['cpu']}, {found['cores']} cores, one thread per call; {packages}."]
     missing = engines_left_out() | left_out()
     lines += [f"- {name} is left out: {reason}." for name, reason in missing.items()]
     lines += [
