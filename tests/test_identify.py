@@ -134,6 +134,8 @@ def test_bodies_are_physically_consistent_and_predict_as_well(found):
     free, consistent = ((found.equations.residuals(x) / found.estimate.sigma**2).sum() for x in values)
     assert free < consistent < 1.1 * free
     assert (np.array(found.robot.model.mass) > 0).all()
+    title, first = re.search(r"^(bodies .*)\n(.*)$", found.report(), re.MULTILINE).groups()
+    assert title.index("mass [kg]") + len("mass [kg]") == re.search(r"\d+\.\d{4}", first).end()
 
 
 def test_held_out_errors_are_those_of_fits_without_the_block(scene, motions):
