@@ -7,7 +7,7 @@ import pytest
 
 import rne
 from rne.bounds.bounds import QUANTITIES, Terms
-from rne.bounds.criteria import Coriolis, InverseOfLeastEigenvalue, Norm, positive_definite
+from rne.bounds.criteria import Coriolis, LargestOfInverse, Norm, positive_definite
 from rne.bounds.polynomials import box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
@@ -58,7 +58,7 @@ def irb140():
 
 @pytest.fixture(scope="module")
 def of_irb140(irb140):
-    return irb140.bounds(rates=RATES, accelerations=ACCELERATIONS, tolerance=0.1)
+    return irb140.bounds(rates=RATES, accelerations=ACCELERATIONS, tolerance=0.15)
 
 
 def test_a_pendulum_has_its_closed_form():
@@ -185,7 +185,7 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
     M = terms.of(rne.dynamics.mass_matrix, 2)
     c = rng.normal(size=(5, 2, 2)) + 1j * rng.normal(size=(5, 2, 2))
     M = replace(M, coefficients=c + c.swapaxes(1, 2))
-    for criterion in (Norm(M), InverseOfLeastEigenvalue(M, rng.uniform(-3, 3, (9, 2)))):
+    for criterion in (Norm(M), LargestOfInverse(M, rng.uniform(-3, 3, (9, 2)), np.eye(2))):
         for phase in np.linspace(0, 2 * np.pi, 50):
             real = (np.exp(1j * phase) * M.coefficients).real
             assert np.linalg.eigvalsh(criterion.modes - real).min() > -1e-12
@@ -246,7 +246,7 @@ def test_joints_that_mimic_follow_their_driver(robot, positions):
 
 def test_ranges_of_masses_have_their_extremes_at_the_ends(irb140):
     wanted = ["gravity_torque", "mass_eigenvalues"]
-    options = {"quantities": wanted, "tolerance": 0.2}
+    options = {"quantities": wanted, "tolerance": 0.5}
     found = irb140.bounds(payload=(0, 3), masses={"link_2": (20, 24)}, **options)
     heavy = irb140.with_payload(3.0)
     m = heavy.model

@@ -199,10 +199,20 @@ def test_defaults_of_the_uncertainty_bound():
     assert bound_of_sliders(1.0, (1, 3), seed=1) != bound_of_sliders(1.0, (1, 3))
 
 
-def test_bounds_of_inertias_of_a_mass_are_exact_but_for_the_margin():
+def test_bounds_of_inertias_of_a_mass_are_exact_but_for_the_margin_of_the_inverse():
     largest, inverse = checked_cases([slider(1.0), slider(4.0)]).inertia_bounds(np.array([0.5]))
-    assert largest == pytest.approx(1.1 * 4.0 * 0.25)
+    assert largest == pytest.approx(4.0 * 0.25)
     assert inverse == pytest.approx(1.1 / 1.0)
+
+
+def test_bounds_of_inertias_hold_for_every_mixture():
+    arm, D = rne.load("irb140"), np.array([1.0, 1, 1, 3, 3, 9])
+    largest, inverse = checked_cases([arm, arm.with_payload(3.0)]).inertia_bounds(D)
+    q = np.random.default_rng(3).uniform(arm.lower, arm.upper, (3000, 6))
+    for mass in (0.0, 1.0, 3.0):
+        M = arm.with_payload(mass).mass_matrix(q)
+        assert np.linalg.eigvalsh(M * np.outer(D, D)).max() <= largest
+        assert (np.diagonal(np.linalg.inv(M), axis1=1, axis2=2) <= inverse).all()
 
 
 def test_error_bounds_of_a_mass_are_those_of_the_formulas():
@@ -212,8 +222,8 @@ def test_error_bounds_of_a_mass_are_those_of_the_formulas():
     sliding = rne.control.sliding_mode(cases, 4.0, 0.5, uniform)
     assert robust.error_bound == pytest.approx(0.5 / 4.0)
     assert passive.rms_bound == pytest.approx(0.1 / 4.0)
-    assert passive.error_bound == pytest.approx(np.sqrt(1.1 * 4 / 9 * 0.36 / 4 * 1.1) / 4.0)
-    assert sliding.error_bound == pytest.approx(np.sqrt(1.1 * 4 * 0.25 * 1.1) / 4.0)
+    assert passive.error_bound == pytest.approx(np.sqrt(4 / 9 * 0.36 / 4 * 1.1) / 4.0)
+    assert sliding.error_bound == pytest.approx(np.sqrt(4 * 0.25 * 1.1) / 4.0)
     assert sliding.reaching == 1.0
 
 

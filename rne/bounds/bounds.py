@@ -19,7 +19,7 @@ from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
 from .branch_and_bound import Extreme, largest
-from .criteria import Coriolis, Criterion, InverseOfLeastEigenvalue, Modulus, Norm, Torque
+from .criteria import Coriolis, Criterion, LargestOfInverse, Modulus, Norm, Torque
 from .polynomials import Box, Polynomial, box_argument, independent, polynomial
 
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
@@ -238,6 +238,7 @@ class Terms:
         model = cache.model
         self.box, self.engine = box, cache.engine
         self.free = KernelCache(independent(model), cache.engine) if model.has_mimics else cache
+        self.samples = np.random.default_rng(4).uniform(box.lower, box.upper, (SAMPLES, model.n))
 
     def of(self, function: Any, degree: int, *wrt: str) -> Polynomial:
         """A quantity of joints as one of coordinates: each index by G of q_joints = G q + offset."""
@@ -286,9 +287,8 @@ def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolera
             [Modulus(entry(M, *ij)) for ij in zip(i.tolist(), j.tolist(), strict=True)], box, tolerance, end
         )
         return as_bound([found[k] for k in place.ravel()], (n, n), tolerance)
-    samples = np.random.default_rng(4).uniform(box.lower, box.upper, (SAMPLES, n))
     high = largest(Norm(M), box, tolerance, budget / 2)
-    low = largest(InverseOfLeastEigenvalue(M, samples), box, tolerance, end - time.monotonic())
+    low = largest(LargestOfInverse(M, terms.samples, np.eye(n)), box, tolerance, end - time.monotonic())
     inverse = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
     return as_bound([inverse, high], (2,), tolerance)
 
@@ -331,7 +331,7 @@ def in_turns(
     criteria: Sequence[Criterion], box: Box, tolerance: float, end: float, known: Sequence[Extreme] = ()
 ) -> list[Extreme]:
     """The largest values, each with its share of the time left; what is not tight then once more."""
-    negligible = NEGLIGIBLE * max(c.size for c in criteria)
+    negligible = NEGLIGIBLE * max([c.size for c in criteria if np.isfinite(c.size)], default=0.0)
     found = dict(enumerate(known))
     for _ in range(2):
         untight = [
@@ -345,6 +345,24 @@ def in_turns(
                 again = largest(criteria[k], box, tolerance, share, negligible)
                 found[k] = min(again, found.get(k, again), key=lambda extreme: extreme.upper)
     return [found[k] for k in range(len(criteria))]
+
+
+def inertia_extremes(
+    models: Sequence[Model], box: Box, engine: str, scale: Array, tolerance: float, seconds: float
+) -> list[Extreme]:
+    """The largest eigenvalue of D M D, D = diag(scale), and each diagonal entry of M^-1, of models and mixtures.
+
+    All are convex in M, so that the models suffice.
+    """
+    found = []
+    for model in models:
+        own, n = replace(box, model=model), len(scale)
+        terms = Terms(KernelCache(model, engine), own)
+        M = terms.of(dynamics.mass_matrix, 2)
+        inverses = [LargestOfInverse(M, terms.samples, np.outer(e, e)) for e in np.eye(n)]
+        criteria = [Norm(M.mapped(lambda x: x * np.outer(scale, scale))), *inverses]
+        found.append(in_turns(criteria, own, tolerance, time.monotonic() + seconds / len(models)))
+    return [max(extremes, key=lambda extreme: extreme.upper) for extremes in zip(*found, strict=True)]
 
 
 def as_bound(found: Sequence[Extreme], shape: tuple[int, ...], tolerance: float) -> Bound:

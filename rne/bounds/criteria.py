@@ -118,20 +118,26 @@ class Norm(Criterion):
 
 
 @dataclass
-class InverseOfLeastEigenvalue(Norm):
-    """1 / the least eigenvalue of M. Slacks are relative to the harmonic mean of M(samples): small where M is."""
+class LargestOfInverse(Norm):
+    """The largest w^T M^-1 w of unit vectors w that a projection P keeps: 1 / the least eigenvalue of M for P = 1.
+
+    It is at most t where M - P / t is positive definite. Slacks are relative to the harmonic mean of M(samples): small
+    where M is.
+    """
 
     samples: Array
+    projection: Array
     size = np.inf
 
     def rounding(self, value: float) -> float:
         return ROUNDING * value**2 * float(np.linalg.eigvalsh(self.modes.sum(axis=0))[-1])
 
     def values(self, q: Array) -> Array:
-        return np.asarray(1 / np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, 0])
+        inverse = self.projection @ np.linalg.inv(self.polynomial.evaluate(q)) @ self.projection
+        return np.asarray(np.linalg.eigvalsh(inverse)[:, -1])
 
     def holds(self, q: Array, target: float, slack: Array) -> Array:
-        return positive_definite(self.polynomial.evaluate(q) - (slack + np.eye(len(slack)) / target))
+        return positive_definite(self.polynomial.evaluate(q) - (slack + self.projection / target))
 
     def scale(self) -> Array:
         inverse = np.linalg.inv(self.polynomial.evaluate(self.samples)).mean(axis=0)

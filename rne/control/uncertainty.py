@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import is_equal, positive_number, whole_number
 from ..basics.spatial import Array
 from ..robot import Robot
-from .gains import inverse_mass_matrix, random_configurations, workspace
+from .gains import workspace
 from .laws import checked_vectors
 from .reference import Reference, check_reference, reference_values
 
-MARGIN = 1.1  # on bounds found by sampling
+MARGIN = 1.1  # on the largest values found
+SECONDS = 3.0  # for proofs
 SHARED = (  # fields of a Model in which all cases agree
     *("moving_joints", "joint_types", "parent", "axis", "rotation", "translation", "joint_origin"),
     *("gravity", "armature", "coordinate", "multiplier", "offset"),
@@ -65,16 +66,19 @@ class Cases:
         return np.asarray(size * U[:, :k] * singular[:k] * radius)
 
     def inertia_bounds(self, scale: Array) -> tuple[float, Array]:
-        """Largest eigenvalue of D M D, D = diag(scale), and largest diagonal entries of M^-1, by sampling.
+        """Bounds of the eigenvalues of D M D, D = diag(scale), and of the diagonal entries of M^-1, over the workspace.
 
-        Both are convex in the parameters, so that the cases suffice; a margin covers what lies between the samples.
+        Proven where that succeeds within `MARGIN` of the values attained and in `SECONDS`; otherwise what a search
+        attains, times `MARGIN`, which is an assumption.
         """
-        q = random_configurations(*workspace(self.centre))
-        M = np.concatenate([robot.mass_matrix(q) for robot in self.robots])
-        largest = np.linalg.eigvalsh(M * np.outer(scale, scale))[:, -1].max()
-        inverses = np.concatenate([inverse_mass_matrix(robot, q) for robot in self.robots])
-        inverse = np.diagonal(inverses, axis1=-2, axis2=-1).max(axis=0)
-        return MARGIN * float(largest), MARGIN * inverse
+        from ..bounds.bounds import inertia_extremes
+        from ..bounds.polynomials import box_argument
+
+        model = self.centre.model
+        box, models = box_argument(model, workspace(self.centre)), [robot.model for robot in self.robots]
+        found = inertia_extremes(models, box, self.centre.engine, scale, MARGIN - 1, SECONDS)
+        bounds = np.array([min(extreme.upper, MARGIN * extreme.attained) for extreme in found])
+        return float(bounds[0]), bounds[1:]
 
 
 def checked_cases(cases: Sequence[Robot]) -> Cases:
