@@ -1,9 +1,31 @@
-"""Reference motions: functions of time that return (q, qd, qdd), from rest to rest or through samples."""
+"""Reference motions: functions of time that return (q, qd, qdd), from rest to rest, through samples, or along paths."""
 
+from typing import TYPE_CHECKING
+
+from ..basics.first_use import on_first_use
 from .csv_file import Samples, read_csv
+from .paths import Path, through
 from .profiles import Quintic, Spline, Trapezoidal, quintic, spline, trapezoidal
 
-__all__ = ["Quintic", "Samples", "Spline", "Trapezoidal", "quintic", "read_csv", "spline", "trapezoidal"]
+if TYPE_CHECKING:
+    from .time_optimal import FastestMotion, fastest
+else:
+    __getattr__ = on_first_use(__name__, {"time_optimal": "FastestMotion fastest"})
+
+__all__ = [
+    "FastestMotion",
+    "Path",
+    "Quintic",
+    "Samples",
+    "Spline",
+    "Trapezoidal",
+    "fastest",
+    "quintic",
+    "read_csv",
+    "spline",
+    "through",
+    "trapezoidal",
+]
 
 
 def __dir__() -> list[str]:

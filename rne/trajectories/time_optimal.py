@@ -1,0 +1,587 @@
+"""The fastest motion along a path, under limits of torques, velocities and accelerations.
+
+Along a path q(s), with u = s'' and x = s'^2 of the motion s(t), velocities and accelerations are
+
+    qd = q'(s) sqrt(x),  qdd = q'(s) u + q''(s) x,  so that  tau = a(s) u + b(s) x + c(s) + friction
+
+(Bobrow, Dubowsky and Gibson 1985, (8)). At each point of a grid every limit is a pair of inequalities, linear in u and
+x; the library toppra finds the largest x that keeps them all (Pham and Pham 2018). Coulomb friction belongs to c: its
+sign is that of q'(s). Viscous friction grows with sqrt(x), which is replaced by its tangent at the last solution until
+they agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import positive_number
+from ..basics.spatial import Array
+from ..basics.text import Row, aligned, listed, short
+from ..robot import Robot
+from ..robot.robot import robot_argument
+from ..simulation.friction import Friction
+from ..simulation.scene import Payload, Scene
+from .paths import Path, through
+from .profiles import _ReferenceMotion, is_traced
+
+GRID = 300  # intervals of a piece at first
+ACCURACY = 5e-4  # of a limit: by so much it may be exceeded between grid points before they are set closer
+UNUSED = 0.005  # of a limit: a gap to every limit above which grid points are set closer
+CLOSER, ROUNDS = 16, 5  # parts of an interval around a switch between limits, times that the grid is refined
+SHORTEST = 5e-5  # of the duration: intervals that are divided are longer
+AGREE = 3e-4  # of a limit: between viscous friction and its tangent
+PASSES = 30  # of viscous friction, and of the smoothing
+SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
+AT_LIMIT = 0.99  # share of a limit from which it counts as used
+MILLISECOND = 1e-3  # over which steps of torques and accelerations are told
+
+
+@dataclass(frozen=True, eq=False)
+class _Limits:
+    """What binds a motion: finite limits of torques and accelerations are rows, those of velocities are bounds of x."""
+
+    scene: Scene
+    names: tuple[str, ...]
+    effort: Array
+    acceleration: Array
+    velocity: Array
+
+    @property
+    def robot(self) -> Robot:
+        return self.scene.resolved.robot
+
+    @property
+    def friction(self) -> Friction:
+        return self.scene.resolved.friction or Friction()
+
+    def rows(self, torque: Array, acceleration: Array) -> Array:
+        """Torques and accelerations over their limits, those that have one."""
+        bounded = (np.isfinite(self.effort), np.isfinite(self.acceleration))
+        parts = (torque / self.effort, acceleration / self.acceleration)
+        return np.concatenate([x[..., kind] for x, kind in zip(parts, bounded, strict=True)], axis=-1)
+
+    def row_name(self, row: int) -> tuple[str, str, float]:
+        """Joint, quantity and limit of a row."""
+        driven, limited = np.flatnonzero(np.isfinite(self.effort)), np.flatnonzero(np.isfinite(self.acceleration))
+        if row < len(driven):
+            return self.names[driven[row]], "torque", float(self.effort[driven[row]])
+        k = limited[row - len(driven)]
+        return self.names[k], "acceleration", float(self.acceleration[k])
+
+    def use(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
+        """Shares of the limits: of torques and accelerations (..., rows), of velocities (..., n)."""
+        return self.rows(self.scene.inverse_dynamics(q, qd, qdd), qdd), np.abs(qd) / self.velocity
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A path between two stops, with the limits."""
+
+    limits: _Limits
+    path: Path
+    index: int
+
+    def derivatives(self, s: Array) -> tuple[Array, Array, Array]:
+        """q, q' and q'' at parameters."""
+        curve = self.path.pieces[self.index]
+        q, d1, d2 = (np.asarray(curve(s, order)) for order in range(3))
+        return q, d1, d2
+
+    @cached_property
+    def first_grid(self) -> Array:
+        """Intervals of about equal time, the via points, and where a joint turns and its friction changes its sign."""
+        curve = self.path.pieces[self.index]
+        turns = [r[(r > 0) & (r < 1)] for r in curve.derivative().roots(extrapolate=False)]
+        grid = np.unique(np.concatenate([(1 - np.cos(np.linspace(0, np.pi, GRID + 1))) / 2, curve.x, *turns]))
+        return np.asarray(grid[np.concatenate([[True], np.diff(grid) > 1e-7])])
+
+    def coefficients(self, grid: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """a, b, c and viscous friction v over the limits at both ends of each interval (2, N, rows), and the largest x.
+
+        By one call of the inverse dynamics for all: c = ID(q, 0, 0), a = ID(q, 0, q') - c, b = ID(q, q', q'') - c.
+        """
+        limits, rows = self.limits, self.limits.rows
+        q, d1, d2 = self.derivatives(grid)
+        zero = np.zeros_like(q)
+        states = (np.stack(x) for x in ((q, q, q), (zero, zero, d1), (zero, d1, d2)))
+        c, ac, bc = limits.robot.inverse_dynamics(*states)
+        inside = self.derivatives((grid[1:] + grid[:-1]) / 2)[1]  # q' does not change its sign between grid points
+        ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c, zero))]
+        a, b, c = (np.stack([x[:-1], x[1:]]) for x in ends)
+        nothing = np.zeros_like(inside)
+        c = c + rows(limits.friction.coulomb_torque(inside), nothing)
+        sign = np.sign(inside)
+        v = [rows(limits.friction.viscous_torque(sign * np.abs(slope)), nothing) for slope in (d1[:-1], d1[1:])]
+        with np.errstate(divide="ignore"):
+            largest = 1 / np.max((d1 / limits.velocity) ** 2, axis=1)
+        return a, b, c, np.stack(v), largest
+
+
+def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
+    """x at the grid points of the fastest motion from rest to rest, None if toppra finds none.
+
+    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1.
+    """
+    from toppra.algorithm import TOPPRA
+    from toppra.constraint import LinearConstraint
+    from toppra.interpolator import AbstractGeometricPath
+
+    with np.errstate(divide="ignore"):
+        T = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
+    grid, a, b, largest = grid * T, a / T, b / T**2, largest * T**2  # x is then of order 1
+
+    class Curve(AbstractGeometricPath):  # type: ignore[misc]
+        dof, path_interval = 1, grid[[0, -1]]
+
+    class Rows(LinearConstraint):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.identical, self.dof = True, 1
+
+        def compute_constraint_params(self, *_: Any) -> tuple[Any, ...]:
+            ones = np.eye(2 * a.shape[-1])
+            by_u = np.hstack([a[0], a[1] + 2 * np.diff(grid)[:, None] * b[1]])  # x at the end is x + 2 u (s_end - s)
+            parts = (np.vstack([x, x[-1:]]) for x in (by_u, np.hstack([b[0], b[1]]), np.hstack([c[0], c[1]])))
+            bounds = np.stack([np.zeros_like(largest), np.minimum(largest, 1e8)], axis=1)
+            return (*parts, np.vstack([ones, -ones]), np.ones(2 * len(ones)), None, bounds)
+
+    solver = TOPPRA([Rows()], Curve(), gridpoints=grid, solver_wrapper="seidel", parametrizer="ParametrizeConstAccel")
+    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
+    failed = speed is None or np.isnan(speed).any() or not (speed[1:-1] > 0).all()
+    return None if failed else np.asarray(speed / T) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """s(t) of a piece: constant u between grid points, averaged over the last `window` seconds."""
+
+    grid: Array
+    x: Array
+    window: float = 0.0
+
+    @cached_property
+    def u(self) -> Array:
+        """Accelerations s'' between the grid points."""
+        return np.asarray(np.diff(self.x) / (2 * np.diff(self.grid)))
+
+    @cached_property
+    def times(self) -> Array:
+        """When the grid points are passed."""
+        speed = np.sqrt(self.x)
+        return np.concatenate([[0.0], np.cumsum(2 * np.diff(self.grid) / (speed[1:] + speed[:-1]))])
+
+    @property
+    def duration(self) -> float:
+        return float(self.times[-1]) + self.window
+
+    @cached_property
+    def _curves(self) -> tuple[Any, ...]:
+        """The integral of s, and s, s', s''."""
+        from scipy.interpolate import PPoly
+
+        s = PPoly(np.stack([self.u / 2, np.sqrt(self.x[:-1]), self.grid[:-1]]), self.times)
+        return s.antiderivative(), s, s.derivative(), s.derivative(2)
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """s, s' and s'' at times from 0 to the duration."""
+        integral, *curves = self._curves
+        end = self.times[-1]
+        if not self.window:
+            s, v, u = (curve(np.minimum(t, end)) for curve in curves)
+            return s, v, u
+        now, then = np.clip(t, 0, end), np.clip(t - self.window, 0, end)
+        area = integral(now) - integral(then) + self.grid[-1] * np.maximum(t - end, 0)
+        (s1, s0), (v1, v0) = ((curve(now), curve(then)) for curve in curves[:2])
+        return area / self.window, (s1 - s0) / self.window, (v1 - v0) / self.window
+
+    def instants(self) -> Array:
+        """Times of all corners of s'', and one between each two."""
+        t = np.unique(np.concatenate([self.times, self.times + self.window]))
+        return np.sort(np.concatenate([t, (t[1:] + t[:-1]) / 2]))
+
+    def states(self, piece: _Piece, t: Array) -> tuple[Array, Array, Array]:
+        """q, qd and qdd at times."""
+        s, v, u = (x[..., None] for x in self.at(t))
+        q, d1, d2 = piece.derivatives(s[..., 0])
+        return q, d1 * v, d1 * u + d2 * v**2
+
+
+def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | None = None) -> Array | None:
+    """x at grid points, with viscous friction by tangents until they agree; None if the path cannot be driven.
+
+    Of the limits a part may be `allowed` at each grid point, shape (2, N + 1): of rows and of velocities.
+    """
+    a, b, c, v, largest = piece.coefficients(grid)
+    if allowed is not None:
+        least = np.maximum(np.stack([allowed[0, :-1], allowed[0, 1:]]), 1.05 * np.abs(c).max(-1, initial=0))
+        a, b, c, v = (part / np.minimum(least, 1)[..., None] for part in (a, b, c, v))
+        largest = largest * allowed[1] ** 2
+    if not v.any():
+        return _largest_x(grid, a, b, c, largest)
+    x, scale = _largest_x(grid, a, b, c, largest) if guess is None else guess, 1.0
+    for _ in range(PASSES):
+        if x is None:
+            break
+        floor = 1e-8 * x.max()
+        at = np.maximum(scale * np.stack([x[:-1], x[1:]]), floor)[..., None]
+        found = _largest_x(grid, a, b + v / (2 * np.sqrt(at)), c + v * np.sqrt(at) / 2, largest)
+        if found is None and scale > 1e-3:
+            scale /= 4  # a tangent at a lower speed adds less to what a joint needs at rest
+            continue
+        x, scale = found, 1.0
+        if x is not None:
+            new = np.stack([x[:-1], x[1:]])[..., None]
+            gap = np.abs(v * ((at + new) / (2 * np.sqrt(at)) - np.sqrt(new)))
+            if np.where(new > 10 * floor, gap, 0.0).max() < AGREE:
+                break
+    return x
+
+
+def _infeasible(piece: _Piece, grid: Array) -> str:
+    """Where a joint needs most of its torque to stand still, in words."""
+    at_rest = np.abs(piece.coefficients(grid)[2]).max(0)
+    k, row = np.unravel_index(int(at_rest.argmax()), at_rest.shape)
+    joint, quantity, limit = piece.limits.row_name(int(row))
+    place = piece.path._via(piece.index, float(grid[k]))
+    need = at_rest[k, row] * limit
+    return (
+        f"`path` cannot be driven: {place}, joint {joint!r} needs a {quantity} of {need:.4g} for gravity and Coulomb "
+        f"friction alone, its limit is {limit:.4g}"
+    )
+
+
+def _parts(piece: _Piece, grid: Array, x: Array) -> Array:
+    """Into how many parts to divide intervals: where the motion exceeds a limit between grid points, or uses none."""
+    profile, middle = _Profile(grid, x), (grid[1:] + grid[:-1]) / 2
+    q, d1, d2 = piece.derivatives(middle)
+    mean = ((x[1:] + x[:-1]) / 2)[:, None]
+    rows, speeds = piece.limits.use(q, d1 * np.sqrt(mean), d1 * profile.u[:, None] + d2 * mean)
+    most = np.maximum(np.abs(rows).max(-1, initial=0), speeds.max(-1, initial=0))
+    closer = np.where(most < 1 - UNUSED, CLOSER, np.where(most > 1 + ACCURACY, 2, 1))
+    return np.where(np.diff(profile.times) > SHORTEST * profile.times[-1], closer, 1)
+
+
+def _divided(grid: Array, parts: Array) -> Array:
+    """The grid with each interval in equal parts."""
+    step = np.repeat(np.diff(grid) / parts, parts)
+    number = np.arange(len(step)) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(np.repeat(grid[:-1], parts) + number * step, grid[-1])
+
+
+def _fastest_profile(piece: _Piece) -> _Profile:
+    """The time-optimal profile of a piece on a grid that is set closer where it is needed."""
+    grid, guess = piece.first_grid, None
+    for remaining in reversed(range(ROUNDS)):
+        x = _solve(piece, grid, guess)
+        if x is None:
+            raise ValueError(_infeasible(piece, grid))
+        parts = _parts(piece, grid, x)
+        if not remaining or (parts == 1).all():
+            return _Profile(grid, x)
+        finer = _divided(grid, parts)
+        guess, grid = np.interp(finer, grid, x), finer
+    raise AssertionError
+
+
+def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
+    """The profile averaged over a window, driven slower where that would exceed a limit."""
+    allowed = np.ones((2, len(fastest.grid)))
+    x, rows = fastest.x, fastest
+    for _ in range(PASSES):
+        rows = _Profile(fastest.grid, x, window)
+        t = rows.instants()
+        shares, speeds = piece.limits.use(*rows.states(piece, t))
+        excess = np.stack([np.abs(shares).max(-1, initial=0), speeds.max(-1, initial=0)])
+        if excess.max() <= 1 + 2 * ACCURACY:
+            return rows
+        factor = np.ones_like(allowed)
+        first = np.searchsorted(rows.times, t - window, side="right") - 1
+        last = np.searchsorted(rows.times, t)
+        for kind, k in zip(*np.nonzero(excess > 1 + ACCURACY), strict=True):
+            inside = slice(max(first[k], 0), last[k] + 1)
+            factor[kind, inside] = np.minimum(factor[kind, inside], 1 / excess[kind, k])
+        allowed *= factor
+        found = _solve(piece, fastest.grid, x, allowed)
+        if found is None:
+            break
+        x = found
+    raise ValueError(
+        f"`smoothing` of {window:g} s is too long for this path: averaged motions exceed a limit; give less, or 0"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FastestMotion(_ReferenceMotion):
+    """The fastest motion along a path, made by `fastest`; `print` shows which limits it uses and how smooth it is.
+
+    Attributes
+    ----------
+    scene : Scene
+        The robot with payload and friction that it was planned for.
+    path : Path
+    smoothing : float
+        The time over which the place on the path is averaged [s].
+    duration : float
+        [s].
+    unsmoothed_duration : float
+        That of the motion without smoothing [s].
+    breaks : tuple of float
+        Times at which accelerations jump [s].
+    instants : ndarray
+        Times of all corners of the motion, and one between each two [s].
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
+    >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
+    >>> round(motion.duration - motion.unsmoothed_duration, 3)
+    0.01
+    """
+
+    limits: _Limits
+    path: Path
+    smoothing: float
+    unsmoothed_duration: float
+    profiles: tuple[_Profile, ...]
+
+    def __repr__(self) -> str:
+        return f"FastestMotion({self.duration:.6g} s along {self.path!r})"
+
+    @property
+    def scene(self) -> Scene:
+        """The robot with payload and friction that it was planned for."""
+        return self.limits.scene
+
+    @cached_property
+    def _starts(self) -> Array:
+        return np.concatenate([[0.0], np.cumsum([profile.duration for profile in self.profiles])])
+
+    @property
+    def duration(self) -> float:
+        """Time from start to end [s]."""
+        return float(self._starts[-1])
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times at which accelerations jump, switches from one limit to another, if the motion is not smoothed [s]."""
+        found = [np.asarray(self._starts)]
+        for start, profile in zip(self._starts, self.profiles, strict=False):
+            if not profile.window:
+                jump = np.abs(np.diff(profile.u)) > 0.02 * np.abs(profile.u).max()
+                found.append(start + profile.times[1:-1][jump])
+        return tuple(np.unique(np.concatenate(found)).tolist())
+
+    def _at(self, t: Array) -> tuple[Array, Array, Array]:
+        if is_traced(t):
+            raise TypeError("a motion along a path is evaluated with numbers and cannot be traced")
+        times = t[..., 0] if t.ndim else t
+        flat = np.clip(times, 0.0, self.duration).reshape(-1)
+        which = np.clip(np.searchsorted(self._starts, flat, side="right") - 1, 0, len(self.profiles) - 1)
+        out = np.zeros((3, len(flat), self.path.points.shape[1]))
+        for k, profile in enumerate(self.profiles):
+            here = which == k
+            out[:, here] = profile.states(_Piece(self.limits, self.path, k), flat[here] - self._starts[k])
+        rest = (times.reshape(-1) < 0) | (times.reshape(-1) > self.duration)
+        out[1:, rest] = 0.0
+        q, qd, qdd = out.reshape(3, *times.shape, -1)
+        return q, qd, qdd
+
+    def torques(self, t: ArrayLike) -> Array:
+        """Torques of the drives at given times, friction included.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (T,) or (..., 1)
+            Times [s].
+
+        Returns
+        -------
+        ndarray, shape (n,) for one time, (T, n) for T times
+            [N m or N].
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
+        >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
+        >>> motion.torques(0.2).shape
+        (6,)
+        """
+        return self.scene.inverse_dynamics(*self(t))
+
+    @cached_property
+    def instants(self) -> Array:
+        """Times of all corners of the motion and one between each two [s]."""
+        starts = zip(self._starts, self.profiles, strict=False)
+        return np.unique(np.concatenate([start + profile.instants() for start, profile in starts]))
+
+    def shares(self) -> dict[str, Array]:
+        """Parts of their limits that the joints use.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (T, n)
+            "torque", "acceleration" and "velocity" over their limits at `instants`, 0 where there is no limit.
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
+        >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]], smoothing=0)
+        >>> round(motion.shares()["velocity"].max(), 3)
+        1.0
+        """
+        limits, (q, qd, qdd) = self.limits, self(self.instants)
+        tau = self.scene.inverse_dynamics(q, qd, qdd)
+        pairs = (
+            ("torque", tau, limits.effort),
+            ("acceleration", qdd, limits.acceleration),
+            ("velocity", qd, limits.velocity),
+        )
+        return {name: np.abs(x) / limit for name, x, limit in pairs}
+
+    def steps(self) -> tuple[Array, Array]:
+        """Largest steps of torques and largest jerks of the joints, over one millisecond.
+
+        Returns
+        -------
+        torque, jerk : ndarray, shape (n,)
+            [N m/ms or N/ms] and [rad/s^3 or m/s^3].
+
+        Examples
+        --------
+        >>> import rne
+        >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
+        >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]], smoothing=0)
+        >>> motion.steps()[0][0].round(-1).item()  # from one limit of the torque to standstill
+        250.0
+        """
+        t = np.concatenate([self.instants, self.instants + MILLISECOND])
+        _, _, qdd = self(t)
+        tau = self.torques(t)
+        half = len(self.instants)
+        change = (np.abs(x[half:] - x[:half]).max(0) for x in (tau, qdd / MILLISECOND))
+        torque, jerk = change
+        return torque, jerk
+
+    def __str__(self) -> str:
+        cost = self.duration - self.unsmoothed_duration
+        smooth = f"; {cost:.3g} s of it for smoothing over {1e3 * self.smoothing:g} ms" if self.smoothing else ""
+        lines = [f"Fastest motion along the path: {self.duration:.6g} s{smooth}"]
+        shares, (torque, jerk) = self.shares(), self.steps()
+        weight = np.gradient(self.instants) / self.duration
+        heads = ("torque", "accel.", "velocity", "at a limit", "torque step", "jerk")
+        table = [Row("joint", heads, words=True)]
+        for k, joint in enumerate(self.limits.names):
+            largest = [f"{shares[kind][:, k].max():.1%}" for kind in ("torque", "acceleration", "velocity")]
+            at = sum(shares[kind][:, k] >= AT_LIMIT for kind in shares) > 0
+            table.append(Row(short(joint), [*largest, f"{weight @ at:.0%}", f"{torque[k]:.3g}", f"{jerk[k]:.3g}"]))
+        note = "largest share of each limit; share of the time at one; steps per ms in N m, jerk in rad/s^3 (N, m/s^3)"
+        return "\n".join([*lines, *aligned(table), note])
+
+
+def fastest(
+    robot: Robot,
+    path: Path | ArrayLike,
+    *,
+    friction: Friction | str | None = None,
+    payload: Payload | float | None = None,
+    smoothing: float | None = None,
+) -> FastestMotion:
+    """The fastest motion along a path under the robot's limits of torques, velocities and accelerations.
+
+    Parameters
+    ----------
+    robot : Robot
+        With `effort_limit` or `acceleration_limit`, or both, of every joint; `Robot.with_limits` sets them.
+    path : Path or array_like, shape (K, n)
+        From `rne.trajectories.through`, or via points for it [rad or m].
+    friction : Friction or "urdf", optional
+        What the drives must supply in addition. Coulomb friction counts with its full size from rest.
+    payload : Payload, PayloadEstimate or float, optional
+        A body on the last link, or its mass [kg], as in a `Scene`.
+    smoothing : float, optional
+        The place on the path is averaged over this time, so that torques do not jump; 0 for the time-optimal motion
+        itself, whose torques do. By default 10 ms, longer if the robot's jerk limits need it [s].
+
+    Returns
+    -------
+    FastestMotion
+        A function f(t) -> (q, qd, qdd), at rest before its start and after its end; a reference for control laws.
+
+    Raises
+    ------
+    ValueError
+        If a joint has neither a torque nor an acceleration limit, the path leaves a joint's range, or it cannot be
+        driven: names the place, the joint and the limit.
+    ImportError
+        Without toppra, the extra `fastest`.
+
+    Notes
+    -----
+    Pham and Pham 2018 (toppra), with limits at both ends of each interval of the grid, which is set closer until they
+    hold in between to 5e-4. Limits of joints that mimic others are included, except those of torques. The average of
+    s(t) over a time w stays on the path, takes w longer for every stop, and has continuous accelerations; where it
+    would exceed a limit, the motion is slowed there.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
+    >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]], smoothing=0)
+    >>> round(motion.duration, 3)
+    0.341
+    """
+    scene = Scene(robot_argument(robot), friction=friction, payload=payload)
+    if scene.resolved.friction is not None:
+        scene = replace(scene, friction=replace(scene.resolved.friction, smoothing=0.0))
+    given = path if isinstance(path, Path) else through(path)
+    limits = _checked_limits(scene.resolved.robot, scene, given)
+    pieces = [_Piece(limits, given, k) for k in range(len(given.pieces))]
+    optimal = [_fastest_profile(piece) for piece in pieces]
+    duration = sum(profile.duration for profile in optimal)
+    window = SMOOTHING if smoothing is None else positive_number("smoothing", smoothing, zero_allowed=True)
+    jerk = robot.model.coordinate_limits()["jerk_limit"]
+    while True:
+        profiles = [_averaged(*pair, window) for pair in zip(pieces, optimal, strict=True)] if window else optimal
+        motion = FastestMotion(limits, given, window, duration, tuple(profiles))
+        if smoothing is not None or (motion.steps()[1] <= jerk).all():
+            return motion
+        window *= 1.5
+
+
+def _checked_limits(robot: Robot, scene: Scene, path: Path) -> _Limits:
+    known, names = robot.model.coordinate_limits(), robot.joint_names
+    if path.points.shape[1] != robot.n:
+        raise ValueError(f"`path` must have points of shape (K, {robot.n}), got {path.points.shape}")
+    free = np.isinf(known["effort_limit"]) & np.isinf(known["acceleration_limit"])
+    if free.any():
+        missing = [name for name, is_free in zip(names, free, strict=True) if is_free]
+        raise ValueError(
+            f"`robot`: {listed(missing)} {'have' if len(missing) > 1 else 'has'} neither a torque nor an acceleration "
+            "limit; give them by robot.with_limits(effort=...)"
+        )
+    limits = [known[f"{name}_limit"] for name in ("effort", "acceleration", "velocity")]
+    for name, limit in zip(("torque", "acceleration", "velocity"), limits, strict=True):
+        if not limit.all():
+            raise ValueError(f"`robot`: the {name} limit of joint {names[int(limit.argmin())]!r} is 0")
+    found = _Limits(scene, names, *limits)
+    for index in range(len(path.pieces)):
+        piece = _Piece(found, path, index)
+        grid = piece.first_grid
+        q = piece.derivatives(grid)[0]
+        beyond = np.maximum(q - known["upper"], known["lower"] - q)
+        k, j = np.unravel_index(int(beyond.argmax()), q.shape)
+        if beyond[k, j] > 1e-9:
+            low, high = known["lower"][j], known["upper"][j]
+            raise ValueError(
+                f"`path` leaves the range of joint {names[j]!r}, {low:.4g} to {high:.4g}: {q[k, j]:.4g} "
+                f"{path._via(index, float(grid[k]))}"
+            )
+    return found

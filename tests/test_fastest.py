@@ -1,0 +1,153 @@
+"""The fastest motion along a path: closed forms, limits by two engines, toppra's own solution, and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from benchmarks.fastest import friction_of, largest_shares, random_path, robot_named, toppra_with_pinocchio
+from rne.model.builder import Part, assemble
+from rne.trajectories import fastest, through
+from rne.validation.oracle import Oracle
+
+EXCEEDED = 1e-3  # of a limit, between the points of the grid
+UNUSED = 0.99  # the least share of some limit that the fastest motion uses
+DIFFERENT_SOLVERS = 1e-3  # of the duration, as toppra reduces x by up to 1e-4 where it is small
+GRID = 2e-4  # of the duration: toppra's steps
+STEPS = 2.5e-3  # half of 0.5 % of the torque, which stays unused where friction changes along an interval of the grid
+ARM = {"effort": [250, 250, 150, 50, 50, 20]}
+
+
+def slider(effort=10.0, **limits):
+    """A mass of 2 kg on a horizontal rail."""
+    cart = Part(link="cart", joint="rail", kind="prismatic", parent=0, axis=np.array([1.0, 0, 0]), mass=2.0)
+    return rne.Robot(assemble("slider", [Part(link="base"), cart])).with_limits(effort=effort, **limits)
+
+
+@pytest.mark.parametrize("coulomb", [0.0, 4.0])
+def test_a_mass_on_a_rail_is_driven_at_full_force_and_braked_at_full_force(coulomb):
+    """d = T^2 / 2 / (1 / a1 + 1 / a2) with a1 = (F - Fc) / m and a2 = (F + Fc) / m."""
+    speed_up, brake = (10 - coulomb) / 2, (10 + coulomb) / 2
+    expected = np.sqrt(2 * 3.0 * (1 / speed_up + 1 / brake))
+    motion = fastest(slider(), [[0.0], [3.0]], friction=rne.Friction(coulomb=coulomb), smoothing=0)
+    assert motion.duration == pytest.approx(expected, rel=GRID)
+    assert motion.torques([0.1 * expected, 0.9 * expected])[:, 0] == pytest.approx([10, -10], rel=EXCEEDED)
+
+
+def test_viscous_friction_slows_a_mass_as_the_closed_form_says():
+    """m v' = F - c v up to the switch, m v' = -F - c v after it; the switch and T from d by a root."""
+    from scipy.optimize import brentq
+
+    m, F, c, d = 2.0, 10.0, 3.0, 3.0
+
+    def braking(v):
+        return m / c * np.log(1 + c * v / F), m / c * (v - F / c * np.log(1 + c * v / F))
+
+    def missed(T):
+        v = F / c * (1 - np.exp(-c * T / m))
+        return F / c * (T - m / F * v) + braking(v)[1] - d
+
+    rise = brentq(missed, 1e-3, 10.0)
+    expected = rise + braking(F / c * (1 - np.exp(-c * rise / m)))[0]
+    motion = fastest(slider(), [[0.0], [d]], friction=rne.Friction(viscous=c), smoothing=0)
+    assert expected <= motion.duration <= expected * (1 + STEPS)
+
+
+def test_limits_of_velocity_and_acceleration_make_a_trapezoid():
+    motion = fastest(slider(np.inf, velocity=1.5, acceleration=2.0), [[0.0], [3.0]], smoothing=0)
+    assert motion.duration == pytest.approx(3.0 / 1.5 + 1.5 / 2.0, rel=GRID)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("irb140", 1), ("ur5", 2), ("panda", 3)])
+def test_motions_keep_their_limits_and_use_one_by_two_engines(name, seed):
+    robot = robot_named(name)
+    oracle = Oracle(robot.model, rne.to_urdf(robot.model))
+    friction = friction_of(robot) if seed % 2 else None
+    motion = fastest(robot, random_path(robot, np.random.default_rng(seed)), friction=friction, smoothing=0)
+    for shares in largest_shares(motion, oracle, 1000):
+        assert shares.max() <= 1 + EXCEEDED
+        assert (shares < UNUSED).mean() <= 2e-3  # two of the samples may fall on switches
+    assert motion.duration == pytest.approx(toppra_with_pinocchio(motion, oracle), rel=DIFFERENT_SOLVERS)
+
+
+@pytest.fixture(scope="module")
+def arm(irb140):
+    return irb140.with_limits(**ARM)
+
+
+@pytest.fixture(scope="module")
+def path():
+    return through([[0.0] * 6, [1, 0.5, -0.3, 1, 0.5, 0], [0.5, 0.8, 0.2, 0, 1, 2], [-0.5, 0, 0, 0, 0, 0]], stops=[2])
+
+
+@pytest.fixture(scope="module")
+def smooth(arm, path):
+    return fastest(arm, path, friction=friction_of(arm), payload=2.0)
+
+
+def test_smoothing_stays_on_the_path_and_within_limits_and_ends_steps(arm, path, smooth):
+    sharp = fastest(arm, path, friction=friction_of(arm), payload=2.0, smoothing=0)
+    assert smooth.unsmoothed_duration == sharp.duration < smooth.duration
+    assert all(share.max() <= 1 + EXCEEDED for share in smooth.shares().values())
+    turns = 2 * friction_of(arm).coulomb  # where a joint turns, its friction jumps at any speed
+    assert (smooth.steps()[0] < 0.15 * sharp.steps()[0] + turns).all()
+    t = np.linspace(0, smooth.duration, 50)
+    s = np.concatenate([piece(np.linspace(0, 1, 4001)) for piece in path.pieces])
+    distance = np.abs(smooth(t)[0][:, None] - s).max(-1).min(1)
+    assert distance.max() < 1e-3  # half of the way between points of s
+
+
+def test_velocities_and_accelerations_are_derivatives_and_stops_are_rests(path, smooth):
+    t, h = np.linspace(0.05, smooth.duration - 0.05, 40), 1e-6
+    (q, qd, qdd), (before, vb, _), (after, va, _) = smooth(t), smooth(t - h), smooth(t + h)
+    np.testing.assert_allclose((after - before) / (2 * h), qd, atol=1e-7 * np.abs(qd).max() + 1e-8)
+    np.testing.assert_allclose((va - vb) / (2 * h), qdd, atol=1e-4 * np.abs(qdd).max())
+    q, qd, _ = smooth([-1.0, smooth.breaks[1], smooth.duration + 1])
+    np.testing.assert_allclose(q, path.points[[0, 2, 3]], atol=1e-9)
+    np.testing.assert_allclose(qd, 0, atol=1e-9)
+    assert smooth(0.3)[0].shape == (6,)
+    assert smooth(np.zeros((5, 1)))[2].shape == (5, 6)
+
+
+def test_jerk_limits_lengthen_the_default_smoothing(arm):
+    limited = arm.with_limits(jerk=3000.0)
+    motion = fastest(limited, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
+    assert motion.smoothing > 0.01
+    assert (motion.steps()[1] <= 3000).all()
+
+
+def test_it_says_what_it_uses(smooth):
+    first, heading, *rows, _ = str(smooth).splitlines()
+    assert re.match(r"Fastest motion along the path: [\d.]+ s; [\d.]+ s of it for smoothing over 10 ms$", first)
+    assert heading.split()[:2] == ["joint", "torque"]
+    assert [row.split()[0] for row in rows] == list(smooth.scene.robot.joint_names)
+
+
+ERRORS = {
+    "torques": ("irb140", [[0] * 6, [1] + [0] * 5], {}, "`robot`: joint_1, joint_2, joint_3, joint_4, joint_5, joint_6 have neither a torque nor an acceleration limit; give them by robot.with_limits(effort=...)"),
+    "load": ("arm", [[0] * 6, [1] + [0] * 5], {"payload": 80.0}, "`path` cannot be driven: at via point 0, joint 'joint_3' needs a torque of 372.9 for gravity and Coulomb friction alone, its limit is 150"),
+    "range": ("arm", [[0] * 6, [1, 2.5, 0, 0, 0, 0]], {}, "`path` leaves the range of joint 'joint_2', -1.745 to 1.745: 2.5 at via point 1"),
+    "joints": ("arm", [[0] * 5, [1] * 5], {}, "`path` must have points of shape (K, 6), got (2, 5)"),
+    "same": ("arm", [[0] * 6, [0] * 6], {}, "`points` must differ from one to the next, got the same at index 0 and 1"),
+    "few": ("arm", [[0] * 6], {}, "`points` must have shape (K, n) with two points at least, got (1, 6)"),
+    "smoothing": ("arm", [[0] * 6, [1] * 6], {"smoothing": -1}, "`smoothing` must be positive, got -1.0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ERRORS)
+def test_what_is_refused_and_why(case, arm, irb140):
+    robot, points, options, text = ERRORS[case]
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        fastest(irb140 if robot == "irb140" else arm, points, **options)
+
+
+def test_a_stop_that_is_no_point_is_refused():
+    with pytest.raises(ValueError, match=re.escape("`stops` must be indices of points, 0 to 1, got 2")):
+        through([[0.0], [1.0]], stops=[2])
+
+
+def test_a_law_follows_it_by_calls(arm, smooth):
+    law = rne.control.computed_torque(arm, 100, 20, smooth)
+    q, qd, _ = smooth(0.2)
+    assert np.isfinite(law(0.2, q, qd)).all()
