@@ -53,11 +53,11 @@ def toppra_with_pinocchio(motion: FastestMotion, oracle: Oracle) -> float:
     import toppra.constraint as constraint
     from toppra.interpolator import AbstractGeometricPath
 
-    limits, both = motion.limits, constraint.DiscretizationType.Interpolation
+    limits, both = motion._limits, constraint.DiscretizationType.Interpolation
     torques = np.stack([-limits.effort, limits.effort], axis=1)
     names, pin = limits.friction, oracle.pin
     total = 0.0
-    for curve, profile in zip(motion.path.pieces, motion.profiles, strict=True):
+    for curve, profile in zip(motion.path.pieces, motion._profiles, strict=True):
 
         class Curve(AbstractGeometricPath):
             dof, path_interval = motion.path.points.shape[1], np.array([0.0, 1.0])
@@ -93,7 +93,7 @@ def largest_shares(motion: FastestMotion, oracle: Oracle, points: int = POINTS) 
     """At equal times within the motion, the largest share of any limit: by this engine, and by Pinocchio."""
     t = (np.arange(points) + 0.5) * (motion.duration / points)
     q, qd, qdd = motion(t)
-    limits, friction = motion.limits, motion.limits.friction
+    limits, friction = motion._limits, motion._limits.friction
     pin = np.array([oracle.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)])
     torques = limits.scene.inverse_dynamics(q, qd, qdd), pin + friction.coulomb_torque(qd) + friction.viscous_torque(qd)
     others = np.maximum((np.abs(qd) / limits.velocity).max(1), (np.abs(qdd) / limits.acceleration).max(1))
@@ -120,15 +120,15 @@ def campaign(name: str, paths: int) -> None:
         begin = time.perf_counter()
         duration = toppra_with_pinocchio(motion, oracle)
         theirs = time.perf_counter() - begin
-        profile, begin = motion.profiles[0], time.perf_counter()
-        _solve(_Piece(motion.limits, motion.path, 0), profile.grid, profile.x)
+        profile, begin = motion._profiles[0], time.perf_counter()
+        _solve(_Piece(motion._limits, motion.path, 0), profile.grid, profile.x)
         same = time.perf_counter() - begin
         shares = largest_shares(motion, oracle)
         rows.append(
             [shares[0].max() - 1, shares[1].max() - 1, (np.minimum(*shares) < 0.99).mean(), np.minimum(*shares).min()]
             + [
                 abs(motion.duration / duration - 1),
-                len(motion.profiles[0].grid),
+                len(motion._profiles[0].grid),
                 ours,
                 same,
                 theirs,

@@ -344,11 +344,11 @@ class FastestMotion(_ReferenceMotion):
     0.01
     """
 
-    limits: _Limits
     path: Path
     smoothing: float
     unsmoothed_duration: float
-    profiles: tuple[_Profile, ...]
+    _limits: _Limits
+    _profiles: tuple[_Profile, ...]
 
     def __repr__(self) -> str:
         return f"FastestMotion({self.duration:.6g} s along {self.path!r})"
@@ -356,11 +356,11 @@ class FastestMotion(_ReferenceMotion):
     @property
     def scene(self) -> Scene:
         """The robot with payload and friction that it was planned for."""
-        return self.limits.scene
+        return self._limits.scene
 
     @cached_property
     def _starts(self) -> Array:
-        return np.concatenate([[0.0], np.cumsum([profile.duration for profile in self.profiles])])
+        return np.concatenate([[0.0], np.cumsum([profile.duration for profile in self._profiles])])
 
     @property
     def duration(self) -> float:
@@ -371,7 +371,7 @@ class FastestMotion(_ReferenceMotion):
     def breaks(self) -> tuple[float, ...]:
         """Times at which accelerations jump, switches from one limit to another, if the motion is not smoothed [s]."""
         found = [np.asarray(self._starts)]
-        for start, profile in zip(self._starts, self.profiles, strict=False):
+        for start, profile in zip(self._starts, self._profiles, strict=False):
             if not profile.window:
                 jump = np.abs(np.diff(profile.u)) > 0.02 * np.abs(profile.u).max()
                 found.append(start + profile.times[1:-1][jump])
@@ -382,11 +382,11 @@ class FastestMotion(_ReferenceMotion):
             raise TypeError("a motion along a path is evaluated with numbers and cannot be traced")
         times = t[..., 0] if t.ndim else t
         flat = np.clip(times, 0.0, self.duration).reshape(-1)
-        which = np.clip(np.searchsorted(self._starts, flat, side="right") - 1, 0, len(self.profiles) - 1)
+        which = np.clip(np.searchsorted(self._starts, flat, side="right") - 1, 0, len(self._profiles) - 1)
         out = np.zeros((3, len(flat), self.path.points.shape[1]))
-        for k, profile in enumerate(self.profiles):
+        for k, profile in enumerate(self._profiles):
             here = which == k
-            out[:, here] = profile.states(_Piece(self.limits, self.path, k), flat[here] - self._starts[k])
+            out[:, here] = profile.states(_Piece(self._limits, self.path, k), flat[here] - self._starts[k])
         rest = (times.reshape(-1) < 0) | (times.reshape(-1) > self.duration)
         out[1:, rest] = 0.0
         q, qd, qdd = out.reshape(3, *times.shape, -1)
@@ -418,7 +418,7 @@ class FastestMotion(_ReferenceMotion):
     @cached_property
     def instants(self) -> Array:
         """Times of all corners of the motion and one between each two [s]."""
-        starts = zip(self._starts, self.profiles, strict=False)
+        starts = zip(self._starts, self._profiles, strict=False)
         return np.unique(np.concatenate([start + profile.instants() for start, profile in starts]))
 
     def shares(self) -> dict[str, Array]:
@@ -434,10 +434,10 @@ class FastestMotion(_ReferenceMotion):
         >>> import rne
         >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
         >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]], smoothing=0)
-        >>> round(motion.shares()["velocity"].max(), 3)
+        >>> motion.shares()["velocity"].max().round(3).item()
         1.0
         """
-        limits, (q, qd, qdd) = self.limits, self(self.instants)
+        limits, (q, qd, qdd) = self._limits, self(self.instants)
         tau = self.scene.inverse_dynamics(q, qd, qdd)
         pairs = (
             ("torque", tau, limits.effort),
@@ -451,8 +451,10 @@ class FastestMotion(_ReferenceMotion):
 
         Returns
         -------
-        torque, jerk : ndarray, shape (n,)
-            [N m/ms or N/ms] and [rad/s^3 or m/s^3].
+        torque : ndarray, shape (n,)
+            [N m/ms or N/ms].
+        jerk : ndarray, shape (n,)
+            [rad/s^3 or m/s^3].
 
         Examples
         --------
@@ -478,7 +480,7 @@ class FastestMotion(_ReferenceMotion):
         weight = np.gradient(self.instants) / self.duration
         heads = ("torque", "accel.", "velocity", "at a limit", "torque step", "jerk")
         table = [Row("joint", heads, words=True)]
-        for k, joint in enumerate(self.limits.names):
+        for k, joint in enumerate(self._limits.names):
             largest = [f"{shares[kind][:, k].max():.1%}" for kind in ("torque", "acceleration", "velocity")]
             at = sum(shares[kind][:, k] >= AT_LIMIT for kind in shares) > 0
             table.append(Row(short(joint), [*largest, f"{weight @ at:.0%}", f"{torque[k]:.3g}", f"{jerk[k]:.3g}"]))
@@ -550,7 +552,7 @@ def fastest(
     jerk = robot.model.coordinate_limits()["jerk_limit"]
     while True:
         profiles = [_averaged(*pair, window) for pair in zip(pieces, optimal, strict=True)] if window else optimal
-        motion = FastestMotion(limits, given, window, duration, tuple(profiles))
+        motion = FastestMotion(given, window, duration, limits, tuple(profiles))
         if smoothing is not None or (motion.steps()[1] <= jerk).all():
             return motion
         window *= 1.5
