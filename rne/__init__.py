@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .model.standard_parameters import DriveModel
     from .plotting.viewer import view
     from .simulation.bearings import BearingPeaks, bearing_peaks
+    from .simulation.drive_report import DriveReport, drives
     from .simulation.ensembles import Ensemble, ensemble
     from .simulation.friction import Friction
     from .simulation.scene import Payload, Scene
@@ -62,6 +63,7 @@ else:
             "plotting": "",
             "plotting.viewer": "view",
             "simulation.bearings": "BearingPeaks bearing_peaks",
+            "simulation.drive_report": "DriveReport drives",
             "simulation.ensembles": "Ensemble ensemble",
             "simulation.friction": "Friction",
             "simulation.scene": "Payload Scene",
@@ -80,6 +82,7 @@ __all__ = [
     "BearingPeaks",
     "Consistency",
     "DriveModel",
+    "DriveReport",
     "Ensemble",
     "Excitation",
     "Finding",
@@ -111,6 +114,7 @@ __all__ = [
     "consistency",
     "control",
     "dh_chain",
+    "drives",
     "dynamics",
     "elementwise",
     "ensemble",

@@ -110,9 +110,14 @@ def bearing_peaks(robot: Robot | Scene, motion: Trajectory) -> BearingPeaks:
         raise ValueError(
             f"`motion.q` must have shape ({len(t)}, {moved.n}) for robot {moved.model.name!r}, got {q.shape}"
         )
-    force, torque = bearing_loads(moved.recursion(q, motion.qd, motion.qdd), moved.model)
+    return peaks_of(moved, t, q, motion.qd, motion.qdd)
+
+
+def peaks_of(robot: Robot, t: Array, q: Array, qd: Array, qdd: Array) -> BearingPeaks:
+    """The largest loads over samples of a robot's motion."""
+    force, torque = bearing_loads(robot.recursion(q, qd, qdd), robot.model)
     return BearingPeaks(
-        joints=moved.model.moving_joints,
+        joints=robot.model.moving_joints,
         force=force.max(axis=0),
         force_time=t[np.argmax(force, axis=0)],
         torque=torque.max(axis=0),

@@ -1,0 +1,308 @@
+"""What drives, gears and bearings bear over the cycle of a motion: planned, simulated or measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.integrate import cumulative_trapezoid, trapezoid
+
+from ..basics.arrays import per_joint_array, positive_number
+from ..basics.spatial import Array
+from ..basics.text import Row, aligned, short, six_digits
+from ..robot import Robot
+from .bearings import BearingPeaks, peaks_of
+from .scene import Scene
+
+EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
+MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
+
+
+@dataclass(frozen=True, eq=False)
+class DriveReport:
+    """What drives, gears and bearings bear over a cycle, found by `rne.drives`; `print` shows it as tables.
+
+    Integrals over time are those of the trapezoidal rule over the samples.
+
+    Attributes
+    ----------
+    joints : tuple of str
+    t : ndarray, shape (T,)
+        Times of the samples [s].
+    q, qd, qdd, tau : ndarray, shape (T, n)
+        Positions, velocities, accelerations and torques of the joints, behind the gears
+        [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
+    gear, rotor, efficiency : ndarray, shape (n,)
+        Of each drive, as given.
+    effort_limit, velocity_limit : ndarray, shape (n,)
+        Of the joints, infinite where unknown [N m or N; rad/s or m/s].
+    bearings : BearingPeaks
+        Largest loads on the bearings.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140")
+    >>> motion = rne.trajectories.quintic([0] * 6, [1, 0.5, 0, 0, 0, 0], 1.0)
+    >>> report = rne.drives(robot, motion, gear=100, rotor=1e-4, efficiency=0.8)
+    >>> report.peak_speed.round(3)[0].item(), report.motor_speed[500, 0].round(1).item()
+    (1.875, 187.5)
+    >>> balance = report.energy_taken - report.energy_returned - report.work - report.gear_losses - report.rotor_energy
+    >>> bool(abs(balance).max() < 1e-12 * report.energy_taken.max())
+    True
+    """
+
+    joints: tuple[str, ...]
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    gear: Array
+    rotor: Array
+    efficiency: Array
+    effort_limit: Array
+    velocity_limit: Array
+    bearings: BearingPeaks
+
+    def __repr__(self) -> str:
+        return f"DriveReport({len(self.joints)} joints, {self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} samples)"
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def power(self) -> Array:
+        """Mechanical power of each joint, behind its gear, shape (T, n) [W]."""
+        return np.asarray(self.tau * self.qd)
+
+    @property
+    def motor_speed(self) -> Array:
+        """Velocity of each motor, shape (T, n) [rad/s]."""
+        return np.asarray(self.gear * self.qd)
+
+    @cached_property
+    def motor_torque(self) -> Array:
+        """Torque of each motor, shape (T, n): rotor, and load with the gear's losses, which change sides [N m]."""
+        return self.rotor * self.gear * self.qdd + self._gear_input / self.gear
+
+    @property
+    def motor_power(self) -> Array:
+        """Mechanical power of each motor, shape (T, n) [W]."""
+        return self.motor_torque * self.motor_speed
+
+    @cached_property
+    def _gear_input(self) -> Array:
+        """Torque of the load with the gear's losses, on the side of the joint."""
+        return np.where(self.power < 0, self.tau * self.efficiency, self.tau / self.efficiency)
+
+    def _integral(self, values: Array) -> Array:
+        return np.asarray(trapezoid(values, self.t, axis=0))
+
+    def _mean(self, values: Array) -> Array:
+        return self._integral(values) / self.duration
+
+    @property
+    def peak_torque(self) -> Array:
+        """Largest magnitude of each joint's torque, shape (n,) [N m or N]."""
+        return np.asarray(np.abs(self.tau).max(0))
+
+    @property
+    def peak_torque_time(self) -> Array:
+        """When it is first reached, shape (n,) [s]."""
+        return np.asarray(self.t[np.abs(self.tau).argmax(0)])
+
+    @property
+    def rms_torque(self) -> Array:
+        """Root of the mean square of each joint's torque over time, which heats its motor, shape (n,) [N m or N]."""
+        return np.sqrt(self._mean(self.tau**2))
+
+    @property
+    def peak_speed(self) -> Array:
+        """Largest magnitude of each joint's velocity, shape (n,) [rad/s or m/s]."""
+        return np.asarray(np.abs(self.qd).max(0))
+
+    @property
+    def mean_speed(self) -> Array:
+        """Mean magnitude of each joint's velocity over time, which wears its gear, shape (n,) [rad/s or m/s]."""
+        return self._mean(np.abs(self.qd))
+
+    @property
+    def peak_power(self) -> Array:
+        """Largest magnitude of each motor's mechanical power, shape (n,) [W]."""
+        return np.asarray(np.abs(self.motor_power).max(0))
+
+    @property
+    def energy_taken(self) -> Array:
+        """Energy that each motor gives to its shaft while it drives, shape (n,) [J]."""
+        return self._integral(np.maximum(self.motor_power, 0))
+
+    @property
+    def energy_returned(self) -> Array:
+        """Energy that each motor takes from its shaft while it brakes, shape (n,) [J]."""
+        return self._integral(np.maximum(-self.motor_power, 0))
+
+    @property
+    def work(self) -> Array:
+        """Work that each drive does on the arm, behind its gear, friction of the joint included, shape (n,) [J]."""
+        return self._integral(self.power)
+
+    @property
+    def gear_losses(self) -> Array:
+        """Energy lost in each gear, shape (n,) [J]."""
+        return self._integral((self._gear_input - self.tau) * self.qd)
+
+    @property
+    def rotor_energy(self) -> Array:
+        """Work that accelerates each rotor, zero from rest to rest but for the rule of integration, shape (n,) [J]."""
+        return self._integral(self.rotor * self.gear * self.qdd * self.motor_speed)
+
+    @property
+    def duty(self) -> Array:
+        """Share of the time in which each joint moves, at more than 1 % of its largest speed, shape (n,)."""
+        return self._mean((np.abs(self.qd) > MOVING * self.peak_speed).astype(float))
+
+    @property
+    def torque_share(self) -> Array:
+        """Peak torques over their limits, 0 where there is none, shape (n,)."""
+        return self.peak_torque / self.effort_limit
+
+    @property
+    def speed_share(self) -> Array:
+        """Peak speeds over their limits, 0 where there is none, shape (n,)."""
+        return self.peak_speed / self.velocity_limit
+
+    @property
+    def motor_energy(self) -> Array:
+        """Net energy that each motor has given until each sample, shape (T, n) [J]."""
+        return np.asarray(cumulative_trapezoid(self.motor_power, self.t, axis=0, initial=0))
+
+    def __str__(self) -> str:
+        title = f"Drives over a cycle of {six_digits(self.duration)} s, {len(self.t)} samples"
+        load = [
+            Row("joint", ("peak torque", "at t [s]", "of limit", "rms", "peak speed", "of limit", "mean", "duty"), True)
+        ]
+        motor = [
+            Row("motor", ("peak torque", "rms", "peak speed", "peak power", "taken [J]", "returned", "gear loss"), True)
+        ]
+        rms = np.sqrt(self._mean(self.motor_torque**2))
+        for k, joint in enumerate(self.joints):
+            shares = [f"{x[k]:.1%}" if x[k] else "-" for x in (self.torque_share, self.speed_share)]
+            peak, at, mean = self.peak_torque[k], self.peak_torque_time[k], self.mean_speed[k]
+            numbers = [f"{peak:.4g}", f"{at:.3f}", shares[0], f"{self.rms_torque[k]:.4g}", f"{self.peak_speed[k]:.4g}"]
+            load.append(Row(short(joint), [*numbers, shares[1], f"{mean:.4g}", f"{self.duty[k]:.0%}"]))
+            columns = np.abs(self.motor_torque[:, k]).max(), rms[k], np.abs(self.motor_speed[:, k]).max()
+            energies = self.peak_power[k], self.energy_taken[k], self.energy_returned[k], self.gear_losses[k]
+            motor.append(Row(short(joint), [f"{x:.4g}" for x in (*columns, *energies)]))
+        taken, returned, work = (x.sum() for x in (self.energy_taken, self.energy_returned, self.work))
+        total = f"All motors: {taken:.4g} J taken, {returned:.4g} J returned, {work:.4g} J of work on the arm"
+        units = "SI units: N m, rad/s, W; N and m/s for joints that slide"
+        return "\n".join([title, *aligned(load), *aligned(motor), total, units, str(self.bearings)])
+
+
+def drives(
+    robot: Robot | Scene,
+    motion: Any,
+    *,
+    gear: ArrayLike = 1.0,
+    rotor: ArrayLike = 0.0,
+    efficiency: ArrayLike = 1.0,
+    every: float = EVERY,
+) -> DriveReport:
+    """What the drives, gears and bearings of a robot bear over the cycle of a motion.
+
+    Parameters
+    ----------
+    robot : Robot or Scene
+        What moves; a Scene with its payload and friction, which count where the motion brings no torques of its own.
+    motion : FastestMotion, Trajectory, Record or function of time
+        Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, or anything with
+        arrays t, q and qd, and tau and qdd if they are known. A `rne.identification.Record` is prepared first.
+    gear : float or array_like, shape (n,), optional
+        Revolutions of the motor per revolution of the joint; rad/m for joints that slide.
+    rotor : float or array_like, shape (n,), optional
+        Inertia of motor and gear on the motor's side, in addition to the robot's `armature`; 0 for measured torques
+        that contain it [kg m^2].
+    efficiency : float or array_like, shape (n,), optional
+        Of the gear, above 0 up to 1: the load's torque over the motor's while it drives, the inverse while it brakes.
+    every : float, optional
+        Time between the samples of a function of time [s].
+
+    Returns
+    -------
+    DriveReport
+        Peaks, means and energies, joint by joint.
+
+    Raises
+    ------
+    TypeError
+        If `robot` is no Robot or Scene, or `motion` is no motion.
+    ValueError
+        If an array has the wrong shape, or a number is out of its range.
+
+    Notes
+    -----
+    Motor torque = rotor gear qdd + tau / (gear efficiency) while the joint takes power, tau efficiency / gear while it
+    returns power. Energy taken less returned is the work on the arm, the losses of the gear and the rotors' energy.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
+    >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
+    >>> report = rne.drives(robot, motion, gear=100, rotor=1e-4, efficiency=0.85)
+    >>> report.torque_share.round(2).tolist()
+    [1.0, 1.0, 0.33, 0.05, 0.01, 0.0]
+    """
+    scene = robot if isinstance(robot, Scene) else Scene(robot)
+    moved = scene.resolved.robot
+    planned = getattr(motion, "scene", None)
+    if isinstance(planned, Scene) and not isinstance(robot, Scene):
+        moved = planned.resolved.robot  # with the payload that the motion was planned for
+    t, q, qd, qdd, tau = _samples(scene, motion, positive_number("every", every))
+    gears = per_joint_array("gear", gear, moved.n, sign="positive")
+    rotors = per_joint_array("rotor", rotor, moved.n, sign="not negative")
+    efficiencies = per_joint_array("efficiency", efficiency, moved.n, sign="positive")
+    if (efficiencies > 1).any():
+        raise ValueError(f"`efficiency` must be at most 1, got {efficiencies.max():g}")
+    limits = moved.model.coordinate_limits()
+    return DriveReport(
+        moved.joint_names,
+        *(t, q, qd, qdd, tau),
+        gear=gears,
+        rotor=rotors,
+        efficiency=efficiencies,
+        effort_limit=limits["effort_limit"],
+        velocity_limit=limits["velocity_limit"],
+        bearings=peaks_of(moved, t, q, qd, qdd),
+    )
+
+
+def _samples(scene: Scene, motion: Any, every: float) -> tuple[Array, Array, Array, Array, Array]:
+    """t, q, qd, qdd and tau of a motion."""
+    if callable(motion):
+        times = getattr(motion, "t", None)
+        start, end = (times[0], times[-1]) if times is not None else (0.0, getattr(motion, "duration", None))
+        if end is None:
+            raise TypeError("`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone")
+        t = np.linspace(start, end, max(int(np.ceil(round((end - start) / every, 6))), 1) + 1)
+        q, qd, qdd = (np.asarray(x) for x in motion(t))
+        tau = motion.torques(t) if hasattr(motion, "torques") else None
+    else:
+        given = motion.prepare() if hasattr(motion, "prepare") else motion
+        if not all(hasattr(given, name) for name in ("t", "q", "qd")):
+            raise TypeError(
+                f"`motion` must be a function of time or have arrays t, q and qd, got {type(motion).__name__}"
+            )
+        t, q, qd = (np.asarray(x, dtype=float) for x in (given.t, given.q, given.qd))
+        known, tau = getattr(given, "qdd", None), getattr(given, "tau", None)
+        qdd = np.gradient(qd, t, axis=0) if known is None else known
+    n = scene.resolved.robot.n
+    if len(t) < 2 or q.shape != (len(t), n):
+        raise ValueError(f"`motion` must have at least two samples of shape (T, {n}), got {q.shape}")
+    return t, q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) if tau is None else tau

@@ -1,0 +1,139 @@
+"""The report of drives: against plain NumPy and Pinocchio, its balance of energy, motions of every kind, and errors."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.trajectories import quintic
+from rne.validation.oracle import Oracle
+
+SUMS = 1e-9  # relative to the largest, of two recursions and sums over thousands of samples
+BETWEEN_STEPS = 2e-4  # relative, of torques that a simulation interpolates between its steps
+GEAR, ROTOR, EFFICIENCY = np.array([120, 120, 100, 80, 80, 50.0]), 1e-4 * np.array([3, 3, 2, 1, 1, 1]), 0.85
+PICK, PLACE, HOME = [1, 0.6, -0.2, 0, 0.5, 1], [-1, 0.6, -0.2, 0, 0.5, -1], [0, 0, 0, 0, 0, 0]
+
+
+class Cycle:
+    """Home, pick, place and home again."""
+
+    legs, leg = [quintic(a, b, 0.8) for a, b in ((HOME, PICK), (PICK, PLACE), (PLACE, HOME))], 0.8
+    duration = 2.4
+
+    def __call__(self, t):
+        parts = [self.legs[min(int(x / self.leg), 2)](x - self.leg * min(int(x / self.leg), 2)) for x in t]
+        return tuple(np.array(x) for x in zip(*parts, strict=True))
+
+
+@pytest.fixture(scope="module")
+def arm(irb140):
+    return irb140.with_limits(effort=[250, 250, 150, 50, 50, 20])
+
+
+@pytest.fixture(scope="module")
+def report(arm):
+    scene = rne.Scene(arm, payload=3.0, friction=rne.Friction(viscous=2.0, coulomb=3.0))
+    return rne.drives(scene, Cycle(), gear=GEAR, rotor=ROTOR, efficiency=EFFICIENCY)
+
+
+def test_a_cycle_by_plain_numpy_and_pinocchio(arm, report):
+    """Every figure from the definition, with torques by another engine."""
+    t = np.linspace(0, 2.4, 2401)
+    q, qd, qdd = Cycle()(t)
+    loaded = arm.with_payload(3.0)
+    oracle = Oracle(loaded.model, rne.to_urdf(loaded.model))
+    tau = np.array([oracle.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)])
+    tau = tau + 2.0 * qd + 3.0 * np.tanh(qd / 0.01)
+    power = tau * qd
+    motor = ROTOR * GEAR * qdd + np.where(power < 0, tau * EFFICIENCY, tau / EFFICIENCY) / GEAR
+
+    def integral(x):
+        return ((x[1:] + x[:-1]) / 2 * np.diff(t)[:, None]).sum(0)
+
+    motor_power = motor * GEAR * qd
+    expected = {
+        "peak_torque": np.abs(tau).max(0),
+        "rms_torque": np.sqrt(integral(tau**2) / 2.4),
+        "peak_speed": np.abs(qd).max(0),
+        "mean_speed": integral(np.abs(qd)) / 2.4,
+        "peak_power": np.abs(motor_power).max(0),
+        "energy_taken": integral(np.maximum(motor_power, 0)),
+        "energy_returned": integral(np.maximum(-motor_power, 0)),
+        "work": integral(power),
+        "torque_share": np.abs(tau).max(0) / arm.effort_limit,
+        "speed_share": np.abs(qd).max(0) / arm.velocity_limit,
+        "duty": integral((np.abs(qd) > 0.01 * np.abs(qd).max(0)).astype(float)) / 2.4,
+        "motor_torque": motor,
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(getattr(report, name), value, rtol=0, atol=SUMS * np.abs(value).max(), err_msg=name)
+    np.testing.assert_array_equal(report.peak_torque_time, t[np.abs(report.tau).argmax(0)])
+
+
+def test_energy_taken_less_returned_is_work_and_losses(report):
+    spent = report.work + report.gear_losses + report.rotor_energy
+    np.testing.assert_allclose(
+        report.energy_taken - report.energy_returned, spent, atol=SUMS * report.energy_taken.max()
+    )
+    assert (report.gear_losses[[0, 1, 2, 4, 5]] > 0).all()  # joint 4 stays where it is
+    np.testing.assert_allclose(report.motor_energy[-1], spent, atol=SUMS * report.energy_taken.max())
+
+
+def test_work_is_the_change_of_energy(arm):
+    """Without friction from rest to rest: that of height; the trapezoidal rule at 1 ms is good to 1e-6 of the energies."""
+    motion = quintic(HOME, PICK, 0.8)
+    found = rne.drives(arm, motion)
+    lift = arm.potential_energy(PICK) - arm.potential_energy(HOME)
+    assert found.work.sum() == pytest.approx(float(lift), abs=1e-6 * found.energy_taken.sum())
+
+
+def test_planned_simulated_and_measured_motions_agree(arm):
+    """A simulated motion that follows the plan, and its samples as a record, need what the plan says."""
+    plan = quintic(HOME, PICK, 0.8)
+    law = rne.control.computed_torque(arm, 400, 40, plan)
+    motion = rne.simulate(arm, HOME, [0] * 6, 0.8, torque=law, rtol=1e-9)
+    t = np.linspace(0, 0.8, 801)
+    record = rne.identification.Record(t, motion(t)[0], motion.torques(t))
+    within = record.prepare().t  # without the ends, on which the filter has not settled
+    window = rne.trajectories.Samples(within, *plan(within), arm.inverse_dynamics(*plan(within)))
+    reports = [rne.drives(arm, x) for x in (plan, motion, window, record)]
+    np.testing.assert_allclose(reports[1].rms_torque, reports[0].rms_torque, rtol=BETWEEN_STEPS)
+    np.testing.assert_allclose(reports[3].rms_torque, reports[2].rms_torque, rtol=BETWEEN_STEPS)
+    np.testing.assert_allclose(reports[3].peak_speed, reports[2].peak_speed, rtol=0.02, atol=1e-6)  # filtered
+    np.testing.assert_allclose(reports[1].bearings.force, reports[0].bearings.force, rtol=1e-4)
+
+
+def test_the_payload_of_a_planned_motion_counts(arm):
+    motion = rne.trajectories.fastest(arm, [HOME, PICK], payload=3.0)
+    found, light = rne.drives(arm, motion), rne.drives(arm, quintic(HOME, PICK, motion.duration))
+    assert found.torque_share.max() == pytest.approx(1.0, abs=0.01)
+    assert found.bearings.force[-1] > light.bearings.force[-1]
+
+
+def test_tables_name_every_joint_twice(report):
+    lines = str(report).splitlines()
+    assert lines[0] == "Drives over a cycle of 2.4 s, 2401 samples"
+    assert sum(line.startswith("joint_3") for line in lines) == 3  # with the bearings
+    assert "J taken" in str(report)
+
+
+@pytest.mark.parametrize(
+    ("motion", "options", "error", "text"),
+    [
+        (Cycle(), {"efficiency": 1.2}, ValueError, "`efficiency` must be at most 1, got 1.2"),
+        (Cycle(), {"gear": 0}, ValueError, "`gear` must be positive, got 0.0"),
+        (Cycle(), {"every": 0}, ValueError, "`every` must be positive, got 0.0"),
+        (len, {}, TypeError, "`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone"),
+        (3, {}, TypeError, "`motion` must be a function of time or have arrays t, q and qd, got int"),
+        (
+            quintic([0], [1], 1),
+            {},
+            ValueError,
+            "`motion` must have at least two samples of shape (T, 6), got (1001, 1)",
+        ),
+    ],
+)
+def test_what_is_refused(arm, motion, options, error, text):
+    with pytest.raises(error, match=f"^{re.escape(text)}$"):
+        rne.drives(arm, motion, **options)
