@@ -11,6 +11,7 @@ from rne.bounds.criteria import Coriolis, LargestOfInverse, Norm, positive_defin
 from rne.bounds.polynomials import box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
+from rne.model.builder import Part, assemble, pose
 
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
 ROUNDING = 1e-10  # relative: a proof allows 2000 eps of the sum of some 100 terms
@@ -214,6 +215,23 @@ def test_positive_definite_matches_the_eigenvalues():
     A = np.random.default_rng(5).normal(size=(500, 4, 4))
     A = A + A.swapaxes(1, 2) + 2 * np.eye(4)
     np.testing.assert_array_equal(positive_definite(A), np.linalg.eigvalsh(A)[:, 0] > 0)
+
+
+def test_arms_that_do_not_meet_are_bounded_each():
+    """The extremes of two planar arms on one base are those of one of them."""
+    parts = [Part(link="base")]
+    for name, mass in (("left", 1.0), ("right", 0.3)):
+        for x in (0.0, 0.4):
+            carrier = 0 if x == 0 else len(parts) - 1
+            body = {"mass": mass, "com": np.array([0.2, 0, 0]), "inertia": 0.01 * mass * np.eye(3)}
+            joint = {"kind": "revolute", "parent": carrier, "placement": pose(np.eye(3), np.array([x, 0, 0]))}
+            parts.append(Part(link=f"{name}{x}", joint=f"{name} {x}", axis=np.array([0, 0, 1.0]), **body, **joint))
+    robot = rne.Robot(assemble("two arms", parts))
+    found = robot.bounds(quantities=["mass_eigenvalues"], tolerance=1e-3).mass_eigenvalues
+    M = np.concatenate([robot.mass_matrix([[0, a, 0, b] for a, b in [(0, 0), (np.pi, np.pi), (0, np.pi)]])])
+    eigenvalues = np.linalg.eigvalsh(M)
+    np.testing.assert_allclose(found.attained, [eigenvalues.min(), eigenvalues.max()], rtol=1e-9)
+    assert found.is_tight.all()
 
 
 def test_a_sliding_joint_has_its_range():

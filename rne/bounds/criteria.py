@@ -15,6 +15,8 @@ from .polynomials import Polynomial
 # Of the sum of modes: what recursions (20 eps), coefficients and pivots of matrices up to order 36 may err by.
 ROUNDING = 2000 * float(np.finfo(float).eps)
 
+ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigenvalue
+
 
 def positive_definite(A: Array) -> Array:
     """True where all pivots are positive, of matrices (N, n, n)."""
@@ -105,8 +107,10 @@ class Norm(Criterion):
 
     def importance(self, q: Array) -> Array:
         value, vectors = np.linalg.eigh(self.polynomial.evaluate(q[None])[0])
-        v = vectors[:, self.extreme(value)]
-        return np.asarray(v @ self.modes @ v)
+        v, L = vectors[:, self.extreme(value)], self.scale()
+        inverse = np.linalg.inv(L)
+        whole = np.trace(inverse @ self.modes @ inverse.T, axis1=1, axis2=2) * ((L.T @ v) ** 2).mean()
+        return np.asarray(v @ self.modes @ v + ELSEWHERE * whole)
 
     def extreme(self, values: Array) -> int:
         """The eigenvalue that is judged."""
