@@ -137,3 +137,35 @@ def test_tables_name_every_joint_twice(report):
 def test_what_is_refused(arm, motion, options, error, text):
     with pytest.raises(error, match=f"^{re.escape(text)}$"):
         rne.drives(arm, motion, **options)
+
+
+def test_the_command_plans_and_reports_and_writes_a_page(tmp_path, capsys, monkeypatch):
+    from rne.__main__ import main
+
+    monkeypatch.setattr(rne.plotting.html_page.Report, "film", lambda *_: None)
+    monkeypatch.setattr(rne.plotting.html_page, "has_matplotlib", lambda: False)  # pictures have tests of their own
+    via = tmp_path / "via.csv"
+    names = [f"joint_{k}" for k in range(1, 7)]
+    np.savetxt(
+        via, np.degrees([HOME, PICK, PLACE]), delimiter=",", header=",".join(f"q.{x}" for x in names), comments=""
+    )
+    effort = [str(x) for x in (250, 250, 150, 50, 50, 20)]
+    call = ["cycle", "irb140", str(via), "--degrees", "--out", str(tmp_path / "page"), "--effort"]
+    assert main([*call, *effort, "--gear", "100", "--stops"]) == 0
+    said = capsys.readouterr().out
+    assert "Fastest motion along the path" in said
+    assert "Drives over a cycle of" in said
+    assert "Peak loads on the bearings" in (tmp_path / "page" / "index.html").read_text()
+    assert main(["cycle", "irb140", str(via), "--out", str(tmp_path / "page")]) == 2
+    assert "neither a torque nor an acceleration limit" in capsys.readouterr().err
+
+
+def test_picture_has_the_limits_of_every_joint(report):
+    figure = rne.plotting.torque_speed(report)
+    for k, ax in enumerate(figure.axes):
+        dashed = {
+            tuple(np.unique(line.get_xdata() + line.get_ydata())) for line in ax.lines if line.get_linestyle() == "--"
+        }
+        assert any(report.effort_limit[k] in x for x in dashed)
+        assert any(report.velocity_limit[k] in x for x in dashed)
+        assert ax.get_title() == report.joints[k]

@@ -143,13 +143,22 @@ class Report:
         for k, (label, draw) in enumerate(small_plots(motion) if has_matplotlib() else [], 1):
             self.figure(f"{name}_{k}", draw, f"{caption}: {label}")
 
-    def film(self, name: str, motion: Trajectory, caption: str) -> None:
-        """Add a motion that plays: in 3-D, or as a plain animation where viewer or WebGL is missing."""
-        assert motion.model is not None
+    def film(
+        self, name: str, motion: Trajectory | tuple[Array, Array], caption: str, robot: Robot | None = None
+    ) -> None:
+        """Add a motion that plays: in 3-D, or as a plain animation where viewer or WebGL is missing.
+
+        A motion that is no Trajectory is (t, q) of the robot.
+        """
         self.say("drawing the motion in 3-D and as an animation")
-        robot, in_3d = Robot(motion.model), importlib.util.find_spec("viser") is not None
+        in_3d = importlib.util.find_spec("viser") is not None
+        if isinstance(motion, Trajectory):
+            assert motion.model is not None
+            robot = Robot(motion.model)
+        assert robot is not None
         if in_3d:
-            view(motion, self.folder / f"{name}.html")
+            path = self.folder / f"{name}.html"
+            _ = view(motion, path) if isinstance(motion, Trajectory) else view(robot, path, t=motion[0], q=motion[1])
         if has_matplotlib():
             import matplotlib.style
 

@@ -15,6 +15,7 @@ from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..basics.text import short
 from ..robot import Robot
+from ..simulation.drive_report import DriveReport
 from ..simulation.ensembles import Ensemble
 from ..simulation.trajectory import Trajectory
 from .motions import Motion, joint_labels, motion_argument
@@ -278,10 +279,70 @@ def draw_panel(ax: Axes, panel: Panel, motion: Motion, other: Motion | None = No
     dress(ax, panel.label)
 
 
+def torque_speed(report: DriveReport) -> Figure:
+    """Torque over speed of each joint during a cycle, with the limits of both as a frame, and the rms torque.
+
+    Parameters
+    ----------
+    report : DriveReport
+        From `rne.drives`.
+
+    Returns
+    -------
+    Figure
+        A panel for each joint; crosses mark the peak torque.
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import rne
+    >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
+    >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
+    >>> len(rne.plotting.torque_speed(rne.drives(robot, motion)).axes)
+    6
+    """
+    columns = min(3, max(len(report.joints), 1))
+    rows = -(-len(report.joints) // columns)
+    figure = blank_figure(2.6 * columns, 2.2 * rows + 0.4)
+    grid = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for k, (ax, joint) in enumerate(zip(grid, report.joints, strict=False)):
+        qd, tau, limit, speed = report.qd[:, k], report.tau[:, k], report.effort_limit[k], report.velocity_limit[k]
+        ax.plot(qd, tau, linewidth=1.0, label="cycle")
+        peak = int(np.abs(tau).argmax())
+        ax.plot(qd[peak], tau[peak], "x", color="C3", label="peak")
+        for sign in (-1, 1):
+            ax.axhline(sign * report.rms_torque[k], color="C2", linestyle=":", label="rms" if sign > 0 else HIDDEN)
+            for line, bound in ((ax.axhline, limit), (ax.axvline, speed)):
+                if np.isfinite(bound):
+                    line(sign * bound, color="C1", linestyle="--", label="limits" if sign > 0 else HIDDEN)
+        ax.set_title(literal(short(joint)))
+        ax.grid(True, alpha=0.3)
+        ax.ticklabel_format(scilimits=(-3, 4))
+    for ax in grid[len(report.joints) :]:
+        ax.remove()
+    if grid:
+        handles = dict(zip(*reversed(grid[0].get_legend_handles_labels()), strict=True))
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4, frameon=False)
+    for ax in grid[: len(report.joints)][-columns:]:
+        ax.set_xlabel("speed [rad/s or m/s]")
+    for ax in grid[: len(report.joints) : columns]:
+        ax.set_ylabel("torque [N m or N]")
+    return figure
+
+
 def small_plots(motion: Trajectory) -> list[tuple[str, Callable[[], Figure]]]:
     """The panels of a motion as pictures for narrow pages: the label of each, and a function that draws it."""
+    return small_motion_plots(motion, None)
+
+
+def small_motion_plots(motion: Any, names: Robot | None) -> list[tuple[str, Callable[[], Figure]]]:
+    """The same of a Trajectory, or of arrays (t, q, qd, qdd, tau) of a robot."""
     shown = motion_argument("motion", motion)
-    wanted = panels_of(shown, *joint_labels(shown, None), None)
+    wanted = panels_of(shown, *joint_labels(shown, names), None)
     return [(panel.label, partial(_small_plot, shown, panel)) for panel in wanted]
 
 

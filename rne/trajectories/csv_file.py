@@ -86,9 +86,17 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
 
 
 def read_samples(
-    path: str | os.PathLike[str], joint_names: Sequence[str], *, needed: Sequence[str] = (), gaps: bool = False
+    path: str | os.PathLike[str],
+    joint_names: Sequence[str],
+    *,
+    needed: Sequence[str] = (),
+    gaps: bool = False,
+    timed: bool = True,
 ) -> Samples:
-    """The samples of a file that must have the quantities `needed`; with `gaps`, NaN for entries left out but times."""
+    """The samples of a file that must have the quantities `needed`; with `gaps`, NaN for entries left out but times.
+
+    Of points that need not be `timed`, the times are their numbers if there is no column for them.
+    """
     if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
         given = type(joint_names).__name__
         raise TypeError(f"`joint_names` must be a sequence of str, such as robot.joint_names, got {given}")
@@ -101,6 +109,8 @@ def read_samples(
         rows.pop(0)  # a comment above the heading
     (row, heading), *body = rows
     columns = [column.strip() for column in (heading[0].strip().lstrip("#"), *heading[1:])]
+    if not timed and "t" not in columns and not any(math.isfinite(_as_number(column)) for column in columns):
+        columns, body = ["t", *columns], [(at, [str(k), *fields]) for k, (at, fields) in enumerate(body)]
     wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed)
     if not body:
         raise ValueError(f"{name}: there are no rows below the names of the columns")

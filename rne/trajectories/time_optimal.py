@@ -257,12 +257,13 @@ def _infeasible(piece: _Piece, grid: Array) -> str:
 
 def _parts(piece: _Piece, grid: Array, x: Array) -> Array:
     """Into how many parts to divide intervals: where the motion exceeds a limit between grid points, or uses none."""
-    profile, middle = _Profile(grid, x), (grid[1:] + grid[:-1]) / 2
-    q, d1, d2 = piece.derivatives(middle)
-    mean = ((x[1:] + x[:-1]) / 2)[:, None]
-    rows, speeds = piece.limits.use(q, d1 * np.sqrt(mean), d1 * profile.u[:, None] + d2 * mean)
+    profile, inside = _Profile(grid, x), np.array([0.25, 0.5, 0.75])[:, None]
+    q, d1, d2 = piece.derivatives(grid[:-1] + inside * np.diff(grid))
+    square = (x[:-1] + inside * np.diff(x))[..., None]
+    rows, speeds = piece.limits.use(q, d1 * np.sqrt(square), d1 * profile.u[:, None] + d2 * square)
     most = np.maximum(np.abs(rows).max(-1, initial=0), speeds.max(-1, initial=0))
-    closer = np.where(most < 1 - UNUSED, CLOSER, np.where(most > 1 + ACCURACY, 2, 1))
+    low, high = most[1], most.max(0)
+    closer = np.where(low < 1 - UNUSED, CLOSER, np.where(high > 1 + ACCURACY, 2, 1))
     return np.where(np.diff(profile.times) > SHORTEST * profile.times[-1], closer, 1)
 
 
