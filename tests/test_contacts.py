@@ -1,0 +1,122 @@
+"""The momentum observer: its differential equation, its thresholds, contacts and payloads, online and in records."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rne
+from rne.control import MomentumObserver
+
+T = np.linspace(0, 1, 1001)
+SAMPLES = 2e-3  # of the push: the trapezoidal rule at 1 ms
+MOTION = rne.trajectories.quintic([0, 0.2, 0, 0, 0.5, 0], [1, -0.3, 0.4, 1, -0.5, 1], 1.0)
+Q, QD, QDD = MOTION(T)
+PUSH = np.array([0, -30.0, 5.0, 0, 0, 0])
+
+
+def test_the_residual_follows_a_push_as_a_first_order_filter(irb140):
+    """r = (1 - exp(-gain t)) push."""
+    begun = T - 0.4
+    tau = irb140.inverse_dynamics(Q, QD, QDD) - np.where(begun > 0, 1.0, 0.0)[:, None] * PUSH
+    seen = MomentumObserver(irb140, gain=50.0, floor=1.0).observe(T, Q, QD, tau)
+    expected = np.where(begun > 0, 1 - np.exp(-50.0 * begun), 0.0)[:, None] * PUSH
+    late = begun > 0.01  # the push begins within a sample
+    np.testing.assert_allclose(seen.torque[late], expected[late], atol=30 * (SAMPLES + 50e-3 / 2))
+    np.testing.assert_allclose(seen.torque[-1], PUSH, atol=30 * SAMPLES)
+    assert seen.kind == "contact"
+    assert 0.4 < seen.first_contact < 0.405
+    assert "joint_2" in str(seen)
+
+
+def mixture(robots, shares):
+    return robots[0].with_parameters(sum(s * robot.parameters for s, robot in zip(shares, robots, strict=True)))
+
+
+@pytest.fixture(scope="module")
+def cases(irb140):
+    factors = 1 + 0.05 * np.array([[1, -1, 1, -1, 1, -1], [-1, 1, 1, 1, -1, 1], [1, 1, -1, -1, -1, 1]])
+    return [irb140.with_parameters(np.repeat(factor, 10) * irb140.parameters) for factor in factors]
+
+
+@pytest.mark.parametrize("shares", [[0.5, 0.3, 0.2], [0, 0, 1], [0.1, 0.9, 0]])
+def test_no_mixture_of_the_cases_exceeds_the_threshold(irb140, cases, shares):
+    """Residuals are linear in the parameters; with friction within its stated error too."""
+    known = rne.Friction(viscous=4.0, coulomb=5.0)
+    actual = rne.Friction(viscous=4.0 * 1.2, coulomb=5.0 * 0.8)
+    tau = mixture(cases, shares).inverse_dynamics(Q, QD, QDD) + actual.torque(irb140.model, QD)
+    observer = MomentumObserver(irb140, friction=known, cases=cases, friction_error=0.2, floor=0.1)
+    seen = observer.observe(T, Q, QD, tau)
+    assert seen.kind is None
+    assert "No contact" in str(seen)
+    assert np.abs(seen.torque).max() > 1.0  # there are errors
+    narrow = MomentumObserver(irb140, friction=known, floor=0.1).observe(T, Q, QD, tau)
+    assert narrow.kind is not None
+
+
+def test_a_corner_of_the_cases_reaches_the_threshold(irb140, cases):
+    """It is no larger than it must be: one of the cases is on it at every instant."""
+    tau = [case.inverse_dynamics(Q, QD, QDD) for case in cases]
+    observer = MomentumObserver(irb140, cases=cases)
+    seen = [observer.observe(T, Q, QD, x) for x in tau]
+    largest = np.max([np.abs(x.torque) for x in seen], axis=0)
+    np.testing.assert_allclose(largest, seen[0].threshold, atol=SAMPLES * seen[0].threshold.max())
+
+
+def test_a_payload_is_told_with_its_mass(irb140):
+    loaded = irb140.with_payload(3.0, com=[0.05, 0, 0.1])
+    observer = MomentumObserver(irb140, floor=2.0)
+    seen = observer.observe(T, Q, QD, loaded.inverse_dynamics(Q, QD, QDD))
+    assert seen.kind == "payload"
+    assert seen.payload_mass == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_record_is_observed(irb140):
+    tau = irb140.inverse_dynamics(Q, QD, QDD) - np.where(T > 0.5, 1.0, 0.0)[:, None] * PUSH
+    ready = rne.identification.Record(T, Q, tau).prepare()
+    seen = MomentumObserver(irb140, floor=5.0).observe(ready.t, ready.q, ready.qd, ready.tau)
+    assert 0.48 < seen.first_contact < 0.52  # the filter of the velocities is without delay
+
+
+def test_a_watched_law_is_replaced_at_the_contact(irb140):
+    """Online and offline are one filter: the contact is the first sample beyond the threshold."""
+    law = rne.control.computed_torque(irb140, 400, 40, MOTION)
+    observer = MomentumObserver(irb140, floor=3.0)
+
+    class World:
+        """The drives give what the watched law says, and from 20 ms on something pushes."""
+
+        def __init__(self, reaction):
+            self.watched = observer.watching(law, reaction, 1e-3)
+
+        def __call__(self, t, q, qd):
+            return self.watched(t, q, qd) + (PUSH if t >= 0.02 else 0.0)
+
+    def brake(t, q, qd):
+        return irb140.gravity_torque(q) - irb140.mass_matrix(q) @ (40 * qd)
+
+    world, t = World(brake), np.arange(61) * 1e-3
+    scene = rne.Scene(irb140, controller=world, sample_time=1e-3)
+    motion = rne.simulate(scene, MOTION(0.0)[0], [0] * 6, 0.06, t_eval=t)
+    drives = motion.tau - np.where(t >= 0.02, 1.0, 0.0)[:, None] * PUSH
+    seen = observer.observe(t, motion.q, motion.qd, drives, held=True)
+    assert world.watched.contact == pytest.approx(seen.first_contact, abs=1e-9)
+    assert 0.02 < seen.first_contact < 0.025
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"t": T**2}, "`t` must ascend at equal intervals; rne.identification.Record.prepare resamples"),
+        ({"qd": QD[1:]}, "`q`, `qd` and `tau` must have shape (1001, 6), a row for each of at least two times"),
+    ],
+)
+def test_what_is_refused(irb140, change, text):
+    arrays = {"t": T, "q": Q, "qd": QD, "tau": 0 * Q} | change
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        MomentumObserver(irb140).observe(**arrays)
+
+
+def test_cases_must_be_of_the_same_joints(irb140, ur5):
+    with pytest.raises(ValueError, match="`cases` must have the joints of the robot in its order"):
+        MomentumObserver(irb140, cases=[ur5])
