@@ -20,6 +20,7 @@ USES = {  # what in a script shows that it needs an extra
     "numba": 'engine="numba"',
     "view": r"rne\.view",
     "identify": r"rne\.identify\(",
+    "fastest": r"trajectories\.fastest\(",
 }
 
 

@@ -244,7 +244,7 @@ class MomentumObserver:
             return 0.0, 0.0
         columns = [(found - residual(carrying))[after].ravel() for carrying in self._carrying]
         masses, left = nnls(np.stack(columns, axis=1), target)
-        return float(masses.sum()), 1 - left**2 / float(target @ target)
+        return float(masses.sum()), max(1 - left**2 / float(target @ target), 0.0)
 
     def watching(self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float) -> Watched:
         """A control law that is watched in a sampled scene, and replaced by another from the first contact on.

@@ -1,0 +1,81 @@
+"""
+From via points to the drives
+=============================
+
+A UR5 picks a part and places it elsewhere. How fast can it go with its motors, and what
+do motors, gears and bearings bear? We plan the fastest motion along a path, look at what
+its drives do, and compare with a payload.
+
+Needs: ``pip install '.[plot,robots,fastest]'``
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import rne
+
+robot = rne.load("ur5").with_limits(acceleration=40.0)  # [rad/s^2]
+print(robot.effort_limit, robot.velocity_limit)  # of its URDF [N m, rad/s]
+
+# %%
+# The path
+# --------
+# Via points are joint positions: taught ones, or a Cartesian path that an inverse
+# kinematics has brought into joint space. At points 2 and 4 the gripper needs rest.
+
+home, above, pick = (
+    [0, -1.6, 1.6, -1.6, -1.6, 0],
+    [0.6, -1.2, 1.6, -2, -1.6, 0.6],
+    [0.6, -1.0, 1.7, -2.3, -1.6, 0.6],
+)
+via, place = [0, -1.5, 1.5, -1.6, -1.6, 0], [-0.8, -1.0, 1.7, -2.3, -1.6, -0.8]
+path = rne.trajectories.through([home, above, pick, via, place, home], stops=[2, 4])
+print(path)
+
+# %%
+# The fastest motion
+# ------------------
+# Friction and payload count. Of the optimal motion some limit is used at every instant,
+# so that torques jump; by default it is averaged over 10 ms, which drives can follow and
+# which costs that time between two stops.
+
+friction = rne.Friction(viscous=3.0, coulomb=4.0)
+motion = rne.trajectories.fastest(robot, path, friction=friction, payload=2.0)
+print(motion)
+empty = rne.trajectories.fastest(robot, path, friction=friction)
+print(f"{empty.duration:.3f} s without the payload, {motion.duration:.3f} s with it")
+assert empty.duration <= motion.duration
+sharp = rne.trajectories.fastest(
+    robot, path, friction=friction, payload=2.0, smoothing=0
+)
+assert motion.steps()[0].max() < 0.2 * sharp.steps()[0].max()
+
+# %%
+# What the drives bear
+# --------------------
+# Gear ratios, rotors and efficiencies are of your own data sheets; these are examples.
+# Energy that motors take and do not return is work on the arm (here its friction, as it
+# ends where it began), and what the gears lose.
+
+report = rne.drives(robot, motion, gear=101, rotor=5e-5, efficiency=0.8)
+print(report)
+spent = report.work + report.gear_losses + report.rotor_energy
+balance = report.energy_taken - report.energy_returned - spent
+assert abs(balance).max() < 1e-9 * report.energy_taken.max()
+rne.plotting.torque_speed(report)
+
+# %%
+# The command does the same with a file of via points, and writes a page with a 3-D view:
+# ``rne cycle ur5 via.csv --acceleration 40 --gear 101``.
+#
+# Torques over time show where the limits bind.
+
+figure = Figure(figsize=(6.5, 3), layout="constrained")
+ax = figure.subplots()
+t = np.linspace(0, motion.duration, 1000)
+ax.plot(
+    t, motion.torques(t)[:, :3] / robot.effort_limit[:3], label=robot.joint_names[:3]
+)
+ax.set(xlabel="time [s]", ylabel="torque / limit", title="The first three joints")
+ax.legend()
+figure
