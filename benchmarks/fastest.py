@@ -130,7 +130,7 @@ def following(name: str, paths: int) -> None:
         motion = rne.trajectories.fastest(robot, random_path(robot, np.random.default_rng(seed)))
         found.append([largest_deviation(motion), motion.duration - motion.unsmoothed_duration])
     off, cost = np.array(found).T
-    print(f"{name}, {paths} paths with smoothing: off by {off.max():.3g} rad at most, {cost.max():.3g} s longer at most")
+    print(f"{name}, {paths} smooth motions: off their paths by at most {off.max():.3g} rad, {cost.max():.3g} s longer")
 
 
 def campaign(name: str, paths: int) -> None:

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.fastest import friction_of, largest_deviation, largest_shares, random_path, robot_named, toppra_with_pinocchio
+from benchmarks.fastest import (
+    friction_of,
+    largest_deviation,
+    largest_shares,
+    random_path,
+    robot_named,
+    toppra_with_pinocchio,
+)
 from rne.model.builder import Part, assemble
 from rne.trajectories import fastest, through
 from rne.validation.oracle import Oracle

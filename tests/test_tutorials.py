@@ -19,6 +19,7 @@ USES = {  # what in a script shows that it needs an extra
     "cluster": "distributed",
     "numba": 'engine="numba"',
     "view": r"rne\.view",
+    "fastest": r"trajectories\.fastest\(",
     "identify": r"rne\.identify\(",
     "fastest": r"trajectories\.fastest\(",
 }

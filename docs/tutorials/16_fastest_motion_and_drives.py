@@ -77,5 +77,5 @@ ax.plot(
     t, motion.torques(t)[:, :3] / robot.effort_limit[:3], label=robot.joint_names[:3]
 )
 ax.set(xlabel="time [s]", ylabel="torque / limit", title="The first three joints")
-ax.legend()
+figure.legend(loc="outside right upper")
 figure
