@@ -19,7 +19,6 @@ USES = {  # what in a script shows that it needs an extra
     "cluster": "distributed",
     "numba": 'engine="numba"',
     "view": r"rne\.view",
-    "fastest": r"trajectories\.fastest\(",
     "identify": r"rne\.identify\(",
     "fastest": r"trajectories\.fastest\(",
 }
