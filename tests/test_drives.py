@@ -77,7 +77,6 @@ def test_energy_taken_less_returned_is_work_and_losses(report):
         report.energy_taken - report.energy_returned, spent, atol=SUMS * report.energy_taken.max()
     )
     assert (report.gear_losses[[0, 1, 2, 4, 5]] > 0).all()  # joint 4 stays where it is
-    np.testing.assert_allclose(report.motor_energy[-1], spent, atol=SUMS * report.energy_taken.max())
 
 
 def test_work_is_the_change_of_energy(arm):
@@ -142,8 +141,8 @@ def test_what_is_refused(arm, motion, options, error, text):
 def test_the_command_plans_and_reports_and_writes_a_page(tmp_path, capsys, monkeypatch):
     from rne.__main__ import main
 
-    monkeypatch.setattr(rne.plotting.html_page.Report, "film", lambda *_: None)
-    monkeypatch.setattr(rne.plotting.html_page, "has_matplotlib", lambda: False)  # pictures have tests of their own
+    monkeypatch.setattr("rne.plotting.html_page.Report.film", lambda *_: None)
+    monkeypatch.setattr("rne.plotting.html_page.has_matplotlib", lambda: False)  # pictures have tests of their own
     via = tmp_path / "via.csv"
     names = [f"joint_{k}" for k in range(1, 7)]
     np.savetxt(

@@ -137,12 +137,16 @@ class MomentumObserver:
 
     Examples
     --------
-    >>> import rne
+    >>> import numpy as np, rne
     >>> arm = rne.load("irb140")
     >>> light, heavy = (arm.with_parameters(share * arm.parameters) for share in (0.95, 1.05))
     >>> observer = rne.control.MomentumObserver(arm, cases=[light, heavy], floor=0.5)
-    >>> observer.robot.n
-    6
+    >>> motion, t = rne.trajectories.quintic([0] * 6, [1, 0.5, 0, 0, 1, 0], 1.0), np.linspace(0, 1, 1001)
+    >>> tau = arm.with_payload(3.0).inverse_dynamics(*motion(t))
+    >>> print(observer.observe(t, *motion(t)[:2], tau))  # doctest: +ELLIPSIS
+    Payload at 0.00... s, first seen by ...
+    >>> law = rne.control.computed_torque(arm, 400, 40, motion)
+    >>> scene = rne.Scene(arm, controller=observer.watching(law, law, 1e-3), sample_time=1e-3)
     """
 
     robot: Robot
@@ -184,16 +188,6 @@ class MomentumObserver:
         ------
         ValueError
             If the shapes do not match or the intervals are not equal.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> arm = rne.load("irb140")
-        >>> motion, t = rne.trajectories.quintic([0] * 6, [1, 0.5, 0, 0, 1, 0], 1.0), np.linspace(0, 1, 1001)
-        >>> tau = arm.with_payload(3.0).inverse_dynamics(*motion(t))
-        >>> seen = rne.control.MomentumObserver(arm, floor=2.0).observe(t, *motion(t)[:2], tau)
-        >>> seen.kind, round(seen.payload_mass)
-        ('payload', 3)
         """
         times, positions, rates, torques = (np.asarray(x, dtype=float) for x in (t, q, qd, tau))
         shape = (len(times), self.robot.n)
@@ -266,17 +260,6 @@ class MomentumObserver:
         ------
         ValueError
             If `sample_time` is not positive.
-
-        Examples
-        --------
-        >>> import rne
-        >>> arm = rne.load("irb140")
-        >>> law = rne.control.computed_torque(arm, 400, 40, rne.trajectories.quintic([0] * 6, [0.5] * 6, 1.0))
-        >>> watched = rne.control.MomentumObserver(arm, floor=5.0).watching(law, law, 1e-3)
-        >>> scene = rne.Scene(arm, controller=watched, sample_time=1e-3)
-        >>> _ = rne.simulate(scene, [0] * 6, [0] * 6, 0.05)
-        >>> watched.contact is None
-        True
         """
         return Watched(self, law, reaction, positive_number("sample_time", sample_time))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import cumulative_trapezoid, trapezoid
+from scipy.integrate import trapezoid
 
 from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
@@ -176,11 +176,6 @@ class DriveReport:
     def speed_share(self) -> Array:
         """Peak speeds over their limits, 0 where there is none, shape (n,)."""
         return self.peak_speed / self.velocity_limit
-
-    @property
-    def motor_energy(self) -> Array:
-        """Net energy that each motor has given until each sample, shape (T, n) [J]."""
-        return np.asarray(cumulative_trapezoid(self.motor_power, self.t, axis=0, initial=0))
 
     def __str__(self) -> str:
         title = f"Drives over a cycle of {six_digits(self.duration)} s, {len(self.t)} samples"

@@ -127,9 +127,12 @@ def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Arr
 
     Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1.
     """
-    from toppra.algorithm import TOPPRA
-    from toppra.constraint import LinearConstraint
-    from toppra.interpolator import AbstractGeometricPath
+    try:
+        from toppra.algorithm import TOPPRA
+        from toppra.constraint import LinearConstraint
+        from toppra.interpolator import AbstractGeometricPath
+    except ModuleNotFoundError:
+        raise ImportError("`fastest` needs toppra, which is not installed: pip install 'rne[fastest]'") from None
 
     with np.errstate(divide="ignore"):
         T = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
@@ -341,8 +344,10 @@ class FastestMotion(_ReferenceMotion):
     >>> import rne
     >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
     >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
-    >>> round(motion.duration - motion.unsmoothed_duration, 3)
-    0.01
+    >>> round(motion.duration - motion.unsmoothed_duration, 3), motion.torques(0.2).shape
+    (0.01, (6,))
+    >>> motion.shares()["velocity"].max().round(3).item(), motion.steps()[0][0].round().item()
+    (1.0, 25.0)
     """
 
     path: Path
@@ -405,14 +410,6 @@ class FastestMotion(_ReferenceMotion):
         -------
         ndarray, shape (n,) for one time, (T, n) for T times
             [N m or N].
-
-        Examples
-        --------
-        >>> import rne
-        >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
-        >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])
-        >>> motion.torques(0.2).shape
-        (6,)
         """
         return self.scene.inverse_dynamics(*self(t))
 
@@ -429,14 +426,6 @@ class FastestMotion(_ReferenceMotion):
         -------
         dict of str to ndarray, shape (T, n)
             "torque", "acceleration" and "velocity" over their limits at `instants`, 0 where there is no limit.
-
-        Examples
-        --------
-        >>> import rne
-        >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
-        >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]], smoothing=0)
-        >>> motion.shares()["velocity"].max().round(3).item()
-        1.0
         """
         limits, (q, qd, qdd) = self._limits, self(self.instants)
         tau = self.scene.inverse_dynamics(q, qd, qdd)
@@ -456,22 +445,12 @@ class FastestMotion(_ReferenceMotion):
             [N m/ms or N/ms].
         jerk : ndarray, shape (n,)
             [rad/s^3 or m/s^3].
-
-        Examples
-        --------
-        >>> import rne
-        >>> robot = rne.load("irb140").with_limits(effort=[250, 250, 150, 50, 50, 20])
-        >>> motion = rne.trajectories.fastest(robot, [[0] * 6, [1, 0.5, 0, 0, 0, 0]], smoothing=0)
-        >>> motion.steps()[0][0].round(-1).item()  # from one limit of the torque to standstill
-        250.0
         """
-        t = np.concatenate([self.instants, self.instants + MILLISECOND])
-        _, _, qdd = self(t)
-        tau = self.torques(t)
-        half = len(self.instants)
-        change = (np.abs(x[half:] - x[:half]).max(0) for x in (tau, qdd / MILLISECOND))
-        torque, jerk = change
-        return torque, jerk
+        t = np.stack([self.instants, self.instants + MILLISECOND])
+        torque, qdd = (
+            np.abs(np.diff(x, axis=0)[0]).max(0) for x in (self.torques(t[..., None]), self(t[..., None])[2])
+        )
+        return torque, qdd / MILLISECOND
 
     def __str__(self) -> str:
         cost = self.duration - self.unsmoothed_duration
@@ -545,8 +524,10 @@ def fastest(
     if scene.resolved.friction is not None:
         scene = replace(scene, friction=replace(scene.resolved.friction, smoothing=0.0))
     given = path if isinstance(path, Path) else through(path)
-    limits = _checked_limits(scene.resolved.robot, scene, given)
+    limits = _checked_limits(scene, given)
     pieces = [_Piece(limits, given, k) for k in range(len(given.pieces))]
+    for piece in pieces:
+        _check_range(piece)
     optimal = [_fastest_profile(piece) for piece in pieces]
     duration = sum(profile.duration for profile in optimal)
     window = SMOOTHING if smoothing is None else positive_number("smoothing", smoothing, zero_allowed=True)
@@ -559,7 +540,8 @@ def fastest(
         window *= 1.5
 
 
-def _checked_limits(robot: Robot, scene: Scene, path: Path) -> _Limits:
+def _checked_limits(scene: Scene, path: Path) -> _Limits:
+    robot = scene.resolved.robot
     known, names = robot.model.coordinate_limits(), robot.joint_names
     if path.points.shape[1] != robot.n:
         raise ValueError(f"`path` must have points of shape (K, {robot.n}), got {path.points.shape}")
@@ -574,17 +556,17 @@ def _checked_limits(robot: Robot, scene: Scene, path: Path) -> _Limits:
     for name, limit in zip(("torque", "acceleration", "velocity"), limits, strict=True):
         if not limit.all():
             raise ValueError(f"`robot`: the {name} limit of joint {names[int(limit.argmin())]!r} is 0")
-    found = _Limits(scene, names, *limits)
-    for index in range(len(path.pieces)):
-        piece = _Piece(found, path, index)
-        grid = piece.first_grid
-        q = piece.derivatives(grid)[0]
-        beyond = np.maximum(q - known["upper"], known["lower"] - q)
-        k, j = np.unravel_index(int(beyond.argmax()), q.shape)
-        if beyond[k, j] > 1e-9:
-            low, high = known["lower"][j], known["upper"][j]
-            raise ValueError(
-                f"`path` leaves the range of joint {names[j]!r}, {low:.4g} to {high:.4g}: {q[k, j]:.4g} "
-                f"{path._via(index, float(grid[k]))}"
-            )
-    return found
+    return _Limits(scene, names, *limits)
+
+
+def _check_range(piece: _Piece) -> None:
+    """Refuse a path that leaves the range of a joint."""
+    limits, q = piece.limits.robot.model.coordinate_limits(), piece.derivatives(piece.first_grid)[0]
+    low, high = limits["lower"], limits["upper"]
+    beyond = np.maximum(q - high, low - q)
+    k, j = np.unravel_index(int(beyond.argmax()), q.shape)
+    if beyond[k, j] > 1e-9:
+        raise ValueError(
+            f"`path` leaves the range of joint {piece.limits.names[j]!r}, {low[j]:.4g} to {high[j]:.4g}: {q[k, j]:.4g} "
+            f"{piece.path._via(piece.index, float(piece.first_grid[k]))}"
+        )
