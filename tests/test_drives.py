@@ -108,6 +108,7 @@ def test_the_payload_of_a_planned_motion_counts(arm):
     found, light = rne.drives(arm, motion), rne.drives(arm, quintic(HOME, PICK, motion.duration))
     assert found.torque_share.max() == pytest.approx(1.0, abs=0.01)
     assert found.bearings.force[-1] > light.bearings.force[-1]
+    np.testing.assert_array_equal(found.bearings.force, rne.drives(motion.scene, motion).bearings.force)
 
 
 def test_tables_name_every_joint_twice(report):

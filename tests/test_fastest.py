@@ -117,6 +117,24 @@ def test_velocities_and_accelerations_are_derivatives_and_stops_are_rests(path, 
     assert smooth(np.zeros((5, 1)))[2].shape == (5, 6)
 
 
+@pytest.mark.parametrize("height", [0.13, 0.2, 0.26])
+def test_friction_changes_its_sign_where_a_joint_turns(arm, height):
+    """Joint 1 turns half-way at full torque, a quarter of which is Coulomb friction: no instant beyond its limit."""
+    friction = rne.Friction(coulomb=0.25 * arm.effort_limit)
+    points = [[0, 0, 0, 0, 0, 0], [0.61, height, 0, 0, 0, 0], [0.1, 0.3, 0, 0, 0, 0]]
+    motion = fastest(arm, points, friction=friction, smoothing=0)
+    t = np.linspace(0, motion.duration, 2001)
+    turn = t[1:-1][np.flatnonzero(np.diff(np.sign(motion(t[1:-1])[1][:, 0])))[0]]
+    t = np.concatenate([t, turn + np.linspace(-1e-3, 1e-3, 20_001) * motion.duration])
+    assert (np.abs(motion.torques(t)) / arm.effort_limit).max() <= 1 + EXCEEDED
+
+
+def test_before_and_after_the_motion_is_rest(arm):
+    motion = fastest(arm, [[0] * 6, [1, 0.5, 0, 0, 0, 0]], smoothing=0)
+    for t in (-0.1, motion.duration + 0.1):
+        np.testing.assert_array_equal(np.stack(motion(t)[1:]), 0.0)
+
+
 def test_jerk_limits_lengthen_the_default_smoothing(arm):
     limited = arm.with_limits(jerk=3000.0)
     motion = fastest(limited, [[0] * 6, [1, 0.5, 0, 0, 0, 0]])

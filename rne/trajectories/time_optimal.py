@@ -38,6 +38,7 @@ AGREE = 3e-4  # of a limit: between viscous friction and its tangent
 PASSES = 30  # of viscous friction, and of the smoothing
 SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
 AT_LIMIT = 0.99  # share of a limit from which it counts as used
+CREEP = 1e-12  # [1/s], s' at a stop: Coulomb friction has the sign of the motion that begins or ends there
 MILLISECOND = 1e-3  # over which steps of torques and accelerations are told
 
 
@@ -196,11 +197,11 @@ class _Profile:
         end = self.times[-1]
         if not self.window:
             s, v, u = (curve(np.minimum(t, end)) for curve in curves)
-            return s, v, u
+            return s, np.maximum(v, CREEP), u
         now, then = np.clip(t, 0, end), np.clip(t - self.window, 0, end)
         area = integral(now) - integral(then) + self.grid[-1] * np.maximum(t - end, 0)
         (s1, s0), (v1, v0) = ((curve(now), curve(then)) for curve in curves[:2])
-        return area / self.window, (s1 - s0) / self.window, (v1 - v0) / self.window
+        return area / self.window, np.maximum((s1 - s0) / self.window, CREEP), (v1 - v0) / self.window
 
     def instants(self) -> Array:
         """Times of all corners of s'', and one between each two."""
