@@ -156,11 +156,12 @@ def main() -> None:
         outside = [quantity for quantity, share in one["sampled"]["worst"].items() if share > 1]
         print(f"{name}: {samples} states, outside: {outside or 'none'}", flush=True)
         results[name] = one
+        if not given.quick:
+            write("bounds.json", {"arms": {known: results[known] for known in ARMS if known in results}})
     for row in rows(results):
         print(" | ".join(row))
     if given.quick:
         return
-    write("bounds.json", {"arms": {name: results[name] for name in ARMS if name in results}})
     head = ["arm", "joints", "positions", "gravity torque", "k_g", "entries of M", "eigenvalues of M", "k_C", "torque"]
     rewrite(PAGE, {"bounds": table(head, rows(results))})
     picture(results).savefig(DOCS / "stability" / "bounds.png", facecolor="white")

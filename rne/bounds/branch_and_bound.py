@@ -20,7 +20,7 @@ from .polynomials import Box
 
 BLOCK = 8192  # positions that are tested at once
 DENSE = 2**27  # corners of a whole grid that are held as a table of bytes
-MOST_CELLS = 8_000_000
+MOST_CORNERS = 10**8  # of all cells, shared ones counted for each
 SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
 WIDEST = 1.0  # fraction at which searches begin
 FEW = 512
@@ -115,7 +115,7 @@ class Search:
         while self.prove(deadline):
             if not len(self.cells):
                 return True
-            if len(self.cells) > MOST_CELLS or not self.free.any():
+            if len(self.cells) * 2.0 ** self.free.sum() > MOST_CORNERS or not self.free.any():
                 return False
             self.halve()
         return False
