@@ -343,7 +343,13 @@ def known(robot, stiffness, inertia):
         Bound(np.array(low), np.array(high), np.array(high), np.zeros(1), 0.05) for low, high in (stiffness, inertia)
     ]
     full = {"lower": np.full(robot.n, -np.pi), "upper": np.full(robot.n, np.pi), "circle": np.full(robot.n, True)}
-    return Bounds(gravity_stiffness=bounds[0], mass_eigenvalues=bounds[1], joint_names=robot.joint_names, **full)
+    return Bounds(
+        gravity_stiffness=bounds[0],
+        mass_eigenvalues=bounds[1],
+        joint_names=robot.joint_names,
+        models=(robot.model,),
+        **full,
+    )
 
 
 def test_bounds_prove_the_limit_of_a_joint_and_what_gravity_needs():
@@ -383,6 +389,16 @@ def test_a_bound_that_was_not_found_proves_nothing_stable():
 def test_bounds_of_an_arm_prove_what_gravity_needs_alone(planar):
     bounds = planar.bounds("limits", quantities=["gravity_stiffness"])
     assert rne.check_gains(planar, 100.0, 10.0, bounds=bounds).proven == ("beats_gravity",)
+
+
+def test_bounds_of_the_robot_without_its_payload_are_refused(planar):
+    """They would call gains proven that the payload's gravity exceeds."""
+    found = planar.bounds("limits", payload=(0, 5), quantities=["gravity_stiffness"])
+    loaded = planar.with_payload(5.0)
+    assert rne.check_gains(loaded, 100.0, 10.0, bounds=found).gravity_stiffness == found.gravity_stiffness.upper
+    for other in (planar.with_payload(6.0), rne.Robot(replace(planar.model, gravity=[0.0, 0.0, -98.1]))):
+        with pytest.raises(ValueError, match="`bounds` must be of this very robot, with its masses, gravity"):
+            rne.check_gains(other, 100.0, 10.0, bounds=found)
 
 
 def test_bounds_of_another_robot_or_of_a_part_of_the_workspace_are_refused(planar):

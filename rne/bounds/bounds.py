@@ -91,6 +91,8 @@ class Bounds(InNotebooks):
         The positions considered [rad or m].
     circle : ndarray, shape (n,)
         True for coordinates that make full turns.
+    models : tuple of Model
+        The robot's, or those at the ends of ranges of masses.
 
     Examples
     --------
@@ -110,6 +112,7 @@ class Bounds(InNotebooks):
     lower: Array = field(default_factory=lambda: np.zeros(0))
     upper: Array = field(default_factory=lambda: np.zeros(0))
     circle: Array = field(default_factory=lambda: np.zeros(0, bool))
+    models: tuple[Model, ...] = ()
 
     def __str__(self) -> str:
         rows = [("gap", "proven", "attained", "")]
@@ -185,7 +188,14 @@ def robot_bounds(
             for c in caches
         ]
         found[name] = extremes(per_model, least=name == "mass_eigenvalues")
-    return Bounds(**found, joint_names=model.joint_names, lower=box.lower, upper=box.upper, circle=box.circle)
+    return Bounds(
+        **found,
+        joint_names=model.joint_names,
+        lower=box.lower,
+        upper=box.upper,
+        circle=box.circle,
+        models=tuple(c.model for c in caches),
+    )
 
 
 def corners_of_masses(

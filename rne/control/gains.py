@@ -116,7 +116,8 @@ def check_gains(
     max_sample_time : float, optional
         End of the `windows` [s]; by default somewhat beyond the limit.
     bounds : Bounds, optional
-        Of `Robot.bounds`: its `gravity_stiffness` and, for one joint, its `mass_eigenvalues`.
+        Of `Robot.bounds` of this very robot, payload and gravity included: its `gravity_stiffness` and, for one joint,
+        its `mass_eigenvalues`.
 
     Returns
     -------
@@ -184,6 +185,11 @@ def bounded(robot: Robot, kp: Array, kd: Array, bounds: Bounds, limit: float) ->
     if bounds.joint_names != robot.joint_names:
         names = (listed(x.joint_names) for x in (bounds, robot))
         raise ValueError("`bounds` must be of the robot, with the joints {1}; got those of one with {0}".format(*names))
+    if robot.model not in bounds.models:
+        raise ValueError(
+            "`bounds` must be of this very robot, with its masses, gravity and limits, or have it at an end of their "
+            "ranges of masses; got those of another model: call robot.bounds again"
+        )
     gravity, inertia, (lower, upper) = bounds.gravity_stiffness, bounds.mass_eigenvalues, workspace(robot)
     if gravity is None or not (bounds.circle | (bounds.lower <= lower) & (upper <= bounds.upper)).all():
         raise ValueError("`bounds` must have the gravity_stiffness, and for all positions of the workspace")
