@@ -187,3 +187,11 @@ def test_the_planned_torques_drive_the_arm_along_the_path(arm):
     """At 1 kHz with the default smoothing; the errors of held torques are of the order of step^2 times the jerk."""
     motion = fastest(arm, [[0] * 6, [0.3, 0.2, -0.3, 0.5, 0.3, 1]])
     assert largest_deviation(motion) < 1e-4
+
+
+def test_an_unexpected_failure_of_the_solver_is_told(arm, monkeypatch):
+    monkeypatch.setattr("rne.trajectories.time_optimal._largest_x", lambda *_: None)
+    with pytest.raises(
+        ValueError, match=r"^`path`: toppra finds no motion; at rest it needs most .*, \d+% of joint 'j"
+    ):
+        fastest(arm, [[0] * 6, [1, 0, 0, 0, 0, 0]])

@@ -253,6 +253,8 @@ def _infeasible(piece: _Piece, grid: Array) -> str:
     joint, quantity, limit = piece.limits.row_name(int(row))
     place = piece.path._via(piece.index, float(grid[k]))
     need = at_rest[k, row] * limit
+    if need < limit:
+        return f"`path`: toppra finds no motion; at rest it needs most {place}, {need / limit:.0%} of joint {joint!r}"
     return (
         f"`path` cannot be driven: {place}, joint {joint!r} needs a {quantity} of {need:.4g} for gravity and Coulomb "
         f"friction alone, its limit is {limit:.4g}"
