@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import trapezoid
 
 from ..basics.arrays import per_joint_array, positive_number
 from ..basics.spatial import Array
@@ -102,7 +101,7 @@ class DriveReport:
         return np.where(self.power < 0, self.tau * self.efficiency, self.tau / self.efficiency)
 
     def _integral(self, values: Array) -> Array:
-        return np.asarray(trapezoid(values, self.t, axis=0))
+        return np.asarray(np.trapezoid(values, self.t, axis=0))
 
     def _mean(self, values: Array) -> Array:
         return self._integral(values) / self.duration
