@@ -253,7 +253,7 @@ class MomentumObserver:
         Returns
         -------
         Watched
-            A controller for one simulation of `rne.Scene(..., sample_time=sample_time)`; its `contact` is the time of
+            A controller for one simulation of ``rne.Scene(..., sample_time=sample_time)``; its `contact` is the time of
             the first contact, or None.
 
         Raises
