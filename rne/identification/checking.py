@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.spatial import Array
-from ..basics.text import Row, aligned, short, wrapped
+from ..basics.text import InNotebooks, Row, aligned, short, wrapped
 from ..plotting.plots import HIDDEN, curves, dress, figure_of, legend_beside, literal, panels
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ GAP = 1.5  # times the usual step, over which no line is drawn
 
 
 @dataclass(frozen=True, eq=False)
-class Check:
+class Check(InNotebooks):
     """Torques predicted for a measured motion beside the measured ones, by `Identification.check`.
 
     Attributes

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..basics.text import Row, aligned, listed, short, wrapped
+from ..basics.text import InNotebooks, Row, aligned, listed, short, wrapped
 from ..errors import IdentificationError
 from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import DriveModel
@@ -33,7 +33,7 @@ SETTLED = 1e-7  # relative change of the gains at which they end
 
 
 @dataclass(frozen=True, eq=False)
-class DriveGains:
+class DriveGains(InNotebooks):
     """Gains of the drives, by `rne.identify_drive_gains`.
 
     Attributes

@@ -142,11 +142,11 @@ def identify(
     correlation_time = data.correlation_time(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
     estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
-    drift = data.at_lower_cutoff(base, estimate.sigma) - estimate.values
+    lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     errors = held_out(method, data.fitted, data.measured)
     notes = (*data.notes, *map(taken_text, modelled), *notes)
     notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
-    trust = errors, correlation_time, drift, merged_by_kind(causes)
+    trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(causes)
     found = Identification(robot, standard, base, data, estimate, parameters, consistent, *trust, notes)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, point_mass_inertia
-from ..basics.text import Row, aligned, short, wrapped
+from ..basics.text import InNotebooks, Row, aligned, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
 from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, parameters_of_pseudo_inertia, pseudo_inertia
@@ -42,7 +42,7 @@ QUANTITIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class PayloadEstimate:
+class PayloadEstimate(InNotebooks):
     """A load found by `rne.identify_payload`; a Scene takes it as its `payload`.
 
     Attributes

@@ -15,9 +15,9 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.motion_files import numbered_joints
-from .equations import Equations, RecordEquations, joined, record_equations
+from .equations import Equations, RecordEquations, joined, record_equations, triangular
 from .filtering import low_pass, settling
-from .least_squares import correlation_time_of_filtered_noise, correlation_time_of_residuals
+from .least_squares import correlation_time_of_filtered_noise, correlation_time_of_residuals, solve
 from .prepared import Prepared, undisturbed
 from .record import Record
 from .screening import consecutive
@@ -44,23 +44,27 @@ class RegressionData(NamedTuple):
         """Measured less predicted torques of each record, of standard parameters x."""
         return [row.tau - row.Y @ x for row in self.rows]
 
-    def at_lower_cutoff(self, base: BaseParameters, sigma: Array) -> Array:
-        """Base parameters from the equations filtered again with half the cut-off; NaN where they are too few."""
+    def at_lower_cutoff(self, base: BaseParameters, noise: Array) -> tuple[Array, Array]:
+        """Base parameters and standard errors with half the cut-off, from equations that no joint at rest enters.
+
+        `noise` is the square root of the residuals' spectral density at low frequencies, of which half the cut-off
+        leaves the same, shape (n,). NaN where the equations are too few.
+        """
         parts = []
         for record, row in zip(self.prepared, self.rows, strict=True):
             cutoff, rate = record.cutoff / 2, record.sample_rate / record.decimation
             reach = settling(cutoff, rate)
-            both = np.concatenate([row.Y @ base.back, row.tau[..., None]], axis=-1)
+            both = np.concatenate([row.Y @ base.back, row.tau[..., None]], axis=-1) / noise[:, None]
             for part in consecutive(record.segment_lengths):
-                length = part.stop - part.start
-                if length > 2 * reach + base.count // self.fitted.joints:
-                    inner = np.arange(reach, length - reach)
-                    sound = undisturbed(~row.valid[part], inner, reach)
-                    parts.append((low_pass(both[part], cutoff, rate, inner) / sigma[:, None])[sound])
+                inner = np.arange(reach, part.stop - part.start - reach)
+                if len(inner):
+                    sound = undisturbed(~row.used[part], inner, reach)
+                    parts.append(low_pass(both[part], cutoff, rate, inner)[sound])
         rows = np.concatenate(parts) if parts else np.zeros((0, base.count + 1))
-        if len(rows) <= 2 * base.count:
-            return np.full(base.count, np.nan)
-        return np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=None)[0])
+        found = solve(triangular(rows))
+        if len(rows) <= 2 * base.count or found.free.any():
+            return np.full(base.count, np.nan), np.full(base.count, np.nan)
+        return found.x, np.linalg.norm(found.inverse, axis=1)
 
     def correlation_time(self, x: Array) -> Array:
         """Integrated autocorrelation time of the residuals of parameters x, in rows, shape (n,)."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..basics.text import Row, aligned, counted, listed, short, wrapped
+from ..basics.text import InNotebooks, Row, aligned, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..errors import IdentificationError
 from ..model.model import joint_array
@@ -35,6 +35,7 @@ UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identifi
 NAMED = 3  # causes that a warning names
 IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
 EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explains them
+UNKNOWN_VALUE = 100.0  # per cent: a standard error as large as the value, from which it is not known
 WORSE = 1.2  # residuals of possible bodies, of those of least squares
 UNKNOWN = (
     "no single change explains all of it: look at the joints' residuals over time and speed (`plot`), and check "
@@ -43,7 +44,7 @@ UNKNOWN = (
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(InNotebooks):
     """Parameters found from measured motions, by `rne.identify`.
 
     Attributes
@@ -69,9 +70,10 @@ class Identification:
     correlation_time : ndarray, shape (n,)
         Integrated autocorrelation time of the residuals, in rows; the number of rows over it is the effective sample
         size, by which standard errors are taken.
-    drift : ndarray, shape (base.count,)
-        By how much base parameters change when everything is filtered again with half the cut-off: beyond a few
-        standard errors, the filter biases them. NaN where the record is too short for it.
+    drift, drift_error : ndarray, shape (base.count,)
+        By how much base parameters change when everything is filtered again with half the cut-off, and the standard
+        error of those with half the cut-off: where the change is beyond a few of these, one of the two cut-offs biases
+        the parameter, or something else changes with frequency. NaN where the record is too short for it.
     causes : tuple of Cause
         What would explain the residuals better, the likeliest first.
     notes : tuple of str
@@ -88,6 +90,7 @@ class Identification:
     unexplained: Unexplained
     correlation_time: Array
     drift: Array
+    drift_error: Array
     causes: tuple[Cause, ...]
     notes: tuple[str, ...]
 
@@ -377,21 +380,30 @@ def motions_text(found: Identification) -> list[str]:
 def parameters_text(found: Identification) -> str:
     """Base parameters with standard errors."""
     e = found.estimate
-    title = "least squares", "standard error", "drift", *(("consistent",) if found.consistent else ())
+    title = (
+        "least squares",
+        "standard error",
+        "of the value [%]",
+        "drift",
+        *(["consistent"] if found.consistent else []),
+    )
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):
-        numbers = [e.values[k], e.errors[k], found.drift[k], *([found.values[k]] if found.consistent else [])]
-        rows.append(Row(f"  {name}", ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]))
-    lines = [*aligned(rows), f"Numbers are those of the joints: {joints}."]
+        relative = 100 * e.errors[k] / max(abs(e.values[k]), np.finfo(float).tiny)
+        numbers = [found.drift[k], *([found.values[k]] if found.consistent else [])]
+        cells = ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]
+        share = f"{relative:.2g}" if relative < UNKNOWN_VALUE else "-"
+        rows.append(Row(f"  {name}", [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", share, *cells]))
+    lines = [*aligned(rows), f"Numbers are those of the joints: {joints}. A dash for a share: not told from zero."]
     combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
     if combined:
         lines += ["Base parameters that stand for a combination of several:", *(f"  {text}" for text in combined)]
-    moved = [name for name, x, error in zip(found.base.names, found.drift, e.errors, strict=True) if abs(x) > 3 * error]
+    moved = [found.base.names[k] for k in np.flatnonzero(np.abs(found.drift) > 3 * found.drift_error)]
     if moved:
         lines.append(
-            f"drift, the change with half the cut-off, beyond three standard errors: {', '.join(moved)}; the filter "
-            "biases these, or something else changes with frequency"
+            f"drift, the change with half the cut-off, beyond three standard errors: {', '.join(moved)}; one of the "
+            "two cut-offs biases these, or something else changes with frequency"
         )
     weak = [name for name, seen in zip(found.base.names, found.excited, strict=True) if not seen]
     if weak:

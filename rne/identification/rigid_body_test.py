@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..basics.text import Row, aligned, listed, short, wrapped
+from ..basics.text import InNotebooks, Row, aligned, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor
 from ..model.parameters import PARAMETERS
@@ -40,7 +40,7 @@ TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, eq=False)
-class Consistency:
+class Consistency(InNotebooks):
     """Whether torques can come from one rigid-body model, by `rne.consistency`.
 
     Attributes

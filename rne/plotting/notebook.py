@@ -43,9 +43,9 @@ BODIES = "Masses with the links on fixed joints included, in the axes of the lin
 
 
 @singledispatch
-def html(thing: object) -> str:
-    """The page of an object of one of the classes below, as a fragment of HTML."""
-    raise TypeError(f"there is no page for {type(thing).__name__}")
+def html(thing: Any) -> str:
+    """The page of an object of one of the classes below, as a fragment of HTML; of other results their report."""
+    return _page(_preformatted(thing.report()))
 
 
 @html.register
@@ -105,7 +105,7 @@ def _(kernel: Kernel) -> str:
     return _page(
         _table(heads, rows, title=title),
         _table(tuple(counts), [tuple(map(str, counts.values()))], numbers=0),
-        f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(chr(10).join(lines))}</pre></div>',
+        _preformatted("\n".join(lines)),
     )
 
 
@@ -181,6 +181,10 @@ def _page(*pieces: str) -> str:
 def _text(text: str) -> str:
     lines = "<br/>".join(escape(line.strip()) for line in text.splitlines())
     return f'<p style="margin:.3em 0;overflow-wrap:anywhere">{lines}</p>'
+
+
+def _preformatted(text: str) -> str:
+    return f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(text)}</pre></div>'
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: int = 99, title: str = "") -> str:
