@@ -806,3 +806,16 @@ def test_sweep_takes_half_and_twice_the_chosen_cut_off(true):
     measured = record(true, encoder_step=1e-5)
     chosen = measured.prepare().cutoff
     assert [p.cutoff for p in measured.sweep()] == pytest.approx([chosen / 2, chosen, 2 * chosen])
+
+
+def test_a_record_that_jumps_cut_into_pieces_gets_a_cutoff_of_the_motion():
+    """Many pieces in 20 s, positions that repeat: coherence needs spectra of several pieces, and finds the motion's 0.5 Hz."""
+    rng, robot = np.random.default_rng(1), rne.load("ur5")
+    true = truth(robot, 20.0, 1000.0, seed=1)
+    tau = true.tau + 0.05 * np.sqrt((true.tau**2).mean(0)) * rng.standard_normal(true.tau.shape)
+    sent = np.maximum.accumulate(np.where(rng.random(len(true.t)) < 0.2, np.arange(len(true.t)), 0))
+    walk = np.cumsum(0.002 * rng.normal(size=true.q.shape) * (rng.random(true.q.shape) < 0.002), axis=0)
+    prepared = Record(true.t, true.q[sent] + walk, tau).prepare()
+    assert len(prepared.segments) > 3
+    assert prepared.cutoff < 10
+    assert "of what torques and positions have in common" in prepared.notes[0]

@@ -193,6 +193,21 @@ def test_a_guess_from_the_geometry_is_prior_enough(scene):
     assert "rods between the joints" in guessed.notes[0]
 
 
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+def test_torques_of_no_rigid_body_make_no_guessed_body_heavier_than_all_together():
+    """A quarter of the torques is of nothing that is modelled: bodies stay near the guess, and the report says so."""
+    arm = rne.load("panda").locked({"panda_finger_joint1": 0, "panda_joint1": 0, "panda_joint6": 0.5})
+    true, rng = truth(arm, 20.0, seed=1), np.random.default_rng(0)
+    size = np.sqrt((true.tau**2).mean(0)) + 1
+    tau = true.tau * rng.uniform(0.75, 1.25, 5) + 0.25 * size * np.sin(3 * true.q + 1)
+    log = Record(true.t, true.q, tau + 0.01 * size * rng.normal(size=tau.shape))
+    found = rne.identify(arm, log, prior="geometry", folds=2)
+    guess = float(re.search(r"rods between the joints, ([0-9.]+) kg", found.report())[1])
+    wide = rne.identify(arm, log, prior="geometry", prior_std=3.0, folds=2)
+    assert found.robot.model.mass.max() < guess < wide.robot.model.mass.max()
+    assert "with a larger one, torques that are not explained ask for one body" in found.report()
+
+
 def test_coupled_motor(scene, motions):
     """A rotor that turns with the sum of the last two joints, its inertia and friction."""
     shaft, inertia, viscous, coulomb = np.array([[0, 0, 0, 0, 1.0, 1.0]]), 0.5, 2.0, 1.5

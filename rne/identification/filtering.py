@@ -63,6 +63,7 @@ def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:
 
 
 WINDOW = 4.0  # seconds of one spectrum; several are averaged
+USED = 0.7  # share of the samples in segments that are long enough for one
 POWER = 0.99  # share of the velocities' power that makes up the motion's bandwidth
 FACTOR = 5.0  # times the motion's bandwidth, for the cut-off
 FEWEST = 8  # samples of a spectrum
@@ -124,9 +125,7 @@ def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[
     """Frequencies, and the cross spectrum of the derivatives of x and y, mean over the segments."""
     from scipy.signal import csd
 
-    length = min(int(WINDOW * sample_rate), max((len(part) for part in x), default=0) - 1)
-    if length < FEWEST:
-        raise ValueError("the segments are too short for a spectrum of the positions")
+    length = _window(x, sample_rate)
     spectra, weights = [], []
     for a, b in zip(x, y, strict=True):
         if len(a) > length:
@@ -135,6 +134,16 @@ def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[
             spectra.append(csd(first, second, sample_rate, "hann", length, detrend="constant", axis=0))
             weights.append(len(a))
     return spectra[0][0][1:], np.average([power[1:] for _, power in spectra], axis=0, weights=weights)
+
+
+def _window(x: Sequence[Array], sample_rate: float) -> int:
+    """Samples of one spectrum, fewer than of the segments that have most of the samples."""
+    lengths = np.sort([len(part) for part in x] or [0])
+    shortest = int(lengths[np.searchsorted(np.cumsum(lengths), (1 - USED) * lengths.sum())])
+    length = min(int(WINDOW * sample_rate), shortest - 1)
+    if length < FEWEST:
+        raise ValueError("the segments are too short for a spectrum of the positions")
+    return length
 
 
 def integral(velocities: Array, sample_rate: float) -> Array:
@@ -195,8 +204,8 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
     f, both = _power(q, tau, sample_rate)
     moved, torque = (_power(x, x, sample_rate)[1].real for x in (q, tau))
     squared: Array = np.abs(both) ** 2 / np.maximum(moved * torque, np.finfo(float).tiny)
-    window = min(WINDOW * sample_rate, max(len(x) for x in q))
-    averages = max(2.0, AVERAGES * sum(len(x) for x in q) / window)
+    window = _window(q, sample_rate)
+    averages = max(2.0, AVERAGES * sum(len(x) for x in q if len(x) > window) / window)
     chance = squared < 1 - CHANCE ** (1 / (averages - 1))
     chance[:-1] &= chance[1:]  # two neighbouring frequencies
     start = np.argmax(squared * moved / f[:, None] ** 2, axis=0)

@@ -25,9 +25,10 @@ from .record import Record
 from .regression import FOLDS, RegressionData, build_regression
 from .residuals import Residuals
 from .result import IMPOSSIBLE, Identification
+from .rigid_body_test import EXPLAINED
 
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
-PRIOR_STD_OF_GUESS = 3.0  # of bodies guessed from the geometry
+PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
 BEYOND_DOUBT = 4.0  # standard errors
 IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns
 ROUNDS = 4  # of taking a cause into account
@@ -70,7 +71,7 @@ def identify(
         and finds their density from the measurements.
     prior_std : float, optional
         Standard deviation of the prior, how far bodies are expected to differ from it, relatively: by default 0.3, for
-        "geometry" 3.
+        "geometry" 3, less where torques that are not explained ask for one body heavier than the guess of all.
     minimum_velocity : array_like, shape (n,), optional
         Slower equations of a joint are not fitted, because the direction of Coulomb friction is not known; by default
         2 % of the joint's largest velocity, and what one step of its encoder makes, with Coulomb friction that is not
@@ -135,15 +136,22 @@ def identify(
     base, data, causes, modelled = explained(robot, records, drives, delay, options)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
-    if prior_std is None:
-        prior_std = PRIOR_STD_OF_GUESS if isinstance(prior, str) else PRIOR_STD
-    method = Method(standard, base, guess, positive_number("prior_std", prior_std) ** -2)
-    estimate, parameters = method.solved(data.fitted)
+    stds = PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (PRIOR_STD,)
+    for std in stds if prior_std is None else (positive_number("prior_std", prior_std),):
+        method = Method(standard, base, guess, std**-2)
+        estimate, parameters = method.solved(data.fitted)
+        if guess is None or plausible(parameters, guess, data.fitted):
+            break
     correlation_time = data.correlation_time(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
     estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     errors = held_out(method, data.fitted, data.measured)
+    if isinstance(prior, str) and prior_std is None and std != stds[0]:
+        notes += (
+            f"prior_std {std:g}: with a larger one, torques that are not explained ask for one body of a mass "
+            "above the guess of all",
+        )
     notes = (*data.notes, *map(taken_text, modelled), *notes)
     notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
     trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(causes)
@@ -276,6 +284,13 @@ def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equat
         return density * bodies, (f"prior: rods between the joints, {density:.4g} kg in all",)
     bodies, thickened = model_prior(known.model)
     return bodies, tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)
+
+
+def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
+    """False if torques that are not explained make one body heavier than all together are guessed to be."""
+    explained = fitted.residuals(parameters) <= EXPLAINED**2 * fitted.torques()
+    masses = parameters[: PARAMETERS * len(guess) : PARAMETERS]
+    return bool(explained.all() or masses.max(initial=0) <= guess[:, 3, 3].sum())
 
 
 def found_density(bodies: Array, standard: StandardParameters, fitted: Equations) -> float:
