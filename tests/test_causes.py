@@ -10,6 +10,8 @@ import pytest
 import rne
 from benchmarks import identification_faults as faults
 from rne.identification import Record
+from rne.identification.causes import other_joints
+from rne.identification.fit import residuals_of
 from rne.identification.regression import build_regression
 from rne.identification.residuals import Residuals
 
@@ -255,6 +257,45 @@ def test_a_joint_at_rest_is_judged_apart():
     assert left.in_motion[3] < 0.02 < 0.2 < left.at_rest[3]
     assert left.in_motion[3] < left.everywhere[3] < left.at_rest[3]
     assert np.isfinite(left.in_motion).all()
+
+
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+@pytest.mark.parametrize(("robot", "degrees"), [("SCARA", 2), ("SCARA", 8), ("mimic", 5), ("gantry", 15)])
+def test_a_base_that_is_tilted_by_some_degrees_is_told(robot, degrees):
+    c, angle = faults.case(robot, 3), np.deg2rad(degrees)
+    gravity = 9.81 * np.array([0, np.sin(angle), -np.cos(angle)])
+    tilted = rne.Robot(dataclasses.replace(c.arm.robot.model, gravity=gravity))
+    tau = c.tau + tilted.gravity_torque(c.states[0]) - c.arm.robot.gravity_torque(c.states[0])
+    data = faults.log(c, tau)
+    found = rne.identify(faults.given_robot(c.arm.robot, c.rng), Record(data.t, data.q, data.tau), consistent=False)
+    texts = [cause.text for cause in found.causes[:2] if cause.kind == "gravity direction"]
+    *direction, told = map(float, re.findall(r"-?[0-9.]+(?=[,) ])", texts[0]))
+    np.testing.assert_allclose(direction, gravity / 9.81, atol=0.03)
+    assert abs(told - degrees) < 1 + 0.1 * degrees  # the derivative by a small angle
+
+
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+def test_a_load_on_an_inner_link_is_told_with_its_link():
+    c = faults.case("SCARA", 3)  # for its times and its seed
+    robot = rne.load("ur5").locked({f"wrist_{k}_joint": 0.3 for k in (1, 2, 3)})
+    q, qd, qdd = faults.motion(robot, c.rng, c.t)
+    more = robot.with_payload(5.0, (0, 0.1, 0.3), link="upper_arm_link").inverse_dynamics(q, qd, qdd)
+    tau = robot.inverse_dynamics(q, qd, qdd)
+    size = np.sqrt((tau**2).mean(0))
+    tau = (
+        np.where(c.t[:, None] > 9, more, tau) + 0.1 * size * np.sign(qd) + 0.01 * size * faults.coloured(c.rng, q.shape)
+    )
+    found = rne.identify(robot, Record(c.t, q, tau), consistent=False)
+    assert found.causes[0].kind == "payload changed"
+    assert re.match(r"the load on the link behind shoulder_lift_joint changes near (8|9|10)\.", found.causes[0].text)
+    assert "likewise" not in found.causes[0].text  # links beside it look alike, and are not loaded too
+
+
+def test_a_slider_is_not_said_to_be_exchanged_with_a_joint_that_turns():
+    found = identified(faults.clean)
+    left = residuals_of(found.initial, found.base, found.data, found.estimate)
+    changes = [cause for cause in other_joints(left) if cause.kind == "joint order"]
+    assert {cause.joints for cause in changes} == {("a", "b"), ("a", "d"), ("b", "d")}
 
 
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")

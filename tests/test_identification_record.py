@@ -819,3 +819,19 @@ def test_a_record_that_jumps_cut_into_pieces_gets_a_cutoff_of_the_motion():
     assert len(prepared.segments) > 3
     assert prepared.cutoff < 10
     assert "of what torques and positions have in common" in prepared.notes[0]
+
+
+def test_samples_lost_from_a_log_that_counts_them_on_are_found():
+    """A logger numbers what it got: in 25 places all positions jump at once, and the record is cut there."""
+    robot, rng = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}), np.random.default_rng(0)
+    true = truth(robot, 20.0, seed=2)
+    kept, starts = np.ones(len(true.t), bool), np.sort(rng.choice(np.arange(100, 9900, 100), 25, replace=False))
+    for start in starts:
+        kept[start : start + 12] = False
+    record = Record(true.t[: kept.sum()], true.q[kept], true.tau[kept])
+    (finding,) = (found for found in record.findings if found.kind == "missing samples")
+    assert np.isin(finding.samples, np.flatnonzero(np.diff(np.flatnonzero(kept)) > 1)).all()
+    assert len(finding.samples) > 20  # where the arm hardly moves there is no jump
+    assert "most positions jump at once" in str(finding)
+    assert (rne.identify(robot, record, consistent=False).held_out < 0.01).all()
+    assert not any("noise of the position" in str(found) for found in record.findings)

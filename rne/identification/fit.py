@@ -24,7 +24,7 @@ from .least_squares import LeastSquares, Method, held_out, least_squares, with_c
 from .record import Record
 from .regression import FOLDS, RegressionData, build_regression
 from .residuals import Residuals
-from .result import IMPOSSIBLE, Identification
+from .result import IMPOSSIBLE, WRONG_SIGN, Identification
 from .rigid_body_test import EXPLAINED
 
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
@@ -256,7 +256,7 @@ def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) 
             far = f", {IMPOSSIBLE}" if value < -IMPOSSIBLY * error else ""
             found.append(f"{name} comes out negative, {value:.3g} with a standard error of {error:.2g}{far}")
     has_friction = any(name.startswith(("Fv", "Fc")) for name in found)
-    return (*found, "negative friction: is the sign of the joint's torque right?") if has_friction else tuple(found)
+    return (*found, f"negative friction: {WRONG_SIGN}") if has_friction else tuple(found)
 
 
 def prior_robot(robot: Robot, prior: Robot | str | None) -> Robot | str:

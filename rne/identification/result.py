@@ -33,8 +33,10 @@ if TYPE_CHECKING:
 
 UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
 NAMED = 3  # causes that a warning names
+WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
 EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explains them
+LITTLE = 0.05  # part of a joint's torque in motion: more of it, unexplained, is pointed at
 UNKNOWN_VALUE = 100.0  # per cent: a standard error as large as the value, from which it is not known
 WORSE = 1.2  # residuals of possible bodies, of those of least squares
 UNKNOWN = (
@@ -128,7 +130,8 @@ class Identification(InNotebooks):
             lines.append(f"{first}: " + "; ".join(cause.text for cause in causes))
         if any(all(cause.removed[j] < EXPLAINS for cause in self.causes) for j in poor):
             lines.append(UNKNOWN)
-        return ". ".join([*lines, *impossible])
+        hint = [note for note in self.notes if impossible and note.endswith(WRONG_SIGN)]
+        return ". ".join([*lines, *impossible, *hint])
 
     @property
     def records(self) -> tuple[Prepared, ...]:
@@ -361,7 +364,13 @@ def causes_text(found: Identification) -> str:
     if found.causes:
         lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
         lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed.max(), 0))):.0f} %: {c.text}" for c in found.causes]
-    return "\n".join(lines or ["no single change of the log, the robot or the drives explains what is left"])
+    if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > LITTLE:
+        lines = [
+            "what is left is explained by no single change of the log, the robot or the drives that was looked for"
+        ]
+    return "\n".join(
+        lines or ["little is left, and no change of the log, the robot or the drives is needed to explain it"]
+    )
 
 
 def motions_text(found: Identification) -> list[str]:

@@ -480,15 +480,21 @@ def _check_jumps(found: Findings, t: Array, q: Array, usual: list[Array], flags:
     for j, x in enumerate(q.T):
         jumped = jumps(x, usual[j])
         found_jumps.append(np.setdiff1d(jumped[~flags[jumped, j] & ~flags[jumped + 1, j]], after_gap))
-    every = np.unique(np.concatenate(found_jumps))
-    is_noise = len(every) > FREQUENT * (t[-1] - t[0]) + 1
+    every, joints = np.unique(np.concatenate(found_jumps), return_counts=True)
+    sent = (q[every] != q[every - 1]).sum(axis=1)  # joints that did not repeat a position before
+    lost = every[2 * np.minimum(joints, sent) > max(q.shape[1], 2)]
+    if len(lost):
+        text = f"{found.after(lost)}, where most positions jump at once, although the times show none"
+        found.warning(None, "missing samples", text, "the record is cut there", lost)
+    is_noise = len(every) - len(lost) > FREQUENT * (t[-1] - t[0]) + 1
     for j, jumped in enumerate(found_jumps):
+        jumped = np.setdiff1d(jumped, lost)
         if len(jumped):
             size = np.abs(q[jumped + 1, j] - q[jumped, j]).max()
             where = f"{found.after(jumped)}, by up to {size:.4g}"
             cure = "so many are noise of the position" if is_noise else "the record is cut there"
             found.warning(j, "jump of the position", where, cure, jumped)
-    return every[:0] if is_noise else every
+    return lost if is_noise else every
 
 
 def _check_spikes(found: Findings, kind: str, values: Array, flags: Array, bridge: int) -> None:
@@ -536,8 +542,10 @@ def _check_motion(found: Findings, q: Array, steps: Array) -> None:
         found.warning(j, "no motion", "at any time", "its friction and rotor cannot be found from this record")
     for j, x in enumerate(q.T):
         if np.ptp(x) > TURNS:
-            text = f"of {np.ptp(x):.4g} rad, {np.ptp(x) / (2 * np.pi):.3g} turns"
-            cure = 'pass unit="deg" if these are degrees, and use `Record.from_motors` if they are the motors\''
+            text = f"of {np.ptp(x):.4g} rad or m, {np.ptp(x) / (2 * np.pi):.3g} turns of a rotating joint"
+            cure = (
+                'pass unit="deg" for degrees, divide mm by 1000, and use `Record.from_motors` for positions of motors'
+            )
             found.warning(j, "range of the positions", text, cure)
 
 
