@@ -15,18 +15,18 @@ from rne.identification.residuals import Residuals
 from .helpers import kept
 
 QUICK = {
-    "gear +10 %": "SCARA",
+    "gear +10 %": "mimic",
     "payload half-way": "gantry",
     "contact": "mimic",
     "slip": "mimic",
-    "drift of friction": "SCARA",
+    "drift of friction": "mimic",
     "N mm": "gantry",
-    "sign": "SCARA",
-    "swapped joints": "SCARA",
-    "swapped torques": "gantry",
+    "sign": "gantry",
+    "swapped joints": "mimic",
+    "swapped torques": "mimic",
     "zero 0.1 rad": "SCARA",
-    "gravity's direction": "SCARA",
-    "degrees": "SCARA",
+    "gravity's direction": "mimic",
+    "degrees": "mimic",
     "ms": "gantry",
     "clipping": "gantry",
 }
@@ -62,7 +62,7 @@ def identified(fault, robot="SCARA", seed=3, **options):
     return rne.identify(known, Record(data.t, data.q, data.tau), consistent=False, **options)
 
 
-@pytest.mark.parametrize("ms", [1.0, -2.0, 5.0])
+@pytest.mark.parametrize("ms", kept([1.0, -2.0, 5.0], [-2.0]))
 def test_delays_are_found_taken_into_account_and_stated(ms):
     found = identified(faults.delayed(ms))
     assert (np.abs(1000 * found.delay - ms) < 0.3).all()
@@ -187,10 +187,11 @@ def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
 @pytest.mark.parametrize(
     ("fault", "robot", "kind"),
     [
-        (scaled_times, "IRB 140", "gravity magnitude"),
-        (pulled, "SCARA", "spring"),
-        (one_sided, "SCARA", "friction by direction"),
-        (coupled, "SCARA", "coupling"),
+        (scaled_times, "gantry", "gravity magnitude"),
+        pytest.param(scaled_times, "IRB 140", "gravity magnitude", marks=pytest.mark.long),
+        (pulled, "gantry", "spring"),
+        (one_sided, "gantry", "friction by direction"),
+        (coupled, "gantry", "coupling"),
     ],
 )
 def test_faults_that_no_campaign_planted_first(fault, robot, kind):
@@ -271,4 +272,4 @@ def test_a_warning_can_be_an_error():
     with warnings.catch_warnings():
         warnings.simplefilter("error", rne.IdentificationWarning)
         with pytest.raises(rne.IdentificationWarning, match="has the wrong sign"):
-            identified(faults.sign)
+            identified(faults.sign, "gantry")

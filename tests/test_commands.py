@@ -277,8 +277,13 @@ WRONG = {
     ),
     "another robot's motion": (
         ["torques", "irb140", "{motion}"],
-        "{motion}: there are no positions; needed are 'q.joint_1', 'q.joint_2', 'q.joint_3', 'q.joint_4', "
-        "'q.joint_5', 'q.joint_6'",
+        "{motion}: there are no positions; the first row must be t,q.joint_1,q.joint_2,q.joint_3,q.joint_4,q.joint_5,"
+        "q.joint_6, with qd. and qdd. of the joints if they are known",
+    ),
+    "another heading": (
+        ["torques", "{lift}", "{headed}"],
+        "{headed}, row 1: there is no column 't'; there are 'time', 'up'; the first row must be t,q.up, with qd. and "
+        "qdd. of the joints if they are known",
     ),
     "no motion": (["torques", "{lift}", "{dir}/none.csv"], "{dir}/none.csv: No such file or directory"),
     "folder for a motion": (["torques", "{lift}", "{dir}"], "{dir}: Is a directory"),
@@ -316,6 +321,7 @@ def test_a_wrong_call_is_answered_in_one_line(case, lift, tmp_path, capsys, monk
         "single": b"t,q.up\n0,0.1\n",
         "picture": b"\x89PNG\r\n\x1a\n\x00\x00\xff",
         "empty": b"",
+        "headed": b"time,up\n0,0.1\n",
     }.items():
         (tmp_path / name).write_bytes(content)
         places[name] = str(tmp_path / name)

@@ -125,6 +125,8 @@ def test_the_repr_of_a_motion_says_what_happened(irb140):
     )
     assert second.startswith("  status 0: DOP853: not stiff")
     assert last == f"  energy 370.877 to 370.877 J, largest energy error {swing.energy_drift:.2g} J"
+    later = str(rne.simulate(irb140, [0] * 6, [0] * 6, 0.5)).splitlines()
+    assert later[-1] == "  limits exceeded, see check_limits(): joint_3 (velocity)"
 
 
 def test_the_repr_of_a_law_shows_few_numbers_and_counts_many():
