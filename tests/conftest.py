@@ -9,6 +9,7 @@ import pytest
 
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
+from rne.model.abb_irb140 import KD, KP
 
 from .helpers import Oracle, data_robots, loaded
 
@@ -87,6 +88,12 @@ def tree(request):
 @pytest.fixture(scope="session")
 def irb140():
     return loaded("irb140")
+
+
+@pytest.fixture(scope="session")
+def gains_of_thesis(irb140):
+    """Of the closed loops of the thesis, sampled too slowly; the search takes a second."""
+    return rne.check_gains(irb140, KP, KD, 1.35e-4)
 
 
 @pytest.fixture(scope="session")

@@ -439,6 +439,7 @@ class TestReportOnARobot:
 
     def test_a_robot_without_a_file_has_no_findings(self, tmp_path, capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures
+        monkeypatch.setattr(html_page, "view", lambda motion, _: None)
         assert main(["report", "irb140", "--out", str(tmp_path)]) == 0
         assert "Findings" not in capsys.readouterr().out
 

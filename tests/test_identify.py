@@ -43,7 +43,7 @@ def motions(scene):
 def true_values(found):
     """The base parameters behind the synthetic torques."""
     standard = found.standard.values.copy()
-    n = found.robot.n
+    n = found.initial.n
     standard[found.standard.groups["Fv"]], standard[found.standard.groups["Fc"]] = VISCOUS[:n], COULOMB[:n]
     return found.base.matrix @ standard
 
@@ -85,7 +85,7 @@ def errors_in_standard_errors(scene, motion, seeds, **options):
     for seed in seeds:
         found = identified(scene, motion, seed, folds=2, **options)
         z.append((found.estimate.values - true_values(found)) / found.estimate.errors)
-        least.append(np.linalg.eigvalsh(pseudo_inertia(found.parameters[: 10 * found.robot.n])).min())
+        least.append(np.linalg.eigvalsh(pseudo_inertia(found.parameters[: 10 * scene.n])).min())
     return np.array(z), np.array(least)
 
 

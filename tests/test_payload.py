@@ -315,7 +315,8 @@ def test_gains_follow_the_load_and_the_unit(robot, measured):
     np.testing.assert_allclose(rne.identify_drive_gains(robot, *scaled, LOAD).gains, units * one.gains, rtol=1e-6)
 
 
-def test_an_identification_of_currents_and_several_records_give_the_same_gains(robot):
+@pytest.mark.long  # the same of torques: test_an_identification_is_the_side_without_load
+def test_an_identification_of_currents_gives_the_same_gains(robot):
     records = logs(robot, LOAD, units=GAINS)
     expected = rne.identify_drive_gains(robot, *records, LOAD)
     with pytest.warns(rne.IdentificationWarning, match="is measured"):
@@ -323,6 +324,11 @@ def test_an_identification_of_currents_and_several_records_give_the_same_gains(r
     np.testing.assert_allclose(
         rne.identify_drive_gains(of_currents, None, [records[1]], LOAD).gains, expected.gains, rtol=1e-6
     )
+
+
+def test_several_records_give_better_gains(robot):
+    records = logs(robot, LOAD, units=GAINS)
+    expected = rne.identify_drive_gains(robot, *records, LOAD)
     more = [[first, second] for first, second in zip(records, logs(robot, LOAD, 1, units=GAINS), strict=True)]
     both = rne.identify_drive_gains(robot, *more, LOAD)
     assert (both.errors < expected.errors).all()

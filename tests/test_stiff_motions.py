@@ -60,7 +60,7 @@ PARTS = {
 def test_motions_are_those_of_a_tight_run(pair, parts):
     """States, ledger and steps' interpolants, with all that a scene may have."""
     scenes = [rne.Scene(robot, **PARTS[parts]) for robot in pair]
-    end = 0.1 if parts == "sampled" else 0.3
+    end = 0.05 if parts == "sampled" else 0.2
     start, times = ([0.5, 0.2], [0.0, 1.0]), np.linspace(0, end, 17)
     tight = {"rtol": 1e-10, "atol": 1e-12} if parts == "sampled" else {}  # Radau begins anew at each sample
     exact = rne.simulate(scenes[0], *start, end, t_eval=times, **(EXACT | tight))
