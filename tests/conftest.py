@@ -11,7 +11,7 @@ import rne
 from benchmarks.random_robots import random_tree, straight_chain
 from rne.model.abb_irb140 import KD, KP
 
-from .helpers import Oracle, data_robots, loaded
+from .helpers import Oracle, data_robots, kept, loaded
 
 
 class Trees(Mapping):
@@ -79,9 +79,9 @@ def object_code_of_this_run(tmp_path_factory):
     os.environ["RNE_CACHE"] = str(tmp_path_factory.mktemp("object_code"))
 
 
-@pytest.fixture(params=TREES, scope="session")
+@pytest.fixture(params=kept(TREES, ["single", "sliders", "mixed", "mimics"]), scope="session")
 def tree(request):
-    """A random tree: joints of all types, branches, tools on fixed joints, any direction of gravity."""
+    """A random tree: joints of all types, branches, tools on fixed joints, any direction of gravity; large ones are long."""
     return TREES[request.param]
 
 

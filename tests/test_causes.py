@@ -30,10 +30,11 @@ QUICK = {
     "ms": "gantry",
     "clipping": "gantry",
 }
+ELSEWHERE = {"swapped joints", "swapped torques", "gravity's direction"}  # in other short tests below
 FRICTION = rne.DriveModel(friction="viscous+coulomb")
 
 
-@pytest.mark.parametrize("fault", QUICK)
+@pytest.mark.parametrize("fault", kept(QUICK, [fault for fault in QUICK if fault not in ELSEWHERE]))
 def test_a_fault_is_named_among_the_first_two_causes(fault):
     outcome = faults.run(fault, QUICK[fault], 7)
     assert outcome.warned, outcome

@@ -61,7 +61,10 @@ def test_the_horizon_is_where_the_error_passes_the_accuracy(arm, exact, options)
 
 def test_steps_of_the_solver_and_asked_for_times_give_the_same(arm):
     options = {"method": "RK45", "rtol": 1e-5}
-    ways = [rne.simulate(arm, Q0[: arm.n], np.zeros(arm.n), 3.0, t_eval=times, **options) for times in (None, GRID[GRID <= 3])]
+    ways = [
+        rne.simulate(arm, Q0[: arm.n], np.zeros(arm.n), 3.0, t_eval=times, **options)
+        for times in (None, GRID[GRID <= 3])
+    ]
     first, second = (motion.trusted_horizon() for motion in ways)
     assert first == second < 3.0
 
@@ -69,7 +72,8 @@ def test_steps_of_the_solver_and_asked_for_times_give_the_same(arm):
 @pytest.mark.parametrize("tolerances", kept([[1e-4, 1e-6, 1e-8], [1e-4, 1e-6]], [[1e-4, 1e-6]]), ids=len)
 def test_a_tighter_tolerance_reaches_farther(arm, tolerances):
     reached = [
-        rne.simulate(arm, Q0[: arm.n], np.zeros(arm.n), END, method="DOP853", rtol=rtol).trusted_horizon() for rtol in tolerances
+        rne.simulate(arm, Q0[: arm.n], np.zeros(arm.n), END, method="DOP853", rtol=rtol).trusted_horizon()
+        for rtol in tolerances
     ]
     assert all(one < tighter - 0.5 for one, tighter in itertools.pairwise(reached))
 

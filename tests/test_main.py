@@ -254,7 +254,7 @@ def test_main_job_without_matplotlib_says_so(tmp_path, short, monkeypatch, capsy
     assert [p.name for p in tmp_path.iterdir()] == ["index.html"]
 
 
-def test_ctrl_c_leaves_the_page_so_far(tmp_path, monkeypatch, capsys):
+def test_ctrl_c_leaves_the_page_so_far(tmp_path, short, monkeypatch, capsys):
     def interrupt(*_):
         raise KeyboardInterrupt
 
