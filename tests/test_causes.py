@@ -159,7 +159,7 @@ def tilted(c):
     ("fault", "kind", "joints", "text"),
     [
         (interchanged, "joint order", (0, 1), r"are interchanged"),
-        (turned, "joint sign", (1,), r"turns the other way"),
+        pytest.param(turned, "joint sign", (1,), r"turns the other way", marks=pytest.mark.long),
         (drifting, "offset drifts", (1,), r"drifts"),
         (tilted, "gravity direction", (), r"along \(0\.[45]\d, -?0\.0\d, -0\.[89]\d\)"),
     ],
@@ -191,7 +191,7 @@ def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
     [
         (scaled_times, "gantry", "gravity magnitude"),
         pytest.param(scaled_times, "IRB 140", "gravity magnitude", marks=pytest.mark.long),
-        (pulled, "gantry", "spring"),
+        pytest.param(pulled, "gantry", "spring", marks=pytest.mark.long),
         (one_sided, "gantry", "friction by direction"),
         (coupled, "gantry", "coupling"),
     ],
