@@ -474,7 +474,7 @@ def check_case(seed):
     )
 
 
-@pytest.mark.parametrize("seed", kept(range(2), [1]))
+@pytest.mark.parametrize("seed", kept([0, 1, 36], [36]))  # of 5, 3 and 2 joints
 def test_random_robots_and_gains(seed):
     check_case(seed)
 

@@ -232,7 +232,7 @@ def test_robot_page_gives_sliding_and_mimicking_joints_their_units():
     assert {kind for kind in model.joint_types} >= {"prismatic", "revolute"}
 
 
-@pytest.mark.parametrize("robot", ["irb140"], indirect=True)
+@pytest.mark.parametrize("robot", ["two links"], indirect=True)
 def test_motion_page_has_a_picture_for_each_quantity_and_the_solver_message(motion, motion_html):
     page = parsed(motion_html)
     labels = [image.get("alt") for image in page.iter("img")]

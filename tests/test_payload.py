@@ -341,6 +341,7 @@ def test_payload_found_and_gains_agree(robot, measured, found):
     assert (np.abs(gains.gains - 1) < np.maximum(3 * gains.errors, 1e-3)).all()
 
 
+@pytest.mark.long  # of less noise: test_gains_are_within_three_standard_errors_and_two_percent
 def test_noise_of_the_currents_does_not_draw_gains_to_zero(robot):
     """Ten times the noise of before: least squares with currents as a column would lose half of these gains."""
     load = rne.Payload(1.0, (0.05, 0.0, 0.08), link="tool0")
