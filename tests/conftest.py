@@ -9,8 +9,9 @@ import pytest
 
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
+from rne.model.abb_irb140 import KD, KP
 
-from .helpers import Oracle, data_robots, loaded
+from .helpers import Oracle, data_robots, kept, loaded
 
 
 class Trees(Mapping):
@@ -78,15 +79,21 @@ def object_code_of_this_run(tmp_path_factory):
     os.environ["RNE_CACHE"] = str(tmp_path_factory.mktemp("object_code"))
 
 
-@pytest.fixture(params=TREES, scope="session")
+@pytest.fixture(params=kept(TREES, ["single", "sliders", "mixed", "mimics"]), scope="session")
 def tree(request):
-    """A random tree: joints of all types, branches, tools on fixed joints, any direction of gravity."""
+    """A random tree: joints of all types, branches, tools on fixed joints, any direction of gravity; large ones are long."""
     return TREES[request.param]
 
 
 @pytest.fixture(scope="session")
 def irb140():
     return loaded("irb140")
+
+
+@pytest.fixture(scope="session")
+def gains_of_thesis(irb140):
+    """Of the closed loops of the thesis, sampled too slowly; the search takes a second."""
+    return rne.check_gains(irb140, KP, KD, 1.35e-4)
 
 
 @pytest.fixture(scope="session")

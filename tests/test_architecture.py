@@ -159,13 +159,18 @@ def test_exported_names_exist():
 MODULES = [m.name for m in pkgutil.walk_packages([str(PACKAGE)], "rne.") if not m.name.endswith("__main__")]
 
 
-def is_diagnosis(module):
-    """Whether its examples first simulate and identify a robot."""
-    return module.startswith("rne.identification.")
+LONG_EXAMPLES = (
+    "rne.identification.",
+    "rne.control.gains",
+    "rne.control.momentum_observer",
+    "rne.control.uncertainty",
+    "rne.plotting.plots",
+    "rne.validation.",
+)
 
 
-@pytest.mark.parametrize("diagnoses", kept([False, True], [False]))
-def test_examples_run(diagnoses, irb140, monkeypatch):
+@pytest.mark.parametrize("are_long", kept([False, True], [False]))
+def test_examples_run(are_long, irb140, monkeypatch):
     """The built-in robot is that of all tests, which keeps the kernels that examples trace."""
     load = rne.load
     monkeypatch.setattr(
@@ -174,7 +179,7 @@ def test_examples_run(diagnoses, irb140, monkeypatch):
     monkeypatch.chdir(ROOT)
     failed = []
     for name in MODULES:
-        if is_diagnosis(name) == diagnoses:
+        if name.startswith(LONG_EXAMPLES) == are_long:
             said = io.StringIO()
             with contextlib.redirect_stdout(said):
                 result = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)

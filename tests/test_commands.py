@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.identification_faults import SCARA
 from rne.__main__ import main, parser
 from rne.commands import COMMANDS
 from rne.commands.shared import join_numbers
@@ -277,8 +278,13 @@ WRONG = {
     ),
     "another robot's motion": (
         ["torques", "irb140", "{motion}"],
-        "{motion}: there are no positions; needed are 'q.joint_1', 'q.joint_2', 'q.joint_3', 'q.joint_4', "
-        "'q.joint_5', 'q.joint_6'",
+        "{motion}: there are no positions; the first row must be t,q.joint_1,q.joint_2,q.joint_3,q.joint_4,q.joint_5,"
+        "q.joint_6, with qd. and qdd. of the joints if they are known",
+    ),
+    "another heading": (
+        ["torques", "{lift}", "{headed}"],
+        "{headed}, row 1: there is no column 't'; there are 'time', 'up'; the first row must be t,q.up, with qd. and "
+        "qdd. of the joints if they are known",
     ),
     "no motion": (["torques", "{lift}", "{dir}/none.csv"], "{dir}/none.csv: No such file or directory"),
     "folder for a motion": (["torques", "{lift}", "{dir}"], "{dir}: Is a directory"),
@@ -316,6 +322,7 @@ def test_a_wrong_call_is_answered_in_one_line(case, lift, tmp_path, capsys, monk
         "single": b"t,q.up\n0,0.1\n",
         "picture": b"\x89PNG\r\n\x1a\n\x00\x00\xff",
         "empty": b"",
+        "headed": b"time,up\n0,0.1\n",
     }.items():
         (tmp_path / name).write_bytes(content)
         places[name] = str(tmp_path / name)
@@ -423,16 +430,18 @@ class TestReportOnARobot:
             "swing_1.png",
         }
 
-    def test_fingers_are_held_while_the_arm_swings(self, tmp_path, capsys, monkeypatch):
+    def test_sliding_joints_are_held_while_the_arm_swings(self, tmp_path, capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures
         monkeypatch.setattr(html_page, "view", lambda motion, _: None)
-        assert main(["report", "panda", "--out", str(tmp_path)]) == 0
+        (tmp_path / "scara.urdf").write_text(SCARA)
+        assert main(["report", str(tmp_path / "scara.urdf"), "--out", str(tmp_path)]) == 0
         said = capsys.readouterr().out
-        assert "Sliding joints are held: panda_finger_joint1." in said
-        assert "Trajectory of 'panda': 7 joints, 0 to 2 s" in said
+        assert "Sliding joints are held: c." in said
+        assert "Trajectory of 'scara': 3 joints, 0 to 2 s" in said
 
     def test_a_robot_without_a_file_has_no_findings(self, tmp_path, capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures
+        monkeypatch.setattr(html_page, "view", lambda motion, _: None)
         assert main(["report", "irb140", "--out", str(tmp_path)]) == 0
         assert "Findings" not in capsys.readouterr().out
 

@@ -12,8 +12,7 @@ from .helpers import loaded
 from .planted_faults import planted, planted_pair
 
 SHORT = {  # some causes on one of two robots
-    "irb140": ("base turned", "none"),
-    "ur5": ("joint order",),
+    "irb140": ("base turned", "joint order", "none"),
 }
 ROBOTS = ("irb140", "ur5", "panda")
 CAUSES = tuple(planted(loaded("panda")))

@@ -168,6 +168,7 @@ class TestFiles:
         assert len(list(place.iterdir())) == 1
 
 
+@pytest.mark.long  # in one process: TestKernels, and test_engines.py on what imports Numba
 def test_a_second_process_needs_no_compiler_and_no_numba(place, tmp_path):
     (tmp_path / "text.py").write_text(
         "def total(x, factor):\n    s = 0.0\n    for i in range(len(x)):\n        s += factor * x[i]\n    return s\n"

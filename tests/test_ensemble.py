@@ -127,21 +127,22 @@ def test_a_dask_cluster_gives_the_same(chain, starts):
     assert max(np.abs(here.q - runs.q).max() for runs in there) <= 1e-13
 
 
-@pytest.fixture(scope="module")
-def smooth(irb140):
+@pytest.fixture(scope="module", params=kept(["chain", "irb140"], ["chain"]))
+def smooth(request):
     """All that motions side by side may have: a law of time and state, friction, limits of the torques."""
+    robot = request.getfixturevalue(request.param)
 
     @rne.traceable
     def law(t, q, qd):
         return 40 * rne.elementwise.tanh(20 * t) - 60 * q - 20 * qd
 
     friction = rne.Friction(viscous=1.0, coulomb=2.0)
-    return rne.Scene(irb140, controller=law, friction=friction, armature=[1.0] * 6, effort_limit=[30.0] * 6)
+    return rne.Scene(robot, controller=law, friction=friction, armature=1.0, effort_limit=30.0)
 
 
 @pytest.fixture(scope="module")
-def many():
-    q, qd, _ = states(6, 9, rate=1.0)
+def many(smooth):
+    q, qd, _ = states(smooth.n, 9, rate=1.0)
     return q, qd
 
 
@@ -254,8 +255,8 @@ def test_times_are_the_start_and_the_end_unless_they_are_asked_for(chain, starts
 def test_stiff_motions_are_run_as_alone(chain):
     """Friction whose decay holds an explicit method to a million steps: after 500 it is left to rne.simulate."""
     scene, q = rne.Scene(chain, friction=rne.Friction(viscous=5000.0)), np.array([[0.1, 0.2], [0.3, -0.2]])
-    runs = rne.ensemble(scene, q, 0 * q, 0.5)
-    one = rne.simulate(scene, q[1], [0, 0], 0.5)
+    runs = rne.ensemble(scene, q, 0 * q, 0.25)
+    one = rne.simulate(scene, q[1], [0, 0], 0.25)
     assert runs.method == one.method
     assert np.array_equal(runs.q[-1, 1], one.q[-1])
     assert runs.evaluations < 50_000

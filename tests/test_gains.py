@@ -248,13 +248,13 @@ def check_boundaries(loop, seed):
 
 @pytest.mark.parametrize("loop", [pendulum_loop, arm_loop])
 def test_no_unstable_sample_time_is_called_stable(loop):
-    undecided = [check_windows(loop(seed), seed) for seed in range(30)]
+    undecided = [check_windows(loop(seed), seed) for seed in range(12)]
     assert max(undecided) <= (0 if loop is pendulum_loop else 1e-6)
 
 
 @pytest.mark.long
 def test_no_unstable_sample_time_of_two_thousand_is_called_stable():
-    for seed in range(30, 1030):
+    for seed in range(12, 1012):
         assert check_windows(pendulum_loop(seed), seed) == 0
         assert check_windows(arm_loop(seed), seed) <= 1e-6
 
@@ -297,10 +297,10 @@ def test_a_simulated_pendulum_grows_in_the_narrow_window_alone():
     assert gains.stable is False
     for T, grows in ((0.98 * narrow.start, False), ((narrow.start + narrow.end) / 2, True), (1.02 * narrow.end, False)):
         scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, kp, kd, 0.0), sample_time=T)
-        run = rne.simulate(scene, [0.0], [1e-3], 120 * T, rtol=1e-9, atol=1e-14, t_eval=T * np.array([0, 60, 120]))
+        run = rne.simulate(scene, [0.0], [1e-3], 60 * T, rtol=1e-9, atol=1e-14, t_eval=T * np.array([0, 30, 60]))
         growth = abs(run.qd[2, 0] / run.qd[1, 0])
         radius = exact_radius(np.array([[inertia]]), np.array([[stiffness]]), np.array([kp]), np.array([kd]), T)
-        assert growth == pytest.approx(radius**60, rel=1e-2)
+        assert growth == pytest.approx(radius**30, rel=1e-2)
         assert (growth > 1) == grows
 
 
@@ -474,7 +474,7 @@ def check_case(seed):
     )
 
 
-@pytest.mark.parametrize("seed", kept(range(2), [1]))
+@pytest.mark.parametrize("seed", kept([0, 1, 36], [36]))  # of 5, 3 and 2 joints
 def test_random_robots_and_gains(seed):
     check_case(seed)
 

@@ -109,8 +109,11 @@ def beside(x, k):
 
 
 @pytest.mark.long
-def test_functions_of_math(kernel):
-    assert loops.compiled(beside)(3.0, 3) == beside(3.0, 3)
+def test_functions_of_math_and_a_line_on_the_logger(kernel, caplog):
+    loops._announce.cache_clear()
+    with caplog.at_level("INFO", logger="rne"):
+        assert loops.compiled(beside)(3.0, 3) == beside(3.0, 3)
+    assert caplog.messages == ["Numba translates the loops of simulations, some 10 s in all, once on this machine"]
 
 
 @pytest.mark.long

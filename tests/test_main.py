@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -253,7 +254,7 @@ def test_main_job_without_matplotlib_says_so(tmp_path, short, monkeypatch, capsy
     assert [p.name for p in tmp_path.iterdir()] == ["index.html"]
 
 
-def test_ctrl_c_leaves_the_page_so_far(tmp_path, monkeypatch, capsys):
+def test_ctrl_c_leaves_the_page_so_far(tmp_path, short, monkeypatch, capsys):
     def interrupt(*_):
         raise KeyboardInterrupt
 
@@ -272,6 +273,18 @@ def test_a_report_starts_where_every_joint_moves(gravity):
     motion = rne.simulate(robot, q, np.zeros(6), 1.0, torque=torque)
     assert (np.ptp(motion.q, axis=0) > 0.1).all()
     assert ((q >= robot.lower) & (q <= robot.upper)).all()
+
+
+def test_the_largest_torque_is_none_below_the_one_beside_it(two):
+    """Stretched out, which no random position is."""
+    tables = []
+    page = SimpleNamespace(text=lambda _: None, table=lambda heads, rows: tables.append(rows))
+    places = np.pi / 2 * np.array([[0, 0], [1, 0]])
+    q = places[np.abs(two.gravity_torque(places)).sum(1).argmax()]
+    pages._gravity(two, q, "stretched out", page)
+    (rows,) = tables
+    assert [row[2] for row in rows] == [row[3] for row in rows]
+    assert all(float(row[2]) > 0 for row in rows)
 
 
 def test_speed_stands_beside_the_faster_of_pinocchios_calls():

@@ -57,7 +57,16 @@ def test_those_declared_equivalent_are_in_the_tree():
     assert [d for d in declared if (d["file"], d["source"], d["old"], d["new"]) not in found[d["file"]]] == []
 
 
-@pytest.mark.parametrize("kinds", [("killed",), pytest.param(("killed", "survived"), marks=pytest.mark.long)], ids=len)
+def test_a_test_notices_the_mutant_of_what_it_runs_alone(tree):
+    found = {(m.old, m.new): m for ms in candidates(tree, "rne/basics/rectangle.py").values() for m in ms}
+    for mutant, is_noticed in zip(MUTANTS, (True, False), strict=True):
+        names = {}
+        exec(found[mutant].broken(tree), names)
+        assert (names["area"](5, 7) != 35) == is_noticed
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kinds", [("killed",), ("killed", "survived")], ids=len)
 def test_a_mutant_that_a_test_notices_is_killed_and_one_that_none_runs_survives(tree, tmp_path, kinds):
     chosen = MUTANTS[: len(kinds)]
     again = [{"file": "rne/basics/rectangle.py", "source": old, "old": old, "new": new} for old, new in chosen]

@@ -125,6 +125,8 @@ def test_the_repr_of_a_motion_says_what_happened(irb140):
     )
     assert second.startswith("  status 0: DOP853: not stiff")
     assert last == f"  energy 370.877 to 370.877 J, largest energy error {swing.energy_drift:.2g} J"
+    later = str(rne.simulate(irb140, [0] * 6, [0] * 6, 0.5)).splitlines()
+    assert later[-1] == "  limits exceeded, see check_limits(): joint_3 (velocity)"
 
 
 def test_the_repr_of_a_law_shows_few_numbers_and_counts_many():
@@ -230,7 +232,7 @@ def test_robot_page_gives_sliding_and_mimicking_joints_their_units():
     assert {kind for kind in model.joint_types} >= {"prismatic", "revolute"}
 
 
-@pytest.mark.parametrize("robot", ["irb140"], indirect=True)
+@pytest.mark.parametrize("robot", ["two links"], indirect=True)
 def test_motion_page_has_a_picture_for_each_quantity_and_the_solver_message(motion, motion_html):
     page = parsed(motion_html)
     labels = [image.get("alt") for image in page.iter("img")]

@@ -315,7 +315,8 @@ def test_gains_follow_the_load_and_the_unit(robot, measured):
     np.testing.assert_allclose(rne.identify_drive_gains(robot, *scaled, LOAD).gains, units * one.gains, rtol=1e-6)
 
 
-def test_an_identification_of_currents_and_several_records_give_the_same_gains(robot):
+@pytest.mark.long  # the same of torques: test_an_identification_is_the_side_without_load
+def test_an_identification_of_currents_gives_the_same_gains(robot):
     records = logs(robot, LOAD, units=GAINS)
     expected = rne.identify_drive_gains(robot, *records, LOAD)
     with pytest.warns(rne.IdentificationWarning, match="is measured"):
@@ -323,6 +324,11 @@ def test_an_identification_of_currents_and_several_records_give_the_same_gains(r
     np.testing.assert_allclose(
         rne.identify_drive_gains(of_currents, None, [records[1]], LOAD).gains, expected.gains, rtol=1e-6
     )
+
+
+def test_several_records_give_better_gains(robot):
+    records = logs(robot, LOAD, units=GAINS)
+    expected = rne.identify_drive_gains(robot, *records, LOAD)
     more = [[first, second] for first, second in zip(records, logs(robot, LOAD, 1, units=GAINS), strict=True)]
     both = rne.identify_drive_gains(robot, *more, LOAD)
     assert (both.errors < expected.errors).all()
@@ -335,6 +341,7 @@ def test_payload_found_and_gains_agree(robot, measured, found):
     assert (np.abs(gains.gains - 1) < np.maximum(3 * gains.errors, 1e-3)).all()
 
 
+@pytest.mark.long  # of less noise: test_gains_are_within_three_standard_errors_and_two_percent
 def test_noise_of_the_currents_does_not_draw_gains_to_zero(robot):
     """Ten times the noise of before: least squares with currents as a column would lose half of these gains."""
     load = rne.Payload(1.0, (0.05, 0.0, 0.08), link="tool0")

@@ -302,6 +302,13 @@ def test_without_matplotlib_the_cure_is_named(swing, spread, monkeypatch):
             call()
 
 
+def test_what_matplotlib_itself_misses_is_not_blamed_on_matplotlib(monkeypatch):
+    monkeypatch.delitem(sys.modules, "matplotlib.figure")
+    monkeypatch.setitem(sys.modules, "numpy", None)
+    with pytest.raises(ModuleNotFoundError, match="numpy"):
+        rne.plotting.plots.blank_figure(1, 1)
+
+
 PAIR = ([0.0, 1.0], [[0.0, 1.0], [2.0, 3.0]])
 WRONG = {
     "dict": (

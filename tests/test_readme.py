@@ -60,7 +60,7 @@ def test_named_robots_and_extras_exist():
     assert {"ur5", "panda"} <= set(rne.robots())
     extras = re.findall(r"extra `(\w+)`|\(`(\w+)`\)", README.split("## Quick start")[0])
     known = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    assert len(extras) == 6
+    assert len(extras) == 7
     for extra in filter(None, sum(extras, ())):
         assert re.search(rf"^{extra} = \[", known, re.MULTILINE)
 

@@ -181,8 +181,8 @@ def test_sampled_controller_is_stable_below_2_by_lambda(irb140, loop):
     assert np.abs(motion.qd).max() <= 100
 
 
-def test_check_gains_knows_the_limit_before_anyone_simulates(irb140):
-    gains = rne.check_gains(irb140, KP, KD, 1.35e-4)
+def test_check_gains_knows_the_limit_before_anyone_simulates(gains_of_thesis):
+    gains = gains_of_thesis
     assert gains.sample_time_limit == pytest.approx(1.308e-4, rel=2e-3)
     assert gains.stable is False
     assert gains.largest_mode == pytest.approx(15291, abs=1)

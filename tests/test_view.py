@@ -589,8 +589,8 @@ class TestCommand:
             (["--motion", "none.npz"], "none.npz: No such file or directory"),
             (
                 ["--motion", "rates.csv"],
-                "rates.csv: there are no positions; needed are 'q.joint_1', 'q.joint_2', 'q.joint_3', "
-                "'q.joint_4', 'q.joint_5', 'q.joint_6'",
+                "rates.csv: there are no positions; the first row must be t,q.joint_1,q.joint_2,q.joint_3,q.joint_4,"
+                "q.joint_5,q.joint_6, with qd. and qdd. of the joints if they are known",
             ),
             (["--motion", "tree.npz"], "tree.npz: robot 'irb140' has 6 joints, the motion 2"),
         ],

@@ -29,6 +29,10 @@ print("engines:", plain.engine, "and", compiled.engine)
 # the kernel itself.) The code lives as long as the kernel. A copy stays on disk for
 # later processes; ``rne cache`` shows where. The first call takes longer than the later
 # ones by the time of compiling or loading.
+#
+# The first simulation on a machine takes longest. Numba then translates the loops of the
+# solvers, 4 s for a swing and some 10 s for all kinds of scenes. Later processes find
+# them on the disk. If you want to be told, set ``logging.basicConfig(level="INFO")``.
 
 rng = np.random.default_rng(0)
 q, qd, qdd = rng.uniform(-1, 1, (3, 100_000, 6)) * [[[np.pi]], [[2.0]], [[10.0]]]

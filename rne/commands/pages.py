@@ -90,7 +90,7 @@ def _main_job(robot: Robot, page: Report) -> bool:
     page.text(f"From {settled:.2f} s on every joint stays within {SETTLED:g} rad of its target.")
     page.text(repr(motion), "pre")
     page.motion("motion", motion, "The motion above")
-    page.heading(f"A free swing of {MAIN_SWING:g} s: no motors, no friction")
+    page.heading(f"A free swing of {MAIN_SWING:g} s: no motors, no friction, no joint limits")
     page.text(repr(swing), "pre")
     page.motion("swing", swing, "Free swing")
     page.heading("Torques against gravity")
@@ -220,11 +220,12 @@ def carried_masses(model: Model) -> Array:
 
 
 def _gravity(robot: Robot, q: Array, place: str, page: Report) -> None:
-    holding, largest = robot.gravity_torque(q), np.abs(robot.gravity_torque(_positions(robot))).max(axis=0)
+    holding = robot.gravity_torque(q)
+    largest = np.abs(robot.gravity_torque(np.vstack([_positions(robot), q]))).max(axis=0)
     rounding = ROUNDING * largest.max(initial=0.0)
     carried = carried_masses(robot.model)[list(robot.model.independent_joints)]
     unit = units_of(robot, "N m", "N")
-    page.text(f"{place}, and the largest over {SAMPLES} random positions within the joints' ranges:")
+    page.text(f"{place}, and the largest there and over {SAMPLES} random positions within the joints' ranges:")
     numbers = zip(robot.joint_names, carried, holding, largest, robot.effort_limit, strict=True)
     heads = ["joint", "mass behind the joint [kg]", f"at that position [{unit}]", f"largest [{unit}]"]
     rows = [

@@ -202,8 +202,8 @@ def robust_passive(
     >>> import rne
     >>> arm, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 1.0)
     >>> law = rne.control.robust_passive([arm, arm.with_payload(3.0)], 20, 10, path, boundary=0.1)
-    >>> bool((law.rms_bound < law.error_bound).all())
-    True
+    >>> law.rms_bound.round(4).tolist()  # of each joint's error [rad]
+    [0.0035, 0.0035, 0.0035, 0.0035, 0.0035, 0.0035]
     """
     hull = checked_cases(cases)
     d, decay = checked_vectors(hull.centre, sign="positive", kd=kd, bandwidth=bandwidth)
@@ -285,8 +285,8 @@ def sliding_mode(
     >>> import rne
     >>> arm, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 1.0)
     >>> law = rne.control.sliding_mode([arm, arm.with_payload(3.0)], 10, 0.1, path)
-    >>> bool((law.error_bound > law.boundary / law.bandwidth).all())
-    True
+    >>> rne.Scene(arm, controller=law).cost()["law"]
+    'traced'
     """
     hull = checked_cases(cases)
     decay, D = checked_vectors(hull.centre, sign="positive", bandwidth=bandwidth, boundary=boundary)

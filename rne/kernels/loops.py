@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import inspect
+import logging
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 
+LOGGER = logging.getLogger("rne")
 Text = TypeVar("Text", bound=Callable[..., Any])
 INLINED: list[Callable[..., Any]] = []  # texts that other texts call, not yet known to Numba
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cpython_wrapper": True}
@@ -116,6 +118,12 @@ def numba_version() -> str:
     return " ".join(sorted(path.name for path in Path(found.origin).parents[1].glob("numba-*")))
 
 
+@functools.cache
+def _announce() -> None:
+    """Say once in a process why its first simulation takes long."""
+    LOGGER.info("Numba translates the loops of simulations, some 10 s in all, once on this machine")
+
+
 def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
     """The text as LLVM's instructions, with "call" for Python, and nothing in it that belongs to Numba."""
     from llvmlite import ir
@@ -124,6 +132,7 @@ def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:
 
     from .python_calls import RETURNED, emit_loop_call
 
+    _announce()
     _teach_evaluate()
     while INLINED:
         register_jitable(**OPTIONS)(INLINED.pop())

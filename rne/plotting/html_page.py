@@ -42,6 +42,8 @@ pre { white-space: pre-wrap; font-size: .8125rem; }
 img { display: block; width: 100%; max-width: 35rem; height: auto; border-radius: .25rem; margin: auto; }
 .pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 22rem), 1fr)); gap: 1rem; }
 .pictures picture:last-child:nth-child(odd) { grid-column: 1 / -1; }
+@media (min-width: 50rem) { /* as wide as those above it */
+  .pictures picture:last-child:nth-child(odd):not(:only-child) img { max-width: calc(50% - .5rem); } }
 iframe { display: block; width: 100%; height: min(36rem, 80vh); border: 0; border-radius: .25rem; }
 th { vertical-align: bottom; }
 @media (max-width: 40rem) { /* each row of a wide table becomes a list */

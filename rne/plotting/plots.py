@@ -378,7 +378,9 @@ def blank_figure(width: float, height: float) -> Figure:
     """An empty figure of the given size [inch]; without matplotlib an ImportError says how to install it."""
     try:
         from matplotlib.figure import Figure
-    except ModuleNotFoundError:
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] != "matplotlib":  # it is installed, and something that it needs is not
+            raise
         raise ImportError("pictures need matplotlib, which is not installed: pip install 'rne[plot]'") from None
     figure = Figure(figsize=(width, height), layout="constrained", dpi=120)
     figure.__dict__["_repr_png_"] = partial(_png, figure)  # notebooks show it, whether or not pyplot is imported

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_numbers
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, counted, short, wrapped
+from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
 from .limits import Violation, limit_violations
 from .motion_files import MotionFiles
@@ -32,11 +32,15 @@ def trajectory_later(known: Mapping[str, Any], derive: Callable[[], Mapping[str,
 
 
 def trajectory_lines(motion: Trajectory) -> list[str]:
-    """What was simulated by what, how it ended, and the energies."""
+    """What was simulated by what, how it ended, the energies, and the joints whose limits are exceeded."""
     of = "" if motion.model is None else f" of '{short(motion.model.name)}'"
     t, message = motion.t, motion.message
     if len(message) > LONGEST:
         message = f"{message[: LONGEST - 3]}..."
+    exceeded: dict[str, list[str]] = {}  # quantities by joint
+    for violation in motion.check_limits() if motion.model is not None and len(t) else []:
+        exceeded.setdefault(short(violation.joint), []).append(violation.quantity)
+    beyond = listed([f"{joint} ({'+'.join(dict.fromkeys(kinds))})" for joint, kinds in exceeded.items()])
     span = f", {t[0]:.6g} to {t[-1]:.6g} s" if len(t) else ""
     ends = f"energy {motion.energy[0]:.6g} to {motion.energy[-1]:.6g} J, " if len(t) else ""
     return [
@@ -44,6 +48,7 @@ def trajectory_lines(motion: Trajectory) -> list[str]:
         f"{motion.method}, {counted(motion.evaluations, 'evaluation')}",
         f"status {motion.status}: {message}",
         f"{ends}largest energy error {motion.energy_drift:.2g} J",
+        *([f"limits exceeded, see check_limits(): {beyond.replace(' (', UNBROKEN + '(')}"] if beyond else []),
     ]
 
 
@@ -127,7 +132,7 @@ class Trajectory(MotionFiles, InNotebooks):
     at_steps: bool = field(default=True, repr=False)
 
     def __repr__(self) -> str:
-        return wrapped("\n  ".join(trajectory_lines(self)))
+        return wrapped("\n  ".join(trajectory_lines(self))).replace(UNBROKEN, " ")
 
     def __getattr__(self, name: str) -> Any:
         derive = self.__dict__.get("_derive")

@@ -12,8 +12,8 @@ from .motions import Top
 
 
 @pytest.fixture(scope="module")
-def gains(irb140):
-    return rne.check_gains(irb140, steps.KP, steps.KD)
+def gains(gains_of_thesis):
+    return gains_of_thesis
 
 
 @pytest.fixture(scope="module")
