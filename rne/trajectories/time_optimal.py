@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,11 +30,13 @@ from ..simulation.scene import Payload, Scene
 from .paths import Path, through
 from .profiles import _ReferenceMotion, is_traced
 
-GRID = 300  # intervals of a piece at first
+GRID = 100  # intervals of a piece at first
 ACCURACY = 5e-4  # of a limit: by so much it may be exceeded between grid points before they are set closer
-UNUSED = 0.005  # of a limit: a gap to every limit above which grid points are set closer
-CLOSER, ROUNDS = 16, 5  # parts of an interval around a switch between limits, times that the grid is refined
-SHORTEST = 5e-5  # of the duration: intervals that are divided are longer
+UNUSED = 0.007  # of a limit: a gap to every limit above which grid points are set closer
+CLOSER, ROUNDS = 16, 8  # parts of an interval at most, times that the grid is refined
+NEAR = 0.02  # of an interval, on either side of where arcs are expected to meet
+ROUNDING = 1e-9  # by so much x is kept below the largest, relative
+SHORTEST = 1e-5  # of the duration: intervals that are divided are longer
 AGREE = 3e-4  # of a limit: between viscous friction and its tangent
 PASSES = 30  # of viscous friction, and of the smoothing
 SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
@@ -124,40 +127,47 @@ class _Piece:
 
 
 def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
-    """x at the grid points of the fastest motion from rest to rest, None if toppra finds none.
+    """x at the grid points of the fastest motion from rest to rest, None if there is none.
 
-    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1.
+    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1. The two passes of
+    Pham and Pham 2018, Algorithm 1; toppra solves their linear programs in u and x, its own passes take longer.
     """
     try:
-        from toppra.algorithm import TOPPRA
         from toppra.constraint import LinearConstraint
-        from toppra.interpolator import AbstractGeometricPath
+        from toppra.solverwrapper.cy_seidel_solverwrapper import seidelWrapper
     except ModuleNotFoundError:
         raise ImportError("`fastest` needs toppra, which is not installed: pip install 'rne[fastest]'") from None
 
     with np.errstate(divide="ignore"):
         T = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
     grid, a, b, largest = grid * T, a / T, b / T**2, largest * T**2  # x is then of order 1
-
-    class Curve(AbstractGeometricPath):  # type: ignore[misc]
-        dof, path_interval = 1, grid[[0, -1]]
+    h2 = 2 * np.diff(grid)
 
     class Rows(LinearConstraint):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__()
-            self.identical, self.dof = True, 1
+            self.identical = True
 
         def compute_constraint_params(self, *_: Any) -> tuple[Any, ...]:
             ones = np.eye(2 * a.shape[-1])
-            by_u = np.hstack([a[0], a[1] + 2 * np.diff(grid)[:, None] * b[1]])  # x at the end is x + 2 u (s_end - s)
+            by_u = np.hstack([a[0], a[1] + h2[:, None] * b[1]])  # x at the end is x + 2 u (s_end - s)
             parts = (np.vstack([x, x[-1:]]) for x in (by_u, np.hstack([b[0], b[1]]), np.hstack([c[0], c[1]])))
             bounds = np.stack([np.zeros_like(largest), np.minimum(largest, 1e8)], axis=1)
             return (*parts, np.vstack([ones, -ones]), np.ones(2 * len(ones)), None, bounds)
 
-    solver = TOPPRA([Rows()], Curve(), gridpoints=grid, solver_wrapper="seidel", parametrizer="ParametrizeConstAccel")
-    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
-    failed = speed is None or np.isnan(speed).any() or not (speed[1:-1] > 0).all()
-    return None if failed else np.asarray(speed / T) ** 2
+    program = seidelWrapper([Rows()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
+    slowest, quickest, held = np.array([-1e-9, 1.0]), np.array([1e-9, -1.0]), np.abs(c).max((0, 2), initial=0) <= 1
+    low, high, x = np.zeros((3, len(grid)))
+    for i in reversed(range(len(h2))):  # the x from which the motion can come to rest at the end
+        high[i] = program(i, None, quickest, np.nan, np.nan, low[i + 1], high[i + 1])[1] * (1 - ROUNDING)
+        if low[i + 1] or not held[i]:  # elsewhere it can stand still
+            low[i] = max(program(i, None, slowest, np.nan, np.nan, low[i + 1], high[i + 1])[1], 0.0)
+    if np.isnan(high).any() or low[0] > ROUNDING:
+        return None
+    for i, step in enumerate(h2):
+        u = program(i, None, np.array([-step, -1.0]), x[i], x[i], low[i + 1], high[i + 1])[0]
+        x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
+    return x / T**2 if (x[1:-1] > 0).all() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,23 +271,30 @@ def _infeasible(piece: _Piece, grid: Array) -> str:
     )
 
 
-def _parts(piece: _Piece, grid: Array, x: Array) -> Array:
-    """Into how many parts to divide intervals: where the motion exceeds a limit between grid points, or uses none."""
-    profile, inside = _Profile(grid, x), np.array([0.25, 0.5, 0.75])[:, None]
-    q, d1, d2 = piece.derivatives(grid[:-1] + inside * np.diff(grid))
+def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
+    """The grid, closer where the motion exceeds a limit between its points or uses none."""
+    profile, h, inside = _Profile(grid, x), np.diff(grid), np.array([[0.01], [0.25], [0.5], [0.75], [0.99]])
+    q, d1, d2 = piece.derivatives(grid[:-1] + inside * h)
     square = (x[:-1] + inside * np.diff(x))[..., None]
     rows, speeds = piece.limits.use(q, d1 * np.sqrt(square), d1 * profile.u[:, None] + d2 * square)
     most = np.maximum(np.abs(rows).max(-1, initial=0), speeds.max(-1, initial=0))
-    low, high = most[1], most.max(0)
-    closer = np.where(low < 1 - UNUSED, CLOSER, np.where(high > 1 + ACCURACY, 2, 1))
-    return np.where(np.diff(profile.times) > SHORTEST * profile.times[-1], closer, 1)
-
-
-def _divided(grid: Array, parts: Array) -> Array:
-    """The grid with each interval in equal parts."""
-    step = np.repeat(np.diff(grid) / parts, parts)
+    beyond, unused = np.maximum(most.max(0) - 1, 0), 1 - most.min(0)
+    long = np.diff(profile.times) > SHORTEST * profile.times[-1]
+    # Where the limit in use changes, u jumps: there the arcs of both neighbours meet, at this share of the interval.
+    before, after = (np.pad(profile.u, 1, mode="edge")[k : k + len(h)] for k in (0, 2))
+    meet = (profile.u - after) / np.where(before == after, np.inf, before - after)
+    around = np.maximum(*(np.pad(unused, 1)[k : k + len(h)] for k in (0, 2)))
+    switch = long & (unused > np.maximum(UNUSED, 4 * around)) & (np.abs(meet - 0.5) < 0.5 - NEAR)
+    parts = np.maximum(np.sqrt(beyond / ACCURACY), unused / UNUSED)
+    parts = np.ceil(np.where(long, np.clip(parts, 1, np.where(switch, 4, CLOSER)), 1)).astype(int)
+    step = np.repeat(h / parts, parts)
     number = np.arange(len(step)) - np.repeat(np.cumsum(parts) - parts, parts)
-    return np.append(np.repeat(grid[:-1], parts) + number * step, grid[-1])
+    near = (meet + np.array([[-NEAR], [0], [NEAR]]))[:, switch]
+    return np.unique(
+        np.concatenate(
+            [np.repeat(grid[:-1], parts) + number * step, grid[-1:], (grid[:-1][switch] + near * h[switch]).ravel()]
+        )
+    )
 
 
 def _fastest_profile(piece: _Piece) -> _Profile:
@@ -287,10 +304,9 @@ def _fastest_profile(piece: _Piece) -> _Profile:
         x = _solve(piece, grid, guess)
         if x is None:
             raise ValueError(_infeasible(piece, grid))
-        parts = _parts(piece, grid, x)
-        if not remaining or (parts == 1).all():
+        finer = _finer(piece, grid, x)
+        if not remaining or len(finer) == len(grid):
             return _Profile(grid, x)
-        finer = _divided(grid, parts)
         guess, grid = np.interp(finer, grid, x), finer
     raise AssertionError
 
