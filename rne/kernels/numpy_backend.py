@@ -226,8 +226,9 @@ class Workspace:
 
 
 def _rounded(states: int) -> int:
-    """A few states more, if they are many: their calls are then known from another number, the results unused."""
-    return states if states < 256 else -(-states // 32) * 32
+    """Up to a quarter more states, if they are many: calls made for other numbers serve again, results are unused."""
+    step = 2 ** (states.bit_length() - 3)
+    return states if states < 256 else -(-states // step) * step
 
 
 def aligned_zeros(rows: int, length: int, dtype: np.dtype[Any]) -> Array:

@@ -59,7 +59,7 @@ class _Limits:
     def robot(self) -> Robot:
         return self.scene.resolved.robot
 
-    @property
+    @cached_property
     def friction(self) -> Friction:
         return self.scene.resolved.friction or Friction()
 
@@ -281,9 +281,9 @@ def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
     beyond, unused = np.maximum(most.max(0) - 1, 0), 1 - most.min(0)
     long = np.diff(profile.times) > SHORTEST * profile.times[-1]
     # Where the limit in use changes, u jumps: there the arcs of both neighbours meet, at this share of the interval.
-    before, after = (np.pad(profile.u, 1, mode="edge")[k : k + len(h)] for k in (0, 2))
+    before, after = np.append(0.0, profile.u[:-1]), np.append(profile.u[1:], 0.0)
     meet = (profile.u - after) / np.where(before == after, np.inf, before - after)
-    around = np.maximum(*(np.pad(unused, 1)[k : k + len(h)] for k in (0, 2)))
+    around = np.maximum(np.append(0.0, unused[:-1]), np.append(unused[1:], 0.0))
     switch = long & (unused > np.maximum(UNUSED, 4 * around)) & (np.abs(meet - 0.5) < 0.5 - NEAR)
     parts = np.maximum(np.sqrt(beyond / ACCURACY), unused / UNUSED)
     parts = np.ceil(np.where(long, np.clip(parts, 1, np.where(switch, 4, CLOSER)), 1)).astype(int)
