@@ -309,9 +309,9 @@ class Watched:
 
     def _update(self, t: float, q: Array, qd: Array) -> None:
         """One step of the filters of `MomentumObserver.observe`."""
-        before_q, before_qd, torque = self._last
-        both = (np.stack(x) for x in ((before_q, q), (before_qd, qd), (torque, torque)))
-        new = self.observer._impulses(*both, self.sample_time, True)[:, 0]
+        last_q, last_qd, torque = self._last
+        positions, rates, torques = (np.stack(x) for x in ((last_q, q), (last_qd, qd), (torque, torque)))
+        new = self.observer._impulses(positions, rates, torques, self.sample_time, True)[:, 0]
         half = self.observer.gain * self.sample_time / 2
         old = np.zeros_like(new) if self._filters is None else self._filters
         self._filters = ((1 - half) * old + self.observer.gain * new) / (1 + half)

@@ -47,7 +47,7 @@ MILLISECOND = 1e-3  # over which steps of torques and accelerations are told
 
 @dataclass(frozen=True, eq=False)
 class _Limits:
-    """What binds a motion: finite limits of torques and accelerations are rows, those of velocities are bounds of x."""
+    """What binds a motion: limits of torques and accelerations are rows, those of velocities are bounds of x."""
 
     scene: Scene
     names: tuple[str, ...]
@@ -64,18 +64,8 @@ class _Limits:
         return self.scene.resolved.friction or Friction()
 
     def rows(self, torque: Array, acceleration: Array) -> Array:
-        """Torques and accelerations over their limits, those that have one."""
-        bounded = (np.isfinite(self.effort), np.isfinite(self.acceleration))
-        parts = (torque / self.effort, acceleration / self.acceleration)
-        return np.concatenate([x[..., kind] for x, kind in zip(parts, bounded, strict=True)], axis=-1)
-
-    def row_name(self, row: int) -> tuple[str, str, float]:
-        """Joint, quantity and limit of a row."""
-        driven, limited = np.flatnonzero(np.isfinite(self.effort)), np.flatnonzero(np.isfinite(self.acceleration))
-        if row < len(driven):
-            return self.names[driven[row]], "torque", float(self.effort[driven[row]])
-        k = limited[row - len(driven)]
-        return self.names[k], "acceleration", float(self.acceleration[k])
+        """Torques and accelerations over their limits, 0 where there is none."""
+        return np.concatenate([torque / self.effort, acceleration / self.acceleration], axis=-1)
 
     def use(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Shares of the limits: of torques and accelerations (..., rows), of velocities (..., n)."""
@@ -138,6 +128,8 @@ def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Arr
     except ModuleNotFoundError:
         raise ImportError("`fastest` needs toppra, which is not installed: pip install 'rne[fastest]'") from None
 
+    limited = np.any([a, b, c], axis=(0, 1, 2))
+    a, b, c = (x[..., limited] for x in (a, b, c))
     with np.errstate(divide="ignore"):
         T = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
     grid, a, b, largest = grid * T, a / T, b / T**2, largest * T**2  # x is then of order 1
@@ -259,15 +251,15 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
 def _infeasible(piece: _Piece, grid: Array) -> str:
     """Where a joint needs most of its torque to stand still, in words."""
     at_rest = np.abs(piece.coefficients(grid)[2]).max(0)
-    k, row = np.unravel_index(int(at_rest.argmax()), at_rest.shape)
-    joint, quantity, limit = piece.limits.row_name(int(row))
+    k, row = np.unravel_index(int(at_rest.argmax()), at_rest.shape)  # a torque's: nothing accelerates
+    j = int(row) % len(piece.limits.names)
+    joint, limit, share = piece.limits.names[j], piece.limits.effort[j], at_rest[k, row]
     place = piece.path._via(piece.index, float(grid[k]))
-    need = at_rest[k, row] * limit
-    if need < limit:
-        return f"`path`: toppra finds no motion; at rest it needs most {place}, {need / limit:.0%} of joint {joint!r}"
+    if share < 1:
+        return f"`path`: toppra finds no motion; at rest it needs most {place}, {share:.0%} of joint {joint!r}"
     return (
-        f"`path` cannot be driven: {place}, joint {joint!r} needs a {quantity} of {need:.4g} for gravity and Coulomb "
-        f"friction alone, its limit is {limit:.4g}"
+        f"`path` cannot be driven: {place}, joint {joint!r} needs a torque of {share * limit:.4g} for gravity and "
+        f"Coulomb friction alone, its limit is {limit:.4g}"
     )
 
 
@@ -344,19 +336,11 @@ class FastestMotion(_ReferenceMotion):
 
     Attributes
     ----------
-    scene : Scene
-        The robot with payload and friction that it was planned for.
     path : Path
     smoothing : float
         The time over which the place on the path is averaged [s].
-    duration : float
-        [s].
     unsmoothed_duration : float
         That of the motion without smoothing [s].
-    breaks : tuple of float
-        Times at which accelerations jump [s].
-    instants : ndarray
-        Times of all corners of the motion, and one between each two [s].
 
     Examples
     --------
@@ -418,7 +402,7 @@ class FastestMotion(_ReferenceMotion):
         return q, qd, qdd
 
     def torques(self, t: ArrayLike) -> Array:
-        """Torques of the drives at given times, friction included.
+        """Torques of the drives at given times, friction included; as feed-forward, sampled controllers hold their mean.
 
         Parameters
         ----------
@@ -446,14 +430,9 @@ class FastestMotion(_ReferenceMotion):
         dict of str to ndarray, shape (T, n)
             "torque", "acceleration" and "velocity" over their limits at `instants`, 0 where there is no limit.
         """
-        limits, (q, qd, qdd) = self._limits, self(self.instants)
-        tau = self.scene.inverse_dynamics(q, qd, qdd)
-        pairs = (
-            ("torque", tau, limits.effort),
-            ("acceleration", qdd, limits.acceleration),
-            ("velocity", qd, limits.velocity),
-        )
-        return {name: np.abs(x) / limit for name, x, limit in pairs}
+        rows, speeds = self._limits.use(*self(self.instants))
+        torques, accelerations = np.split(np.abs(rows), 2, axis=-1)
+        return {"torque": torques, "acceleration": accelerations, "velocity": speeds}
 
     def steps(self) -> tuple[Array, Array]:
         """Largest steps of torques and largest jerks of the joints, over one millisecond.
