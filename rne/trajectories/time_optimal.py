@@ -402,7 +402,7 @@ class FastestMotion(_ReferenceMotion):
         return q, qd, qdd
 
     def torques(self, t: ArrayLike) -> Array:
-        """Torques of the drives at given times, friction included; as feed-forward, sampled controllers hold their mean.
+        """Torques of the drives at given times, friction included; controllers hold their mean over each sample.
 
         Parameters
         ----------
