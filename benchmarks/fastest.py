@@ -115,14 +115,15 @@ def largest_deviation(motion: FastestMotion, step: float = 1e-3) -> float:
     t = np.arange(int(motion.duration / step) + 1) * step
     within = t[:, None] + (np.arange(20) + 0.5) / 20 * step
     planned = motion.torques(within.ravel()).reshape(*within.shape, robot.n).mean(1)
+    q_ref, qd_ref, _ = motion(t)
 
     def law(time, q, qd):
-        q_ref, qd_ref, _ = motion(time)
-        return planned[round(time / step)] - kp * (q - q_ref) - kd * (qd - qd_ref)
+        k = round(time / step)
+        return planned[k] - kp * (q - q_ref[k]) - kd * (qd - qd_ref[k])
 
     scene = rne.Scene(robot, controller=law, sample_time=step)
     run = rne.simulate(scene, motion.path.points[0], np.zeros(robot.n), t[-1], t_eval=t)
-    return float(np.abs(run.q - motion(t)[0]).max())
+    return float(np.abs(run.q - q_ref).max())
 
 
 def following(name: str, paths: int) -> None:

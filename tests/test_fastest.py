@@ -1,6 +1,7 @@
 """The fastest motion along a path: closed forms, limits by two engines, toppra's own solution, and what is refused."""
 
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -187,6 +188,20 @@ def test_the_planned_torques_drive_the_arm_along_the_path(arm):
     """At 1 kHz with the default smoothing; the errors of held torques are of the order of step^2 times the jerk."""
     motion = fastest(arm, [[0] * 6, [0.3, 0.2, -0.3, 0.5, 0.3, 1]])
     assert largest_deviation(motion) < 1e-4
+
+
+def test_a_light_arm_on_which_the_solver_fails_by_rounding_on_one_scale():
+    robot = rne.load("so101")
+    span = robot.upper - robot.lower
+    points = (robot.upper + robot.lower) / 2 + 0.35 * span * np.random.default_rng(1001).uniform(-1, 1, (3, robot.n))
+    motion = fastest(robot, points, smoothing=0)
+    assert all(share.max() <= 1 + EXCEEDED for share in motion.shares().values())
+
+
+def test_it_says_what_to_install(arm, monkeypatch):
+    monkeypatch.setitem(sys.modules, "toppra.constraint", None)
+    with pytest.raises(ImportError, match=re.escape("`fastest` needs toppra, which is not installed: pip install")):
+        fastest(arm, [[0] * 6, [1] + [0] * 5])
 
 
 def test_an_unexpected_failure_of_the_solver_is_told(arm, monkeypatch):

@@ -117,10 +117,21 @@ class _Piece:
 
 
 def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
-    """x at the grid points of the fastest motion from rest to rest, None if there is none.
+    """x at the grid points of the fastest motion from rest to rest, None if there is none."""
+    with np.errstate(divide="ignore"):
+        unit = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
+    for T in (unit / 10, unit / 100, unit):  # x of order 100; toppra has absolute tolerances and may fail on one scale
+        x = _two_passes(grid * T, a / T, b / T**2, c, largest * T**2)
+        if x is not None:
+            return np.asarray(x / T**2)
+    return None
 
-    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1. The two passes of
-    Pham and Pham 2018, Algorithm 1; toppra solves their linear programs in u and x, its own passes take longer.
+
+def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
+    """The two passes of Pham and Pham 2018, Algorithm 1; toppra solves their linear programs in u and x.
+
+    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1. With toppra's own
+    passes the same takes four times as long.
     """
     try:
         from toppra.constraint import LinearConstraint
@@ -130,9 +141,6 @@ def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Arr
 
     limited = np.any([a, b, c], axis=(0, 1, 2))
     a, b, c = (x[..., limited] for x in (a, b, c))
-    with np.errstate(divide="ignore"):
-        T = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
-    grid, a, b, largest = grid * T, a / T, b / T**2, largest * T**2  # x is then of order 1
     h2 = 2 * np.diff(grid)
 
     class Rows(LinearConstraint):  # type: ignore[misc]
@@ -159,7 +167,7 @@ def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Arr
     for i, step in enumerate(h2):
         u = program(i, None, np.array([-step, -1.0]), x[i], x[i], low[i + 1], high[i + 1])[0]
         x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
-    return x / T**2 if (x[1:-1] > 0).all() else None
+    return x if (x[1:-1] > 0).all() else None
 
 
 @dataclass(frozen=True, eq=False)
