@@ -21,9 +21,9 @@ POINTS = 10_000
 ROBOTS = ("ur5", "irb140", "panda")
 
 
-def robot_named(name: str) -> rne.Robot:
+def robot_named(name: str, engine: str = "numpy") -> rne.Robot:
     """A robot with limits: stated here are those that its file does not give."""
-    robot = rne.load(name)
+    robot = rne.load(name, engine=engine)
     if name == "ur5":
         return robot.with_limits(acceleration=40.0)
     if name == "irb140":
@@ -128,7 +128,7 @@ def largest_deviation(motion: FastestMotion, step: float = 1e-3) -> float:
 
 def following(name: str, paths: int) -> None:
     """Print how far arms are off their paths, without smoothing and with the default, and its cost in time."""
-    robot = robot_named(name)
+    robot = robot_named(name, "numba")
     for smoothing in (0, None):
         found = []
         for seed in range(paths):
