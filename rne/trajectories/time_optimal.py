@@ -55,10 +55,6 @@ class _Limits:
     acceleration: Array
     velocity: Array
 
-    @property
-    def robot(self) -> Robot:
-        return self.scene.resolved.robot
-
     @cached_property
     def friction(self) -> Friction:
         return self.scene.resolved.friction or Friction()
@@ -103,7 +99,7 @@ class _Piece:
         q, d1, d2 = self.derivatives(grid)
         zero = np.zeros_like(q)
         states = (np.stack(x) for x in ((q, q, q), (zero, zero, d1), (zero, d1, d2)))
-        c, ac, bc = limits.robot.inverse_dynamics(*states)
+        c, ac, bc = limits.scene.resolved.robot.inverse_dynamics(*states)
         inside = self.derivatives((grid[1:] + grid[:-1]) / 2)[1]  # q' does not change its sign between grid points
         ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c, zero))]
         a, b, c = (np.stack([x[:-1], x[1:]]) for x in ends)
@@ -299,16 +295,15 @@ def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
 
 def _fastest_profile(piece: _Piece) -> _Profile:
     """The time-optimal profile of a piece on a grid that is set closer where it is needed."""
-    grid, guess = piece.first_grid, None
-    for remaining in reversed(range(ROUNDS)):
-        x = _solve(piece, grid, guess)
+    grid, finer, x = piece.first_grid, piece.first_grid, None
+    for _ in range(ROUNDS):
+        x, grid = _solve(piece, finer, None if x is None else np.interp(finer, grid, x)), finer
         if x is None:
             raise ValueError(_infeasible(piece, grid))
         finer = _finer(piece, grid, x)
-        if not remaining or len(finer) == len(grid):
-            return _Profile(grid, x)
-        guess, grid = np.interp(finer, grid, x), finer
-    raise AssertionError
+        if len(finer) == len(grid):
+            break
+    return _Profile(grid, np.asarray(x))
 
 
 def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
@@ -567,7 +562,7 @@ def _checked_limits(scene: Scene, path: Path) -> _Limits:
 
 def _check_range(piece: _Piece) -> None:
     """Refuse a path that leaves the range of a joint."""
-    limits, q = piece.limits.robot.model.coordinate_limits(), piece.derivatives(piece.first_grid)[0]
+    limits, q = piece.limits.scene.resolved.robot.model.coordinate_limits(), piece.derivatives(piece.first_grid)[0]
     low, high = limits["lower"], limits["upper"]
     beyond = np.maximum(q - high, low - q)
     k, j = np.unravel_index(int(beyond.argmax()), q.shape)
