@@ -153,17 +153,18 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Ar
 
     program = seidelWrapper([Rows()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
     slowest, quickest, held = np.array([-1e-9, 1.0]), np.array([1e-9, -1.0]), np.abs(c).max((0, 2), initial=0) <= 1
-    low, high, x = np.zeros((3, len(grid)))
+    low, high, x = np.zeros((3, len(grid))).tolist()
     for i in reversed(range(len(h2))):  # the x from which the motion can come to rest at the end
         high[i] = program(i, None, quickest, np.nan, np.nan, low[i + 1], high[i + 1])[1] * (1 - ROUNDING)
         if low[i + 1] or not held[i]:  # elsewhere it can stand still
             low[i] = max(program(i, None, slowest, np.nan, np.nan, low[i + 1], high[i + 1])[1], 0.0)
     if np.isnan(high).any() or low[0] > ROUNDING:
         return None
-    for i, step in enumerate(h2):
-        u = program(i, None, np.array([-step, -1.0]), x[i], x[i], low[i + 1], high[i + 1])[0]
-        x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
-    return x if (x[1:-1] > 0).all() else None
+    for i, by in enumerate(np.stack([-h2, -np.ones(len(h2))], axis=1)):  # from the start, each x as large as can be
+        u = program(i, None, by, x[i], x[i], low[i + 1], high[i + 1])[0]
+        x[i + 1] = min(max(x[i] - by[0] * u, low[i + 1]), high[i + 1])
+    found = np.asarray(x)
+    return found if (found[1:-1] > 0).all() else None
 
 
 @dataclass(frozen=True, eq=False)
