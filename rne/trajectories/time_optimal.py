@@ -510,7 +510,8 @@ def fastest(
     Notes
     -----
     Pham and Pham 2018 (toppra), with limits at both ends of each interval of the grid, which is set closer until they
-    hold in between to 5e-4. Limits of joints that mimic others are included, except those of torques. The average of
+    hold in between to 5e-4 and one of them is used to 1 %, but for intervals below 1e-5 of the duration around switches
+    from one limit to another. Limits of joints that mimic others are included, except those of torques. The average of
     s(t) over a time w stays on the path, takes w longer for every stop, and has continuous accelerations; where it
     would exceed a limit, the motion is slowed there.
 
