@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,7 +76,7 @@ def test_motions_keep_their_limits_and_use_one_by_two_engines(name, seed):
     motion = fastest(robot, random_path(robot, np.random.default_rng(seed)), friction=friction, smoothing=0)
     for shares in largest_shares(motion, oracle, 1000):
         assert shares.max() <= 1 + EXCEEDED
-        assert (shares < UNUSED).mean() <= 2e-3  # two of the samples may fall on switches
+        assert (shares < UNUSED).sum() <= 1  # that falls on a switch
     assert motion.duration == pytest.approx(toppra_with_pinocchio(motion, oracle), rel=DIFFERENT_SOLVERS)
 
 
@@ -184,10 +185,29 @@ def test_a_law_follows_it_by_calls(arm, smooth):
     assert np.isfinite(law(0.2, q, qd)).all()
 
 
-def test_the_planned_torques_drive_the_arm_along_the_path(arm):
-    """At 1 kHz with the default smoothing; the errors of held torques are of the order of step^2 times the jerk."""
-    motion = fastest(arm, [[0] * 6, [0.3, 0.2, -0.3, 0.5, 0.3, 1]])
-    assert largest_deviation(motion) < 1e-4
+@pytest.mark.parametrize(("smoothing", "deviation"), [(None, 1e-4), (0, 2e-4)])
+def test_the_planned_torques_drive_the_arm_along_the_path(arm, smoothing, deviation):
+    """At 1 kHz; held torques that are right but in the middle of a sample, where they jump, lead to 2e-3 on this path."""
+    motion = fastest(arm, random_path(arm, np.random.default_rng(2)), smoothing=smoothing)
+    assert largest_deviation(motion) < deviation
+
+
+@pytest.mark.parametrize("share", [0.9, 0.8])
+def test_a_pendulum_swings_up_through_where_its_drive_cannot_hold_it(share):
+    """From 30 degrees beside straight down to 30 beside straight up: work of gravity 2 m g l cos(30), of the drive T 2 pi / 3."""
+    bob = Part(link="bob", joint="pivot", kind="revolute", parent=0, axis=np.array([0, 1.0, 0]), mass=2.0)
+    bob = replace(bob, com=np.array([0, 0, 0.5]))
+    weight = 2.0 * 9.80665 * 0.5
+    pendulum = rne.Robot(assemble("pendulum", [Part(link="base"), bob])).with_limits(effort=share * weight)
+    swing = [[np.radians(150)], [np.radians(30)]]
+    if share * 2 * np.pi / 3 < np.sqrt(3):
+        cause = "`path` cannot be driven: between via points 0 and 1, joint 'pivot' needs a torque of 9.807"
+        with pytest.raises(ValueError, match=re.escape(cause)):
+            fastest(pendulum, swing, smoothing=0)
+    else:
+        motion = fastest(pendulum, swing, smoothing=0)
+        used = np.abs(motion.torques(np.linspace(0, motion.duration, 502)[1:-1])) / (share * weight)
+        assert UNUSED < used.min() <= used.max() < 1 + EXCEEDED
 
 
 def test_a_light_arm_on_which_the_solver_fails_by_rounding_on_one_scale():
