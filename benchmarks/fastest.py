@@ -49,7 +49,11 @@ def friction_of(robot: rne.Robot) -> rne.Friction:
 
 
 def toppra_with_pinocchio(motion: FastestMotion, oracle: Oracle) -> float:
-    """Duration of toppra's own solution on the grids of the motion, with the friction at its velocities."""
+    """Duration of toppra's own solution on the grids of the motion, with the friction at its velocities.
+
+    Where a joint turns, its Coulomb friction jumps, and toppra asks for it once per grid point: there the grid has a
+    point on either side.
+    """
     import toppra.algorithm as algorithm
     import toppra.constraint as constraint
     from toppra.interpolator import AbstractGeometricPath
@@ -74,6 +78,8 @@ def toppra_with_pinocchio(motion: FastestMotion, oracle: Oracle) -> float:
         def inverse_dynamics(q, qd, qdd):
             return np.array(pin.rnea(oracle.theirs, oracle.data, q, qd, qdd))
 
+        turns = (np.abs(curve(profile.grid, 1)) < 1e-9).any(1)
+        sides = [profile.grid[turns] - 1e-9, profile.grid[turns] + 1e-9]
         faces, bounds = np.vstack([np.eye(Curve.dof), -np.eye(Curve.dof)]), np.concatenate([torques[:, 1]] * 2)
         parts = [
             constraint.SecondOrderConstraint(
@@ -84,7 +90,11 @@ def toppra_with_pinocchio(motion: FastestMotion, oracle: Oracle) -> float:
         if np.isfinite(limits.acceleration).all():
             parts.append(constraint.JointAccelerationConstraint(limits.acceleration, both))
         solver = algorithm.TOPPRA(
-            parts, Curve(), gridpoints=profile.grid, solver_wrapper="seidel", parametrizer="ParametrizeConstAccel"
+            parts,
+            Curve(),
+            gridpoints=np.sort(np.concatenate([profile.grid[~turns], *sides])),
+            solver_wrapper="seidel",
+            parametrizer="ParametrizeConstAccel",
         )
         total += solver.compute_trajectory().duration
     return total

@@ -22,7 +22,7 @@ from rne.validation.oracle import Oracle
 
 EXCEEDED = 1e-3  # of a limit, between the points of the grid
 UNUSED = 0.99  # the least share of some limit that the fastest motion uses
-DIFFERENT_SOLVERS = 1e-3  # of the duration, as toppra reduces x by up to 1e-4 where it is small
+DIFFERENT_SOLVERS = 1e-5  # of the duration; toppra reduces x by up to 1e-4 of it where it is small, 1e-8 elsewhere
 GRID = 2e-4  # of the duration: toppra's steps
 STEPS = 2.5e-3  # half of 0.5 % of the torque, which stays unused where friction changes along an interval of the grid
 ARM = {"effort": [250, 250, 150, 50, 50, 20]}
