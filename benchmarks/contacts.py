@@ -50,7 +50,8 @@ class Setting:
 
 def setting(name: str = "ur5", cases: int = 6) -> Setting:
     """An arm with friction of 2 % of its torque limits, and robots with other masses."""
-    robot = rne.load(name)
+    robot = rne.load(name, engine="numba")  # friction near rest is stiff: ten times faster than by NumPy
+    robot = robot.locked({joint: 0.02 for joint in robot.joint_names if "finger" in joint})
     if not np.isfinite(robot.effort_limit).all():
         robot = robot.with_limits(effort=[250, 250, 150, 50, 50, 20])
     coulomb = 0.02 * robot.effort_limit
@@ -114,4 +115,4 @@ def main(runs: int, names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200, sys.argv[2:] or ["ur5", "irb140"])
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200, sys.argv[2:] or ["ur5", "irb140", "panda"])

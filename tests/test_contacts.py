@@ -110,6 +110,7 @@ def test_a_watched_law_is_replaced_at_the_contact(irb140):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
+        ({"tau": np.where(np.arange(6) == 3, np.nan, 0 * Q)}, "`tau` must be finite, got nan at index (0, 3)"),
         ({"t": T**2}, "`t` must ascend at equal intervals; rne.identification.Record.prepare resamples"),
         ({"qd": QD[1:]}, "`q`, `qd` and `tau` must have shape (1001, 6), a row for each of at least two times"),
     ],

@@ -1,6 +1,8 @@
 """The fastest motion along a path: closed forms, limits by two engines, toppra's own solution, and what is refused."""
 
 import re
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ from rne.validation.oracle import Oracle
 
 EXCEEDED = 1e-3  # of a limit, between the points of the grid
 UNUSED = 0.99  # the least share of some limit that the fastest motion uses
-DIFFERENT_SOLVERS = 1e-3  # of the duration, as toppra reduces x by up to 1e-4 where it is small
+DIFFERENT_SOLVERS = 1e-5  # of the duration; toppra reduces x by up to 1e-4 of it where it is small, 1e-8 elsewhere
 GRID = 2e-4  # of the duration: toppra's steps
 STEPS = 2.5e-3  # half of 0.5 % of the torque, which stays unused where friction changes along an interval of the grid
 ARM = {"effort": [250, 250, 150, 50, 50, 20]}
@@ -74,7 +76,7 @@ def test_motions_keep_their_limits_and_use_one_by_two_engines(name, seed):
     motion = fastest(robot, random_path(robot, np.random.default_rng(seed)), friction=friction, smoothing=0)
     for shares in largest_shares(motion, oracle, 1000):
         assert shares.max() <= 1 + EXCEEDED
-        assert (shares < UNUSED).mean() <= 2e-3  # two of the samples may fall on switches
+        assert (shares < UNUSED).sum() <= 1  # that falls on a switch
     assert motion.duration == pytest.approx(toppra_with_pinocchio(motion, oracle), rel=DIFFERENT_SOLVERS)
 
 
@@ -183,10 +185,43 @@ def test_a_law_follows_it_by_calls(arm, smooth):
     assert np.isfinite(law(0.2, q, qd)).all()
 
 
-def test_the_planned_torques_drive_the_arm_along_the_path(arm):
-    """At 1 kHz with the default smoothing; the errors of held torques are of the order of step^2 times the jerk."""
-    motion = fastest(arm, [[0] * 6, [0.3, 0.2, -0.3, 0.5, 0.3, 1]])
-    assert largest_deviation(motion) < 1e-4
+@pytest.mark.parametrize(("smoothing", "deviation"), [(None, 1e-4), (0, 2e-4)])
+def test_the_planned_torques_drive_the_arm_along_the_path(arm, smoothing, deviation):
+    """At 1 kHz; held torques that are right but in the middle of a sample, where they jump, lead to 2e-3 on this path."""
+    motion = fastest(arm, random_path(arm, np.random.default_rng(2)), smoothing=smoothing)
+    assert largest_deviation(motion) < deviation
+
+
+@pytest.mark.parametrize("share", [0.9, 0.8])
+def test_a_pendulum_swings_up_through_where_its_drive_cannot_hold_it(share):
+    """From 30 degrees beside straight down to 30 beside straight up: work of gravity 2 m g l cos(30), of the drive T 2 pi / 3."""
+    bob = Part(link="bob", joint="pivot", kind="revolute", parent=0, axis=np.array([0, 1.0, 0]), mass=2.0)
+    bob = replace(bob, com=np.array([0, 0, 0.5]))
+    weight = 2.0 * 9.81 * 0.5
+    pendulum = rne.Robot(assemble("pendulum", [Part(link="base"), bob])).with_limits(effort=share * weight)
+    swing = [[np.radians(150)], [np.radians(30)]]
+    if share * 2 * np.pi / 3 < np.sqrt(3):
+        cause = "`path` cannot be driven: between via points 0 and 1, joint 'pivot' needs a torque of 9.81"
+        with pytest.raises(ValueError, match=re.escape(cause)):
+            fastest(pendulum, swing, smoothing=0)
+    else:
+        motion = fastest(pendulum, swing, smoothing=0)
+        used = np.abs(motion.torques(np.linspace(0, motion.duration, 502)[1:-1])) / (share * weight)
+        assert UNUSED < used.min() <= used.max() < 1 + EXCEEDED
+
+
+def test_a_light_arm_on_which_the_solver_fails_by_rounding_on_one_scale():
+    robot = rne.load("so101")
+    span = robot.upper - robot.lower
+    points = (robot.upper + robot.lower) / 2 + 0.35 * span * np.random.default_rng(1001).uniform(-1, 1, (3, robot.n))
+    motion = fastest(robot, points, smoothing=0)
+    assert all(share.max() <= 1 + EXCEEDED for share in motion.shares().values())
+
+
+def test_it_says_what_to_install(arm, monkeypatch):
+    monkeypatch.setitem(sys.modules, "toppra.constraint", None)
+    with pytest.raises(ImportError, match=re.escape("`fastest` needs toppra, which is not installed: pip install")):
+        fastest(arm, [[0] * 6, [1] + [0] * 5])
 
 
 def test_an_unexpected_failure_of_the_solver_is_told(arm, monkeypatch):

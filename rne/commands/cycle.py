@@ -83,6 +83,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         page.heading(title)
         page.text(str(result), "pre")
     page.figure("torque_speed", lambda: torque_speed(report), "Torque over speed of each joint, with its limits")
+    page.heading("Positions, velocities and torques")
     for k, (label, draw) in enumerate(
         small_motion_plots((report.t, report.q, report.qd, report.qdd, report.tau), robot)
     ):

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import per_joint_array, positive_number
+from ..basics.arrays import per_joint_array, positive_number, real_array
 from ..basics.spatial import Array
 from ..basics.text import short, summary
 from ..robot import Robot
@@ -97,7 +97,7 @@ class Residuals:
         names = ", ".join(
             short(name) for name, is_beyond in zip(self.joints, self.exceeds[k], strict=True) if is_beyond
         )
-        what = f"{self.payload_mass:.3g} kg explain {self.payload_share:.0%} of what follows"
+        what = f"a payload of {self.payload_mass:.3g} kg explains {self.payload_share:.0%} of what follows"
         return f"{(self.kind or '').capitalize()} at {self.first_contact:.4g} s, first seen by {names}; {what}"
 
 
@@ -189,37 +189,43 @@ class MomentumObserver:
         ValueError
             If the shapes do not match or the intervals are not equal.
         """
-        times, positions, rates, torques = (np.asarray(x, dtype=float) for x in (t, q, qd, tau))
+        given = (("t", t, "(T,)"), ("q", q, "(T, n)"), ("qd", qd, "(T, n)"), ("tau", tau, "(T, n)"))
+        times, positions, rates, torques = (real_array(*x).astype(float) for x in given)
         shape = (len(times), self.robot.n)
         if len(times) < 2 or any(x.shape != shape for x in (positions, rates, torques)):
             raise ValueError(f"`q`, `qd` and `tau` must have shape {shape}, a row for each of at least two times")
         step = (times[-1] - times[0]) / (len(times) - 1)
         if np.abs(np.diff(times) - step).max() > 1e-3 * step:
             raise ValueError("`t` must ascend at equal intervals; rne.identification.Record.prepare resamples")
-        impulse = _between(torques, step, held)
-        if self.friction is not None:
-            impulse = impulse - _between(self.friction.torque(self.robot.model, rates), step, False)
-
-        def residual(robot: Robot) -> Array:
-            return self._filtered(_unexplained(robot, positions, rates, impulse, step), step)
-
-        found = residual(self.robot)
-        threshold = np.max([np.abs(residual(case) - found) for case in self.cases], axis=0, initial=0.0) + self.floor
-        if self.friction is not None and self.friction_error:
-            size = np.abs(self.friction.torque(self.robot.model, rates))
-            threshold = threshold + self.friction_error * self._filtered(_between(size, step, False), step)
+        found, threshold = self._seen(self._filtered(self._impulses(positions, rates, torques, step, held), step))
         contact = np.flatnonzero((np.abs(found) > threshold).any(1))
         after = slice(contact[0], contact[0] + int(FITTED / step)) if len(contact) else slice(0)
-        mass, share = self._payload(residual, found, after)
+        mass, share = self._payload(positions, rates, found, after, step)
         return Residuals(self.robot.joint_names, times, found, threshold, mass, share)
+
+    def _impulses(self, q: Array, qd: Array, tau: Array, step: float, held: bool) -> Array:
+        """What the model, each case and friction's error leave unexplained between samples, (2 + cases, T - 1, n)."""
+        impulse, doubt = _between(tau, step, held), np.zeros((len(q) - 1, self.robot.n))
+        if self.friction is not None:
+            friction = self.friction.torque(self.robot.model, qd)
+            impulse = impulse - _between(friction, step, False)
+            doubt = self.friction_error * _between(np.abs(friction), step, False)
+        unexplained = [_unexplained(robot, q, qd, impulse, step) for robot in (self.robot, *self.cases)]
+        return np.stack([*unexplained, doubt])
+
+    def _seen(self, filtered: Array) -> tuple[Array, Array]:
+        """Residuals of the model, and their thresholds."""
+        found, *cases, doubt = filtered
+        spread = np.max([np.abs(case - found) for case in cases], axis=0, initial=0.0)
+        return found, spread + doubt + self.floor
 
     def _filtered(self, impulses: Array, step: float) -> Array:
         """r' = gain (tau_ext - r) from the impulses of tau_ext, by the bilinear rule; r = 0 at the first sample."""
         from scipy.signal import lfilter
 
         half = self.gain * step / 2
-        low_pass = lfilter([self.gain / (1 + half)], [1, (half - 1) / (1 + half)], impulses, axis=0)
-        return np.concatenate([np.zeros((1, self.robot.n)), low_pass])
+        low_pass = lfilter([self.gain / (1 + half)], [1, (half - 1) / (1 + half)], impulses, axis=-2)
+        return np.concatenate([np.zeros_like(low_pass[..., :1, :]), low_pass], axis=-2)
 
     @cached_property
     def _carrying(self) -> tuple[Robot, ...]:
@@ -229,14 +235,15 @@ class MomentumObserver:
         places = [np.zeros(3), *(REACH * np.eye(3)), *(-REACH * np.eye(3))]
         return tuple(self.robot.with_payload(1.0, com=place, link=link) for place in places)
 
-    def _payload(self, residual: Callable[[Robot], Array], found: Array, after: slice) -> tuple[float, float]:
+    def _payload(self, q: Array, qd: Array, found: Array, after: slice, step: float) -> tuple[float, float]:
         """Mass of the point masses about the last link's origin that fit residuals best, and the share they explain."""
         from scipy.optimize import nnls
 
         target = found[after].ravel()
         if not target.any():
             return 0.0, 0.0
-        columns = [(found - residual(carrying))[after].ravel() for carrying in self._carrying]
+        own, *others = (_unexplained(robot, q, qd, 0.0, step) for robot in (self.robot, *self._carrying))
+        columns = [self._filtered(own - other, step)[after].ravel() for other in others]
         masses, left = nnls(np.stack(columns, axis=1), target)
         return float(masses.sum()), max(1 - left**2 / float(target @ target), 0.0)
 
@@ -301,23 +308,15 @@ class Watched:
         return torque
 
     def _update(self, t: float, q: Array, qd: Array) -> None:
-        """One step of the filters of `MomentumObserver.observe`: the model's, those of the cases, and friction's."""
-        observer, step = self.observer, self.sample_time
-        before_q, before_qd, torque = self._last
-        both, rates = np.stack([before_q, q]), np.stack([before_qd, qd])
-        impulse, size = _between(np.stack([torque, torque]), step, True), np.zeros((1, len(q)))
-        if observer.friction is not None:
-            friction = observer.friction.torque(observer.robot.model, rates)
-            impulse = impulse - _between(friction, step, False)
-            size = observer.friction_error * _between(np.abs(friction), step, False)
-        robots = observer.robot, *observer.cases
-        new = np.concatenate([*(_unexplained(robot, both, rates, impulse, step) for robot in robots), size])
-        half = observer.gain * step / 2
+        """One step of the filters of `MomentumObserver.observe`."""
+        last_q, last_qd, torque = self._last
+        positions, rates, torques = (np.stack(x) for x in ((last_q, q), (last_qd, qd), (torque, torque)))
+        new = self.observer._impulses(positions, rates, torques, self.sample_time, True)[:, 0]
+        half = self.observer.gain * self.sample_time / 2
         old = np.zeros_like(new) if self._filters is None else self._filters
-        self._filters = ((1 - half) * old + observer.gain * new) / (1 + half)
-        found, *cases = self._filters[:-1]
-        spread = np.max([np.abs(case - found) for case in cases], axis=0, initial=0.0)
-        if (np.abs(found) > spread + self._filters[-1] + observer.floor).any():
+        self._filters = ((1 - half) * old + self.observer.gain * new) / (1 + half)
+        found, threshold = self.observer._seen(self._filters)
+        if (np.abs(found) > threshold).any():
             self.contact = float(t)
 
 
@@ -326,7 +325,7 @@ def _between(values: Array, step: float, held: bool) -> Array:
     return values[:-1] * step if held else (values[:-1] + values[1:]) * (step / 2)
 
 
-def _unexplained(robot: Robot, q: Array, qd: Array, impulse: Array, step: float) -> Array:
+def _unexplained(robot: Robot, q: Array, qd: Array, impulse: Array | float, step: float) -> Array:
     """Changes of the momentum from each sample to the next that the model and the drives do not explain."""
     momentum = (robot.mass_matrix(q) @ qd[..., None])[..., 0]
     forces = (robot.coriolis_matrix(q, qd).swapaxes(-1, -2) @ qd[..., None])[..., 0] - robot.gravity_torque(q)

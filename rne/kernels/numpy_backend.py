@@ -133,7 +133,7 @@ class BlockProgram:
     def _blocks(self, states: Sequence[Array], results: Array, write: Conditions) -> Iterator[tuple[slice, list[Any]]]:
         """Run block by block; the conditions under which each is sound."""
         count, dtype, trace = len(results), results.dtype, self.trace
-        length = min(block_length(self.layout.registers, dtype.itemsize), max(count, 1))
+        length = min(block_length(self.layout.registers, dtype.itemsize), _rounded(max(count, 1)))
         with np.errstate(all="ignore"), self._workspace(length, dtype) as workspace:
             for begin in range(0, count, length):
                 block = slice(begin, min(begin + length, count))
@@ -141,7 +141,7 @@ class BlockProgram:
                 for place, array in zip(self.inputs, states, strict=True):
                     rows[place] = array[block].T
                 conditions = trace.sound_inputs(rows, dtype, write)
-                for call, arguments in workspace.calls(block.stop - begin):
+                for call, arguments in workspace.calls(min(_rounded(block.stop - begin), length)):
                     call(*arguments)
                 outputs = rows[trace.program.inputs :]
                 store(outputs[: trace.entries], results[block])
@@ -207,7 +207,7 @@ class Workspace:
             rows = list(self.rows[:, :length])
             calls = [call for step in self.layout.steps for call in self._of(step, rows)]
             calls += [(np.copyto, (rows[row], self._operand(source, rows))) for row, source in self.layout.copies]
-            if len(self._calls) > 4:
+            if len(self._calls) > 16:
                 self._calls.clear()
             self._calls[length] = calls
         return calls
@@ -223,6 +223,12 @@ class Workspace:
         if step.kind == "sincos":
             return self.trig(args[0], out[0], out[1], lambda x: self._operand(Operand("constant", x), rows))
         return [(SPECIAL.get(step.kind) or getattr(np, step.kind), (*args, out[0]))]
+
+
+def _rounded(states: int) -> int:
+    """Up to a quarter more states, if they are many: calls made for other numbers serve again, results are unused."""
+    step = 2 ** (states.bit_length() - 3)
+    return states if states < 256 else -(-states // step) * step
 
 
 def aligned_zeros(rows: int, length: int, dtype: np.dtype[Any]) -> Array:

@@ -39,6 +39,7 @@ th, td { border-bottom: 1px solid #8886; padding: .25rem .6rem .25rem 0; text-al
 td { white-space: nowrap; }
 td.long { white-space: normal; }
 pre { white-space: pre-wrap; font-size: .8125rem; }
+pre.scroll { white-space: pre; }
 img { display: block; width: 100%; max-width: 35rem; height: auto; border-radius: .25rem; margin: auto; }
 .pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 22rem), 1fr)); gap: 1rem; }
 .pictures picture:last-child:nth-child(odd) { grid-column: 1 / -1; }
@@ -225,7 +226,7 @@ def _html(block: Block, number: int) -> str:
         )
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
         return f'<div class="scroll{" wide" * is_wide}">{table}</div>'
-    attribute = f' id="s{number}"' if is_heading(block) else ""
+    attribute = f' id="s{number}"' if is_heading(block) else ' class="scroll"' * (tag == "pre" and "\n" in content)
     text = re.sub(r"(\de)-(\d)", "\\1\N{NON-BREAKING HYPHEN}\\2", escape(content))  # 1e-13 in one line
     return f"<{tag}{attribute}>{text}</{tag}>"
 

@@ -305,7 +305,7 @@ def torque_speed(report: DriveReport) -> Figure:
     >>> len(rne.plotting.torque_speed(rne.drives(robot, motion)).axes)
     6
     """
-    columns = min(3, max(len(report.joints), 1))
+    columns = min(2, max(len(report.joints), 1))
     rows = -(-len(report.joints) // columns)
     figure = blank_figure(2.6 * columns, 2.2 * rows + 0.4)
     grid = list(figure.subplots(rows, columns, squeeze=False).flat)

@@ -186,17 +186,18 @@ class DriveReport:
         ]
         rms = np.sqrt(self._mean(self.motor_torque**2))
         for k, joint in enumerate(self.joints):
-            shares = [f"{x[k]:.1%}" if x[k] else "-" for x in (self.torque_share, self.speed_share)]
+            limits = (self.torque_share, self.effort_limit), (self.speed_share, self.velocity_limit)
+            shares = [f"{share[k]:.1%}" if np.isfinite(limit[k]) else "-" for share, limit in limits]
             peak, at, mean = self.peak_torque[k], self.peak_torque_time[k], self.mean_speed[k]
             numbers = [f"{peak:.4g}", f"{at:.3f}", shares[0], f"{self.rms_torque[k]:.4g}", f"{self.peak_speed[k]:.4g}"]
             load.append(Row(short(joint), [*numbers, shares[1], f"{mean:.4g}", f"{self.duty[k]:.0%}"]))
             columns = np.abs(self.motor_torque[:, k]).max(), rms[k], np.abs(self.motor_speed[:, k]).max()
             energies = self.peak_power[k], self.energy_taken[k], self.energy_returned[k], self.gear_losses[k]
             motor.append(Row(short(joint), [f"{x:.4g}" for x in (*columns, *energies)]))
-        taken, returned, work = (x.sum() for x in (self.energy_taken, self.energy_returned, self.work))
-        total = f"All motors: {taken:.4g} J taken, {returned:.4g} J returned, {work:.4g} J of work on the arm"
+        sums = (x.sum() for x in (self.energy_taken, self.energy_returned, self.work, self.gear_losses))
+        total = "All motors: {:.4g} J taken, {:.4g} J returned, {:.3g} J of work on the arm, {:.4g} J lost in gears"
         units = "SI units: N m, rad/s, W; N and m/s for joints that slide"
-        return "\n".join([title, *aligned(load), *aligned(motor), total, units, str(self.bearings)])
+        return "\n".join([title, *aligned(load), *aligned(motor), total.format(*sums), units, str(self.bearings)])
 
 
 def drives(

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,11 +30,13 @@ from ..simulation.scene import Payload, Scene
 from .paths import Path, through
 from .profiles import _ReferenceMotion, is_traced
 
-GRID = 300  # intervals of a piece at first
+GRID = 100  # intervals of a piece at first
 ACCURACY = 5e-4  # of a limit: by so much it may be exceeded between grid points before they are set closer
-UNUSED = 0.005  # of a limit: a gap to every limit above which grid points are set closer
-CLOSER, ROUNDS = 16, 5  # parts of an interval around a switch between limits, times that the grid is refined
-SHORTEST = 5e-5  # of the duration: intervals that are divided are longer
+UNUSED = 0.007  # of a limit: a gap to every limit above which grid points are set closer
+CLOSER, ROUNDS = 16, 8  # parts of an interval at most, times that the grid is refined
+NEAR = 0.02  # of an interval, on either side of where arcs are expected to meet
+ROUNDING = 1e-9  # by so much x is kept below the largest, relative
+SHORTEST = 1e-5  # of the duration: intervals that are divided are longer
 AGREE = 3e-4  # of a limit: between viscous friction and its tangent
 PASSES = 30  # of viscous friction, and of the smoothing
 SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
@@ -44,7 +47,7 @@ MILLISECOND = 1e-3  # over which steps of torques and accelerations are told
 
 @dataclass(frozen=True, eq=False)
 class _Limits:
-    """What binds a motion: finite limits of torques and accelerations are rows, those of velocities are bounds of x."""
+    """What binds a motion: limits of torques and accelerations are rows, those of velocities are bounds of x."""
 
     scene: Scene
     names: tuple[str, ...]
@@ -52,27 +55,13 @@ class _Limits:
     acceleration: Array
     velocity: Array
 
-    @property
-    def robot(self) -> Robot:
-        return self.scene.resolved.robot
-
-    @property
+    @cached_property
     def friction(self) -> Friction:
         return self.scene.resolved.friction or Friction()
 
     def rows(self, torque: Array, acceleration: Array) -> Array:
-        """Torques and accelerations over their limits, those that have one."""
-        bounded = (np.isfinite(self.effort), np.isfinite(self.acceleration))
-        parts = (torque / self.effort, acceleration / self.acceleration)
-        return np.concatenate([x[..., kind] for x, kind in zip(parts, bounded, strict=True)], axis=-1)
-
-    def row_name(self, row: int) -> tuple[str, str, float]:
-        """Joint, quantity and limit of a row."""
-        driven, limited = np.flatnonzero(np.isfinite(self.effort)), np.flatnonzero(np.isfinite(self.acceleration))
-        if row < len(driven):
-            return self.names[driven[row]], "torque", float(self.effort[driven[row]])
-        k = limited[row - len(driven)]
-        return self.names[k], "acceleration", float(self.acceleration[k])
+        """Torques and accelerations over their limits, 0 where there is none."""
+        return np.concatenate([torque / self.effort, acceleration / self.acceleration], axis=-1)
 
     def use(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Shares of the limits: of torques and accelerations (..., rows), of velocities (..., n)."""
@@ -110,7 +99,7 @@ class _Piece:
         q, d1, d2 = self.derivatives(grid)
         zero = np.zeros_like(q)
         states = (np.stack(x) for x in ((q, q, q), (zero, zero, d1), (zero, d1, d2)))
-        c, ac, bc = limits.robot.inverse_dynamics(*states)
+        c, ac, bc = limits.scene.resolved.robot.inverse_dynamics(*states)
         inside = self.derivatives((grid[1:] + grid[:-1]) / 2)[1]  # q' does not change its sign between grid points
         ends = [rows(part, by) for part, by in ((ac - c, d1), (bc - c, d2), (c, zero))]
         a, b, c = (np.stack([x[:-1], x[1:]]) for x in ends)
@@ -124,40 +113,58 @@ class _Piece:
 
 
 def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
-    """x at the grid points of the fastest motion from rest to rest, None if toppra finds none.
+    """x at the grid points of the fastest motion from rest to rest, None if there is none."""
+    with np.errstate(divide="ignore"):
+        unit = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
+    for T in (unit / 10, unit / 100, unit):  # x of order 100; toppra has absolute tolerances and may fail on one scale
+        x = _two_passes(grid * T, a / T, b / T**2, c, largest * T**2)
+        if x is not None:
+            return np.asarray(x / T**2)
+    return None
 
-    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1.
+
+def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
+    """The two passes of Pham and Pham 2018, Algorithm 1; toppra solves their linear programs in u and x.
+
+    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1. With toppra's own
+    passes the same takes four times as long.
     """
     try:
-        from toppra.algorithm import TOPPRA
         from toppra.constraint import LinearConstraint
-        from toppra.interpolator import AbstractGeometricPath
+        from toppra.solverwrapper.cy_seidel_solverwrapper import seidelWrapper
     except ModuleNotFoundError:
         raise ImportError("`fastest` needs toppra, which is not installed: pip install 'rne[fastest]'") from None
 
-    with np.errstate(divide="ignore"):
-        T = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
-    grid, a, b, largest = grid * T, a / T, b / T**2, largest * T**2  # x is then of order 1
-
-    class Curve(AbstractGeometricPath):  # type: ignore[misc]
-        dof, path_interval = 1, grid[[0, -1]]
+    limited = np.any([a, b, c], axis=(0, 1, 2))
+    a, b, c = (x[..., limited] for x in (a, b, c))
+    h2 = 2 * np.diff(grid)
 
     class Rows(LinearConstraint):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__()
-            self.identical, self.dof = True, 1
+            self.identical = True
 
         def compute_constraint_params(self, *_: Any) -> tuple[Any, ...]:
             ones = np.eye(2 * a.shape[-1])
-            by_u = np.hstack([a[0], a[1] + 2 * np.diff(grid)[:, None] * b[1]])  # x at the end is x + 2 u (s_end - s)
+            by_u = np.hstack([a[0], a[1] + h2[:, None] * b[1]])  # x at the end is x + 2 u (s_end - s)
             parts = (np.vstack([x, x[-1:]]) for x in (by_u, np.hstack([b[0], b[1]]), np.hstack([c[0], c[1]])))
             bounds = np.stack([np.zeros_like(largest), np.minimum(largest, 1e8)], axis=1)
             return (*parts, np.vstack([ones, -ones]), np.ones(2 * len(ones)), None, bounds)
 
-    solver = TOPPRA([Rows()], Curve(), gridpoints=grid, solver_wrapper="seidel", parametrizer="ParametrizeConstAccel")
-    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
-    failed = speed is None or np.isnan(speed).any() or not (speed[1:-1] > 0).all()
-    return None if failed else np.asarray(speed / T) ** 2
+    program = seidelWrapper([Rows()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
+    slowest, quickest, held = np.array([-1e-9, 1.0]), np.array([1e-9, -1.0]), np.abs(c).max((0, 2), initial=0) <= 1
+    low, high, x = np.zeros((3, len(grid))).tolist()
+    for i in reversed(range(len(h2))):  # the x from which the motion can come to rest at the end
+        high[i] = program(i, None, quickest, np.nan, np.nan, low[i + 1], high[i + 1])[1] * (1 - ROUNDING)
+        if low[i + 1] or not held[i]:  # elsewhere it can stand still
+            low[i] = max(program(i, None, slowest, np.nan, np.nan, low[i + 1], high[i + 1])[1], 0.0)
+    if np.isnan(high).any() or low[0] > ROUNDING:
+        return None
+    for i, by in enumerate(np.stack([-h2, -np.ones(len(h2))], axis=1)):  # from the start, each x as large as can be
+        u = program(i, None, by, x[i], x[i], low[i + 1], high[i + 1])[0]
+        x[i + 1] = min(max(x[i] - by[0] * u, low[i + 1]), high[i + 1])
+    found = np.asarray(x)
+    return found if (found[1:-1] > 0).all() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,50 +256,55 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
 def _infeasible(piece: _Piece, grid: Array) -> str:
     """Where a joint needs most of its torque to stand still, in words."""
     at_rest = np.abs(piece.coefficients(grid)[2]).max(0)
-    k, row = np.unravel_index(int(at_rest.argmax()), at_rest.shape)
-    joint, quantity, limit = piece.limits.row_name(int(row))
+    k, row = np.unravel_index(int(at_rest.argmax()), at_rest.shape)  # a torque's: nothing accelerates
+    j = int(row) % len(piece.limits.names)
+    joint, limit, share = piece.limits.names[j], piece.limits.effort[j], at_rest[k, row]
     place = piece.path._via(piece.index, float(grid[k]))
-    need = at_rest[k, row] * limit
-    if need < limit:
-        return f"`path`: toppra finds no motion; at rest it needs most {place}, {need / limit:.0%} of joint {joint!r}"
+    if share < 1:
+        return f"`path`: toppra finds no motion; at rest it needs most {place}, {share:.0%} of joint {joint!r}"
     return (
-        f"`path` cannot be driven: {place}, joint {joint!r} needs a {quantity} of {need:.4g} for gravity and Coulomb "
-        f"friction alone, its limit is {limit:.4g}"
+        f"`path` cannot be driven: {place}, joint {joint!r} needs a torque of {share * limit:.4g} for gravity and "
+        f"Coulomb friction alone, its limit is {limit:.4g}"
     )
 
 
-def _parts(piece: _Piece, grid: Array, x: Array) -> Array:
-    """Into how many parts to divide intervals: where the motion exceeds a limit between grid points, or uses none."""
-    profile, inside = _Profile(grid, x), np.array([0.25, 0.5, 0.75])[:, None]
-    q, d1, d2 = piece.derivatives(grid[:-1] + inside * np.diff(grid))
+def _finer(piece: _Piece, grid: Array, x: Array) -> Array:
+    """The grid, closer where the motion exceeds a limit between its points or uses none."""
+    profile, h, inside = _Profile(grid, x), np.diff(grid), np.array([[0.01], [0.25], [0.5], [0.75], [0.99]])
+    q, d1, d2 = piece.derivatives(grid[:-1] + inside * h)
     square = (x[:-1] + inside * np.diff(x))[..., None]
     rows, speeds = piece.limits.use(q, d1 * np.sqrt(square), d1 * profile.u[:, None] + d2 * square)
     most = np.maximum(np.abs(rows).max(-1, initial=0), speeds.max(-1, initial=0))
-    low, high = most[1], most.max(0)
-    closer = np.where(low < 1 - UNUSED, CLOSER, np.where(high > 1 + ACCURACY, 2, 1))
-    return np.where(np.diff(profile.times) > SHORTEST * profile.times[-1], closer, 1)
-
-
-def _divided(grid: Array, parts: Array) -> Array:
-    """The grid with each interval in equal parts."""
-    step = np.repeat(np.diff(grid) / parts, parts)
+    beyond, unused = np.maximum(most.max(0) - 1, 0), 1 - most.min(0)
+    long = np.diff(profile.times) > SHORTEST * profile.times[-1]
+    # Where the limit in use changes, u jumps: there the arcs of both neighbours meet, at this share of the interval.
+    before, after = np.append(0.0, profile.u[:-1]), np.append(profile.u[1:], 0.0)
+    meet = (profile.u - after) / np.where(before == after, np.inf, before - after)
+    around = np.maximum(np.append(0.0, unused[:-1]), np.append(unused[1:], 0.0))
+    switch = long & (unused > np.maximum(UNUSED, 4 * around)) & (np.abs(meet - 0.5) < 0.5 - NEAR)
+    parts = np.maximum(np.sqrt(beyond / ACCURACY), unused / UNUSED)
+    parts = np.ceil(np.where(long, np.clip(parts, 1, np.where(switch, 4, CLOSER)), 1)).astype(int)
+    step = np.repeat(h / parts, parts)
     number = np.arange(len(step)) - np.repeat(np.cumsum(parts) - parts, parts)
-    return np.append(np.repeat(grid[:-1], parts) + number * step, grid[-1])
+    near = (meet + np.array([[-NEAR], [0], [NEAR]]))[:, switch]
+    return np.unique(
+        np.concatenate(
+            [np.repeat(grid[:-1], parts) + number * step, grid[-1:], (grid[:-1][switch] + near * h[switch]).ravel()]
+        )
+    )
 
 
 def _fastest_profile(piece: _Piece) -> _Profile:
     """The time-optimal profile of a piece on a grid that is set closer where it is needed."""
-    grid, guess = piece.first_grid, None
-    for remaining in reversed(range(ROUNDS)):
-        x = _solve(piece, grid, guess)
+    grid, finer, x = piece.first_grid, piece.first_grid, None
+    for _ in range(ROUNDS):
+        x, grid = _solve(piece, finer, None if x is None else np.interp(finer, grid, x)), finer
         if x is None:
             raise ValueError(_infeasible(piece, grid))
-        parts = _parts(piece, grid, x)
-        if not remaining or (parts == 1).all():
-            return _Profile(grid, x)
-        finer = _divided(grid, parts)
-        guess, grid = np.interp(finer, grid, x), finer
-    raise AssertionError
+        finer = _finer(piece, grid, x)
+        if len(finer) == len(grid):
+            break
+    return _Profile(grid, np.asarray(x))
 
 
 def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
@@ -328,19 +340,11 @@ class FastestMotion(_ReferenceMotion):
 
     Attributes
     ----------
-    scene : Scene
-        The robot with payload and friction that it was planned for.
     path : Path
     smoothing : float
         The time over which the place on the path is averaged [s].
-    duration : float
-        [s].
     unsmoothed_duration : float
         That of the motion without smoothing [s].
-    breaks : tuple of float
-        Times at which accelerations jump [s].
-    instants : ndarray
-        Times of all corners of the motion, and one between each two [s].
 
     Examples
     --------
@@ -402,7 +406,7 @@ class FastestMotion(_ReferenceMotion):
         return q, qd, qdd
 
     def torques(self, t: ArrayLike) -> Array:
-        """Torques of the drives at given times, friction included.
+        """Torques of the drives at given times, friction included; controllers hold their mean over each sample.
 
         Parameters
         ----------
@@ -430,14 +434,9 @@ class FastestMotion(_ReferenceMotion):
         dict of str to ndarray, shape (T, n)
             "torque", "acceleration" and "velocity" over their limits at `instants`, 0 where there is no limit.
         """
-        limits, (q, qd, qdd) = self._limits, self(self.instants)
-        tau = self.scene.inverse_dynamics(q, qd, qdd)
-        pairs = (
-            ("torque", tau, limits.effort),
-            ("acceleration", qdd, limits.acceleration),
-            ("velocity", qd, limits.velocity),
-        )
-        return {name: np.abs(x) / limit for name, x, limit in pairs}
+        rows, speeds = self._limits.use(*self(self.instants))
+        torques, accelerations = np.split(np.abs(rows), 2, axis=-1)
+        return {"torque": torques, "acceleration": accelerations, "velocity": speeds}
 
     def steps(self) -> tuple[Array, Array]:
         """Largest steps of torques and largest jerks of the joints, over one millisecond.
@@ -511,7 +510,8 @@ def fastest(
     Notes
     -----
     Pham and Pham 2018 (toppra), with limits at both ends of each interval of the grid, which is set closer until they
-    hold in between to 5e-4. Limits of joints that mimic others are included, except those of torques. The average of
+    hold in between to 5e-4 and one of them is used to 1 %, but for intervals below 1e-5 of the duration around switches
+    from one limit to another. Limits of joints that mimic others are included, except those of torques. The average of
     s(t) over a time w stays on the path, takes w longer for every stop, and has continuous accelerations; where it
     would exceed a limit, the motion is slowed there.
 
@@ -564,7 +564,7 @@ def _checked_limits(scene: Scene, path: Path) -> _Limits:
 
 def _check_range(piece: _Piece) -> None:
     """Refuse a path that leaves the range of a joint."""
-    limits, q = piece.limits.robot.model.coordinate_limits(), piece.derivatives(piece.first_grid)[0]
+    limits, q = piece.limits.scene.resolved.robot.model.coordinate_limits(), piece.derivatives(piece.first_grid)[0]
     low, high = limits["lower"], limits["upper"]
     beyond = np.maximum(q - high, low - q)
     k, j = np.unravel_index(int(beyond.argmax()), q.shape)
