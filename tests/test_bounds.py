@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import random_tree
 from rne.bounds.bounds import QUANTITIES, Terms
+from rne.bounds.branch_and_bound import climbed, short_basis
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Norm, positive_definite
+from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
 from rne.bounds.polynomials import box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
@@ -15,6 +18,7 @@ from rne.model.builder import Part, assemble, pose
 
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
 ROUNDING = 1e-10  # relative: a proof allows 2000 eps of the sum of some 100 terms
+GRID = 1e-3  # of gravity's tables: (pi / 360)^2 / 2 and (pi / 720)^2 / 2 for each joint
 RATES, ACCELERATIONS = 2.0, 5.0
 
 
@@ -146,12 +150,56 @@ def test_what_is_attained_is_attained(irb140, of_irb140):
     np.testing.assert_allclose([eigenvalues[0, 0], eigenvalues[1, -1]], of_irb140.mass_eigenvalues.attained, rtol=1e-9)
 
 
-def test_entries_that_vanish_are_proven_0(of_irb140):
+def test_entries_that_vanish_are_proven_0(irb140, of_irb140):
     zero = of_irb140.gravity_torque.attained == 0
     assert zero.tolist() == [True, False, False, False, False, True]
-    assert (of_irb140.gravity_torque.upper[zero] < 1e-12).all()
+    q = np.random.default_rng(7).uniform(-np.pi, np.pi, (100_000, 6))
+    rounding = abs(irb140.gravity_torque(q))[:, zero].max(axis=0)  # of terms as large as the others'
+    assert (rounding <= of_irb140.gravity_torque.upper[zero]).all()
+    assert (of_irb140.gravity_torque.upper[zero] < ROUNDING * of_irb140.gravity_torque.upper.max()).all()
     first = str(of_irb140).splitlines()[1].split()
     assert first == ["0", "0", "0", "gravity", "torque", "of", "joint_1"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gravity_of_full_turns_is_attained_from_below(seed):
+    """The product of gravity's largest sine and the largest first moment, by search within the steps of its angles."""
+    robot = rne.Robot(random_tree(6, seed, prismatic=0.0))
+    upper = gravity_torques_of_full_turns(robot.model)
+    turn = np.full(6, np.pi)
+    for i in range(6):
+        attained = climbed(lambda q, i=i: abs(robot.gravity_torque(q))[:, i], -turn, turn, starts=30)[1]
+        assert attained <= upper[i] <= attained * (1 + GRID), i
+
+
+def test_sliding_joints_have_no_gravity_bound_of_full_turns():
+    parts = [
+        Part(link="base"),
+        Part(link="lift", joint="lift", kind="prismatic", axis=np.array([0, 0, 1.0]), mass=1.0),
+        Part(link="swing", joint="swing", kind="revolute", axis=np.array([0, 1.0, 0]), parent=1, mass=2.0,
+             com=np.array([0.3, 0, 0])),
+    ]  # fmt: skip
+    model = replace(assemble("lift", parts), lower=np.zeros(2), upper=np.ones(2))
+    lifted, swung = gravity_torques_of_full_turns(model)
+    assert lifted == UNKNOWN
+    np.testing.assert_allclose(swung, 2 * G * 0.3, rtol=GRID)
+    np.testing.assert_allclose(rne.Robot(model).bounds("limits").gravity_torque.upper, [3 * G, 2 * G * 0.3], rtol=1e-9)
+
+
+def test_angles_are_exchanged_for_sums_where_axes_are_parallel():
+    """Whole numbers of determinant 1 that shorten the modes, and leave coordinates with a range alone."""
+    frequency = np.array([[1.0, 1, 1, 0], [2, 2, 2, 1], [0, 1, 1, 0], [0, 0, 0, 2]])
+    gram = frequency.T @ frequency
+    for circle in ([True] * 4, [True, True, False, True]):
+        basis = short_basis(gram, np.array(circle))
+        np.testing.assert_array_equal(basis, np.round(basis))
+        assert round(np.linalg.det(basis)) == 1
+        diagonal = np.diag(basis.T @ gram @ basis)
+        assert (diagonal <= np.diag(gram)).all()
+        assert diagonal.sum() < gram.trace()
+        fixed = ~np.array(circle)
+        np.testing.assert_array_equal(basis[fixed], np.eye(4)[fixed])
+        np.testing.assert_array_equal(basis[:, fixed], np.eye(4)[:, fixed])
 
 
 @pytest.mark.parametrize(
@@ -169,13 +217,13 @@ def test_modes_bound_values_and_derivatives(make):
         (terms.of(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
     ):
         np.testing.assert_allclose(A.evaluate(q), function(q), atol=1e-12)
-        size = abs(A.coefficients)
+        size, (slopes, curvatures) = abs(A.coefficients), A.derivatives(np.eye(robot.n))
         assert (abs(function(q)) <= size.sum(axis=0) * (1 + ROUNDING) + 1e-15).all()
         for k, e in enumerate(np.eye(robot.n)):
             low, middle, high = (function(q + s * h * e) for s in (-1, 0, 1))
             slope, second = abs(high - low) / 2 / h, abs(high - 2 * middle + low) / h**2
-            assert (slope <= np.tensordot(A.slope[:, k], size, 1) + 1e-5).all()  # of differences: h^2, eps / h^2
-            assert (second <= np.tensordot(A.curvature[:, k], size, 1) + 1e-5).all()
+            assert (slope <= np.tensordot(slopes[:, k], size, 1) + 1e-5).all()  # of differences: h^2, eps / h^2
+            assert (second <= np.tensordot(curvatures[:, k], size, 1) + 1e-5).all()
 
 
 def test_a_matrix_mode_is_bounded_at_every_phase():
@@ -197,7 +245,8 @@ def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):
     """Of random symbols c_ijk: no unit vectors v, w give more than the root of its largest eigenvalue."""
     rng = np.random.default_rng(4)
     terms = Terms(KernelCache(irb140.model), box_argument(irb140.model, "circle"))
-    A = terms.of(rne.dynamics.mass_matrix, 2, "q").mapped(christoffel)
+    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    A = dM.mapped(christoffel, 1.5 * dM.terms)
     criterion = Coriolis(A)
     q = rng.uniform(-np.pi, np.pi, (50, 6))
     bound = np.sqrt(np.linalg.eigvalsh(criterion._form(A.evaluate(q)))[:, -1])
