@@ -1,8 +1,8 @@
 """Bounds with proof beside samples and searches: python -m benchmarks.bounds [--quick] [--only ARM ...] [--parts ...]
 
 Four parts: Robot.bounds of nine arms in machine code, on full turns and within limits; N random states of each (10^8 by
-default, a tenth of them for eigenvalues of M and k_C, a tenth of both within limits); local searches (1000 for each
-entry of each quantity); the table of docs/explanation/bounds.md and docs/stability/bounds.png. No state may be outside
+default, a tenth of them for eigenvalues of M and k_C); local searches (1000 for each entry of each quantity); within
+limits a tenth of both; the table of docs/explanation/bounds.md and docs/stability/bounds.png. No state may be outside
 of the bounds. Results are kept for each arm as they come, in benchmarks/results/bounds.json (proofs) and
 bounds_samples.json; samples that were interrupted go on where they stopped.
 """
@@ -42,6 +42,7 @@ BUDGETS = {
 PARTS = ("proofs", "samples", "searches", "page")
 POSITIONS = ("circle", "limits")
 SAVED = 10**6  # states after which the samples are kept
+LAST = 1e-5  # of the range: the last step of local searches
 NOTHING = 1e-9  # of the largest entry: entries that vanish but for rounding
 BLOCK = 100_000
 CHART = ("irb140", "ur5", "panda")
@@ -165,7 +166,9 @@ def searched(robot: rne.Robot, positions: str, starts: int) -> dict[str, Any]:
             return np.concatenate([function(*np.split(s, 3, axis=1))[:, entry] for s in states])
 
         entries = len(function(*np.split(((lower + upper) / 2 + 0.1)[None], 3, axis=1))[0])
-        best = [climbed(lambda x, e=e: of(x, e), lower[:used], upper[:used], starts=starts)[1] for e in range(entries)]
+        best = [
+            climbed(lambda x, e=e: of(x, e), lower[:used], upper[:used], None, starts, LAST)[1] for e in range(entries)
+        ]
         found[name] = best
     return found
 
@@ -202,10 +205,13 @@ def rows(results: dict[str, Any]) -> list[list[str]]:
             cells = []
             for quantity in QUANTITIES:
                 values = one[positions][quantity]
-                gaps = np.atleast_1d(values["gap"]).ravel()
-                shown = gaps if quantity == "mass_eigenvalues" else [gaps.max()]
-                cells.append(", ".join(f"{1 + g:.2f}" if g < 9 else "none" for g in shown))
-                cells[-1] += f" in {values['seconds']:.2g} s"
+                lower, upper, attained = (np.ravel(values[x]) for x in ("lower", "upper", "attained"))
+                ratios = np.divide(upper, attained, out=np.ones_like(upper), where=attained > 0)
+                if quantity == "mass_eigenvalues":
+                    ratios[0] = attained[0] / max(lower[0], 1e-300)
+                shown = ratios if quantity == "mass_eigenvalues" else [ratios.max()]
+                cells.append(", ".join(f"{ratio:.2f}" if ratio < 10 else "none" for ratio in shown))
+                cells[-1] += f" in {values['cpu']:.2g} s"
             out.append([name, str(one["joints"]), positions, *cells])
     return out
 
@@ -272,11 +278,12 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--samples", type=int, default=10**8, help="random states of each arm")
     parser.add_argument("--searches", type=int, default=1000, help="local searches for each entry")
+    parser.add_argument("--share", type=float, default=1.0, help="of a core that is free: budgets are divided by it")
     parser.add_argument("--only", nargs="+", default=list(ARMS), choices=ARMS, help="arms to compute anew")
     parser.add_argument("--parts", nargs="+", default=list(PARTS), choices=PARTS, help="what to compute anew")
     given = parser.parse_args()
     quick = given.quick
-    budget, states, starts = (0.02, 10**4, 3) if quick else (1.0, given.samples, given.searches)
+    budget, states, starts = (0.02, 10**4, 3) if quick else (1 / given.share, given.samples, given.searches)
     proofs, samples = ({}, {}) if quick else (kept("bounds.json"), kept("bounds_samples.json"))
     for name in given.only:
         robot = arm(name)
@@ -289,7 +296,7 @@ def main() -> None:
         for positions in POSITIONS:
             here = one.setdefault(positions, {})
             if "searches" in given.parts:
-                here["searches"] = searched(robot, positions, starts)
+                here["searches"] = searched(robot, positions, starts if positions == "circle" else starts // 10)
             if "samples" in given.parts:
                 number = states if positions == "circle" else states // 10
                 for now in sampled(robot, positions, number, here.get("samples")):

@@ -24,7 +24,6 @@ from .gravity import gravity_torques_of_full_turns
 from .polynomials import Box, Polynomial, box_argument, independent, polynomial
 
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
-NEGLIGIBLE = 1e-13  # of the largest entry's size: what entries that vanish have from rounding
 SAMPLES = 500
 
 
@@ -328,7 +327,6 @@ def in_turns(
     criteria: Sequence[Criterion], box: Box, tolerance: float, end: float, known: Sequence[Extreme] = ()
 ) -> list[Extreme]:
     """The largest values, each with its share of the time left; what is not tight then once more."""
-    negligible = NEGLIGIBLE * max([c.size for c in criteria if np.isfinite(c.size)], default=0.0)
     found = dict(enumerate(known))
     for _ in range(2):
         untight = [
@@ -339,7 +337,7 @@ def in_turns(
         for place, k in enumerate(untight):
             share = (end - time.monotonic()) / (len(untight) - place)
             if k not in found or share > 0:
-                again = largest(criteria[k], box, tolerance, share, negligible)
+                again = largest(criteria[k], box, tolerance, share)
                 found[k] = min(again, found.get(k, again), key=lambda extreme: extreme.upper)
     return [found[k] for k in range(len(criteria))]
 

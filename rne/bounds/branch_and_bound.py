@@ -25,6 +25,7 @@ MOST_CORNERS = 10**8  # of all cells, shared ones counted for each
 SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
 WIDEST = 1.0  # fraction at which searches begin
 FEW = 512
+PATIENCE = 0.6  # part of the time left for one search
 STARTS, SAMPLES = 6, 1000
 ROUNDS = 20  # of the reduction of a basis of angles
 
@@ -39,37 +40,44 @@ class Extreme(NamedTuple):
     tested: int
 
 
-def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float, negligible: float = 0.0) -> Extreme:
+def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float) -> Extreme:
     """The largest value, proven within ever smaller fractions of the one attained, to `tolerance` if time suffices.
 
-    A value proven to be at most `negligible` is 0 up to rounding.
+    Where what is attained is within the rounding of 0, it is called 0.
     """
     deadline = time.monotonic() + seconds
-    if criterion.size <= negligible:
-        return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, (box.lower + box.upper) / 2, 0)
     q, best = climbed(criterion.values, box.lower, box.upper)
+    if best <= criterion.rounding(0.0):
+        return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q, 0)
     upper, fraction, tested = criterion.size + criterion.rounding(best), WIDEST, 0
-    while upper > (1 + tolerance) * best:
-        began = time.monotonic()
-        fraction = max(tolerance, min(fraction, (upper / best - 1) / 2))
+    while upper > (1 + tolerance) * best and (began := time.monotonic()) < deadline:
+        gap = upper / best - 1
+        fraction = max(tolerance, min(fraction, 0.7 * gap))
         search = Search(criterion, box, q, (1 + fraction) * best)
-        proven = search.run(deadline)
+        proven = search.run(began + PATIENCE * (deadline - began))
         tested += search.tested
         if search.higher is not None:
             q, best = climbed(criterion.values, box.lower, box.upper, search.higher)
-        elif not proven:
-            break
-        else:
+        elif proven:
             upper, now = search.target, time.monotonic()
             left = (deadline - now) / 2 / max(now - began, 1e-3)  # times the last search, about fraction^(-5 / 2)
             fraction *= np.clip(left**-0.4, 0.3, 0.8) if left > 0 else 0.8
+        elif fraction > 0.69 * gap:
+            break
+        else:
+            fraction = min(4 * fraction, np.sqrt(fraction * gap))
     return Extreme(best - criterion.rounding(best), upper, best, q, tested)
 
 
 def climbed(
-    values_of: Callable[[Array], Array], lower: Array, upper: Array, start: Array | None = None, starts: int = STARTS
+    values_of: Callable[[Array], Array],
+    lower: Array,
+    upper: Array,
+    start: Array | None = None,
+    starts: int = STARTS,
+    last: float = 1e-9,
 ) -> tuple[Array, float]:
-    """A local maximum from the best of random positions, by steps along the coordinates and at random, halved."""
+    """A local maximum from the best of random positions, by steps along the axes and at random, halved to `last`."""
     rng = np.random.default_rng(1)
     width = upper - lower
     q = rng.uniform(lower, upper, (max(SAMPLES, starts), len(width)))
@@ -78,7 +86,7 @@ def climbed(
     order = np.argsort(-values)[:starts]
     q, values = q[order], values[order]
     step = np.full(len(q), 0.1)
-    while step.max() > 1e-9:
+    while step.max() > last:
         moves = np.vstack([np.eye(len(width)), -np.eye(len(width)), rng.normal(size=(2 * len(width), len(width))) / 2])
         tried = np.clip(q[:, None] + step[:, None, None] * width * moves, lower, upper)
         found = values_of(tried.reshape(-1, len(width))).reshape(len(q), -1)

@@ -246,10 +246,13 @@ class Torque(Criterion):
 
     def holds(self, q: Array, target: float, slack: float) -> Array:
         g, inertial, c = self._parts(self.polynomial.evaluate(q))
-        rest, squares = self._rest(g, c)
+        room = target - slack - inertial
+        holds = abs(g[:, 0]) + abs(c) @ abs(self._products[:, 0]) <= room  # without cancellation
+        rest, squares = self._rest(g[~holds], c[~holds])
         high = rest.max(axis=1) + np.maximum(squares, 0).sum(axis=1)
         low = rest.min(axis=1) + np.minimum(squares, 0).sum(axis=1)
-        return np.asarray(inertial + np.maximum(high, -low) <= target - slack)
+        holds[~holds] = np.maximum(high, -low) <= room[~holds]
+        return np.asarray(holds)
 
     def _rest(self, g: Array, c: Array) -> tuple[Array, Array]:
         """Gravity and products of different rates at the corners, and the terms of squared rates."""
