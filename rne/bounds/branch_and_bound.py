@@ -25,6 +25,7 @@ MOST_CORNERS = 10**8  # of all cells, shared ones counted for each
 SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
 WIDEST = 1.0  # fraction at which searches begin
 FEW = 512
+CLIMB = 1e-12  # least relative gain of a step
 PATIENCE = 0.6  # part of the time left for one search
 STARTS, SAMPLES = 6, 1000
 ROUNDS = 20  # of the reduction of a basis of angles
@@ -91,7 +92,7 @@ def climbed(
         tried = np.clip(q[:, None] + step[:, None, None] * width * moves, lower, upper)
         found = values_of(tried.reshape(-1, len(width))).reshape(len(q), -1)
         k = found.argmax(axis=1)
-        better = found[range(len(q)), k] > values
+        better = found[range(len(q)), k] > values + CLIMB * abs(values)
         q = np.where(better[:, None], tried[range(len(q)), k], q)
         values = np.where(better, found[range(len(q)), k], values)
         step = np.where(better, np.minimum(1.5 * step, 0.1), step / 2)
