@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.bounds import ACCELERATION as ACCELERATIONS
+from benchmarks.bounds import RATE as RATES
+from benchmarks.bounds import outside, sampled, searched
 from benchmarks.random_robots import random_tree
 from rne.bounds.bounds import QUANTITIES, Terms
 from rne.bounds.branch_and_bound import climbed, short_basis
@@ -19,7 +22,6 @@ from rne.model.builder import Part, assemble, pose
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
 ROUNDING = 1e-10  # relative: a proof allows 2000 eps of the sum of some 100 terms
 GRID = 1e-3  # of gravity's tables: (pi / 360)^2 / 2 and (pi / 720)^2 / 2 for each joint
-RATES, ACCELERATIONS = 2.0, 5.0
 
 
 def planar(masses, lengths, centres, inertias, **options):
@@ -134,6 +136,27 @@ def test_samples_and_searches_of_the_irb140_are_inside(irb140, of_irb140):
     v = rng.normal(size=few.shape)
     sizes = np.linalg.norm(irb140.coriolis_torque(few, v), axis=1) / (v**2).sum(axis=1)
     assert (sizes <= of_irb140.coriolis.upper).all()
+
+
+def test_states_and_searches_of_the_benchmark_are_inside(irb140, of_irb140):
+    """10^5 random states and 20 local searches of each entry, by the robot's own methods."""
+    proven = {q: {x: getattr(getattr(of_irb140, q), x) for x in ("lower", "upper")} for q in QUANTITIES}
+    *_, states = sampled(irb140, "circle", 100_000)
+    found = searched(irb140, "circle", 20)
+    assert outside(states["largest"], proven) == []
+    assert outside({q: found[q] for q in QUANTITIES}, proven) == []
+    found["torque"][2] *= 1.16  # beyond the bound, which is within 15 %
+    found["mass_eigenvalues"][0] *= 0.85
+    assert outside({q: found[q] for q in QUANTITIES}, proven) == ["mass_eigenvalues", "torque"]
+
+
+def test_samples_that_were_interrupted_go_on_as_if_at_once():
+    robot = two_link()
+    *_, part = sampled(robot, "circle", 10_000)
+    *_, continued = sampled(robot, "circle", 100_000, part)
+    *_, whole = sampled(robot, "circle", 100_000)
+    assert continued == whole
+    assert set(whole["curve"]) == {"3", "4", "5"}
 
 
 def test_what_is_attained_is_attained(irb140, of_irb140):
