@@ -202,7 +202,7 @@ def rows(results: dict[str, Any]) -> list[list[str]]:
     """A row per arm and kind of positions: the worst gap and the time of each quantity."""
     out = []
     for name, one in results.items():
-        for positions in ("circle", "limits"):
+        for positions in (p for p in POSITIONS if p in one):
             cells = []
             for quantity in QUANTITIES:
                 values = one[positions][quantity]
@@ -267,8 +267,8 @@ def keep(name: str, arm_name: str, one: dict[str, Any]) -> None:
 def verdicts(proofs: dict[str, Any], samples: dict[str, Any]) -> Iterator[str]:
     """A line for each arm: how many states and searches, and which are outside of the bounds."""
     for name, one in samples.items():
-        for positions in POSITIONS:
-            for kind, found in one.get(positions, {}).items():
+        for positions in one:
+            for kind, found in one[positions].items():
                 values = found["largest"] if kind == "samples" else {q: found[q] for q in QUANTITIES}
                 wrong = outside(values, proofs[name][positions])
                 count = f"{found['samples']:.0e} states" if kind == "samples" else f"{found['starts']} searches"
@@ -282,6 +282,7 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=1.0, help="factor on the seconds of each quantity")
     parser.add_argument("--only", nargs="+", default=list(ARMS), choices=ARMS, help="arms to compute anew")
     parser.add_argument("--parts", nargs="+", default=list(PARTS), choices=PARTS, help="what to compute anew")
+    parser.add_argument("--positions", nargs="+", default=list(POSITIONS), choices=POSITIONS)
     given = parser.parse_args()
     quick = given.quick
     budget, states, starts = (0.02, 10**4, 3) if quick else (given.budget, given.samples, given.searches)
@@ -290,12 +291,12 @@ def main() -> None:
         robot = arm(name)
         if "proofs" in given.parts:
             proofs[name] = {**proofs.get(name, {}), "joints": robot.n}
-            for positions in POSITIONS:
+            for positions in given.positions:
                 proofs[name][positions] = proven(robot, positions, budget)
                 if not quick:
                     keep("bounds.json", name, proofs[name])
         one = samples.setdefault(name, {})
-        for positions in POSITIONS:
+        for positions in given.positions:
             here = one.setdefault(positions, {})
             if "searches" in given.parts:
                 here["searches"] = searched(robot, positions, starts if positions == "circle" else starts // 10)

@@ -79,7 +79,7 @@ def largest_error(law: Any, plant: rne.Robot, size: float, force: Array, off: Ar
     Of all s on the ellipsoid it starts with the one that is largest in the direction of `force`.
     """
     e = law.error_bound * off
-    q_ref, qd_ref, _ = circle(0.0)
+    q_ref, qd_ref, _ = law.reference(0.0)
     M = np.diag(law.boundary**-2.0) if isinstance(law, Robust) else plant.mass_matrix(q_ref + e)
     z = np.linalg.solve(M, force)
     s = z * np.sqrt(size / (z @ M @ z))
@@ -87,7 +87,7 @@ def largest_error(law: Any, plant: rne.Robot, size: float, force: Array, off: Ar
         rne.Scene(plant, controller=law), q_ref + e, qd_ref + s - law.bandwidth * e, SECONDS,
         t_eval=np.linspace(0, SECONDS, 501), method="DOP853", rtol=1e-8, atol=1e-10,
     )  # fmt: skip
-    return np.asarray(np.abs(motion.q - circle(motion.t[:, None])[0]).max(axis=0) / law.error_bound)
+    return np.asarray(np.abs(motion.q - law.reference(motion.t[:, None])[0]).max(axis=0) / law.error_bound)
 
 
 def sampled_bound(law: Any) -> Array:

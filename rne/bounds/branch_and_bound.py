@@ -38,7 +38,6 @@ class Extreme(NamedTuple):
     upper: float
     attained: float
     q: Array
-    tested: int
 
 
 def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float) -> Extreme:
@@ -49,14 +48,13 @@ def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float) ->
     deadline = time.monotonic() + seconds
     q, best = climbed(criterion.values, box.lower, box.upper)
     if best <= criterion.rounding(0.0):
-        return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q, 0)
-    upper, fraction, tested = criterion.size + criterion.rounding(best), WIDEST, 0
+        return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q)
+    upper, fraction = criterion.size + criterion.rounding(best), WIDEST
     while upper > (1 + tolerance) * best and (began := time.monotonic()) < deadline:
         gap = upper / best - 1
         fraction = max(tolerance, min(fraction, 0.7 * gap))
         search = Search(criterion, box, q, (1 + fraction) * best)
         proven = search.run(began + PATIENCE * (deadline - began))
-        tested += search.tested
         if search.higher is not None:
             q, best = climbed(criterion.values, box.lower, box.upper, search.higher)
         elif proven:
@@ -67,7 +65,7 @@ def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float) ->
             break
         else:
             fraction = min(4 * fraction, np.sqrt(fraction * gap))
-    return Extreme(best - criterion.rounding(best), upper, best, q, tested)
+    return Extreme(best - criterion.rounding(best), upper, best, q)
 
 
 def climbed(
@@ -136,7 +134,6 @@ class Search:
         self.cells = np.zeros((1, len(self.radius)), dtype=np.int64)
         self.samples = np.random.default_rng(2).uniform(box.lower, box.upper, (FEW, len(self.radius)))
         self.higher: Array | None = None
-        self.tested = 0
 
     def slack(self) -> Any:
         """Of cells of the present size."""
@@ -178,7 +175,6 @@ class Search:
             now = holds[start : start + BLOCK] = self.criterion.holds(q, self.target, slack)
             if self._is_higher(q[~now]):
                 return False
-        self.tested += len(holds)
         self.cells = self.cells[~corners.all_of(holds)]
         return True
 
