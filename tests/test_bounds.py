@@ -330,8 +330,12 @@ def test_joints_that_mimic_follow_their_driver(robot, positions):
     for name, size in sizes.items():
         upper = getattr(found, name).upper.max()
         assert size <= upper <= size * (1 + 2e-4), name
-    with pytest.raises(ValueError, match=r"range of 'joint_1', which drives joints that turn by a fraction"):
-        mimicking(0.7).bounds()
+    slider = replace(mimicking(1.0).model, joint_types=("revolute", "prismatic"))
+    for wrong in (mimicking(0.7), rne.Robot(slider)):
+        with pytest.raises(
+            ValueError, match=r"range of 'joint_1', which drives joints that turn by a fraction of its an"
+        ):
+            wrong.bounds()
 
 
 def test_ranges_of_masses_have_their_extremes_at_the_ends(irb140):

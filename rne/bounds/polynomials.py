@@ -52,11 +52,15 @@ def box_argument(model: Model, positions: Any) -> Box:
         lower, upper = (per_joint_array("positions", x, model.n) for x in positions)
         if (lower > upper).any():
             raise ValueError(f"`positions` must have lower <= upper, got {lower} and {upper}")
-    of_coordinate = [model.multiplier[np.array(model.coordinate) == k] for k in range(model.n)]
-    periodic = model.is_revolute[joints] & np.array([(m == np.round(m)).all() for m in of_coordinate], bool)
+    whole = model.is_revolute & (model.multiplier == np.round(model.multiplier))  # these come back after a full turn
+    periodic = np.array([whole[np.array(model.coordinate) == k].all() for k in range(model.n)], bool)
     circle = periodic & (np.array(isinstance(positions, str) and positions == "circle") | (upper - lower >= 2 * np.pi))
     for k in np.flatnonzero(~circle & ~np.isfinite(upper - lower)):
-        why = "slides" if not model.is_revolute[joints[k]] else "drives joints that turn by a fraction of its angle"
+        why = (
+            "slides"
+            if not model.is_revolute[joints[k]]
+            else "drives joints that turn by a fraction of its angle or slide"
+        )
         raise ValueError(
             f"bounds need a range of {model.joint_names[k]!r}, which {why}; give `positions`=(lower, upper)"
         )
@@ -101,18 +105,13 @@ class Polynomial:
 
     def beside(self, *others: Polynomial) -> Polynomial:
         """Several arrays of one row each, side by side."""
+        from scipy.linalg import block_diag
+
         parts = (self, *others)
-        ends = np.cumsum([0] + [p.coefficients.shape[1] for p in parts])
-        coefficients = np.zeros((sum(len(p.coefficients) for p in parts), ends[-1]), complex)
-        row = 0
-        for p, start, end in zip(parts, ends[:-1], ends[1:], strict=True):
-            coefficients[row : row + len(p.coefficients), start:end] = p.coefficients
-            row += len(p.coefficients)
-        evaluate = lambda q: np.hstack([p.evaluate(q) for p in parts])  # noqa: E731
         names = ("frequency", "power", "power_squares", "terms")
-        return Polynomial(
-            evaluate, coefficients, *(np.concatenate([getattr(p, name) for p in parts]) for name in names)
-        )
+        rows = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+        coefficients = block_diag(*(p.coefficients for p in parts))
+        return Polynomial(lambda q: np.hstack([p.evaluate(q) for p in parts]), coefficients, **rows)
 
 
 def independent(model: Model) -> Model:
@@ -149,9 +148,7 @@ def polynomial(kernel: Kernel, box: Box, degree: int, reduced: Callable[[Array, 
         return reduced(kernel(q @ G.T + model.offset), G)
 
     terms = sizes_of_terms(model, abs(box.joint_ranges[0]) + half)[degree - 1]
-    terms = np.broadcast_to(
-        terms.reshape(terms.shape + (1,) * (coefficients.ndim - 1 - terms.ndim)), coefficients[0].shape
-    )
+    terms = np.broadcast_to(terms.T, coefficients[0].T.shape).T  # the same for each derivative
     terms, coefficients = reduced(terms[None], abs(G))[0], reduced(coefficients, G)
     kept = abs(coefficients).reshape(len(modes), -1).max(axis=1) > 0
     kept[0] = True  # of an array that vanishes
@@ -171,10 +168,8 @@ def _modes(kernel: Kernel, box: Box, degree: int) -> tuple[Array, Array]:
             f"bounds of {kernel.quantity.name} need {points}^{len(joints)} samples, one factor for each of the "
             f"joints {names}; lock those that do not matter (Robot.locked)"
         )
-    turning, indices = (
-        model.is_revolute[joints],
-        np.indices([points] * len(joints)).reshape(len(joints), points ** len(joints)),
-    )
+    turning = model.is_revolute[joints]
+    indices = np.indices([points] * len(joints)).reshape(len(joints), points ** len(joints))
     turns, slides = 2 * np.pi / points * np.arange(points), np.outer(half, np.linspace(-1, 1, points)) + middle[:, None]
     nodes = np.where(turning[:, None], turns, slides[joints])
     numbers = np.where(turning[:, None], np.fft.fftfreq(points, 1 / points), np.arange(points))
@@ -183,11 +178,10 @@ def _modes(kernel: Kernel, box: Box, degree: int) -> tuple[Array, Array]:
     for k, j in enumerate(joints):
         grid[:, j], modes[:, j] = nodes[k, indices[k]], numbers[k, indices[k]]
     values = np.asarray(kernel(grid))
-    c = values.reshape(*[points] * len(joints), -1).astype(complex)
-    of_turns = np.fft.fft(np.eye(points)) / points
+    c = np.fft.fftn(values.reshape(*[points] * len(joints), -1), axes=np.flatnonzero(turning).tolist(), norm="forward")
     of_slides = np.linalg.inv(np.vander(np.linspace(-1, 1, points), increasing=True))
-    for axis, turns_here in enumerate(turning):
-        c = np.moveaxis(np.tensordot(of_turns if turns_here else of_slides, c, (1, axis)), 0, axis)
+    for axis in np.flatnonzero(~turning):
+        c = np.moveaxis(np.tensordot(of_slides, c, (1, axis)), 0, axis)
     return modes, c.reshape(values.shape)
 
 
