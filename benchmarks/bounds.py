@@ -290,7 +290,8 @@ def main() -> None:
     for name in given.only:
         robot = arm(name)
         if "proofs" in given.parts:
-            proofs[name] = {**proofs.get(name, {}), "joints": robot.n}
+            before = {p: x for p, x in proofs.get(name, {}).items() if p in POSITIONS}
+            proofs[name] = {"joints": robot.n, **before}
             for positions in given.positions:
                 proofs[name][positions] = proven(robot, positions, budget)
                 if not quick:
