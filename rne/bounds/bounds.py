@@ -246,7 +246,7 @@ class Terms:
 
     def __init__(self, cache: KernelCache, box: Box) -> None:
         model = cache.model
-        self.box, self.engine = box, cache.engine
+        self.box = box
         self.free = KernelCache(independent(model), cache.engine) if model.has_mimics else cache
         self.samples = np.random.default_rng(4).uniform(box.lower, box.upper, (SAMPLES, model.n))
 
