@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.bounds import ACCELERATION as ACCELERATIONS
+from benchmarks.bounds import RATE as RATES
+from benchmarks.bounds import outside, sampled, searched
+from benchmarks.random_robots import random_tree
 from rne.bounds.bounds import QUANTITIES, Terms
+from rne.bounds.branch_and_bound import climbed, short_basis
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Norm, positive_definite
+from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
 from rne.bounds.polynomials import box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
@@ -17,7 +23,7 @@ from .helpers import kept
 
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
 ROUNDING = 1e-10  # relative: a proof allows 2000 eps of the sum of some 100 terms
-RATES, ACCELERATIONS = 2.0, 5.0
+GRID = 1e-3  # of gravity's tables: (pi / 360)^2 / 2 and (pi / 720)^2 / 2 for each joint
 
 
 def planar(masses, lengths, centres, inertias, **options):
@@ -140,6 +146,27 @@ def test_samples_and_searches_of_an_arm_are_inside(arm, of_arm):
     assert (sizes <= of_arm.coriolis.upper).all()
 
 
+def test_states_and_searches_of_the_benchmark_are_inside(arm, of_arm):
+    """10^5 random states and 20 local searches of each entry, by the robot's own methods."""
+    proven = {q: {x: getattr(getattr(of_arm, q), x) for x in ("lower", "upper")} for q in QUANTITIES}
+    *_, states = sampled(arm, "circle", 100_000)
+    found = searched(arm, "circle", 20)
+    assert outside(states["largest"], proven) == []
+    assert outside({q: found[q] for q in QUANTITIES}, proven) == []
+    found["torque"][2] *= 1.16  # beyond the bound, which is within 15 %
+    found["mass_eigenvalues"][0] *= 0.85
+    assert outside({q: found[q] for q in QUANTITIES}, proven) == ["mass_eigenvalues", "torque"]
+
+
+def test_samples_that_were_interrupted_go_on_as_if_at_once():
+    robot = two_link()
+    *_, part = sampled(robot, "circle", 10_000)
+    *_, continued = sampled(robot, "circle", 100_000, part)
+    *_, whole = sampled(robot, "circle", 100_000)
+    assert continued == whole
+    assert set(whole["curve"]) == {"3", "4", "5"}
+
+
 def test_what_is_attained_is_attained(arm, of_arm):
     """At the positions given, within the bounds."""
     for name in QUANTITIES:
@@ -156,12 +183,56 @@ def test_what_is_attained_is_attained(arm, of_arm):
     np.testing.assert_allclose([eigenvalues[0, 0], eigenvalues[1, -1]], of_arm.mass_eigenvalues.attained, rtol=1e-9)
 
 
-def test_entries_that_vanish_are_proven_0(of_arm):
+def test_entries_that_vanish_are_proven_0(arm, of_arm):
     zero = of_arm.gravity_torque.attained == 0
     assert zero.tolist() == {3: [True, False, False], 6: [True, False, False, False, False, True]}[len(zero)]
-    assert (of_arm.gravity_torque.upper[zero] < 1e-12).all()
+    q = np.random.default_rng(7).uniform(-np.pi, np.pi, (100_000, arm.n))
+    rounding = abs(arm.gravity_torque(q))[:, zero].max(axis=0)  # of terms as large as the others'
+    assert (rounding <= of_arm.gravity_torque.upper[zero]).all()
+    assert (of_arm.gravity_torque.upper[zero] < ROUNDING * of_arm.gravity_torque.upper.max()).all()
     first = str(of_arm).splitlines()[1].split()
     assert first == ["0", "0", "0", "gravity", "torque", "of", "joint_1"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gravity_of_full_turns_is_attained_from_below(seed):
+    """The product of gravity's largest sine and the largest first moment, by search within the steps of its angles."""
+    robot = rne.Robot(random_tree(6, seed, prismatic=0.0))
+    upper = gravity_torques_of_full_turns(robot.model)
+    turn = np.full(6, np.pi)
+    for i in range(6):
+        attained = climbed(lambda q, i=i: abs(robot.gravity_torque(q))[:, i], -turn, turn, starts=30)[1]
+        assert attained <= upper[i] <= attained * (1 + GRID), i
+
+
+def test_sliding_joints_have_no_gravity_bound_of_full_turns():
+    parts = [
+        Part(link="base"),
+        Part(link="lift", joint="lift", kind="prismatic", axis=np.array([0, 0, 1.0]), mass=1.0),
+        Part(link="swing", joint="swing", kind="revolute", axis=np.array([0, 1.0, 0]), parent=1, mass=2.0,
+             com=np.array([0.3, 0, 0])),
+    ]  # fmt: skip
+    model = replace(assemble("lift", parts), lower=np.zeros(2), upper=np.ones(2))
+    lifted, swung = gravity_torques_of_full_turns(model)
+    assert lifted == UNKNOWN
+    np.testing.assert_allclose(swung, 2 * G * 0.3, rtol=GRID)
+    np.testing.assert_allclose(rne.Robot(model).bounds("limits").gravity_torque.upper, [3 * G, 2 * G * 0.3], rtol=1e-9)
+
+
+def test_angles_are_exchanged_for_sums_where_axes_are_parallel():
+    """Whole numbers of determinant 1 that shorten the modes, and leave coordinates with a range alone."""
+    frequency = np.array([[1.0, 1, 1, 0], [2, 2, 2, 1], [0, 1, 1, 0], [0, 0, 0, 2]])
+    gram = frequency.T @ frequency
+    for circle in ([True] * 4, [True, True, False, True]):
+        basis = short_basis(gram, np.array(circle))
+        np.testing.assert_array_equal(basis, np.round(basis))
+        assert round(np.linalg.det(basis)) == 1
+        diagonal = np.diag(basis.T @ gram @ basis)
+        assert (diagonal <= np.diag(gram)).all()
+        assert diagonal.sum() < gram.trace()
+        fixed = ~np.array(circle)
+        np.testing.assert_array_equal(basis[fixed], np.eye(4)[fixed])
+        np.testing.assert_array_equal(basis[:, fixed], np.eye(4)[:, fixed])
 
 
 @pytest.mark.parametrize(
@@ -179,13 +250,13 @@ def test_modes_bound_values_and_derivatives(make):
         (terms.of(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
     ):
         np.testing.assert_allclose(A.evaluate(q), function(q), atol=1e-12)
-        size = abs(A.coefficients)
+        size, (slopes, curvatures) = abs(A.coefficients), A.derivatives(np.eye(robot.n))
         assert (abs(function(q)) <= size.sum(axis=0) * (1 + ROUNDING) + 1e-15).all()
         for k, e in enumerate(np.eye(robot.n)):
             low, middle, high = (function(q + s * h * e) for s in (-1, 0, 1))
             slope, second = abs(high - low) / 2 / h, abs(high - 2 * middle + low) / h**2
-            assert (slope <= np.tensordot(A.slope[:, k], size, 1) + 1e-5).all()  # of differences: h^2, eps / h^2
-            assert (second <= np.tensordot(A.curvature[:, k], size, 1) + 1e-5).all()
+            assert (slope <= np.tensordot(slopes[:, k], size, 1) + 1e-5).all()  # of differences: h^2, eps / h^2
+            assert (second <= np.tensordot(curvatures[:, k], size, 1) + 1e-5).all()
 
 
 def test_a_matrix_mode_is_bounded_at_every_phase():
@@ -207,7 +278,8 @@ def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):
     """Of random symbols c_ijk: no unit vectors v, w give more than the root of its largest eigenvalue."""
     rng = np.random.default_rng(4)
     terms = Terms(KernelCache(irb140.model), box_argument(irb140.model, "circle"))
-    A = terms.of(rne.dynamics.mass_matrix, 2, "q").mapped(christoffel)
+    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    A = dM.mapped(christoffel, 1.5 * dM.terms)
     criterion = Coriolis(A)
     q = rng.uniform(-np.pi, np.pi, (50, 6))
     bound = np.sqrt(np.linalg.eigvalsh(criterion._form(A.evaluate(q)))[:, -1])
@@ -268,8 +340,12 @@ def test_joints_that_mimic_follow_their_driver(robot, positions):
     for name, size in sizes.items():
         upper = getattr(found, name).upper.max()
         assert size <= upper <= size * (1 + 2e-4), name
-    with pytest.raises(ValueError, match=r"range of 'joint_1', which drives joints that turn by a fraction"):
-        mimicking(0.7).bounds()
+    slider = replace(mimicking(1.0).model, joint_types=("revolute", "prismatic"))
+    for wrong in (mimicking(0.7), rne.Robot(slider)):
+        with pytest.raises(
+            ValueError, match=r"range of 'joint_1', which drives joints that turn by a fraction of its an"
+        ):
+            wrong.bounds()
 
 
 def test_ranges_of_masses_have_their_extremes_at_the_ends(arm):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.robust_laws import campaign
 from rne.control.uncertainty import checked_cases
 
 from .helpers import kept
@@ -80,6 +81,15 @@ def test_error_of_the_irb140_keeps_the_stated_bound(irb140, laws_of_irb140, name
     law = laws_of_irb140[name]
     _, error = run(law, irb140.with_payload(mass, com=DEPTH), circle)
     assert (np.abs(error).max(axis=0) <= law.error_bound).all()
+
+
+@pytest.mark.parametrize("name", ["robust", "passive", "sliding"])
+def test_worst_case_starts_keep_the_stated_bound(arm, laws, name):
+    """From the edge of the set that the proof holds invariant, payloads at the ends of their range."""
+    found = campaign(laws[name], cases_of(arm), 4)
+    assert found["within"] == found["starts"] == 4
+    assert min(found["bound_over_seen"]) >= 1
+    assert max(found["over_before"]) <= 1.5  # of the bounds by samples
 
 
 def test_root_mean_square_keeps_the_exact_bound(arm, laws):

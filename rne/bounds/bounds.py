@@ -20,10 +20,10 @@ from ..model.model import Model
 from ..model.modify import with_payload
 from .branch_and_bound import Extreme, largest
 from .criteria import Coriolis, Criterion, LargestOfInverse, Modulus, Norm, Torque
+from .gravity import gravity_torques_of_full_turns
 from .polynomials import Box, Polynomial, box_argument, independent, polynomial
 
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
-NEGLIGIBLE = 1e-13  # of the largest entry's size: what entries that vanish have from rounding
 SAMPLES = 500
 
 
@@ -246,32 +246,19 @@ class Terms:
 
     def __init__(self, cache: KernelCache, box: Box) -> None:
         model = cache.model
-        self.box, self.engine = box, cache.engine
+        self.box = box
         self.free = KernelCache(independent(model), cache.engine) if model.has_mimics else cache
         self.samples = np.random.default_rng(4).uniform(box.lower, box.upper, (SAMPLES, model.n))
 
     def of(self, function: Any, degree: int, *wrt: str) -> Polynomial:
         """A quantity of joints as one of coordinates: each index by G of q_joints = G q + offset."""
-        G = self.box.model.coordinate_map
 
-        def reduced(x: Array) -> Array:
+        def reduced(x: Array, G: Array) -> Array:
             for axis in range(1, x.ndim if self.box.model.has_mimics else 1):
                 x = np.moveaxis(np.moveaxis(x, axis, -1) @ G, -1, axis)
             return x
 
-        return polynomial([self.free.kernel(function, *wrt)], self.box, degree, reduced)
-
-    def gravity_directions(self, i: int) -> tuple[Polynomial, Box]:
-        """Torques of joint i by gravity along three axes: by gravity of any direction they have no further unknowns."""
-        model, above, joint = self.box.model, np.zeros(self.box.model.n, bool), i
-        while joint >= 0:
-            above[joint], joint = True, model.parent[joint]
-        directions = np.linalg.norm(model.gravity) * np.eye(3)
-        kernels = [
-            KernelCache(replace(model, gravity=g), self.engine).kernel(dynamics.gravity_torque) for g in directions
-        ]
-        box = replace(self.box, lower=np.where(above, 0.0, self.box.lower), upper=np.where(above, 0.0, self.box.upper))
-        return polynomial(kernels, box, 1, lambda x: x[:, i]), box
+        return polynomial(self.free.kernel(function, *wrt), self.box, degree, reduced)
 
 
 def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolerance: float, budget: float) -> Bound:
@@ -283,7 +270,8 @@ def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolera
         found = [largest(Norm(terms.of(dynamics.gravity_torque, 1, "q")), box, tolerance, budget)]
         return as_bound(found, (), tolerance)
     if name == "coriolis":
-        c = terms.of(dynamics.mass_matrix, 2, "q").mapped(christoffel)
+        dM = terms.of(dynamics.mass_matrix, 2, "q")
+        c = dM.mapped(christoffel, 1.5 * np.full_like(dM.terms, dM.terms.max(initial=0.0)))
         return as_bound([largest(Coriolis(c), box, tolerance, budget)], (), tolerance)
     if name == "torque":
         criteria = torque_criteria(terms, rates, accelerations)
@@ -297,7 +285,7 @@ def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolera
             [Modulus(entry(M, *ij)) for ij in zip(i.tolist(), j.tolist(), strict=True)], box, tolerance, end
         )
         return as_bound([found[k] for k in place.ravel()], (n, n), tolerance)
-    high = largest(Norm(M), box, tolerance, budget / 2)
+    high = largest(Norm(M, positive=True), box, tolerance, budget / 2)
     low = largest(LargestOfInverse(M, terms.samples, np.eye(n)), box, tolerance, end - time.monotonic())
     inverse = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
     return as_bound([inverse, high], (2,), tolerance)
@@ -317,23 +305,21 @@ def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[To
         def symbols(x: Array) -> Array:
             return np.asarray((x[:, k].swapaxes(1, 2) + x[:, k] - x[..., k]).reshape(len(x), -1) / 2)
 
-        return Torque(entry(g, k).beside(M.mapped(lambda x: x[:, k]), dM.mapped(symbols)), rates, accelerations)
+        c = dM.mapped(symbols, 1.5 * np.full(dM.terms[0].size, dM.terms.max()))
+        return Torque(entry(g, k).beside(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
 
     return [of(k) for k in range(len(rates))]
 
 
 def gravity_torques(terms: Terms, tolerance: float, budget: float) -> Bound:
-    """By the direction of gravity where that is tight, otherwise over all positions."""
+    """As for full turns where that is tight, otherwise over all positions."""
     box, end = terms.box, time.monotonic() + budget
     g = terms.of(dynamics.gravity_torque, 1)
     criteria = [Modulus(entry(g, k)) for k in range(box.model.n)]
     found = in_turns(criteria, box, tolerance, time.monotonic())  # attained, and bounds without search
-    for i, extreme in enumerate(found):
-        if extreme.upper > (1 + tolerance) * extreme.attained > 0 and not box.model.has_mimics:
-            of_directions, fewer = terms.gravity_directions(i)
-            share = (end - time.monotonic()) / 2 / (len(found) - i)
-            other = largest(Modulus(of_directions), fewer, tolerance, share)
-            found[i] = extreme._replace(upper=min(extreme.upper, other.upper))
+    if not box.model.has_mimics:
+        turns = gravity_torques_of_full_turns(box.model).tolist()
+        found = [e._replace(upper=min(e.upper, turn)) for e, turn in zip(found, turns, strict=True)]
     return as_bound(in_turns(criteria, box, tolerance, end, found), (box.model.n,), tolerance)
 
 
@@ -341,7 +327,6 @@ def in_turns(
     criteria: Sequence[Criterion], box: Box, tolerance: float, end: float, known: Sequence[Extreme] = ()
 ) -> list[Extreme]:
     """The largest values, each with its share of the time left; what is not tight then once more."""
-    negligible = NEGLIGIBLE * max([c.size for c in criteria if np.isfinite(c.size)], default=0.0)
     found = dict(enumerate(known))
     for _ in range(2):
         untight = [
@@ -352,7 +337,7 @@ def in_turns(
         for place, k in enumerate(untight):
             share = (end - time.monotonic()) / (len(untight) - place)
             if k not in found or share > 0:
-                again = largest(criteria[k], box, tolerance, share, negligible)
+                again = largest(criteria[k], box, tolerance, share)
                 found[k] = min(again, found.get(k, again), key=lambda extreme: extreme.upper)
     return [found[k] for k in range(len(criteria))]
 
@@ -370,7 +355,8 @@ def inertia_extremes(
         terms = Terms(KernelCache(model, engine), own)
         M = terms.of(dynamics.mass_matrix, 2)
         inverses = [LargestOfInverse(M, terms.samples, np.outer(e, e)) for e in np.eye(n)]
-        criteria = [Norm(M.mapped(lambda x: x * np.outer(scale, scale))), *inverses]
+        scaled = M.mapped(lambda x: x * np.outer(scale, scale), scale.max() ** 2)
+        criteria = [Norm(scaled, positive=True), *inverses]
         found.append(in_turns(criteria, own, tolerance, time.monotonic() + seconds / len(models)))
     return [max(extremes, key=lambda extreme: extreme.upper) for extremes in zip(*found, strict=True)]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,10 @@ MOST_CORNERS = 10**8  # of all cells, shared ones counted for each
 SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
 WIDEST = 1.0  # fraction at which searches begin
 FEW = 512
+CLIMB = 1e-12  # least relative gain of a step
+PATIENCE = 0.6  # part of the time left for one search
 STARTS, SAMPLES = 6, 1000
+ROUNDS = 20  # of the reduction of a basis of angles
 
 
 class Extreme(NamedTuple):
@@ -34,57 +38,80 @@ class Extreme(NamedTuple):
     upper: float
     attained: float
     q: Array
-    tested: int
 
 
-def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float, negligible: float = 0.0) -> Extreme:
+def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float) -> Extreme:
     """The largest value, proven within ever smaller fractions of the one attained, to `tolerance` if time suffices.
 
-    A value proven to be at most `negligible` is 0 up to rounding.
+    Where what is attained is within the rounding of 0, it is called 0.
     """
     deadline = time.monotonic() + seconds
-    if criterion.size <= negligible:
-        return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, (box.lower + box.upper) / 2, 0)
-    q, best = climbed(criterion, box)
-    upper, fraction, tested = criterion.size + criterion.rounding(best), WIDEST, 0
-    while upper > (1 + tolerance) * best:
-        began = time.monotonic()
-        fraction = max(tolerance, min(fraction, (upper / best - 1) / 2))
+    q, best = climbed(criterion.values, box.lower, box.upper)
+    if best <= criterion.rounding(0.0):
+        return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q)
+    upper, fraction = criterion.size + criterion.rounding(best), WIDEST
+    while upper > (1 + tolerance) * best and (began := time.monotonic()) < deadline:
+        gap = upper / best - 1
+        fraction = max(tolerance, min(fraction, 0.7 * gap))
         search = Search(criterion, box, q, (1 + fraction) * best)
-        proven = search.run(deadline)
-        tested += search.tested
+        proven = search.run(began + PATIENCE * (deadline - began))
         if search.higher is not None:
-            q, best = climbed(criterion, box, search.higher)
-        elif not proven:
-            break
-        else:
+            q, best = climbed(criterion.values, box.lower, box.upper, search.higher)
+        elif proven:
             upper, now = search.target, time.monotonic()
             left = (deadline - now) / 2 / max(now - began, 1e-3)  # times the last search, about fraction^(-5 / 2)
-            fraction *= np.clip(left**-0.4, 0.1, 0.8) if left > 0 else 0.8
-    return Extreme(best - criterion.rounding(best), upper, best, q, tested)
+            fraction *= np.clip(left**-0.4, 0.3, 0.8) if left > 0 else 0.8
+        elif fraction > 0.69 * gap:
+            break
+        else:
+            fraction = min(4 * fraction, np.sqrt(fraction * gap))
+    return Extreme(best - criterion.rounding(best), upper, best, q)
 
 
-def climbed(criterion: Criterion, box: Box, start: Array | None = None) -> tuple[Array, float]:
-    """A local maximum from the best of random positions, by steps along the coordinates and at random, halved."""
+def climbed(
+    values_of: Callable[[Array], Array],
+    lower: Array,
+    upper: Array,
+    start: Array | None = None,
+    starts: int = STARTS,
+    last: float = 1e-9,
+) -> tuple[Array, float]:
+    """A local maximum from the best of random positions, by steps along the axes and at random, halved to `last`."""
     rng = np.random.default_rng(1)
-    width = box.upper - box.lower
-    q = rng.uniform(box.lower, box.upper, (SAMPLES, len(width)))
-    q = np.vstack([q, (box.lower + box.upper) / 2] + ([] if start is None else [start]))
-    values = criterion.values(q)
-    order = np.argsort(-values)[:STARTS]
+    width = upper - lower
+    q = rng.uniform(lower, upper, (max(SAMPLES, starts), len(width)))
+    q = np.vstack([q, (lower + upper) / 2] + ([] if start is None else [start]))
+    values = values_of(q)
+    order = np.argsort(-values)[:starts]
     q, values = q[order], values[order]
     step = np.full(len(q), 0.1)
-    while step.max() > 1e-9:
+    while step.max() > last:
         moves = np.vstack([np.eye(len(width)), -np.eye(len(width)), rng.normal(size=(2 * len(width), len(width))) / 2])
-        tried = q[:, None] + step[:, None, None] * width * moves
-        tried = np.clip(tried, box.lower, box.upper)
-        found = criterion.values(tried.reshape(-1, len(width))).reshape(len(q), -1)
+        tried = np.clip(q[:, None] + step[:, None, None] * width * moves, lower, upper)
+        found = values_of(tried.reshape(-1, len(width))).reshape(len(q), -1)
         k = found.argmax(axis=1)
-        better = found[range(len(q)), k] > values
+        better = found[range(len(q)), k] > values + CLIMB * abs(values)
         q = np.where(better[:, None], tried[range(len(q)), k], q)
         values = np.where(better, found[range(len(q)), k], values)
         step = np.where(better, np.minimum(1.5 * step, 0.1), step / 2)
     return q[values.argmax()], float(values.max())
+
+
+def short_basis(gram: Array, circle: Array) -> Array:
+    """Whole numbers B of q = B x, det B = 1, for which the second derivatives by x, diag(B^T gram B), are small.
+
+    Full turns of all angles are full turns of all x. Pairs of columns are reduced as by Lagrange (Cohen 1993, 1.3).
+    Where axes are parallel, x are sums of angles.
+    """
+    basis = np.eye(len(gram))
+    for _ in range(ROUNDS):
+        before = basis.copy()
+        for a, b in itertools.permutations(np.flatnonzero(circle), 2):
+            size = basis[:, b] @ gram @ basis[:, b]
+            basis[:, a] -= np.round(basis[:, a] @ gram @ basis[:, b] / size) * basis[:, b] if size > 0 else 0
+        if (basis == before).all():
+            break
+    return basis
 
 
 class Search:
@@ -94,21 +121,24 @@ class Search:
         self.criterion, self.box, self.target = criterion, box, target
         self.radius = (box.upper - box.lower) / 2
         polynomial, share = criterion.polynomial, criterion.importance(q)
+        self.basis = short_basis(
+            np.einsum("m,mi,mj->ij", share, polynomial.frequency, polynomial.frequency), box.circle
+        )
+        slope, self.curvatures = polynomial.derivatives(self.basis)
         # A coordinate on which A hardly depends stays at its middle, at the cost of its slope times the half width.
-        cost = share @ polynomial.slope * self.radius
+        cost = share @ slope * self.radius
         self.free = cost > SMALL * share.sum()
-        self.curvature = np.where(self.free, share @ polynomial.curvature, -1.0)
-        self.fixed_weights = ROUNDING + polynomial.slope @ np.where(self.free, 0.0, self.radius)
+        self.curvature = np.where(self.free, share @ self.curvatures, -1.0)
+        self.fixed_weights = ROUNDING + slope @ np.where(self.free, 0.0, self.radius)
         self.counts = np.ones(len(self.radius), dtype=np.int64)
         self.cells = np.zeros((1, len(self.radius)), dtype=np.int64)
         self.samples = np.random.default_rng(2).uniform(box.lower, box.upper, (FEW, len(self.radius)))
         self.higher: Array | None = None
-        self.tested = 0
 
     def slack(self) -> Any:
         """Of cells of the present size."""
         terms = np.where(self.free, (self.radius / self.counts) ** 2 / 2, 0.0)
-        return self.criterion.slack(self.fixed_weights + self.criterion.polynomial.curvature @ terms)
+        return self.criterion.slack(self.fixed_weights + self.curvatures @ terms)
 
     def run(self, deadline: float) -> bool:
         """True if all cells are proven, False if time is over or a position is `higher`."""
@@ -131,6 +161,8 @@ class Search:
 
     def prove(self, deadline: float) -> bool:
         """Drop the cells whose corners all hold; False if time is over or a corner is above the target."""
+        if time.monotonic() > deadline:
+            return False
         slack = self.slack()
         if not self.criterion.holds(self.samples, self.target, slack).any():
             return True  # cells are too large for any to hold
@@ -139,11 +171,10 @@ class Search:
         for start in range(0, len(holds), BLOCK):
             if time.monotonic() > deadline:
                 return False
-            q = corners.positions(corners.numbers[start : start + BLOCK])
+            q = corners.positions(corners.numbers[start : start + BLOCK]) @ self.basis.T
             now = holds[start : start + BLOCK] = self.criterion.holds(q, self.target, slack)
             if self._is_higher(q[~now]):
                 return False
-        self.tested += len(holds)
         self.cells = self.cells[~corners.all_of(holds)]
         return True
 
@@ -164,23 +195,32 @@ class Corners:
         self.points = np.where(
             free, counts + np.where(box.circle, 0, 1), 1
         )  # on each axis; a circle ends where it begins
-        self.strides = np.concatenate([[1], np.cumprod(self.points[:-1])]).astype(np.int64)
-        self.sides = list(itertools.product(*[(0, 1) if f else (0,) for f in free]))
         total = int(self.points.prod(dtype=float))
+        whole = np.int32 if total < 2**31 else np.int64
+        self.strides = np.concatenate([[1], np.cumprod(self.points[:-1])]).astype(whole)
         if total <= DENSE:
             present = np.zeros(total, dtype=bool)
-            for side in self.sides:
-                present[self.numbers_of(side)] = True
+            for numbers in self.sides():
+                present[numbers] = True
             self.numbers = np.flatnonzero(present)
         else:
-            self.numbers = np.unique(np.concatenate([self.numbers_of(side) for side in self.sides]))
+            self.numbers = np.unique(np.concatenate(list(self.sides())))
 
-    def numbers_of(self, side: tuple[int, ...]) -> Array:
-        """Number of each cell's corner on one side."""
-        numbers = np.zeros(len(self.cells), dtype=np.int64)
-        for k in np.flatnonzero(self.free):
-            numbers += (self.cells[:, k] + side[k]) % self.points[k] * self.strides[k]
-        return numbers
+    def sides(self) -> Iterator[Array]:
+        """Number of each cell's corner on one side after the other."""
+        axes = np.flatnonzero(self.free)
+        cells, points, strides = self.cells[:, axes].T, self.points[axes, None], self.strides[axes, None]
+        cells, points = cells.astype(strides.dtype), points.astype(strides.dtype)
+        ends = list(zip(cells * strides, (cells + 1) % points * strides, strict=True))
+
+        def sums(k: int, partial: Array) -> Iterator[Array]:
+            if k == len(ends):
+                yield partial
+            else:
+                for end in ends[k]:
+                    yield from sums(k + 1, partial + end)
+
+        return sums(0, np.zeros(len(self.cells), dtype=self.strides.dtype))
 
     def positions(self, numbers: Array) -> Array:
         """Positions of corners, shape (N, n)."""
@@ -196,7 +236,6 @@ class Corners:
         if table is not None:
             table[self.numbers[holds]] = True
         proven = np.ones(len(self.cells), dtype=bool)
-        for side in self.sides:
-            numbers = self.numbers_of(side)
+        for numbers in self.sides():
             proven &= table[numbers] if table is not None else holds[np.searchsorted(self.numbers, numbers)]
         return proven

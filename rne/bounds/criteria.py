@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..basics.spatial import Array
 from .polynomials import Polynomial
 
-# Of the sum of modes: what recursions (20 eps), coefficients and pivots of matrices up to order 36 may err by.
+# Of the terms added: what recursions (20 eps), coefficients and pivots of matrices up to order 36 may err by.
 ROUNDING = 2000 * float(np.finfo(float).eps)
 
 ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigenvalue
@@ -25,7 +25,8 @@ def positive_definite(A: Array) -> Array:
     with np.errstate(all="ignore"):
         for k in range(len(a)):
             sound &= a[k, k] > 0
-            a[k + 1 :, k + 1 :] -= (a[k + 1 :, k] / a[k, k])[:, None] * a[k, None, k + 1 :]
+            for i in range(k + 1, len(a)):
+                a[i, k + 1 : i + 1] -= a[i, k] / a[k, k] * a[k + 1 : i + 1, k]
     return sound
 
 
@@ -50,7 +51,7 @@ class Criterion:
 
     def slack(self, weights: Array) -> Any:
         """A bound of the sum of modes, each times a number of modulus at most its weight (modes,)."""
-        return float(weights @ self.modes)
+        return float(weights @ self.modes) + self.error
 
     def importance(self, q: Array) -> Array:
         """Share of each mode in the slack at a maximum, for the choice of the next coordinate, shape (modes,)."""
@@ -61,9 +62,14 @@ class Criterion:
         """A bound of phi at every position."""
         return float(self.modes.sum())
 
+    @cached_property
+    def error(self) -> float:
+        """A bound of the rounding of phi(A)."""
+        return ROUNDING * float(np.linalg.norm(self.polynomial.terms))
+
     def rounding(self, value: float) -> float:
         """A bound of the error of a computed value."""
-        return ROUNDING * self.size
+        return ROUNDING * self.size + self.error
 
 
 class Modulus(Criterion):
@@ -77,19 +83,22 @@ class Modulus(Criterion):
         return np.asarray(np.linalg.norm(self.polynomial.coefficients, axis=1))
 
 
+@dataclass
 class Norm(Criterion):
     """The largest modulus of the eigenvalues of a symmetric matrix. Slacks are matrices.
 
     For a complex symmetric c and any phase, the real part of exp(i phase) v^T c v is at most v^T Re (c^* c)^1/2 v, by
-    Takagi's factorisation.
+    Takagi's factorisation. Of a matrix known to be `positive` definite only the largest eigenvalue is looked at.
     """
+
+    positive: bool = field(default=False, kw_only=True)
 
     def values(self, q: Array) -> Array:
         return np.asarray(abs(np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, [0, -1]]).max(axis=1))
 
     def holds(self, q: Array, target: float, slack: Array) -> Array:
         A, room = self.polynomial.evaluate(q), target * np.eye(len(slack)) - slack
-        return np.asarray(positive_definite(room - A) & positive_definite(room + A))
+        return positive_definite(room - A) & (self.positive or positive_definite(room + A))
 
     @cached_property
     def modes(self) -> Array:
@@ -103,7 +112,7 @@ class Norm(Criterion):
         return np.eye(self.polynomial.coefficients.shape[-1])
 
     def slack(self, weights: Array) -> Array:
-        return np.asarray(np.tensordot(weights, self.modes, 1))
+        return np.asarray(np.tensordot(weights, self.modes, 1) + self.error * np.eye(self.modes.shape[-1]))
 
     def importance(self, q: Array) -> Array:
         value, vectors = np.linalg.eigh(self.polynomial.evaluate(q[None])[0])
@@ -134,7 +143,7 @@ class LargestOfInverse(Norm):
     size = np.inf
 
     def rounding(self, value: float) -> float:
-        return ROUNDING * value**2 * float(np.linalg.eigvalsh(self.modes.sum(axis=0))[-1])
+        return value**2 * (ROUNDING * float(np.linalg.eigvalsh(self.modes.sum(axis=0))[-1]) + self.error)
 
     def values(self, q: Array) -> Array:
         inverse = self.projection @ np.linalg.inv(self.polynomial.evaluate(q)) @ self.projection
@@ -216,6 +225,12 @@ class Torque(Criterion):
     accelerations: Array
 
     @cached_property
+    def error(self) -> float:
+        """A bound of the rounding of the torque."""
+        g, inertial, c = self._parts(self.polynomial.terms[None])
+        return ROUNDING * float(g[0, 0] + inertial[0] + c.sum() * self.rates.max(initial=0.0) ** 2)
+
+    @cached_property
     def _products(self) -> Array:
         """Products of the rates at half of the corners of their box, shape (n^2, 2^(n - 1))."""
         signs = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1)))) * self.rates
@@ -231,10 +246,13 @@ class Torque(Criterion):
 
     def holds(self, q: Array, target: float, slack: float) -> Array:
         g, inertial, c = self._parts(self.polynomial.evaluate(q))
-        rest, squares = self._rest(g, c)
+        room = target - slack - inertial
+        holds = abs(g[:, 0]) + abs(c) @ abs(self._products[:, 0]) <= room  # without cancellation
+        rest, squares = self._rest(g[~holds], c[~holds])
         high = rest.max(axis=1) + np.maximum(squares, 0).sum(axis=1)
         low = rest.min(axis=1) + np.minimum(squares, 0).sum(axis=1)
-        return np.asarray(inertial + np.maximum(high, -low) <= target - slack)
+        holds[~holds] = np.maximum(high, -low) <= room[~holds]
+        return np.asarray(holds)
 
     def _rest(self, g: Array, c: Array) -> tuple[Array, Array]:
         """Gravity and products of different rates at the corners, and the terms of squared rates."""

@@ -52,11 +52,15 @@ def box_argument(model: Model, positions: Any) -> Box:
         lower, upper = (per_joint_array("positions", x, model.n) for x in positions)
         if (lower > upper).any():
             raise ValueError(f"`positions` must have lower <= upper, got {lower} and {upper}")
-    of_coordinate = [model.multiplier[np.array(model.coordinate) == k] for k in range(model.n)]
-    periodic = model.is_revolute[joints] & np.array([(m == np.round(m)).all() for m in of_coordinate], bool)
+    whole = model.is_revolute & (model.multiplier == np.round(model.multiplier))  # these come back after a full turn
+    periodic = np.array([whole[np.array(model.coordinate) == k].all() for k in range(model.n)], bool)
     circle = periodic & (np.array(isinstance(positions, str) and positions == "circle") | (upper - lower >= 2 * np.pi))
     for k in np.flatnonzero(~circle & ~np.isfinite(upper - lower)):
-        why = "slides" if not model.is_revolute[joints[k]] else "drives joints that turn by a fraction of its angle"
+        why = (
+            "slides"
+            if not model.is_revolute[joints[k]]
+            else "drives joints that turn by a fraction of its angle or slide"
+        )
         raise ValueError(
             f"bounds need a range of {model.joint_names[k]!r}, which {why}; give `positions`=(lower, upper)"
         )
@@ -72,30 +76,42 @@ class Polynomial:
     evaluate : callable
         (N, n) -> (N, ...).
     coefficients : ndarray, shape (modes, ...)
-    slope, curvature : ndarray, shape (modes, n)
-        Bounds of a mode's first and second derivative by each coordinate.
+    frequency : ndarray, shape (modes, n)
+        Of a mode in the angle of each coordinate.
+    power, power_squares : ndarray, shape (modes, n)
+        Sums of p / h and p / h^2 of the powers p of sliding joints that a coordinate drives, h their half widths.
+    terms : ndarray, shape (...)
+        Bounds of the sums of the moduli that the recursions add up to each entry, for their rounding.
     """
 
     evaluate: Map
     coefficients: Array
-    slope: Array
-    curvature: Array
+    frequency: Array
+    power: Array
+    power_squares: Array
+    terms: Array
 
-    def mapped(self, linear: Map) -> Polynomial:
-        """The polynomial of a linear map of A."""
-        return replace(self, evaluate=lambda q: linear(self.evaluate(q)), coefficients=linear(self.coefficients))
+    def derivatives(self, basis: Array) -> tuple[Array, Array]:
+        """Bounds of a mode's first and second derivative by each x of q = basis x, shape (modes, n)."""
+        slope = abs(self.frequency @ basis) + self.power
+        return slope, slope**2 - self.power_squares  # x^p has p (p - 1)
+
+    def mapped(self, linear: Map, terms: Array | None = None) -> Polynomial:
+        """The polynomial of a linear map of A; `terms` are needed where the map has negative coefficients."""
+        terms = linear(self.terms[None])[0] if terms is None else terms
+        return replace(
+            self, evaluate=lambda q: linear(self.evaluate(q)), coefficients=linear(self.coefficients), terms=terms
+        )
 
     def beside(self, *others: Polynomial) -> Polynomial:
         """Several arrays of one row each, side by side."""
+        from scipy.linalg import block_diag
+
         parts = (self, *others)
-        ends = np.cumsum([0] + [p.coefficients.shape[1] for p in parts])
-        coefficients = np.zeros((sum(len(p.coefficients) for p in parts), ends[-1]), complex)
-        row = 0
-        for p, start, end in zip(parts, ends[:-1], ends[1:], strict=True):
-            coefficients[row : row + len(p.coefficients), start:end] = p.coefficients
-            row += len(p.coefficients)
-        slope, curvature = (np.concatenate([getattr(p, name) for p in parts]) for name in ("slope", "curvature"))
-        return Polynomial(lambda q: np.hstack([p.evaluate(q) for p in parts]), coefficients, slope, curvature)
+        names = ("frequency", "power", "power_squares", "terms")
+        rows = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+        coefficients = block_diag(*(p.coefficients for p in parts))
+        return Polynomial(lambda q: np.hstack([p.evaluate(q) for p in parts]), coefficients, **rows)
 
 
 def independent(model: Model) -> Model:
@@ -104,44 +120,56 @@ def independent(model: Model) -> Model:
     return replace(model, **free) if model.has_mimics else model  # type: ignore[arg-type]
 
 
-def polynomial(kernels: Sequence[Kernel], box: Box, degree: int, reduced: Map) -> Polynomial:
-    """The polynomial of kernels of the `independent` model, stacked; `reduced` goes from joints to coordinates."""
+def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Array]:
+    """Of gravity torques and of M, shapes (nb,), (nb, nb): bodies at the ends of stretched chains, slid so far."""
+    turns, nb = model.is_revolute, model.nb
+    reach, behind = np.linalg.norm(model.translation, axis=1) + np.where(turns, 0.0, slides), np.eye(nb, dtype=bool)
+    for i, p in enumerate(model.parent):
+        if p >= 0:
+            reach[i] += reach[p]
+            behind[:, i] |= behind[:, p]
+    lever = reach - reach[:, None] + np.linalg.norm(model.com, axis=1)
+    lever = np.where(behind, np.where(turns[:, None], lever, 1.0), 0.0)
+    own = (behind & turns[:, None]) @ np.linalg.norm(model.inertia, axis=(1, 2)) + model.armature
+    inertia = np.sqrt(lever**2 @ model.mass + own)
+    return np.linalg.norm(model.gravity) * lever @ model.mass, np.outer(inertia, inertia)
+
+
+def polynomial(kernel: Kernel, box: Box, degree: int, reduced: Callable[[Array, Array], Array]) -> Polynomial:
+    """The polynomial of a kernel of the `independent` model; `reduced` by G goes from joints to coordinates."""
     model, G = box.model, box.model.coordinate_map
-    modes, coefficients = _modes(kernels, box, degree)
+    modes, coefficients = _modes(kernel, box, degree)
     half = np.where(model.is_revolute, 1.0, np.maximum(box.joint_ranges[1], np.finfo(float).tiny))
     powers = np.where(model.is_revolute, 0.0, modes)
-    slope = abs(np.where(model.is_revolute, modes, 0.0) @ G) + powers @ abs(G / half[:, None])
-    curvature = slope**2 - powers @ (G / half[:, None]) ** 2  # x^p has p (p - 1)
+    frequency = np.where(model.is_revolute, modes, 0.0) @ G
+    of_powers = powers @ abs(G / half[:, None]), powers @ (G / half[:, None]) ** 2
 
     def evaluate(q: Array) -> Array:
-        return reduced(_stacked(kernels, q @ G.T + model.offset))
+        return reduced(kernel(q @ G.T + model.offset), G)
 
-    coefficients = reduced(coefficients)
+    terms = sizes_of_terms(model, abs(box.joint_ranges[0]) + half)[degree - 1]
+    terms = np.broadcast_to(terms.T, coefficients[0].T.shape).T  # the same for each derivative
+    terms, coefficients = reduced(terms[None], abs(G))[0], reduced(coefficients, G)
     kept = abs(coefficients).reshape(len(modes), -1).max(axis=1) > 0
     kept[0] = True  # of an array that vanishes
-    return Polynomial(evaluate, coefficients[kept], slope[kept], curvature[kept])
+    power, power_squares = (x[kept] for x in of_powers)
+    return Polynomial(evaluate, coefficients[kept], frequency[kept], power, power_squares, terms)
 
 
-def _stacked(kernels: Sequence[Kernel], q: Array) -> Array:
-    return np.asarray(kernels[0](q) if len(kernels) == 1 else np.stack([kernel(q) for kernel in kernels], axis=-1))
-
-
-def _modes(kernels: Sequence[Kernel], box: Box, degree: int) -> tuple[Array, Array]:
+def _modes(kernel: Kernel, box: Box, degree: int) -> tuple[Array, Array]:
     """Frequency or power of each joint, shape (modes, nb), and the coefficients, shape (modes, ...)."""
     model, points = box.model, 2 * degree + 1
     middle, half = box.joint_ranges
-    read = np.any([inputs_read(kernel.traced.program) for kernel in kernels], axis=0)
+    read = inputs_read(kernel.traced.program)
     joints = np.flatnonzero(read & (half > 0))
     if points ** len(joints) > MOST_SAMPLES:
         names = [model.moving_joints[j] for j in joints]
         raise ValueError(
-            f"bounds of {kernels[0].quantity.name} need {points}^{len(joints)} samples, one factor for each of the "
+            f"bounds of {kernel.quantity.name} need {points}^{len(joints)} samples, one factor for each of the "
             f"joints {names}; lock those that do not matter (Robot.locked)"
         )
-    turning, indices = (
-        model.is_revolute[joints],
-        np.indices([points] * len(joints)).reshape(len(joints), points ** len(joints)),
-    )
+    turning = model.is_revolute[joints]
+    indices = np.indices([points] * len(joints)).reshape(len(joints), points ** len(joints))
     turns, slides = 2 * np.pi / points * np.arange(points), np.outer(half, np.linspace(-1, 1, points)) + middle[:, None]
     nodes = np.where(turning[:, None], turns, slides[joints])
     numbers = np.where(turning[:, None], np.fft.fftfreq(points, 1 / points), np.arange(points))
@@ -149,12 +177,11 @@ def _modes(kernels: Sequence[Kernel], box: Box, degree: int) -> tuple[Array, Arr
     grid = modes + middle
     for k, j in enumerate(joints):
         grid[:, j], modes[:, j] = nodes[k, indices[k]], numbers[k, indices[k]]
-    values = _stacked(kernels, grid)
-    c = values.reshape(*[points] * len(joints), -1).astype(complex)
-    of_turns = np.fft.fft(np.eye(points)) / points
+    values = np.asarray(kernel(grid))
+    c = np.fft.fftn(values.reshape(*[points] * len(joints), -1), axes=np.flatnonzero(turning).tolist(), norm="forward")
     of_slides = np.linalg.inv(np.vander(np.linspace(-1, 1, points), increasing=True))
-    for axis, turns_here in enumerate(turning):
-        c = np.moveaxis(np.tensordot(of_turns if turns_here else of_slides, c, (1, axis)), 0, axis)
+    for axis in np.flatnonzero(~turning):
+        c = np.moveaxis(np.tensordot(of_slides, c, (1, axis)), 0, axis)
     return modes, c.reshape(values.shape)
 
 
