@@ -327,7 +327,7 @@ def direction_text(gravity: Array, given: Array) -> str:
     """Words for gravity along a vector instead of the unit vector given."""
     g = gravity / np.linalg.norm(gravity)
     angle = np.rad2deg(np.arctan2(np.linalg.norm(np.cross(g, given)), g @ given))
-    return f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.2g} degrees from the model's"
+    return f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.3g} degrees from the model's"
 
 
 def slope(function: Callable[[float], Array]) -> Array:
