@@ -320,6 +320,18 @@ def test_friction_at_stops_does_not_look_like_a_bias_of_the_filter():
     assert (np.abs(found.drift) < 3 * found.drift_error).all()
 
 
+def test_a_joint_at_rest_takes_the_drift_of_its_own_parameters_alone():
+    robot, rng = rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}), np.random.default_rng(0)
+    t, w, size = np.arange(0, 20, 0.002), 2 * np.pi * np.array([0.13, 0.27, 0]), np.array([1.0, 1.0, 0])
+    q, qd, qdd = size * np.sin(np.outer(t, w)), size * w * np.cos(np.outer(t, w)), -size * w**2 * np.sin(np.outer(t, w))
+    tau = robot.inverse_dynamics(q, qd, qdd) + 0.5 * np.sign(qd) + 0.1 * rng.normal(size=q.shape)
+    found = rne.identify(robot, Record(t, q, tau), consistent=False)
+    known = np.isfinite(found.estimate.errors)
+    assert 0 < known.sum() < len(known)
+    assert (np.isfinite(found.drift) == known).all()
+    assert (np.isfinite(found.drift_error) == known).all()
+
+
 def test_the_report_tells_which_parameters_are_known_and_notebooks_show_it():
     found = identified(faults.clean)
     rows = {line.split()[0]: line.split()[3] for line in found.report().splitlines() if line.startswith("  Fc_")}

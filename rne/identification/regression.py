@@ -48,7 +48,7 @@ class RegressionData(NamedTuple):
         """Base parameters and standard errors with half the cut-off, from equations that no joint at rest enters.
 
         `noise` is the square root of the residuals' spectral density at low frequencies, of which half the cut-off
-        leaves the same, shape (n,). NaN where the equations are too few.
+        leaves the same, shape (n,). NaN for what the equations do not tell.
         """
         parts = []
         for record, row in zip(self.prepared, self.rows, strict=True):
@@ -62,9 +62,9 @@ class RegressionData(NamedTuple):
                     parts.append(low_pass(both[part], cutoff, rate, inner)[sound])
         rows = np.concatenate(parts) if parts else np.zeros((0, base.count + 1))
         found = solve(triangular(rows))
-        if len(rows) <= 2 * base.count or found.free.any():
-            return np.full(base.count, np.nan), np.full(base.count, np.nan)
-        return found.x, np.linalg.norm(found.inverse, axis=1)
+        unknown = found.free | (len(rows) <= 2 * base.count)
+        errors = np.linalg.norm(found.inverse, axis=1)
+        return np.where(unknown, np.nan, found.x), np.where(unknown, np.nan, errors)
 
     def correlation_time(self, x: Array) -> Array:
         """Integrated autocorrelation time of the residuals of parameters x, in rows, shape (n,)."""
