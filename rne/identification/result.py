@@ -75,7 +75,8 @@ class Identification(InNotebooks):
     drift, drift_error : ndarray, shape (base.count,)
         By how much base parameters change when everything is filtered again with half the cut-off, and the standard
         error of those with half the cut-off: where the change is beyond a few of these, one of the two cut-offs biases
-        the parameter, or something else changes with frequency. NaN where the record is too short for it.
+        the parameter, or something else changes with frequency. NaN where the record is too short for it, or the joints
+        stop too often.
     causes : tuple of Cause
         What would explain the residuals better, the likeliest first.
     notes : tuple of str
@@ -365,12 +366,8 @@ def causes_text(found: Identification) -> str:
         lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
         lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed.max(), 0))):.0f} %: {c.text}" for c in found.causes]
     if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > LITTLE:
-        lines = [
-            "what is left is explained by no single change of the log, the robot or the drives that was looked for"
-        ]
-    return "\n".join(
-        lines or ["little is left, and no change of the log, the robot or the drives is needed to explain it"]
-    )
+        lines = ["no single change of the log, the robot or the drives that was looked for explains what is left"]
+    return "\n".join(lines or ["little is left: no change of the log, the robot or the drives is needed"])
 
 
 def motions_text(found: Identification) -> list[str]:
@@ -389,18 +386,12 @@ def motions_text(found: Identification) -> list[str]:
 def parameters_text(found: Identification) -> str:
     """Base parameters with standard errors."""
     e = found.estimate
-    title = (
-        "least squares",
-        "standard error",
-        "of the value [%]",
-        "drift",
-        *(["consistent"] if found.consistent else []),
-    )
+    title = ["least squares", "standard error", "of the value [%]", "drift", *["consistent"] * found.consistent]
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):
         relative = 100 * e.errors[k] / max(abs(e.values[k]), np.finfo(float).tiny)
-        numbers = [found.drift[k], *([found.values[k]] if found.consistent else [])]
+        numbers = [found.drift[k], *[found.values[k]] * found.consistent]
         cells = ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]
         share = f"{relative:.2g}" if relative < UNKNOWN_VALUE else "-"
         rows.append(Row(f"  {name}", [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", share, *cells]))
