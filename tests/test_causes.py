@@ -261,7 +261,9 @@ def test_a_joint_at_rest_is_judged_apart():
 
 
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
-@pytest.mark.parametrize(("robot", "degrees"), [("SCARA", 2), ("SCARA", 8), ("mimic", 5), ("gantry", 15)])
+@pytest.mark.parametrize(
+    ("robot", "degrees"), kept([("SCARA", 2), ("SCARA", 8), ("mimic", 5), ("gantry", 15)], [("SCARA", 8), ("mimic", 5)])
+)
 def test_a_base_that_is_tilted_by_some_degrees_is_told(robot, degrees):
     c, angle = faults.case(robot, 3), np.deg2rad(degrees)
     gravity = 9.81 * np.array([0, np.sin(angle), -np.cos(angle)])
@@ -296,6 +298,7 @@ def test_a_load_on_an_inner_link_is_told_with_its_link():
 def test_parameters_that_noise_of_positions_biases_drift(monkeypatch):
     """14 bits of encoder, a cut-off far above the motion: rates are noisy, and half the cut-off gives other inertias."""
     monkeypatch.setattr(faults, "ENCODER", 2 * np.pi / 2**14)
+    monkeypatch.setattr(faults, "DURATION", 8.0)
     c, found = faults.case("gantry", 1), [identified(faults.clean, "gantry", 1, cutoff=cutoff) for cutoff in (30, 4)]
     gaps = [f.estimate.values - f.base.matrix @ faults.truth_of(c, f) for f in found]
     wrong, right = (np.abs(gap) / f.estimate.errors for gap, f in zip(gaps, found, strict=True))
