@@ -157,7 +157,12 @@ def test_the_command_plans_and_reports_and_writes_a_page(tmp_path, capsys, monke
     assert "Drives over a cycle of" in said
     assert "Peak loads on the bearings" in (tmp_path / "page" / "index.html").read_text()
     assert main(["cycle", "irb140", str(via), "--out", str(tmp_path / "page")]) == 2
-    assert "neither a torque nor an acceleration limit" in capsys.readouterr().err
+    assert "on the command line: --effort or --acceleration" in capsys.readouterr().err
+    assert main([*(x for x in call if x != "--degrees"), *effort]) == 2
+    assert "if the positions are in degrees, give --degrees" in capsys.readouterr().err
+    via.write_text("joint_1,joint_2\n1,2\n")
+    assert main([*call, *effort]) == 2
+    assert f"the first row must be {','.join(f'q.{x}' for x in names)}" in capsys.readouterr().err
 
 
 def test_picture_has_the_limits_of_every_joint(report):

@@ -479,3 +479,9 @@ def test_a_law_that_other_processes_cannot_receive_is_named(chain):
     assert told.endswith(
         "; define it by `def` or `class` at the top level of a module, not inside a function and not by `lambda`"
     )
+
+
+def test_an_executor_is_no_name():
+    message = r"`executor` must be a concurrent\.futures\.Executor or a distributed\.Client, got str"
+    with pytest.raises(TypeError, match=message):
+        rne.ensemble(rne.load("irb140"), np.zeros((2, 6)), np.zeros((2, 6)), 0.01, executor="dask")

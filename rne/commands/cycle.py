@@ -74,7 +74,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         gear, rotor, efficiency = (_per_joint(getattr(arguments, name)) for name in names)
         report = rne.drives(robot, motion, gear=gear, rotor=rotor, efficiency=efficiency)
     except (ValueError, ImportError) as error:
-        raise CommandError(in_one_line(error)) from None
+        raise CommandError(in_one_line(error) + _cure(str(error), robot)) from None
     page = Report(f"A cycle of {robot.model.name}", say, arguments.out)
     page.text(used(robot, arguments))
     t = np.linspace(0, motion.duration, max(int(motion.duration / FILM), 2))
@@ -90,6 +90,15 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         page.figure(f"motion_{k}", draw, f"The motion: {label}")
     say(f"page: {page.write()}")
     return 0
+
+
+def _cure(error: str, robot: Any) -> str:
+    """What to do about an error on the command line, in words."""
+    if "neither a torque nor" in error:
+        return "; on the command line: --effort or --acceleration"
+    if "no column" in error:
+        return f"; the first row must be {','.join(f'q.{name}' for name in robot.joint_names)}"
+    return "; if the positions are in degrees, give --degrees" if "leaves the range" in error else ""
 
 
 def _per_joint(values: list[float]) -> float | list[float]:

@@ -98,11 +98,11 @@ class Identification(InNotebooks):
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
-        worst = f"{100 * np.nanmax(self.held_out, initial=0):.3g} %"
+        worst = f"{100 * np.nanmax(self.unexplained.in_motion, initial=0):.3g} %"
         found = "physically consistent" if self.consistent else "least squares"
         return wrapped(
             f"Identification({counted(self.base.count, 'base parameter')} of {self.initial.model.name!r} from "
-            f"{counted(int(self.equations.rows.sum()), 'equation')}, {found}, held-out error at most {worst})"
+            f"{counted(int(self.equations.rows.sum()), 'equation')}, {found}, held-out error in motion at most {worst})"
         )
 
     @property
@@ -386,16 +386,21 @@ def motions_text(found: Identification) -> list[str]:
 def parameters_text(found: Identification) -> str:
     """Base parameters with standard errors."""
     e = found.estimate
-    title = ["least squares", "standard error", "of the value [%]", "drift", *["consistent"] * found.consistent]
+    title = ["least squares", "standard error", "of the value [%]", "drift", "its error"]
+    title += ["consistent"] * found.consistent
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):
         relative = 100 * e.errors[k] / max(abs(e.values[k]), np.finfo(float).tiny)
-        numbers = [found.drift[k], *[found.values[k]] * found.consistent]
+        numbers = [found.drift[k], found.drift_error[k], *[found.values[k]] * found.consistent]
         cells = ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]
         share = f"{relative:.2g}" if relative < UNKNOWN_VALUE else "-"
         rows.append(Row(f"  {name}", [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", share, *cells]))
-    lines = [*aligned(rows), f"Numbers are those of the joints: {joints}. A dash for a share: not told from zero."]
+    lines = [
+        *aligned(rows),
+        f"Numbers are those of the joints: {joints}. A dash for a share: not told from zero. Drift is the change with "
+        "half the cut-off, to be compared with its own standard error beside it.",
+    ]
     combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
     if combined:
         lines += ["Base parameters that stand for a combination of several:", *(f"  {text}" for text in combined)]

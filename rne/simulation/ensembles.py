@@ -568,6 +568,10 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
     from concurrent.futures import ThreadPoolExecutor, wait
 
     executor = executor.get_executor() if hasattr(executor, "get_executor") else executor
+    if not hasattr(executor, "submit"):
+        raise TypeError(
+            "`executor` must be a concurrent.futures.Executor or a distributed.Client, got " + type(executor).__name__
+        )
     in_threads = isinstance(executor, ThreadPoolExecutor)
     if in_threads and isinstance(plan, SideBySide):
         _ = plan.kernel  # traced before several threads ask for it at once
