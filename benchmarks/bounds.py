@@ -237,7 +237,7 @@ def picture(proofs: dict[str, Any], samples: dict[str, Any]) -> Any:
         axes.set(title=arm_name, xlabel="random states", ylim=(None, 1.03))
         axes.grid(alpha=0.3)
     figure.axes[0].set_ylabel("largest value / proven bound")
-    figure.axes[-1].legend(fontsize=8, loc="lower right")
+    figure.axes[-1].legend(fontsize=8, loc="center right")
     return figure
 
 
