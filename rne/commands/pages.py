@@ -94,7 +94,7 @@ def _main_job(robot: Robot, page: Report) -> bool:
     page.text(repr(swing), "pre")
     page.motion("swing", swing, "Free swing")
     page.heading("Torques against gravity")
-    _gravity(robot, STRETCHED_OUT, "With the arm stretched out horizontally", page)
+    _gravity(robot, STRETCHED_OUT, "with the arm stretched out horizontally", page)
     _parts(robot, page)
     return held
 
@@ -124,7 +124,7 @@ def _examination(robot: Robot, findings: str, page: Report) -> bool:
     page.heading("Comparison with an independent source")
     within = _comparison(robot, page)
     page.heading("Torques against gravity")
-    _gravity(robot, q, "At the start of the swing", page)
+    _gravity(robot, q, "at the start of the swing", page)
     if motion is not None:
         page.heading("The motion above")
         page.text(repr(motion), "pre")
