@@ -225,9 +225,7 @@ def _gravity(robot: Robot, q: Array, place: str, page: Report) -> None:
     rounding = ROUNDING * largest.max(initial=0.0)
     carried = carried_masses(robot.model)[list(robot.model.independent_joints)]
     unit = units_of(robot, "N m", "N")
-    page.text(
-        f"Torques {place[0].lower()}{place[1:]}, and the largest of these and of {SAMPLES} random positions within the joints' ranges:"
-    )
+    page.text(f"Torques {place}, and the largest of these and of {SAMPLES} random positions in the joints' ranges:")
     numbers = zip(robot.joint_names, carried, holding, largest, robot.effort_limit, strict=True)
     heads = ["joint", "mass behind the joint [kg]", f"at that position [{unit}]", f"largest [{unit}]"]
     rows = [
