@@ -1,5 +1,6 @@
 """Robust control: every law keeps the bound that it states, for payloads that the controller does not know."""
 
+import itertools
 import re
 
 import numpy as np
@@ -7,6 +8,9 @@ import pytest
 
 import rne
 from benchmarks.robust_laws import campaign
+from rne.bounds.bounds import inertia_extremes
+from rne.bounds.polynomials import box_argument
+from rne.control.gains import workspace
 from rne.control.uncertainty import checked_cases
 
 from .helpers import kept
@@ -227,6 +231,17 @@ def test_bounds_of_inertias_hold_for_every_mixture(irb140, joints):
         M = arm.with_payload(mass).mass_matrix(q)
         assert np.linalg.eigvalsh(M * np.outer(D, D)).max() <= largest
         assert (np.diagonal(np.linalg.inv(M), axis1=1, axis2=2) <= inverse).all()
+
+
+def test_bounds_of_inertias_do_not_depend_on_the_speed_of_the_machine(arm, monkeypatch):
+    def uppers():
+        box = box_argument(arm.model, workspace(arm))
+        return [x.upper for x in inertia_extremes([arm.model], box, "numpy", np.ones(arm.n), 0.1, 100_000)]
+
+    before, seconds = uppers(), itertools.count(0, 100)
+    assert np.isfinite(before).all()
+    monkeypatch.setattr("time.monotonic", lambda: next(seconds))  # as if every step took minutes
+    assert uppers() == before
 
 
 def test_error_bounds_of_a_mass_are_those_of_the_formulas():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -18,7 +17,7 @@ from ..dynamics.lagrange import christoffel
 from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
-from .branch_and_bound import Extreme, largest
+from .branch_and_bound import Clock, Extreme, PositionCounter, largest
 from .criteria import Coriolis, Criterion, LargestOfInverse, Modulus, Norm, Torque
 from .gravity import gravity_torques_of_full_turns
 from .polynomials import Box, Polynomial, box_argument, independent, polynomial
@@ -263,30 +262,31 @@ class Terms:
 
 def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolerance: float, budget: float) -> Bound:
     """The bound of one quantity of one model; the budget is shared by its entries."""
-    box, n, end = terms.box, terms.box.model.n, time.monotonic() + budget
+    box, n, clock = terms.box, terms.box.model.n, Clock()
+    end = clock.now() + budget
     if name == "gravity_torque":
         return gravity_torques(terms, tolerance, budget)
     if name == "gravity_stiffness":
-        found = [largest(Norm(terms.of(dynamics.gravity_torque, 1, "q")), box, tolerance, budget)]
+        found = [largest(Norm(terms.of(dynamics.gravity_torque, 1, "q")), box, tolerance, budget, clock)]
         return as_bound(found, (), tolerance)
     if name == "coriolis":
         dM = terms.of(dynamics.mass_matrix, 2, "q")
         c = dM.mapped(christoffel, 1.5 * np.full_like(dM.terms, dM.terms.max(initial=0.0)))
-        return as_bound([largest(Coriolis(c), box, tolerance, budget)], (), tolerance)
+        return as_bound([largest(Coriolis(c), box, tolerance, budget, clock)], (), tolerance)
     if name == "torque":
         criteria = torque_criteria(terms, rates, accelerations)
-        return as_bound(in_turns(criteria, box, tolerance, end), (n,), tolerance)
+        return as_bound(in_turns(criteria, box, tolerance, end, clock), (n,), tolerance)
     M = terms.of(dynamics.mass_matrix, 2)
     if name == "mass_matrix":
         i, j = np.triu_indices(n)
         place = np.zeros((n, n), dtype=int)
         place[i, j] = place[j, i] = range(len(i))
         found = in_turns(
-            [Modulus(entry(M, *ij)) for ij in zip(i.tolist(), j.tolist(), strict=True)], box, tolerance, end
+            [Modulus(entry(M, *ij)) for ij in zip(i.tolist(), j.tolist(), strict=True)], box, tolerance, end, clock
         )
         return as_bound([found[k] for k in place.ravel()], (n, n), tolerance)
-    high = largest(Norm(M, positive=True), box, tolerance, budget / 2)
-    low = largest(LargestOfInverse(M, terms.samples, np.eye(n)), box, tolerance, end - time.monotonic())
+    high = largest(Norm(M, positive=True), box, tolerance, budget / 2, clock)
+    low = largest(LargestOfInverse(M, terms.samples, np.eye(n)), box, tolerance, end - clock.now(), clock)
     inverse = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
     return as_bound([inverse, high], (2,), tolerance)
 
@@ -313,20 +313,21 @@ def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[To
 
 def gravity_torques(terms: Terms, tolerance: float, budget: float) -> Bound:
     """As for full turns where that is tight, otherwise over all positions."""
-    box, end = terms.box, time.monotonic() + budget
+    box, clock = terms.box, Clock()
+    end = clock.now() + budget
     g = terms.of(dynamics.gravity_torque, 1)
     criteria = [Modulus(entry(g, k)) for k in range(box.model.n)]
-    found = in_turns(criteria, box, tolerance, time.monotonic())  # attained, and bounds without search
+    found = in_turns(criteria, box, tolerance, clock.now(), clock)  # attained, and bounds without search
     if not box.model.has_mimics:
         turns = gravity_torques_of_full_turns(box.model).tolist()
         found = [e._replace(upper=min(e.upper, turn)) for e, turn in zip(found, turns, strict=True)]
-    return as_bound(in_turns(criteria, box, tolerance, end, found), (box.model.n,), tolerance)
+    return as_bound(in_turns(criteria, box, tolerance, end, clock, found), (box.model.n,), tolerance)
 
 
 def in_turns(
-    criteria: Sequence[Criterion], box: Box, tolerance: float, end: float, known: Sequence[Extreme] = ()
+    criteria: Sequence[Criterion], box: Box, tolerance: float, end: float, clock: Clock, known: Sequence[Extreme] = ()
 ) -> list[Extreme]:
-    """The largest values, each with its share of the time left; what is not tight then once more."""
+    """The largest values, each with its share of the budget left; what is not tight then once more."""
     found = dict(enumerate(known))
     for _ in range(2):
         untight = [
@@ -335,21 +336,21 @@ def in_turns(
             if k not in found or found[k].upper > (1 + tolerance) * found[k].attained > 0
         ]
         for place, k in enumerate(untight):
-            share = (end - time.monotonic()) / (len(untight) - place)
+            share = (end - clock.now()) / (len(untight) - place)
             if k not in found or share > 0:
-                again = largest(criteria[k], box, tolerance, share)
+                again = largest(criteria[k], box, tolerance, share, clock)
                 found[k] = min(again, found.get(k, again), key=lambda extreme: extreme.upper)
     return [found[k] for k in range(len(criteria))]
 
 
 def inertia_extremes(
-    models: Sequence[Model], box: Box, engine: str, scale: Array, tolerance: float, seconds: float
+    models: Sequence[Model], box: Box, engine: str, scale: Array, tolerance: float, positions: float
 ) -> list[Extreme]:
     """The largest eigenvalue of D M D, D = diag(scale), and each diagonal entry of M^-1, of models and mixtures.
 
-    All are convex in M, so that the models suffice.
+    All are convex in M, so that the models suffice. The budget is a number of positions.
     """
-    found = []
+    found, clock = [], PositionCounter()
     for model in models:
         own, n = replace(box, model=model), len(scale)
         terms = Terms(KernelCache(model, engine), own)
@@ -357,7 +358,7 @@ def inertia_extremes(
         inverses = [LargestOfInverse(M, terms.samples, np.outer(e, e)) for e in np.eye(n)]
         scaled = M.mapped(lambda x: x * np.outer(scale, scale), scale.max() ** 2)
         criteria = [Norm(scaled, positive=True), *inverses]
-        found.append(in_turns(criteria, own, tolerance, time.monotonic() + seconds / len(models)))
+        found.append(in_turns(criteria, own, tolerance, clock.now() + positions / len(models), clock))
     return [max(extremes, key=lambda extreme: extreme.upper) for extremes in zip(*found, strict=True)]
 
 

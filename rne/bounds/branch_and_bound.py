@@ -3,7 +3,7 @@
 In a cell of half widths r, A(q) differs from the multilinear interpolation of its values at the corners by at most
 sum_k K_k r_k^2 / 2 in the norm of K_k >= |d^2 A / dq_k^2|. The interpolation is a mean of the corners' values, so that
 what holds for the corners with this slack holds for the whole cell. Cells share corners; all are halved along the
-coordinate with the largest term, until each is proven or time is over.
+coordinate with the largest term, until each is proven or the budget is spent.
 """
 
 from __future__ import annotations
@@ -31,6 +31,32 @@ STARTS, SAMPLES = 6, 1000
 ROUNDS = 20  # of the reduction of a basis of angles
 
 
+class Clock:
+    """Measures a budget of seconds."""
+
+    def now(self) -> float:
+        """Seconds since some moment."""
+        return time.monotonic()
+
+    def count(self, positions: int) -> None:
+        """Called for positions that are tested."""
+
+
+class PositionCounter(Clock):
+    """Measures a budget of positions, so that results do not depend on the speed of the machine."""
+
+    def __init__(self) -> None:
+        self.positions = 0
+
+    def now(self) -> float:
+        """Positions that were tested."""
+        return self.positions
+
+    def count(self, positions: int) -> None:
+        """Add positions."""
+        self.positions += positions
+
+
 class Extreme(NamedTuple):
     """A constant proven to be between `lower` and `upper`, the value attained, and where."""
 
@@ -40,25 +66,25 @@ class Extreme(NamedTuple):
     q: Array
 
 
-def largest(criterion: Criterion, box: Box, tolerance: float, seconds: float) -> Extreme:
-    """The largest value, proven within ever smaller fractions of the one attained, to `tolerance` if time suffices.
+def largest(criterion: Criterion, box: Box, tolerance: float, budget: float, clock: Clock) -> Extreme:
+    """The largest value, proven within ever smaller fractions of the one attained, to `tolerance` within the budget.
 
     Where what is attained is within the rounding of 0, it is called 0.
     """
-    deadline = time.monotonic() + seconds
+    deadline = clock.now() + budget
     q, best = climbed(criterion.values, box.lower, box.upper)
     if best <= criterion.rounding(0.0):
         return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q)
     upper, fraction = criterion.size + criterion.rounding(best), WIDEST
-    while upper > (1 + tolerance) * best and (began := time.monotonic()) < deadline:
+    while upper > (1 + tolerance) * best and (began := clock.now()) < deadline:
         gap = upper / best - 1
         fraction = max(tolerance, min(fraction, 0.7 * gap))
-        search = Search(criterion, box, q, (1 + fraction) * best)
+        search = Search(criterion, box, q, (1 + fraction) * best, clock)
         proven = search.run(began + PATIENCE * (deadline - began))
         if search.higher is not None:
             q, best = climbed(criterion.values, box.lower, box.upper, search.higher)
         elif proven:
-            upper, now = search.target, time.monotonic()
+            upper, now = search.target, clock.now()
             left = (deadline - now) / 2 / max(now - began, 1e-3)  # times the last search, about fraction^(-5 / 2)
             fraction *= np.clip(left**-0.4, 0.3, 0.8) if left > 0 else 0.8
         elif fraction > 0.69 * gap:
@@ -117,8 +143,8 @@ def short_basis(gram: Array, circle: Array) -> Array:
 class Search:
     """Cells of a grid that are not proven yet."""
 
-    def __init__(self, criterion: Criterion, box: Box, q: Array, target: float) -> None:
-        self.criterion, self.box, self.target = criterion, box, target
+    def __init__(self, criterion: Criterion, box: Box, q: Array, target: float, clock: Clock) -> None:
+        self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
         self.radius = (box.upper - box.lower) / 2
         polynomial, share = criterion.polynomial, criterion.importance(q)
         self.basis = short_basis(
@@ -141,7 +167,7 @@ class Search:
         return self.criterion.slack(self.fixed_weights + self.curvatures @ terms)
 
     def run(self, deadline: float) -> bool:
-        """True if all cells are proven, False if time is over or a position is `higher`."""
+        """True if all cells are proven, False after the deadline or if a position is `higher`."""
         while self.prove(deadline):
             if not len(self.cells):
                 return True
@@ -160,18 +186,20 @@ class Search:
         self.cells = np.vstack([self.cells, other])
 
     def prove(self, deadline: float) -> bool:
-        """Drop the cells whose corners all hold; False if time is over or a corner is above the target."""
-        if time.monotonic() > deadline:
+        """Drop the cells whose corners all hold; False after the deadline or if a corner is above the target."""
+        if self.clock.now() > deadline:
             return False
         slack = self.slack()
+        self.clock.count(FEW)
         if not self.criterion.holds(self.samples, self.target, slack).any():
             return True  # cells are too large for any to hold
         corners = Corners(self.cells, self.counts, self.free, self.box)
         holds = np.zeros(len(corners.numbers), dtype=bool)
         for start in range(0, len(holds), BLOCK):
-            if time.monotonic() > deadline:
+            if self.clock.now() > deadline:
                 return False
             q = corners.positions(corners.numbers[start : start + BLOCK]) @ self.basis.T
+            self.clock.count(len(q))
             now = holds[start : start + BLOCK] = self.criterion.holds(q, self.target, slack)
             if self._is_higher(q[~now]):
                 return False

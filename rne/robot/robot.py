@@ -1105,7 +1105,7 @@ class Robot(InNotebooks):
         tolerance : float
             Gap to prove, relative to the value attained.
         budget : float
-            Time for each quantity, after which the bounds proven so far are returned [s].
+            Time for each quantity, after which the bounds proven so far are returned [s]. A faster machine proves more.
         quantities : sequence of str, optional
             Of "gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque". By
             default all, `torque` only where rates and accelerations are known.
