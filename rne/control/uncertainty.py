@@ -68,8 +68,8 @@ class Cases:
     def inertia_bounds(self, scale: Array) -> tuple[float, Array]:
         """Bounds of the eigenvalues of D M D, D = diag(scale), and of the diagonal entries of M^-1, over the workspace.
 
-        Proven where `POSITIONS` suffice to come within `MARGIN` of the values attained. Otherwise what a search attains,
-        times `MARGIN`: an assumption. The same on every machine, fast or slow.
+        Proven where `POSITIONS` suffice to come within `MARGIN` of the values attained; otherwise what a search
+        attains, times `MARGIN`, which is an assumption. The same on every machine, fast or slow.
         """
         from ..bounds.bounds import inertia_extremes
         from ..bounds.polynomials import box_argument
