@@ -278,6 +278,19 @@ def test_a_base_that_is_tilted_by_some_degrees_is_told(robot, degrees):
 
 
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
+def test_torques_of_one_joint_in_another_unit_are_told_without_a_residual():
+    """The slider of a SCARA in kN: only the robot given tells, because masses may be a thousand times larger."""
+
+    def in_kN(c):
+        data = faults.clean(c)
+        return data._replace(tau=data.tau * np.array([1, 1, 1e-3, 1]))
+
+    with pytest.warns(rne.IdentificationWarning, match="the torque of c is 0.00101 times that of the robot given"):
+        found = identified(in_kN)
+    assert (found.unexplained.in_motion < 0.01).all()
+    assert [(cause.kind, cause.joints) for cause in found.causes] == [("torque unit", ("c",))]
+
+
 def test_a_load_on_an_inner_link_is_told_with_its_link():
     c = faults.case("SCARA", 3)  # for its times and its seed
     robot = rne.load("ur5").locked({f"wrist_{k}_joint": 0.3 for k in (1, 2, 3)})

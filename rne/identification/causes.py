@@ -42,6 +42,7 @@ POOR = 0.05  # unexplained part of the torques from which joints are tried in an
 TURNED, SCALED = 3.0, 0.03  # degrees, and part, by which gravity differs
 TILT = 0.2  # of gravity, first steps of the search for its direction
 KEPT = 10.0  # gain of log likelihood that a change of gravity by its own size has to bring
+UNIT = np.log(100.0)  # of the torque of one joint in another unit, against those of most joints
 FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of the robot given must be
 
 
@@ -439,19 +440,36 @@ def other_joints(res: Residuals) -> Iterator[Cause]:
 
 
 def torque_scale(res: Residuals) -> Iterator[Cause]:
-    """Torques many times larger or smaller than the bodies of the robot given ask for, or of the opposite sign."""
-    bodies = PARAMETERS * res.standard.model.nb
+    """Torques many times larger or smaller than the bodies of the robot given ask for, or of the opposite sign.
+
+    The torques of single joints are compared as measured, those of all joints as fitted: without the drives.
+    """
+    bodies, names = PARAMETERS * res.standard.model.nb, res.robot.joint_names
     found, given = (res.weighted(res.Y[..., :bodies] @ x[:bodies]) for x in (res.x, res.standard.values))
+    factors, squared_cosines = scales(res, res.weighted(res.tau), given)
+    alike = squared_cosines > ALIKE
+    usual = np.median(factors[alike]) if alike.any() else 1.0
+    odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > UNIT)
+    for j in np.flatnonzero(odd).tolist():
+        what = f"{factors[j]:.3g} times that of the robot given"
+        text = f"the torque of {names[j]} is {what}: N mm, mA, at the motor, or is a mass given wrong?"
+        yield Cause("torque unit", names[j : j + 1], text, float(res.counts.sum()), np.zeros(res.robot.n), factors[j])
     size = float(given @ given)
     factor = float(found @ given) / max(size, TINY)
-    alike = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
-    if size == 0 or alike < ALIKE or 1 / FACTOR < factor < FACTOR:
+    whole = factor * float(found @ given) / max(float(found @ found), TINY)  # squared cosine
+    if odd.any() or size == 0 or whole < ALIKE or 1 / FACTOR < factor < FACTOR:
         return
     kind, text = "torque unit", f"torques are {factor:.3g} times those of the robot given: N mm, mA, or at the motors?"
     if factor < 0:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
     score = float(res.counts.sum()) if res.share < POOR else 2 * EVIDENT  # a fit that fails tells of no factor
-    yield Cause(kind, res.robot.joint_names, text, score, np.zeros(res.robot.n), factor)
+    yield Cause(kind, names, text, score, np.zeros(res.robot.n), factor)
+
+
+def scales(res: Residuals, tau: Array, given: Array) -> tuple[Array, Array]:
+    """How many times the given torques each joint's are, and the squared cosines between both, shapes (n,)."""
+    both, squares, own = (np.bincount(res.joint, x, res.robot.n) for x in (tau * given, given**2, tau**2))
+    return both / np.maximum(squares, TINY), both * np.abs(both) / np.maximum(squares * own, TINY)
 
 
 def gravity_directions(res: Residuals) -> Iterator[Cause]:
