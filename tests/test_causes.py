@@ -277,7 +277,6 @@ def test_a_base_that_is_tilted_by_some_degrees_is_told(robot, degrees):
     assert abs(told - degrees) < 1 + 0.1 * degrees  # the derivative by a small angle
 
 
-@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
 def test_torques_of_one_joint_in_another_unit_are_told_without_a_residual():
     """The slider of a SCARA in kN: only the robot given tells, because masses may be a thousand times larger."""
 
@@ -291,6 +290,7 @@ def test_torques_of_one_joint_in_another_unit_are_told_without_a_residual():
     assert [(cause.kind, cause.joints) for cause in found.causes] == [("torque unit", ("c",))]
 
 
+@pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
 def test_a_load_on_an_inner_link_is_told_with_its_link():
     c = faults.case("SCARA", 3)  # for its times and its seed
     robot = rne.load("ur5").locked({f"wrist_{k}_joint": 0.3 for k in (1, 2, 3)})
