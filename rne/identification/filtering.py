@@ -49,7 +49,7 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
 
 @cache
 def _butterworth(cutoff: float) -> Array:
-    """Second-order sections for a cut-off as a part of the sample rate; a design takes longer than a column's filter."""
+    """Second-order sections for a cut-off as a part of the sample rate, kept: a design takes longer than a column."""
     from scipy.signal import butter
 
     return np.asarray(butter(ORDER, 2 * cutoff, output="sos"))
