@@ -121,7 +121,7 @@ def swing():
     path = rne.trajectories.quintic([0] * 6, [0.5, -0.4, 0.3, 0.6, 0.2, -0.5], 1.0)
     law = rne.control.computed_torque(robot, [100] * 6, [20] * 6, path)
     scene = rne.Scene(robot, controller=law)
-    return robot, rne.simulate(scene, [0] * 6, [0] * 6, 1.0, t_eval=np.linspace(0, 1, 101), rtol=1e-10, atol=1e-12)
+    return robot, rne.simulate(scene, [0] * 6, [0] * 6, 1.0, t_eval=np.linspace(0, 1, 101), rtol=1e-8, atol=1e-10)
 
 
 @pytest.fixture

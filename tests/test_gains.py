@@ -248,13 +248,13 @@ def check_boundaries(loop, seed):
 
 @pytest.mark.parametrize("loop", [pendulum_loop, arm_loop])
 def test_no_unstable_sample_time_is_called_stable(loop):
-    undecided = [check_windows(loop(seed), seed) for seed in range(12)]
+    undecided = [check_windows(loop(seed), seed) for seed in range(6)]
     assert max(undecided) <= (0 if loop is pendulum_loop else 1e-6)
 
 
 @pytest.mark.long
 def test_no_unstable_sample_time_of_two_thousand_is_called_stable():
-    for seed in range(12, 1012):
+    for seed in range(6, 1012):
         assert check_windows(pendulum_loop(seed), seed) == 0
         assert check_windows(arm_loop(seed), seed) <= 1e-6
 
@@ -391,29 +391,30 @@ def test_bounds_of_an_arm_prove_what_gravity_needs_alone(planar):
     assert rne.check_gains(planar, 100.0, 10.0, bounds=bounds).proven == ("beats_gravity",)
 
 
-def test_bounds_of_the_robot_without_its_payload_are_refused(planar):
+def test_bounds_of_the_robot_without_its_payload_are_refused():
     """They would call gains proven that the payload's gravity exceeds."""
-    found = planar.bounds("limits", payload=(0, 5), quantities=["gravity_stiffness"], tolerance=0.5)
-    loaded = planar.with_payload(5.0)
+    robot = pendulum(3.0)[0]
+    found = robot.bounds("limits", payload=(0, 5), quantities=["gravity_stiffness"])
+    loaded = robot.with_payload(5.0)
     assert rne.check_gains(loaded, 100.0, 10.0, bounds=found).gravity_stiffness == found.gravity_stiffness.upper
-    for other in (planar.with_payload(6.0), rne.Robot(replace(planar.model, gravity=[0.0, 0.0, -98.1]))):
+    for other in (robot.with_payload(6.0), rne.Robot(replace(robot.model, gravity=[0.0, 0.0, -98.1]))):
         with pytest.raises(ValueError, match="`bounds` must be of this very robot, with its masses, gravity"):
             rne.check_gains(other, 100.0, 10.0, bounds=found)
 
 
 def test_bounds_of_another_robot_or_of_a_part_of_the_workspace_are_refused(planar):
-    robot = pendulum(np.pi)[0]
+    robot = pendulum(3.0)[0]
     text = "`bounds` must be of the robot, with the joints joint0, joint1; got those of one with pivot"
     with pytest.raises(ValueError, match=f"^{text}$"):
         rne.check_gains(planar, 1.0, 1.0, bounds=robot.bounds(quantities=["gravity_stiffness"]))
     for bounds in (
-        planar.bounds(([-1, -1], [1, 1]), quantities=["gravity_stiffness"], tolerance=0.5),
-        planar.bounds(quantities=["mass_eigenvalues"], tolerance=0.5),
+        robot.bounds(([-1], [1]), quantities=["gravity_stiffness"]),
+        robot.bounds(quantities=["mass_eigenvalues"]),
     ):
         with pytest.raises(
             ValueError, match=r"^`bounds` must have the gravity_stiffness, and for all positions of the work"
         ):
-            rne.check_gains(planar, 1.0, 1.0, bounds=bounds)
+            rne.check_gains(robot, 1.0, 1.0, bounds=bounds)
 
 
 def test_one_configuration_is_examined_alone_and_proven(planar):

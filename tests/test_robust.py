@@ -106,7 +106,7 @@ def test_root_mean_square_keeps_the_exact_bound(arm, laws):
 def test_lyapunov_redesign_stays_in_its_layer(arm, laws, mass):
     """|s / boundary| <= 1 along a run, and its derivative is negative on the layer's edge in random states."""
     law, plant = laws["robust"], arm.with_payload(mass, com=DEPTH)
-    motion, error = run(law, plant, short_circle)
+    motion, error = run(law, plant, short_circle, duration=1.0)
     s = motion.qd - short_circle(motion.t[:, None])[1] + law.bandwidth * error
     assert np.linalg.norm(s / law.boundary, axis=1).max() <= 1
     rng = np.random.default_rng(2)
