@@ -280,7 +280,7 @@ def check_block(seed):
     assert motion.q[-1, 0] == pytest.approx(block.position(), abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", kept(range(4), [1]))
+@pytest.mark.parametrize("seed", kept(range(4), range(2)))
 def test_random_stick_slip(seed):
     check_block(seed)
 
