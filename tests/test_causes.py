@@ -32,7 +32,17 @@ QUICK = {
     "clipping": "gantry",
 }
 # of other short tests below, or found as others are: by time as "payload half-way", by unit as "ms"
-ELSEWHERE = {"swapped joints", "swapped torques", "gravity's direction", "contact", "slip", "N mm", "degrees"}
+ELSEWHERE = {
+    "swapped joints",
+    "swapped torques",
+    "gravity's direction",
+    "contact",
+    "slip",
+    "N mm",
+    "degrees",
+    "ms",
+    "sign",
+}
 FRICTION = rne.DriveModel(friction="viscous+coulomb")
 
 
@@ -51,7 +61,7 @@ def test_parameters_are_right_or_the_fault_is_named(robot, fault):
     assert not outcome.wrong or outcome.named or outcome.hidden, outcome
 
 
-@pytest.mark.parametrize("seed", kept(range(12), [0, 1]))
+@pytest.mark.parametrize("seed", kept(range(12), [1]))
 def test_nothing_is_blamed_on_a_clean_log(seed):
     outcome = faults.run("clean", ["SCARA", "gantry", "mimic"][seed % 3], seed)
     assert not outcome.warned, outcome

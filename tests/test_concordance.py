@@ -10,6 +10,7 @@ import shlex
 
 import pytest
 
+import rne
 from rne.__main__ import main, parser
 
 from .conftest import COLLECTED
@@ -65,6 +66,10 @@ def quoted(column):
 COMMANDS = quoted("command")
 FIRST = {re.sub(r"\d", "", command): command for command in reversed(COMMANDS)}  # of those that differ by a number
 TESTS = quoted("test")
+MOMENT = 0.02  # [s]
+SEARCH = re.compile(
+    r"check_gains\(|same_numbers\("
+)  # of a second; tests/test_gains.py and test_thesis_figures.py call them
 PLACES = sorted({link for row in ROWS for link in LINK.findall(row[COLUMNS.index("code")])})
 
 
@@ -139,8 +144,7 @@ def test_every_parameter_of_a_test_exists(request):
     assert [test for test in named if test.split("[")[0] in functions and test not in found] == []
 
 
-@pytest.mark.parametrize("command", kept(COMMANDS, FIRST.values()))
-def test_every_command_runs(command, monkeypatch):
+def run(command, monkeypatch):
     """In this process; what takes minutes, and what is a test itself, is run by the test that is asked for here."""
     monkeypatch.chdir(ROOT)
     python, option, what, *arguments = shlex.split(command)
@@ -166,6 +170,24 @@ def test_every_command_runs(command, monkeypatch):
         with contextlib.redirect_stdout(said):
             exec(compile(what, command, "exec"), {"__name__": "__main__"})
         assert said.getvalue().strip()
+
+
+@pytest.mark.parametrize("command", kept(COMMANDS, [c for c in FIRST.values() if not SEARCH.search(c)]))
+def test_every_command_runs(command, monkeypatch):
+    """Simulations for a moment, but for those that ask for times of their own."""
+    simulate = rne.simulate
+
+    def brief(scene, q0, qd0, duration, **options):
+        return simulate(scene, q0, qd0, duration if "t_eval" in options else min(duration, MOMENT), **options)
+
+    monkeypatch.setattr(rne, "simulate", brief)
+    run(command, monkeypatch)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("command", [c for c in FIRST.values() if "rne.simulate(" in c])
+def test_every_simulation_runs_to_its_end(command, monkeypatch):
+    run(command, monkeypatch)
 
 
 def test_every_figure_of_the_page_of_experiments_has_its_row():

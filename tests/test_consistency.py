@@ -11,7 +11,7 @@ from rne.identification.filtering import low_pass
 from rne.identification.regression import build_regression
 from rne.identification.rigid_body_test import certified, torque_noise
 
-from .helpers import loaded
+from .helpers import kept, loaded
 from .measurements import truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
@@ -20,10 +20,12 @@ NOISE_FOUND = 0.35  # relative error of the noise, from some hundred ordinates o
 BALANCED = 0.01  # of the work: noise of 1 % of the torques, averaged
 
 
-@pytest.fixture(scope="module")
-def scene():
-    friction = rne.Friction(viscous=VISCOUS, coulomb=COULOMB, smoothing=1e-4)
-    return rne.Scene(loaded("irb140"), friction=friction)
+@pytest.fixture(scope="module", params=kept([3, 6], [3]))
+def scene(request):
+    """The first joints of the IRB 140, or all."""
+    n = request.param
+    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})
+    return rne.Scene(robot, friction=rne.Friction(viscous=VISCOUS[:n], coulomb=COULOMB[:n], smoothing=1e-4))
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,7 @@ def motion(scene):
 
 
 def judged(scene, motion, tau, seed, **options):
-    noisy = tau + NOISE * np.random.default_rng(seed).normal(size=tau.shape)
+    noisy = tau + NOISE[: scene.n] * np.random.default_rng(seed).normal(size=tau.shape)
     return rne.consistency(
         scene.robot, Record(motion.t, motion.q, noisy), drives=rne.DriveModel(friction="viscous+coulomb"), **options
     )
@@ -49,7 +51,7 @@ def test_torques_of_a_robot_are_of_one_model(scene, seed):
 def test_noise_is_found(scene, motion):
     found = judged(scene, motion, motion.tau, 5)
     prepared = Record(motion.t, motion.q, motion.tau).prepare()
-    noise = prepared.reduce(NOISE * np.random.default_rng(6).normal(size=prepared.tau.shape))
+    noise = prepared.reduce(NOISE[: scene.n] * np.random.default_rng(6).normal(size=prepared.tau.shape))
     expected = noise.std(0) / np.sqrt((prepared.reduce(prepared.tau) ** 2).mean(0))
     np.testing.assert_allclose(found.noise, expected, rtol=NOISE_FOUND)
 
@@ -78,12 +80,12 @@ def test_noise_of_every_part_of_a_record_counts():
 def test_f_is_that_of_nested_models_by_independent_equations(scene, motion):
     """Draper and Smith 1998, (6.1.8), of all rows: residuals of a joint's own fit and of one fit to all joints."""
     base = scene.robot.base_parameters(drives=rne.DriveModel(friction="viscous+coulomb"))
-    tau = motion.tau + NOISE * np.random.default_rng(0).normal(size=motion.tau.shape)
+    tau = motion.tau + NOISE[: scene.n] * np.random.default_rng(0).normal(size=motion.tau.shape)
     data = build_regression(scene.robot, Record(motion.t, motion.q, tau), base, None, 5.0, 20, 2)
-    times = np.linspace(1, 2, 6)
+    times = np.linspace(1, 2, scene.n)
     (rows,) = data.rows
     joint, A, b = np.nonzero(rows.used)[1], (rows.Y @ base.back)[rows.used], rows.tau[rows.used]
-    own, N = [A[joint == j] for j in range(6)], np.bincount(joint)
+    own, N = [A[joint == j] for j in range(scene.n)], np.bincount(joint)
     spaces = [orth(X / np.maximum(np.linalg.norm(X, axis=0), 1e-9), rcond=1e-6) for X in own]
     ranks = np.array([U.shape[1] for U in spaces])
     alone = np.array([((b[joint == j] - U @ (U.T @ b[joint == j])) ** 2).sum() for j, U in enumerate(spaces)])
@@ -108,7 +110,7 @@ def test_wrong_gear_ratio_is_a_contradiction(scene, motion, joint, factor):
 
 
 def test_exchanged_torques_are_a_contradiction(scene, motion):
-    assert not judged(scene, motion, motion.tau[:, [0, 2, 1, 3, 4, 5]], 0).one_model
+    assert not judged(scene, motion, motion.tau[:, [0, 2, 1, 3, 4, 5][: scene.n]], 0).one_model
 
 
 def test_missing_friction_is_missing_energy(scene, motion):

@@ -297,10 +297,10 @@ def test_a_simulated_pendulum_grows_in_the_narrow_window_alone():
     assert gains.stable is False
     for T, grows in ((0.98 * narrow.start, False), ((narrow.start + narrow.end) / 2, True), (1.02 * narrow.end, False)):
         scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, kp, kd, 0.0), sample_time=T)
-        run = rne.simulate(scene, [0.0], [1e-3], 60 * T, rtol=1e-9, atol=1e-14, t_eval=T * np.array([0, 30, 60]))
+        run = rne.simulate(scene, [0.0], [1e-3], 40 * T, rtol=1e-7, atol=1e-12, t_eval=T * np.array([0, 20, 40]))
         growth = abs(run.qd[2, 0] / run.qd[1, 0])
         radius = exact_radius(np.array([[inertia]]), np.array([[stiffness]]), np.array([kp]), np.array([kd]), T)
-        assert growth == pytest.approx(radius**30, rel=1e-2)
+        assert growth == pytest.approx(radius**20, rel=1e-2)
         assert (growth > 1) == grows
 
 
@@ -391,29 +391,30 @@ def test_bounds_of_an_arm_prove_what_gravity_needs_alone(planar):
     assert rne.check_gains(planar, 100.0, 10.0, bounds=bounds).proven == ("beats_gravity",)
 
 
-def test_bounds_of_the_robot_without_its_payload_are_refused(planar):
+def test_bounds_of_the_robot_without_its_payload_are_refused():
     """They would call gains proven that the payload's gravity exceeds."""
-    found = planar.bounds("limits", payload=(0, 5), quantities=["gravity_stiffness"])
-    loaded = planar.with_payload(5.0)
+    robot = pendulum(3.0)[0]
+    found = robot.bounds("limits", payload=(0, 5), quantities=["gravity_stiffness"])
+    loaded = robot.with_payload(5.0)
     assert rne.check_gains(loaded, 100.0, 10.0, bounds=found).gravity_stiffness == found.gravity_stiffness.upper
-    for other in (planar.with_payload(6.0), rne.Robot(replace(planar.model, gravity=[0.0, 0.0, -98.1]))):
+    for other in (robot.with_payload(6.0), rne.Robot(replace(robot.model, gravity=[0.0, 0.0, -98.1]))):
         with pytest.raises(ValueError, match="`bounds` must be of this very robot, with its masses, gravity"):
             rne.check_gains(other, 100.0, 10.0, bounds=found)
 
 
 def test_bounds_of_another_robot_or_of_a_part_of_the_workspace_are_refused(planar):
-    robot = pendulum(np.pi)[0]
+    robot = pendulum(3.0)[0]
     text = "`bounds` must be of the robot, with the joints joint0, joint1; got those of one with pivot"
     with pytest.raises(ValueError, match=f"^{text}$"):
         rne.check_gains(planar, 1.0, 1.0, bounds=robot.bounds(quantities=["gravity_stiffness"]))
     for bounds in (
-        planar.bounds(([-1, -1], [1, 1]), quantities=["gravity_stiffness"]),
-        planar.bounds(quantities=["mass_eigenvalues"]),
+        robot.bounds(([-1], [1]), quantities=["gravity_stiffness"]),
+        robot.bounds(quantities=["mass_eigenvalues"]),
     ):
         with pytest.raises(
             ValueError, match=r"^`bounds` must have the gravity_stiffness, and for all positions of the work"
         ):
-            rne.check_gains(planar, 1.0, 1.0, bounds=bounds)
+            rne.check_gains(robot, 1.0, 1.0, bounds=bounds)
 
 
 def test_one_configuration_is_examined_alone_and_proven(planar):

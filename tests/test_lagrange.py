@@ -254,7 +254,7 @@ class TestScene:
     def test_closed_loop_with_everything(self, irb140):
         law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0.5] * 6)
         parts = {"payload": 2.0, "friction": rne.Friction(1.0, 2.0), "effort_limit": [60.0] * 6, "controller": law}
-        newton, lagrange = self.both(irb140, [0] * 6, 0.4, **parts)
+        newton, lagrange = self.both(irb140, [0] * 6, 0.2, **parts)
         np.testing.assert_allclose(lagrange.q[-1], newton.q[-1], atol=1e-8)
         np.testing.assert_allclose(lagrange.work[-1], newton.work[-1], rtol=1e-6)
 

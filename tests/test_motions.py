@@ -79,7 +79,7 @@ class TestBetweenSamples:
 
     def test_a_motion_is_a_reference(self, irb140, swing):
         law = rne.control.computed_torque(irb140, *GAINS, swing)
-        follower = rne.simulate(rne.Scene(irb140, controller=law), swing.q[0], swing.qd[0], 0.3, rtol=1e-8)
+        follower = rne.simulate(rne.Scene(irb140, controller=law), swing.q[0], swing.qd[0], 0.15, rtol=1e-8)
         assert abs(follower.q - swing(follower.t)[0]).max() < 1e-6
 
     def test_single_sample_is_constant(self, irb140):

@@ -122,14 +122,21 @@ def test_a_windup_that_is_no_number_is_named(irb140):
         rne.control.pid(irb140, [1] * 6, [1] * 6, [1] * 6, [0] * 6, windup=None)
 
 
-def test_an_unstable_sampled_loop_ends_after_bounded_work(irb140):
-    """The thesis's gains at 1 kHz: once 9.3e6 evaluations for 8 ms."""
-    law = rne.control.pd_gravity(irb140, [50] * 5 + [60], [20] * 5 + [22], [0] * 6)
-    scene = rne.Scene(irb140, controller=law, sample_time=1e-3)
+@pytest.mark.parametrize(
+    ("name", "kp", "kd", "limit"),
+    [
+        pytest.param("irb140", [50] * 5 + [60], [20] * 5 + [22], "0.0001308", marks=pytest.mark.long),
+        ("two", [50] * 2, [100] * 2, "0.0001193"),
+    ],
+)
+def test_an_unstable_sampled_loop_ends_after_bounded_work(name, kp, kd, limit, request):
+    """The thesis's gains at 1 kHz, once 9.3e6 evaluations for 8 ms; two links."""
+    robot = request.getfixturevalue(name)
+    scene = rne.Scene(robot, controller=rne.control.pd_gravity(robot, kp, kd, [0] * robot.n), sample_time=1e-3)
     with pytest.raises(
         rne.SimulationError,
-        match=r"within one sample at t = .* the sampled loop is unstable; by rne.check_gains it is stable up to 0.0001308 s, and sampled every 0.001 s$",
+        match=rf"within one sample at t = .* the sampled loop is unstable; by rne.check_gains it is stable up to {limit} s, and sampled every 0.001 s$",
     ) as caught:
-        rne.simulate(scene, [0.1] * 6, [0] * 6, 1.0)
+        rne.simulate(scene, [0.1] * robot.n, [0] * robot.n, 1.0)
     assert caught.value.trajectory.evaluations < 60_000
     assert 0 < caught.value.time < 0.02

@@ -19,7 +19,7 @@ from .helpers import kept
 from .test_compiled_motions import interpreted
 
 pytest.importorskip("numba", reason="Numba is not installed")
-EXACT = {"method": "Radau", "rtol": 1e-11, "atol": 1e-13}
+EXACT = {"method": "Radau", "rtol": 1e-9, "atol": 1e-11}
 LOOP = CLOSED_LOOPS[0]
 
 
@@ -60,10 +60,9 @@ PARTS = {
 def test_motions_are_those_of_a_tight_run(pair, parts):
     """States, ledger and steps' interpolants, with all that a scene may have."""
     scenes = [rne.Scene(robot, **PARTS[parts]) for robot in pair]
-    end = 0.05 if parts == "sampled" else 0.2
+    end = 0.05 if parts == "sampled" else 0.1
     start, times = ([0.5, 0.2], [0.0, 1.0]), np.linspace(0, end, 17)
-    tight = {"rtol": 1e-10, "atol": 1e-12} if parts == "sampled" else {}  # Radau begins anew at each sample
-    exact = rne.simulate(scenes[0], *start, end, t_eval=times, **(EXACT | tight))
+    exact = rne.simulate(scenes[0], *start, end, t_eval=times, **EXACT)
     got = rne.simulate(scenes[1], *start, end, t_eval=times, method="Rodas5P", rtol=1e-7, atol=1e-10)
     assert got.method == "Rodas5P"
     for name in ("q", "qd", "controller_state", "work"):
@@ -75,7 +74,7 @@ def test_motions_are_those_of_a_tight_run(pair, parts):
 
 
 def test_a_stop_is_met_inside_a_step(pair):
-    ends = {"lower": np.array([0.3, -3.0]), "upper": np.array([3.0, 3.0])}
+    ends = {"lower": np.array([0.45, -3.0]), "upper": np.array([3.0, 3.0])}
     robots = [rne.Robot(replace(robot.model, **ends), robot.engine) for robot in pair]
     expected, got = (
         rne.simulate(rne.Scene(r, friction=rne.Friction(viscous=5.0), stops=True), [0.5, 0.2], [0, 2.0], 1.0, **how)
@@ -249,7 +248,7 @@ def test_a_sampled_motion_that_stability_holds_back_is_known_by_the_time_between
         "LSODA: stiff, the fastest mode at the start decays at 6.95e+05 1/s, 695 times between"
     )
     assert motion.evaluations < 2500
-    exact = rne.simulate(scene, [0] * 6, [0] * 6, 0.01, method="Radau", rtol=1e-9, atol=1e-12)
+    exact = rne.simulate(scene, [0] * 6, [0] * 6, 0.01, method="Radau", rtol=1e-7, atol=1e-10)
     np.testing.assert_allclose(motion.q[-1], exact.q[-1], rtol=1e-5)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,9 +33,9 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
 
     A Butterworth filter forwards and backwards: the gain is 1 / (1 + (f / cutoff)^8), but for the bilinear transform.
     """
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sections = butter(ORDER, cutoff, output="sos", fs=sample_rate)
+    sections = _butterworth(cutoff / sample_rate)
     padding = min(settling(cutoff, sample_rate), len(x) - 1)
     rows: Array = np.arange(len(x)) if kept is None else kept
     columns = x.reshape(len(x), -1)
@@ -44,6 +45,14 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
         part = slice(k, k + width)
         filtered[:, part] = sosfiltfilt(sections, columns[:, part], axis=0, padlen=padding)[rows]
     return filtered.reshape(len(rows), *x.shape[1:])
+
+
+@cache
+def _butterworth(cutoff: float) -> Array:
+    """Second-order sections for a cut-off as a part of the sample rate, kept: a design takes longer than a column."""
+    from scipy.signal import butter
+
+    return np.asarray(butter(ORDER, 2 * cutoff, output="sos"))
 
 
 def settling(cutoff: float, sample_rate: float) -> int:

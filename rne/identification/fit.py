@@ -132,12 +132,13 @@ def identify(
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
     known = prior_robot(robot, prior) if consistent else None
+    stds = PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (PRIOR_STD,)
+    stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "decimation": decimation, "folds": folds}
     base, data, causes, modelled = explained(robot, records, drives, delay, options)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
-    stds = PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (PRIOR_STD,)
-    for std in stds if prior_std is None else (positive_number("prior_std", prior_std),):
+    for std in stds:
         method = Method(standard, base, guess, std**-2)
         estimate, parameters = method.solved(data.fitted)
         if guess is None or plausible(parameters, guess, data.fitted):
@@ -147,7 +148,7 @@ def identify(
     estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     errors = held_out(method, data.fitted, data.measured)
-    if isinstance(prior, str) and prior_std is None and std != stds[0]:
+    if std != stds[0]:
         notes += (
             f"prior_std {std:g}: with a larger one, torques that are not explained ask for one body of a mass "
             "above the guess of all",
