@@ -214,7 +214,7 @@ def test_robot_page_shows_it_with_its_joints_and_bodies(irb140, robot_html):
         ["joint", "type", "parent → child", "range", "speed", "effort"],
         ["joint_1", "revolute", "base_link → link_1", "-3.142 to 3.142 rad", "3.491 rad/s", "not given"],
     ]
-    assert rows(joints)[-1] == ["flange", "fixed", "link_6 → tool0", "", "", ""]
+    assert rows(joints)[-1] == ["flange", "fixed, does not move", "link_6 → tool0", "-", "-", "-"]
     assert rows(bodies)[2][:3] == ["link_1", "27", "0.014, -0.264, 0.067"]
     assert sum(float(row[1]) for row in rows(bodies)[2:]) == irb140.model.mass.sum()
 
