@@ -20,7 +20,7 @@ from ..plotting.notebook import BODIES, body_table, joint_table
 from ..plotting.robot_picture import small_picture
 from ..robot import Robot
 from ..simulation.simulator import simulate
-from ..simulation.trajectory import Trajectory
+from ..simulation.trajectory import Trajectory, trajectory_lines
 from ..urdf.loading import load
 from ..validation.agreement import Row, validate
 from .shared import units_of
@@ -88,10 +88,10 @@ def _main_job(robot: Robot, page: Report) -> bool:
     page.heading("The motion above")
     settled = settling_time(motion, loop.reference)
     page.text(f"From {settled:.2f} s on every joint stays within {SETTLED:g} rad of its target.")
-    page.text(repr(motion), "pre")
+    page.lines("\n".join(trajectory_lines(motion)))
     page.motion("motion", motion, "The motion above")
     page.heading(f"A free swing of {MAIN_SWING:g} s: no motors, no friction, no joint limits")
-    page.text(repr(swing), "pre")
+    page.lines("\n".join(trajectory_lines(swing)))
     page.motion("swing", swing, "Free swing")
     page.heading("Torques against gravity")
     _gravity(robot, STRETCHED_OUT, "with the arm stretched out horizontally", page)
@@ -127,7 +127,7 @@ def _examination(robot: Robot, findings: str, page: Report) -> bool:
     _gravity(robot, q, "at the start of the swing", page)
     if motion is not None:
         page.heading("The motion above")
-        page.text(repr(motion), "pre")
+        page.lines("\n".join(trajectory_lines(motion)))
         page.motion("swing", motion, "Free swing")
     _parts(robot, page)
     return within
