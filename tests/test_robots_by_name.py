@@ -62,7 +62,9 @@ def test_an_unknown_name_is_answered_with_near_ones(name, text):
 
 
 def test_a_broken_file_of_the_package_is_told_from_one_of_yours():
-    with pytest.raises(rne.UrdfError, match=r"^the file of example-robot-data has an error: .*there is no <link>.*'ur3_r"):
+    with pytest.raises(
+        rne.UrdfError, match=r"^the file of example-robot-data has an error: .*there is no <link>.*'ur3_r"
+    ):
         rne.load("ur3")
 
 

@@ -467,4 +467,6 @@ def test_further_errors_are_counted(write):
     assert len(errors) > 1
     with pytest.raises(rne.UrdfError) as caught:
         rne.load(path)
-    assert str(caught.value).endswith(f"; and {len(errors) - 1} more error{'s' * (len(errors) > 2)}: `rne check {path}`")
+    assert str(caught.value).endswith(
+        f"; and {len(errors) - 1} more error{'s' * (len(errors) > 2)}: `rne check {path}`"
+    )

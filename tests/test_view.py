@@ -400,7 +400,10 @@ class TestPage:
         assert "<title>irb140</title>" in both.html
         page = rne.view(crane(tmp_path), q=[[0, 0], [1, -0.5]], t=[2, 3], speed=0.5)
         assert "<title>crane &lt;1&gt;</title>" in page.html
-        assert "<b>crane &lt;1&gt;</b><br>1 s of motion from t = 2 s, at 0.5 times its speed, then a pause of 0.5 s<br>" in page.html
+        assert (
+            "<b>crane &lt;1&gt;</b><br>1 s of motion from t = 2 s, at 0.5 times its speed, then a pause of 0.5 s<br>"
+            in page.html
+        )
 
     def test_the_server_is_local_silent_and_stopped(self, irb140, monkeypatch, capfd):
         import viser
@@ -719,5 +722,7 @@ def test_the_speed_can_be_read_and_the_page_is_as_dark_as_the_browsers(browser, 
         tab = browser.new_page(viewport={"width": 390, "height": 500}, color_scheme=scheme)
         tab.goto(page.as_uri())
         tab.wait_for_selector("canvas[data-engine]", timeout=PATIENCE)
-        assert tab.evaluate("(x => x.scrollWidth - x.clientWidth)(document.querySelector('.mantine-Select-input'))") <= 0
+        assert (
+            tab.evaluate("(x => x.scrollWidth - x.clientWidth)(document.querySelector('.mantine-Select-input'))") <= 0
+        )
         assert tab.evaluate("document.documentElement.dataset.mantineColorScheme") == scheme
