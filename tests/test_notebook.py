@@ -339,6 +339,16 @@ def test_jupyter_finds_the_pages_by_their_method(irb140):
     assert not hasattr(rne.Scene(irb140), "_repr_html_")
 
 
+def test_ensembles_and_excitations_show_their_repr(irb140):
+    pair = np.stack([irb140.parameters, irb140.parameters])
+    pair[1, -10] = -0.1  # a mass
+    motions = rne.ensemble(irb140, np.zeros((2, 6)), np.zeros((2, 6)), 0.01, step=0.01, parameters=pair)
+    said = shown(parsed(motions._repr_html_()))
+    assert "no energies recorded" in said
+    assert "robots with a negative mass: 1" in said
+    assert callable(rne.identification.Excitation._repr_html_)
+
+
 def test_recursion_page_says_which_joints_mimic_others():
     model = random_tree(5, seed=6, mimics=3)
     record = rne.dynamics.recursion(model, *np.zeros((3, model.n)))

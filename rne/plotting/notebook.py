@@ -44,8 +44,8 @@ BODIES = "Masses with the links on fixed joints included, in the axes of the lin
 
 @singledispatch
 def html(thing: Any) -> str:
-    """The page of an object of one of the classes below, as a fragment of HTML; of other results their report."""
-    return _page(_preformatted(thing.report()))
+    """The page of an object of one of the classes below, as a fragment of HTML; of others their report or repr."""
+    return _page(_preformatted(thing.report()) if hasattr(thing, "report") else _text(repr(thing)))
 
 
 @html.register

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import sys
 from collections import Counter
@@ -15,6 +14,7 @@ from typing import TextIO
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
+from ..basics.text import did_you_mean
 from ..errors import ModelError, UrdfError
 from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
@@ -90,8 +90,7 @@ def resolve(source: str | os.PathLike[str]) -> Model | str:
 
 def unknown(name: str) -> str:
     """The error about a name that is neither a file nor a robot."""
-    near = [x for x in robots() if x.lower() == name.lower()] or difflib.get_close_matches(name, robots(), n=3)
-    hint = f"; did you mean {' or '.join(repr(x) for x in near)}?" if near else ""
+    hint = did_you_mean(name, robots())
     if not library():
         built_in = f"{name!r} is neither a file nor a built-in robot"
         return f"{built_in}; some 60 more, such as 'ur5', come with pip install 'rne[robots]'{hint.replace(';', ' -')}"
