@@ -119,6 +119,7 @@ def _start(motion: Trajectory) -> Figure:
     lines(ax, motion.t[1:], motion.tau[1:], motion.model.joint_names if motion.model else ())
     ax.set_xscale("log")
     ax.set_xlim(left=1e-6)
+    ax.xaxis.set_major_formatter("{x:g}")
     figure.legend(**BELOW)
     return figure
 
