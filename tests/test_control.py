@@ -169,3 +169,10 @@ def test_a_law_for_other_joints_is_refused(irb140):
 def test_wrong_arguments_are_named(irb140, make, text):
     with pytest.raises(ValueError, match=rf"^{re.escape(text)}$"):
         make(irb140)
+
+
+@pytest.mark.parametrize("make", [rne.control.pd, rne.control.pd_gravity, rne.control.computed_torque])
+def test_a_call_without_the_robot_says_so(make):
+    """Python itself would say that `reference` is missing."""
+    with pytest.raises(TypeError, match=r"^`robot` must be an rne.Robot, got int$"):
+        make(50, 20, [1] * 6)

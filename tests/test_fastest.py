@@ -152,10 +152,13 @@ def test_jerk_limits_lengthen_the_default_smoothing(arm):
 
 
 def test_it_says_what_it_uses(smooth):
-    first, heading, *rows, _ = str(smooth).splitlines()
+    first, heading, *rows, _, note = str(smooth).splitlines()
     assert re.match(r"Fastest motion along the path: [\d.]+ s; [\d.]+ s of it for smoothing over 10 ms$", first)
     assert heading.split()[:2] == ["joint", "torque"]
     assert [row.split()[0] for row in rows] == list(smooth.scene.robot.joint_names)
+    assert all(row.split()[2] == "-" for row in rows)  # no limits of accelerations
+    assert "-: no limit; limits hold to 0.1%" in note
+    assert max(share.max() for share in smooth.shares().values()) < 1.001
 
 
 ERRORS = {

@@ -214,7 +214,7 @@ def test_robot_page_shows_it_with_its_joints_and_bodies(irb140, robot_html):
         ["joint", "type", "parent → child", "range", "speed", "effort"],
         ["joint_1", "revolute", "base_link → link_1", "-3.142 to 3.142 rad", "3.491 rad/s", "not given"],
     ]
-    assert rows(joints)[-1] == ["flange", "fixed", "link_6 → tool0", "", "", ""]
+    assert rows(joints)[-1] == ["flange", "fixed, does not move", "link_6 → tool0", "-", "-", "-"]
     assert rows(bodies)[2][:3] == ["link_1", "27", "0.014, -0.264, 0.067"]
     assert sum(float(row[1]) for row in rows(bodies)[2:]) == irb140.model.mass.sum()
 
@@ -337,6 +337,16 @@ def test_jupyter_finds_the_pages_by_their_method(irb140):
     for cls in (rne.Robot, rne.Trajectory, rne.dynamics.Recursion, rne.kernels.Kernel):
         assert callable(cls._repr_html_)
     assert not hasattr(rne.Scene(irb140), "_repr_html_")
+
+
+def test_ensembles_and_excitations_show_their_repr(irb140):
+    pair = np.stack([irb140.parameters, irb140.parameters])
+    pair[1, -10] = -0.1  # a mass
+    motions = rne.ensemble(irb140, np.zeros((2, 6)), np.zeros((2, 6)), 0.01, step=0.01, parameters=pair)
+    said = shown(parsed(motions._repr_html_()))
+    assert "no energies recorded" in said
+    assert "robots with a negative mass: 1" in said
+    assert callable(rne.identification.Excitation._repr_html_)
 
 
 def test_recursion_page_says_which_joints_mimic_others():

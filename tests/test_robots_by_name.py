@@ -61,6 +61,13 @@ def test_an_unknown_name_is_answered_with_near_ones(name, text):
     assert str(caught.value).startswith(text)
 
 
+def test_a_broken_file_of_the_package_is_told_from_one_of_yours():
+    with pytest.raises(
+        rne.UrdfError, match=r"^the file of example-robot-data has an error: .*there is no <link>.*'ur3_r"
+    ):
+        rne.load("ur3")
+
+
 def test_without_the_package_the_built_in_robots_are_there(without_package):
     assert rne.robots() == ("irb140",)
     assert rne.load("irb140").n == 6

@@ -459,3 +459,14 @@ def test_a_default_namespace_is_named_and_ignored(write):
     (finding,) = rne.check(path)
     assert finding.message == "default namespace 'http://arms.org/urdf' is ignored"
     assert rne.load(path).n == 1
+
+
+def test_further_errors_are_counted(write):
+    path = write(robot(link("base", "<mass/>"), link("base"), link("base")))
+    errors = [found for found in rne.check(path, out=io.StringIO()) if found.severity == "error"]
+    assert len(errors) > 1
+    with pytest.raises(rne.UrdfError) as caught:
+        rne.load(path)
+    assert str(caught.value).endswith(
+        f"; and {len(errors) - 1} more error{'s' * (len(errors) > 2)}: `rne check {path}`"
+    )

@@ -394,13 +394,16 @@ class TestPage:
     def test_the_legend_says_what_is_shown(self, irb140, both, tmp_path):
         assert re.search(
             r'<div id="rne"><b>irb140</b><br><i style="[^"]*"></i>plain<br><i [^>]*></i>6 kg<br>1.5 s of motion, in real '
-            r"time<br>purple: joint axes; squares of the floor: 0.2 m<br><label>",
+            r"time, then a pause of 0.5 s<br>purple: joint axes; squares of the floor: 0.2 m<br><label>",
             both.html,
         )
         assert "<title>irb140</title>" in both.html
         page = rne.view(crane(tmp_path), q=[[0, 0], [1, -0.5]], t=[2, 3], speed=0.5)
         assert "<title>crane &lt;1&gt;</title>" in page.html
-        assert "<b>crane &lt;1&gt;</b><br>1 s of motion from t = 2 s, at 0.5 times its speed<br>" in page.html
+        assert (
+            "<b>crane &lt;1&gt;</b><br>1 s of motion from t = 2 s, at 0.5 times its speed, then a pause of 0.5 s<br>"
+            in page.html
+        )
 
     def test_the_server_is_local_silent_and_stopped(self, irb140, monkeypatch, capfd):
         import viser
@@ -710,3 +713,16 @@ def test_a_narrow_window_shows_all_of_a_robot(browser, irb140, tmp_path):
     assert columns.min() > 5
     assert columns.max() < 384  # a narrow window sees all of it
     assert tab.errors == []
+
+
+@pytest.mark.long
+def test_the_speed_can_be_read_and_the_page_is_as_dark_as_the_browsers(browser, both, tmp_path):
+    page = both.save(tmp_path / "swing.html")
+    for scheme in ("light", "dark"):
+        tab = browser.new_page(viewport={"width": 390, "height": 500}, color_scheme=scheme)
+        tab.goto(page.as_uri())
+        tab.wait_for_selector("canvas[data-engine]", timeout=PATIENCE)
+        assert (
+            tab.evaluate("(x => x.scrollWidth - x.clientWidth)(document.querySelector('.mantine-Select-input'))") <= 0
+        )
+        assert tab.evaluate("document.documentElement.dataset.mantineColorScheme") == scheme

@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 import rne
 
 FOLDER = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+WIDTH = 5.0  # of the pictures [inch]: their text can be read on a phone
+BELOW = {"loc": "outside lower center", "ncols": 2, "frameon": False}  # a legend
 DURATION, PAYLOAD = 12.0, 3.0  # [s], [kg]
 centre = np.array([0, 0.2, -0.3, 0.2, 0.8, 0.1])  # [rad]
 radius = np.array([0.4, 0.3, 0.3, 0.4, 0.4, 0.5])  # [rad]
@@ -60,37 +62,37 @@ def largest(motion):
 
 
 def save(figure, name):
-    figure.savefig(FOLDER / f"control_{name}.png", dpi=110, facecolor="white")
+    figure.savefig(FOLDER / f"control_{name}.png", dpi=160, facecolor="white")
 
 
 def errors_figure(motions):
-    figure = Figure(figsize=(8, 4.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
     ax = figure.subplots()
     for name, motion in motions.items():
         ax.semilogy(t[1:], largest(motion)[1:], color=COLORS[name], label=name)
     ax.set(xlabel="time [s]", ylabel="largest error of a joint [rad]", xlim=(0, DURATION), ylim=(1e-4, 3))
     ax.grid(alpha=0.3)
-    figure.legend(loc="outside right upper", frameon=False)
+    figure.legend(**BELOW)
     save(figure, "errors")
 
 
 def bounds_figure(motions):
-    figure = Figure(figsize=(8, 3.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     panels = figure.subplots(1, 3, sharey=True)
     joints = np.arange(1, 7)
     for ax, name in zip(panels, ("robust", "robust_passive", "sliding_mode"), strict=True):
         ax.bar(joints, error(motions[name]).max(axis=0), color="0.65", width=0.6, label="largest error")
-        ax.plot(joints, laws[name].error_bound, "k_", markersize=16, markeredgewidth=2, label="stated bound")
-        ax.set(title=name, xlabel="joint", xticks=joints, yscale="log", ylim=(1e-6, 1))
+        ax.plot(joints, laws[name].error_bound, "k_", markersize=9, markeredgewidth=2, label="stated bound")
+        ax.set(title=name, xlabel="joint", xticks=joints[::2], yscale="log", ylim=(1e-6, 1))
         ax.set_axisbelow(True)
         ax.grid(axis="y", alpha=0.3)
     panels[0].set_ylabel("error [rad]")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(*panels[0].get_legend_handles_labels(), **BELOW)
     save(figure, "bounds")
 
 
 def torques_figure(motions):
-    figure = Figure(figsize=(8, 4.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     shown = t <= 2
     for ax, joint in zip(panels, (1, 4), strict=True):
@@ -100,12 +102,12 @@ def torques_figure(motions):
         ax.grid(alpha=0.3)
     panels[1].set_ylim(-2.2, 0.3)
     panels[1].set_xlabel("time [s]")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    figure.legend(*panels[0].get_legend_handles_labels(), **BELOW)
     save(figure, "torques")
 
 
 def estimates_figure(motions):
-    figure = Figure(figsize=(8, 5.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
     mass, moment = figure.subplots(2, 1, sharex=True)
     constant = rne.control.adaptive(arm, kd, rate, circle, **learning)
     both = {"consistent": (laws["adaptive"], motions["adaptive"]), "constant metric": (constant, run(constant))}
@@ -125,17 +127,17 @@ def estimates_figure(motions):
 
 
 def friction_figure():
-    figure = Figure(figsize=(8, 4.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
     ax = figure.subplots()
     learnt = rne.control.adaptive(arm, kd, rate, circle, consistent=True, **learning, **half)
     rubbing = {name: law for name, law in laws.items() if name not in ("computed torque", "PD and gravity")}
     for name, law in rubbing.items():
         ax.semilogy(t[1:], largest(run(law, friction=friction))[1:], color=COLORS[name], label=name)
     motion = run(learnt, friction=friction)
-    ax.semilogy(t[1:], largest(motion)[1:], color="C6", label="adaptive,\nfriction too")
+    ax.semilogy(t[1:], largest(motion)[1:], color="C6", label="adaptive, friction too")
     ax.set(xlabel="time [s]", ylabel="largest error of a joint [rad]", xlim=(0, DURATION), ylim=(1e-3, 1))
     ax.grid(alpha=0.3)
-    figure.legend(loc="outside right upper", frameon=False)
+    figure.legend(**BELOW)
     save(figure, "friction")
 
 

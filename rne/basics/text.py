@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -94,6 +94,16 @@ def brief_array(x: Any) -> str:
 def listed(names: Sequence[str]) -> str:
     """The first names, and how many more there are."""
     return _cut([short(name) for name in names])
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The end of an error that suggests known names, or nothing; capitals and signs between letters do not count."""
+    import difflib  # for errors alone
+
+    plain = {re.sub(r"[\W_]", "", x).lower(): x for x in known}
+    wanted = re.sub(r"[\W_]", "", name).lower()
+    near = [wanted] if wanted in plain else difflib.get_close_matches(wanted, plain, n=3)
+    return f"; did you mean {' or '.join(repr(plain[x]) for x in near)}?" if near else ""
 
 
 def counted(number: int, noun: str) -> str:

@@ -74,14 +74,14 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         gear, rotor, efficiency = (_per_joint(getattr(arguments, name)) for name in names)
         report = rne.drives(robot, motion, gear=gear, rotor=rotor, efficiency=efficiency)
     except (ValueError, ImportError) as error:
-        raise CommandError(in_one_line(error) + _cure(str(error), robot)) from None
+        raise CommandError(in_one_line(error) + _cure(error, robot)) from None
     page = Report(f"A cycle of {robot.model.name}", say, arguments.out)
     page.text(used(robot, arguments))
     t = np.linspace(0, motion.duration, max(int(motion.duration / FILM), 2))
     page.film("motion", (t, motion(t)[0]), "The motion", robot)
     for title, result in (("Motion", motion), ("Drives", report)):
         page.heading(title)
-        page.text(str(result), "pre")
+        page.lines(str(result))
     page.figure("torque_speed", lambda: torque_speed(report), "Torque over speed of each joint, with its limits")
     page.heading("Positions, velocities and torques")
     for k, (label, draw) in enumerate(
@@ -92,13 +92,16 @@ def run_cycle(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _cure(error: str, robot: Any) -> str:
+def _cure(error: Exception, robot: Any) -> str:
     """What to do about an error on the command line, in words."""
-    if "neither a torque nor" in error:
+    from ..trajectories.csv_file import MissingColumn
+    from ..trajectories.time_optimal import MissingLimit, OutOfRange
+
+    if isinstance(error, MissingLimit):
         return "; on the command line: --effort or --acceleration"
-    if "no column" in error:
+    if isinstance(error, MissingColumn):
         return f"; the first row must be {','.join(f'q.{name}' for name in robot.joint_names)}"
-    return "; if the positions are in degrees, give --degrees" if "leaves the range" in error else ""
+    return "; if the positions are in degrees, give --degrees" if isinstance(error, OutOfRange) else ""
 
 
 def _per_joint(values: list[float]) -> float | list[float]:

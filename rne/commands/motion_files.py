@@ -43,12 +43,14 @@ def read_motion(file: Path, robot: rne.Robot, *, degrees: bool = False) -> Sampl
     """Read the motion in a CSV file, whose columns the robot's joints name; warn if its units seem to be others."""
     import rne
 
+    from ..trajectories.csv_file import MissingColumn
+
     heading = ",".join(["t", *(f"q.{joint}" for joint in robot.joint_names)])
     needed = f"; the first row must be {heading}, with qd. and qdd. of the joints if they are known"
     try:
         samples = rne.trajectories.read_csv(file, robot.joint_names)
     except ValueError as error:
-        raise CommandError(in_one_line(error) + needed * (" no column " in str(error))) from None
+        raise CommandError(in_one_line(error) + needed * isinstance(error, MissingColumn)) from None
     if samples.q is None:
         raise CommandError(f"{file}: there are no positions{needed}")
     unit = np.where(rotating(robot) & degrees, np.pi / 180, 1.0)

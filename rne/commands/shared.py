@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from ..basics.arrays import UNBOUNDED
+from ..basics.text import did_you_mean
 from ..model.topology import end_link
 
 if TYPE_CHECKING:
@@ -35,6 +36,13 @@ class CommandError(Exception):
 
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is none of the choices, with those that are near, or all of them."""
+        if action.choices is not None and value not in action.choices:
+            choices = [str(choice) for choice in action.choices]
+            hint = did_you_mean(str(value), choices) or f" (choose from {', '.join(map(repr, choices))})"
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}")
 
     def error(self, message: str) -> NoReturn:
         """End with exit code 2."""

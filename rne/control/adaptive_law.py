@@ -15,7 +15,7 @@ from ..basics.text import summary
 from ..elementwise import maximum, minimum, tanh
 from ..model.parameters import PARAMETERS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from ..robot import Robot
-from .laws import checked_vectors
+from .laws import checked_vectors, of_robot
 from .reference import Reference, check_reference, composite_error, model_torques
 
 SMOOTHING = 0.01  # [rad/s or m/s]: as of rne.Friction
@@ -206,6 +206,7 @@ class Adaptive:
         return np.asarray((np.trace(ratio, axis1=-2, axis2=-1) - logarithm - 4).sum(-1))
 
 
+@of_robot
 def adaptive(
     robot: Robot,
     kd: ArrayLike,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,6 +46,18 @@ def traceable(law: F) -> F:
     return law
 
 
+def of_robot(make: F) -> F:
+    """A function whose first argument is checked before Python misses the last, where a call forgets the robot."""
+
+    @functools.wraps(make)
+    def checked(*arguments: Any, **options: Any) -> Any:
+        if arguments:
+            robot_argument(arguments[0])
+        return make(*arguments, **options)
+
+    return cast(F, checked)
+
+
 def checked_vectors(
     robot: Robot, *, sign: Literal["any", "not negative", "positive"] = "any", **values: ArrayLike
 ) -> list[Array]:
@@ -79,6 +92,7 @@ class PD:
         return torques
 
 
+@of_robot
 def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Reference) -> PD:
     """PD control without a model: u = -Kp (q - q_ref) - Kd (qd - qd_ref).
 
@@ -110,6 +124,7 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Refere
     return _pd(robot, kp, kd, reference, gravity=False)
 
 
+@of_robot
 def pd_gravity(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Reference) -> PD:
     """PD control with gravity compensation: u = g(q) - Kp (q - q_ref) - Kd (qd - qd_ref).
 
@@ -184,6 +199,7 @@ class PID:
         return self.robot.gravity_torque(q) + feedback if self.gravity else feedback, error
 
 
+@of_robot
 def pid(
     robot: Robot,
     kp: ArrayLike,
@@ -250,6 +266,7 @@ class ComputedTorque:
         return self.robot.inverse_dynamics(q, qd, commanded)
 
 
+@of_robot
 def computed_torque(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Reference) -> ComputedTorque:
     """Tracking by inverse dynamics: u = M (qdd_ref - Kd (qd - qd_ref) - Kp (q - q_ref)) + C qd + g.
 

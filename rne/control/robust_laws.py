@@ -14,7 +14,7 @@ from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import maximum
 from ..robot import Robot
-from .laws import checked_vectors
+from .laws import checked_vectors, of_robot
 from .reference import Reference, check_reference, composite_error, model_torques
 from .uncertainty import Cases, checked_cases
 
@@ -71,6 +71,7 @@ class Robust(RobustLaw):
         return self.boundary
 
 
+@of_robot
 def robust(robot: Robot, bandwidth: ArrayLike, boundary: ArrayLike, reference: Reference, rho: float) -> Robust:
     """Computed torque with Lyapunov redesign: u = M y + C qd + g - rho D^-1 z / max(|z|, 1), with z = D^-1 s.
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, vector, whole_number
 from ..basics.spatial import Array
-from ..basics.text import counted, listed, short, wrapped
+from ..basics.text import InNotebooks, counted, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.quantity import PrecisionStatus, Quantity
 from ..dynamics.regressors import regressor
@@ -297,7 +297,7 @@ ACTIVE = 0.97  # share of a limit from which it is called active
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
+class Excitation(InNotebooks):
     """A periodic motion for the identification of a robot, found by `rne.excitation`.
 
     q(t) = q0 + sum over k of a_k / (k w) sin(k w t) - b_k / (k w) cos(k w t), with w = 2 pi / duration. It is a

@@ -39,6 +39,10 @@ EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explai
 LITTLE = 0.05  # part of a joint's torque in motion: more of it, unexplained, is pointed at
 UNKNOWN_VALUE = 100.0  # per cent: a standard error as large as the value, from which it is not known
 WORSE = 1.2  # residuals of possible bodies, of those of least squares
+BASE_UNITS = (
+    "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv in N m s/rad, Fc, Fs and tau0 in N m; of sliding "
+    "joints Ia in kg, Fv in N s/m, the others in N."
+)
 UNKNOWN = (
     "no single change explains all of it: look at the joints' residuals over time and speed (`plot`), and check "
     "friction, the placement of the axes, couplings and the torques' source"
@@ -324,6 +328,9 @@ def fitted_text(found: Identification) -> str:
     ]
     for name, record in zip(found.data.names, found.records, strict=True):
         lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
+        lines.append(
+            f"  {record.decimation} samples to an equation of each moving joint: the filter leaves nothing faster"
+        )
         lines += [f"  {note}" for note in record.notes]
     return "\n".join([*lines, *found.notes])
 
@@ -398,8 +405,8 @@ def parameters_text(found: Identification) -> str:
         rows.append(Row(f"  {name}", [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", share, *cells]))
     lines = [
         *aligned(rows),
-        f"Numbers are those of the joints: {joints}. A dash for a share: not told from zero. Drift is the change with "
-        "half the cut-off, to be compared with its own standard error beside it.",
+        f"Numbers are those of the joints: {joints}. {BASE_UNITS} A dash for a share: not told from "
+        "zero. Drift is the change with half the cut-off, to be compared with its own standard error beside it.",
     ]
     combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
     if combined:

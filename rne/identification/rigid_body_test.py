@@ -37,6 +37,12 @@ FLOOR = 3.0  # times the noise, above which a residual is not noise
 PRECISION = 1e-6  # of a joint's torques: no fit is taken for more exact
 BELIEVED = 1e-6  # singular values below this part of the largest say nothing
 TINY = float(np.finfo(float).tiny)
+COLUMNS = (
+    "noise: of the filtered torques, by their spectrum; alone, together: what a fit of each joint by itself and one of "
+    "all joints leave; held out: what is left where a block of the log was not fitted; F: together against alone, near "
+    "1 where one model fits, and how likely chance makes it so large; power left: that of the torques a fit leaves, "
+    "and its mean. All but F and its chance are in % of the measured torque or power."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +135,7 @@ class Consistency(InNotebooks):
             f"energy: {100 * self.energy.missing:.2g} % of the work of the drives is neither stored nor lost in the "
             "fitted model"
         )
-        return "\n".join([wrapped(self.verdict), *aligned(rows), energy])
+        return "\n".join([wrapped(self.verdict), *aligned(rows), wrapped(COLUMNS), energy])
 
 
 def percent(x: Array) -> str:

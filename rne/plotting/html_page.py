@@ -12,6 +12,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,10 +31,14 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 CSS = """
-:root { color-scheme: light dark; }
+:root { color-scheme: light dark; --page: #fff; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 52rem; margin: 1rem auto; padding: 0 1rem;
-  overflow-wrap: break-word; }
-.scroll { overflow-x: auto; margin: 1rem 0; }
+  background: var(--page); overflow-wrap: break-word; }
+.scroll { overflow-x: auto; margin: 1rem 0; /* with a shadow at the side where there is more */
+  background: linear-gradient(90deg, var(--page) 50%, transparent) local,
+    linear-gradient(-90deg, var(--page) 50%, transparent) right local,
+    linear-gradient(90deg, #888a, transparent), linear-gradient(-90deg, #888a, transparent) right;
+  background-repeat: no-repeat; background-size: 3rem 100%, 3rem 100%, 1rem 100%, 1rem 100%; }
 table { border-collapse: collapse; font-size: .9375rem; width: 100%; }
 th, td { border-bottom: 1px solid #8886; padding: .25rem .6rem .25rem 0; text-align: left; vertical-align: top; }
 td { white-space: nowrap; }
@@ -55,7 +60,7 @@ th { vertical-align: bottom; }
 h3 { margin: 2rem 0 .5rem; }
 nav ul { padding-left: 1.25rem; }
 nav .h3 { margin-left: 1.25rem; }
-@media (prefers-color-scheme: dark) { body { background: #121212; color: #ddd; } a { color: #7ab8f5; } }
+@media (prefers-color-scheme: dark) { :root { --page: #121212; } body { color: #ddd; } a { color: #7ab8f5; } }
 """
 FONT = 11.0  # smallest text [pt]; 11.2 px where the figure is 358 px wide, on a screen of 390 px
 DPI = 150
@@ -118,6 +123,12 @@ class Report:
         """Add a paragraph, or with the tag `pre` lines in a fixed-width font."""
         self.say(text)
         self.blocks.append(Block(tag, text))
+
+    def lines(self, text: str) -> None:
+        """Add a printed report: its sentences as paragraphs, the rows of its tables in a fixed-width font."""
+        for is_table, lines in groupby(text.splitlines(), lambda line: "  " in line):
+            for part in ["\n".join(lines)] if is_table else lines:
+                self.text(part, "pre" if is_table else "p")
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Add a table of strings; where it is wider than a phone each row becomes a list there."""

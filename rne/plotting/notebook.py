@@ -44,8 +44,8 @@ BODIES = "Masses with the links on fixed joints included, in the axes of the lin
 
 @singledispatch
 def html(thing: Any) -> str:
-    """The page of an object of one of the classes below, as a fragment of HTML; of other results their report."""
-    return _page(_preformatted(thing.report()))
+    """The page of an object of one of the classes below, as a fragment of HTML; of others their report or repr."""
+    return _page(_preformatted(thing.report()) if hasattr(thing, "report") else _text(repr(thing)))
 
 
 @html.register
@@ -131,11 +131,13 @@ def body_table(model: Model) -> list[tuple[str, ...]]:
 
 def _joint_row(part: Part, parts: Sequence[Part]) -> tuple[str, ...]:
     unit, speed, effort = (UNITS[name][part.kind not in REVOLUTE_TYPES] for name in ("q", "qd", "tau"))
-    kind, limits = part.kind, ("", "", "")
+    kind, limits = part.kind, ("-", "-", "-")
     if part.mimic is not None:
         source = short(parts[part.mimic.independent].joint)
         kind = f"{kind}, mimics {source}: {part.mimic.multiplier:.6g} q + {part.mimic.offset:.6g}"
-    if part.kind != "fixed":
+    if part.kind == "fixed":
+        kind = "fixed, does not move"
+    else:
         bounded = math.isfinite(part.lower) or math.isfinite(part.upper)
         span = f"{part.lower:.4g} to {part.upper:.4g} {unit}" if bounded else NOT_GIVEN
         span = "unlimited" if part.kind == "continuous" else span

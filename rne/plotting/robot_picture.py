@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 LIGHT = np.array([0.3, -0.7, 0.65])  # direction towards the light
 ARROW, BASE = 0.16, 0.22  # lengths of a joint axis and of the base frame's axes, relative to the robot's extent
 ALPHA = 0.6  # opacity of the surfaces
+SMALL = (WIDTH, 5.6), (0.0, 0.24, 0.96, 0.7)  # size of a figure for narrow pages [inch], and place of its axes
 MAX_NAME = 24  # characters of a link's name in the legend
 ABOVE = 100  # zorder above the surfaces, for which matplotlib uses small numbers
 MIN_FPS = 0.01  # [1/s]; GIF stores at most 655 s per frame
@@ -172,8 +173,9 @@ def _frame_times(samples: Array, delay: int, speed: float) -> Array:
 
 def _images(robot: Robot, t: Array, poses: Array) -> list[Image]:
     """The frames, all with the 256 colours of some: with own colours each, parts at rest would flicker."""
-    ax = _blank_axes("")
+    ax = _blank_axes("", *SMALL)
     picture, figure = Picture(ax, robot.model, poses), figure_of([ax])
+    _put_legend_below(ax, title=0.3)
     figure.set_dpi(DPI)
 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -205,16 +207,23 @@ def _blank_axes(title: str, size: Sequence[float] = (7.4, 5.4), place: Any = (0.
 
 def small_picture(robot: Robot, q: ArrayLike) -> Figure:
     """The robot at q for narrow pages, with its legend below."""
-    ax = _blank_axes("", (WIDTH, 5.6), (0.0, 0.24, 0.96, 0.76))
-    figure, beside = draw(robot, q, axes=ax), ax.get_legend()
+    ax = _blank_axes("", *SMALL)
+    figure = draw(robot, q, axes=ax)
+    _put_legend_below(ax)
+    return figure
+
+
+def _put_legend_below(ax: Axes3D, title: float = 0.0) -> None:
+    """The legend under the axes of a figure for narrow pages, with a title of this height over them [inch]."""
+    figure, beside = figure_of([ax]), ax.get_legend()
     if beside is not None:
         beside.remove()
         labels = [text.get_text() for text in beside.get_texts()]
         axes, legend = 4.3, 0.4 + 0.25 * -(-len(labels) // 2)  # heights [inch]
-        figure.set_size_inches(WIDTH, axes + legend)
-        ax.set_position((0.0, legend / (axes + legend), 0.96, axes / (axes + legend)))
+        height = axes + legend + title
+        figure.set_size_inches(WIDTH, height)
+        ax.set_position((0.0, legend / height, 0.96, axes / height))
         figure.legend(beside.legend_handles, labels, loc="lower center", ncols=2, frameon=False)
-    return figure
 
 
 class Picture:

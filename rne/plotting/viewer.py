@@ -21,7 +21,7 @@ from ..robot import Robot
 from ..simulation.trajectory import Trajectory
 from .motions import Motion, arrays_argument, check_positions, motion_argument
 from .shapes import INSTALL, PosedRobot
-from .viewer_scene import GHOST, MASSES, TONES, add_floor, build, corners
+from .viewer_scene import GHOST, MASSES, NIGHT, SKY, TONES, add_floor, build, corners
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -32,13 +32,17 @@ MAX_POSES = 10_000  # of links in a page: of a long motion there are fewer frame
 FOV = np.radians(38)  # of the camera, vertical
 HEIGHT = 480  # [px] of the view in a notebook
 PAGE = (".html", ".htm")
-TITLE, ROOT = "<title>Viser</title>", '<div id="root"></div>'  # in viser's page
+TITLE, ROOT, LIGHT = "<title>Viser</title>", '<div id="root"></div>', "darkMode:false"  # in viser's page
+DARK = "darkMode:matchMedia('(prefers-color-scheme:dark)').matches"
 STYLE = (
     "#rne{position:fixed;bottom:3.6em;left:.9em;right:.9em;z-index:1;pointer-events:none;"
     "font:13px/1.5 system-ui,sans-serif;color:#334}"
     "#rne i{display:inline-block;width:.8em;height:.8em;margin-right:.5em;border:1px solid #667}"
     "#rne label{pointer-events:auto;cursor:pointer}#rne input{margin:0 .5em 0 0;vertical-align:-.15em}"
     ".mantine-Notifications-root{display:none}"  # about slow graphics, over the scene
+    ".mantine-Select-wrapper{width:4.4em!important}"  # viser's is too narrow for the speeds
+    f"canvas[data-engine]{{background:{SKY}}}@media(prefers-color-scheme:dark)"
+    f"{{#rne{{color:#dde}}canvas[data-engine]{{background:{NIGHT}}}}}"
 )
 # A window that is higher than wide sees less to the sides: the camera goes back. viser takes it from the address.
 CAMERA = (
@@ -322,17 +326,17 @@ def _legend(robot: PosedRobot, labels: Sequence[str], cell: float, times: Array,
     if len(times) > 1:
         pace = "in real time" if speed == 1 else f"at {speed:g} times its speed"
         start = f" from t = {times[0]:g} s" if times[0] else ""
-        lines.append(f"{times[-1] - times[0]:.4g} s of motion{start}, {pace}")
+        lines.append(f"{times[-1] - times[0]:.4g} s of motion{start}, {pace}, then a pause of {HOLD:g} s")
     lines.append(f"purple: joint axes; squares of the floor: {cell:g} m")
     lines.append('<label><input type="checkbox" id="masses">show what the model weighs</label>')
     return "<br>".join([*lines, "<small>solids of the same mass and inertia; black: centres of mass</small>"])
 
 
 def _finished(text: str, name: str, key: str, camera: tuple[Array, Array]) -> str:
-    """viser's page with a title, a legend, and a camera for narrow windows."""
+    """viser's page with a title, a legend, a camera for narrow windows, and dark where the browser's pages are."""
     place = json.dumps([x.tolist() for x in camera])
     head = f"<title>{html.escape(name)}</title>{CAMERA % place}<style>{STYLE}</style>"
-    for mark, ours in ((TITLE, head), (ROOT, f'{ROOT}<div id="rne">{key}</div>')):
+    for mark, ours in ((TITLE, head), (ROOT, f'{ROOT}<div id="rne">{key}</div>'), (LIGHT, DARK)):
         if mark not in text:
             raise RuntimeError(f"this version of viser writes other pages: {mark!r} is missing; pip install 'viser<2'")
         text = text.replace(mark, ours, 1)

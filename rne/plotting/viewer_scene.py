@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from viser import FrameHandle, SceneApi
 
 Rgb = tuple[int, int, int]
-SKY = (228, 233, 240)  # of the background, before which white and dark robots can be seen
+SKY, NIGHT = "#e4e9f0", "#434d5b"  # behind the scene, on which white and dark robots can be seen
 TONES = ((126, 148, 182), (86, 104, 132))  # of links whose shapes have no colour of their own, in turn
 GHOST = (240, 120, 20)
 GHOST_OPACITY = 0.4
@@ -26,7 +26,7 @@ GHOST_SCALE = 1.004  # where both motions agree, the surfaces of the other one a
 GLASS = 0.35  # opacity of the links where what is inside them is to be seen
 MASSES = ("centres of mass", "solids of the same inertia")  # the groups that show what the model weighs
 AXIS, CENTRE, SOLID, LINE = (176, 48, 176), (30, 30, 30), (20, 140, 140), (90, 100, 115)
-FLOOR: dict[str, Any] = {"cell_color": (196, 203, 212), "section_color": (160, 170, 182), "fade_strength": 0.0}
+FLOOR: dict[str, Any] = {"cell_color": (172, 180, 190), "section_color": (140, 150, 163), "fade_strength": 0.0}
 MAX_FACES = 20_000  # of a robot's meshes; with more, all are simplified alike
 SMALL = 60  # faces of a mesh that is never simplified
 ALIKE = 1e-9  # principal moments that differ by less, relative to the largest
@@ -77,7 +77,6 @@ def build(scene: SceneApi, robot: PosedRobot, other: PosedRobot | None, *, frame
 
 def add_floor(scene: SceneApi, points: Array) -> float:
     """A grid under the points, at the root's height if they are above it; returns the edge of a cell [m]."""
-    scene.set_background_image(np.full((2, 2, 3), SKY, dtype=np.uint8), format="png")
     low, high = points.min(axis=0), points.max(axis=0)
     across = float((high - low).max()) or 1.0
     cell = float(10.0 ** np.floor(np.log10(across / 4)))

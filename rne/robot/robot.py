@@ -267,7 +267,9 @@ class Robot(InNotebooks):
             are less by what the wrenches supply.
         parameters : array_like, shape (..., 10 nb), optional
             Inertial parameters in place of the robot's own, in the order of `Robot.parameters`. They broadcast against
-            the states: many variants of the robot are one batch. Any finite numbers will do, possible bodies or not.
+            the states: many variants of the robot are one batch. Torques are linear in them, so that any finite numbers
+            will do: base parameters that were identified give the torques of the arm, with masses that may be negative.
+            Of random ones `with_parameters` refuses those that no bodies have.
 
         Returns
         -------

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array, real_numbers
 from ..basics.spatial import Array
-from ..basics.text import counted, short
+from ..basics.text import InNotebooks, counted, short
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError
 from ..kernels.kernel import Kernel
@@ -41,7 +41,7 @@ Progress = Callable[[int, int], Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Ensemble:
+class Ensemble(InNotebooks):
     """Motions from many initial states.
 
     Attributes
@@ -55,7 +55,8 @@ class Ensemble:
     energies : ndarray, shape (S, N, k)
         Energies of the ledger [J].
     ledger : tuple of str, length k
-        "drives", "viscous", "coulomb": those that the scene has.
+        Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction dissipate, those that
+        the scene has.
     method : str
         The method that ran; several are joined by commas.
     step : float or None
@@ -139,12 +140,14 @@ class Ensemble:
         count, n = self.q.shape[1:]
         step = "" if self.step is None else f", step {self.step:.6g} s"
         stopped = f", {counted(int(self.status.sum()), 'motion')} stopped" if self.status.any() else ""
+        negative = 0 if self.parameters is None else int((self.parameters[:, ::PARAMETERS] < 0).any(axis=1).sum())
+        unphysical = f"\n  robots with a negative mass: {negative}, which no bodies have" if negative else ""
         times = f"{self.t[0]:.6g} to {self.t[-1]:.6g} s, " if len(self.t) else ""
         return (
             f"Ensemble of '{short(self.model.name)}': {counted(count, 'motion')} of {counted(n, 'joint')}, "
             f"{times}{len(self.t)} stored times{stopped}\n"
             f"  {self.method}{step}, {counted(self.evaluations, 'evaluation')}, "
-            f"energies: {', '.join(self.ledger) or 'none'}"
+            f"{'energies of ' + ', '.join(self.ledger) if self.ledger else 'no energies recorded'}{unphysical}"
         )
 
 
@@ -185,7 +188,9 @@ def ensemble(
         carries the payload of the scene, so that the payload must be contained in them: start from
         `scene.resolved.robot.parameters`. With the parameters of the robot alone, its own `robot.parameters`, the
         payload is left out without a warning. Controllers keep the parameters that they were made with. The bodies
-        need not be possible ones, but M must be positive definite. Motions that run one after another trace the
+        need not be possible ones: base parameters that were identified move the arm as it moves, with masses that may
+        be negative, as long as M is positive definite. Of random ones `Robot.with_parameters` refuses the impossible.
+        Motions that run one after another trace the
         equations of each robot anew, which takes 0.1 to 0.4 s per motion for six joints; half of it is saved if
         `method` is given, since "auto" linearises each.
     method : str

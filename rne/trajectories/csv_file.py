@@ -44,6 +44,10 @@ class Samples(NamedTuple):
     tau: Array | None = None
 
 
+class MissingColumn(ValueError):
+    """A file without a column that is needed."""
+
+
 def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Samples:
     """Read the samples of a motion from a CSV file.
 
@@ -157,19 +161,19 @@ def _wanted(place: str, columns: Sequence[str], joint_names: Sequence[str], need
         raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     if "t" not in columns:
         hint = "; separate columns by commas" if len(columns) == 1 else ""
-        raise ValueError(f"{place}: there is no column 't'; there are {_listed(columns)}{hint}")
+        raise MissingColumn(f"{place}: there is no column 't'; there are {_listed(columns)}{hint}")
     wanted = ["t"]
     for quantity in QUANTITIES:
         own = [f"{quantity}.{joint}" for joint in joint_names]
         missing = [column for column in own if column not in columns]
         if missing and quantity in needed:
             alike = [column for column in columns if column.startswith(f"{quantity}.")]
-            raise ValueError(
+            raise MissingColumn(
                 f"{place}: there is no column {_listed(missing)}, which is needed; there are "
                 f"{_listed(alike or columns)}"
             )
         if missing and len(missing) < len(own):
-            raise ValueError(
+            raise MissingColumn(
                 f"{place}: no column {_listed(missing)}; the {quantity} of all joints or of none are needed"
             )
         wanted += own if not missing else []

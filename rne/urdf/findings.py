@@ -92,9 +92,11 @@ class Report:
         return [finding for finding in self.findings if finding.severity == "error"]
 
     def raise_first_error(self) -> None:
-        """Raise UrdfError for the first error, if there is one."""
+        """Raise UrdfError for the first error, if there is one, and say how many more there are."""
         for finding in self.errors:
-            raise UrdfError(str(finding).removeprefix("error: "), finding)
+            others = len(self.errors) - 1
+            more = f"; and {counted(others, 'more error')}: `rne check {near_path(self.file)}`" if others else ""
+            raise UrdfError(str(finding).removeprefix("error: ") + more, finding)
 
 
 def _line(where: Any) -> int | None:

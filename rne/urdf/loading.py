@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import sys
 from collections import Counter
@@ -15,7 +14,8 @@ from typing import TextIO
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_array
-from ..errors import ModelError
+from ..basics.text import did_you_mean
+from ..errors import ModelError, UrdfError
 from ..model.abb_irb140 import irb140
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.modify import LimitValues, with_limits
@@ -61,7 +61,8 @@ def robots() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Without example-robot-data (`pip install 'rne[robots]'`) the built-in ones alone.
+        Without example-robot-data (`pip install 'rne[robots]'`) the built-in ones alone. Files are listed unread; in
+        version 6.0.0, six have errors, such as inertias that no body has; `rne.load` says what is wrong.
 
     Examples
     --------
@@ -89,8 +90,7 @@ def resolve(source: str | os.PathLike[str]) -> Model | str:
 
 def unknown(name: str) -> str:
     """The error about a name that is neither a file nor a robot."""
-    near = [x for x in robots() if x.lower() == name.lower()] or difflib.get_close_matches(name, robots(), n=3)
-    hint = f"; did you mean {' or '.join(repr(x) for x in near)}?" if near else ""
+    hint = did_you_mean(name, robots())
     if not library():
         built_in = f"{name!r} is neither a file nor a built-in robot"
         return f"{built_in}; some 60 more, such as 'ur5', come with pip install 'rne[robots]'{hint.replace(';', ' -')}"
@@ -130,7 +130,7 @@ def load(
     Raises
     ------
     UrdfError
-        For the first error in the file, naming file, element and attribute.
+        For the first error in the file, naming file, element and attribute, and how many more there are.
     FileNotFoundError
         If it is neither a file nor a robot's name; suggests names that are near.
     ValueError
@@ -147,7 +147,14 @@ def load(
     """
     g = real_array("gravity", gravity, "(3,)")
     found = resolve(source)
-    model = replace(found, gravity=g) if isinstance(found, Model) else read_urdf(found, gravity=g)
+    try:
+        model = replace(found, gravity=g) if isinstance(found, Model) else read_urdf(found, gravity=g)
+    except UrdfError as error:
+        name = os.fspath(source)
+        if name == found:
+            raise
+        other = f"; {name + '_robot'!r} is another one" if f"{name}_robot" in library() else ""
+        raise UrdfError(f"the file of {PACKAGE} has an error: {error}{other}", error.finding) from None
     model = with_limits(model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
     return Robot(model, engine)
 

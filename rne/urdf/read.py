@@ -38,7 +38,7 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     Raises
     ------
     UrdfError
-        For the first error in the file, naming file, element and attribute.
+        For the first error in the file, naming file, element and attribute, and how many more there are.
     FileNotFoundError
         If there is no such file.
 
