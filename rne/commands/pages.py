@@ -118,7 +118,7 @@ def _start(motion: Trajectory) -> Figure:
     figure, (ax,) = column("torque [N m]", [2.1])
     lines(ax, motion.t[1:], motion.tau[1:], motion.model.joint_names if motion.model else ())
     ax.set_xscale("log")
-    ax.set_xlim(left=1e-6)
+    ax.set(xlim=(1e-6, None), xticks=[1e-6, 1e-4, 1e-2, 1])
     ax.xaxis.set_major_formatter("{x:g}")
     figure.legend(**BELOW)
     return figure
