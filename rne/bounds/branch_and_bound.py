@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from .criteria import ROUNDING, Criterion
+from .articulated import ArticulatedSearch, is_serial_chain
+from .criteria import ROUNDING, Criterion, LargestOfInverse
 from .polynomials import Box
 
 BLOCK = 8192  # positions that are tested at once
@@ -79,7 +80,11 @@ def largest(criterion: Criterion, box: Box, tolerance: float, budget: float, clo
     while upper > (1 + tolerance) * best and (began := clock.now()) < deadline:
         gap = upper / best - 1
         fraction = max(tolerance, min(fraction, 0.7 * gap))
-        search = Search(criterion, box, q, (1 + fraction) * best, clock)
+        search: Search | ArticulatedSearch
+        if isinstance(criterion, LargestOfInverse) and is_serial_chain(box):
+            search = ArticulatedSearch(criterion, box, (1 + fraction) * best, clock)
+        else:
+            search = Search(criterion, box, q, (1 + fraction) * best, clock)
         proven = search.run(began + PATIENCE * (deadline - began))
         if search.higher is not None:
             q, best = climbed(criterion.values, box.lower, box.upper, search.higher)

@@ -1,0 +1,195 @@
+"""The least eigenvalue of M of a serial chain: pivots of M - P / t by articulated inertias over boxes of positions.
+
+From the tip to the base, each pivot depends on the joints behind it alone (Featherstone 2008, 7.3). What a joint passes
+on is concave and monotone in the inertia behind it, and of degree 2 in its own angle. Over a range of the angle it is
+thus a mean of five control points (Farin 2002, ch. 13), with which the recursion goes on. No slack is needed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..basics.spatial import Array, cross_matrix
+from ..dynamics.kinematics import joint_transforms
+from .criteria import ROUNDING, LargestOfInverse
+from .polynomials import Box
+
+if TYPE_CHECKING:
+    from .branch_and_bound import Clock
+
+I, J = np.triu_indices(6)
+UNITS = np.zeros((21, 6, 6))  # of symmetric matrices
+UNITS[range(21), I, J] = UNITS[range(21), J, I] = 1
+DIAGONAL = I == J
+NODES = np.linspace(-1, 1, 5)
+WIDEST = 2 * np.pi / 3  # range of an angle
+PARTS = 8  # of the second joint's range
+HALVINGS = 20  # of each part
+LEAVES = 15_000  # that are tested at once
+NARROWEST = 1e-7
+SHARE = 0.5  # of P / t that is taken from M where its curvature is judged
+
+
+def bernstein(x: Array) -> Array:
+    """Polynomials of degree 4 that are not negative from -1 to 1 and add up to 1, shape (N, 5)."""
+    k = np.arange(5)
+    return np.asarray([1, 4, 6, 4, 1] * ((1 + x[:, None]) / 2) ** k * ((1 - x[:, None]) / 2) ** (4 - k))
+
+
+FROM_NODES = np.linalg.inv(bernstein(NODES))
+HALVES = np.stack([FROM_NODES @ bernstein((NODES + side) / 2) for side in (-1, 1)])
+
+
+def functions(x: Array, turns: bool) -> Array:
+    """What coefficients belong to: 1, cos x, sin x, cos 2 x, sin 2 x or powers, shape (..., 5)."""
+    harmonics = [np.cos(x), np.sin(x), np.cos(2 * x), np.sin(2 * x)] if turns else [x, x**2, x**3, x**4]
+    return np.stack([np.ones_like(x), *harmonics], axis=-1)
+
+
+def control_points(lower: Array, upper: Array, turns: bool) -> tuple[Array, Array]:
+    """Of the functions over ranges: control points times weights, shape (..., 5, 5), and positive weights (..., 5).
+
+    With x = middle + 2 atan(y tan(half / 2)), -1 <= y <= 1, the functions times (1 + y^2 tan(half / 2)^2)^2 are
+    polynomials of degree 4 in y.
+    """
+    half = ((upper - lower) / 2)[..., None]
+    slope = NODES * np.tan(half / 2) if turns else 0 * NODES * half
+    x = (lower + half[..., 0])[..., None] + (2 * np.arctan(slope) if turns else NODES * half)
+    weight = (1 + slope**2) ** 2
+    return FROM_NODES @ (functions(x, turns) * weight[..., None]), weight @ FROM_NODES.T
+
+
+class ArticulatedSearch:
+    """Boxes of positions that are not proven yet, for `branch_and_bound.largest`."""
+
+    def __init__(self, criterion: LargestOfInverse, box: Box, target: float, clock: Clock) -> None:
+        self.criterion, self.target, self.clock = criterion, target, clock
+        self.higher: Array | None = None
+        model, (self.middle, half) = box.model, box.joint_ranges
+        self.turns, n = model.is_revolute, model.nb
+        slides = np.where(self.turns, 0, abs(self.middle) + half)
+        length = np.linalg.norm(model.translation, axis=1).sum() + slides.sum() + np.linalg.norm(model.com, axis=1).max()
+        length = length or 1.0  # the unit of lengths, so that entries are of one size
+        self.step = np.where(self.turns, 1.0, np.where(half > 0, half, length))  # q = middle + step x
+        moments = model.moments
+        C, mass = cross_matrix(moments[1] / length), moments[0][:, None, None] * np.eye(3)
+        self.bodies = np.block([[moments[2] / length**2, C], [-C, mass]])[:, I, J]
+        self.axes = np.hstack([model.angular_axis, model.linear_axis])
+        self.columns = [UNITS @ s for s in self.axes]
+        self.rotors = model.armature - np.diag(criterion.projection) / target
+        self.rotors = self.rotors / np.where(self.turns, length, 1.0) ** 2
+        nodes = np.where(self.turns, 2 * np.pi / 5 * np.arange(5)[:, None], NODES[:, None])
+        R, p = joint_transforms(model, self.middle + self.step * nodes)
+        self.passed: list[Array] = []  # coefficients of X^T S X of each joint, shape (5, 21, 21), of the second (5, 21, 1)
+        for i in range(n):
+            back = R[i].swapaxes(1, 2)
+            X = np.block([[back, 0 * back], [-back @ cross_matrix(p[i] / length), back]])[:, None]
+            S = X.swapaxes(2, 3) @ UNITS @ X
+            values = S[..., I, J] if i != 1 else (S @ self.axes[0] @ self.axes[0])[..., None]
+            coefficients = np.linalg.solve(functions(nodes[:, i], self.turns[i]), values.reshape(5, -1))
+            self.passed.append(coefficients.reshape(values.shape))
+        parts = [np.linspace(-h, h, 1 + (int(np.ceil(2 * h / WIDEST)) if k > 1 and h > 0 and self.turns[k] else 1))
+                 for k, h in enumerate(half / self.step)]  # fmt: skip
+        ranges = [np.stack([edges[:-1], edges[1:]], axis=1) for edges in parts]
+        self.cells = np.array(list(itertools.product(*ranges)))  # ranges of x, shape (boxes, n, 2)
+
+    def run(self, deadline: float) -> bool:
+        """True if all boxes are proven, False after the deadline, if a position is `higher` or boxes get too small."""
+        cells, leaves = self.cells, 5 ** max(len(self.axes) - 2, 0)
+        at_once = max(LEAVES // leaves, 1)
+        while len(cells):
+            if self.clock.now() > deadline:
+                return False
+            now, cells = cells[-at_once:], cells[:-at_once]
+            self.clock.count(len(now) * leaves)
+            holds, place = self.holds(now)
+            failed = ~holds.all(axis=1)
+            if failed.any():
+                halves = self.halved(now[failed], ~holds[failed], place[failed])
+                if self.higher is not None or not len(halves):
+                    return False
+                cells = np.concatenate([cells, halves])
+        return True
+
+    def holds(self, cells: Array) -> tuple[Array, Array]:
+        """Whether the pivots of each leaf are positive, shape (boxes, leaves), and where the second joint is worst."""
+        lower, upper = cells[..., 0], cells[..., 1]
+        S, sound = np.tile(self.bodies[-1], (len(cells), 1, 1)), np.ones((len(cells), 1), dtype=bool)
+        size = abs(S).max(axis=-1)
+        for i in reversed(range(1, len(self.axes))):
+            u = S @ self.columns[i]
+            D = u @ self.axes[i] + self.rotors[i]
+            size = abs(S).max(axis=-1) + abs(self.rotors[i])
+            sound = sound & (D > ROUNDING * size)
+            inverse = 1 / np.where(D > 0, D, np.inf)
+            size += (u * u).sum(axis=-1) * inverse * (1 + size * inverse)
+            S = S - (u * inverse[..., None])[..., I] * u[..., J]
+            if i > 1:
+                points, weights = control_points(lower[:, i], upper[:, i], bool(self.turns[i]))
+                points = points / weights[..., None]
+                passed = np.einsum("bjm,mxy->bxjy", points, self.passed[i]).reshape(len(cells), 21, -1)
+                S = (S @ passed).reshape(len(cells), -1, 21) + self.bodies[i - 1]
+                size = abs(points).max() * abs(self.passed[i]).sum(axis=(0, 1)).max() * size
+                S[..., DIAGONAL] -= ROUNDING * np.repeat(size, 5, axis=1)[..., None]
+                sound = np.repeat(sound, 5, axis=1)
+        first = (self.bodies[0] @ self.columns[0]) @ self.axes[0]
+        P = S @ self.passed[1][..., 0].T if len(self.axes) > 1 else np.zeros((*S.shape[:2], 5))
+        size = size * (abs(self.passed[1]).sum() if len(self.axes) > 1 else 0.0) + first + abs(self.rotors[0])
+        P[..., 0] += first + self.rotors[0] - ROUNDING * size
+        k = min(1, len(self.axes) - 1)
+        return self.are_positive(P, sound, lower[:, k], upper[:, k], bool(self.turns[k]))
+
+    def are_positive(self, P: Array, sound: Array, lower: Array, upper: Array, turns: bool) -> tuple[Array, Array]:
+        """Whether polynomials of coefficients P, shape (boxes, leaves, 5), are positive, until one of a box is not."""
+        edges = np.linspace(lower, upper, PARTS + 1, axis=-1)
+        points = control_points(edges[:, :-1], edges[:, 1:], turns)[0].reshape(len(P), -1, 5)
+        v = (P @ points.swapaxes(1, 2)).reshape(*P.shape[:2], PARTS, 5)
+        negative = (v[..., [0, 4]] <= 0).any(axis=-1) & sound[..., None]  # the ends of a range are values
+        worst, holds = negative.sum(axis=1), sound & ~negative.any(axis=-1)
+        box, leaf, part = np.nonzero(~(v > 0).all(axis=-1) & holds.all(axis=1)[:, None, None])
+        v = v[box, leaf, part]
+        for _ in range(HALVINGS):
+            negative = (v[:, [0, 4]] <= 0).any(axis=1)
+            holds[box[negative], leaf[negative]] = False
+            np.add.at(worst, (box[negative], part[negative]), 1)
+            left = ~(v > 0).all(axis=1) & holds.all(axis=1)[box]
+            box, leaf, part = (np.repeat(x[left], 2) for x in (box, leaf, part))
+            v = np.einsum("sjk,nk->nsj", HALVES, v[left]).reshape(-1, 5)
+        holds[box, leaf] = False
+        k = worst.argmax(axis=1)
+        return holds, (edges[range(len(P)), k] + edges[range(len(P)), k + 1]) / 2
+
+    def halved(self, cells: Array, fails: Array, place: Array) -> Array:
+        """Halves across the joint along which M is curved most, relative to M - P / 2 t, about where leaves fail."""
+        n = len(self.axes)
+        x, radius = cells.mean(axis=2), (cells[..., 1] - cells[..., 0]) / 2
+        x[:, min(1, n - 1)] = place
+        radius[:, :2] = 0
+        fails = fails.reshape(-1, *[5] * max(n - 2, 0))
+        for k in range(2, n):
+            share = np.moveaxis(fails, n - k, 1).reshape(len(x), 5, -1).sum(axis=2)
+            x[:, k] += radius[:, k] * (share @ NODES) / share.sum(axis=1)
+        at = x[:, None] + np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * radius[:, None]
+        q = self.middle + self.step * at
+        values = self.criterion.values(q[:, 0])
+        if (values > self.target).any():
+            self.higher = q[values.argmax(), 0]
+        if self.higher is not None or radius.max(axis=1).min() < NARROWEST:
+            return cells[:0]
+        M = self.criterion.polynomial.evaluate(q.reshape(-1, n)).reshape(*q.shape, n)
+        inverse = np.linalg.inv(np.linalg.cholesky(M[:, 0] - SHARE / self.target * self.criterion.projection))[:, None]
+        bend = (M[:, 1 : n + 1] + M[:, n + 1 :]) / 2 - M[:, :1]
+        k = np.linalg.eigvalsh(inverse @ bend @ inverse.swapaxes(2, 3))[:, 2:, -1].argmax(axis=1) + 2
+        halves = np.stack([cells, cells])
+        rows = np.arange(len(k))
+        halves[0, rows, k, 1] = halves[1, rows, k, 0] = cells[rows, k].mean(axis=1)
+        return halves.reshape(-1, n, 2)
+
+
+def is_serial_chain(box: Box) -> bool:
+    """Whether each joint is mounted on the one before and mimics none."""
+    return not box.model.has_mimics and box.model.parent == tuple(range(-1, box.model.nb - 1))
+
