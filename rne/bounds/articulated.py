@@ -26,9 +26,9 @@ UNITS[range(21), I, J] = UNITS[range(21), J, I] = 1
 DIAGONAL = I == J
 NODES = np.linspace(-1, 1, 5)
 WIDEST = 2 * np.pi / 3  # range of an angle
-PARTS = 8  # of the second joint's range
+PARTS = 8
 HALVINGS = 20  # of each part
-LEAVES = 15_000  # that are tested at once
+LEAVES = 15_000
 NARROWEST = 1e-7
 SHARE = 0.5  # of P / t that is taken from M where its curvature is judged
 
@@ -63,15 +63,19 @@ def control_points(lower: Array, upper: Array, turns: bool) -> tuple[Array, Arra
 
 
 class ArticulatedSearch:
-    """Boxes of positions that are not proven yet, for `branch_and_bound.largest`."""
+    """Boxes of positions that are not proven yet, for `branch_and_bound.largest`: the time hardly depends on the target."""
 
-    def __init__(self, criterion: LargestOfInverse, box: Box, target: float, clock: Clock) -> None:
+    first, step, exponent, patience = 0.25, 0.2, 0.25, 0.9
+
+    def __init__(self, criterion: LargestOfInverse, box: Box, q: Array, target: float, clock: Clock) -> None:
         self.criterion, self.target, self.clock = criterion, target, clock
         self.higher: Array | None = None
         model, (self.middle, half) = box.model, box.joint_ranges
         self.turns, n = model.is_revolute, model.nb
         slides = np.where(self.turns, 0, abs(self.middle) + half)
-        length = np.linalg.norm(model.translation, axis=1).sum() + slides.sum() + np.linalg.norm(model.com, axis=1).max()
+        length = (
+            np.linalg.norm(model.translation, axis=1).sum() + slides.sum() + np.linalg.norm(model.com, axis=1).max()
+        )
         length = length or 1.0  # the unit of lengths, so that entries are of one size
         self.step = np.where(self.turns, 1.0, np.where(half > 0, half, length))  # q = middle + step x
         moments = model.moments
@@ -83,7 +87,9 @@ class ArticulatedSearch:
         self.rotors = self.rotors / np.where(self.turns, length, 1.0) ** 2
         nodes = np.where(self.turns, 2 * np.pi / 5 * np.arange(5)[:, None], NODES[:, None])
         R, p = joint_transforms(model, self.middle + self.step * nodes)
-        self.passed: list[Array] = []  # coefficients of X^T S X of each joint, shape (5, 21, 21), of the second (5, 21, 1)
+        self.passed: list[
+            Array
+        ] = []  # coefficients of X^T S X of each joint, shape (5, 21, 21), of the second (5, 21, 1)
         for i in range(n):
             back = R[i].swapaxes(1, 2)
             X = np.block([[back, 0 * back], [-back @ cross_matrix(p[i] / length), back]])[:, None]
@@ -116,48 +122,49 @@ class ArticulatedSearch:
 
     def holds(self, cells: Array) -> tuple[Array, Array]:
         """Whether the pivots of each leaf are positive, shape (boxes, leaves), and where the second joint is worst."""
-        lower, upper = cells[..., 0], cells[..., 1]
-        S, sound = np.tile(self.bodies[-1], (len(cells), 1, 1)), np.ones((len(cells), 1), dtype=bool)
-        size = abs(S).max(axis=-1)
+        (lower, upper), boxes = np.moveaxis(cells, 2, 0), len(cells)
+        S, sound = np.tile(self.bodies[-1][:, None], (boxes, 1, 1)), np.ones((boxes, 1), dtype=bool)
+        size = abs(S).max(axis=1)
         for i in reversed(range(1, len(self.axes))):
-            u = S @ self.columns[i]
-            D = u @ self.axes[i] + self.rotors[i]
-            size = abs(S).max(axis=-1) + abs(self.rotors[i])
+            u = self.columns[i].T @ S
+            D = self.axes[i] @ u + self.rotors[i]
+            size = abs(S).max(axis=1) + abs(self.rotors[i])
             sound = sound & (D > ROUNDING * size)
             inverse = 1 / np.where(D > 0, D, np.inf)
-            size += (u * u).sum(axis=-1) * inverse * (1 + size * inverse)
-            S = S - (u * inverse[..., None])[..., I] * u[..., J]
+            size += (u * u).sum(axis=1) * inverse * (1 + size * inverse)
+            S = S - (u * inverse[:, None])[:, I] * u[:, J]
             if i > 1:
                 points, weights = control_points(lower[:, i], upper[:, i], bool(self.turns[i]))
                 points = points / weights[..., None]
-                passed = np.einsum("bjm,mxy->bxjy", points, self.passed[i]).reshape(len(cells), 21, -1)
-                S = (S @ passed).reshape(len(cells), -1, 21) + self.bodies[i - 1]
+                passed = np.einsum("bjm,mxy->byjx", points, self.passed[i]).reshape(boxes, -1, 21)
+                S = (passed @ S).reshape(boxes, 21, -1) + self.bodies[i - 1][:, None]
                 size = abs(points).max() * abs(self.passed[i]).sum(axis=(0, 1)).max() * size
-                S[..., DIAGONAL] -= ROUNDING * np.repeat(size, 5, axis=1)[..., None]
-                sound = np.repeat(sound, 5, axis=1)
-        first = (self.bodies[0] @ self.columns[0]) @ self.axes[0]
-        P = S @ self.passed[1][..., 0].T if len(self.axes) > 1 else np.zeros((*S.shape[:2], 5))
-        size = size * (abs(self.passed[1]).sum() if len(self.axes) > 1 else 0.0) + first + abs(self.rotors[0])
-        P[..., 0] += first + self.rotors[0] - ROUNDING * size
+                S[:, DIAGONAL] -= ROUNDING * np.tile(size, 5)[:, None]
+                sound = np.tile(sound, 5)
+        first = (self.bodies[0] @ self.columns[0]) @ self.axes[0] + self.rotors[0]
+        P, size = np.zeros((boxes, 5, 1)), size + abs(first) + abs(self.rotors[0])
+        if len(self.axes) > 1:
+            P, size = self.passed[1][..., 0] @ S, size * (1 + abs(self.passed[1]).sum())
+        P[:, 0] += first - ROUNDING * size
         k = min(1, len(self.axes) - 1)
         return self.are_positive(P, sound, lower[:, k], upper[:, k], bool(self.turns[k]))
 
     def are_positive(self, P: Array, sound: Array, lower: Array, upper: Array, turns: bool) -> tuple[Array, Array]:
-        """Whether polynomials of coefficients P, shape (boxes, leaves, 5), are positive, until one of a box is not."""
+        """Whether polynomials of coefficients P, shape (boxes, 5, leaves), are positive, until one of a box is not."""
         edges = np.linspace(lower, upper, PARTS + 1, axis=-1)
-        points = control_points(edges[:, :-1], edges[:, 1:], turns)[0].reshape(len(P), -1, 5)
-        v = (P @ points.swapaxes(1, 2)).reshape(*P.shape[:2], PARTS, 5)
-        negative = (v[..., [0, 4]] <= 0).any(axis=-1) & sound[..., None]  # the ends of a range are values
-        worst, holds = negative.sum(axis=1), sound & ~negative.any(axis=-1)
-        box, leaf, part = np.nonzero(~(v > 0).all(axis=-1) & holds.all(axis=1)[:, None, None])
-        v = v[box, leaf, part]
+        points = control_points(edges[:, :-1], edges[:, 1:], turns)[0].swapaxes(1, 2).reshape(len(P), -1, 5)
+        v = (points @ P).reshape(len(P), 5, PARTS, -1)
+        negative = (v[:, [0, 4]].min(axis=1) <= 0) & sound[:, None]  # the ends of a range are values
+        worst, holds = negative.sum(axis=2), sound & ~negative.any(axis=1)
+        box, part, leaf = np.nonzero((v.min(axis=1) <= 0) & holds.all(axis=1)[:, None, None])
+        v = v[box, :, part, leaf].T
         for _ in range(HALVINGS):
-            negative = (v[:, [0, 4]] <= 0).any(axis=1)
+            negative = np.minimum(v[0], v[4]) <= 0
             holds[box[negative], leaf[negative]] = False
             np.add.at(worst, (box[negative], part[negative]), 1)
-            left = ~(v > 0).all(axis=1) & holds.all(axis=1)[box]
-            box, leaf, part = (np.repeat(x[left], 2) for x in (box, leaf, part))
-            v = np.einsum("sjk,nk->nsj", HALVES, v[left]).reshape(-1, 5)
+            left = (v.min(axis=0) <= 0) & holds.all(axis=1)[box]
+            box, part, leaf = (np.tile(x[left], 2) for x in (box, part, leaf))
+            v = np.hstack(HALVES @ v[:, left])
         holds[box, leaf] = False
         k = worst.argmax(axis=1)
         return holds, (edges[range(len(P)), k] + edges[range(len(P)), k + 1]) / 2
@@ -170,7 +177,7 @@ class ArticulatedSearch:
         radius[:, :2] = 0
         fails = fails.reshape(-1, *[5] * max(n - 2, 0))
         for k in range(2, n):
-            share = np.moveaxis(fails, n - k, 1).reshape(len(x), 5, -1).sum(axis=2)
+            share = np.moveaxis(fails, k - 1, 1).reshape(len(x), 5, -1).sum(axis=2)
             x[:, k] += radius[:, k] * (share @ NODES) / share.sum(axis=1)
         at = x[:, None] + np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * radius[:, None]
         q = self.middle + self.step * at
@@ -192,4 +199,3 @@ class ArticulatedSearch:
 def is_serial_chain(box: Box) -> bool:
     """Whether each joint is mounted on the one before and mimics none."""
     return not box.model.has_mimics and box.model.parent == tuple(range(-1, box.model.nb - 1))
-
