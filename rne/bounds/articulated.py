@@ -30,6 +30,7 @@ PARTS = 8
 HALVINGS = 20  # of each part
 LEAVES = 15_000
 NARROWEST = 1e-7
+FINE = 1000  # steps of the second joint where a box gets too narrow
 SHARE = 0.5  # of P / t that is taken from M where its curvature is judged
 
 
@@ -63,12 +64,12 @@ def control_points(lower: Array, upper: Array, turns: bool) -> tuple[Array, Arra
 
 
 class ArticulatedSearch:
-    """Boxes of positions that are not proven yet, for `branch_and_bound.largest`: the time hardly depends on the target."""
+    """Boxes of positions that are not proven yet, for `branch_and_bound.largest`."""
 
-    first, step, exponent, patience = 0.25, 0.2, 0.25, 0.9
+    first, step, exponent, patience = 0.25, 0.2, 0.25, 0.9  # the time hardly depends on the target
 
     def __init__(self, criterion: LargestOfInverse, box: Box, q: Array, target: float, clock: Clock) -> None:
-        self.criterion, self.target, self.clock = criterion, target, clock
+        self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
         self.higher: Array | None = None
         model, (self.middle, half) = box.model, box.joint_ranges
         self.turns, n = model.is_revolute, model.nb
@@ -127,10 +128,10 @@ class ArticulatedSearch:
         size = abs(S).max(axis=1)
         for i in reversed(range(1, len(self.axes))):
             u = self.columns[i].T @ S
-            D = self.axes[i] @ u + self.rotors[i]
+            pivot = self.axes[i] @ u + self.rotors[i]
             size = abs(S).max(axis=1) + abs(self.rotors[i])
-            sound = sound & (D > ROUNDING * size)
-            inverse = 1 / np.where(D > 0, D, np.inf)
+            sound = sound & (pivot > ROUNDING * size)
+            inverse = 1 / np.where(pivot > 0, pivot, np.inf)
             size += (u * u).sum(axis=1) * inverse * (1 + size * inverse)
             S = S - (u * inverse[:, None])[:, I] * u[:, J]
             if i > 1:
@@ -181,10 +182,14 @@ class ArticulatedSearch:
             x[:, k] += radius[:, k] * (share @ NODES) / share.sum(axis=1)
         at = x[:, None] + np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * radius[:, None]
         q = self.middle + self.step * at
-        values = self.criterion.values(q[:, 0])
+        tried, narrow = q[:, 0], radius.max(axis=1) < NARROWEST
+        if narrow.any():  # what fails there is a value, somewhere in the second joint's range
+            tried = np.repeat(tried[narrow][:1], FINE, axis=0)
+            tried[:, min(1, n - 1)] = np.linspace(self.box.lower, self.box.upper, FINE)[:, min(1, n - 1)]
+        values = self.criterion.values(tried)
         if (values > self.target).any():
-            self.higher = q[values.argmax(), 0]
-        if self.higher is not None or radius.max(axis=1).min() < NARROWEST:
+            self.higher = tried[values.argmax()]
+        if self.higher is not None or narrow.any():
             return cells[:0]
         M = self.criterion.polynomial.evaluate(q.reshape(-1, n)).reshape(*q.shape, n)
         inverse = np.linalg.inv(np.linalg.cholesky(M[:, 0] - SHARE / self.target * self.criterion.projection))[:, None]
