@@ -74,23 +74,19 @@ class ArticulatedSearch:
         model, (self.middle, half) = box.model, box.joint_ranges
         self.turns, n = model.is_revolute, model.nb
         slides = np.where(self.turns, 0, abs(self.middle) + half)
-        length = (
-            np.linalg.norm(model.translation, axis=1).sum() + slides.sum() + np.linalg.norm(model.com, axis=1).max()
-        )
-        length = length or 1.0  # the unit of lengths, so that entries are of one size
+        chain = np.linalg.norm(model.translation, axis=1) + slides + np.linalg.norm(model.com, axis=1)
+        length = chain.sum() or 1.0  # the unit of lengths, so that entries are of one size
         self.step = np.where(self.turns, 1.0, np.where(half > 0, half, length))  # q = middle + step x
         moments = model.moments
         C, mass = cross_matrix(moments[1] / length), moments[0][:, None, None] * np.eye(3)
         self.bodies = np.block([[moments[2] / length**2, C], [-C, mass]])[:, I, J]
         self.axes = np.hstack([model.angular_axis, model.linear_axis])
         self.columns = [UNITS @ s for s in self.axes]
-        self.rotors = model.armature - np.diag(criterion.projection) / target
-        self.rotors = self.rotors / np.where(self.turns, length, 1.0) ** 2
+        rotors = model.armature - np.diag(criterion.projection) / target
+        self.rotors: Array = rotors / np.where(self.turns, length, 1.0) ** 2
         nodes = np.where(self.turns, 2 * np.pi / 5 * np.arange(5)[:, None], NODES[:, None])
         R, p = joint_transforms(model, self.middle + self.step * nodes)
-        self.passed: list[
-            Array
-        ] = []  # coefficients of X^T S X of each joint, shape (5, 21, 21), of the second (5, 21, 1)
+        self.passed = []  # X^T S X of each joint: coefficients, shape (5, 21, 21); of the second joint (5, 21, 1)
         for i in range(n):
             back = R[i].swapaxes(1, 2)
             X = np.block([[back, 0 * back], [-back @ cross_matrix(p[i] / length), back]])[:, None]
@@ -98,8 +94,8 @@ class ArticulatedSearch:
             values = S[..., I, J] if i != 1 else (S @ self.axes[0] @ self.axes[0])[..., None]
             coefficients = np.linalg.solve(functions(nodes[:, i], self.turns[i]), values.reshape(5, -1))
             self.passed.append(coefficients.reshape(values.shape))
-        parts = [np.linspace(-h, h, 1 + (int(np.ceil(2 * h / WIDEST)) if k > 1 and h > 0 and self.turns[k] else 1))
-                 for k, h in enumerate(half / self.step)]  # fmt: skip
+        wide = np.where(self.turns & (np.arange(n) > 1), 2 * half / WIDEST, 1.0)
+        parts = [np.linspace(-h, h, 1 + max(int(np.ceil(w)), 1)) for h, w in zip(half / self.step, wide, strict=True)]
         ranges = [np.stack([edges[:-1], edges[1:]], axis=1) for edges in parts]
         self.cells = np.array(list(itertools.product(*ranges)))  # ranges of x, shape (boxes, n, 2)
 
@@ -130,8 +126,8 @@ class ArticulatedSearch:
             u = self.columns[i].T @ S
             pivot = self.axes[i] @ u + self.rotors[i]
             size = abs(S).max(axis=1) + abs(self.rotors[i])
-            sound = sound & (pivot > ROUNDING * size)
-            inverse = 1 / np.where(pivot > 0, pivot, np.inf)
+            positive = pivot > ROUNDING * size
+            sound, inverse = sound & positive, 1 / np.where(positive, pivot, np.inf)
             size += (u * u).sum(axis=1) * inverse * (1 + size * inverse)
             S = S - (u * inverse[:, None])[:, I] * u[:, J]
             if i > 1:

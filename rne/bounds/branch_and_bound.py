@@ -75,7 +75,7 @@ def largest(criterion: Criterion, box: Box, tolerance: float, budget: float, clo
     if best <= criterion.rounding(0.0):
         return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q)
     chain = isinstance(criterion, LargestOfInverse) and is_serial_chain(box)
-    kind: type[Search | ArticulatedSearch] = ArticulatedSearch if chain else Search
+    kind: Any = ArticulatedSearch if chain else Search
     upper, fraction = criterion.size + criterion.rounding(best), kind.first
     while upper > (1 + tolerance) * best and (began := clock.now()) < deadline:
         gap = upper / best - 1
