@@ -8,7 +8,7 @@ thus a mean of five control points (Farin 2002, ch. 13), with which the recursio
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from ..basics.spatial import Array, cross_matrix
 from ..dynamics.kinematics import joint_transforms
 from .criteria import ROUNDING, LargestOfInverse
 from .polynomials import Box
-
-if TYPE_CHECKING:
-    from .branch_and_bound import Clock
 
 I, J = np.triu_indices(6)
 UNITS = np.zeros((21, 6, 6))  # of symmetric matrices
@@ -68,7 +65,7 @@ class ArticulatedSearch:
 
     first, step, exponent, patience = 0.25, 0.2, 0.25, 0.9  # the time hardly depends on the target
 
-    def __init__(self, criterion: LargestOfInverse, box: Box, q: Array, target: float, clock: Clock) -> None:
+    def __init__(self, criterion: LargestOfInverse, box: Box, q: Array, target: float, clock: Any) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
         self.higher: Array | None = None
         model, (self.middle, half) = box.model, box.joint_ranges
