@@ -252,7 +252,7 @@ def test_articulated_pivots_at_a_position_are_those_of_the_matrix(seed):
     q = np.random.default_rng(seed).uniform(box.lower, box.upper, (2000, robot.n))
     values = criterion.values(q)
     search = ArticulatedSearch(criterion, box, q[0], np.median(values), Clock())
-    x = (q - search.middle) / search.step
+    x = (q - search.middle) / search.scale
     holds = search.holds(np.stack([x, x], axis=-1))[0]
     np.testing.assert_array_equal(holds.all(axis=1), values <= search.target)
     np.testing.assert_array_equal(holds.all(axis=1), holds.any(axis=1))

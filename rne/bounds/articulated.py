@@ -73,7 +73,7 @@ class ArticulatedSearch:
         slides = np.where(self.turns, 0, abs(self.middle) + half)
         chain = np.linalg.norm(model.translation, axis=1) + slides + np.linalg.norm(model.com, axis=1)
         length = chain.sum() or 1.0  # the unit of lengths, so that entries are of one size
-        self.step = np.where(self.turns, 1.0, np.where(half > 0, half, length))  # q = middle + step x
+        self.scale = np.where(self.turns, 1.0, np.where(half > 0, half, length))  # q = middle + scale x
         moments = model.moments
         C, mass = cross_matrix(moments[1] / length), moments[0][:, None, None] * np.eye(3)
         self.bodies = np.block([[moments[2] / length**2, C], [-C, mass]])[:, I, J]
@@ -82,7 +82,7 @@ class ArticulatedSearch:
         rotors = model.armature - np.diag(criterion.projection) / target
         self.rotors: Array = rotors / np.where(self.turns, length, 1.0) ** 2
         nodes = np.where(self.turns, 2 * np.pi / 5 * np.arange(5)[:, None], NODES[:, None])
-        R, p = joint_transforms(model, self.middle + self.step * nodes)
+        R, p = joint_transforms(model, self.middle + self.scale * nodes)
         self.passed = []  # X^T S X of each joint: coefficients, shape (5, 21, 21); of the second joint (5, 21, 1)
         for i in range(n):
             back = R[i].swapaxes(1, 2)
@@ -92,7 +92,7 @@ class ArticulatedSearch:
             coefficients = np.linalg.solve(functions(nodes[:, i], self.turns[i]), values.reshape(5, -1))
             self.passed.append(coefficients.reshape(values.shape))
         wide = np.where(self.turns & (np.arange(n) > 1), 2 * half / WIDEST, 1.0)
-        parts = [np.linspace(-h, h, 1 + max(int(np.ceil(w)), 1)) for h, w in zip(half / self.step, wide, strict=True)]
+        parts = [np.linspace(-h, h, 1 + max(int(np.ceil(w)), 1)) for h, w in zip(half / self.scale, wide, strict=True)]
         ranges = [np.stack([edges[:-1], edges[1:]], axis=1) for edges in parts]
         self.cells = np.array(list(itertools.product(*ranges)))  # ranges of x, shape (boxes, n, 2)
 
@@ -174,7 +174,7 @@ class ArticulatedSearch:
             share = np.moveaxis(fails, k - 1, 1).reshape(len(x), 5, -1).sum(axis=2)
             x[:, k] += radius[:, k] * (share @ NODES) / share.sum(axis=1)
         at = x[:, None] + np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * radius[:, None]
-        q = self.middle + self.step * at
+        q = self.middle + self.scale * at
         tried, narrow = q[:, 0], radius.max(axis=1) < NARROWEST
         if narrow.any():  # what fails there is a value, somewhere in the second joint's range
             tried = np.repeat(tried[narrow][:1], FINE, axis=0)
