@@ -194,6 +194,7 @@ class ArticulatedSearch:
         return halves.reshape(-1, n, 2)
 
 
-def is_serial_chain(box: Box) -> bool:
-    """Whether each joint is mounted on the one before and mimics none."""
-    return not box.model.has_mimics and box.model.parent == tuple(range(-1, box.model.nb - 1))
+def applies(criterion: Any, box: Box) -> bool:
+    """Whether it is the least eigenvalue of a chain: each joint is mounted on the one before and mimics none."""
+    least = isinstance(criterion, LargestOfInverse) and np.diag(criterion.projection).all()
+    return bool(least and not box.model.has_mimics and box.model.parent == tuple(range(-1, box.model.nb - 1)))

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from .articulated import ArticulatedSearch, is_serial_chain
-from .criteria import ROUNDING, Criterion, LargestOfInverse
+from .articulated import ArticulatedSearch, applies
+from .criteria import ROUNDING, Criterion
 from .polynomials import Box
 
 BLOCK = 8192  # positions that are tested at once
@@ -74,8 +74,7 @@ def largest(criterion: Criterion, box: Box, tolerance: float, budget: float, clo
     q, best = climbed(criterion.values, box.lower, box.upper)
     if best <= criterion.rounding(0.0):
         return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q)
-    chain = isinstance(criterion, LargestOfInverse) and is_serial_chain(box)
-    kind: Any = ArticulatedSearch if chain else Search
+    kind: Any = ArticulatedSearch if applies(criterion, box) else Search
     upper, fraction = criterion.size + criterion.rounding(best), kind.first
     while upper > (1 + tolerance) * best and (began := clock.now()) < deadline:
         gap = upper / best - 1
