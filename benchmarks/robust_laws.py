@@ -78,7 +78,8 @@ def level(law: Any) -> float:
 def largest_error(law: Any, plant: rne.Robot, size: float, force: Array, off: Array) -> Array:
     """Largest error of each joint over its bound in one motion; `off` are signs of the first errors, or zeros.
 
-    Of all s on the ellipsoid it starts with the one that is largest in the direction of `force`.
+    Of all s on the ellipsoid it starts with the one that is largest in the direction of `force`. The layer of the law
+    with rho is stiff, up to 1e5 / s without payload: an implicit method.
     """
     e = law.error_bound * off
     q_ref, qd_ref, _ = law.reference(0.0)
@@ -87,7 +88,8 @@ def largest_error(law: Any, plant: rne.Robot, size: float, force: Array, off: Ar
     s = z * np.sqrt(size / (z @ M @ z))
     motion = rne.simulate(
         rne.Scene(plant, controller=law), q_ref + e, qd_ref + s - law.bandwidth * e, SECONDS,
-        t_eval=np.linspace(0, SECONDS, 501), method="DOP853", rtol=1e-8, atol=1e-10,
+        t_eval=np.linspace(0, SECONDS, 501), method="Radau" if isinstance(law, Robust) else "DOP853",
+        rtol=1e-8, atol=1e-10,
     )  # fmt: skip
     return np.asarray(np.abs(motion.q - law.reference(motion.t[:, None])[0]).max(axis=0) / law.error_bound)
 

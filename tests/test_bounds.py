@@ -10,8 +10,9 @@ from benchmarks.bounds import ACCELERATION as ACCELERATIONS
 from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
 from benchmarks.random_robots import random_tree
+from rne.bounds.articulated import ArticulatedSearch, control_points, functions
 from rne.bounds.bounds import QUANTITIES, Terms
-from rne.bounds.branch_and_bound import climbed, short_basis
+from rne.bounds.branch_and_bound import Clock, climbed, largest, short_basis
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Norm, positive_definite
 from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
 from rne.bounds.polynomials import box_argument
@@ -203,6 +204,72 @@ def test_gravity_of_full_turns_is_attained_from_below(n, seed):
     for i in range(n):
         attained = climbed(lambda q, i=i: abs(robot.gravity_torque(q))[:, i], -turn, turn, starts=30)[1]
         assert attained <= upper[i] <= attained * (1 + GRID), i
+
+
+def random_chain(seed, n=4):
+    """Joints in random directions, one of which slides; a rotor on each."""
+    rng = np.random.default_rng(seed)
+    types = ["prismatic" if k == seed % n else "revolute" for k in range(n)]
+    A = rng.normal(size=(n, 3, 3))
+    axes, com, place = rng.normal(size=(3, n, 3))
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    inertia = 0.1 * (np.trace(A @ A.swapaxes(1, 2), axis1=1, axis2=2)[:, None, None] * np.eye(3) - A @ A.swapaxes(1, 2))
+    turns = [np.linalg.qr(a)[0] * np.sign(np.linalg.det(np.linalg.qr(a)[0])) for a in rng.normal(size=(n, 3, 3))]
+    mass, armature = rng.uniform(0.5, 2, n), rng.uniform(0, 0.02, n)
+    model = rne.model.chain(turns, 0.4 * place, mass, 0.2 * com, list(inertia), types=types, axes=axes)
+    return rne.Robot(replace(model, armature=armature, lower=np.full(n, -0.5), upper=np.full(n, 1.5)))
+
+
+def least_eigenvalue(robot, positions):
+    """Its criterion and box."""
+    box = box_argument(robot.model, positions)
+    terms = Terms(KernelCache(robot.model), box)
+    return LargestOfInverse(terms.of(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), box
+
+
+@pytest.mark.parametrize("turns", [True, False])
+def test_control_points_enclose_functions_of_a_range(turns):
+    """Any combination lies between its least and largest control point, and begins and ends at the first and last."""
+    rng = np.random.default_rng(1)
+    lower = rng.uniform(-3, 3, 500)
+    upper = lower + rng.uniform(0, 2 * np.pi / 3, 500)
+    points, weights = control_points(lower, upper, turns)
+    assert (weights > 0).all()
+    of = rng.normal(size=(500, 3 if not turns else 5))  # powers beyond the square do not occur
+    points = np.einsum("njm,nm->nj", points[..., : of.shape[1]] / weights[..., None], of)
+    x = np.linspace(lower, upper, 100, axis=1)
+    values = np.einsum("nxm,nm->nx", functions(x, turns)[..., : of.shape[1]], of)
+    np.testing.assert_allclose(values[:, [0, -1]], points[:, [0, -1]], atol=1e-12)
+    assert (values >= points.min(axis=1)[:, None] - 1e-12).all()
+    assert (values <= points.max(axis=1)[:, None] + 1e-12).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_articulated_pivots_at_a_position_are_those_of_the_matrix(seed):
+    """On boxes without width they are positive exactly if M - 1 / t is positive definite."""
+    robot = random_chain(seed)
+    criterion, box = least_eigenvalue(robot, "limits")
+    q = np.random.default_rng(seed).uniform(box.lower, box.upper, (2000, robot.n))
+    values = criterion.values(q)
+    search = ArticulatedSearch(criterion, box, q[0], np.median(values), Clock())
+    x = (q - search.middle) / search.scale
+    holds = search.holds(np.stack([x, x], axis=-1))[0]
+    np.testing.assert_array_equal(holds.all(axis=1), values <= search.target)
+    np.testing.assert_array_equal(holds.all(axis=1), holds.any(axis=1))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
+    """None of 10^5 states is outside, and what a state exceeds is refused."""
+    robot = random_chain(seed)
+    criterion, box = least_eigenvalue(robot, "limits")
+    found = largest(criterion, box, 0.05, 60.0, Clock())
+    q = np.random.default_rng(seed).uniform(box.lower, box.upper, (100_000, robot.n))
+    assert np.linalg.eigvalsh(robot.mass_matrix(q))[:, 0].min() >= 1 / found.upper
+    assert found.upper <= 1.05 * found.attained * (1 + 1e-9)
+    search = ArticulatedSearch(criterion, box, found.q, 0.999 * found.attained, Clock())
+    assert not search.run(np.inf)
+    assert criterion.values(search.higher[None]) > search.target
 
 
 def test_sliding_joints_have_no_gravity_bound_of_full_turns():

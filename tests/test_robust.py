@@ -248,6 +248,17 @@ def test_bounds_of_inertias_do_not_depend_on_the_speed_of_the_machine(arm, monke
     assert uppers() == before
 
 
+def test_what_is_not_proven_of_one_case_leaves_the_values_of_the_others(arm):
+    """A payload has smaller entries of M^-1, and no proof without a budget; those of the empty arm count."""
+    box, heavy = box_argument(arm.model, workspace(arm)), arm.with_payload(3.0).model
+    alone, both = (
+        inertia_extremes(models, box, "numpy", np.ones(arm.n), 0.1, 1) for models in ([arm.model], [arm.model, heavy])
+    )
+    assert [x.attained for x in both][1:] == [x.attained for x in alone][1:]
+    assert both[0].attained > alone[0].attained
+    assert all(pair.upper >= one.upper for pair, one in zip(both, alone, strict=True))
+
+
 def test_error_bounds_of_a_mass_are_those_of_the_formulas():
     cases = [slider(1.0), slider(4.0)]
     robust = rne.control.robust(slider(2.0), 4.0, 0.5, uniform, 1.0)

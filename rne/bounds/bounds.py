@@ -285,8 +285,8 @@ def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolera
             [Modulus(entry(M, *ij)) for ij in zip(i.tolist(), j.tolist(), strict=True)], box, tolerance, end, clock
         )
         return as_bound([found[k] for k in place.ravel()], (n, n), tolerance)
-    high = largest(Norm(M, positive=True), box, tolerance, budget / 2, clock)
-    low = largest(LargestOfInverse(M, terms.samples, np.eye(n)), box, tolerance, end - clock.now(), clock)
+    low = largest(LargestOfInverse(M, terms.samples, np.eye(n)), box, tolerance, budget / 2, clock)
+    high = largest(Norm(M, positive=True), box, tolerance, end - clock.now(), clock)
     inverse = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
     return as_bound([inverse, high], (2,), tolerance)
 
@@ -359,7 +359,9 @@ def inertia_extremes(
         scaled = M.mapped(lambda x: x * np.outer(scale, scale), scale.max() ** 2)
         criteria = [Norm(scaled, positive=True), *inverses]
         found.append(in_turns(criteria, own, tolerance, clock.now() + positions / len(models), clock))
-    return [max(extremes, key=lambda extreme: extreme.upper) for extremes in zip(*found, strict=True)]
+    most = [max(extremes, key=lambda extreme: extreme.attained) for extremes in zip(*found, strict=True)]
+    uppers = [max(extreme.upper for extreme in extremes) for extremes in zip(*found, strict=True)]
+    return [extreme._replace(upper=upper) for extreme, upper in zip(most, uppers, strict=True)]
 
 
 def as_bound(found: Sequence[Extreme], shape: tuple[int, ...], tolerance: float) -> Bound:

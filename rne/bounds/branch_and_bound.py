@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
+from .articulated import ArticulatedSearch, applies
 from .criteria import ROUNDING, Criterion
 from .polynomials import Box
 
@@ -23,10 +24,8 @@ BLOCK = 8192  # positions that are tested at once
 DENSE = 2**27  # corners of a whole grid that are held as a table of bytes
 MOST_CORNERS = 10**8  # of all cells, shared ones counted for each
 SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
-WIDEST = 1.0  # fraction at which searches begin
 FEW = 512
 CLIMB = 1e-12  # least relative gain of a step
-PATIENCE = 0.6  # part of the time left for one search
 STARTS, SAMPLES = 6, 1000
 ROUNDS = 20  # of the reduction of a basis of angles
 
@@ -75,18 +74,19 @@ def largest(criterion: Criterion, box: Box, tolerance: float, budget: float, clo
     q, best = climbed(criterion.values, box.lower, box.upper)
     if best <= criterion.rounding(0.0):
         return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q)
-    upper, fraction = criterion.size + criterion.rounding(best), WIDEST
+    kind: Any = ArticulatedSearch if applies(criterion, box) else Search
+    upper, fraction = criterion.size + criterion.rounding(best), kind.first
     while upper > (1 + tolerance) * best and (began := clock.now()) < deadline:
         gap = upper / best - 1
         fraction = max(tolerance, min(fraction, 0.7 * gap))
-        search = Search(criterion, box, q, (1 + fraction) * best, clock)
-        proven = search.run(began + PATIENCE * (deadline - began))
+        search = kind(criterion, box, q, (1 + fraction) * best, clock)
+        proven = search.run(began + kind.patience * (deadline - began))
         if search.higher is not None:
             q, best = climbed(criterion.values, box.lower, box.upper, search.higher)
         elif proven:
             upper, now = search.target, clock.now()
-            left = (deadline - now) / 2 / max(now - began, 1e-3)  # times the last search, about fraction^(-5 / 2)
-            fraction *= np.clip(left**-0.4, 0.3, 0.8) if left > 0 else 0.8
+            left = (deadline - now) / 2 / max(now - began, 1e-3)  # times the last search, about fraction^-exponent
+            fraction *= np.clip(left ** (-1 / kind.exponent), kind.step, 0.8) if left > 0 else 0.8
         elif fraction > 0.69 * gap:
             break
         else:
@@ -142,6 +142,10 @@ def short_basis(gram: Array, circle: Array) -> Array:
 
 class Search:
     """Cells of a grid that are not proven yet."""
+
+    first, step = 1.0, 0.3  # fraction at which searches begin, and least factor on it
+    exponent = 2.5  # time is about fraction^-exponent
+    patience = 0.6  # part of the time left for one search
 
     def __init__(self, criterion: Criterion, box: Box, q: Array, target: float, clock: Clock) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
