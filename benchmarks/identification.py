@@ -184,7 +184,7 @@ def tables(found: dict[str, Any], logs: dict[str, Any], faults: dict[str, Any]) 
 
 def main() -> None:
     quick = is_quick(__doc__)
-    runs, few = (4, 2) if quick else (200, 20)
+    runs, few = (4, 1) if quick else (200, 20)
     coverage = noise_on_torques(runs)
     cases = [sensors(bits, cutoff, few) for bits in ENCODERS for cutoff in (4.0, 10.0, 30.0)]
     print(noise_table(coverage), sensor_table(cases), sep="\n\n")

@@ -202,4 +202,4 @@ def test_quick_run_of_identification_finds_consistent_bodies():
     command = [sys.executable, "-m", "benchmarks.identification", "--quick"]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert "| physically consistent | 4 of 4 |" in run.stdout
-    assert run.stdout.count("| 2 of 2 |") == 9
+    assert run.stdout.count("| 1 of 1 |") == 9

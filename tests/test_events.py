@@ -287,7 +287,7 @@ def test_random_stick_slip(seed):
 
 @pytest.mark.long
 def test_many_random_throws_and_blocks():
-    for seed in range(20, 520):
+    for seed in range(20, 270):
         check_stop(seed)
-    for seed in range(4, 310):
+    for seed in range(4, 157):
         check_block(seed)

@@ -184,15 +184,15 @@ def test_animation_has_its_frames_and_moves(rod, tmp_path):
 
 @pytest.mark.long
 def test_colours_of_resting_parts_do_not_flicker(irb140, swing, tmp_path):
-    """Beside the axes stands the legend, in colours of small area that a palette per frame would not keep."""
+    """Below the axes stands the legend, in colours of small area that a palette per frame would not keep."""
     rne.plotting.animate(irb140, swing, tmp_path / "swing.gif", fps=10)
     with Image.open(tmp_path / "swing.gif") as film:
         frames = []
         for k in range(film.n_frames):
             film.seek(k)
-            frames.append(np.asarray(film.convert("RGB")).astype(int)[:, -180:])
+            frames.append(np.asarray(film.convert("RGB")).astype(int)[-60:])
     assert (np.ptp(frames, axis=0) == 0).all()
-    assert (frames[0][0, -1] == 255).all()  # white
+    assert (frames[0][-1, -1] == 255).all()  # white
     assert len(np.unique(frames[0].reshape(-1, 3), axis=0)) > 20
 
 
