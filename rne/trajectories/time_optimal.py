@@ -525,8 +525,8 @@ def fastest(
     -----
     Pham and Pham 2018 (toppra), with limits at both ends of each interval of the grid, which is set closer until they
     hold in between to 5e-4 and one of them is used to 1 %, but for intervals below 1e-5 of the duration around switches
-    from one limit to another. An average keeps them to 1e-3 at its `instants`; where a joint with Coulomb friction
-    turns, its torque was up to 5e-3 above its limit for 2 ms, in 24 random paths of the IRB 140. Limits of joints that
+    from one limit to another. An average keeps them to 1e-3 at its `instants`; between these, where a joint with
+    Coulomb friction turns around, its torque may exceed the limit by more, for some milliseconds. Limits of joints that
     mimic others are included, except those of torques. The average of s(t) over a time w stays on the path, takes w
     longer for every stop, and has continuous accelerations; where it would exceed a limit, the motion is slowed there.
 
