@@ -479,7 +479,8 @@ class FastestMotion(_ReferenceMotion):
             table.append(Row(short(joint), [*largest, f"{weight @ at:.0%}", f"{torque[k]:.3g}", f"{jerk[k]:.3g}"]))
         notes = (
             "largest share of each limit; share of the time at one; steps per ms in N m, jerk in rad/s^3 (N, m/s^3)",
-            f"-: no limit; limits hold to {2 * ACCURACY:.1%}: by so much a motion may exceed them between grid points",
+            f"-: no limit; limits hold to {2 * ACCURACY:.1%} at `instants`; between these torques of joints that "
+            "turn around may exceed them more",
         )
         return "\n".join([*lines, *aligned(table), *notes])
 
