@@ -11,11 +11,12 @@ from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
 from benchmarks.random_robots import random_tree
 from rne.bounds.articulated import ArticulatedSearch, control_points, functions
-from rne.bounds.bounds import QUANTITIES, Terms
-from rne.bounds.branch_and_bound import Clock, climbed, largest, short_basis
-from rne.bounds.criteria import Coriolis, LargestOfInverse, Norm, positive_definite
+from rne.bounds.bounds import QUANTITIES, Terms, about_first_angle, entry, torque_criteria
+from rne.bounds.branch_and_bound import Clock, Search, climbed, largest, short_basis
+from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, positive_definite
 from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
-from rne.bounds.polynomials import box_argument
+from rne.bounds.grids import ratio_on_grid, values_on_grid
+from rne.bounds.polynomials import Polynomial, box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
 from rne.model.builder import Part, assemble, pose
@@ -263,7 +264,8 @@ def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
     """None of 10^5 states is outside, and what a state exceeds is refused."""
     robot = random_chain(seed)
     criterion, box = least_eigenvalue(robot, "limits")
-    found = largest(criterion, box, 0.05, 60.0, Clock())
+    clock = Clock()
+    (found,) = largest([criterion], box, 0.05, clock.now() + 60.0, clock)
     q = np.random.default_rng(seed).uniform(box.lower, box.upper, (100_000, robot.n))
     assert np.linalg.eigvalsh(robot.mass_matrix(q))[:, 0].min() >= 1 / found.upper
     assert found.upper <= 1.05 * found.attained * (1 + 1e-9)
@@ -441,6 +443,70 @@ def test_smaller_ranges_have_smaller_bounds(arm):
     limits, circle = (arm.bounds(p, quantities=["gravity_torque"]).gravity_torque for p in ("limits", "circle"))
     assert (limits.attained <= circle.upper).all()
     assert limits.is_tight.all()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("steps", [6, 8])
+def test_grids_bound_what_lies_between_their_points(degree, steps):
+    """A peak in the middle of a cell of the grid is found to be as high as it is."""
+    number = steps * degree
+    m = degree * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    c = np.exp(-1j * m @ np.full(2, np.pi / number))[:, None] / 4  # cos d (x - pi / N) cos d (y - pi / N)
+    peak = Modulus(Polynomial(lambda q: q, c, m, 0.0 * m, 0.0 * m, np.zeros(1)))
+    everything = np.ones(4, dtype=bool)
+    values = np.concatenate(list(values_on_grid(m, c, np.array([number, number]))))
+    x = 2 * np.pi / number * np.indices((number, number)).reshape(2, -1).T
+    np.testing.assert_allclose(values, (np.exp(1j * x @ m.T) @ c).real, atol=1e-14)
+    of_grid = ratio_on_grid(peak, m, everything, np.ones(4), np.array([number, number]), Clock(), np.inf)
+    assert of_grid == pytest.approx(1, abs=1e-12)
+    assert values.max() < 0.95
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: rne.load("irb140").locked({"joint_6": 0}), lambda: mimicking(2.0), lambda: random_chain(3)]
+)
+def test_second_derivatives_are_within_what_grids_prove(make):
+    """Of torques, k_C and an entry of M, in each direction of the search, and less than sums of modes say."""
+    robot = make().mounted([0.3, 0.4, 0])
+    n, box = robot.n, box_argument(robot.model, "limits")
+    terms, rng = Terms(KernelCache(robot.model), box), np.random.default_rng(5)
+    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    torques = torque_criteria(terms, np.full(n, RATES), np.full(n, ACCELERATIONS))
+    k_C = Coriolis(dM.mapped(christoffel, 1.5 * dM.terms))
+    less = []
+    for criterion in (*torques, k_C, Modulus(entry(terms.of(rne.dynamics.mass_matrix, 2), 0, 0))):
+        search, A = Search(criterion, box, box.lower, np.inf, Clock()), criterion.polynomial
+        sums, q = search.curvatures.copy(), rng.uniform(-np.pi, np.pi, (200, n))
+        search.sharpen(np.inf)
+        turn = np.exp(1j * q @ A.frequency.T) * (A.power == 0).all(axis=1)
+        for k in np.flatnonzero(search.free):
+            second = np.tensordot(turn * (A.frequency @ search.basis)[:, k] ** 2, A.coefficients, 1).real
+            bound = search.curvatures[:, k] @ criterion.modes
+            assert criterion.moduli(second).max() <= bound * (1 + ROUNDING) or isinstance(criterion, Coriolis)
+            if isinstance(criterion, Coriolis):
+                attained = Coriolis(replace(A, evaluate=lambda q, second=second: second)).values(q)
+                assert attained.max() <= bound * (1 + ROUNDING)
+            less.append(bound / (sums[:, k] @ criterion.modes))
+    assert min(less) < 0.9
+
+
+def test_gravity_and_the_rest_are_largest_together():
+    """The parts of gravity about the first axis of a mounted arm; no torque of 10^5 states is outside of its bound."""
+    robot = rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}).mounted([0.5, 0, 0])
+    box = box_argument(robot.model, "circle")
+    q = np.random.default_rng(6).uniform(box.lower, box.upper, (100_000, 3))
+    g = entry(Terms(KernelCache(robot.model), box).of(rne.dynamics.gravity_torque, 1), 1)
+    parts = about_first_angle(g)
+    torque, mean, cosine, sine = parts.evaluate(q[:50]).T
+    angle = q[:50, 0]
+    np.testing.assert_allclose(mean + cosine * np.cos(angle) + sine * np.sin(angle), torque, atol=1e-11)
+    modes = (np.exp(1j * q[:50] @ parts.frequency.T) @ parts.coefficients).real
+    np.testing.assert_allclose(modes[:, 1:], parts.evaluate(q[:50])[:, 1:], atol=1e-11)
+    found = robot.bounds(rates=RATES, accelerations=ACCELERATIONS, quantities=["torque"]).torque
+    v, a = np.random.default_rng(7).choice([-1.0, 1.0], (2, 100_000, 3)) * [[[RATES]], [[ACCELERATIONS]]]
+    sampled_torques = abs(robot.inverse_dynamics(q, v, a)).max(axis=0)
+    assert (sampled_torques <= found.upper).all()
+    assert (sampled_torques > 0.9 * found.upper).all()
 
 
 def test_gravity_of_a_mounted_robot_depends_on_the_first_joint(arm):

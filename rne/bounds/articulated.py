@@ -68,6 +68,7 @@ class ArticulatedSearch:
     def __init__(self, criterion: LargestOfInverse, box: Box, q: Array, target: float, clock: Any) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
         self.higher: Array | None = None
+        self.began = clock.now()
         model, (self.middle, half) = box.model, box.joint_ranges
         self.turns, n = model.is_revolute, model.nb
         slides = np.where(self.turns, 0, abs(self.middle) + half)

@@ -18,7 +18,7 @@ from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
 from .branch_and_bound import Clock, Extreme, PositionCounter, largest
-from .criteria import Coriolis, Criterion, LargestOfInverse, Modulus, Norm, Torque
+from .criteria import Coriolis, LargestOfInverse, Modulus, Norm, Torque
 from .gravity import gravity_torques_of_full_turns
 from .polynomials import Box, Polynomial, box_argument, independent, polynomial
 
@@ -267,28 +267,28 @@ def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolera
     if name == "gravity_torque":
         return gravity_torques(terms, tolerance, budget)
     if name == "gravity_stiffness":
-        found = [largest(Norm(terms.of(dynamics.gravity_torque, 1, "q")), box, tolerance, budget, clock)]
-        return as_bound(found, (), tolerance)
+        k_g = Norm(terms.of(dynamics.gravity_torque, 1, "q"))
+        return as_bound(largest([k_g], box, tolerance, end, clock), (), tolerance)
     if name == "coriolis":
         dM = terms.of(dynamics.mass_matrix, 2, "q")
         c = dM.mapped(christoffel, 1.5 * np.full_like(dM.terms, dM.terms.max(initial=0.0)))
-        return as_bound([largest(Coriolis(c), box, tolerance, budget, clock)], (), tolerance)
+        return as_bound(largest([Coriolis(c)], box, tolerance, end, clock), (), tolerance)
     if name == "torque":
         criteria = torque_criteria(terms, rates, accelerations)
-        return as_bound(in_turns(criteria, box, tolerance, end, clock), (n,), tolerance)
+        return as_bound(largest(criteria, box, tolerance, end, clock), (n,), tolerance)
     M = terms.of(dynamics.mass_matrix, 2)
     if name == "mass_matrix":
         i, j = np.triu_indices(n)
         place = np.zeros((n, n), dtype=int)
         place[i, j] = place[j, i] = range(len(i))
-        found = in_turns(
-            [Modulus(entry(M, *ij)) for ij in zip(i.tolist(), j.tolist(), strict=True)], box, tolerance, end, clock
-        )
+        entries = [Modulus(entry(M, *ij)) for ij in zip(i.tolist(), j.tolist(), strict=True)]
+        found = largest(entries, box, tolerance, end, clock)
         return as_bound([found[k] for k in place.ravel()], (n, n), tolerance)
-    low = largest(LargestOfInverse(M, terms.samples, np.eye(n)), box, tolerance, budget / 2, clock)
-    high = largest(Norm(M, positive=True), box, tolerance, end - clock.now(), clock)
-    inverse = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
-    return as_bound([inverse, high], (2,), tolerance)
+    inverse = LargestOfInverse(M, terms.samples, np.eye(n))
+    (low,) = largest([inverse], box, tolerance, clock.now() + budget / 2, clock)
+    (high,) = largest([Norm(M, positive=True)], box, tolerance, end, clock)
+    low = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
+    return as_bound([low, high], (2,), tolerance)
 
 
 def entry(polynomial: Polynomial, *place: int) -> Polynomial:
@@ -298,49 +298,53 @@ def entry(polynomial: Polynomial, *place: int) -> Polynomial:
 
 def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[Torque]:
     """Of each joint k, from g_k, M_k and c_ij = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2."""
+    i, j = np.triu_indices(len(rates))
     g, M = terms.of(dynamics.gravity_torque, 1), terms.of(dynamics.mass_matrix, 2)
     dM = terms.of(dynamics.mass_matrix, 2, "q")
+    alone = not M.frequency[:, 0].any() and not dM.frequency[:, 0].any() and abs(g.frequency[:, 0]).max() == 1
+    parts = about_first_angle if alone and terms.box.circle[0] else gravity_alone
 
     def of(k: int) -> Torque:
         def symbols(x: Array) -> Array:
-            return np.asarray((x[:, k].swapaxes(1, 2) + x[:, k] - x[..., k]).reshape(len(x), -1) / 2)
+            c = (x[:, k].swapaxes(1, 2) + x[:, k] - x[..., k]) / 2
+            return np.asarray(c[:, i, j] * np.where(i == j, 1, 2))
 
-        c = dM.mapped(symbols, 1.5 * np.full(dM.terms[0].size, dM.terms.max()))
-        return Torque(entry(g, k).beside(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
+        c = dM.mapped(symbols, 3 * np.full(len(i), dM.terms.max()))
+        return Torque(parts(entry(g, k)).beside(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
 
     return [of(k) for k in range(len(rates))]
+
+
+def gravity_alone(g: Polynomial) -> Polynomial:
+    """Gravity's torque twice, and no parts."""
+    return g.mapped(lambda x: np.hstack([x, x, 0 * x, 0 * x]))
+
+
+def about_first_angle(g: Polynomial) -> Polynomial:
+    """Gravity's torque; its mean over the first angle q_1; its parts with the cosine and the sine of q_1."""
+
+    def evaluate(q: Array) -> Array:
+        first = np.arange(q.shape[1]) == 0
+        now, *around = (g.evaluate(x)[:, 0] for x in (q, *(np.where(first, a, q) for a in (0, np.pi / 2, np.pi))))
+        mean = (around[0] + around[2]) / 2
+        return np.stack([now, mean, around[0] - mean, around[1] - mean], axis=1)
+
+    turns = g.frequency[:, 0]
+    factors = np.stack([0 * turns, turns == 0, 2 * (turns > 0), 2j * (turns > 0)], axis=1)
+    frequency = g.frequency * (np.arange(g.frequency.shape[1]) > 0)
+    return replace(
+        g, evaluate=evaluate, coefficients=g.coefficients * factors, frequency=frequency, terms=g.terms * [1, 1, 2, 2]
+    )
 
 
 def gravity_torques(terms: Terms, tolerance: float, budget: float) -> Bound:
     """As for full turns where that is tight, otherwise over all positions."""
     box, clock = terms.box, Clock()
-    end = clock.now() + budget
-    g = terms.of(dynamics.gravity_torque, 1)
+    g, uppers = terms.of(dynamics.gravity_torque, 1), None
     criteria = [Modulus(entry(g, k)) for k in range(box.model.n)]
-    found = in_turns(criteria, box, tolerance, clock.now(), clock)  # attained, and bounds without search
     if not box.model.has_mimics:
-        turns = gravity_torques_of_full_turns(box.model).tolist()
-        found = [e._replace(upper=min(e.upper, turn)) for e, turn in zip(found, turns, strict=True)]
-    return as_bound(in_turns(criteria, box, tolerance, end, clock, found), (box.model.n,), tolerance)
-
-
-def in_turns(
-    criteria: Sequence[Criterion], box: Box, tolerance: float, end: float, clock: Clock, known: Sequence[Extreme] = ()
-) -> list[Extreme]:
-    """The largest values, each with its share of the budget left; what is not tight then once more."""
-    found = dict(enumerate(known))
-    for _ in range(2):
-        untight = [
-            k
-            for k in range(len(criteria))
-            if k not in found or found[k].upper > (1 + tolerance) * found[k].attained > 0
-        ]
-        for place, k in enumerate(untight):
-            share = (end - clock.now()) / (len(untight) - place)
-            if k not in found or share > 0:
-                again = largest(criteria[k], box, tolerance, share, clock)
-                found[k] = min(again, found.get(k, again), key=lambda extreme: extreme.upper)
-    return [found[k] for k in range(len(criteria))]
+        uppers = gravity_torques_of_full_turns(box.model).tolist()
+    return as_bound(largest(criteria, box, tolerance, clock.now() + budget, clock, uppers), (box.model.n,), tolerance)
 
 
 def inertia_extremes(
@@ -358,7 +362,7 @@ def inertia_extremes(
         inverses = [LargestOfInverse(M, terms.samples, np.outer(e, e)) for e in np.eye(n)]
         scaled = M.mapped(lambda x: x * np.outer(scale, scale), scale.max() ** 2)
         criteria = [Norm(scaled, positive=True), *inverses]
-        found.append(in_turns(criteria, own, tolerance, clock.now() + positions / len(models), clock))
+        found.append(largest(criteria, own, tolerance, clock.now() + positions / len(models), clock))
     most = [max(extremes, key=lambda extreme: extreme.attained) for extremes in zip(*found, strict=True)]
     uppers = [max(extreme.upper for extreme in extremes) for extremes in zip(*found, strict=True)]
     return [extreme._replace(upper=upper) for extreme, upper in zip(most, uppers, strict=True)]

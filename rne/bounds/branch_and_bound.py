@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from ..basics.spatial import Array
 from .articulated import ArticulatedSearch, applies
 from .criteria import ROUNDING, Criterion
+from .grids import groups, ratio_on_grid
 from .polynomials import Box
 
 BLOCK = 8192  # positions that are tested at once
@@ -27,6 +28,11 @@ SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
 FEW = 512
 CLIMB = 1e-12  # least relative gain of a step
 STARTS, SAMPLES = 6, 1000
+WORTH_GRIDS = 1e5  # corners expected
+LITTLE = 0.1  # of a curvature: what is not worth a grid
+CLOSE = 1.2  # times the tolerance: what is searched for at the tolerance itself
+USELESS = 1e3  # a fraction that is not exceeded
+SHORTEST = 1e-3  # time of a search
 ROUNDS = 20  # of the reduction of a basis of angles
 
 
@@ -65,33 +71,80 @@ class Extreme(NamedTuple):
     q: Array
 
 
-def largest(criterion: Criterion, box: Box, tolerance: float, budget: float, clock: Clock) -> Extreme:
-    """The largest value, proven within ever smaller fractions of the one attained, to `tolerance` within the budget.
+class Proof:
+    """The largest value, proven within ever smaller fractions of the one attained, down to `tolerance`.
 
     Where what is attained is within the rounding of 0, it is called 0.
     """
-    deadline = clock.now() + budget
-    q, best = climbed(criterion.values, box.lower, box.upper)
-    if best <= criterion.rounding(0.0):
-        return Extreme(0.0, criterion.size + criterion.rounding(0.0), 0.0, q)
-    kind: Any = ArticulatedSearch if applies(criterion, box) else Search
-    upper, fraction = criterion.size + criterion.rounding(best), kind.first
-    while upper > (1 + tolerance) * best and (began := clock.now()) < deadline:
-        gap = upper / best - 1
-        fraction = max(tolerance, min(fraction, 0.7 * gap))
-        search = kind(criterion, box, q, (1 + fraction) * best, clock)
-        proven = search.run(began + kind.patience * (deadline - began))
+
+    def __init__(self, criterion: Criterion, box: Box, tolerance: float, clock: Clock, upper: float = np.inf) -> None:
+        self.criterion, self.box, self.tolerance, self.clock = criterion, box, tolerance, clock
+        self.kind: Any = ArticulatedSearch if applies(criterion, box) else Search
+        self.q, self.best = climbed(criterion.values, box.lower, box.upper)
+        self.vanishes = self.best <= criterion.rounding(0.0)
+        self.upper = min(upper, criterion.size + criterion.rounding(0.0 if self.vanishes else self.best))
+        self.fraction, self.cost, self.fails = self.kind.first, 0.0, self.vanishes
+
+    @property
+    def gap(self) -> float:
+        """upper / attained - 1."""
+        return self.upper / self.best - 1
+
+    @property
+    def is_open(self) -> bool:
+        """Whether another search may prove more."""
+        return not self.fails and self.upper > (1 + self.tolerance) * self.best
+
+    @property
+    def extreme(self) -> Extreme:
+        """What is proven by now."""
+        if self.vanishes:
+            return Extreme(0.0, self.upper, 0.0, self.q)
+        return Extreme(self.best - self.criterion.rounding(self.best), self.upper, self.best, self.q)
+
+    def step(self, seconds: float) -> None:
+        """One search of so many seconds of the clock; what it took says which fraction comes next."""
+        fraction = min(self.fraction, 0.7 * self.gap)
+        fraction = self.tolerance if fraction < CLOSE * self.tolerance else fraction
+        search = self.kind(self.criterion, self.box, self.q, (1 + fraction) * self.best, self.clock)
+        end = self.clock.now() + seconds
+        proven = search.run(end)
+        left = max(end - self.clock.now(), 0.0)
         if search.higher is not None:
-            q, best = climbed(criterion.values, box.lower, box.upper, search.higher)
+            self.q, self.best = climbed(self.criterion.values, self.box.lower, self.box.upper, search.higher)
         elif proven:
-            upper, now = search.target, clock.now()
-            left = (deadline - now) / 2 / max(now - began, 1e-3)  # times the last search, about fraction^-exponent
-            fraction *= np.clip(left ** (-1 / kind.exponent), kind.step, 0.8) if left > 0 else 0.8
-        elif fraction > 0.69 * gap:
-            break
+            last = max(self.clock.now() - search.began, SHORTEST)
+            factor = max(search.patience * left / last, 1) ** (-1 / search.exponent)
+            factor = min(max(factor, search.step), 0.9)
+            self.upper, self.fraction, self.cost = search.target, fraction * factor, last * factor**-search.exponent
+        elif fraction > min(0.69 * self.gap, USELESS):
+            self.fails, self.cost = left > 0, 2 * seconds
         else:
-            fraction = min(4 * fraction, np.sqrt(fraction * gap))
-    return Extreme(best - criterion.rounding(best), upper, best, q)
+            self.fraction = min(4 * fraction, float(np.sqrt(fraction * self.gap)))
+
+
+def largest(
+    criteria: Sequence[Criterion],
+    box: Box,
+    tolerance: float,
+    end: float,
+    clock: Clock,
+    uppers: Sequence[float] | None = None,
+) -> list[Extreme]:
+    """The largest values of criteria, until the clock shows `end`; known `uppers` are where to begin.
+
+    The least tight comes first, of those whose next search fits a share of the time, then of those that fit at all.
+    """
+    known = [np.inf] * len(criteria) if uppers is None else uppers
+    proofs = [Proof(c, box, tolerance, clock, upper) for c, upper in zip(criteria, known, strict=True)]
+    while (open_ones := [proof for proof in proofs if proof.is_open]) and (left := end - clock.now()) > 0:
+        share = left / len(open_ones)
+        able = [p for p in open_ones if p.cost <= share] or [p for p in open_ones if p.cost <= left]
+        if not able:
+            break
+        worst = max(able, key=lambda proof: proof.gap)
+        worst.step(share if worst.cost <= share else left)
+    return [proof.extreme for proof in proofs]
 
 
 def climbed(
@@ -143,22 +196,24 @@ def short_basis(gram: Array, circle: Array) -> Array:
 class Search:
     """Cells of a grid that are not proven yet."""
 
-    first, step = 1.0, 0.3  # fraction at which searches begin, and least factor on it
-    exponent = 2.5  # time is about fraction^-exponent
-    patience = 0.6  # part of the time left for one search
+    first = 1.0  # fraction at which searches begin
+    patience = 0.7  # part of the time left that the next search shall take
 
     def __init__(self, criterion: Criterion, box: Box, q: Array, target: float, clock: Clock) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
+        self.step, self.exponent = criterion.foresight
+        self.best = float(criterion.values(q[None])[0])
+        self.began = 0.0
         self.radius = (box.upper - box.lower) / 2
         polynomial, share = criterion.polynomial, criterion.importance(q)
         self.basis = short_basis(
             np.einsum("m,mi,mj->ij", share, polynomial.frequency, polynomial.frequency), box.circle
         )
+        self.share = share
         slope, self.curvatures = polynomial.derivatives(self.basis)
         # A coordinate on which A hardly depends stays at its middle, at the cost of its slope times the half width.
         cost = share @ slope * self.radius
         self.free = cost > SMALL * share.sum()
-        self.curvature = np.where(self.free, share @ self.curvatures, -1.0)
         self.fixed_weights = ROUNDING + slope @ np.where(self.free, 0.0, self.radius)
         self.counts = np.ones(len(self.radius), dtype=np.int64)
         self.cells = np.zeros((1, len(self.radius)), dtype=np.int64)
@@ -172,6 +227,9 @@ class Search:
 
     def run(self, deadline: float) -> bool:
         """True if all cells are proven, False after the deadline or if a position is `higher`."""
+        if self.criterion.has_ratios and self.corners_expected() > WORTH_GRIDS:
+            self.sharpen(deadline)
+        self.began = self.clock.now()
         while self.prove(deadline):
             if not len(self.cells):
                 return True
@@ -179,6 +237,35 @@ class Search:
                 return False
             self.halve()
         return False
+
+    @property
+    def curvature(self) -> Array:
+        """What the slack owes to each coordinate, times 2 / r^2."""
+        return np.where(self.free, self.share @ self.curvatures, -1.0)
+
+    def corners_expected(self) -> float:
+        """Of cells with slacks as large as the gap, all over the box."""
+        terms = self.free.sum() * self.curvature * self.radius**2 / (2 * (self.target - self.best))
+        return float(np.sqrt(np.maximum(terms, 1)).prod())
+
+    def sharpen(self, deadline: float) -> None:
+        """Take what grids prove of second derivatives in place of sums of modes, if there is time."""
+        criterion, known = self.criterion, self.criterion.ratios
+        frequency = criterion.polynomial.frequency @ self.basis
+        parts = groups(criterion.polynomial, frequency, self.share, criterion.seen[0].size)
+        for number, (on, steps) in enumerate(parts):
+            matters = self.share[on] @ self.curvatures[on] > LITTLE * self.curvature
+            places = np.flatnonzero(self.free & matters).tolist()
+            for place, k in enumerate(places):
+                weights = self.curvatures[on, k]
+                time = (deadline - self.clock.now()) / (len(places) - place)
+                ratio = known.get((number, k)) or ratio_on_grid(
+                    criterion, frequency[on], on, weights, steps, self.clock, time
+                )
+                if ratio is None:
+                    return
+                known[number, k] = ratio
+                self.curvatures[on, k] = weights * ratio
 
     def halve(self) -> None:
         """Halve the cells along the coordinate that the slack owes most to."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from .polynomials import Polynomial
 # Of the terms added: what recursions (20 eps), coefficients and pivots of matrices up to order 36 may err by.
 ROUNDING = 2000 * float(np.finfo(float).eps)
 
+AT_ONCE = 500  # arrays of which the norm is found
 ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigenvalue
 
 
@@ -35,6 +36,9 @@ class Criterion:
     """The largest value of a convex function phi of a polynomial array A(q)."""
 
     polynomial: Polynomial
+    ratios: dict[tuple[int, int], float] = field(default_factory=dict, init=False)  # known, of groups and coordinates
+    has_ratios: ClassVar[bool] = True
+    foresight: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least factor on the next gap; time is about gap^-exponent
 
     def values(self, q: Array) -> Array:
         """Values attained at positions, shape (N,)."""
@@ -47,7 +51,20 @@ class Criterion:
     @cached_property
     def modes(self) -> Array:
         """What bounds the real part of a mode times any phase: phi of its modulus, shape (modes,)."""
+        return self.moduli(self.polynomial.coefficients)
+
+    def moduli(self, arrays: Array) -> Array:
+        """A bound of phi of the real part of each array times any phase, shape (N,)."""
         raise NotImplementedError
+
+    @cached_property
+    def seen(self) -> Array:
+        """What `ratio` needs of the coefficients."""
+        return self.polynomial.coefficients
+
+    def ratio(self, arrays: Array, on: Array, weights: Array, known: float) -> float:
+        """The largest phi of arrays over the weighted sum of the modes `on`, or `known` if that is larger."""
+        return max(known, float(self.moduli(arrays).max() / (weights @ self.modes[on])))
 
     def slack(self, weights: Array) -> Any:
         """A bound of the sum of modes, each times a number of modulus at most its weight (modes,)."""
@@ -78,9 +95,8 @@ class Modulus(Criterion):
     def values(self, q: Array) -> Array:
         return np.asarray(np.linalg.norm(self.polynomial.evaluate(q), axis=1))
 
-    @cached_property
-    def modes(self) -> Array:
-        return np.asarray(np.linalg.norm(self.polynomial.coefficients, axis=1))
+    def moduli(self, arrays: Array) -> Array:
+        return np.asarray(np.linalg.norm(arrays, axis=1))
 
 
 @dataclass
@@ -92,6 +108,8 @@ class Norm(Criterion):
     """
 
     positive: bool = field(default=False, kw_only=True)
+    has_ratios: ClassVar[bool] = False  # sums of matrices are close to what grids show
+    foresight: ClassVar[tuple[float, float]] = (0.14, 1.75)
 
     def values(self, q: Array) -> Array:
         return np.asarray(abs(np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, [0, -1]]).max(axis=1))
@@ -191,11 +209,15 @@ class Coriolis(Criterion):
         if slack >= target:
             return np.zeros(len(q), dtype=bool)
         c, room = self.polynomial.evaluate(q), (target - slack) ** 2
-        n, (i, j, weight) = c.shape[-1], self._pairs
-        rows = c[:, i, j] * weight[:, None]
-        holds = positive_definite(room * np.eye(n) - np.swapaxes(rows, 1, 2) @ rows)  # for all matrices, not v v^T only
+        rows, (i, _, _) = self._rows(c), self._pairs
+        holds = positive_definite(room * np.eye(c.shape[-1]) - np.swapaxes(rows, 1, 2) @ rows)
         holds[~holds] = positive_definite(room * np.eye(len(i)) - self._form(c[~holds]))
         return holds
+
+    def _rows(self, c: Array) -> Array:
+        """c_ijk of i <= j, with weights: its largest singular value is that for all matrices, not v w^T only."""
+        i, j, weight = self._pairs
+        return np.asarray(c[:, i, j] * weight[:, None])
 
     def _form(self, c: Array) -> Array:
         """The symmetric matrix of |c_ijk v_i v_j|^2 on the products v_i v_j, i <= j, with weights: of unit length."""
@@ -206,19 +228,36 @@ class Coriolis(Criterion):
         places = [np.ravel_multi_index(p, (n,) * 4) for p in ((I, J, i, j), (I, i, J, j), (I, j, J, i))]
         return np.asarray((T[:, places[0]] + T[:, places[1]] + T[:, places[2]]) * (np.outer(weight, weight) / 3))
 
-    @cached_property
-    def modes(self) -> Array:
-        parts = np.array_split(self.polynomial.coefficients, 1 + len(self.polynomial.coefficients) // 1000)
+    def moduli(self, arrays: Array) -> Array:
+        parts = np.array_split(arrays, 1 + len(arrays) // 1000)
         squares = [np.linalg.eigvalsh(self._form(part))[:, -1] for part in parts]
         return np.asarray(np.sqrt(np.maximum(np.concatenate(squares), 0)))
+
+    @cached_property
+    def seen(self) -> Array:
+        return self._rows(self.polynomial.coefficients)
+
+    def ratio(self, arrays: Array, on: Array, weights: Array, known: float) -> float:
+        """Of the largest singular values of rows; the Frobenius norm, which is larger, says where to look."""
+        size = float(weights @ self.modes[on])
+        frobenius = np.linalg.norm(arrays, axis=(1, 2)) / size
+        order = np.argsort(-frobenius)
+        for part in np.array_split(order, 1 + len(order) // AT_ONCE):
+            if frobenius[part[0]] <= known:
+                break
+            squares = np.linalg.eigvalsh(arrays[part].swapaxes(1, 2) @ arrays[part])[:, -1]
+            known = max(known, float(np.sqrt(squares.max())) / size)
+        return known
 
 
 @dataclass
 class Torque(Criterion):
-    """The largest torque of a joint under bounds of rates and accelerations; A = (g, a row of M, c_ij of the joint).
+    """The largest torque of a joint under bounds of rates and accelerations.
 
-    M qdd is largest at +-accelerations. The quadratic form of the rates is convex in each rate where its diagonal is
-    not negative: with the negative part left out it is largest at +-rates.
+    A = (gravity, M_k, C_k): gravity's torque at q, for `values` only, and a, b, c of g = a + b cos q_1 + c sin q_1
+    where nothing else depends on q_1, otherwise g, 0, 0; row k of M; the factors of v_i v_j, i <= j. Over a full turn b
+    and c add (b^2 + c^2)^1/2. M qdd is largest at +-accelerations. The quadratic form of the rates is convex in each rate
+    where its diagonal is not negative: with the negative part left out it is largest at +-rates.
     """
 
     rates: Array
@@ -227,26 +266,29 @@ class Torque(Criterion):
     @cached_property
     def error(self) -> float:
         """A bound of the rounding of the torque."""
-        g, inertial, c = self._parts(self.polynomial.terms[None])
-        return ROUNDING * float(g[0, 0] + inertial[0] + c.sum() * self.rates.max(initial=0.0) ** 2)
+        g, fixed, c = self._parts(self.polynomial.terms[None])
+        return ROUNDING * float(g[0, 0] + fixed[0] + c.sum() * self.rates.max(initial=0.0) ** 2)
 
     @cached_property
     def _products(self) -> Array:
-        """Products of the rates at half of the corners of their box, shape (n^2, 2^(n - 1))."""
+        """Products of the rates i <= j at half of the corners of their box, shape (n (n + 1) / 2, 2^(n - 1))."""
         signs = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1)))) * self.rates
-        return np.asarray(np.einsum("si,sj->ijs", signs, signs).reshape(-1, len(signs)))
+        i, j = np.triu_indices(len(self.rates))
+        return np.asarray((signs[:, i] * signs[:, j]).T)
 
     def _parts(self, A: Array) -> tuple[Array, Array, Array]:
-        n = len(self.rates)
-        return A[:, :1], abs(A[:, 1 : n + 1]) @ self.accelerations, A[:, n + 1 :]
+        """a, what is added whatever the rates are, and C_k."""
+        inertial, c = A[:, 4 : len(self.rates) + 4], A[:, len(self.rates) + 4 :]
+        return A[:, 1:2], np.linalg.norm(A[:, 2:4], axis=1) + abs(inertial) @ self.accelerations, c
 
     def values(self, q: Array) -> Array:
-        g, inertial, c = self._parts(self.polynomial.evaluate(q))
-        return np.asarray(inertial + abs(g + c @ self._products).max(axis=1))
+        A = self.polynomial.evaluate(q)
+        _, inertial, c = self._parts(A * (np.arange(A.shape[1]) > 3))
+        return np.asarray(inertial + abs(A[:, :1] + c @ self._products).max(axis=1))
 
     def holds(self, q: Array, target: float, slack: float) -> Array:
-        g, inertial, c = self._parts(self.polynomial.evaluate(q))
-        room = target - slack - inertial
+        g, fixed, c = self._parts(self.polynomial.evaluate(q))
+        room = target - slack - fixed
         holds = abs(g[:, 0]) + abs(c) @ abs(self._products[:, 0]) <= room  # without cancellation
         rest, squares = self._rest(g[~holds], c[~holds])
         high = rest.max(axis=1) + np.maximum(squares, 0).sum(axis=1)
@@ -256,11 +298,11 @@ class Torque(Criterion):
 
     def _rest(self, g: Array, c: Array) -> tuple[Array, Array]:
         """Gravity and products of different rates at the corners, and the terms of squared rates."""
-        squares = c[:, :: len(self.rates) + 1] * self.rates**2
+        i, j = np.triu_indices(len(self.rates))
+        squares = c[:, i == j] * self.rates**2
         return g + c @ self._products - squares.sum(axis=1)[:, None], squares
 
-    @cached_property
-    def modes(self) -> Array:
-        g, inertial, c = self._parts(self.polynomial.coefficients)
+    def moduli(self, arrays: Array) -> Array:
+        g, fixed, c = self._parts(arrays)
         rest, squares = self._rest(g, c)
-        return np.asarray(inertial + abs(rest).max(axis=1) + abs(squares).sum(axis=1))
+        return np.asarray(fixed + abs(rest).max(axis=1) + abs(squares).sum(axis=1))
