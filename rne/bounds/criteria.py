@@ -256,8 +256,8 @@ class Torque(Criterion):
 
     A = (gravity, M_k, C_k): gravity's torque at q, for `values` only, and a, b, c of g = a + b cos q_1 + c sin q_1
     where nothing else depends on q_1, otherwise g, 0, 0; row k of M; the factors of v_i v_j, i <= j. Over a full turn b
-    and c add (b^2 + c^2)^1/2. M qdd is largest at +-accelerations. The quadratic form of the rates is convex in each rate
-    where its diagonal is not negative: with the negative part left out it is largest at +-rates.
+    and c add (b^2 + c^2)^1/2. M qdd is largest at +-accelerations. The quadratic form of the rates is convex in each
+    rate where its diagonal is not negative: with the negative part left out it is largest at +-rates.
     """
 
     rates: Array
