@@ -219,7 +219,7 @@ def rows(results: dict[str, Any]) -> list[list[str]]:
 
 def picture(proofs: dict[str, Any], samples: dict[str, Any]) -> Any:
     """What samples reach of the proven bounds, over their number."""
-    figure = blank_figure(9.0, 3.6)
+    figure = blank_figure(9.0, 4.0)
     labels = ("gravity torque", "k_g", "largest eigenvalue of M", "k_C", "torque")
     names = dict(zip((q for q in QUANTITIES if q != "mass_matrix"), labels, strict=True))
     chosen = [name for name in CHART if name in proofs and "samples" in samples.get(name, {}).get("circle", {})]
@@ -237,7 +237,7 @@ def picture(proofs: dict[str, Any], samples: dict[str, Any]) -> Any:
         axes.set(title=arm_name, xlabel="random states", ylim=(None, 1.03))
         axes.grid(alpha=0.3)
     figure.axes[0].set_ylabel("largest value / proven bound")
-    figure.axes[-1].legend(fontsize=8, loc="center right")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9)
     return figure
 
 
@@ -309,7 +309,7 @@ def main() -> None:
                     here["samples"] = now
                     if not quick:
                         keep("bounds_samples.json", name, one)
-            if not quick and one[positions]:
+            if not quick and here and {"samples", "searches"} & set(given.parts):
                 keep("bounds_samples.json", name, one)
         print(name, flush=True)
     proofs = proofs if quick else kept("bounds.json")
