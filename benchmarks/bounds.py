@@ -34,7 +34,7 @@ LOCKED = ("finger", "gripper", "Gripper")
 RATE, ACCELERATION = 3.0, 10.0  # of every joint [rad/s, rad/s^2]
 BUDGETS = {  # of at most six joints and of seven [s]
     "gravity_torque": (5, 5),
-    "gravity_stiffness": (5, 20),
+    "gravity_stiffness": (20, 20),
     "mass_matrix": (30, 60),
     "mass_eigenvalues": (30, 60),
     "coriolis": (30, 60),

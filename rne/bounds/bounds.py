@@ -285,7 +285,7 @@ def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolera
         found = largest(entries, box, tolerance, end, clock)
         return as_bound([found[k] for k in place.ravel()], (n, n), tolerance)
     inverse = LargestOfInverse(M, terms.samples, np.eye(n))
-    (high,) = largest([Norm(M, positive=True)], box, tolerance, clock.now() + budget / 2, clock)
+    (high,) = largest([Norm(M, positive=True)], box, tolerance, clock.now() + 2 / 3 * budget, clock)
     (low,) = largest([inverse], box, tolerance, end, clock)
     low = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
     return as_bound([low, high], (2,), tolerance)
