@@ -127,6 +127,13 @@ def test_coriolis_of_a_two_link_arm():
     assert bound.is_tight
 
 
+def test_coriolis_of_a_polar_arm_is_not_at_a_saddle():
+    """C(q, v) v = a (2 v1 v2, -v1^2): a at v = (1, 0), which no small step leaves, 2 / 3^(1/2) a at v1^2 = 2 / 3."""
+    bound = polar_arm().bounds("limits", quantities=["coriolis"], tolerance=0.01).coriolis
+    np.testing.assert_allclose(bound.attained, 2 / np.sqrt(3) * M2 * (0.9 + C2), rtol=1e-6)  # of five steps
+    assert bound.is_tight
+
+
 def test_samples_and_searches_of_an_arm_are_inside(arm, of_arm):
     rng = np.random.default_rng(1)
     q = rng.uniform(-np.pi, np.pi, (100_000, arm.n))
