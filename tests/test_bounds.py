@@ -127,6 +127,13 @@ def test_coriolis_of_a_two_link_arm():
     assert bound.is_tight
 
 
+def test_coriolis_of_a_polar_arm_is_not_at_a_saddle():
+    """C(q, v) v = a (2 v1 v2, -v1^2): a at v = (1, 0), which no small step leaves, 2 / 3^(1/2) a at v1^2 = 2 / 3."""
+    bound = polar_arm().bounds("limits", quantities=["coriolis"], tolerance=0.01).coriolis
+    np.testing.assert_allclose(bound.attained, 2 / np.sqrt(3) * M2 * (0.9 + C2), rtol=1e-6)  # of five steps
+    assert bound.is_tight
+
+
 def test_samples_and_searches_of_an_arm_are_inside(arm, of_arm):
     rng = np.random.default_rng(1)
     q = rng.uniform(-np.pi, np.pi, (100_000, arm.n))
@@ -319,6 +326,9 @@ def test_modes_bound_values_and_derivatives(make):
         (terms.of(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
     ):
         np.testing.assert_allclose(A.evaluate(q), function(q), atol=1e-12)
+        if not A.power.any():
+            sums = np.tensordot(np.exp(1j * q @ A.frequency.T), A.coefficients, 1).real
+            np.testing.assert_allclose(sums, A.evaluate(q), atol=1e-11)
         size, (slopes, curvatures) = abs(A.coefficients), A.derivatives(np.eye(robot.n))
         assert (abs(function(q)) <= size.sum(axis=0) * (1 + ROUNDING) + 1e-15).all()
         for k, e in enumerate(np.eye(robot.n)):
@@ -394,6 +404,22 @@ def test_a_sliding_joint_has_its_range():
     np.testing.assert_allclose(found.gravity_torque.upper[1], M2 * G, rtol=2e-6)
     with pytest.raises(ValueError, match=r"bounds need a range of 'joint_2', which slides; give `positions`"):
         polar_arm(upper=np.inf).bounds()
+
+
+def test_a_sliding_joint_that_is_held_leaves_a_pendulum():
+    """A range of no width, and one so narrow that its inverse square is not a number."""
+    for width in (0.0, 1e-160):
+        found = polar_arm().bounds(([-9, 0.0], [9, width]), quantities=["gravity_stiffness"]).gravity_stiffness
+        assert found.is_tight
+        held = polar_arm().kernel(rne.dynamics.gravity_torque, "q")(
+            np.array([[x, 0.0] for x in np.linspace(0, 7, 1000)])
+        )
+        assert np.linalg.norm(held, 2, axis=(1, 2)).max() <= found.upper
+
+
+def test_a_robot_without_joints_is_refused():
+    with pytest.raises(ValueError, match=r"bounds need a robot that moves, '.*' has no joints"):
+        two_link().locked({"joint_1": 0, "joint_2": 0}).bounds()
 
 
 @pytest.mark.parametrize(

@@ -165,6 +165,8 @@ def robot_bounds(
 ) -> Bounds:
     """`Robot.bounds` of the robot of a kernel cache."""
     model, joints = cache.model, list(cache.model.independent_joints)
+    if not joints:
+        raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
     tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
     limits = {"rates": (rates, model.velocity_limit), "accelerations": (accelerations, model.acceleration_limit)}
     speeds, changes = (

@@ -191,9 +191,15 @@ class Coriolis(Criterion):
         return i, j, np.where(i == j, 1.0, np.sqrt(2))
 
     def values(self, q: Array) -> Array:
-        """By turns u = C(q, v) v / |C(q, v) v| and v, the eigenvector of u^T C(q, v) v: the value does not decrease."""
+        """The larger of two searches: the first direction of c may be a saddle, where a search makes no step."""
         c = self.polynomial.evaluate(q)
-        v = np.linalg.eigh(np.einsum("nijk,nljk->nil", c, c))[1][:, :, -1]
+        sizes, directions = np.linalg.eigh(np.einsum("nijk,nljk->nil", c, c))
+        every = (directions @ np.sqrt(np.maximum(sizes, 0))[..., None]).squeeze(-1)
+        every /= np.maximum(np.linalg.norm(every, axis=1), np.finfo(float).tiny)[:, None]
+        return np.maximum(self._searched(c, directions[:, :, -1]), self._searched(c, every))
+
+    def _searched(self, c: Array, v: Array) -> Array:
+        """By turns u = C(q, v) v / |C(q, v) v| and v, the eigenvector of u^T C(q, v) v: the value does not decrease."""
         for _ in range(5):
             u = self._torque(c, v)
             u /= np.maximum(np.linalg.norm(u, axis=1), np.finfo(float).tiny)[:, None]

@@ -21,6 +21,7 @@ from ..model.model import Model
 
 Map = Callable[[Array], Array]
 MOST_SAMPLES = 2_000_000
+NARROW = 1e-150  # half width of a sliding joint's range below which its inverse square is not a number
 
 
 @dataclass(frozen=True)
@@ -139,9 +140,11 @@ def polynomial(kernel: Kernel, box: Box, degree: int, reduced: Callable[[Array, 
     """The polynomial of a kernel of the `independent` model; `reduced` by G goes from joints to coordinates."""
     model, G = box.model, box.model.coordinate_map
     modes, coefficients = _modes(kernel, box, degree)
-    half = np.where(model.is_revolute, 1.0, np.maximum(box.joint_ranges[1], np.finfo(float).tiny))
+    half = np.where(model.is_revolute, 1.0, np.maximum(box.joint_ranges[1], NARROW))
     powers = np.where(model.is_revolute, 0.0, modes)
-    frequency = np.where(model.is_revolute, modes, 0.0) @ G
+    turns = modes - powers
+    frequency, phase = turns @ G, turns @ model.offset
+    coefficients = (coefficients.T * np.exp(1j * phase)).T  # of angles of joints, G q + offset
     of_powers = powers @ abs(G / half[:, None]), powers @ (G / half[:, None]) ** 2
 
     def evaluate(q: Array) -> Array:
