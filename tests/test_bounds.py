@@ -503,7 +503,7 @@ def test_second_derivatives_are_within_what_grids_prove(make):
     for criterion in (*torques, k_C, Modulus(entry(terms.of(rne.dynamics.mass_matrix, 2), 0, 0))):
         search, A = Search(criterion, box, box.lower, np.inf, Clock()), criterion.polynomial
         sums, q = search.curvatures.copy(), rng.uniform(-np.pi, np.pi, (200, n))
-        search.sharpen(np.inf)
+        search.use_grids(np.inf)
         turn = np.exp(1j * q @ A.frequency.T) * (A.power == 0).all(axis=1)
         for k in np.flatnonzero(search.free):
             second = np.tensordot(turn * (A.frequency @ search.basis)[:, k] ** 2, A.coefficients, 1).real

@@ -28,11 +28,11 @@ SMALL = 1e-14  # of the sum of modes: what leaving a coordinate out may cost
 FEW = 512
 CLIMB = 1e-12  # least relative gain of a step
 STARTS, SAMPLES = 6, 1000
-WORTH_GRIDS = 1e5  # corners expected
-LITTLE = 0.1  # of a curvature: what is not worth a grid
-CLOSE = 1.4  # times the tolerance: what is searched for at the tolerance itself
-USELESS = 1e3  # a fraction that is not exceeded
-SHORTEST = 1e-3  # time of a search
+WORTH_GRIDS = 1e5  # corners expected, from which grids are used
+LITTLE = 0.1  # share of a curvature below which a group of modes gets no grid
+CLOSE = 1.4  # times the tolerance: smaller fractions are searched at the tolerance itself
+USELESS = 1e3  # largest fraction that is searched
+SHORTEST = 1e-3  # least time that a search is taken to need
 ROUNDS = 20  # of the reduction of a basis of angles
 
 
@@ -201,7 +201,7 @@ class Search:
 
     def __init__(self, criterion: Criterion, box: Box, q: Array, target: float, clock: Clock) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
-        self.step, self.exponent = criterion.foresight
+        self.step, self.exponent = criterion.time_model
         self.best = float(criterion.values(q[None])[0])
         self.began = 0.0
         self.radius = (box.upper - box.lower) / 2
@@ -228,7 +228,7 @@ class Search:
     def run(self, deadline: float) -> bool:
         """True if all cells are proven, False after the deadline or if a position is `higher`."""
         if self.criterion.has_ratios and self.corners_expected() > WORTH_GRIDS:
-            self.sharpen(deadline)
+            self.use_grids(deadline)
         self.began = self.clock.now()
         while self.prove(deadline):
             if not len(self.cells):
@@ -240,7 +240,7 @@ class Search:
 
     @property
     def curvature(self) -> Array:
-        """What the slack owes to each coordinate, times 2 / r^2."""
+        """K_k: what the slack owes to each coordinate, times 2 / r^2."""
         return np.where(self.free, self.share @ self.curvatures, -1.0)
 
     def corners_expected(self) -> float:
@@ -248,11 +248,11 @@ class Search:
         terms = self.free.sum() * self.curvature * self.radius**2 / (2 * (self.target - self.best))
         return float(np.sqrt(np.maximum(terms, 1)).prod())
 
-    def sharpen(self, deadline: float) -> None:
-        """Take what grids prove of second derivatives in place of sums of modes, if there is time."""
+    def use_grids(self, deadline: float) -> None:
+        """Replace sums of moduli by the smaller bounds of second derivatives that grids prove, if there is time."""
         criterion, known = self.criterion, self.criterion.ratios
         frequency = criterion.polynomial.frequency @ self.basis
-        parts = groups(criterion.polynomial, frequency, self.share, criterion.seen[0].size)
+        parts = groups(criterion.polynomial, frequency, self.share, criterion.grid_coefficients[0].size)
         for number, (on, steps) in enumerate(parts):
             matters = self.share[on] @ self.curvatures[on] > LITTLE * self.curvature
             places = np.flatnonzero(self.free & matters).tolist()

@@ -38,7 +38,7 @@ class Criterion:
     polynomial: Polynomial
     ratios: dict[tuple[int, int], float] = field(default_factory=dict, init=False)  # known, of groups and coordinates
     has_ratios: ClassVar[bool] = True
-    foresight: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least factor on the next gap; time is about gap^-exponent
+    time_model: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least next gap / gap; time is about gap^-exponent
 
     def values(self, q: Array) -> Array:
         """Values attained at positions, shape (N,)."""
@@ -58,12 +58,12 @@ class Criterion:
         raise NotImplementedError
 
     @cached_property
-    def seen(self) -> Array:
-        """What `ratio` needs of the coefficients."""
+    def grid_coefficients(self) -> Array:
+        """Coefficients of the arrays that are formed on grids, for `ratio`."""
         return self.polynomial.coefficients
 
     def ratio(self, arrays: Array, on: Array, weights: Array, known: float) -> float:
-        """The largest phi of arrays over the weighted sum of the modes `on`, or `known` if that is larger."""
+        """The largest phi of arrays over the weighted sum of modes `on`; `known` is that of arrays before."""
         return max(known, float(self.moduli(arrays).max() / (weights @ self.modes[on])))
 
     def slack(self, weights: Array) -> Any:
@@ -109,7 +109,7 @@ class Norm(Criterion):
 
     positive: bool = field(default=False, kw_only=True)
     has_ratios: ClassVar[bool] = False  # sums of matrices are close to what grids show
-    foresight: ClassVar[tuple[float, float]] = (0.14, 1.75)
+    time_model: ClassVar[tuple[float, float]] = (0.14, 1.75)
 
     def values(self, q: Array) -> Array:
         return np.asarray(abs(np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, [0, -1]]).max(axis=1))
@@ -240,7 +240,7 @@ class Coriolis(Criterion):
         return np.asarray(np.sqrt(np.maximum(np.concatenate(squares), 0)))
 
     @cached_property
-    def seen(self) -> Array:
+    def grid_coefficients(self) -> Array:
         return self._rows(self.polynomial.coefficients)
 
     def ratio(self, arrays: Array, on: Array, weights: Array, known: float) -> float:
@@ -262,8 +262,8 @@ class Torque(Criterion):
 
     A = (gravity, M_k, C_k): gravity's torque at q, for `values` only, and a, b, c of g = a + b cos q_1 + c sin q_1
     where nothing else depends on q_1, otherwise g, 0, 0; row k of M; the factors of v_i v_j, i <= j. Over a full turn b
-    and c add (b^2 + c^2)^1/2. M qdd is largest at +-accelerations. The quadratic form of the rates is convex in each
-    rate where its diagonal is not negative: with the negative part left out it is largest at +-rates.
+    cos q_1 + c sin q_1 is at most (b^2 + c^2)^1/2. M qdd is largest at +-accelerations. The quadratic form of the rates
+    is convex in each rate where its diagonal is not negative: with the negative part left out it is largest at +-rates.
     """
 
     rates: Array

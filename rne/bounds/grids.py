@@ -24,7 +24,7 @@ def groups(polynomial: Polynomial, frequency: Array, share: Array, entries: int)
     """Modes that a grid of moderate size determines, shape (modes,), and its steps of each coordinate, shape (n,).
 
     Coordinates of least share are left out of a grid that would be too large; their modes are of a later group. Powers
-    of sliding joints and frequencies that are not whole are of none.
+    of sliding joints and frequencies that are not whole belong to no group and keep the sum of their moduli.
     """
     left = (polynomial.power == 0).all(axis=1) & (frequency == np.round(frequency)).all(axis=1)
     while left.any():
@@ -67,7 +67,7 @@ def ratio_on_grid(
 ) -> float | None:
     """A bound of phi of the sum of weighted modes `on`, over the sum of their phi; None if it would take too long."""
     most, began = 0.0, clock.now()
-    coefficients = (weights * criterion.seen[on].T).T
+    coefficients = (weights * criterion.grid_coefficients[on].T).T
     for number, values in enumerate(values_on_grid(frequency, coefficients, steps), start=1):
         most = criterion.ratio(values, on, weights, most)
         clock.count(len(values))
