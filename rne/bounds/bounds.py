@@ -318,12 +318,12 @@ def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[To
 
 
 def gravity_alone(g: Polynomial) -> Polynomial:
-    """Gravity's torque g as `Torque` takes it where q_1 is not apart: for values, and as a, b, c = g, 0, 0."""
+    """Gravity's torque as `Torque` takes it where q_1 is searched: g, and a, b, c = g, 0, 0."""
     return g.mapped(lambda x: np.hstack([x, x, 0 * x, 0 * x]))
 
 
 def about_first_angle(g: Polynomial) -> Polynomial:
-    """Gravity's torque as `Torque` takes it over a full turn of q_1: g, and a, b, c of g = a + b cos q_1 + c sin q_1."""
+    """Gravity's torque as `Torque` takes it over full turns of q_1: g, and a, b, c of a + b cos q_1 + c sin q_1."""
 
     def evaluate(q: Array) -> Array:
         first = np.arange(q.shape[1]) == 0
