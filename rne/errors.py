@@ -65,6 +65,8 @@ class NotFiniteError(RneError, ValueError):
     ----------
     time : float or None
         The time in a simulation [s].
+    state : tuple of int
+        Which state of a batch, where that is known; empty for a single one.
 
     Examples
     --------
@@ -76,9 +78,12 @@ class NotFiniteError(RneError, ValueError):
     inverse_dynamics overflows float64 for these arguments; the result is not finite
     """
 
-    def __init__(self, message: str, time: float | None = None) -> None:
-        super().__init__(message)
-        self.time = time
+    def __init__(self, message: str, time: float | None = None, state: tuple[int, ...] = ()) -> None:
+        super().__init__(message, time, state)
+        self.time, self.state = time, state
+
+    def __str__(self) -> str:
+        return f"{self.args[0]}{f' at state {self.state}' if self.state else ''}"
 
 
 class SingularMassMatrixError(RneError, LinAlgError):

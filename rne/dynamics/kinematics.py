@@ -165,7 +165,7 @@ def jacobian_rate(model: Model, q: Array, qd: Array, link: str, point: tuple[flo
     return _columns(model, dJw + cross(omega, Jw), dJv + cross(omega, Jv), R0[body])
 
 
-@quantity(moments=True)
+@quantity(moments=True, per_mass=True)
 def centre_of_mass(model: Model, q: Array) -> Array:
     """Centre of mass of the moving bodies.
 
@@ -181,7 +181,7 @@ def centre_of_mass(model: Model, q: Array) -> Array:
     return centre
 
 
-@quantity(moments=True)
+@quantity(moments=True, per_mass=True)
 def centre_of_mass_jacobian(model: Model, q: Array) -> Array:
     """Velocity of the centre of mass per joint velocity, the derivative of `centre_of_mass`.
 

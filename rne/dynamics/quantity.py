@@ -131,15 +131,16 @@ class QuantityFunction(Declared, Protocol[P, T_co]):
 
 
 def quantity(
-    *, moments: bool = False, base_parameters: bool = False, returns_array: bool = True
+    *, moments: bool = False, base_parameters: bool = False, returns_array: bool = True, per_mass: bool = False
 ) -> Callable[[Callable[Concatenate[Model, P], R]], QuantityFunction[P, R]]:
     """Declare a core as a public function whose result is checked for overflow only.
 
-    A result that depends on base parameters only depends on the moments only.
+    A result that depends on base parameters only depends on the moments only. One `per_mass` is divided by the mass of
+    all that moves.
     """
 
     def decorate(core: Callable[Concatenate[Model, P], R]) -> QuantityFunction[P, R]:
-        moved = {"moments": moments or base_parameters, "base_parameters": base_parameters}
+        moved = {"moments": moments or base_parameters, "base_parameters": base_parameters, "per_mass": per_mass}
         return cast("QuantityFunction[P, R]", _declare(core, None, returns_array=returns_array, **moved))
 
     return decorate
@@ -159,7 +160,7 @@ def checked_quantity(
     return decorate
 
 
-def _declare(core: Callable[..., Any], check: Check | None, **properties: Any) -> Any:
+def _declare(core: Callable[..., Any], check: Check | None, *, per_mass: bool = False, **properties: Any) -> Any:
     """The public function of a core, with its Quantity of these properties."""
     signature = inspect.signature(core)
     name = core.__name__
@@ -182,6 +183,8 @@ def _declare(core: Callable[..., Any], check: Check | None, **properties: Any) -
                 result, pivots, diagonal = result
                 status = check(checked_model, given, result, pivots, diagonal)
         if status.error is None:
+            if per_mass:
+                check_mass(name, checked_model, given["q"].shape[:-1])
             check_result(name, result)
         return result, status
 
@@ -268,6 +271,15 @@ def model_for(model: Model, dtype: np.dtype[Any], arrays: Sequence[Array]) -> Mo
         return model if example is None else model.astype(object, example.context.mpf)
     real = np.zeros((), dtype=dtype).real.dtype
     return model if real == model.mass.dtype else model.astype(real)
+
+
+def check_mass(name: str, model: Model, leading: tuple[int, ...]) -> None:
+    """Refuse states in which nothing that moves has a mass."""
+    total = sum((model.body_moments(i)[0] for i in range(model.nb)), np.zeros(1))
+    massless = np.broadcast_to((total == 0).all(-1), leading)
+    if massless.any():
+        state = tuple(np.argwhere(massless)[0].tolist())
+        raise NotFiniteError(f"{name}: nothing that moves has a mass", state=state)
 
 
 def check_result(name: str, result: Any) -> None:

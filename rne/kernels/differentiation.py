@@ -45,13 +45,18 @@ def _slope(graph: Graph, index: int, slopes: list[int]) -> int:
     return RULES[kind](graph, 2 * index, args[0], slopes[0], args[-1], slopes[-1])
 
 
+def _times(g: Graph, a: int, slope: int) -> int:
+    """a times a slope; of what does not depend on the input there is no term, whatever a is."""
+    return slope if g.value(slope) == 0 else g.multiply(a, slope)
+
+
 def _quotient(g: Graph, value: int, a: int, da: int, b: int, db: int) -> int:
-    return g.divide(g.add(da, g.negate(g.multiply(value, db))), b)
+    return g.divide(g.add(da, g.negate(_times(g, value, db))), b)
 
 
 def _angle(g: Graph, value: int, y: int, dy: int, x: int, dx: int) -> int:
     """(x dy - y dx) / (x^2 + y^2)."""
-    turn = g.add(g.multiply(x, dy), g.negate(g.multiply(y, dx)))
+    turn = g.add(_times(g, x, dy), g.negate(_times(g, y, dx)))
     return g.divide(turn, g.add(g.multiply(x, x), g.multiply(y, y)))
 
 
@@ -59,7 +64,7 @@ def _angle(g: Graph, value: int, y: int, dy: int, x: int, dx: int) -> int:
 RULES: dict[str, Callable[[Graph, int, int, int, int, int], int]] = {
     "add": lambda g, v, a, da, b, db: g.add(da, db),
     "subtract": lambda g, v, a, da, b, db: g.add(da, g.negate(db)),
-    "multiply": lambda g, v, a, da, b, db: g.add(g.multiply(da, b), g.multiply(a, db)),
+    "multiply": lambda g, v, a, da, b, db: g.add(_times(g, b, da), _times(g, a, db)),
     "divide": _quotient,
     "arctan2": _angle,
     "minimum": lambda g, v, a, da, b, db: g.where(g.binary("less", a, b), da, db),

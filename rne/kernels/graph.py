@@ -4,18 +4,24 @@ A reference is a signed node: 2 * node + 1 denotes its negative. Signs move outw
 functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last
 digits at most: nothing is rewritten that could cancel or divide by zero where the original would not. Where a product
 of constants and inputs comes to overflow, the recursion computes the state.
+
+Inputs are finite, and products and sums of them are taken to be. Then 0 x is 0, but not for an x that may be infinite
+or NaN otherwise: a root, an exponential, a quotient whose divisor may be 0, or a constant that is not finite. Pivots of
+M are not 0, since they are checked; but which divisors are pivots is known only when all is traced. So a first graph
+folds all zeros and notes what that rests on; if some of it is unsound, a second one is made that knows the pivots.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 LEAVES = {"input", "constant"}
 ODD = {"sin", "tanh", "sign"}
 EVEN = {"cos", "abs"}
+MAY_FAIL = {"sqrt", "exp"}  # to have a finite value
 LARGEST_EXPONENT = math.log(sys.float_info.max)
 UNARY: dict[str, Callable[[float], float]] = {
     "sin": math.sin,
@@ -23,8 +29,13 @@ UNARY: dict[str, Callable[[float], float]] = {
     "sqrt": math.sqrt,
     "abs": abs,
     "tanh": math.tanh,
-    "exp": lambda x: math.exp(x) if x < LARGEST_EXPONENT else math.inf,
-    "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
+    "exp": lambda x: math.inf if x >= LARGEST_EXPONENT else math.exp(x),
+    "sign": lambda x: 1.0 if x > 0 else -1.0 if x < 0 else x + 0.0,
+}
+# As NumPy's, where Python's own lose a NaN.
+BINARY: dict[str, Callable[[float, float], float]] = {
+    "minimum": lambda a, b: a if a <= b or a != a else b,
+    "maximum": lambda a, b: a if a >= b or a != a else b,
 }
 COMPARISONS: dict[str, Callable[[float, float], bool]] = {
     "less": lambda a, b: a < b,
@@ -35,6 +46,14 @@ COMPARISONS: dict[str, Callable[[float, float], bool]] = {
 def _ordinary(x: float) -> bool:
     """True for a product of constants that did not overflow or lose digits to underflow."""
     return 1e-200 < abs(x) < 1e200
+
+
+def _of_constant(kind: str, x: float) -> float:
+    """An elementary function; NaN where it has no value."""
+    try:
+        return UNARY[kind](x)
+    except ValueError:
+        return math.nan
 
 
 class Node(NamedTuple):
@@ -49,11 +68,21 @@ class TooLarge(Exception):
 
 
 class Graph:
-    """Operations in the order in which they were first needed; TooLarge is raised for more than `limit`."""
+    """Operations in the order in which they were first needed; TooLarge is raised for more than `limit`.
 
-    def __init__(self, limit: int = 10**9) -> None:
+    `by_pivots`, from `divisions_by_pivots` of a first graph of the same operations, tells of each division whether it
+    is by a pivot of M.
+    """
+
+    def __init__(self, limit: int = 10**9, by_pivots: Iterable[bool] | None = None) -> None:
         self.nodes: list[Node] = []
         self.limit = limit
+        self._by_pivots = None if by_pivots is None else iter(by_pivots)
+        self._divisors: list[int] = []  # of each division, the node
+        self._pivots: set[int] = set()  # nodes
+        self._finite: set[int] = set()  # nodes that were taken to be finite,
+        self._not_zero: set[int] = set()  # and not to be 0
+        self._doubtful: list[bool] = []  # of each node so far, whether it may be infinite or NaN
         self._index: dict[tuple[Any, ...], int] = {}
         self._values: dict[int, float] = {}  # of constants, by their references of either sign
         self._references: dict[float, int] = {}  # of constants, by their values
@@ -94,6 +123,35 @@ class Graph:
                         stack += operands[::-1]
         return order
 
+    def divisions_by_pivots(self, pivots: Iterable[int]) -> list[bool] | None:
+        """Of each division whether it is by a pivot (references); None if all that was folded is sound."""
+        if self._by_pivots is not None:
+            return None
+        self._pivots = {ref >> 1 for ref in pivots}
+        if self._not_zero <= self._pivots and not any(map(self._is_doubtful, self._finite)):
+            return None
+        return [divisor in self._pivots for divisor in self._divisors]
+
+    def _is_doubtful(self, index: int) -> bool:
+        """True if a node may be infinite or NaN although inputs are finite."""
+        found = self._doubtful
+        for k in range(len(found), len(self.nodes)):
+            kind, args = self.nodes[k]
+            if kind in LEAVES:
+                found.append(kind == "constant" and not math.isfinite(args[0]))
+            elif kind == "divide" and args[1] >> 1 not in self._pivots and not self.value(args[1]):
+                found.append(True)
+            else:
+                found.append(kind in MAY_FAIL or (kind not in COMPARISONS and any(found[ref >> 1] for ref in args)))
+        return found[index]
+
+    def _takes_as_finite(self, ref: int) -> bool:
+        """True if this may be taken to be finite."""
+        if self._by_pivots is not None:
+            return not self._is_doubtful(ref >> 1)
+        self._finite.add(ref >> 1)
+        return True
+
     def input(self, k: int) -> int:
         """The k-th input."""
         return self.node("input", k)
@@ -126,7 +184,7 @@ class Graph:
         if y == 0:
             return a
         (p, m), (q, k) = self._term(a), self._term(b)
-        if m == k:
+        if m == k and (p * q > 0 or self._takes_as_finite(m)):
             return self.multiply(self.constant(p + q), m)
         if abs(p) == abs(q) != 1:  # one product instead of two
             return self.multiply(self.constant(p), self.add(m, k if p == q else k ^ 1))
@@ -147,7 +205,8 @@ class Graph:
         for k in (0, 1):  # a + b is twice the summand that has the same sign in both
             x = first.args[k]
             if self._sign_in(a, x) == self._sign_in(b, x):
-                return int(x) ^ self._sign_in(a, x)
+                cancels = first.args[1 - k]
+                return int(x) ^ self._sign_in(a, x) if self._takes_as_finite(cancels) else None
         return None
 
     def _sign_in(self, ref: int, x: int) -> int:
@@ -168,7 +227,7 @@ class Graph:
         if y is not None:
             a, b, x = b, a, y
         if x == 0:
-            return a & ~1
+            return a & ~1 if self._takes_as_finite(b) else self.node("multiply", a & ~1, b & ~1)
         if x == 1 or x == -1:
             return b if x == 1 else b ^ 1
         sign, a, b = (a ^ b) & 1, a & ~1, b & ~1
@@ -188,11 +247,15 @@ class Graph:
     def divide(self, a: int, b: int) -> int:
         """a / b; by a power of two as a product, which is exact."""
         x, y = self.value(a), self.value(b)
+        self._divisors.append(b >> 1)
+        if self._by_pivots is not None and next(self._by_pivots, False):
+            self._pivots.add(b >> 1)
         if y is not None and y != 0 and math.frexp(y)[0] in (0.5, -0.5) and math.isfinite(1 / y):
             return self.multiply(a, self.constant(1 / y))
-        if x is not None and y:
-            return self.constant(x / y)
-        if x == 0:
+        if x is not None and y is not None:
+            return self.constant(x / y if y else math.nan if x == 0 or x != x else math.copysign(math.inf, x))
+        if x == 0 and (self._by_pivots is None or b >> 1 in self._pivots):
+            self._not_zero.add(b >> 1)
             return a
         return self.node("divide", a & ~1, b & ~1) ^ ((a ^ b) & 1)
 
@@ -200,7 +263,7 @@ class Graph:
         """An elementary function."""
         x = self.value(a)
         if x is not None:
-            return self.constant(UNARY[kind](x))
+            return self.constant(_of_constant(kind, x))
         if kind in ODD:
             return self.node(kind, a & ~1) ^ (a & 1)
         return self.node(kind, a & ~1 if kind in EVEN else self.plain(a))
@@ -213,7 +276,7 @@ class Graph:
                 return self.constant(float(COMPARISONS[kind](x, y)))
             return self.node(kind, self.plain(a), self.plain(b))
         if x is not None and y is not None:
-            return self.constant(min(x, y) if kind == "minimum" else max(x, y))
+            return self.constant(BINARY[kind](x, y))
         if a & b & 1:
             return self.binary("maximum" if kind == "minimum" else "minimum", a ^ 1, b ^ 1) ^ 1
         return self.node(kind, *sorted((self.plain(a), self.plain(b))))

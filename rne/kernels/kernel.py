@@ -16,6 +16,7 @@ from ..basics.arrays import whole_number
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, short, wrapped
 from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
+from ..errors import NotFiniteError
 from ..model.model import Model, joint_array, model_argument
 from .graph import TooLarge
 from .numpy_backend import BlockProgram, check_out
@@ -126,7 +127,7 @@ class Kernel(InNotebooks):
     def traced(self) -> Trace:
         """The traced program; raises TypeError if the recursion itself runs."""
         if self._trace is None:
-            raise TypeError(f"{self!r}: too large to be written out")
+            raise TypeError(f"{self!r}: too large to be written out, or with a constant that is not finite")
         return self._trace
 
     @cached_property
@@ -328,11 +329,15 @@ class Kernel(InNotebooks):
         def by_function(begin: int, end: int) -> tuple[Array, PrecisionStatus]:
             for name, array, width in zip(self.names, arrays, self.widths, strict=True):
                 joint_array(name, array, self.model, width)  # names NaN by its index
-            result, status = self.by_recursion(*[array[begin:end].astype(dtype) for array in states])
 
             def place(state: BatchIndex) -> BatchIndex:
                 k = begin + (state[0] if state else 0)
                 return tuple(int(i) for i in np.unravel_index(k, leading))
+
+            try:
+                result, status = self.by_recursion(*[array[begin:end].astype(dtype) for array in states])
+            except NotFiniteError as error:
+                raise NotFiniteError(error.args[0], error.time, place(error.state) if error.state else ()) from None
 
             return np.asarray(result).reshape(end - begin, -1), status.with_state(place)
 

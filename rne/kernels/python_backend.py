@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .graph import UNARY
+from .graph import BINARY, UNARY
 from .program import NeedsRecursion, Operand, Program, Trace
 
 SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
@@ -24,16 +24,16 @@ FUNCTIONS = {
     "exp": "exp({})",
     "arctan2": "atan2({}, {})",
     "sign": "sign({})",
-    "minimum": "min({}, {})",
-    "maximum": "max({}, {})",
+    "minimum": "minimum({}, {})",
+    "maximum": "maximum({}, {})",
     "less": "float({} < {})",
     "less_equal": "float({} <= {})",
     "where": "({1} if {0} else {2})",
 }
 LONGEST_SUM = 64  # terms in one written-out sum
 DEEPEST = 12  # nested parentheses in one expression
-IMPORTED = ("atan2", "cos", "exp", "sin", "sqrt", "tanh")  # from math
-FUNCTION_NAMES: dict[str, Any] = {name: getattr(math, name) for name in IMPORTED} | {"sign": UNARY["sign"]}
+IMPORTED = ("atan2", "cos", "exp", "inf", "nan", "sin", "sqrt", "tanh")  # from math
+FUNCTION_NAMES: dict[str, Any] = {name: getattr(math, name) for name in IMPORTED} | {"sign": UNARY["sign"], **BINARY}
 
 
 def expressions(
@@ -41,7 +41,7 @@ def expressions(
 ) -> tuple[list[str], list[str]]:
     """Assignments in order, and an expression for each output; a result that is read once is written inline.
 
-    `entry` gives the text of an input, `functions` that of operations other than + - * /.
+    `entry` gives the text of an input, `functions` that of operations other than + - * /, of infinity and of NaN.
     """
     uses = Counter(arg for instruction in program.instructions for arg in instruction.args)
     uses.update(program.outputs)
@@ -51,7 +51,10 @@ def expressions(
     def text(arg: Operand) -> tuple[str, int]:
         if arg.kind == "input":
             return entry(int(arg.value)), 0
-        return (repr(arg.value), 0) if arg.kind == "constant" else texts[arg]
+        if arg.kind == "constant":
+            size = repr(abs(arg.value))
+            return f"{'-' if arg.value < 0 else ''}{functions.get(size, size)}", 0
+        return texts[arg]
 
     for k, instruction in enumerate(program.instructions):
         operand = Operand("result", k)

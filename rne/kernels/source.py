@@ -81,15 +81,20 @@ def _python(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
     body = [*lines, f"return [{flat}]" if p.shape else f"return {flat}"]
     doc = f'"""Entries of the result, shape {p.shape}, row by row."""'
     head = [*(f"# {line}" for line in p.heading), f"from math import {_imported(body)}", "", ""]
-    if any("sign(" in line for line in body):
-        head += ["def sign(x):", "    return float(x > 0) - float(x < 0)", "", ""]
+    head += _used(body, PYTHON, "", "")
     return [*head, f"def {p.name}({p.names}):", f"    {doc}", *_indented(body)]
 
 
 def _imported(lines: Sequence[str]) -> str:
     """Names from the module `math`: always the same four, and rarer ones where they are used."""
-    rarer = {name for name in ("atan2", "exp") if any(f"{name}(" in line for line in lines)}
+    rarer = {name for name in ("atan2", "exp", "inf", "nan") if any(re.search(rf"\b{name}\b", line) for line in lines)}
     return ", ".join(sorted({"cos", "sin", "sqrt", "tanh"} | rarer))
+
+
+def _used(lines: Sequence[str], helpers: Mapping[str, Sequence[str]], *after: str) -> list[str]:
+    """The functions that lines call, by their names."""
+    found = [text for name, text in helpers.items() if any(f"{name}(" in line for line in lines)]
+    return [line for text in found for line in (*text, *after)]
 
 
 def _numpy(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
@@ -106,19 +111,47 @@ def _matlab(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
     stores = [f"result({', '.join(str(k + 1) for k in entry) or '1'}) = {output}" for entry, output in pairs]
     size = ", ".join(map(str, p.shape if len(p.shape) > 1 else (*p.shape, 1) if p.shape else (1, 1)))
     head = [f"function result = {p.name}({p.names})", *(f"% {line}" for line in p.heading)]
-    return [*head, *(f"  {line};" for line in [*lines, f"result = zeros({size})", *stores]), "end"]
+    body = [*lines, f"result = zeros({size})", *stores]
+    return [*head, *(f"  {line};" for line in body), "end", *_used([*body, *_used(body, MATLAB)], MATLAB)]
 
 
 def _c(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
     size = f"{' x '.join(map(str, p.shape))} entries, row by row" if p.shape else "1 entry"
-    head = [*(f"/* {line} */" for line in p.heading), "#include <math.h>", "", f"/* {size}. */"]
     arguments = ", ".join([f"const double *{name}" for name in p.arguments] + ["double *result"])
     body = [f"const double {line};" for line in lines] + [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
+    head = [*(f"/* {line} */" for line in p.heading), "#include <math.h>", "", *_used(body, C, ""), f"/* {size}. */"]
     return [*head, f"void {p.name}({arguments})", "{", *_indented(body), "}"]
 
 
 def _indented(lines: Sequence[str]) -> list[str]:
     return [f"    {line}" for line in lines]
+
+
+# What a language has not, or has otherwise than NumPy where an operand is NaN or infinite.
+PYTHON = {
+    "sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 else x"],
+    "minimum": ["def minimum(a, b):", "    return a if a <= b or a != a else b"],
+    "maximum": ["def maximum(a, b):", "    return a if a >= b or a != a else b"],
+}
+C = {
+    "sign": ["static double sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }"],
+    "minimum": ["static double minimum(double a, double b) { return a <= b || a != a ? a : b; }"],
+    "maximum": ["static double maximum(double a, double b) { return a >= b || a != a ? a : b; }"],
+}
+MATLAB = {
+    "root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"],
+    "minimum": ["function x = minimum(a, b)", "  x = where(a <= b || isnan(a), a, b);", "end"],
+    "maximum": ["function x = maximum(a, b)", "  x = where(a >= b || isnan(a), a, b);", "end"],
+    "where": [
+        "function x = where(condition, a, b)",
+        "  if condition ~= 0",
+        "    x = a;",
+        "  else",
+        "    x = b;",
+        "  end",
+        "end",
+    ],
+}
 
 
 class Language(NamedTuple):
@@ -139,17 +172,18 @@ LANGUAGES = {
             "less": "np.less({}, {}).astype(float)",
             "less_equal": "np.less_equal({}, {}).astype(float)",
             "where": "np.where({} != 0, {}, {})",
+            "inf": "np.inf",
+            "nan": "np.nan",
         },
         _numpy,
     ),
     "matlab": Language(
         lambda name, k: f"{name}({k + 1})",
         {
-            "minimum": "min({}, {})",
-            "maximum": "max({}, {})",
             "less": "double({} < {})",
             "less_equal": "double({} <= {})",
-            "where": "(({0} ~= 0) * {1} + ({0} == 0) * {2})",
+            "where": "where({}, {}, {})",
+            "sqrt": "root({})",
         },
         _matlab,
     ),
@@ -157,9 +191,8 @@ LANGUAGES = {
         "{}[{}]".format,
         {
             "abs": "fabs({})",
-            "sign": "(({0} > 0.0) - ({0} < 0.0))",
-            "minimum": "fmin({}, {})",
-            "maximum": "fmax({}, {})",
+            "inf": "INFINITY",
+            "nan": "NAN",
             "less": "(double)({} < {})",
             "less_equal": "(double)({} <= {})",
             "where": "({} != 0.0 ? {} : {})",

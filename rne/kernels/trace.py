@@ -50,11 +50,9 @@ def trace(
     Of a single `entry` of the result only the operations that it needs are kept. Raises TooLarge if the program has too
     many operations or a constant that is not finite.
     """
-    graph = Graph(limit=8 * LIMIT)
     widths = argument_widths(quantity, model)
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
-    arrays = [inputs(graph, (1, width), starts[name]) for name, width in widths.items()]
-    result, *judged = _run_core(quantity, model, arrays, fixed)
+    graph, result, judged = _traced(quantity, model, widths, starts, fixed)
     shape, outputs = np.shape(result)[1:], references(graph, result)
     if wrt:
         by = [starts[name] + j for name in wrt for j in range(widths[name])]
@@ -72,6 +70,24 @@ def trace(
         velocities = range(starts[name], starts[name] + widths[name])[entries]
     pivots = model.n if judged and entry is None else 0
     return Trace(program, tuple(widths.values()), shape, velocities, pivots)
+
+
+def _traced(
+    quantity: Quantity,
+    model: Model,
+    widths: Mapping[str, int],
+    starts: Mapping[str, int],
+    fixed: Mapping[str, Any],
+    by_pivots: Sequence[bool] | None = None,
+) -> tuple[Graph, Any, tuple[Any, ...]]:
+    """The graph of a core, its result and what judges that; where zeros were folded unsoundly, of a second run."""
+    graph = Graph(8 * LIMIT, by_pivots)
+    arrays = [inputs(graph, (1, width), starts[name]) for name, width in widths.items()]
+    result, *judged = _run_core(quantity, model, arrays, fixed)
+    again = graph.divisions_by_pivots(references(graph, judged[0]) if judged else ())
+    if again is not None:
+        return _traced(quantity, model, widths, starts, fixed, again)
+    return graph, result, tuple(judged)
 
 
 def _run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:
