@@ -30,9 +30,8 @@ def place(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
-def run_kernel(gravity=-9.81):
-    model = straight_chain(2, gravity=[0, 0, gravity]) if gravity != -9.81 else straight_chain(2)
-    kernel = rne.compile(rne.dynamics.gravity_torque, model, engine="numba")
+def run_kernel(dynamics=rne.dynamics.gravity_torque):
+    kernel = rne.compile(dynamics, straight_chain(2), engine="numba")
     return kernel(np.full((9, 2), 0.3))
 
 
@@ -74,6 +73,38 @@ class TestKernels:
         assert np.array_equal(run_kernel(), expected)
         assert len(compilations) == 2
         assert path.read_bytes() == content
+
+    def test_exchanged_files_are_compiled_anew(self, place, compilations):
+        """Called in place of each other they would end the process."""
+        expected, other = run_kernel(), run_kernel(dynamics=rne.dynamics.mass_matrix)
+        paths = list(place.iterdir())
+        contents = [path.read_bytes() for path in paths]
+        for path, content in zip(paths, contents[::-1], strict=True):
+            path.write_bytes(content)
+        assert np.array_equal(run_kernel(), expected)
+        assert np.array_equal(run_kernel(dynamics=rne.dynamics.mass_matrix), other)
+        assert len(compilations) == 4
+        assert [path.read_bytes() for path in paths] == contents
+
+    @pytest.mark.parametrize(
+        "what", ["garbage", "nothing", "half", "all but a byte", "another processor's", "another's"]
+    )
+    def test_what_is_not_this_programs_code_is_compiled_anew(self, place, compilations, what, caplog):
+        """Although its digest is right."""
+        expected = run_kernel()
+        (path,) = place.iterdir()
+        content, code = path.read_bytes(), disk_cache.read(path.stem)
+        run_kernel(dynamics=rne.dynamics.potential_energy)
+        (another,) = set(place.iterdir()) - {path}
+        aarch64 = code[:18] + b"\xb7\x00" + code[20:]  # e_machine of an ELF header; of other formats damage as well
+        wrong = {"garbage": b"x" * 700, "nothing": b"", "half": code[: len(code) // 2], "all but a byte": code[:-1]}
+        wrong |= {"another processor's": aarch64, "another's": disk_cache.read(another.stem)}
+        disk_cache.write(path.stem, wrong[what])
+        with caplog.at_level(logging.INFO, logger="rne"):
+            assert np.array_equal(run_kernel(), expected)
+        assert len(compilations) == 3
+        assert path.read_bytes() == content
+        assert what == "nothing" or f"object code of {path.stem} is compiled anew: " in caplog.text
 
     @pytest.mark.skipif(not OWN, reason="there are no owners")
     @pytest.mark.parametrize("what", ["folder", "file"])

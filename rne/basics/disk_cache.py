@@ -1,8 +1,8 @@
 """Files kept on disk for other processes: object code, which need not be compiled again.
 
 The folder is the platform's for caches, or what RNE_CACHE names; none if that is empty. Code that is read from it is
-run: a folder or a file that another user owns or may write to is refused. A file holds a digest of what follows; one
-that is damaged is passed over. Files are written under another name and renamed, so that several processes may use the
+run: a folder or a file that another user owns or may write to is refused. A file holds a digest of its name and of what
+follows; one that is damaged or another's is passed over. Files are written under another name and renamed, so that several processes may use the
 folder; the least recently used go when all together exceed LIMIT.
 """
 
@@ -55,7 +55,7 @@ def read(name: str) -> bytes | None:
             return None
         content = path.read_bytes()
         size = DIGEST().digest_size
-        if DIGEST(content[size:]).digest() != content[:size]:
+        if DIGEST(name.encode() + content[size:]).digest() != content[:size]:
             return None
         os.utime(path)  # used now
     except OSError:
@@ -75,7 +75,7 @@ def write(name: str, code: bytes) -> None:
         number, temporary = tempfile.mkstemp(prefix=UNFINISHED, dir=place)
         try:
             with os.fdopen(number, "wb") as file:
-                file.write(DIGEST(code).digest() + code)
+                file.write(DIGEST(name.encode() + code).digest() + code)
             os.replace(temporary, place / f"{name}{ENDING}")
         except BaseException:
             os.unlink(temporary)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
+import logging
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from llvmlite import binding
 
 from ..basics import disk_cache
 
+LOGGER = logging.getLogger("rne")
 LOCK = threading.RLock()  # one compilation at a time
 RECENT: dict[str, bytes] = {}  # object code by name, the last used at the end
 MOST_RECENT = 64
@@ -102,11 +104,18 @@ class Library:
 def library(functions: Sequence[str], description: Sequence[str], text: Callable[[], str], *, loops: bool) -> Library:
     """The library of what a description stands for, from memory, from the disk, or compiled and kept in both."""
     name = disk_cache.key(versions(), *host(), *description)
-    code = RECENT.pop(name, None) or disk_cache.read(name)
-    if code is None:
-        code = compiled(text(), loops=loops)
+    mark = f"rne_{name}"  # a symbol by which code is known to be that of the description
+    made, code = None, RECENT.pop(name, None) or disk_cache.read(name)
+    if code is not None:
+        try:
+            made = Library(code, [*functions, mark])
+        except RuntimeError as error:
+            LOGGER.info("object code of %s is compiled anew: %s", name, error)
+    if made is None:
+        code = compiled(f"{text()}\n@{mark} = constant i8 0\n", loops=loops)
         disk_cache.write(name, code)
+        made = Library(code, functions)
     RECENT[name] = code
     for old in list(RECENT)[: len(RECENT) - MOST_RECENT]:
         RECENT.pop(old, None)
-    return Library(code, functions)
+    return made
