@@ -20,8 +20,8 @@ import pytest
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
 from rne.dynamics.quantity import OK
+from rne.kernels import array_layout, llvm_backend, object_code
 from rne.kernels import kernel as kernel_module
-from rne.kernels import llvm_backend, object_code
 from rne.kernels.graph import Graph
 from rne.kernels.program import NeedsRecursion, Trace, lower
 from rne.kernels.scalar import inputs, references
@@ -673,3 +673,50 @@ class TestMotions:
         assert found[0][0] is rne.NotFiniteError
         assert "start 217 at t = 0 s" in found[0][1]
         assert found[1] == found[0]
+
+
+class TestLayout:
+    """Machine code reads arrays where they are, which a process finds out before it makes any."""
+
+    @pytest.fixture
+    def asked_anew(self):
+        array_layout.is_known.cache_clear()
+        yield
+        array_layout.is_known.cache_clear()
+
+    FIELDS = ("DATA", "AXES", "SHAPE", "STRIDES", "DTYPE", "FLAGS", "HEAD", "ITEMS")
+
+    def test_is_that_of_this_process(self, asked_anew):
+        assert array_layout.is_known()
+
+    @pytest.mark.parametrize("moved", [-8, 4, 8, 16])
+    @pytest.mark.parametrize("field", FIELDS)
+    def test_is_not_known_if_a_field_is_elsewhere(self, asked_anew, monkeypatch, field, moved):
+        monkeypatch.setattr(array_layout, field, getattr(array_layout, field) + moved)
+        assert not array_layout.is_known()
+
+    def test_is_not_known_if_two_fields_are_exchanged(self, asked_anew, monkeypatch):
+        monkeypatch.setattr(array_layout, "SHAPE", array_layout.STRIDES)
+        monkeypatch.setattr(array_layout, "STRIDES", array_layout.STRIDES - 8)
+        assert not array_layout.is_known()
+
+    @pytest.mark.parametrize("kind", [np.ndarray, None])
+    def test_other_pythons_and_numpys_get_the_same_from_numpy(self, asked_anew, monkeypatch, caplog, kind):
+        """A free-threaded Python, and an array that ends before its flags."""
+        robots = [rne.Robot(straight_chain(2), "numpy")]
+        if kind is None:
+            monkeypatch.setattr(array_layout.sysconfig, "get_config_var", lambda name: int(name == "Py_GIL_DISABLED"))
+        else:
+            monkeypatch.setattr(array_layout, "FLAGS", np.ndarray.__basicsize__)
+        robots.append(rne.Robot(straight_chain(2), "numba"))
+        assert robots[1].engine == "numpy"
+        assert caplog.messages == [
+            "engine 'numpy' runs in place of 'numba': this Python or NumPy has arrays of another layout"
+        ]
+        s = states(2, 5)
+        here, there = (
+            (*(robot.forward_dynamics(*x) for x in (s, [a[0] for a in s])), rne.ensemble(robot, *s[:2], 0.1).q)
+            for robot in robots
+        )
+        for a, b in zip(here, there, strict=True):
+            assert np.array_equal(a, b)

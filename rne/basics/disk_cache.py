@@ -2,8 +2,8 @@
 
 The folder is the platform's for caches, or what RNE_CACHE names; none if that is empty. Code that is read from it is
 run: a folder or a file that another user owns or may write to is refused. A file holds a digest of its name and of what
-follows; one that is damaged or another's is passed over. Files are written under another name and renamed, so that several processes may use the
-folder; the least recently used go when all together exceed LIMIT.
+follows; one that is damaged or another's is passed over. Files are written under another name and renamed, so that
+several processes may use the folder; the least recently used go when all together exceed LIMIT.
 """
 
 from __future__ import annotations

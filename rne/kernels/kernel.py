@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
@@ -18,6 +19,7 @@ from ..basics.text import InNotebooks, short, wrapped
 from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
 from ..errors import NotFiniteError
 from ..model.model import Model, joint_array, model_argument
+from . import array_layout
 from .graph import TooLarge
 from .numpy_backend import BlockProgram, check_out
 from .program import NeedsRecursion, Recursion, Trace
@@ -26,6 +28,7 @@ from .scalar import is_traced
 from .source import Printable, entry_of_element, heading, to_source
 from .trace import argument_widths, by_recursion, inputs_as_arrays, named_by_function, trace, within_a_trace
 
+LOGGER = logging.getLogger("rne")
 ENGINES = ("numpy", "numba")
 Run = Callable[[Sequence[Array], Array, Recursion], PrecisionStatus]  # (states, results, recursion)
 ALONE = 1  # thread
@@ -33,11 +36,14 @@ FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
 
 
 def engine_argument(engine: str) -> str:
-    """The engine's name, checked, and that what it needs is installed."""
+    """The engine to run, checked: that what it needs is installed, and that it can read arrays."""
     if engine not in ENGINES:
         raise ValueError(f"`engine` must be one of {list(ENGINES)}, got {engine!r}")
     if engine == "numba" and importlib.util.find_spec("numba") is None:
         raise ImportError("engine 'numba' needs Numba, which is not installed: pip install 'rne[numba]'")
+    if engine == "numba" and not array_layout.is_known():
+        LOGGER.warning("engine 'numpy' runs in place of 'numba': this Python or NumPy has arrays of another layout")
+        return "numpy"
     return engine
 
 

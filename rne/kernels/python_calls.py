@@ -1,8 +1,7 @@
 """Machine code that Python calls as it calls its own functions in C, and that reads arrays where they are.
 
-An array is taken as it is: the addresses of its numbers, of its shape and of its strides stand behind the head that all
-of Python's objects have (numpy/ndarraytypes.h, PyArrayObject_fields). Arguments of other types than the code was made
-for are refused: the result is then None.
+An array is taken as it is, by the addresses of its numbers, shape and strides, which are where array_layout has them.
+Arguments of other types than the code was made for are refused: the result is then None.
 """
 
 from __future__ import annotations
@@ -14,13 +13,10 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
+from .array_layout import AXES, DATA, DTYPE, FLAGS, HEAD, ITEMS, PLAIN, SHAPE, STRIDES, TUPLES
 from .object_code import Library
 
 INTEGER, NUMBER, BYTES = ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_pointer()
-HEAD = object.__basicsize__  # ends with the type
-DATA, AXES, SHAPE, STRIDES, DTYPE, FLAGS = (HEAD + k for k in (0, 8, 16, 24, 40, 48))
-PLAIN = 0x101  # NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED
-TUPLES = 1 << 26  # Py_TPFLAGS_TUPLE_SUBCLASS
 FASTCALL = 0x80  # METH_FASTCALL: f(self, arguments, their number)
 # What `self` holds, in this order, for comparisons.
 FLOAT64, INT64 = np.dtype("float64"), np.dtype("int64")
@@ -73,7 +69,7 @@ class Call:
 
     def known(self, what: Any) -> Any:
         """The address of one of the objects of KNOWN."""
-        return self.field(self.own, tuple.__basicsize__ + 8 * next(k for k, x in enumerate(KNOWN) if x is what))
+        return self.field(self.own, ITEMS + 8 * next(k for k, x in enumerate(KNOWN) if x is what))
 
     def argument(self, k: int) -> Any:
         """The address of an argument."""
@@ -119,7 +115,7 @@ class Call:
         flags = self.c_function("PyType_GetFlags", INTEGER, self.field(value, HEAD - 8))
         self.require(self.builder.and_(flags, ir.Constant(INTEGER, TUPLES)), TUPLES)
         self.require(self.field(value, HEAD, INTEGER), count)
-        return [self.field(value, tuple.__basicsize__ + 8 * k) for k in range(count)]
+        return [self.field(value, ITEMS + 8 * k) for k in range(count)]
 
     def unlocked(self, function: Any, args: Sequence[Any]) -> Any:
         """A call during which other threads may run Python."""
