@@ -176,9 +176,9 @@ class SimulationInterrupted(KeyboardInterrupt):
     Attributes
     ----------
     time : float
-        The time that was reached [s].
-    trajectory : Trajectory
-        The motion up to then.
+        The time that was reached, of an ensemble by all motions [s].
+    trajectory : Trajectory or Ensemble
+        The motion or motions up to then.
 
     Examples
     --------

@@ -16,6 +16,7 @@ from rne.kernels.kernel import Kernel
 from rne.kernels.numpy_backend import BlockProgram
 from rne.kernels.row_steps import Course, by_rows
 from rne.kernels.runge_kutta import FIXED, power, tableau
+from rne.simulation import ensembles
 from rne.simulation.simulator import METHODS
 
 from .helpers import kept, states
@@ -340,8 +341,11 @@ class TestLanes:
             2 * (method == FIXED[1]),
         )
         x = np.concatenate(starts, axis=1)[:count]
-        X, expected = np.zeros((2, 3, count, 4))
-        code, evaluations = many_motions.in_lanes(course, rhs.kernel, np.zeros((count, 0)), x, X)
+        X, expected = np.full((2, 3, count, 4), np.nan)
+        told = []
+        code, evaluations, all_run = many_motions.in_lanes(course, rhs.kernel, np.zeros((count, 0)), x, X, told.append)
+        assert all_run
+        assert sum(told) == count
         rates = by_rows(course, rhs.kernel, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
         assert not code.any()
         np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)  # rounding moves the estimates of errors
@@ -354,12 +358,156 @@ class TestLanes:
         )
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
-        X = np.zeros((1, 12, 4))
-        code, _ = many_motions.in_lanes(course, rhs.kernel, np.zeros((12, 0)), x, X)
+        X, told = np.full((1, 12, 4), np.nan), []
+        code, _, _ = many_motions.in_lanes(course, rhs.kernel, np.zeros((12, 0)), x, X, told.append)
+        assert sum(told) == 9
         left = np.flatnonzero(code)
         assert left.tolist() == [0, 7, 11]
         rest = np.delete(np.arange(12), left)
         np.testing.assert_allclose(X[0, rest], x[rest], atol=1e-7)
+
+    @pytest.mark.parametrize("method", ["RK45", "rk4"])
+    def test_calls_of_few_evaluations_give_the_same_bits(self, plain, chain, starts, monkeypatch, method):
+        """And each returns after no more than that, so that Ctrl-C is heard."""
+        q, qd = (x[: many_motions.LANES + 3] for x in starts)
+        how = {"t_eval": [0.02, 0.05], "method": method, "step": 0.005 if method == "rk4" else None}
+        robot = rne.Robot(chain.model, "numba")
+        at_once = rne.ensemble(robot, q, qd, 0.05, **how)
+        monkeypatch.setattr(many_motions, "OPERATIONS", 1)
+        counted, between = [0], []
+        evaluate = many_motions.evaluate
+
+        def counts(*arguments):
+            counted[0] += 1
+            return evaluate(*arguments)
+
+        run_all = many_motions.run_all
+        monkeypatch.setattr(many_motions, "evaluate", counts)
+
+        def one_call(*arguments):
+            counted[0] = 0
+            found = run_all(*arguments)
+            between.append(counted[0])
+            return found
+
+        monkeypatch.setattr(many_motions, "run_all", one_call)
+        again = rne.ensemble(robot, q, qd, 0.05, **how)
+        assert np.array_equal(again.q, at_once.q)
+        assert again.evaluations == at_once.evaluations
+        assert len(between) > 4
+        assert max(between) <= 8  # a step of 7 stages
+
+    def test_ctrl_c_leaves_what_was_finished(self, plain, chain, starts, monkeypatch):
+        monkeypatch.setattr(many_motions, "OPERATIONS", 1)
+        check_interrupt(rne.Robot(chain.model, "numba"), starts)
+
+
+def check_interrupt(scene, starts, after=12, **how):
+    """Finished motions are those of an ensemble that was not interrupted; the others are NaN behind their ends."""
+    whole, calls = rne.ensemble(scene, *starts, 0.1, t_eval=[0, 0.05, 0.1], **how), [0]
+
+    def interrupt(done, total):
+        calls[0] = done
+        if done >= after:
+            raise KeyboardInterrupt
+
+    with pytest.raises(rne.SimulationInterrupted) as error:
+        rne.ensemble(scene, *starts, 0.1, t_eval=[0, 0.05, 0.1], progress=interrupt, **how)
+    runs = error.value.trajectory
+    assert runs.q.shape == whole.q.shape
+    finished = runs.status == 0
+    assert str(error.value) == f"ensemble interrupted: {finished.sum()} of 40 motions finished"
+    assert (runs.status[~finished] == -1).all()
+    assert error.value.time == runs.end.min()
+    assert f"{(~finished).sum()} motions interrupted" in repr(runs)
+    later = runs.t[:, None] > runs.end
+    for name in ("q", "qd", "tau", "energies"):
+        values, expected = getattr(runs, name), getattr(whole, name)
+        assert np.array_equal(values[:, finished], expected[:, finished])
+        assert np.isnan(values[later]).all()
+        known = ~np.isnan(values)
+        assert np.array_equal(values[known], expected[known])
+    if finished.any():
+        assert np.isfinite(runs.quantiles(0.5)).all()
+    else:
+        with pytest.raises(ValueError, match=r"^there are no motions to take quantiles of$"):
+            runs.quantiles(0.5)
+    return runs
+
+
+class TestInterrupt:
+    def test_of_motions_side_by_side(self, chain, starts):
+        runs = check_interrupt(chain, starts, method="RK45")
+        assert 0 < (runs.status == 0).sum() < 40
+
+    def test_of_equal_steps_keeps_what_was_reported(self, chain, starts):
+        runs = check_interrupt(chain, starts, after=40 * 7, step=0.01)
+        assert set(runs.end) == {0.05}
+
+    def test_of_motions_one_after_another(self, chain, starts):
+        scene = rne.Scene(chain, controller=lambda t, q, qd: -qd)
+        runs = check_interrupt(scene, starts, after=2)
+        assert (runs.status == 0).sum() == 2
+
+    def test_within_one_of_them(self, chain, starts):
+        """What the motion so far reported is kept."""
+        count = [0]
+
+        def law(t, q, qd):
+            count[0] += 1
+            if t > 0.09 and count[0] > 1000:
+                raise KeyboardInterrupt
+            return -qd
+
+        with pytest.raises(rne.SimulationInterrupted) as error:
+            rne.ensemble(rne.Scene(chain, controller=law), *starts, 0.1, t_eval=[0, 0.05, 0.1], rtol=1e-9)
+        runs = error.value.trajectory
+        (last,) = np.flatnonzero(runs.end == 0.05)
+        assert runs.status.tolist() == [0] * last + [-1] * (40 - last)
+        assert np.isfinite(runs.q[:2, last]).all()
+        assert np.isnan(runs.q[2, last]).all()
+
+    def test_of_threads_stops_those_that_run(self, chain, starts, monkeypatch):
+        monkeypatch.setattr(ensembles, "CHUNK", 5)
+        with ThreadPoolExecutor(2) as executor:
+            runs = check_interrupt(chain, starts, after=5, executor=executor)
+        assert (runs.status == 0).sum() >= 5
+
+
+@pytest.mark.parametrize("engine", ["numpy", "numba"])
+@pytest.mark.parametrize("how", [{}, {"step": 0.01}, {"step": 0.01, "method": "semi-implicit-euler"}])
+def test_a_robot_without_joints(engine, how):
+    robot = rne.Robot(rne.dh_chain(a=[], alpha=[], d=[], theta=[]), engine)
+    runs = rne.ensemble(robot, np.zeros((3, 0)), np.zeros((3, 0)), 0.1, **how)
+    assert runs.q.shape == (2, 3, 0)
+    assert runs.end.tolist() == [0.1] * 3
+
+
+@pytest.mark.parametrize("engine", ["numpy", "lanes"])
+def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
+    """Of 1e20 rad/s steps would be 1e-21 s long."""
+    course = Course(tableau("RK45"), 0.0, 1.0, -np.inf, np.inf, np.ones(1), np.zeros(0), (4, 1e-3, 1e-6, -0.2))
+    x, X = np.array([[0, 0, 1.0, 1.0], [0, 0, 1e20, 0]]), np.full((1, 2, 4), np.nan)
+    kernel = SimpleNamespace(names=("t", "x"), widths=(1, 4), operations={}, is_unrolled=True, engine="numpy")
+    turning = lambda t, x: np.stack([x[:, 2], x[:, 3], -x[:, 2] * np.sin(x[:, 0]) * x[:, 2], 0 * x[:, 3]], axis=1)  # noqa: E731
+
+    def sound(given, out):
+        out[:] = turning(*given[:2])
+        return np.ones(len(out), dtype=bool)
+
+    if engine == "numpy":
+        kernel.blocks = SimpleNamespace(sound=sound)
+        with pytest.raises(rne.NotFiniteError, match=r"^start 1 at t = \d\.\d+e-\d+ s: 100 steps came no further$"):
+            by_rows(course, kernel, np.zeros((2, 0)), np.arange(2), x, X, lambda count: None)
+        return
+    monkeypatch.setattr(many_motions, "compiled", lambda text: text)
+
+    def function(t, x, out):
+        return sound([t.reshape(1, -1).T, x.reshape(4, -1).T], out.reshape(4, -1).T).all()
+
+    kernel.address = lambda lanes: function
+    code, _, _ = many_motions.in_lanes(course, kernel, np.zeros((2, 0)), x, X, lambda count: None)
+    assert code.tolist() == [0, many_motions.EXAMINE]
 
 
 @pytest.mark.long

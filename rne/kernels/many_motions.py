@@ -14,10 +14,11 @@ import numpy as np
 from ..basics.spatial import Array
 from .kernel import Kernel
 from .loops import LANES, compiled, evaluate, inline
-from .row_steps import EPS, LOOK, SLOW, STIFF, Course, first_steps
+from .row_steps import EARLY, EPS, LOOK, MOST_STEPS, SLOW, STIFF, Course, Tick, first_steps
 from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau
 
 NOBODY = -1  # in place of a motion's number
+OPERATIONS = 10**8  # of the kernel in one call, on LANES states: some tenths of a second
 EXAMINE, LEAVE = 1, 2  # codes of motions: with a state to be examined, and stiff
 # Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q;
 # of `step`: begin, length and end of the step, its errors, the length to try next.
@@ -127,6 +128,12 @@ def fill_lanes(waiting: Any, sources: Any, F: Any, H: Any, code: Any, work: Any)
 
 
 @inline
+def is_endless(course: Any, steps: Any, t: Any) -> bool:
+    """As `row_steps.RowSteps`."""
+    return bool(steps >= EARLY and steps * (course.end - course.begin) > MOST_STEPS * (t - course.begin))
+
+
+@inline
 def choose_lengths(course: Any, lane: Any, step: Any, h: Any, code: Any) -> None:
     """The end of each lane's step: that of the grid, or by the length to be tried; too short a step is marked."""
     for k in range(LANES):
@@ -135,7 +142,7 @@ def choose_lengths(course: Any, lane: Any, step: Any, h: Any, code: Any) -> None
         if motion >= 0:
             if len(course.grid):
                 step[AHEAD, k] = course.grid[lane[STEPS, k] + 1]
-            elif not lane[TAKEN, k] and not length >= smallest:
+            elif (not lane[TAKEN, k] and not length >= smallest) or is_endless(course, lane[STEPS, k], t):
                 code[motion], lane[MOTION, k] = EXAMINE, NOBODY
             else:
                 step[AHEAD, k] = min(t + max(length, smallest), course.end)
@@ -251,20 +258,27 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
     return vacant
 
 
-def run_all(function: Any, course: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, work: Any) -> None:
+def run_all(
+    function: Any, course: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, work: Any, go_on: Any
+) -> int:
     """Every motion from its row of `sources` to the end; states at the times to report into X[time, motion].
 
-    F and H have each motion's first slope and the length to try first; `count` takes evaluations.
+    F and H have each motion's first slope and the length to try first; `count` takes evaluations. `go_on` has the
+    motion that waits for a lane and the evaluations after which to return; the result is the next such motion, or
+    NOBODY at the end.
     """
     A, B, C, _, A2, C2, D = course.table
     inputs, saved, (y, new, total, h, before), (K, Q), lane, step = work
-    stages, is_fixed, positions, waiting = len(B), len(course.grid) > 0, course.positions, 0
-    lane[MOTION], vacant = NOBODY, True
-    while True:
+    stages, is_fixed, positions, (waiting, left) = len(B), len(course.grid) > 0, course.positions, go_on
+    if waiting == 0:
+        lane[MOTION] = NOBODY
+    vacant = True
+    while left > 0:
+        left -= stages + 1
         if vacant:
             waiting = fill_lanes(waiting, sources, F, H, code, work)
         if waiting == NOBODY:
-            return
+            break
         choose_lengths(course, lane, step, h, code)
         is_sound = True
         for s in range(0 if is_fixed else 1, stages + 1):
@@ -302,10 +316,16 @@ def run_all(function: Any, course: Any, sources: Any, F: Any, H: Any, code: Any,
                 if course.watched and is_stiff(course, K[stages], K[stages - 1], new, before, lane, step, k):
                     code[lane[MOTION, k]], lane[MOTION, k] = LEAVE, NOBODY
         vacant = move_on(y, new, K, stages, len(C2), course.end, lane, step, count)
+    return int(waiting)
 
 
-def in_lanes(course: Course, kernel: Kernel, parameters: Array, x: Array, X: Array) -> tuple[Array, int]:
-    """Motions from states x, shape (N, size), into X[time, motion]; their codes, and evaluations."""
+def in_lanes(
+    course: Course, kernel: Kernel, parameters: Array, x: Array, X: Array, tick: Tick
+) -> tuple[Array, int, bool]:
+    """Motions from states x, shape (N, size), into X[time, motion]; their codes, evaluations, whether all were run.
+
+    X is NaN where nothing is reported. Machine code returns to Python after some OPERATIONS, so that Ctrl-C is heard.
+    """
     x, N = np.ascontiguousarray(x), len(x)
     work, address = workspace(kernel.widths, course.table), kernel.address(LANES)
     more = (np.ascontiguousarray(parameters),)[: len(kernel.names) - 2]
@@ -321,5 +341,14 @@ def in_lanes(course: Course, kernel: Kernel, parameters: Array, x: Array, X: Arr
         rates(begin, x, F)
         H = first_steps(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, course, x.T, F.T)
         count += 2
-    compiled(run_all)(address, course, (begin[:, None], x, *more), F, H, code, count, X, work)
-    return code, int(count.sum())
+    most, waiting, done = max(1, OPERATIONS // max(1, sum(kernel.operations.values()))), 0, 0
+    given = address, course, (begin[:, None], x, *more), F, H, code, count, X, work
+    try:
+        while waiting != NOBODY:
+            waiting, before = compiled(run_all)(*given, (waiting, most)), done
+            done = int(N - np.isnan(X[-1, :, :1]).any(axis=1).sum())
+            tick(done - before)
+        tick(int((code != EXAMINE).sum()) - done)
+    except KeyboardInterrupt:
+        return code, int(count.sum()), False
+    return code, int(count.sum()), True

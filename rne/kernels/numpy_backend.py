@@ -167,7 +167,7 @@ class _OfStates:
     """Conditions of soundness, state by state."""
 
     def finite(self, values: Sequence[Array]) -> Array:
-        return np.asarray(np.isfinite(sum(values)))
+        return np.asarray(np.isfinite(values.sum(axis=0) if isinstance(values, np.ndarray) else sum(values)))
 
     def within(self, values: Array, bound: float) -> Array:
         return np.asarray(np.abs(values).max(axis=0, initial=0.0) <= bound)

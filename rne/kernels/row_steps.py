@@ -22,6 +22,7 @@ EVERY = slice(None)
 FULL = 0.75  # part of the columns that are on their way, below which the others are dropped: a new width costs time
 LOOK = 500  # steps between two looks whether the motion is stiff
 SLOW, STIFF = 20_000, 3.0  # steps of the whole way at this pace, and time constants of the fastest mode in a step
+EARLY, MOST_STEPS = 100, 1e10  # after that many steps a motion is given up that at this pace would take so many
 Tick = Callable[[int], Any]
 
 
@@ -74,7 +75,7 @@ class Rates:
 
     def __init__(self, kernel: Kernel, parameters: Array, numbers: Array, course: Course) -> None:
         self.kernel, self.parameters, self.numbers, self.course = kernel, parameters, numbers, course
-        self.evaluations, self.moving, self.verdict = 0, len(numbers), OK
+        self.evaluations, self.moving, self.verdict, self.is_done = 0, len(numbers), OK, True
         self.stiff = np.zeros(len(numbers), dtype=bool)  # motions that were left
         self.program = None
         if kernel.is_unrolled:
@@ -208,11 +209,14 @@ class RowSteps:
 
     def _ahead(self) -> Array:
         """The ends of steps of the lengths to be tried."""
-        smallest = 10 * EPS * np.abs(self.t)
-        for k in np.flatnonzero(~self.taken & ~(self.h >= smallest)):
+        smallest, course = 10 * EPS * np.abs(self.t), self.course
+        endless = self.steps * (course.end - course.begin) > MOST_STEPS * (self.t - course.begin)
+        for k in np.flatnonzero(~self.taken & ~(self.h >= smallest) | endless & (self.steps >= EARLY)):
             where = f"start {self.rates.numbers[k]} at t = {self.t[k]:.6g} s"
+            if endless[k]:
+                raise NotFiniteError(f"{where}: {self.steps[k]} steps came no further", float(self.t[k]))
             raise NotFiniteError(f"{where}: the step needed is less than the spacing between numbers", float(self.t[k]))
-        return np.asarray(np.minimum(self.t + np.maximum(self.h, smallest), self.course.end))
+        return np.asarray(np.minimum(self.t + np.maximum(self.h, smallest), course.end))
 
     def _judge(self, h: Array, new: Array) -> tuple[Array, Array]:
         """Which steps are taken, and the factors between their lengths and the next ones'."""
@@ -285,7 +289,10 @@ class RowSteps:
 
 
 def by_rows(course: Course, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, tick: Tick) -> Rates:
-    """Motions from states x into X[time, motion]; what was evaluated, and how sound it was."""
+    """Motions from states x into X[time, motion]; what was evaluated, how sound it was, and whether all were run."""
     rates = Rates(kernel, parameters, numbers, course)
-    RowSteps(rates, course, X).run(x, tick)
+    try:
+        RowSteps(rates, course, X).run(x, tick)
+    except KeyboardInterrupt:
+        rates.is_done = False
     return rates

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import pickle
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial, reduce
@@ -20,7 +21,7 @@ from ..basics.arrays import positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
 from ..dynamics.quantity import OK, PrecisionStatus
-from ..errors import NotFiniteError, SimulationError
+from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
 from ..kernels.kernel import Kernel
 from ..kernels.row_steps import Course, Tick, by_rows
 from ..kernels.runge_kutta import CONTROLLED, FIXED, power, tableau
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 QUANTITIES = ("q", "qd", "tau")  # of each motion
 CHUNK, SHARE = 8192, 250  # most motions side by side, and fewest of a share in NumPy, where few cost as much as many
+PATIENCE = 0.5  # s that Ctrl-C waits for what other threads and processes have begun
 Progress = Callable[[int, int], Any]
 
 
@@ -64,10 +66,10 @@ class Ensemble(InNotebooks):
     evaluations : int
         Evaluations of the right-hand side, counted per state.
     end : ndarray, shape (N,)
-        Time at which each motion ended: the duration, or that of its stop [s].
+        Time at which each motion ended: the duration, that of its stop, or the last that it reported [s].
     status : ndarray of int, shape (N,)
         0 of motions that reached the duration, 1 of those that ended at a stop, whose values later than that are those
-        at the stop.
+        at the stop, -1 of those that Ctrl-C ended, with NaN where they have not come.
     model : Model
         The robot that moved.
     parameters : ndarray, shape (N, 10 nb), or None
@@ -99,7 +101,7 @@ class Ensemble(InNotebooks):
     parameters: Array | None = field(repr=False, default=None)
 
     def quantiles(self, probabilities: ArrayLike = (0.05, 0.5, 0.95), of: str = "q") -> Array:
-        """Quantiles over the motions at each stored time.
+        """Quantiles over the motions at each stored time, without those that Ctrl-C ended.
 
         Parameters
         ----------
@@ -128,18 +130,20 @@ class Ensemble(InNotebooks):
         """
         if of not in QUANTITIES:
             raise ValueError(f"`of` must be one of {list(QUANTITIES)}, got {of!r}")
-        if not self.q.shape[1]:
+        finished = self.status >= 0
+        if not finished.any():
             raise ValueError("there are no motions to take quantiles of")
         levels = real_numbers("probabilities", probabilities, "(P,)")
         if ((levels < 0) | (levels > 1)).any():
             raise ValueError(f"`probabilities` must be between 0 and 1, got {levels.tolist()}")
-        found: Array = np.quantile(getattr(self, of), levels, axis=1)
+        found: Array = np.quantile(getattr(self, of)[:, finished], levels, axis=1)
         return found
 
     def __repr__(self) -> str:
         count, n = self.q.shape[1:]
         step = "" if self.step is None else f", step {self.step:.6g} s"
-        stopped = f", {counted(int(self.status.sum()), 'motion')} stopped" if self.status.any() else ""
+        ended = {"stopped": self.status == 1, "interrupted": self.status < 0}
+        stopped = "".join(f", {counted(int(k.sum()), 'motion')} {word}" for word, k in ended.items() if k.any())
         negative = 0 if self.parameters is None else int((self.parameters[:, ::PARAMETERS] < 0).any(axis=1).sum())
         unphysical = f"\n  robots with a negative mass: {negative}, which no bodies have" if negative else ""
         times = f"{self.t[0]:.6g} to {self.t[-1]:.6g} s, " if len(self.t) else ""
@@ -222,6 +226,8 @@ def ensemble(
         If a state overflows, steps become too short or M singular; names the initial state by its number, and the time.
     SimulationError
         The same of motions that run one after another.
+    SimulationInterrupted
+        On Ctrl-C, a KeyboardInterrupt. Its `trajectory` is the Ensemble so far, in which the others' `status` is -1.
 
     Notes
     -----
@@ -247,8 +253,9 @@ def ensemble(
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
     starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
     part = run_all(plan, starts, progress, executor)
-    part.verdict.raise_or_warn(stacklevel=2)
-    return Ensemble(
+    if not part.interrupted:
+        part.verdict.raise_or_warn(stacklevel=2)
+    motions = Ensemble(
         times,
         part.q,
         part.qd,
@@ -259,10 +266,14 @@ def ensemble(
         float(plan.steps.max()) if isinstance(plan, SideBySide) and len(plan.steps) else None,
         part.evaluations,
         part.end,
-        part.stopped.astype(int),
+        part.status,
         scene.resolved.robot.model,
         pi,
     )
+    if part.interrupted:
+        text = f"ensemble interrupted: {(part.status >= 0).sum()} of {counted(len(q), 'motion')} finished"
+        raise SimulationInterrupted(text, float(part.end.min()), motions)
+    return motions
 
 
 def _starts(scene: Scene, q0: ArrayLike, qd0: ArrayLike, *, is_fixed: bool) -> tuple[Array, Array]:
@@ -359,10 +370,11 @@ class Motions(NamedTuple):
     tau: Array
     energies: Array  # (S, N, k)
     end: Array  # (N,), times of their ends
-    stopped: Array  # (N,), whether an event did
+    status: Array  # (N,), as of Ensemble
     methods: tuple[str, ...]
     evaluations: int
     verdict: PrecisionStatus
+    interrupted: bool = False
 
 
 def _in_equal_steps(method: str, times: Array, end: float, step: float, norm: tuple[Any, ...], n: int) -> Course:
@@ -433,41 +445,51 @@ class SideBySide:
 
     def run(self, chunk: Chunk, tick: Tick) -> Motions:
         """The motions of a chunk."""
-        x, kernel, evaluations, verdict = chunk.x, self.kernel, 0, OK
+        x, kernel, evaluations, verdict, goes_on = chunk.x, self.kernel, 0, OK, True
         stiff = np.zeros(len(x), dtype=bool)
-        kept = [x[None]] if 0.0 in self.times else []
+        states, reported = np.full((len(self.times), *x.shape), np.nan, x.dtype), 0
+        if 0.0 in self.times:
+            states[0], reported = x, 1
         in_machine_code = kernel.engine == "numba" and kernel.is_unrolled and x.dtype == np.float64
         for course in self.courses:
-            told = tick if course is self.courses[-1] else lambda count: None
-            X, left = np.empty((len(course.times), *x.shape), x.dtype), np.arange(len(x))
+            told = partial(_told, tick, self.work if course is self.courses[-1] else 0)
+            X, left = np.full((len(course.times), *x.shape), np.nan, x.dtype), np.arange(len(x))
             if in_machine_code:
                 from ..kernels.many_motions import EXAMINE, LEAVE, in_lanes
 
-                code, evaluated = in_lanes(course, kernel, chunk.parameters, x, X)
+                code, evaluated, goes_on = in_lanes(course, kernel, chunk.parameters, x, X, told)
                 left, evaluations = np.flatnonzero(code == EXAMINE), evaluations + evaluated
                 stiff |= code == LEAVE
-                told(self.work * (len(x) - len(left)))
-            if len(left):
-                some = np.empty((len(course.times), len(left), x.shape[1]), x.dtype)
-                rates = by_rows(course, kernel, chunk.parameters[left], chunk.first + left, x[left], some, told)
-                X[:, left] = some
+            if len(left) and goes_on:
+                some = np.full((len(course.times), len(left), x.shape[1]), np.nan, x.dtype)
+                by_step = tick if course is self.courses[-1] else told
+                rates = by_rows(course, kernel, chunk.parameters[left], chunk.first + left, x[left], some, by_step)
+                X[:, left], goes_on = some, rates.is_done
                 stiff[left] |= rates.stiff
                 evaluations, verdict = evaluations + rates.evaluations, verdict.worse(rates.verdict)
-            X[:, stiff] = x[stiff]
-            x = X[-1]
-            kept.append(X[np.isin(course.times, self.times)])
-        part = self._part(np.concatenate(kept), evaluations, verdict)
-        return self.otherwise.replaced(part, chunk, np.flatnonzero(stiff)) if stiff.any() else part
+            X[:, stiff] = x[stiff] if goes_on else np.nan
+            x, kept = X[-1], X[np.isin(course.times, self.times)]
+            states[reported : reported + len(kept)], reported = kept, reported + len(kept)
+            if not goes_on:
+                break
+        done = np.asarray(np.isfinite(x).all(axis=1)) & (course is self.courses[-1])
+        part = self._part(states, done, evaluations, verdict)._replace(interrupted=not goes_on)
+        return self.otherwise.replaced(part, chunk, np.flatnonzero(stiff), tick) if stiff.any() and goes_on else part
 
-    def _part(self, x: Array, evaluations: int, verdict: PrecisionStatus) -> Motions:
-        """States as positions, velocities, torques and energies."""
+    def _part(self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus) -> Motions:
+        """States as positions, velocities, torques and energies, with NaN where there are none."""
         n, N, size = self.rhs.robot.n, x.shape[1], self.rhs.size - len(self.rhs.ledger)
-        t, states = np.repeat(self.times, N).astype(x.dtype), x[..., :size].reshape(-1, size)
-        drives = Plant(self.rhs, None).drives_under(t, states, None)
+        t, states = np.repeat(self.times, N).astype(x.dtype), x[..., :size].reshape(len(self.times) * N, size)
+        known = np.asarray(np.isfinite(states).all(axis=1))
+        drives = Plant(self.rhs, None).drives_under(t[known], states[known], None)
         q, qd, energies = x[..., :n], x[..., n : 2 * n], x[..., size:]
-        tau = np.zeros(q.shape, x.dtype) if drives is None else drives.astype(x.dtype).reshape(q.shape)
-        end = np.full(N, self.courses[-1].end)
-        return Motions(q, qd, tau, energies, end, np.zeros(N, bool), (self.method,), evaluations, verdict)
+        tau = np.where(known[:, None], 0.0, np.nan).repeat(n, axis=1).astype(x.dtype)
+        if drives is not None:
+            tau[known] = drives
+        last = known.reshape(len(self.times), N).sum(axis=0)
+        end = np.where(done, self.courses[-1].end, np.append(0.0, self.times)[last])
+        status = np.where(done, 0, -1)
+        return Motions(q, qd, tau.reshape(q.shape), energies, end, status, (self.method,), evaluations, verdict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -495,50 +517,69 @@ class OneByOne:
 
     def run(self, chunk: Chunk, tick: Tick) -> Motions:
         """The motions of a chunk."""
-        S, n, energies = len(self.times), self.scene.n, len(self.scene.right_hand_side.ledger)
-        q, ledger = np.zeros((S, 0, n)), np.zeros((S, 0, energies))
-        parts = [Motions(q, q, q, ledger, np.zeros(0), np.zeros(0, bool), (), 0, OK)]
-        for k in range(len(chunk.x)):
-            parts.append(self._motion(chunk, k))
-            tick(1)
-        return joined(parts)
+        return self._motions(chunk, range(len(chunk.x)), tick)
 
-    def replaced(self, part: Motions, chunk: Chunk, rows: Array) -> Motions:
+    def _motions(self, chunk: Chunk, rows: Sequence[int], tick: Tick) -> Motions:
+        parts, interrupted = [self.nothing(0)], False
+        try:
+            for k in rows:
+                parts.append(self._motion(chunk, k, lambda *_: tick(0)))
+                if parts[-1].interrupted:
+                    break
+                tick(1)
+        except KeyboardInterrupt:
+            interrupted = True
+        found = joined([*parts, self.nothing(len(rows) + 1 - len(parts))])
+        return found._replace(interrupted=found.interrupted or interrupted)
+
+    def nothing(self, count: int) -> Motions:
+        """Motions that were not begun."""
+        S, n, energies = len(self.times), self.scene.n, len(self.scene.right_hand_side.ledger)
+        q, qd, tau, ledger = (np.full((S, count, k), np.nan) for k in (n, n, n, energies))
+        return Motions(q, qd, tau, ledger, np.zeros(count), np.full(count, -1), (), 0, OK)
+
+    def replaced(self, part: Motions, chunk: Chunk, rows: Array, tick: Tick) -> Motions:
         """Some motions of a part run anew."""
-        others = joined([self._motion(chunk, k) for k in rows.tolist()])
+        others = self._motions(chunk, rows.tolist(), lambda _: tick(0))
         for name in ("q", "qd", "tau", "energies"):
             getattr(part, name)[:, rows] = getattr(others, name)
+        part.end[rows], part.status[rows] = others.end, others.status
+        part = part._replace(interrupted=others.interrupted)
         methods = part.methods if len(rows) < len(chunk.x) else ()
         evaluations = part.evaluations + others.evaluations
         return part._replace(methods=tuple(sorted({*methods, *others.methods})), evaluations=evaluations)
 
-    def _motion(self, chunk: Chunk, k: int) -> Motions:
+    def _motion(self, chunk: Chunk, k: int, progress: Callable[..., Any]) -> Motions:
         x, parameters, number, n = chunk.x[k].astype(np.float64), chunk.parameters[k], chunk.first + k, self.scene.n
         scene = self.scene if not len(parameters) else at_parameters_of(self.scene, parameters)
+        how = self.options | {"t_eval": self.times, "progress": progress}
         try:
-            motion = simulate(scene, x[:n], x[n : 2 * n], self.duration, t_eval=self.times, **self.options)
+            motion = simulate(scene, x[:n], x[n : 2 * n], self.duration, **how)
+        except SimulationInterrupted as interrupt:
+            motion = interrupt.trajectory
         except SimulationError as error:
             raise SimulationError(f"start {number}: {error}", error.time, error.trajectory) from None
         except (ValueError, NotFiniteError) as error:
             raise ValueError(f"start {number}: {error}") from None
-        stopped = motion.status == 1
-        rows = np.minimum(np.arange(len(self.times)), len(motion.t) - 1)  # after a stop the state in which it ended
+        status, count, T = motion.status, len(self.times), len(motion.t)  # -1 if it was interrupted
+        rows = np.minimum(np.arange(count if status >= 0 else T), T - 1)  # after a stop the state in which it ended
         ledger, entries = self.scene.right_hand_side.ledger, {"drives": motion.work, **motion.dissipated}
         columns = np.array([entries[name][rows] for name in ledger]).reshape(len(ledger), len(rows)).T
-        q, qd, tau, energies = (
-            array[:, None] for array in (motion.q[rows], motion.qd[rows], motion.tau[rows], columns)
-        )
-        end = np.array([motion.t[-1] if stopped else self.duration])
-        return Motions(q, qd, tau, energies, end, np.array([stopped]), (motion.method,), motion.evaluations, OK)
+        part = self.nothing(1)
+        for array, values in zip(part[:4], (motion.q[rows], motion.qd[rows], motion.tau[rows], columns), strict=True):
+            array[: len(rows), 0] = values
+        part.end[:], part.status[:] = motion.t[-1] if status and T else self.duration if not status else 0.0, status
+        return part._replace(methods=(motion.method,), evaluations=motion.evaluations, interrupted=status < 0)
 
 
 def joined(parts: Sequence[Motions]) -> Motions:
     """The motions of several parts."""
     q, qd, tau, energies = (np.concatenate([part[k] for part in parts], axis=1) for k in range(4))
-    end, stopped = (np.concatenate([part[k] for part in parts]) for k in (4, 5))
+    end, status = (np.concatenate([part[k] for part in parts]) for k in (4, 5))
     methods = tuple(sorted({method for part in parts for method in part.methods}))
     verdict = reduce(PrecisionStatus.worse, [part.verdict for part in parts])
-    return Motions(q, qd, tau, energies, end, stopped, methods, sum(part.evaluations for part in parts), verdict)
+    evaluations, interrupted = sum(part.evaluations for part in parts), any(part.interrupted for part in parts)
+    return Motions(q, qd, tau, energies, end, status, methods, evaluations, verdict, interrupted)
 
 
 def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
@@ -547,6 +588,10 @@ def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
     robot = Robot(at_parameters(parts.robot.model, parameters), parts.robot.engine)
     contained: dict[str, Any] = dict.fromkeys(("mounting", "gravity", "payload", "locked", "armature"))
     return replace(scene, robot=robot, friction=parts.friction, effort_limit=parts.effort_limit, **contained)
+
+
+def _told(tick: Tick, factor: int, count: int) -> None:
+    tick(factor * count)
 
 
 Plan = SideBySide | OneByOne
@@ -568,8 +613,14 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
         if progress is not None and count:
             progress(done, total)
 
+    blank = (plan if isinstance(plan, OneByOne) else plan.otherwise).nothing
     if executor is None:
-        return joined([plan.run(chunk, tick) for chunk in chunks])
+        so_far = blank(0)
+        for chunk in chunks:
+            so_far = joined([so_far, plan.run(chunk, tick)])
+            if so_far.interrupted:
+                break
+        return joined([so_far, blank(size - len(so_far.end))])
     from concurrent.futures import ThreadPoolExecutor, wait
 
     executor = executor.get_executor() if hasattr(executor, "get_executor") else executor
@@ -577,20 +628,31 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
         raise TypeError(
             "`executor` must be a concurrent.futures.Executor or a distributed.Client, got " + type(executor).__name__
         )
-    in_threads = isinstance(executor, ThreadPoolExecutor)
+    in_threads, stop = isinstance(executor, ThreadPoolExecutor), threading.Event()
     if in_threads and isinstance(plan, SideBySide):
         _ = plan.kernel  # traced before several threads ask for it at once
-    run = partial(run_elsewhere, plan if in_threads else _pickled(plan))
+    run = partial(run_elsewhere, plan, stop=stop) if in_threads else partial(run_elsewhere, _pickled(plan))
     futures: list[Future[Motions]] = [executor.submit(run, chunk) for chunk in chunks]
-    for future, chunk in zip(futures, chunks, strict=True):
-        wait([future])
-        tick(len(chunk.x) * plan.work)
-    return joined([future.result() for future in futures])
+    try:
+        for future, chunk in zip(futures, chunks, strict=True):
+            wait([future])
+            tick(len(chunk.x) * plan.work)
+    except KeyboardInterrupt:
+        stop.set()
+        wait([future for future in futures if not future.cancel()], PATIENCE)
+    found = [future.result() if future.done() and not future.cancelled() else None for future in futures]
+    together = joined([part or blank(len(chunk.x)) for part, chunk in zip(found, chunks, strict=True)])
+    return together._replace(interrupted=stop.is_set())
 
 
-def run_elsewhere(plan: Plan | bytes, chunk: Chunk) -> Motions:
-    """Plan.run in another thread or process."""
-    return (_unpickled(plan) if isinstance(plan, bytes) else plan).run(chunk, lambda count: None)
+def run_elsewhere(plan: Plan | bytes, chunk: Chunk, stop: threading.Event | None = None) -> Motions:
+    """Plan.run in another thread or process; a thread is told when to stop."""
+
+    def tick(count: int) -> None:
+        if stop is not None and stop.is_set():
+            raise KeyboardInterrupt
+
+    return (_unpickled(plan) if isinstance(plan, bytes) else plan).run(chunk, tick)
 
 
 def _pickled(plan: Plan) -> bytes:

@@ -20,7 +20,7 @@ from .ledger import Ledger
 from .plant import MAX_EVALUATIONS, SAME, DryPlant, Plant, System, ZeroOrderHold
 from .solver import GAUSS, RODAS, AdaptiveSolver, Steps
 from .symplectic import GaussSolver, Hamilton
-from .watch import Watch
+from .watch import Watch, fastest_joint
 
 FEWEST = 8  # steps taken at first, where an event may throw them away
 LONGEST = 1000  # steps taken at once
@@ -229,13 +229,10 @@ class Loop:
 
     def _diverged(self, hold: ZeroOrderHold) -> NotFiniteError:
         """The error of a sampled loop that diverges, whose steps become ever shorter."""
-        n = self.plant.robot.n
-        rates = np.abs(self.x[n : 2 * n])
-        k = int(np.argmax(rates))
+        where = fastest_joint(self.plant.robot, self.x)
         return NotFiniteError(
-            f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {self.t:.6g} s, where "
-            f"{self.plant.robot.joint_names[k]!r} moves at {rates[k]:.3g} rad/s or m/s: the sampled loop is unstable; "
-            f"{hold.stability()}",
+            f"more than {MAX_EVALUATIONS} evaluations within one sample at t = {self.t:.6g} s, {where}: the sampled "
+            f"loop is unstable; {hold.stability()}",
             self.t,
         )
 

@@ -10,6 +10,8 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
 from ..kernels.rosenbrock import STAGES
+from ..kernels.row_steps import MOST_STEPS
+from ..robot import Robot
 from .compiled import has_rodas5p
 from .plant import Plant, ZeroOrderHold
 from .solver import EXPLICIT, RODAS, Steps
@@ -30,6 +32,7 @@ IN_MACHINE_CODE, UNDAMPED = 2, 10  # times as many of a compiled loop, whose ste
 SLOPES = 3  # times the time of an operation of the right-hand side takes one of the slopes, which registers do not hold
 PATIENCE = 4  # times as many looks until the next change, after one that did not pay
 SLOW = 2000  # looks' worth of steps that the whole run would take at a pace that is suspicious
+TRIED = 1000  # steps after which a run is given up that would take MOST_STEPS
 EXAMINED = 10  # of the last steps are examined for a jump of the torques nearby
 REACH = 4  # steps' lengths along the motion within which a jump is looked for
 BISECTIONS = 40
@@ -96,6 +99,8 @@ class Watch:
 
     def _look(self, t: float, x: Array) -> None:
         pace = t - self.recent[0][0]  # time covered by the last steps
+        if self.count >= TRIED and self.count * self.duration > MOST_STEPS * t:
+            raise NotFiniteError(f"{self.count} steps came to t = {t:.3g} s, {fastest_joint(self.plant.robot, x)}", t)
         if self.plant.held is None and pace * SLOW < self.duration and self.count >= self.next_suspicion:
             self.next_suspicion = 2 * self.count
             self._check_chatter()
@@ -217,6 +222,13 @@ class Watch:
             return None
         jump: Array = (beyond - u).reshape(n)
         return jump if np.abs(jump).max() > change / 4 else None
+
+
+def fastest_joint(robot: Robot, x: Array) -> str:
+    """What moves fastest in a state, for messages."""
+    rates = np.abs(x[robot.n : 2 * robot.n])
+    k = int(np.argmax(rates))
+    return f"where {robot.joint_names[k]!r} moves at {rates[k]:.3g} rad/s or m/s"
 
 
 def choose_method(plant: Plant, x0: Array, duration: float, hold: ZeroOrderHold | None) -> tuple[str, str]:
