@@ -444,6 +444,11 @@ class TestInterrupt:
         runs = check_interrupt(chain, starts, after=40 * 7, step=0.01)
         assert set(runs.end) == {0.05}
 
+    def test_of_float32_stays_float32(self, chain, starts):
+        few = [x.astype(np.float32) for x in starts]
+        assert rne.ensemble(chain, *few, 0.1, step=0.01).q.dtype == np.float32
+        assert check_interrupt(chain, few, after=40 * 7, step=0.01).q.dtype == np.float32
+
     def test_of_motions_one_after_another(self, chain, starts):
         scene = rne.Scene(chain, controller=lambda t, q, qd: -qd)
         runs = check_interrupt(scene, starts, after=2)
@@ -497,7 +502,10 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
 
     if engine == "numpy":
         kernel.blocks = SimpleNamespace(sound=sound)
-        with pytest.raises(rne.NotFiniteError, match=r"^start 1 at t = \d\.\d+e-\d+ s: 100 steps came no further$"):
+        with pytest.raises(
+            rne.NotFiniteError,
+            match=r"^start 1 at t = \d\.\d+e-\d+ s: 100 steps came no further, and the motion would take more than 1e\+10$",
+        ):
             by_rows(course, kernel, np.zeros((2, 0)), np.arange(2), x, X, lambda count: None)
         return
     monkeypatch.setattr(many_motions, "compiled", lambda text: text)

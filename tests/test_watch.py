@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks.random_robots import straight_chain
 from rne.model.builder import Part, assemble
 
 from .helpers import kept
@@ -108,3 +109,14 @@ def test_sampled_switching_is_a_motion(block):
     """Sampled, the same law is a sequence of constant forces."""
     motion = rne.simulate(rne.Scene(block, controller=switching, sample_time=0.01), [1.0], [0.0], 10.0)
     assert abs(motion.q[-1, 0]) < 0.02
+
+
+def test_a_motion_that_would_take_ever_so_many_steps_is_given_up():
+    """At 1e30 rad/s a step is some 1e-31 s; at 1e200 rad/s squares overflow."""
+    robot = rne.Robot(straight_chain(2))
+    text = r"1000 steps came to t = \d\.\d+e-\d+ s, where 'joint\d' moves at \d\.\d+e\+3\d rad/s or m/s: the run would take more than 1e\+10$"
+    with pytest.raises(rne.SimulationError, match=text) as error:
+        rne.simulate(robot, [0, 0], [1e30, 1e30], 0.01)
+    assert error.value.time > 0
+    with pytest.raises(rne.SimulationError, match="overflows float64"):
+        rne.simulate(robot, [0, 0], [1e200, 1e200], 0.01)

@@ -214,7 +214,8 @@ class RowSteps:
         for k in np.flatnonzero(~self.taken & ~(self.h >= smallest) | endless & (self.steps >= EARLY)):
             where = f"start {self.rates.numbers[k]} at t = {self.t[k]:.6g} s"
             if endless[k]:
-                raise NotFiniteError(f"{where}: {self.steps[k]} steps came no further", float(self.t[k]))
+                text = f"{where}: {self.steps[k]} steps came no further, and the motion would take more than"
+                raise NotFiniteError(f"{text} {MOST_STEPS:g}", float(self.t[k]))
             raise NotFiniteError(f"{where}: the step needed is less than the spacing between numbers", float(self.t[k]))
         return np.asarray(np.minimum(self.t + np.maximum(self.h, smallest), course.end))
 

@@ -128,30 +128,19 @@ def _indented(lines: Sequence[str]) -> list[str]:
 
 
 # What a language has not, or has otherwise than NumPy where an operand is NaN or infinite.
-PYTHON = {
-    "sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 else x"],
-    "minimum": ["def minimum(a, b):", "    return a if a <= b or a != a else b"],
-    "maximum": ["def maximum(a, b):", "    return a if a >= b or a != a else b"],
+EXTREMES = {"minimum": "<=", "maximum": ">="}
+PYTHON = {"sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 else x"]}
+PYTHON |= {k: [f"def {k}(a, b):", f"    return a if a {sign} b or a != a else b"] for k, sign in EXTREMES.items()}
+C = {"sign": ["static double sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }"]}
+C |= {
+    k: [f"static double {k}(double a, double b) {{ return a {sign} b || a != a ? a : b; }}"]
+    for k, sign in EXTREMES.items()
 }
-C = {
-    "sign": ["static double sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }"],
-    "minimum": ["static double minimum(double a, double b) { return a <= b || a != a ? a : b; }"],
-    "maximum": ["static double maximum(double a, double b) { return a >= b || a != a ? a : b; }"],
+MATLAB = {"root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"]}
+MATLAB |= {
+    k: [f"function x = {k}(a, b)", f"  x = where(a {sign} b || isnan(a), a, b);", "end"] for k, sign in EXTREMES.items()
 }
-MATLAB = {
-    "root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"],
-    "minimum": ["function x = minimum(a, b)", "  x = where(a <= b || isnan(a), a, b);", "end"],
-    "maximum": ["function x = maximum(a, b)", "  x = where(a >= b || isnan(a), a, b);", "end"],
-    "where": [
-        "function x = where(condition, a, b)",
-        "  if condition ~= 0",
-        "    x = a;",
-        "  else",
-        "    x = b;",
-        "  end",
-        "end",
-    ],
-}
+MATLAB["where"] = ["function x = where(c, a, b)", "  if c ~= 0, x = a; else, x = b; end", "end"]
 
 
 class Language(NamedTuple):

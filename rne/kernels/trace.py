@@ -52,7 +52,16 @@ def trace(
     """
     widths = argument_widths(quantity, model)
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
-    graph, result, judged = _traced(quantity, model, widths, starts, fixed)
+
+    def run(by_pivots: Sequence[bool] | None = None) -> tuple[Graph, Any, Any]:
+        """The graph, the result and what judges it; of a second run where zeros were folded unsoundly."""
+        graph = Graph(8 * LIMIT, by_pivots)
+        arrays = [inputs(graph, (1, width), starts[name]) for name, width in widths.items()]
+        result, *judged = _run_core(quantity, model, arrays, fixed)
+        again = graph.divisions_by_pivots(references(graph, judged[0]) if judged else ())
+        return (graph, result, judged) if again is None else run(again)
+
+    graph, result, judged = run()
     shape, outputs = np.shape(result)[1:], references(graph, result)
     if wrt:
         by = [starts[name] + j for name in wrt for j in range(widths[name])]
@@ -70,24 +79,6 @@ def trace(
         velocities = range(starts[name], starts[name] + widths[name])[entries]
     pivots = model.n if judged and entry is None else 0
     return Trace(program, tuple(widths.values()), shape, velocities, pivots)
-
-
-def _traced(
-    quantity: Quantity,
-    model: Model,
-    widths: Mapping[str, int],
-    starts: Mapping[str, int],
-    fixed: Mapping[str, Any],
-    by_pivots: Sequence[bool] | None = None,
-) -> tuple[Graph, Any, tuple[Any, ...]]:
-    """The graph of a core, its result and what judges that; where zeros were folded unsoundly, of a second run."""
-    graph = Graph(8 * LIMIT, by_pivots)
-    arrays = [inputs(graph, (1, width), starts[name]) for name, width in widths.items()]
-    result, *judged = _run_core(quantity, model, arrays, fixed)
-    again = graph.divisions_by_pivots(references(graph, judged[0]) if judged else ())
-    if again is not None:
-        return _traced(quantity, model, widths, starts, fixed, again)
-    return graph, result, tuple(judged)
 
 
 def _run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -532,10 +532,10 @@ class OneByOne:
         found = joined([*parts, self.nothing(len(rows) + 1 - len(parts))])
         return found._replace(interrupted=found.interrupted or interrupted)
 
-    def nothing(self, count: int) -> Motions:
+    def nothing(self, count: int, dtype: Any = np.float64) -> Motions:
         """Motions that were not begun."""
         S, n, energies = len(self.times), self.scene.n, len(self.scene.right_hand_side.ledger)
-        q, qd, tau, ledger = (np.full((S, count, k), np.nan) for k in (n, n, n, energies))
+        q, qd, tau, ledger = (np.full((S, count, k), np.nan, dtype) for k in (n, n, n, energies))
         return Motions(q, qd, tau, ledger, np.zeros(count), np.full(count, -1), (), 0, OK)
 
     def replaced(self, part: Motions, chunk: Chunk, rows: Array, tick: Tick) -> Motions:
@@ -613,7 +613,7 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
         if progress is not None and count:
             progress(done, total)
 
-    blank = (plan if isinstance(plan, OneByOne) else plan.otherwise).nothing
+    blank = partial((plan if isinstance(plan, OneByOne) else plan.otherwise).nothing, dtype=starts.x.dtype)
     if executor is None:
         so_far = blank(0)
         for chunk in chunks:
@@ -642,7 +642,7 @@ def run_all(plan: Plan, starts: Chunk, progress: Progress | None, executor: Exec
         wait([future for future in futures if not future.cancel()], PATIENCE)
     found = [future.result() if future.done() and not future.cancelled() else None for future in futures]
     together = joined([part or blank(len(chunk.x)) for part, chunk in zip(found, chunks, strict=True)])
-    return together._replace(interrupted=stop.is_set())
+    return together._replace(interrupted=together.interrupted or stop.is_set())
 
 
 def run_elsewhere(plan: Plan | bytes, chunk: Chunk, stop: threading.Event | None = None) -> Motions:

@@ -100,7 +100,9 @@ class Watch:
     def _look(self, t: float, x: Array) -> None:
         pace = t - self.recent[0][0]  # time covered by the last steps
         if self.count >= TRIED and self.count * self.duration > MOST_STEPS * t:
-            raise NotFiniteError(f"{self.count} steps came to t = {t:.3g} s, {fastest_joint(self.plant.robot, x)}", t)
+            where = fastest_joint(self.plant.robot, x)
+            text = f"{self.count} steps came to t = {t:.3g} s, {where}: the run would take more than {MOST_STEPS:g}"
+            raise NotFiniteError(text, t)
         if self.plant.held is None and pace * SLOW < self.duration and self.count >= self.next_suspicion:
             self.next_suspicion = 2 * self.count
             self._check_chatter()
