@@ -105,12 +105,13 @@ def library(functions: Sequence[str], description: Sequence[str], text: Callable
     """The library of what a description stands for, from memory, from the disk, or compiled and kept in both."""
     name = disk_cache.key(versions(), *host(), *description)
     mark = f"rne_{name}"  # a symbol by which code is known to be that of the description
-    kept = RECENT.pop(name, None) or disk_cache.read(name)
-    try:
-        made, code = Library(kept or b"", [*functions, mark]), kept or b""
-    except RuntimeError as error:
-        if kept is not None:
+    made, code = None, RECENT.pop(name, None) or disk_cache.read(name) or b""
+    if code:
+        try:
+            made = Library(code, [*functions, mark])
+        except RuntimeError as error:
             LOGGER.info("object code of %s is compiled anew: %s", name, error)
+    if made is None:
         code = compiled(f"{text()}\n@{mark} = constant i8 0\n", loops=loops)
         disk_cache.write(name, code)
         made = Library(code, functions)
