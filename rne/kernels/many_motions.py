@@ -18,7 +18,7 @@ from .row_steps import EARLY, EPS, LOOK, MOST_STEPS, SLOW, STIFF, Course, Tick, 
 from .runge_kutta import LARGEST, SAFETY, SMALLEST, Tableau
 
 NOBODY = -1  # in place of a motion's number
-OPERATIONS = 10**8  # of the kernel in one call, on LANES states: some tenths of a second
+OPERATIONS = 3 * 10**7  # of the kernel in one call, on LANES states: less than a tenth of a second
 EXAMINE, LEAVE = 1, 2  # codes of motions: with a state to be examined, and stiff
 # Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q;
 # of `step`: begin, length and end of the step, its errors, the length to try next.
