@@ -314,6 +314,8 @@ class ZeroOrderHold:
         if self.count:
             u = np.clip(u, held - self.change, held + self.change)
         self.plant.held = u
+        if hasattr(self.scene.controller, "delivered"):
+            self.scene.controller.delivered(u.copy())
         self._append(Samples(np.array([t]), x[None, : 2 * n], u[None], self.state[None]))
         self.evaluations_before = self.plant.evaluations
 
