@@ -102,7 +102,9 @@ def test_no_smooth_torque_without_a_contact_exceeds_the_threshold(arm, cases, ra
     tau = arm.inverse_dynamics(q, qd, qdd)
     alone = MomentumObserver(arm, gain=gain).observe(t, q, qd, tau)
     assert alone.kind is None
-    largest = np.abs(np.diff(tau, 2, axis=0)).max() / 2 * max(1, gain / rate / 2)  # 6 times the trapezoidal rule's error
+    largest = (
+        np.abs(np.diff(tau, 2, axis=0)).max() / 2 * max(1, gain / rate / 2)
+    )  # 6 times the trapezoidal rule's error
     assert alone.threshold.max() < largest
 
 

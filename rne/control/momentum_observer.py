@@ -241,22 +241,20 @@ class MomentumObserver:
         found, errors = (np.stack(parts) for parts in zip(*robots, strict=True))
         impulse, doubt = self._drives(qd, tau, middle[1], step, held)
         doubt = doubt + errors.max(axis=0)
-        doubt[1:] = np.maximum(
-            doubt[1:], doubt[:-1]
-        )  # the difference of two rules vanishes at times where errors do not
+        doubt[1:] = np.maximum(doubt[1:], doubt[:-1])  # a difference of two rules may pass through zero
         return found - impulse, doubt
 
     def _drives(self, qd: Array, tau: Array, middle: Array, step: float, held: bool) -> tuple[Array, Array]:
         """Impulses of the drives and of friction between samples, and their doubt, both (T - 1, n)."""
         f, model = self.friction, self.robot.model
-        friction = [np.zeros_like(x) if f is None else f.torque(model, x) for x in (qd, middle)]
+        friction, halfway = (np.zeros_like(x) if f is None else f.torque(model, x) for x in (qd, middle))
         if held:
-            slowed, error = _simpson(*friction, step)
-            size, of_size = _simpson(*(np.abs(x) for x in friction), step)
+            slowed, error = _simpson(friction, halfway, step)
+            size, of_size = _simpson(np.abs(friction), np.abs(halfway), step)
             impulse, doubt = tau[:-1] * step - slowed, error + self.friction_error * (size + of_size)
         else:
-            impulse, doubt = _trapezoidal(tau - friction[0], step), _curvature(tau - friction[0]) * SMOOTH * step
-            doubt = doubt + self.friction_error * _trapezoidal(np.abs(friction[0]), step)
+            impulse, doubt = _trapezoidal(tau - friction, step), _curvature(tau - friction) * SMOOTH * step
+            doubt = doubt + self.friction_error * _trapezoidal(np.abs(friction), step)
         if getattr(f, "sticks", False):
             largest = np.maximum(f.coulomb, f.coulomb_back) if f.static is None else f.static
             rests = qd == 0
@@ -435,7 +433,7 @@ def _curvature(values: Array) -> Array:
     if len(values) < 3:
         return np.asarray(3 * np.abs(np.diff(values, axis=0)))  # a jump is within half of it
     bends = np.abs(np.diff(values, 2, axis=0))
-    return np.maximum(np.concatenate([bends[:1], bends]), np.concatenate([bends, bends[-1:]]))
+    return np.asarray(np.maximum(np.concatenate([bends[:1], bends]), np.concatenate([bends, bends[-1:]])))
 
 
 def _unexplained(robot: Robot, q: Array, qd: Array, middle: tuple[Array, Array], step: float) -> tuple[Array, Array]:

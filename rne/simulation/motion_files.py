@@ -7,7 +7,7 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from math import isfinite
 from os import PathLike
@@ -19,7 +19,7 @@ import numpy as np
 from ..basics.paths import output_file
 from ..basics.spatial import Array
 from ..errors import ModelError
-from ..model.model import Model
+from ..model.model import ARRAY_FIELDS, Model
 from ..model.solids import Box, Cylinder
 
 # What NumPy, zlib and JSON raise for other files and damaged ones.
@@ -36,12 +36,30 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "jumps": ("K",),
     **dict.fromkeys(("qdd_before", "tau_before"), ("K", "n")),
 }
-MAY_BE_EMPTY = ("controller_state", "qdd_before", "tau_before")
-KINDS: dict[str, type | tuple[type, ...]] = {
-    **dict.fromkeys(("method", "message", "scene"), str),
-    **dict.fromkeys(("evaluations", "status"), int),
-    **dict.fromkeys(("energy_drift", "energy_start"), (int, float)),
-    "at_steps": bool,
+KINDS = {  # of what is not an array
+    **dict.fromkeys(("method", "message", "scene", "model.name"), "a text"),
+    **{"evaluations": "a whole number", "status": "-1, 0 or 1"},
+    **dict.fromkeys(("energy_drift", "energy_start", "model.base_mass"), "a number"),
+    **dict.fromkeys(("at_steps", "has_model"), "true or false"),
+    **dict.fromkeys(("dissipated", "model.moving_joints", "model.joint_types"), "a list of texts"),
+    **dict.fromkeys(("model.link_names", "model.link_joints"), "a list of texts"),
+    **dict.fromkeys(("model.parent", "model.link_body", "model.link_parent"), "a list of whole numbers"),
+    **dict.fromkeys(("model.coordinate", "model.independent_joints"), "a list of whole numbers"),
+    **{"model.shapes": "a list", "model.notes": "texts by name", "model.source": "a text or null"},
+    "model.given_moments": "null",
+}
+IS_OF_KIND: dict[str, Callable[[Any], bool]] = {
+    "a text": lambda x: isinstance(x, str),
+    "a whole number": lambda x: type(x) is int and x >= 0,
+    "-1, 0 or 1": lambda x: type(x) is int and -1 <= x <= 1,
+    "a number": lambda x: type(x) in (int, float),
+    "true or false": lambda x: isinstance(x, bool),
+    "a list": lambda x: isinstance(x, list),
+    "a list of texts": lambda x: isinstance(x, list) and all(isinstance(k, str) for k in x),
+    "a list of whole numbers": lambda x: isinstance(x, list) and all(type(k) is int for k in x),
+    "texts by name": lambda x: isinstance(x, dict) and all(isinstance(k, str) for k in x.values()),
+    "a text or null": lambda x: x is None or isinstance(x, str),
+    "null": lambda x: x is None,
 }
 
 
@@ -102,8 +120,8 @@ class MotionFiles:
         Raises
         ------
         ValueError
-            If the file is no such archive, or a damaged one, or an entry of it has the wrong shape or type or is not
-            finite, or the times do not ascend.
+            If the file is no such archive, or a damaged one, or an entry of it is missing, unknown, of the wrong shape
+            or type or not finite, or the times do not ascend.
         FileNotFoundError
             If there is no such file.
 
@@ -114,12 +132,10 @@ class MotionFiles:
         """
         arrays, texts = _contents(Path(path))
         try:
+            _check_entries(arrays, texts)
             dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
             parts = {"dissipated": dissipated, "model": _model(arrays, texts)}  # takes its entries out of both
             motion: Self = cls(**(arrays | texts | parts))
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"{str(path)!r} is not a complete motion: {error}") from None
-        try:
             _check(motion)
         except ValueError as error:
             raise ValueError(f"{str(path)!r}: {error}") from None
@@ -225,15 +241,30 @@ def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     return arrays, texts
 
 
-def _check(motion: Any) -> None:
-    """A ValueError that names the first entry with a wrong type or shape, a number that is not finite, or late time."""
-    for name, kind in KINDS.items():
-        value = getattr(motion, name)
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            expected = {str: "a text", int: "a whole number", bool: "true or false"}.get(kind, "a number")  # type: ignore[arg-type]
-            raise ValueError(f"`{name}` must be {expected}, got {value!r}")
+def _check_entries(arrays: dict[str, Array], texts: dict[str, Any]) -> None:
+    """A ValueError that names the first entry that is missing, unknown or of another kind."""
+    kinds = KINDS if texts.get("has_model") is not False else {k: v for k, v in KINDS.items() if k[:6] != "model."}
+    for name, kind in kinds.items():
+        if name not in texts:
+            raise ValueError(f"`{name}` is missing, {kind}")
+        value = texts[name]
+        if not IS_OF_KIND[kind](value):
+            raise ValueError(f"`{name}` must be {kind}, got {value!r}")
         if isinstance(value, float) and not isfinite(value):
             raise ValueError(f"`{name}` must be finite, got {value}")
+    names = [*SHAPES, *(f"dissipated.{name}" for name in texts["dissipated"])]
+    names += [f"model.{name}" for name in ARRAY_FIELDS] if texts["has_model"] else []
+    for name in names:
+        if name not in arrays:
+            raise ValueError(f"`{name}` is missing, an array of real numbers")
+        if arrays[name].dtype.kind not in "fiu":
+            raise ValueError(f"`{name}` must be an array of real numbers, got dtype {arrays[name].dtype}")
+    for name in (*(x for x in arrays if x not in names), *(x for x in texts if x not in kinds)):
+        raise ValueError(f"`{name}` is no entry of a motion")
+
+
+def _check(motion: Any) -> None:
+    """A ValueError that names the first array with a wrong shape or a number that is not finite, or late time."""
     sizes: dict[str, int] = {}
     for name, shape in SHAPES.items():
         _check_array(name, getattr(motion, name), shape, sizes)
@@ -243,16 +274,15 @@ def _check(motion: Any) -> None:
     if late.size:
         before, after = motion.t[late[0] : late[0] + 2].tolist()
         raise ValueError(f"`t` must ascend, got {after:.6g} s after {before:.6g} s")
+    if not np.isin(motion.jumps, motion.t).all():
+        raise ValueError("`jumps` must be among the times `t`")
     if motion.model is not None and len(motion.model.joint_names) != sizes["n"]:
         raise ValueError(f"`q` must have {len(motion.model.joint_names)} columns, as its model, got {sizes['n']}")
 
 
-def _check_array(name: str, value: Any, shape: tuple[str, ...], sizes: dict[str, int]) -> None:
+def _check_array(name: str, value: Array, shape: tuple[str, ...], sizes: dict[str, int]) -> None:
     """Check an array; letters of its shape that are not among the `sizes` yet are added to them."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
-        got = f"dtype {value.dtype}" if isinstance(value, np.ndarray) else repr(value)
-        raise ValueError(f"`{name}` must be an array of real numbers, got {got}")
-    if name in MAY_BE_EMPTY and not value.size:
+    if value.shape == (0, 0) and (shape[1] == "m" or sizes["K"] == 0):  # as where none is given
         return
     expected = ", ".join(str(sizes.get(letter, letter)) for letter in shape)
     same = (sizes.setdefault(letter, length) == length for letter, length in zip(shape, value.shape, strict=False))
@@ -274,8 +304,11 @@ def _model(arrays: dict[str, Array], texts: dict[str, Any]) -> Model | None:
             values[name.removeprefix("model.")] = tuple(value) if isinstance(value, list) else value
     try:
         values["shapes"] = tuple(_shape(*fields) for fields in values["shapes"])
+    except (TypeError, ValueError):
+        raise ValueError("`model.shapes` must be the fields of cylinders and boxes") from None
+    try:
         return Model(**values)
-    except (KeyError, TypeError, ValueError, ModelError) as error:
+    except (ValueError, ModelError) as error:
         raise ValueError(f"the model in the file is not complete: {error}") from None
 
 

@@ -19,6 +19,7 @@ from ..robot import Robot
 from .compiled import has_rodas5p
 from .equations_of_motion import RightHandSide, check_law
 from .events import check_within_stops, stops
+from .friction import creep
 from .loop import Failure, Loop, Run, Task
 from .plant import SAME, Plant, ZeroOrderHold
 from .scene import Scene, scene_of_robot
@@ -230,12 +231,14 @@ def build_trajectory(
     Where no law must be called, they are computed when they are asked for.
     """
     rhs, T = plant.rhs, len(run.t)
-    later = partial(_derived, plant, task, run, scene)
+    message = f"{reason}; {run.ending}"
+    later = partial(_derived, plant, task, run, scene, message)
     failure, derived = run.failure, None
     if failure is not None or plant.law is not None:
         derived = later(may_fail=True)
         found = derived.pop("failure")
         T, failure = len(derived["tau"]), failure or found
+        derived |= {"message": failure.cause} if failure else {}
     n = rhs.robot.n
     known |= {
         "t": run.t[:T],
@@ -244,15 +247,16 @@ def build_trajectory(
         "evaluations": plant.evaluations,
         "method": run.method,
         "status": -1 if failure else run.status,
-        "message": failure.cause if failure else f"{reason}; {run.ending}",
         "model": rhs.robot.model,
         "at_steps": task.t_eval is None,
     }
+    if derived is None and rhs.friction is None:
+        known["message"] = message  # which does not wait for the torques
     return (trajectory_later(known, later) if derived is None else Trajectory(**known, **derived)), failure
 
 
-def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool = False) -> dict[str, Any]:
-    """Torques, accelerations and energies of a motion, and its jumps; the failure where there may be one."""
+def _derived(plant: Plant, task: Task, run: Run, scene: Any, message: str, *, may_fail: bool = False) -> dict[str, Any]:
+    """Torques, accelerations and energies of a motion, its jumps and message; the failure where there may be one."""
     robot, n = plant.robot, plant.robot.n
     just_after = np.where(np.isin(run.t, task.breaks), np.nextafter(run.t, np.inf), run.t)
     tau, qdd, failure = _torques_and_accelerations(plant, run._replace(t=just_after), run.held())
@@ -281,6 +285,9 @@ def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool =
     found |= {"work": work, "dissipated": entries, "energy_start": start}
     found |= {"energy_drift": float(np.abs(balance).max()) if T else 0.0}
     found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
+    rest = None if "drives" in plant.rhs.ledger or qd0.any() else q0
+    crept = "" if plant.rhs.friction is None else creep(plant.rhs.friction, robot, q, qd, qdd, rest)
+    found["message"] = f"{crept}; {message}" if crept else message
     return found | {"failure": failure} if may_fail else found
 
 
