@@ -270,11 +270,10 @@ class TestFiles:
         ("change", "message"),
         [
             (lambda texts: [*texts], " is not a motion written by Trajectory.save"),
-            (lambda texts: texts | {"status": "ended"}, ": `status` must be -1, 0 or 1, got 'ended'"),
-            (lambda texts: texts | {"energy_drift": float("nan")}, ": `energy_drift` must be finite, got nan"),
+            (lambda texts: texts | {"status": "ended"}, ": `status` must be a whole number, got 'ended'"),
+            (lambda texts: texts | {"energy_drift": float("nan")}, ": `energy_drift` must be a finite number, got nan"),
             (lambda texts: texts | {"method": None}, ": `method` must be a text, got None"),
             (lambda texts: texts | {"dissipated": 1}, ": `dissipated` must be a list of texts, got 1"),
-            (lambda texts: texts | {"evaluations": -7}, ": `evaluations` must be a whole number, got -7"),
             (lambda texts: texts | {"model.colour": "red"}, ": `model.colour` is no entry of a motion"),
             (lambda texts: texts | {"has_model": False}, ": `model.axis` is no entry of a motion"),
             (
@@ -321,7 +320,7 @@ class TestFiles:
                     self.load(file, arrays | {name: wrong}, texts)
             for wrong in (np.zeros((2, *value.shape)), np.array(1.0), np.full(value.shape, np.nan)):
                 if wrong.size or name.startswith("model."):  # of an array without entries all are finite
-                    with pytest.raises(ValueError, match=rf"`{field}` must (have shape|be finite)|has {field} 1"):
+                    with pytest.raises(ValueError, match=rf"`{field}` must (have shape|be finite)|{field} [01]"):
                         self.load(file, arrays | {name: wrong}, texts)
 
     def test_no_text_of_another_kind_is_taken(self, entries):

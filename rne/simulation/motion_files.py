@@ -19,7 +19,7 @@ import numpy as np
 from ..basics.paths import output_file
 from ..basics.spatial import Array
 from ..errors import ModelError
-from ..model.model import ARRAY_FIELDS, Model
+from ..model.model import Model
 from ..model.solids import Box, Cylinder
 
 # What NumPy, zlib and JSON raise for other files and damaged ones.
@@ -36,30 +36,21 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "jumps": ("K",),
     **dict.fromkeys(("qdd_before", "tau_before"), ("K", "n")),
 }
-KINDS = {  # of what is not an array
-    **dict.fromkeys(("method", "message", "scene", "model.name"), "a text"),
-    **{"evaluations": "a whole number", "status": "-1, 0 or 1"},
-    **dict.fromkeys(("energy_drift", "energy_start", "model.base_mass"), "a number"),
-    **dict.fromkeys(("at_steps", "has_model"), "true or false"),
-    **dict.fromkeys(("dissipated", "model.moving_joints", "model.joint_types"), "a list of texts"),
-    **dict.fromkeys(("model.link_names", "model.link_joints"), "a list of texts"),
-    **dict.fromkeys(("model.parent", "model.link_body", "model.link_parent"), "a list of whole numbers"),
-    **dict.fromkeys(("model.coordinate", "model.independent_joints"), "a list of whole numbers"),
-    **{"model.shapes": "a list", "model.notes": "texts by name", "model.source": "a text or null"},
-    "model.given_moments": "null",
-}
-IS_OF_KIND: dict[str, Callable[[Any], bool]] = {
-    "a text": lambda x: isinstance(x, str),
-    "a whole number": lambda x: type(x) is int and x >= 0,
-    "-1, 0 or 1": lambda x: type(x) is int and -1 <= x <= 1,
-    "a number": lambda x: type(x) in (int, float),
-    "true or false": lambda x: isinstance(x, bool),
-    "a list": lambda x: isinstance(x, list),
-    "a list of texts": lambda x: isinstance(x, list) and all(isinstance(k, str) for k in x),
-    "a list of whole numbers": lambda x: isinstance(x, list) and all(type(k) is int for k in x),
-    "texts by name": lambda x: isinstance(x, dict) and all(isinstance(k, str) for k in x.values()),
-    "a text or null": lambda x: x is None or isinstance(x, str),
-    "null": lambda x: x is None,
+KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {  # by the type of a field
+    "Array": ("an array of real numbers", lambda x: isinstance(x, np.ndarray) and x.dtype.kind in "fiu"),
+    "str": ("a text", lambda x: isinstance(x, str)),
+    "str | None": ("a text or null", lambda x: x is None or isinstance(x, str)),
+    "int": ("a whole number", lambda x: type(x) is int),
+    "float": ("a finite number", lambda x: type(x) in (int, float) and isfinite(x)),
+    "bool": ("true or false", lambda x: isinstance(x, bool)),
+    "tuple[str, ...]": ("a list of texts", lambda x: isinstance(x, list) and all(isinstance(k, str) for k in x)),
+    "tuple[int, ...]": ("a list of whole numbers", lambda x: isinstance(x, list) and all(type(k) is int for k in x)),
+    "tuple[Cylinder | Box, ...]": ("a list", lambda x: isinstance(x, list)),
+    "Mapping[str, str]": (
+        "texts by name",
+        lambda x: isinstance(x, dict) and all(isinstance(k, str) for k in x.values()),
+    ),
+    "Moments | None": ("null", lambda x: x is None),
 }
 
 
@@ -132,7 +123,7 @@ class MotionFiles:
         """
         arrays, texts = _contents(Path(path))
         try:
-            _check_entries(arrays, texts)
+            _check_entries(arrays, texts, {f.name: str(f.type) for f in fields(cls)})  # type: ignore[arg-type]
             dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
             parts = {"dissipated": dissipated, "model": _model(arrays, texts)}  # takes its entries out of both
             motion: Self = cls(**(arrays | texts | parts))
@@ -241,26 +232,28 @@ def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     return arrays, texts
 
 
-def _check_entries(arrays: dict[str, Array], texts: dict[str, Any]) -> None:
-    """A ValueError that names the first entry that is missing, unknown or of another kind."""
-    kinds = KINDS if texts.get("has_model") is not False else {k: v for k, v in KINDS.items() if k[:6] != "model."}
-    for name, kind in kinds.items():
-        if name not in texts:
-            raise ValueError(f"`{name}` is missing, {kind}")
-        value = texts[name]
-        if not IS_OF_KIND[kind](value):
-            raise ValueError(f"`{name}` must be {kind}, got {value!r}")
-        if isinstance(value, float) and not isfinite(value):
-            raise ValueError(f"`{name}` must be finite, got {value}")
-    names = [*SHAPES, *(f"dissipated.{name}" for name in texts["dissipated"])]
-    names += [f"model.{name}" for name in ARRAY_FIELDS] if texts["has_model"] else []
-    for name in names:
-        if name not in arrays:
-            raise ValueError(f"`{name}` is missing, an array of real numbers")
-        if arrays[name].dtype.kind not in "fiu":
-            raise ValueError(f"`{name}` must be an array of real numbers, got dtype {arrays[name].dtype}")
-    for name in (*(x for x in arrays if x not in names), *(x for x in texts if x not in kinds)):
-        raise ValueError(f"`{name}` is no entry of a motion")
+def _check_entries(arrays: dict[str, Array], texts: dict[str, Any], types: dict[str, str]) -> None:
+    """A ValueError that names the first entry that is missing, of another kind than its field, or unknown."""
+    types = {"has_model": "bool"} | types | {"dissipated": "tuple[str, ...]"}
+    del types["model"], types["error_estimate"]
+    _check_kinds(arrays, texts, types)
+    further = {f"dissipated.{name}": "Array" for name in texts["dissipated"]}
+    further |= {f"model.{f.name}": str(f.type) for f in fields(Model)} if texts["has_model"] else {}
+    _check_kinds(arrays, texts, further)
+    for name in (*arrays, *texts):
+        if (types | further).get(name) is None or name in arrays.keys() & texts.keys():
+            raise ValueError(f"`{name}` is no entry of a motion")
+
+
+def _check_kinds(arrays: dict[str, Array], texts: dict[str, Any], types: dict[str, str]) -> None:
+    for name, kind in types.items():
+        words, fits = KINDS[kind]
+        held: dict[str, Any] = arrays if kind == "Array" else texts
+        if name not in held:
+            raise ValueError(f"`{name}` is missing, {words}")
+        if not fits(held[name]):
+            got = f"dtype {held[name].dtype}" if kind == "Array" else repr(held[name])
+            raise ValueError(f"`{name}` must be {words}, got {got}")
 
 
 def _check(motion: Any) -> None:
