@@ -216,7 +216,7 @@ def test_a_watched_law_needs_its_own_sample_time(two, sample_time):
         (
             {"law": rne.control.pid(rne.load("irb140"), 1, 1, 1, [0] * 6)},
             TypeError,
-            "`law` must be a function of (t, q, qd), got PID, which has `states`",
+            "`law` must be a function of (t, q, qd), got one of (t: 'float', q: 'Array', qd: 'Array', z: 'Array') -> 'tuple[Array, Array]'",
         ),
         ({"sample_time": 0}, ValueError, "`sample_time` must be positive, got 0.0"),
     ],
@@ -235,6 +235,7 @@ REST = np.zeros((len(T), 6))
     [
         ({"tau": np.where(np.arange(6) == 3, np.nan, REST)}, "`tau` must be finite, got nan at index (0, 3)"),
         ({"t": T**2}, "`t` must ascend at equal intervals; rne.identification.Record.prepare resamples"),
+        ({"t": 0 * T}, "`t` must ascend at equal intervals; rne.identification.Record.prepare resamples"),
         ({"qd": REST[1:]}, "`q`, `qd` and `tau` must have shape (1001, 6), a row for each of at least two times"),
     ],
 )
@@ -261,6 +262,8 @@ SAME = "`cases` may differ from the robot in the inertial parameters of bodies a
             ValueError,
             f"{SAME}`gravity` of the model of cases[0] differs",
         ),
+        ({"cases": 3}, TypeError, "`cases` must be a sequence of robots, got int"),
+        ({"friction": rne.Friction}, TypeError, "`friction` must be an rne.Friction or None, got type"),
         ({"cases": [1.0]}, TypeError, "`cases` must be robots, got float at index 0"),
         ({"friction": 3.0}, TypeError, "`friction` must be an rne.Friction or None, got float"),
         (

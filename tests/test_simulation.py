@@ -471,6 +471,87 @@ class TestCreep:
         assert caught.value.trajectory.message.startswith("torque of ")
 
 
+class Odd:
+    """A law with an attribute that is none, and one state where it has `states`."""
+
+    def __init__(self, returned=None, **attributes):
+        self.returned = returned
+        self.__dict__.update(attributes)
+
+    def __call__(self, t, q, qd, *z):
+        return (0 * q, self.returned) if z else 0 * q
+
+
+NO_RATES = "rates of the controller's states"
+
+
+@pytest.mark.parametrize(
+    ("parts", "options", "text"),
+    [
+        ({}, {"progress": 3}, "`progress` must be a function of (t, duration), got int"),
+        ({}, {"progress": lambda t: None}, "`progress` must be a function of (t, duration), got one of (t)"),
+        ({"controller": Odd}, {}, "`controller` must be a function of (t, q, qd), got the class Odd"),
+        ({}, {"torque": int}, "`torque` must be a function of (t, q, qd), got the class int"),
+        ({"controller": Odd(breaks=0.5)}, {}, "`controller.breaks` must have shape (k,), got ()"),
+        (
+            {"controller": Odd(breaks=None)},
+            {},
+            "`controller.breaks` must be an array of numbers of shape (k,), got dtype object",
+        ),
+        ({"controller": Odd(states="2")}, {}, "`controller.states` must be a whole number of at least 0, got '2'"),
+        ({"controller": Odd(states=-2)}, {}, "`controller.states` must be a whole number of at least 0, got -2"),
+        (
+            {"controller": Odd(None, states=1)},
+            {},
+            "`controller` with states must return (torques, rates of its states), got (torques, None)",
+        ),
+        ({"controller": Odd([1, 2], states=1)}, {}, f"`{NO_RATES}` must have shape (1,), got (2,)"),
+        ({"controller": Odd([np.nan], states=1)}, {}, f"`{NO_RATES}` must be finite, got nan at index (0,)"),
+        (
+            {"controller": Odd("x", states=1)},
+            {},
+            f"`{NO_RATES}` must be an array of numbers of shape (1,), got dtype <U1",
+        ),
+        ({"stops": "no"}, {}, "`stops` must be True or False, got str"),
+        (
+            {"payload": (1, 2, 3, 4, 5, 6)},
+            {},
+            "`payload` must be a mass or rne.Payload(mass, com, inertia, link), got 6 values",
+        ),
+    ],
+)
+def test_odd_arguments_are_named(double, parts, options, text):
+    """Of laws that are called and sampled; a class in place of its object, a text in place of a number."""
+    for sampled in ({}, {"sample_time": 0.1}) if "controller" in parts else ({},):
+        with pytest.raises((TypeError, ValueError), match=f"^{re.escape(text)}$"):
+            rne.simulate(rne.Scene(double, **parts, **sampled), [0, 0], [0, 0], 0.3, **options)
+
+
+def test_other_odd_arguments_are_named(double, irb140):
+    cases = [
+        (
+            lambda: rne.ensemble(double, [[0, 0]], [[0, 0]], 0.1, progress="bar"),
+            "`progress` must be a function of (done, total), got str",
+        ),
+        (lambda: rne.Trajectory.load(3), "`path` must be a str or path-like, got int"),
+        (lambda: rne.Friction(None), "`viscous` must be an array of numbers of shape (n,), got dtype object"),
+        (lambda: rne.Friction([[1, 2]]), "friction must be numbers or arrays of one shape (n,), got [(1, 2)]"),
+        (lambda: rne.traceable(3), "`law` must be a function, got int"),
+        (
+            lambda: rne.control.computed_torque(double, 1, 1, lambda: 0),
+            "`reference` must be a function of (t), got one of ()",
+        ),
+        (lambda: rne.check_gains(double, 1, 1, bounds=3), "`bounds` must be found by robot.bounds, got int"),
+        (
+            lambda: rne.Scene(irb140, friction=rne.Friction(1)).forward_dynamics([0] * 6, [0] * 6, [1, 2]),
+            "`tau` must have shape (..., 6) for robot 'irb140', got (2,)",
+        ),
+    ]
+    for call, text in cases:
+        with pytest.raises((TypeError, ValueError), match=f"^{re.escape(text)}$"):
+            call()
+
+
 def test_a_model_is_not_a_robot():
     with pytest.raises(TypeError, match=r"^`scene_or_robot` must be an rne.Scene or rne.Robot, got Model$"):
         rne.simulate(random_tree(1, 1), [0], [0], 1.0)

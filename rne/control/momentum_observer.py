@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import is_equal, per_joint_array, positive_number, real_array
+from ..basics.arrays import check_function, is_equal, per_joint_array, positive_number, real_array
 from ..basics.spatial import Array
 from ..basics.text import short, summary
 from ..robot import Robot
@@ -138,18 +138,15 @@ class MomentumObserver:
     Notes
     -----
     De Luca and Mattone 2003; Haddadin, De Luca and Albu-Schaeffer 2017, (32). Between samples external torques are the
-    change of M qd less the integral of tau + C^T qd - g - friction; the filter is the bilinear one. Forces of the model
-    are integrated by Simpson's rule, with the state halfway on the cubic polynomial through both samples; torques that
-    are not held, less friction, by the trapezoidal rule. Thresholds vary with the motion: at each instant the largest
-    difference of a case's residual from the model's, the filtered uncertainty of friction, and a bound of the error of
-    both rules: the difference of Simpson's rule from the trapezoidal one, the larger of this interval and the last, and
-    a sixth of the larger second difference of the torques at both ends, twice the error of the trapezoidal rule. They
-    add some 0.01 N m at 100 Hz and 0.0001 N m at 1 kHz to the thresholds of an arm of 100 kg.
+    change of M qd less the integral of tau + C^T qd - g - friction: by Simpson's rule, halfway on the cubic polynomial
+    through both states, and of torques that are not held by the trapezoidal one; the filter is bilinear. Thresholds
+    are at each instant the largest difference of a case's residual from the model's, the filtered uncertainty of
+    friction and a bound of the rules' errors: how far Simpson's rule is from the trapezoidal one, now or one interval
+    ago, and a sixth of the torques' second differences. It is some 0.01 N m at 100 Hz and 0.0001 N m at 1 kHz.
 
-    If the real robot is a mixture of the cases and the model among them, samples are without noise, and torques are
-    held, or smooth from sample to sample, no residual without a contact exceeds them. Noise of the samples, errors of a
-    solver and torques that jump between samples are what `floor` is for. Under dry friction a joint at rest shows no
-    contact below its static friction.
+    If the real robot is a mixture of the cases and the model, samples have no noise, and torques are held or smooth
+    from sample to sample, no residual without a contact exceeds the thresholds. Noise, a solver's errors and torques that
+    jump between samples are for `floor`. Under dry friction a joint at rest shows no contact below its static friction.
 
     Examples
     --------
@@ -175,6 +172,8 @@ class MomentumObserver:
     __repr__ = summary
 
     def __post_init__(self) -> None:
+        if not isinstance(self.cases, Robot | Sequence):
+            raise TypeError(f"`cases` must be a sequence of robots, got {type(self.cases).__name__}")
         cases = (self.cases,) if isinstance(self.cases, Robot) else tuple(self.cases)
         for k, case in enumerate((robot_argument(self.robot), *cases), -1):
             if not isinstance(case, Robot):
@@ -188,7 +187,7 @@ class MomentumObserver:
                     f"`cases` may differ from the robot in the inertial parameters of bodies and rotors alone; "
                     f"`{other[0]}` of the model of cases[{k}] differs"
                 )
-        if self.friction is not None and not hasattr(self.friction, "coulomb_torque"):
+        if self.friction is not None and not hasattr(type(self.friction), "coulomb_torque"):
             raise TypeError(f"`friction` must be an rne.Friction or None, got {type(self.friction).__name__}")
         if self.friction is not None:
             self.friction.check(self.robot.model)
@@ -225,7 +224,7 @@ class MomentumObserver:
         if len(times) < 2 or any(x.shape != shape for x in (positions, rates, torques)):
             raise ValueError(f"`q`, `qd` and `tau` must have shape {shape}, a row for each of at least two times")
         step = (times[-1] - times[0]) / (len(times) - 1)
-        if np.abs(np.diff(times) - step).max() > 1e-3 * step:
+        if not step > 0 or np.abs(np.diff(times) - step).max() > 1e-3 * step:
             raise ValueError("`t` must ascend at equal intervals; rne.identification.Record.prepare resamples")
         impulses, doubts = self._impulses(positions, rates, torques, step, held)
         found, threshold = self._seen(self._filtered(impulses, step), self._filtered(doubts, step, largest=True))
@@ -273,10 +272,7 @@ class MomentumObserver:
         return (1 - half) / (1 + half), self.gain / (1 + half)
 
     def _filtered(self, impulses: Array, step: float, *, largest: bool = False) -> Array:
-        """r' = gain (tau_ext - r) from the impulses of tau_ext, by the bilinear rule; r = 0 at the first sample.
-
-        With `largest` the largest |r| that impulses of this size can make.
-        """
+        """r' = gain (tau_ext - r) by the bilinear rule, r = 0 at first; the `largest` |r| of impulses up to these."""
         from scipy.signal import lfilter
 
         keeps, takes = self._coefficients(step)
@@ -318,7 +314,8 @@ class MomentumObserver:
         -------
         Watched
             A controller for ``rne.Scene(..., sample_time=sample_time)``; its `contact` is the time of the first contact
-            of the last run, or None. The scene tells it the torques that `effort_limit` and `torque_rate` let through.
+            of the last run, or None. The scene calls its `delivered` with the torques that `effort_limit` and
+            `torque_rate` let through; a law of your own that calls a watched one does so too.
 
         Raises
         ------
@@ -327,15 +324,9 @@ class MomentumObserver:
         ValueError
             If `sample_time` is not positive.
 
-        Notes
-        -----
-        A law of your own that calls a watched one hands over what the drives deliver: the scene calls its method
-        ``delivered(torque)``, if it has one, after each sample.
         """
         for name, given in (("law", law), ("reaction", reaction)):
-            if not callable(given) or hasattr(given, "states"):
-                got = f"{type(given).__name__}{', which has `states`' if callable(given) else ''}"
-                raise TypeError(f"`{name}` must be a function of (t, q, qd), got {got}")
+            check_function(name, given, "(t, q, qd)")
         return Watched(self, law, reaction, positive_number("sample_time", sample_time))
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array, real_numbers
+from ..basics.arrays import check_function, positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
 from ..dynamics.quantity import OK, PrecisionStatus
@@ -238,6 +238,8 @@ def ensemble(
     scene = scene_of_robot(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
     if not isinstance(scene, Scene):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
+    if progress is not None:
+        check_function("progress", progress, "(done, total)")
     q, qd = _starts(scene, q0, qd0, is_fixed=step is not None)
     end = positive_number("duration", duration, zero_allowed=True)
     times = _times(t_eval, keep, end)

@@ -73,14 +73,14 @@ class Friction:
     def __post_init__(self) -> None:
         for name in SIZES:
             value = getattr(self, name)
-            if value is None and name != "static":
+            if value is None and name.endswith("_back"):
                 value = getattr(self, name.removesuffix("_back"))
-            if value is not None:
+            if value is not None or name != "static":
                 object.__setattr__(self, name, _not_negative(name, value))
         if _not_negative("smoothing", self.smoothing).ndim:
             raise ValueError("`smoothing` must be one number")
         shapes = {size.shape for size in self._given().values() if size.ndim}
-        if len(shapes) > 1:
+        if len(shapes) > 1 or any(len(shape) > 1 for shape in shapes):
             raise ValueError(f"friction must be numbers or arrays of one shape (n,), got {sorted(shapes)}")
         if self.static is None:
             return

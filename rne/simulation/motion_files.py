@@ -121,6 +121,8 @@ class MotionFiles:
         >>> import rne
         >>> rne.Trajectory.load("swing.npz").message  # doctest: +SKIP
         """
+        if not isinstance(path, str | PathLike):
+            raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
         arrays, texts = _contents(Path(path))
         try:
             _check_entries(arrays, texts, {f.name: str(f.type) for f in fields(cls)})  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted, SingularMassMatrixError
 from ..model.model import joint_array
@@ -124,6 +124,8 @@ def simulate(
         raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}")
     robot = scene.resolved.robot
     rhs = _right_hand_side(scene_or_robot, scene)
+    if progress is not None:
+        check_function("progress", progress, "(t, duration)")
     x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(rhs.size - 2 * robot.n)])
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else check_times(t_eval, end)
@@ -382,7 +384,9 @@ def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
 
 def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
     """Instants at which a law's torques jump, and others."""
-    of_law = [*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ())]
+    owners = ("controller", law), ("controller.reference", getattr(law, "reference", None))
+    given = [real_array(f"{name}.breaks", getattr(owner, "breaks", ()), "(k,)") for name, owner in owners]
+    of_law = np.concatenate(given).tolist()
     found: list[float] = []
     for instant in sorted({*further, *of_law}):
         if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # equal up to rounding
