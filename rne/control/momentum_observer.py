@@ -145,8 +145,8 @@ class MomentumObserver:
     ago, and a sixth of the torques' second differences. It is some 0.01 N m at 100 Hz and 0.0001 N m at 1 kHz.
 
     If the real robot is a mixture of the cases and the model, samples have no noise, and torques are held or smooth
-    from sample to sample, no residual without a contact exceeds the thresholds. Noise, a solver's errors and torques that
-    jump between samples are for `floor`. Under dry friction a joint at rest shows no contact below its static friction.
+    from sample to sample, no residual without a contact exceeds them. Noise, a solver's errors and torques that jump
+    between samples are for `floor`. Under dry friction a joint at rest shows no contact below its static friction.
 
     Examples
     --------
@@ -323,7 +323,6 @@ class MomentumObserver:
             If `law` or `reaction` is no function of (t, q, qd).
         ValueError
             If `sample_time` is not positive.
-
         """
         for name, given in (("law", law), ("reaction", reaction)):
             check_function(name, given, "(t, q, qd)")
@@ -386,6 +385,13 @@ class Watched:
         ----------
         torque : ndarray, shape (n,)
             [N m or N].
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm = rne.load("irb140")
+        >>> watched = rne.control.MomentumObserver(arm).watching(rne.control.pd_gravity(arm, 9, 9, [0] * 6), print, 0.01)
+        >>> watched.delivered(np.clip(watched(0.0, np.ones(6), np.zeros(6)), -5, 5))
         """
         self._samples[-1] = (*self._samples[-1][:2], torque)
 
