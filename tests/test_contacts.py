@@ -1,6 +1,5 @@
 """The momentum observer: its differential equation, its thresholds, contacts and payloads, online and in records."""
 
-import dataclasses
 import re
 
 import numpy as np
@@ -245,26 +244,26 @@ def test_what_is_refused(irb140, change, text):
         MomentumObserver(irb140).observe(**arrays)
 
 
-SAME = "`cases` may differ from the robot in the inertial parameters of bodies and rotors alone; "
+SAME = "`cases` must differ from the robot in masses, centres of mass and inertias alone, not in "
 
 
 @pytest.mark.parametrize(
     ("given", "error", "text"),
     [
-        ({"cases": [loaded("ur5")]}, ValueError, "`cases` must have the joints of the robot in its order"),
+        ({"cases": [loaded("ur5")]}, ValueError, f"{SAME}moving_joints"),
         (
             {"cases": [loaded("irb140"), rne.load("irb140", gravity=(0, 0, 0))]},
             ValueError,
-            f"{SAME}`gravity` of the model of cases[1] differs",
+            f"{SAME}gravity",
         ),
         (
-            {"cases": rne.load("irb140").mounted([np.pi, 0, 0])},
+            {"cases": [rne.load("irb140").mounted([np.pi, 0, 0])]},
             ValueError,
-            f"{SAME}`gravity` of the model of cases[0] differs",
+            f"{SAME}gravity",
         ),
-        ({"cases": 3}, TypeError, "`cases` must be a sequence of robots, got int"),
+        ({"cases": 3}, TypeError, "`cases` must be a sequence of Robots"),
         ({"friction": rne.Friction}, TypeError, "`friction` must be an rne.Friction or None, got type"),
-        ({"cases": [1.0]}, TypeError, "`cases` must be robots, got float at index 0"),
+        ({"cases": [1.0]}, TypeError, "`cases` must be a sequence of Robots"),
         ({"friction": 3.0}, TypeError, "`friction` must be an rne.Friction or None, got float"),
         (
             {"friction": rne.Friction(viscous=[1.0, 2.0])},
@@ -277,8 +276,3 @@ SAME = "`cases` may differ from the robot in the inertial parameters of bodies a
 def test_observers_that_are_refused(irb140, given, error, text):
     with pytest.raises(error, match=f"^{re.escape(text)}$"):
         MomentumObserver(**{"robot": irb140} | given)
-
-
-def test_cases_may_have_other_rotors(irb140):
-    rotors = rne.Robot(dataclasses.replace(irb140.model, armature=np.full(6, 0.5)))
-    assert MomentumObserver(irb140, cases=rotors).cases == (rotors,)
