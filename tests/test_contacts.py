@@ -79,6 +79,58 @@ def test_no_mixture_of_the_cases_exceeds_the_threshold(arm, cases, states, share
     assert narrow.kind is not None
 
 
+SHARES = [[1, 0, 0, 0], [0, 0, 0, 1], [0.4, 0.1, 0.3, 0.2]]  # of three cases and the model
+RATES = [(100, 0.5), (1000, 0.3), (10_000, 0.05)]  # samples per second, and seconds
+
+
+@pytest.mark.parametrize("gain", [50.0, 1000.0])  # times the step below and above two, where the filter alternates
+@pytest.mark.parametrize(("rate", "duration"), RATES)
+def test_no_smooth_torque_without_a_contact_exceeds_the_threshold(arm, cases, rate, duration, gain):
+    """Without a floor: the thresholds cover what the rules of integration err, of joints that reverse too."""
+    t, turns = np.arange(rate * duration + 1) / rate, 5.0 * np.arange(1, arm.n + 1)
+    q, qd = START[: arm.n] + 0.3 * np.sin(np.outer(t, turns)), 0.3 * turns * np.cos(np.outer(t, turns))
+    qdd, known = -0.3 * turns**2 * np.sin(np.outer(t, turns)), rne.Friction(viscous=4.0, coulomb=5.0)
+    observers = [
+        MomentumObserver(arm, gain=gain, cases=cases),
+        MomentumObserver(arm, gain=gain, cases=cases, friction=known, friction_error=0.2),
+    ]
+    for shares in SHARES:
+        tau = mixture([*cases, arm], shares).inverse_dynamics(q, qd, qdd)
+        for observer, friction in zip(observers, (0.0, 0.8 * known.torque(arm.model, qd)), strict=True):
+            assert observer.observe(t, q, qd, tau + friction).kind is None
+    tau = arm.inverse_dynamics(q, qd, qdd)
+    alone = MomentumObserver(arm, gain=gain).observe(t, q, qd, tau)
+    assert alone.kind is None
+    largest = (
+        np.abs(np.diff(tau, 2, axis=0)).max() / 2 * max(1, gain / rate / 2)
+    )  # 6 times the trapezoidal rule's error
+    assert alone.threshold.max() < largest
+
+
+@pytest.mark.parametrize("shares", kept(SHARES, SHARES[2:]))
+@pytest.mark.parametrize(("rate", "duration"), kept(RATES, RATES[:2]))
+def test_no_held_torque_without_a_contact_exceeds_the_threshold(arm, cases, path, rate, duration, shares):
+    """Between samples accelerations change and at samples they jump; the solver's default tolerances are enough."""
+    t, kp = np.arange(rate * duration + 1) / rate, min(rate, 400)
+    law = rne.control.computed_torque(arm, kp, 2 * kp**0.5, path)
+    real = mixture([*cases, arm], shares)
+    scene = rne.Scene(real, controller=law, sample_time=1 / rate, effort_limit=40.0)
+    motion = rne.simulate(scene, START[: arm.n], [0] * arm.n, duration, t_eval=t, method="RK45")
+    observer = MomentumObserver(arm, cases=cases)
+    assert observer.observe(t, motion.q, motion.qd, motion.tau, held=True).kind is None
+
+
+def test_a_joint_that_dry_friction_holds_has_no_contact(two):
+    """At rest friction may be anything up to the static one: pushes below it do not show, those above it do."""
+    friction = rne.Friction(coulomb=2.0, static=3.0, smoothing=0)
+    q, qd = np.zeros((len(T), 2)), np.zeros((len(T), 2))
+    observer = MomentumObserver(two, friction=friction)
+    for held in (True, False):
+        tau = two.gravity_torque(q) + 2.9
+        assert observer.observe(T, q, qd, tau, held=held).kind is None
+        assert observer.observe(T, q, qd, tau + 0.2, held=held).kind is not None
+
+
 def test_a_corner_of_the_cases_reaches_the_threshold(arm, cases, states):
     """It is no larger than it must be: one of the cases is on it at every instant."""
     tau = [case.inverse_dynamics(*states) for case in cases]
@@ -132,6 +184,48 @@ def test_a_watched_law_is_replaced_at_the_contact(arm, path, push):
     assert 0.02 < seen.first_contact < 0.025
 
 
+@pytest.mark.parametrize("parts", [{"effort_limit": 25.0}, {"torque_rate": 500.0}], ids=str)
+def test_a_watched_law_is_told_what_the_drives_deliver(arm, path, parts):
+    """The limits of the scene are no contact, and the second run begins anew."""
+    law, observer = rne.control.computed_torque(arm, 400, 40, path), MomentumObserver(arm)
+    watched = observer.watching(law, law, 2e-3)
+    scene = rne.Scene(arm, controller=watched, sample_time=2e-3, **parts)
+    for start in (START + 0.2, START - 0.2):
+        motion = rne.simulate(scene, start[: arm.n], [0] * arm.n, 0.05, t_eval=np.arange(26) * 2e-3)
+        asked = [law(t, q, qd) for t, q, qd in zip(motion.t, motion.q, motion.qd, strict=True)]
+        assert np.abs(asked - motion.tau).max() > 5.0  # the limits act
+        assert observer.observe(motion.t, motion.q, motion.qd, motion.tau, held=True).kind is None
+        assert watched.contact is None
+        watched.contact = 0.01
+
+
+@pytest.mark.parametrize("sample_time", [None, 2e-3])
+def test_a_watched_law_needs_its_own_sample_time(two, sample_time):
+    law = rne.control.pd_gravity(two, 10, 1, [0, 0])
+    scene = rne.Scene(two, controller=MomentumObserver(two).watching(law, law, 1e-3), sample_time=sample_time)
+    with pytest.raises(ValueError, match=r"^a watched law must be called every 0.001 s from t = 0 on, got t = "):
+        rne.simulate(scene, [0, 0], [0, 0], 0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "text"),
+    [
+        ({"law": 3.0}, TypeError, "`law` must be a function of (t, q, qd), got float"),
+        ({"reaction": None}, TypeError, "`reaction` must be a function of (t, q, qd), got NoneType"),
+        (
+            {"law": rne.control.pid(rne.load("irb140"), 1, 1, 1, [0] * 6)},
+            TypeError,
+            "`law` must be a function of (t, q, qd), got one of (t: 'float', q: 'Array', qd: 'Array', z: 'Array') -> 'tuple[Array, Array]'",
+        ),
+        ({"sample_time": 0}, ValueError, "`sample_time` must be positive, got 0.0"),
+    ],
+)
+def test_what_is_not_watched(irb140, change, error, text):
+    law = rne.control.pd_gravity(irb140, 1, 1, [0] * 6)
+    with pytest.raises(error, match=f"^{re.escape(text)}$"):
+        MomentumObserver(irb140).watching(**{"law": law, "reaction": law, "sample_time": 1e-3} | change)
+
+
 REST = np.zeros((len(T), 6))
 
 
@@ -140,6 +234,7 @@ REST = np.zeros((len(T), 6))
     [
         ({"tau": np.where(np.arange(6) == 3, np.nan, REST)}, "`tau` must be finite, got nan at index (0, 3)"),
         ({"t": T**2}, "`t` must ascend at equal intervals; rne.identification.Record.prepare resamples"),
+        ({"t": 0 * T}, "`t` must ascend at equal intervals; rne.identification.Record.prepare resamples"),
         ({"qd": REST[1:]}, "`q`, `qd` and `tau` must have shape (1001, 6), a row for each of at least two times"),
     ],
 )
@@ -149,6 +244,35 @@ def test_what_is_refused(irb140, change, text):
         MomentumObserver(irb140).observe(**arrays)
 
 
-def test_cases_must_be_of_the_same_joints(irb140, ur5):
-    with pytest.raises(ValueError, match="`cases` must have the joints of the robot in its order"):
-        MomentumObserver(irb140, cases=[ur5])
+SAME = "`cases` must differ from the robot in masses, centres of mass and inertias alone, not in "
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "text"),
+    [
+        ({"cases": [loaded("ur5")]}, ValueError, f"{SAME}moving_joints"),
+        (
+            {"cases": [loaded("irb140"), rne.load("irb140", gravity=(0, 0, 0))]},
+            ValueError,
+            f"{SAME}gravity",
+        ),
+        (
+            {"cases": [rne.load("irb140").mounted([np.pi, 0, 0])]},
+            ValueError,
+            f"{SAME}gravity",
+        ),
+        ({"cases": 3}, TypeError, "`cases` must be a sequence of Robots"),
+        ({"friction": rne.Friction}, TypeError, "`friction` must be an rne.Friction or None, got type"),
+        ({"cases": [1.0]}, TypeError, "`cases` must be a sequence of Robots"),
+        ({"friction": 3.0}, TypeError, "`friction` must be an rne.Friction or None, got float"),
+        (
+            {"friction": rne.Friction(viscous=[1.0, 2.0])},
+            ValueError,
+            "`viscous` of the friction must be a number or of shape (6,), got (2,)",
+        ),
+        ({"robot": "irb140"}, TypeError, "`robot` must be an rne.Robot, got str"),
+    ],
+)
+def test_observers_that_are_refused(irb140, given, error, text):
+    with pytest.raises(error, match=f"^{re.escape(text)}$"):
+        MomentumObserver(**{"robot": irb140} | given)

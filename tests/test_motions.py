@@ -158,6 +158,15 @@ def test_a_motion_of_which_no_jumps_are_told_is_a_curve(swing):
     np.testing.assert_array_equal(motion.torques(0.51), swing.torques(0.51))
 
 
+@pytest.fixture(scope="module")
+def entries(along_ramps, tmp_path_factory):
+    """A motion's file, and the arrays and texts in it."""
+    file = along_ramps[1].save(tmp_path_factory.mktemp("motion") / "motion.npz")
+    with np.load(file) as archive:
+        arrays = dict(archive)
+    return file, arrays, json.loads(str(arrays.pop("texts")))
+
+
 class TestFiles:
     def test_every_number_is_kept(self, along_ramps, tmp_path):
         _, motion = along_ramps
@@ -262,9 +271,19 @@ class TestFiles:
         [
             (lambda texts: [*texts], " is not a motion written by Trajectory.save"),
             (lambda texts: texts | {"status": "ended"}, ": `status` must be a whole number, got 'ended'"),
-            (lambda texts: texts | {"energy_drift": float("nan")}, ": `energy_drift` must be finite, got nan"),
+            (lambda texts: texts | {"energy_drift": float("nan")}, ": `energy_drift` must be a finite number, got nan"),
             (lambda texts: texts | {"method": None}, ": `method` must be a text, got None"),
-            (lambda texts: texts | {"dissipated": 1}, " is not a complete motion: "),
+            (lambda texts: texts | {"dissipated": 1}, ": `dissipated` must be a list of texts, got 1"),
+            (lambda texts: texts | {"model.colour": "red"}, ": `model.colour` is no entry of a motion"),
+            (lambda texts: texts | {"has_model": False}, ": `model.axis` is no entry of a motion"),
+            (
+                lambda texts: texts | {"model.shapes": [["link_1"]]},
+                ": `model.shapes` must be the fields of cylinders and",
+            ),
+            (
+                lambda texts: texts | {"model.coordinate": None},
+                ": `model.coordinate` must be a list of whole numbers, got",
+            ),
         ],
     )
     def test_changed_texts_are_refused(self, swing, tmp_path, change, message):
@@ -274,6 +293,53 @@ class TestFiles:
         np.savez(file, **(arrays | {"texts": np.array(json.dumps(change(json.loads(str(arrays["texts"])))))}))
         with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}{message}')}"):
             rne.Trajectory.load(file)
+
+    def load(self, file, arrays, texts):
+        np.savez(file, **arrays, texts=np.array(json.dumps(texts)))
+        return rne.Trajectory.load(file)
+
+    def test_no_missing_entry_has_a_default(self, entries):
+        """Each in turn: arrays and texts of the motion and of its model."""
+        file, arrays, texts = entries
+        assert {"model.gravity", "model.armature", "model.multiplier", "jumps", "energy"} < set(arrays)
+        for name in arrays:
+            text = f"{str(file)!r}: `{name}` is missing, an array of real numbers"
+            with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+                self.load(file, {key: value for key, value in arrays.items() if key != name}, texts)
+        for name in set(texts) - {"form"}:
+            with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}: `{name}` is missing, ')}"):
+                self.load(file, arrays, {key: value for key, value in texts.items() if key != name})
+
+    def test_no_array_of_another_kind_or_shape_is_taken(self, entries):
+        file, arrays, texts = entries
+        for name, value in arrays.items():
+            field = name.removeprefix("model.")
+            for wrong in (value.astype(str), value > 0, value.astype(complex), np.array(None).astype("S")):
+                text = f"`{name}` must be an array of real numbers, got dtype {wrong.dtype}"
+                with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}: {text}')}$"):
+                    self.load(file, arrays | {name: wrong}, texts)
+            for wrong in (np.zeros((2, *value.shape)), np.array(1.0), np.full(value.shape, np.nan)):
+                if wrong.size or name.startswith("model."):  # of an array without entries all are finite
+                    with pytest.raises(ValueError, match=rf"`{field}` must (have shape|be finite)|{field} [01]"):
+                        self.load(file, arrays | {name: wrong}, texts)
+
+    def test_no_text_of_another_kind_is_taken(self, entries):
+        file, arrays, texts = entries
+        for name in set(texts) - {"form"}:
+            with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}: `{name}` must be ')}"):
+                self.load(file, arrays, texts | {name: [1.5, None]})
+
+    @pytest.mark.parametrize("name", ["energies", "dissipated.heat", "model.mas", "status"])
+    def test_an_unknown_entry_is_named(self, entries, name):
+        file, arrays, texts = entries
+        with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}: `{name}` is no entry of a motion')}$"):
+            self.load(file, arrays | {name: np.zeros(6)}, texts)
+
+    def test_jumps_are_among_the_times(self, entries):
+        file, arrays, texts = entries
+        assert len(arrays["jumps"])
+        with pytest.raises(ValueError, match=r"`jumps` must be among the times `t`$"):
+            self.load(file, arrays | {"jumps": arrays["jumps"] + 1e-3}, texts)
 
 
 class TestEnsembles:

@@ -610,7 +610,7 @@ class TestCornerCases:
 
         law.states = 2
         with pytest.raises(
-            ValueError, match=r"^`controller` must return rates of its states of shape \(2,\), got \(3,\)$"
+            ValueError, match=r"^`rates of the controller's states` must have shape \(2,\), got \(3,\)$"
         ):
             rne.simulate(rne.Scene(two, controller=law), [0.1, 0.2], [0, 0], 0.05)
 

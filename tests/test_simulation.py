@@ -1,5 +1,6 @@
 """Motion: energy, work, stiffness, failures."""
 
+import pickle
 import re
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
 from rne.control.laws import pd_gravity
+from rne.model.builder import Part, assemble
 from rne.simulation.loop import Record
 from rne.simulation.plant import Plant, System
 from rne.simulation.solver import Steps
@@ -162,6 +164,48 @@ def test_duration_zero_is_the_start(double, method, grid):
     assert motion.t.tolist() == [0.0]
     assert motion.q.tolist() == [[1, 0]]
     assert motion.tau.tolist() == [[1.0, 2.0]]
+
+
+@pytest.mark.parametrize("grid", [None, [0.0]])
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {},
+        {"friction": rne.Friction(1.0, 2.0)},
+        {"friction": rne.Friction(1.0, 2.0, smoothing=0), "stops": True},
+        {"controller": lambda t, q, qd: -q, "effort_limit": 0.5},
+        {"controller": rne.traceable(lambda t, q, qd: -q), "sample_time": 0.1},
+    ],
+    ids=["free", "smooth", "dry", "called", "sampled"],
+)
+def test_an_instant_is_a_motion(double, parts, grid, tmp_path):
+    """All that can be asked of a motion can be asked of one sample."""
+    for robot in (double, *([rne.Robot(double.model, "numba")] if "sample_time" in parts else [])):
+        scene = rne.Scene(robot, **parts)
+        motion = rne.simulate(scene, [0.5, 0], [0, 0], 0.0, t_eval=grid)
+        assert "0 to 0 s, 1 sample" in repr(motion)
+        assert motion.energy_drift < 1e-14  # [J], a rounding of 5 J
+        assert motion.check_limits() == []
+        assert motion(0.0)[0].tolist() == [0.5, 0]
+        assert motion.trusted_horizon() == 0.0
+        for copy in (pickle.loads(pickle.dumps(motion)), rne.Trajectory.load(motion.save(tmp_path / "m.npz"))):
+            np.testing.assert_array_equal(copy.tau, motion.tau)
+        assert motion.to_csv(tmp_path / "m.csv").read_text().count("\n") == 2
+        if not parts:
+            assert rne.view(motion).html
+            assert rne.plotting.plot(motion, quantities=["q", "tau", "energy", "energy error"]).axes
+        motions = rne.ensemble(scene, [[0.5, 0], [1, 0]], np.zeros((2, 2)), 0.0, t_eval=grid)
+        assert motions.t.tolist() == [0.0]
+        np.testing.assert_array_equal(motions.q, [[[0.5, 0], [1, 0]]])
+        np.testing.assert_allclose(motions.tau[:, 0], motion.tau, rtol=1e-15)
+        assert repr(motions)
+
+
+@pytest.mark.parametrize(("n", "duration"), [(0, 1.0), (2, 0.0)])
+def test_equal_steps_where_nothing_moves(double, n, duration):
+    robot = double if n else rne.Robot(random_tree(0, 1))
+    motions = rne.ensemble(robot, np.zeros((3, n)), np.zeros((3, n)), duration, step=0.1)
+    assert motions.q.shape == (1 if n else 2, 3, n)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -365,8 +409,147 @@ def test_smoothed_friction_creeps_as_its_notes_say_and_dry_friction_holds(pendul
         for smoothing in ({}, {"smoothing": 0})
     )
     crept = abs(smoothed.q[-1, 0] - start[0])
+    name = pendulum.joint_names[0]
+    assert smoothed.message.startswith(
+        f"crept where dry friction (smoothing=0) would hold: {name} by {crept:.2g} rad; "
+    )
+    assert "crept" not in dry.message
     assert crept == pytest.approx(0.01 * np.arctanh(0.2) * duration, rel=0.1)
     assert dry.q[-1, 0] == start[0]
+
+
+def crept(motion):
+    """Names of the joints that crept, and by how much, as the message says."""
+    return {name: float(by) for name, by in re.findall(r"(\S+) by (\S+) (?:rad|m)\b", motion.message.split(";")[0])}
+
+
+@pytest.fixture(scope="module")
+def slider():
+    """A mass of 1 kg on a level rail."""
+    cart = Part(link="cart", joint="rail", kind="prismatic", parent=0, axis=np.array([1.0, 0, 0]), mass=1.0)
+    return rne.Robot(assemble("slider", [Part(link="base"), cart]))
+
+
+class TestCreep:
+    def test_a_fall_that_creep_began_is_told_whole(self, pendulum):
+        """The load is just below the friction at first and exceeds it after some creep."""
+        load = abs(pendulum.gravity_torque([2.8])[0])
+        scene = rne.Scene(pendulum, friction=rne.Friction(viscous=0.1, coulomb=1.01 * load))
+        motion = rne.simulate(scene, [2.8], [0.0], 10.0)
+        assert crept(motion) == {pendulum.joint_names[0]: pytest.approx(np.abs(motion.q - 2.8).max(), rel=0.05)}
+        assert crept(motion)[pendulum.joint_names[0]] > 1.0
+
+    def test_a_fall_that_friction_does_not_hold_is_none(self, pendulum):
+        load = abs(pendulum.gravity_torque([0.3])[0])
+        scene = rne.Scene(pendulum, friction=rne.Friction(viscous=0.1, coulomb=0.9 * load))
+        assert crept(rne.simulate(scene, [0.3], [0.0], 0.5)) == {}
+
+    def test_a_creeping_end_of_a_controlled_motion_is_told(self, slider):
+        """A weak drive comes within reach of its friction: dry friction stops there, smoothed friction creeps on."""
+        law = rne.control.pd_gravity(slider, 20.0, 40.0, [1.0])
+        motion, dry = (
+            rne.simulate(rne.Scene(slider, controller=law, friction=rne.Friction(coulomb=4.0, **dry)), [0], [0], 60.0)
+            for dry in ({}, {"smoothing": 0})
+        )
+        beyond = motion.q[-1, 0] - dry.q[-1, 0]  # a part of it before the speed is within the band of smoothing
+        assert crept(motion) == {slider.joint_names[0]: pytest.approx(beyond, rel=0.2)}
+        assert crept(dry) == {}
+
+    def test_a_reversal_is_no_creep(self, slider):
+        """A fast motion passes the band of smoothing at once."""
+        law = rne.traceable(lambda t, q, qd: -100.0 * q)
+        scene = rne.Scene(slider, controller=law, friction=rne.Friction(coulomb=0.5))
+        assert crept(rne.simulate(scene, [1.0], [0.0], 2.0)) == {}
+
+    def test_of_a_law_that_fails_the_cause_is_told(self, slider):
+        def law(t, q, qd):
+            return 0 * q if t < 5 else np.nan * q
+
+        scene = rne.Scene(slider, controller=law, friction=rne.Friction(coulomb=1.0))
+        with pytest.raises(rne.SimulationError) as caught:
+            rne.simulate(scene, [1.0], [0.0], 10.0)
+        assert caught.value.trajectory.message.startswith("torque of ")
+
+
+class Odd:
+    """A law with an attribute that is none, and one state where it has `states`."""
+
+    def __init__(self, returned=None, **attributes):
+        self.returned = returned
+        self.__dict__.update(attributes)
+
+    def __call__(self, t, q, qd, *z):
+        return (0 * q, self.returned) if z else 0 * q
+
+
+NO_RATES = "rates of the controller's states"
+
+
+@pytest.mark.parametrize(
+    ("parts", "options", "text"),
+    [
+        ({}, {"progress": 3}, "`progress` must be a function of (t, duration), got int"),
+        ({}, {"progress": lambda t: None}, "`progress` must be a function of (t, duration), got one of (t)"),
+        ({"controller": Odd}, {}, "`controller` must be a function of (t, q, qd), got the class Odd"),
+        ({}, {"torque": int}, "`torque` must be a function of (t, q, qd), got the class int"),
+        ({"controller": Odd(breaks=0.5)}, {}, "`controller.breaks` must have shape (k,), got ()"),
+        (
+            {"controller": Odd(breaks=None)},
+            {},
+            "`controller.breaks` must be an array of numbers of shape (k,), got dtype object",
+        ),
+        ({"controller": Odd(states="2")}, {}, "`controller.states` must be a whole number of at least 0, got '2'"),
+        ({"controller": Odd(states=-2)}, {}, "`controller.states` must be a whole number of at least 0, got -2"),
+        (
+            {"controller": Odd(None, states=1)},
+            {},
+            "`controller` with states must return (torques, rates of its states), got (torques, None)",
+        ),
+        ({"controller": Odd([1, 2], states=1)}, {}, f"`{NO_RATES}` must have shape (1,), got (2,)"),
+        ({"controller": Odd([np.nan], states=1)}, {}, f"`{NO_RATES}` must be finite, got nan at index (0,)"),
+        (
+            {"controller": Odd("x", states=1)},
+            {},
+            f"`{NO_RATES}` must be an array of numbers of shape (1,), got dtype <U1",
+        ),
+        ({"stops": "no"}, {}, "`stops` must be True or False, got str"),
+        (
+            {"payload": (1, 2, 3, 4, 5, 6)},
+            {},
+            "`payload` must be a mass or rne.Payload(mass, com, inertia, link), got 6 values",
+        ),
+    ],
+)
+def test_odd_arguments_are_named(double, parts, options, text):
+    """Of laws that are called and sampled; a class in place of its object, a text in place of a number."""
+    for sampled in ({}, {"sample_time": 0.1}) if "controller" in parts else ({},):
+        with pytest.raises((TypeError, ValueError), match=f"^{re.escape(text)}$"):
+            rne.simulate(rne.Scene(double, **parts, **sampled), [0, 0], [0, 0], 0.3, **options)
+
+
+def test_other_odd_arguments_are_named(double, irb140):
+    cases = [
+        (
+            lambda: rne.ensemble(double, [[0, 0]], [[0, 0]], 0.1, progress="bar"),
+            "`progress` must be a function of (done, total), got str",
+        ),
+        (lambda: rne.Trajectory.load(3), "`path` must be a str or path-like, got int"),
+        (lambda: rne.Friction(None), "`viscous` must be an array of numbers of shape (n,), got dtype object"),
+        (lambda: rne.Friction([[1, 2]]), "friction must be numbers or arrays of one shape (n,), got [(1, 2)]"),
+        (lambda: rne.traceable(3), "`law` must be a function, got int"),
+        (
+            lambda: rne.control.computed_torque(double, 1, 1, lambda: 0),
+            "`reference` must be a function of (t), got one of ()",
+        ),
+        (lambda: rne.check_gains(double, 1, 1, bounds=3), "`bounds` must be found by robot.bounds, got int"),
+        (
+            lambda: rne.Scene(irb140, friction=rne.Friction(1)).forward_dynamics([0] * 6, [0] * 6, [1, 2]),
+            "`tau` must have shape (..., 6) for robot 'irb140', got (2,)",
+        ),
+    ]
+    for call, text in cases:
+        with pytest.raises((TypeError, ValueError), match=f"^{re.escape(text)}$"):
+            call()
 
 
 def test_a_model_is_not_a_robot():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable
 from math import isfinite
@@ -61,6 +62,21 @@ def whole_number(name: str, value: Any, *, least: int = 1) -> int:
         wanted = "above zero" if least == 1 else f"of at least {least}"
         raise ValueError(f"`{name}` must be a whole number {wanted}, got {value!r}")
     return int(value)
+
+
+def check_function(name: str, function: Any, arguments: str) -> None:
+    """Raise a TypeError unless it can be called with arguments such as "(t, q, qd)"; the text may go on behind them."""
+    if not callable(function) or isinstance(function, type):
+        got = f"the class {function.__name__}" if isinstance(function, type) else type(function).__name__
+        raise TypeError(f"`{name}` must be a function of {arguments}, got {got}")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # of compiled functions, which show none
+        return
+    try:
+        signature.bind(*arguments[: arguments.index(")")].split(","))
+    except TypeError:
+        raise TypeError(f"`{name}` must be a function of {arguments}, got one of {signature}") from None
 
 
 def number_array(name: str, value: ArrayLike, shape: str) -> Array:

@@ -42,6 +42,8 @@ def traceable(law: F) -> F:
     >>> rne.Scene(rne.load("irb140"), controller=damper).cost()["law"]
     'traced'
     """
+    if not callable(law):
+        raise TypeError(f"`law` must be a function, got {type(law).__name__}")
     law.traceable = True  # type: ignore[attr-defined]
     return law
 

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..basics.arrays import check_function
 from ..basics.spatial import Array
 from ..robot import Robot
 
@@ -31,6 +32,7 @@ def check_reference(robot: Robot, reference: Any) -> None:
     """Raise a ValueError if this is no reference motion of the robot."""
     if not callable(reference):
         raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
+    check_function("reference", reference, "(t)")
     reference_values(robot, reference(0.0))
 
 

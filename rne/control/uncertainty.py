@@ -87,11 +87,12 @@ def checked_cases(cases: Sequence[Robot]) -> Cases:
     if len(robots) < 2 or not all(isinstance(robot, Robot) for robot in robots):
         raise ValueError("`cases` must be a sequence of at least two Robots, between which the robot that moves lies")
     for robot in robots[1:]:
-        _check_shared("`cases` must differ", robots[0], robot)
+        check_shared("`cases` must differ", robots[0], robot)
     return Cases(robots)
 
 
-def _check_shared(what: str, first: Robot, robot: Robot) -> None:
+def check_shared(what: str, first: Robot, robot: Robot) -> None:
+    """Raise a ValueError if two robots differ in more than their bodies."""
     for name in SHARED:
         if not is_equal(getattr(first.model, name), getattr(robot.model, name)):
             raise ValueError(f"{what} in masses, centres of mass and inertias alone, not in {name}")
@@ -158,7 +159,7 @@ def uncertainty_bound(
     True
     """
     hull, n = checked_cases(cases), robot.n
-    _check_shared("`robot` must differ from `cases`", hull.centre, robot)
+    check_shared("`robot` must differ from `cases`", hull.centre, robot)
     decay, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
     check_reference(robot, reference)
     count = whole_number("samples", samples, least=MIXTURES)

@@ -263,8 +263,8 @@ class Robot(InNotebooks):
         q, qd, qdd : array_like, shape (..., n)
             Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
         external : mapping of str to array_like, shape (..., 6), optional
-            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N]. The torques
-            are less by what the wrenches supply.
+            In the named link's axes, not the root's, at its origin: wrenches [moment; force] on the robot [N m, N]. The
+            torques are less by what the wrenches supply. Turn what is known in the root's axes by `link_poses`.
         parameters : array_like, shape (..., 10 nb), optional
             Inertial parameters in place of the robot's own, in the order of `Robot.parameters`. They broadcast against
             the states: many variants of the robot are one batch. Torques are linear in them, so that any finite numbers
@@ -317,7 +317,7 @@ class Robot(InNotebooks):
         q, qd, tau : array_like, shape (..., n)
             Joint positions, velocities and torques [rad or m; rad/s or m/s; N m or N].
         external : mapping of str to array_like, shape (..., 6), optional
-            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
+            In the named link's axes, not the root's, at its origin: wrenches [moment; force] on the robot [N m, N].
         parameters : array_like, shape (..., 10 nb), optional
             Inertial parameters in place of the robot's own; see `inverse_dynamics`. Of bodies that are not possible,
             those are refused that make M singular or not positive definite.
@@ -391,7 +391,7 @@ class Robot(InNotebooks):
         q, qd, qdd : array_like, shape (..., n)
             Joint positions, velocities and accelerations [rad or m; rad/s or m/s; rad/s^2 or m/s^2].
         external : mapping of str to array_like, shape (..., 6), optional
-            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
+            In the named link's axes, not the root's, at its origin: wrenches [moment; force] on the robot [N m, N].
 
         Returns
         -------
@@ -470,7 +470,7 @@ class Robot(InNotebooks):
         q, qd : array_like, shape (..., n)
             Joint positions and velocities [rad or m; rad/s or m/s].
         external : mapping of str to array_like, shape (..., 6), optional
-            Wrenches [moment; force] acting on the robot at the named link's origin, in its axes [N m, N].
+            In the named link's axes, not the root's, at its origin: wrenches [moment; force] on the robot [N m, N].
         parameters : array_like, shape (..., 10 nb), optional
             Inertial parameters in place of the robot's own; see `inverse_dynamics`.
 
@@ -741,9 +741,10 @@ class Robot(InNotebooks):
         return self._kernels.evaluate_quantity(dynamics.link_poses, q)
 
     def jacobian(self, q: ArrayLike, link: str, point: ArrayLike = ORIGIN) -> Array:
-        """Geometric Jacobian of a point of a link: the link's angular velocity and the point's velocity.
+        """Geometric Jacobian of a point of a link, in the root's axes: angular velocity, then the point's velocity.
 
-        Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008.
+        Wrenches that `external` takes are in the link's axes instead. Siciliano et al. 2009, (3.29), with the angular
+        rows first as in Featherstone 2008.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array, real_numbers
+from ..basics.arrays import check_function, positive_number, real_array, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
 from ..dynamics.quantity import OK, PrecisionStatus
@@ -244,8 +244,10 @@ def ensemble(
     scene = scene_of_robot(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
     if not isinstance(scene, Scene):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
+    if progress is not None:
+        check_function("progress", progress, "(done, total)")
     q, qd = _starts(scene, q0, qd0, is_fixed=step is not None)
-    end = positive_number("duration", duration)
+    end = positive_number("duration", duration, zero_allowed=True)
     times = _times(t_eval, keep, end)
     pi = None if parameters is None else _parameters(parameters, scene, len(q))
     plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), with_parameters=pi is not None)
@@ -295,7 +297,7 @@ def _times(t_eval: ArrayLike | None, keep: int | None, end: float) -> Array:
     count = 2 if keep is None else keep
     if not isinstance(count, int | np.integer) or count < 2:
         raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
-    return np.linspace(0.0, end, count)
+    return np.linspace(0.0, end, count if end else 1)
 
 
 def _plan(
@@ -318,7 +320,7 @@ def _plan(
         if method not in ("auto", *METHODS):
             needs = "; equal steps need `step`" if method in FIXED else ""
             raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}{needs}")
-        if has_events or is_called or method not in ("auto", *CONTROLLED) or not scene.n:
+        if has_events or is_called or method not in ("auto", *CONTROLLED) or not scene.n or not end:
             return otherwise
         chosen, longest = "DOP853" if method == "auto" else method, None
     else:
@@ -329,6 +331,8 @@ def _plan(
         if is_called:
             raise ValueError("the controller of an ensemble with `step` must be traceable (mark it with rne.traceable)")
         chosen, longest = "rk4" if method == "auto" else method, positive_number("step", step)
+        if not scene.n or not end:  # nothing moves
+            return replace(otherwise, options=otherwise.options | {"method": "auto"})
     rhs = scene.right_hand_side_with_energies
     norm = rhs.size - len(rhs.ledger), rtol, atol, power(chosen) if longest is None else 0.0
     if longest is None:

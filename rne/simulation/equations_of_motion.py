@@ -18,13 +18,13 @@ torques without limits, divided by a constant inertia, are further states of suc
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
+from ..basics.arrays import check_function, whole_number
 from ..basics.spatial import Array, rotate
 from ..dynamics.crba import mass_matrix, solve_with_pivots
 from ..dynamics.lagrange import lagrange_forward_dynamics
@@ -45,18 +45,11 @@ T = TypeVar("T", bound="AppliedTorques")
 
 
 def check_law(name: str, law: Any) -> None:
-    """Raise a TypeError if a law cannot be called with its arguments."""
-    expected = "(t, q, qd, z), as it has `states`" if hasattr(law, "states") else "(t, q, qd)"
-    if not callable(law):
-        raise TypeError(f"`{name}` must be a function of {expected}, got {type(law).__name__}")
-    try:
-        signature = inspect.signature(law)
-    except (TypeError, ValueError):  # of compiled functions, which show none
-        return
-    try:
-        signature.bind(*range(4 if hasattr(law, "states") else 3))
-    except TypeError:
-        raise TypeError(f"`{name}` must be a function of {expected}, got one of {signature}") from None
+    """Raise a TypeError if a law cannot be called with its arguments, a ValueError if it has no number of states."""
+    has_states = hasattr(law, "states") and not isinstance(law, type)
+    check_function(name, law, "(t, q, qd, z), as it has `states`" if has_states else "(t, q, qd)")
+    if has_states:
+        whole_number(f"{name}.states", law.states, least=0)
 
 
 def call_law(law: Any, t: Any, x: Array, n: int) -> tuple[Any, Any]:
@@ -65,8 +58,9 @@ def call_law(law: Any, t: Any, x: Array, n: int) -> tuple[Any, Any]:
     if not hasattr(law, "states"):
         return law(t, q, qd), None
     returned = law(t, q, qd, x[..., 2 * n : 2 * n + int(law.states)].copy())
-    if not isinstance(returned, tuple) or len(returned) != 2:
+    if not isinstance(returned, tuple) or len(returned) != 2 or returned[1] is None:
         got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
+        got = "(torques, None)" if got == "a tuple of 2" else got
         raise ValueError(f"`controller` with states must return (torques, rates of its states), got {got}")
     return returned
 

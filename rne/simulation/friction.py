@@ -9,11 +9,13 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
-from ..basics.text import summary
+from ..basics.text import listed, short, summary
 from ..elementwise import less, tanh, where
 from ..model.model import Model, joint_array
+from ..robot import Robot
 
 SIZES = ("viscous", "coulomb", "viscous_back", "coulomb_back", "static")
+TOLD = {"rad": 0.01, "m": 0.001}  # of creep, from which on the message of a run names it
 SMOOTHING = 0.01  # [rad/s or m/s]: velocity at which smoothed Coulomb friction reaches tanh(1) = 76 % of its value
 
 
@@ -42,7 +44,11 @@ class Friction:
     Notes
     -----
     Smoothed friction does not hold a joint. Under a torque below `coulomb` it creeps, without viscous friction at the
-    rate smoothing artanh(torque / coulomb): 2 mrad/s under a fifth of it. Dry friction, `smoothing=0`, holds.
+    rate smoothing artanh(torque / coulomb): 2 mrad/s under a fifth of it. Dry friction, `smoothing=0`, holds, and often
+    takes a fraction of the evaluations, as smoothed friction is stiff. The message of a run tells by how much joints
+    crept in all, from 0.01 rad or 0.001 m on: how far they moved from where their speed was within `smoothing` until
+    the load on them exceeded `coulomb`, the load being the friction that would keep the joint from accelerating; of a
+    robot without drives that starts at rest and would stay there, how far they moved at all.
 
     Examples
     --------
@@ -67,14 +73,14 @@ class Friction:
     def __post_init__(self) -> None:
         for name in SIZES:
             value = getattr(self, name)
-            if value is None and name != "static":
+            if value is None and name.endswith("_back"):
                 value = getattr(self, name.removesuffix("_back"))
-            if value is not None:
+            if value is not None or name != "static":
                 object.__setattr__(self, name, _not_negative(name, value))
         if _not_negative("smoothing", self.smoothing).ndim:
             raise ValueError("`smoothing` must be one number")
         shapes = {size.shape for size in self._given().values() if size.ndim}
-        if len(shapes) > 1:
+        if len(shapes) > 1 or any(len(shape) > 1 for shape in shapes):
             raise ValueError(f"friction must be numbers or arrays of one shape (n,), got {sorted(shapes)}")
         if self.static is None:
             return
@@ -195,6 +201,33 @@ class Friction:
         self.check(model)
         rates = joint_array("qd", qd, model)
         return self.viscous_torque(rates) + self.coulomb_torque(rates)
+
+
+def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, rest: Array | None) -> str:
+    """How far joints crept along samples (T, n) while dry friction would have held them; empty where that is little.
+
+    A robot without drives that starts at rest does so in the positions `rest`; otherwise these are None.
+    """
+    forward, back = np.asarray(friction.coulomb, dtype=float), np.asarray(friction.coulomb_back, dtype=float)
+    if friction.smoothing == 0 or not (forward.any() or back.any()) or len(q) < 2:
+        return ""
+    diagonal = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
+    load = friction.torque(robot.model, qd) + qdd / diagonal  # that would keep each joint from accelerating
+    releases = np.abs(load) >= np.where(load < 0, back, forward)
+    sample = np.arange(len(q))[:, None]
+    caught, released = (
+        np.maximum.accumulate(np.where(now, sample, -1))
+        for now in (~releases & (np.abs(qd) <= friction.smoothing), releases)
+    )
+    held = caught > released
+    moved = (np.abs(np.diff(q, axis=0)) * (held[1:] & held[:-1])).sum(axis=0)
+    weight = None if rest is None else robot.gravity_torque(rest)
+    if weight is not None and (np.abs(weight) < np.where(weight > 0, back, forward)).all():
+        moved = np.abs(q - rest).max(axis=0)
+    units = ["rad" if robot.model.is_revolute[k] else "m" for k in robot.model.independent_joints]
+    told = np.array([TOLD[unit] for unit in units])
+    names = [f"{short(robot.joint_names[k])} by {moved[k]:.2g} {units[k]}" for k in np.flatnonzero(moved > told)]
+    return f"crept where dry friction (smoothing=0) would hold: {listed(names)}" if names else ""
 
 
 def urdf_friction(model: Model) -> Friction:

@@ -112,6 +112,8 @@ class Loop:
         try:
             if self.task.duration == 0 or self.plant.robot.n == 0:  # nothing moves; SciPy's solvers divide by both
                 self._begin_segment()
+                if self.hold is not None and not self.hold.count:  # the solver would have taken the first sample
+                    self.hold.sample(self.t, self.x)
                 self.t = self.task.duration
             else:
                 self.x = self.system.start(self.x)

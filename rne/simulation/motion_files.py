@@ -7,7 +7,7 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from math import isfinite
 from os import PathLike
@@ -36,12 +36,21 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "jumps": ("K",),
     **dict.fromkeys(("qdd_before", "tau_before"), ("K", "n")),
 }
-MAY_BE_EMPTY = ("controller_state", "qdd_before", "tau_before")
-KINDS: dict[str, type | tuple[type, ...]] = {
-    **dict.fromkeys(("method", "message", "scene"), str),
-    **dict.fromkeys(("evaluations", "status"), int),
-    **dict.fromkeys(("energy_drift", "energy_start"), (int, float)),
-    "at_steps": bool,
+KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {  # by the type of a field
+    "Array": ("an array of real numbers", lambda x: isinstance(x, np.ndarray) and x.dtype.kind in "fiu"),
+    "str": ("a text", lambda x: isinstance(x, str)),
+    "str | None": ("a text or null", lambda x: x is None or isinstance(x, str)),
+    "int": ("a whole number", lambda x: type(x) is int),
+    "float": ("a finite number", lambda x: type(x) in (int, float) and isfinite(x)),
+    "bool": ("true or false", lambda x: isinstance(x, bool)),
+    "tuple[str, ...]": ("a list of texts", lambda x: isinstance(x, list) and all(isinstance(k, str) for k in x)),
+    "tuple[int, ...]": ("a list of whole numbers", lambda x: isinstance(x, list) and all(type(k) is int for k in x)),
+    "tuple[Cylinder | Box, ...]": ("a list", lambda x: isinstance(x, list)),
+    "Mapping[str, str]": (
+        "texts by name",
+        lambda x: isinstance(x, dict) and all(isinstance(k, str) for k in x.values()),
+    ),
+    "Moments | None": ("null", lambda x: x is None),
 }
 
 
@@ -102,8 +111,8 @@ class MotionFiles:
         Raises
         ------
         ValueError
-            If the file is no such archive, or a damaged one, or an entry of it has the wrong shape or type or is not
-            finite, or the times do not ascend.
+            If the file is no such archive, or a damaged one, or an entry of it is missing, unknown, of the wrong shape
+            or type or not finite, or the times do not ascend.
         FileNotFoundError
             If there is no such file.
 
@@ -112,14 +121,14 @@ class MotionFiles:
         >>> import rne
         >>> rne.Trajectory.load("swing.npz").message  # doctest: +SKIP
         """
+        if not isinstance(path, str | PathLike):
+            raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
         arrays, texts = _contents(Path(path))
         try:
+            _check_entries(arrays, texts, {f.name: str(f.type) for f in fields(cls)})  # type: ignore[arg-type]
             dissipated = {name: arrays.pop(f"dissipated.{name}") for name in texts.pop("dissipated")}
             parts = {"dissipated": dissipated, "model": _model(arrays, texts)}  # takes its entries out of both
             motion: Self = cls(**(arrays | texts | parts))
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"{str(path)!r} is not a complete motion: {error}") from None
-        try:
             _check(motion)
         except ValueError as error:
             raise ValueError(f"{str(path)!r}: {error}") from None
@@ -225,15 +234,32 @@ def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     return arrays, texts
 
 
+def _check_entries(arrays: dict[str, Array], texts: dict[str, Any], types: dict[str, str]) -> None:
+    """A ValueError that names the first entry that is missing, of another kind than its field, or unknown."""
+    types = {"has_model": "bool"} | types | {"dissipated": "tuple[str, ...]"}
+    del types["model"], types["error_estimate"]
+    _check_kinds(arrays, texts, types)
+    further = {f"dissipated.{name}": "Array" for name in texts["dissipated"]}
+    further |= {f"model.{f.name}": str(f.type) for f in fields(Model)} if texts["has_model"] else {}
+    _check_kinds(arrays, texts, further)
+    for name in (*arrays, *texts):
+        if (types | further).get(name) is None or name in arrays.keys() & texts.keys():
+            raise ValueError(f"`{name}` is no entry of a motion")
+
+
+def _check_kinds(arrays: dict[str, Array], texts: dict[str, Any], types: dict[str, str]) -> None:
+    for name, kind in types.items():
+        words, fits = KINDS[kind]
+        held: dict[str, Any] = arrays if kind == "Array" else texts
+        if name not in held:
+            raise ValueError(f"`{name}` is missing, {words}")
+        if not fits(held[name]):
+            got = f"dtype {held[name].dtype}" if kind == "Array" else repr(held[name])
+            raise ValueError(f"`{name}` must be {words}, got {got}")
+
+
 def _check(motion: Any) -> None:
-    """A ValueError that names the first entry with a wrong type or shape, a number that is not finite, or late time."""
-    for name, kind in KINDS.items():
-        value = getattr(motion, name)
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            expected = {str: "a text", int: "a whole number", bool: "true or false"}.get(kind, "a number")  # type: ignore[arg-type]
-            raise ValueError(f"`{name}` must be {expected}, got {value!r}")
-        if isinstance(value, float) and not isfinite(value):
-            raise ValueError(f"`{name}` must be finite, got {value}")
+    """A ValueError that names the first array with a wrong shape or a number that is not finite, or late time."""
     sizes: dict[str, int] = {}
     for name, shape in SHAPES.items():
         _check_array(name, getattr(motion, name), shape, sizes)
@@ -243,16 +269,15 @@ def _check(motion: Any) -> None:
     if late.size:
         before, after = motion.t[late[0] : late[0] + 2].tolist()
         raise ValueError(f"`t` must ascend, got {after:.6g} s after {before:.6g} s")
+    if not np.isin(motion.jumps, motion.t).all():
+        raise ValueError("`jumps` must be among the times `t`")
     if motion.model is not None and len(motion.model.joint_names) != sizes["n"]:
         raise ValueError(f"`q` must have {len(motion.model.joint_names)} columns, as its model, got {sizes['n']}")
 
 
-def _check_array(name: str, value: Any, shape: tuple[str, ...], sizes: dict[str, int]) -> None:
+def _check_array(name: str, value: Array, shape: tuple[str, ...], sizes: dict[str, int]) -> None:
     """Check an array; letters of its shape that are not among the `sizes` yet are added to them."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
-        got = f"dtype {value.dtype}" if isinstance(value, np.ndarray) else repr(value)
-        raise ValueError(f"`{name}` must be an array of real numbers, got {got}")
-    if name in MAY_BE_EMPTY and not value.size:
+    if value.shape == (0, 0) and (shape[1] == "m" or sizes["K"] == 0):  # as where none is given
         return
     expected = ", ".join(str(sizes.get(letter, letter)) for letter in shape)
     same = (sizes.setdefault(letter, length) == length for letter, length in zip(shape, value.shape, strict=False))
@@ -274,8 +299,11 @@ def _model(arrays: dict[str, Array], texts: dict[str, Any]) -> Model | None:
             values[name.removeprefix("model.")] = tuple(value) if isinstance(value, list) else value
     try:
         values["shapes"] = tuple(_shape(*fields) for fields in values["shapes"])
+    except (TypeError, ValueError):
+        raise ValueError("`model.shapes` must be the fields of cylinders and boxes") from None
+    try:
         return Model(**values)
-    except (KeyError, TypeError, ValueError, ModelError) as error:
+    except (ValueError, ModelError) as error:
         raise ValueError(f"the model in the file is not complete: {error}") from None
 
 

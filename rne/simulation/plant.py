@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.arrays import real_numbers
+from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..control.gains import check_gains
 from ..dynamics.quantity import OK, PrecisionStatus
@@ -135,10 +135,7 @@ class Plant(System):
         u, rates = call_law(self.law, t, x, self.robot.n)
         if rates is None:
             return checked_torques(self.law_name, u, self.robot, t)
-        m = self.rhs.controller_states
-        slopes = real_numbers("rates of the controller's states", rates, f"({m},)")
-        if slopes.shape != (m,):
-            raise ValueError(f"`controller` must return rates of its states of shape ({m},), got {slopes.shape}")
+        slopes = real_array("rates of the controller's states", rates, f"({self.rhs.controller_states},)")
         return np.concatenate([checked_torques(self.law_name, u, self.robot, t), slopes])
 
     def __call__(self, t: float, x: Array) -> Array:
@@ -309,11 +306,14 @@ class ZeroOrderHold:
         self.state = self.next_state
         returned, rates = call_law(self.scene.controller, t, np.concatenate([x[: 2 * n], self.state]), n)
         if rates is not None:
-            self.next_state = self.state + self.period * np.asarray(rates)
+            slopes = real_array("rates of the controller's states", rates, f"({len(self.state)},)")
+            self.next_state = self.state + self.period * slopes
         u = np.clip(checked_torques(self.plant.law_name, returned, self.plant.robot, t), -self.limit, self.limit)
         if self.count:
             u = np.clip(u, held - self.change, held + self.change)
         self.plant.held = u
+        if callable(getattr(self.scene.controller, "delivered", None)):
+            self.scene.controller.delivered(u.copy())
         self._append(Samples(np.array([t]), x[None, : 2 * n], u[None], self.state[None]))
         self.evaluations_before = self.plant.evaluations
 

@@ -18,6 +18,7 @@ from ..basics.arrays import UNBOUNDED, convert_numbers, per_joint_array, positiv
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..kernels.kernel import Kernel
+from ..model.model import joint_array
 from ..robot import Robot
 from .equations_of_motion import AppliedTorques, RightHandSide, check_law
 from .friction import Friction, urdf_friction
@@ -67,6 +68,8 @@ class HasPayload(Protocol):
 def payload_argument(given: Payload | HasPayload | float) -> Payload:
     """A payload that is given, found, or a mass alone."""
     given = given.payload if isinstance(given, HasPayload) else given
+    if isinstance(given, tuple) and not 1 <= len(given) <= len(Payload._fields):
+        raise ValueError(f"`payload` must be a mass or rne.Payload(mass, com, inertia, link), got {len(given)} values")
     return Payload(*given) if isinstance(given, tuple) else Payload(given)
 
 
@@ -152,6 +155,8 @@ class Scene:
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
             raise TypeError(f"`robot` must be an rne.Robot, got {type(self.robot).__name__}")
+        if not isinstance(self.stops, bool | np.bool_):
+            raise TypeError(f"`stops` must be True or False, got {type(self.stops).__name__}")
         if self.controller is not None:
             check_law("controller", self.controller)
         if self.sample_time is not None:
@@ -335,7 +340,7 @@ class Scene:
         [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
         """
         robot, friction = self.resolved.robot, self.resolved.friction
-        net = convert_numbers("tau", tau, f"(..., {robot.n})")
+        net = joint_array("tau", tau, robot.model)
         if friction is not None:
             net = net - friction.torque(robot.model, qd)
         return robot.forward_dynamics(q, qd, net)

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_array
+from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted, SingularMassMatrixError
 from ..model.model import joint_array
@@ -19,6 +19,7 @@ from ..robot import Robot
 from .compiled import has_rodas5p
 from .equations_of_motion import RightHandSide, check_law
 from .events import check_within_stops, stops
+from .friction import creep
 from .loop import Failure, Loop, Run, Task
 from .plant import SAME, Plant, ZeroOrderHold
 from .scene import Scene, scene_of_robot
@@ -123,6 +124,8 @@ def simulate(
         raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}")
     robot = scene.resolved.robot
     rhs = _right_hand_side(scene_or_robot, scene)
+    if progress is not None:
+        check_function("progress", progress, "(t, duration)")
     x0 = np.concatenate([_start("q0", q0, robot), _start("qd0", qd0, robot), np.zeros(rhs.size - 2 * robot.n)])
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else check_times(t_eval, end)
@@ -230,12 +233,14 @@ def build_trajectory(
     Where no law must be called, they are computed when they are asked for.
     """
     rhs, T = plant.rhs, len(run.t)
-    later = partial(_derived, plant, task, run, scene)
+    message = f"{reason}; {run.ending}"
+    later = partial(_derived, plant, task, run, scene, message)
     failure, derived = run.failure, None
     if failure is not None or plant.law is not None:
         derived = later(may_fail=True)
         found = derived.pop("failure")
         T, failure = len(derived["tau"]), failure or found
+        derived |= {"message": failure.cause} if failure else {}
     n = rhs.robot.n
     known |= {
         "t": run.t[:T],
@@ -244,15 +249,16 @@ def build_trajectory(
         "evaluations": plant.evaluations,
         "method": run.method,
         "status": -1 if failure else run.status,
-        "message": failure.cause if failure else f"{reason}; {run.ending}",
         "model": rhs.robot.model,
         "at_steps": task.t_eval is None,
     }
+    if derived is None and rhs.friction is None:
+        known["message"] = message  # which does not wait for the torques
     return (trajectory_later(known, later) if derived is None else Trajectory(**known, **derived)), failure
 
 
-def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool = False) -> dict[str, Any]:
-    """Torques, accelerations and energies of a motion, and its jumps; the failure where there may be one."""
+def _derived(plant: Plant, task: Task, run: Run, scene: Any, message: str, *, may_fail: bool = False) -> dict[str, Any]:
+    """Torques, accelerations and energies of a motion, its jumps and message; the failure where there may be one."""
     robot, n = plant.robot, plant.robot.n
     just_after = np.where(np.isin(run.t, task.breaks), np.nextafter(run.t, np.inf), run.t)
     tau, qdd, failure = _torques_and_accelerations(plant, run._replace(t=just_after), run.held())
@@ -281,6 +287,9 @@ def _derived(plant: Plant, task: Task, run: Run, scene: Any, *, may_fail: bool =
     found |= {"work": work, "dissipated": entries, "energy_start": start}
     found |= {"energy_drift": float(np.abs(balance).max()) if T else 0.0}
     found |= {"jumps": jumps, "qdd_before": qdd_before, "tau_before": tau_before}
+    rest = None if "drives" in plant.rhs.ledger or qd0.any() else q0
+    crept = "" if plant.rhs.friction is None else creep(plant.rhs.friction, robot, q, qd, qdd, rest)
+    found["message"] = f"{crept}; {message}" if crept else message
     return found | {"failure": failure} if may_fail else found
 
 
@@ -375,7 +384,9 @@ def _right_hand_side(given: Scene | Robot, scene: Scene) -> RightHandSide:
 
 def law_breaks(law: Any, further: Sequence[float] = ()) -> list[float]:
     """Instants at which a law's torques jump, and others."""
-    of_law = [*getattr(law, "breaks", ()), *getattr(getattr(law, "reference", None), "breaks", ())]
+    owners = ("controller", law), ("controller.reference", getattr(law, "reference", None))
+    given = [real_array(f"{name}.breaks", getattr(owner, "breaks", ()), "(k,)") for name, owner in owners]
+    of_law = np.concatenate(given).tolist()
     found: list[float] = []
     for instant in sorted({*further, *of_law}):
         if not found or instant - found[-1] > 1e-12 * max(1.0, abs(instant)):  # equal up to rounding

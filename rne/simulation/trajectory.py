@@ -314,7 +314,7 @@ class Trajectory(MotionFiles, InNotebooks):
         """
         if self.model is None:
             raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
-        if not self.at_steps:
+        if not self.at_steps or len(self.t) < 2:
             return limit_violations(self.model, self.t, self.q, self.qd, self.tau)
         t = between(self.t)
         q, qd, _ = self(t)
