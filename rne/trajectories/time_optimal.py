@@ -38,7 +38,11 @@ NEAR = 0.02  # of an interval, on either side of where arcs are expected to meet
 ROUNDING = 1e-9  # by so much x is kept below the largest, relative
 SHORTEST = 1e-5  # of the duration: intervals that are divided are longer
 AGREE = 3e-4  # of a limit: between viscous friction and its tangent
+TANGENT = 1e-4  # of a limit: viscous friction below which its tangent stays the same
+SLOWEST = 1e-4  # of x, at which tangents are tried
 PASSES = 30  # of viscous friction, and of the smoothing
+NEWTON = 4  # steps for the time at which an averaged motion passes a grid point
+BESIDE = 1e-9  # of the duration, on either side of such a time: there a joint may turn, and its friction jump
 SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
 AT_LIMIT = 0.99  # share of a limit from which it counts as used
 CREEP = 1e-12  # [1/s], s' at a stop: Coulomb friction has the sign of the motion that begins or ends there
@@ -123,7 +127,7 @@ class _Piece:
 def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
     """x at the grid points of the fastest motion from rest to rest, None if there is none."""
     with np.errstate(divide="ignore"):
-        unit = max(np.median(largest) ** -0.5, 2 * np.median(np.abs(a).max((0, 2))) ** 0.5)
+        unit = max(np.median(largest) ** -0.5, *(2 * np.median(np.abs(part).max((0, 2))) ** 0.5 for part in (a, b)))
     for T in (unit / 10, unit / 100, unit):  # x of order 100; toppra has absolute tolerances and may fail on one scale
         x = _two_passes(grid * T, a / T, b / T**2, c, largest * T**2)
         if x is not None:
@@ -218,10 +222,22 @@ class _Profile:
         (s1, s0), (v1, v0) = ((curve(now), curve(then)) for curve in curves[:2])
         return area / self.window, np.maximum((s1 - s0) / self.window, CREEP), (v1 - v0) / self.window
 
+    @cached_property
     def instants(self) -> Array:
-        """Times of all corners of s'', and one between each two."""
-        t = np.unique(np.concatenate([self.times, self.times + self.window]))
-        return np.sort(np.concatenate([t, (t[1:] + t[:-1]) / 2]))
+        """Times of all corners of s'', around those at which grid points are passed, and one between each two."""
+        if not self.window:
+            return np.sort(np.concatenate([self.times, (self.times[1:] + self.times[:-1]) / 2]))
+        corners = np.unique(np.concatenate([self.times, self.times + self.window]))
+        s = self.at(corners)[0]
+        after = np.clip(np.searchsorted(s, self.grid), 1, len(s) - 1)
+        passed = np.interp(self.grid, s, corners)
+        for _ in range(NEWTON):
+            s, v, _ = self.at(passed)
+            passed = np.clip(passed - (s - self.grid) / v, corners[after - 1], corners[after])
+        beside = BESIDE * self.duration
+        t = np.unique(np.concatenate([corners, passed]))
+        around = np.clip(np.concatenate([passed - beside, passed + beside]), 0, self.duration)
+        return np.unique(np.concatenate([t, (t[1:] + t[:-1]) / 2, around]))
 
     def states(self, piece: _Piece, t: Array) -> tuple[Array, Array, Array]:
         """q, qd and qdd at times."""
@@ -242,22 +258,29 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
         largest = largest * allowed[1] ** 2
     if not v.any():
         return _largest_x(grid, a, b, c, largest)
-    x, scale = _largest_x(grid, a, b, c, largest) if guess is None else guess, 1.0
+    strongest, sign = np.abs(v).max(-1), np.sign(v)
+    floor = np.where(strongest > 0, (TANGENT / np.where(strongest > 0, strongest, 1)) ** 2, 1.0)
+    if guess is None:  # no faster than what friction alone allows at a constant speed
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steady = np.where(sign * c < 1, ((1 - sign * c) / v) ** 2, np.inf)
+        free = _largest_x(grid, a, b, c, largest)
+        at = np.minimum(np.inf if free is None else np.stack([free[:-1], free[1:]]), np.nanmin(steady, axis=-1))
+        at[:] = np.where(np.isfinite(at), at, floor)
+    else:
+        at = np.stack([guess[:-1], guess[1:]])
+    x, scale = guess, 1.0
     for _ in range(PASSES):
-        if x is None:
-            break
-        floor = 1e-8 * x.max()
-        at = np.maximum(scale * np.stack([x[:-1], x[1:]]), floor)[..., None]
-        found = _largest_x(grid, a, b + v / (2 * np.sqrt(at)), c + v * np.sqrt(at) / 2, largest)
-        if found is None and scale > 1e-3:
+        near = np.maximum(scale * at, floor)[..., None]
+        found = _largest_x(grid, a, b + v / (2 * np.sqrt(near)), c + v * np.sqrt(near) / 2, largest)
+        if found is None:
             scale /= 4  # a tangent at a lower speed adds less to what a joint needs at rest
+            if scale < SLOWEST:
+                return None
             continue
-        x, scale = found, 1.0
-        if x is not None:
-            new = np.stack([x[:-1], x[1:]])[..., None]
-            gap = np.abs(v * ((at + new) / (2 * np.sqrt(at)) - np.sqrt(new)))
-            if np.where(new > 10 * floor, gap, 0.0).max() < AGREE:
-                break
+        x, scale, at = found, 1.0, np.stack([found[:-1], found[1:]])
+        new = at[..., None]
+        if np.abs(v * ((near + new) / (2 * np.sqrt(near)) - np.sqrt(new))).max() < AGREE:
+            break
     return x
 
 
@@ -315,23 +338,31 @@ def _fastest_profile(piece: _Piece) -> _Profile:
     return _Profile(grid, np.asarray(x))
 
 
+def _largest_within(x: Array, start: Array, end: Array) -> Array:
+    """Largest of x (2, K), which is at least 1, from start to before end; by those of powers of two of entries."""
+    power = np.log2(np.maximum(end - start, 1)).astype(int)
+    largest = [np.pad(x, ((0, 0), (0, 1)), constant_values=1.0)]
+    for k in range(power.max()):
+        largest.append(np.maximum(largest[-1], np.roll(largest[-1], -(2**k), axis=1)))
+    found = np.stack(largest)
+    return np.maximum(found[power, :, start], found[power, :, np.maximum(end - 2**power, start)]).T
+
+
 def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
     """The profile averaged over a window, driven slower where that would exceed a limit."""
     allowed = np.ones((2, len(fastest.grid)))
-    x, rows = fastest.x, fastest
+    x, points = fastest.x, np.arange(len(fastest.grid))
     for _ in range(PASSES):
         rows = _Profile(fastest.grid, x, window)
-        t = rows.instants()
+        t = rows.instants
         shares, speeds = piece.limits.use(*rows.states(piece, t))
         excess = np.stack([np.abs(shares).max(-1, initial=0), speeds.max(-1, initial=0)])
         if excess.max() <= 1 + 2 * ACCURACY:
             return rows
-        factor = np.ones_like(allowed)
-        first = np.searchsorted(rows.times, t - window, side="right") - 1
-        last = np.searchsorted(rows.times, t)
-        for kind, k in zip(*np.nonzero(excess > 1 + ACCURACY), strict=True):
-            inside = slice(max(first[k], 0), last[k] + 1)
-            factor[kind, inside] = np.minimum(factor[kind, inside], 1 / excess[kind, k])
+        first, last = np.searchsorted(rows.times, t - window, "right") - 1, np.searchsorted(rows.times, t)
+        # An instant concerns the grid points first to last, so a grid point the instants start to end.
+        start, end = np.searchsorted(last, points), np.searchsorted(first, points, "right")
+        factor = 1 / _largest_within(np.where(excess > 1 + ACCURACY, excess, 1.0), start, end)
         allowed *= factor
         found = _solve(piece, fastest.grid, x, allowed)
         if found is None:
@@ -432,7 +463,7 @@ class FastestMotion(_ReferenceMotion):
     def instants(self) -> Array:
         """Times of all corners of the motion and one between each two [s]."""
         starts = zip(self._starts, self._profiles, strict=False)
-        return np.unique(np.concatenate([start + profile.instants() for start, profile in starts]))
+        return np.unique(np.concatenate([start + profile.instants for start, profile in starts]))
 
     def shares(self) -> dict[str, Array]:
         """Parts of their limits that the joints use.
