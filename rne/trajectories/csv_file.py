@@ -120,7 +120,7 @@ def read_samples(
 ) -> Samples:
     """The samples of a file that must have the quantities `needed`; with `gaps`, NaN for entries left out but times.
 
-    Of points that need not be `timed`, the times are their numbers if there is no column for them.
+    Of points that are not `timed`, the times are their numbers, and a column for them is ignored.
     """
     if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
         given = type(joint_names).__name__
@@ -134,9 +134,10 @@ def read_samples(
         rows.pop(0)  # a comment above the heading
     (row, heading), *body = rows
     columns = [column.strip() for column in (heading[0].strip().lstrip("#"), *heading[1:])]
-    if not timed and "t" not in columns and not any(math.isfinite(_as_number(column)) for column in columns):
-        columns, body = ["t", *columns], [(at, [str(k), *fields]) for k, (at, fields) in enumerate(body)]
-    wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed)
+    wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed, timed)
+    if not timed:
+        columns = ["t", *("" if column == "t" else column for column in columns)]
+        body = [(at, [str(k), *fields]) for k, (at, fields) in enumerate(body)]
     if not body:
         raise ValueError(f"{name}: there are no rows below the names of the columns")
     table = np.array([_numbers(name, row, fields, columns, wanted, gaps) for row, fields in body])
@@ -170,18 +171,20 @@ def _rows(name: str, text: str) -> list[tuple[int, list[str]]]:
         raise ValueError(f"{name}, row {reader.line_num}: is not CSV ({error})") from None
 
 
-def _wanted(place: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str]) -> list[str]:
+def _wanted(
+    place: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str], timed: bool
+) -> list[str]:
     """The columns to read: t, and every quantity that is there for all joints."""
     if all(math.isfinite(_as_number(column)) for column in columns):
-        example = ",".join(["t", *(f"q.{joint}" for joint in joint_names)])
+        example = ",".join([*["t"] * timed, *(f"q.{joint}" for joint in joint_names)])
         raise ValueError(
             f"{place}: the names of the columns are missing; above the numbers is needed, for example, {example!r}"
         )
     twice = [column for k, column in enumerate(columns) if column and column in columns[:k]]
     if twice:
         raise ValueError(f"{place}: column {twice[0]!r} is there twice")
-    if "t" not in columns:
-        hint = "; separate columns by commas" if len(columns) == 1 else ""
+    hint = "; separate columns by commas" if len(columns) == 1 and len(joint_names) + timed > 1 else ""
+    if timed and "t" not in columns:
         raise MissingColumn(f"{place}: there is no column 't'; there are {_listed(columns)}{hint}")
     wanted = ["t"]
     for quantity in QUANTITIES:
@@ -191,7 +194,7 @@ def _wanted(place: str, columns: Sequence[str], joint_names: Sequence[str], need
             alike = [column for column in columns if column.startswith(f"{quantity}.")]
             raise MissingColumn(
                 f"{place}: there is no column {_listed(missing)}, which is needed; there are "
-                f"{_listed(alike or columns)}"
+                f"{_listed(alike or columns)}{hint}"
             )
         if missing and len(missing) < len(own):
             raise MissingColumn(

@@ -27,7 +27,7 @@ from ..robot import Robot
 from ..robot.robot import robot_argument
 from ..simulation.friction import Friction
 from ..simulation.scene import Payload, Scene
-from .paths import Path, through
+from .paths import Path, made_by, through
 from .profiles import _ReferenceMotion, is_traced
 
 GRID = 100  # intervals of a piece at first
@@ -35,6 +35,7 @@ ACCURACY = 5e-4  # of a limit: by so much it may be exceeded between grid points
 UNUSED = 0.007  # of a limit: a gap to every limit above which grid points are set closer
 CLOSER, ROUNDS = 16, 8  # parts of an interval at most, times that the grid is refined
 NEAR = 0.02  # of an interval, on either side of where arcs are expected to meet
+WAY = 0.1  # of each piece in the linear programs
 ROUNDING = 1e-9  # by so much x is kept below the largest, relative
 SHORTEST = 1e-5  # of the duration: intervals that are divided are longer
 AGREE = 3e-4  # of a limit: between viscous friction and its tangent
@@ -127,19 +128,21 @@ class _Piece:
 def _largest_x(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
     """x at the grid points of the fastest motion from rest to rest, None if there is none."""
     with np.errstate(divide="ignore"):
-        unit = max(np.median(largest) ** -0.5, *(2 * np.median(np.abs(part).max((0, 2))) ** 0.5 for part in (a, b)))
-    for T in (unit / 10, unit / 100, unit):  # x of order 100; toppra has absolute tolerances and may fail on one scale
-        x = _two_passes(grid * T, a / T, b / T**2, c, largest * T**2)
+        slowness = np.max([1 / np.minimum(largest[1:], largest[:-1]), *(np.abs(y).max((0, 2)) for y in (a / 4, b / 2))], 0)
+    usual = np.median(slowness[slowness > 0]) if slowness.any() else 1.0
+    unit = 1 / np.where(slowness > 0, slowness, usual)  # of x in each interval
+    for scale in (1e2, 1e4, 1.0):  # toppra has absolute tolerances and may fail on one scale
+        x = _two_passes(grid * WAY, a * (scale * unit * WAY)[:, None], b * (scale * unit)[:, None], c, largest, scale * unit)
         if x is not None:
-            return np.asarray(x / T**2)
+            return x
     return None
 
 
-def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Array | None:
+def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit: Array) -> Array | None:
     """The two passes of Pham and Pham 2018, Algorithm 1; toppra solves their linear programs in u and x.
 
-    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1. With toppra's own
-    passes the same takes four times as long.
+    Inequalities hold at both ends of each interval, along which u is constant: |a u + b x + c| <= 1, with u and x in a
+    unit of the interval's own. With toppra's own passes the same takes four times as long.
     """
     try:
         from toppra.constraint import LinearConstraint
@@ -160,21 +163,25 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array) -> Ar
             ones = np.eye(2 * a.shape[-1])
             by_u = np.hstack([a[0], a[1] + h2[:, None] * b[1]])  # x at the end is x + 2 u (s_end - s)
             parts = (np.vstack([x, x[-1:]]) for x in (by_u, np.hstack([b[0], b[1]]), np.hstack([c[0], c[1]])))
-            bounds = np.stack([np.zeros_like(largest), np.minimum(largest, 1e8)], axis=1)
+            most = np.minimum(largest / np.append(unit, unit[-1]), 1e8)
+            bounds = np.stack([np.zeros_like(most), most], axis=1)
             return (*parts, np.vstack([ones, -ones]), np.ones(2 * len(ones)), None, bounds)
 
     program = seidelWrapper([Rows()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
     slowest, quickest, held = np.array([-1e-9, 1.0]), np.array([1e-9, -1.0]), np.abs(c).max((0, 2), initial=0) <= 1
     low, high, x = np.zeros((3, len(grid))).tolist()
     for i in reversed(range(len(h2))):  # the x from which the motion can come to rest at the end
-        high[i] = program(i, None, quickest, np.nan, np.nan, low[i + 1], high[i + 1])[1] * (1 - ROUNDING)
+        size = float(unit[i])
+        following = low[i + 1] / size, high[i + 1] / size
+        high[i] = program(i, None, quickest, np.nan, np.nan, *following)[1] * (1 - ROUNDING) * size
         if low[i + 1] or not held[i]:  # elsewhere it can stand still
-            low[i] = max(program(i, None, slowest, np.nan, np.nan, low[i + 1], high[i + 1])[1], 0.0)
-    if np.isnan(high).any() or low[0] > ROUNDING:
+            low[i] = max(program(i, None, slowest, np.nan, np.nan, *following)[1] * size, 0.0)
+    if np.isnan(high).any() or low[0] > ROUNDING * unit[0]:
         return None
     for i, by in enumerate(np.stack([-h2, -np.ones(len(h2))], axis=1)):  # from the start, each x as large as can be
-        u = program(i, None, by, x[i], x[i], low[i + 1], high[i + 1])[0]
-        x[i + 1] = min(max(x[i] - by[0] * u, low[i + 1]), high[i + 1])
+        size = float(unit[i])
+        u = program(i, None, by, x[i] / size, x[i] / size, low[i + 1] / size, high[i + 1] / size)[0]
+        x[i + 1] = min(max(x[i] - by[0] * u * size, low[i + 1]), high[i + 1])
     found = np.asarray(x)
     return found if (found[1:-1] > 0).all() else None
 
@@ -186,6 +193,7 @@ class _Profile:
     grid: Array
     x: Array
     window: float = 0.0
+    slowed: float = 1.0  # times that it is driven slower than solved, to keep the limits
 
     @cached_property
     def u(self) -> Array:
@@ -260,26 +268,26 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
         return _largest_x(grid, a, b, c, largest)
     strongest, sign = np.abs(v).max(-1), np.sign(v)
     floor = np.where(strongest > 0, (TANGENT / np.where(strongest > 0, strongest, 1)) ** 2, 1.0)
-    if guess is None:  # no faster than what friction alone allows at a constant speed
-        with np.errstate(divide="ignore", invalid="ignore"):
-            steady = np.where(sign * c < 1, ((1 - sign * c) / v) ** 2, np.inf)
-        free = _largest_x(grid, a, b, c, largest)
-        at = np.minimum(np.inf if free is None else np.stack([free[:-1], free[1:]]), np.nanmin(steady, axis=-1))
-        at[:] = np.where(np.isfinite(at), at, floor)
-    else:
-        at = np.stack([guess[:-1], guess[1:]])
-    x, scale = guess, 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):  # no faster than friction allows at a constant speed
+        steady = np.nanmin(np.where(sign * c < 1, np.where(v == 0, np.inf, ((1 - sign * c) / v) ** 2), np.inf), axis=-1)
+    x = _largest_x(grid, a, b, c, largest) if guess is None else guess
+    at = steady if x is None else np.stack([x[:-1], x[1:]])
+    x, known, scale, last, weight = guess, guess is not None, 1.0, np.inf, 1.0
     for _ in range(PASSES):
-        near = np.maximum(scale * at, floor)[..., None]
+        tried = at if known else np.minimum(at, steady)
+        near = np.maximum(np.where(np.isfinite(tried), scale * tried, floor), floor)[..., None]
         found = _largest_x(grid, a, b + v / (2 * np.sqrt(near)), c + v * np.sqrt(near) / 2, largest)
-        if found is None:
-            scale /= 4  # a tangent at a lower speed adds less to what a joint needs at rest
+        if found is None:  # a tangent at a lower speed adds less to what a joint needs at rest
+            known, scale = False, scale if known else scale / 4
             if scale < SLOWEST:
                 return None
             continue
-        x, scale, at = found, 1.0, np.stack([found[:-1], found[1:]])
-        new = at[..., None]
-        if np.abs(v * ((near + new) / (2 * np.sqrt(near)) - np.sqrt(new))).max() < AGREE:
+        new = np.stack([found[:-1], found[1:]])
+        gap = np.abs(v * ((near + new[..., None]) / (2 * np.sqrt(near)) - np.sqrt(new[..., None]))).max()
+        weight = weight if gap < last / 1.2 else max(weight / 2, 1 / 16)
+        at = np.exp((1 - weight) * np.log(near[..., 0]) + weight * np.log(np.maximum(new, floor)))
+        x, known, scale, last = found, True, 1.0, gap
+        if gap < AGREE:
             break
     return x
 
@@ -335,7 +343,24 @@ def _fastest_profile(piece: _Piece) -> _Profile:
         finer = _finer(piece, grid, x)
         if len(finer) == len(grid):
             break
-    return _Profile(grid, np.asarray(x))
+    return _slowed(piece, _Profile(grid, np.asarray(x)), f"`path`: toppra finds no motion within all limits")
+
+
+def _excess(piece: _Piece, profile: _Profile) -> Array:
+    """Largest shares of torques and accelerations, and of velocities, at instants: (2, K)."""
+    shares, speeds = piece.limits.use(*profile.states(piece, profile.instants))
+    return np.stack([np.abs(shares).max(-1, initial=0), speeds.max(-1, initial=0)])
+
+
+def _slowed(piece: _Piece, profile: _Profile, message: str) -> _Profile:
+    """The profile, driven as much slower as limits need that the solution does not keep."""
+    for _ in range(PASSES):
+        excess = float(_excess(piece, profile).max())
+        if excess <= 1 + 2 * ACCURACY:
+            return profile
+        slower = max(2 - excess - ACCURACY, 0.5)
+        profile = replace(profile, x=profile.x * slower**2, slowed=profile.slowed / slower)
+    raise ValueError(message)
 
 
 def _largest_within(x: Array, start: Array, end: Array) -> Array:
@@ -354,9 +379,7 @@ def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
     x, points = fastest.x, np.arange(len(fastest.grid))
     for _ in range(PASSES):
         rows = _Profile(fastest.grid, x, window)
-        t = rows.instants
-        shares, speeds = piece.limits.use(*rows.states(piece, t))
-        excess = np.stack([np.abs(shares).max(-1, initial=0), speeds.max(-1, initial=0)])
+        t, excess = rows.instants, _excess(piece, rows)
         if excess.max() <= 1 + 2 * ACCURACY:
             return rows
         first, last = np.searchsorted(rows.times, t - window, "right") - 1, np.searchsorted(rows.times, t)
@@ -368,11 +391,11 @@ def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
         if found is None:
             break
         x = found
-    raise ValueError(
-        f"`smoothing` of {window:g} s is too long for this path: averaged motions exceed a limit; give less, or 0"
-    )
+    message = f"`smoothing` of {window:g} s is too long for this path: averaged motions exceed a limit; give less, or 0"
+    return _slowed(piece, _Profile(fastest.grid, x, window), message)
 
 
+@made_by("fastest")
 @dataclass(frozen=True, eq=False)
 class FastestMotion(_ReferenceMotion):
     """The fastest motion along a path, made by `fastest`; `print` shows which limits it uses and how smooth it is.
@@ -441,7 +464,7 @@ class FastestMotion(_ReferenceMotion):
             out[:, here] = profile.states(_Piece(self._limits, self.path, k), flat[here] - self._starts[k])
         rest = (times.reshape(-1) < 0) | (times.reshape(-1) > self.duration)
         out[1:, rest] = 0.0
-        q, qd, qdd = out.reshape(3, *times.shape, -1)
+        q, qd, qdd = out.reshape(3, *times.shape, out.shape[-1])
         return q, qd, qdd
 
     def torques(self, t: ArrayLike) -> Array:
@@ -461,7 +484,7 @@ class FastestMotion(_ReferenceMotion):
 
     @cached_property
     def instants(self) -> Array:
-        """Times of all corners of the motion and one between each two [s]."""
+        """Times of all corners of the motion, around those at which joints may turn, and one between each two [s]."""
         starts = zip(self._starts, self._profiles, strict=False)
         return np.unique(np.concatenate([start + profile.instants for start, profile in starts]))
 
@@ -496,6 +519,8 @@ class FastestMotion(_ReferenceMotion):
     def __str__(self) -> str:
         cost = self.duration - self.unsmoothed_duration
         smooth = f"; {cost:.3g} s of it for smoothing over {1e3 * self.smoothing:g} ms" if self.smoothing else ""
+        slowed = max(profile.slowed for profile in self._profiles)
+        smooth += f"; driven up to {slowed:.3g} times slower than solved, to keep the limits" if slowed > 1 else ""
         lines = [f"Fastest motion along the path: {self.duration:.6g} s{smooth}"]
         shares, (torque, jerk) = self.shares(), self.steps()
         weight = np.gradient(self.instants) / self.duration
@@ -510,8 +535,7 @@ class FastestMotion(_ReferenceMotion):
             table.append(Row(short(joint), [*largest, f"{weight @ at:.0%}", f"{torque[k]:.3g}", f"{jerk[k]:.3g}"]))
         notes = (
             "largest share of each limit; share of the time at one; steps per ms in N m, jerk in rad/s^3 (N, m/s^3)",
-            f"-: no limit; limits hold to {2 * ACCURACY:.1%} at `instants`; between these torques of joints that "
-            "turn around may exceed them more",
+            f"-: no limit; limits hold to {2 * ACCURACY:.1%} throughout",
         )
         return "\n".join([*lines, *aligned(table), *notes])
 
@@ -557,10 +581,11 @@ def fastest(
     -----
     Pham and Pham 2018 (toppra), with limits at both ends of each interval of the grid, which is set closer until they
     hold in between to 5e-4 and one of them is used to 1 %, but for intervals below 1e-5 of the duration around switches
-    from one limit to another. An average keeps them to 1e-3 at its `instants`; between these, where a joint with
-    Coulomb friction turns around, its torque may exceed the limit by more, for some milliseconds. Limits of joints that
-    mimic others are included, except those of torques. The average of s(t) over a time w stays on the path, takes w
-    longer for every stop, and has continuous accelerations; where it would exceed a limit, the motion is slowed there.
+    from one limit to another. Limits hold to 1e-3 throughout, after an average too, and where a joint with Coulomb
+    friction turns around. Limits of joints that mimic others are included, except those of torques. The average of s(t)
+    over a time w stays on the path, takes w longer for every stop, and has continuous accelerations; where it would
+    exceed a limit, the motion is slowed there. Where the solution does not settle, as with friction that dwarfs inertia
+    at turns, the whole piece is driven slower until limits hold; `print` says by how much.
 
     Examples
     --------
