@@ -62,7 +62,8 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
     if samples.q is None:
         raise CommandError(f"{file}: there are no positions{needed}")
     unit = np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
-    q, qd, qdd = (None if x is None else x * unit for x in (samples.q, samples.qd, samples.qdd))
+    q = samples.q * unit
+    qd, qdd = (None if x is None else x * unit for x in (samples.qd, samples.qdd))
     try:
         cure = "give --time-unit {}, or s if they are seconds"
         t = in_seconds(file, Samples(samples.t, q, qd), arguments.time_unit, cure, robot.velocity_limit).t

@@ -241,8 +241,7 @@ def run_view(arguments: argparse.Namespace) -> int:
     labels = [file.stem for file in (arguments.motion or out, arguments.other or out)]
     try:
         motion, other = (
-            None if file is None else _motion(file, robot, arguments)
-            for file in (arguments.motion, arguments.other)
+            None if file is None else _motion(file, robot, arguments) for file in (arguments.motion, arguments.other)
         )
         shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
         with warnings_in_one_line():

@@ -32,7 +32,7 @@ def made_by(maker: str) -> Callable[[type[T]], type[T]]:
                 raise TypeError(f"{cls.__name__} is made by `rne.trajectories.{maker}`, call that instead") from None
             init(self, *args, **options)
 
-        cls.__init__ = checked  # type: ignore[method-assign]
+        cls.__init__ = checked  # type: ignore[assignment, method-assign]
         return cls
 
     return decorate
@@ -119,7 +119,9 @@ def through(points: ArrayLike, *, stops: bool | Sequence[int] = False) -> Path:
     with np.errstate(over="ignore"):
         lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
     if not np.isfinite(lengths.sum()):
-        raise ValueError(f"`points` are too far apart: the way exceeds the range of float64, got up to {np.abs(q).max():g}")
+        raise ValueError(
+            f"`points` are too far apart: the way exceeds the range of float64, got up to {np.abs(q).max():g}"
+        )
     if not lengths.all():
         k = int(np.argmin(lengths))
         raise ValueError(f"`points` must differ from one to the next, got the same at index {k} and {k + 1}")
