@@ -174,3 +174,31 @@ def test_picture_has_the_limits_of_every_joint(report):
         assert any(report.effort_limit[k] in x for x in dashed)
         assert any(report.velocity_limit[k] in x for x in dashed)
         assert ax.get_title() == report.joints[k]
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("0,0\n1,1\n", ", row 1: the names of the columns are missing; above the numbers is needed, for example, '{heading}'"),
+        ("j1,j2\n0,0\n", ", row 1: there is no column {names}, which is needed; there are 'j1', 'j2'; the first row must be {heading}"),
+        ("j1;j2\n0;0\n", ", row 1: there is no column {names}, which is needed; there are 'j1;j2'; separate columns by commas; the first row must be {heading}"),
+        ("{heading}\n0,0,0,0,0,0\n", ": a path needs two via points at least, there is one row"),
+    ],
+)  # fmt: skip
+def test_files_of_via_points_are_refused_without_asking_for_times(text, error, tmp_path, capsys):
+    from rne.__main__ import main
+
+    via, joints = tmp_path / "via.csv", [f"q.joint_{k}" for k in range(1, 7)]
+    heading = ",".join(joints)
+    via.write_text(text.format(heading=heading))
+    assert main(["cycle", "irb140", str(via), "--out", str(tmp_path / "page")]) == 2
+    names = ", ".join(map(repr, joints[:4])) + " and 2 more"
+    assert capsys.readouterr().err == f"error: {via}{error.format(heading=heading, names=names)}\n"
+
+
+def test_a_column_of_times_of_via_points_is_ignored(tmp_path):
+    from rne.trajectories.csv_file import read_samples
+
+    (tmp_path / "via.csv").write_text("t,q.a\n0,1\n0,2\n")
+    samples = read_samples(tmp_path / "via.csv", ["a"], needed=["q"], timed=False)
+    assert samples.q.tolist() == [[1], [2]]

@@ -46,11 +46,12 @@ def test_a_mass_on_a_rail_is_driven_at_full_force_and_braked_at_full_force(coulo
     assert motion.torques([0.1 * expected, 0.9 * expected])[:, 0] == pytest.approx([10, -10], rel=EXCEEDED)
 
 
-def test_viscous_friction_slows_a_mass_as_the_closed_form_says():
+@pytest.mark.parametrize("c", [1e-3, 3.0, 400.0, 1e5])
+def test_viscous_friction_slows_a_mass_as_the_closed_form_says(c):
     """m v' = F - c v up to the switch, m v' = -F - c v after it; the switch and T from d by a root."""
     from scipy.optimize import brentq
 
-    m, F, c, d = 2.0, 10.0, 3.0, 3.0
+    m, F, d = 2.0, 10.0, 3.0
 
     def braking(v):
         return m / c * np.log(1 + c * v / F), m / c * (v - F / c * np.log(1 + c * v / F))
@@ -59,10 +60,67 @@ def test_viscous_friction_slows_a_mass_as_the_closed_form_says():
         v = F / c * (1 - np.exp(-c * T / m))
         return F / c * (T - m / F * v) + braking(v)[1] - d
 
-    rise = brentq(missed, 1e-3, 10.0)
+    rise = brentq(missed, 1e-3, 10.0 + c * d / F)
     expected = rise + braking(F / c * (1 - np.exp(-c * rise / m)))[0]
     motion = fastest(slider(), [[0.0], [d]], friction=rne.Friction(viscous=c), smoothing=0)
     assert expected <= motion.duration <= expected * (1 + STEPS)
+
+
+def beyond(motion, count=20_001):
+    """The largest share of any limit at many times, around the corners of the motion too."""
+    t = np.concatenate([np.linspace(0, motion.duration, count), (motion.instants[1:] + motion.instants[:-1]) / 2])
+    (_, qd, qdd), limits = motion(t), motion.scene.robot.model.coordinate_limits()
+    used = {"effort": motion.torques(t), "velocity": qd, "acceleration": qdd}
+    return max(np.abs(x / limits[f"{name}_limit"]).max() for name, x in used.items())
+
+
+@pytest.mark.parametrize("viscous", [1e-3, 400.0, 1e3, 1e5])
+def test_arms_with_much_viscous_friction_creep_at_their_limits(arm, viscous):
+    """Torque over viscous friction is the speed; a slow motion keeps the limits, so the fastest does."""
+    motion = fastest(arm, [[0] * 6, [0.5] * 6], friction=rne.Friction(viscous=viscous), smoothing=0)
+    assert beyond(motion, 2001) <= 1 + EXCEEDED
+    assert motion.duration >= 0.5 * viscous / 20  # of joint 6, whose torque is least
+    assert motion.duration <= 0.5 * viscous / 20 * 1.01 + 0.3  # s that all joints take without friction
+
+
+def test_friction_that_dwarfs_inertia_is_driven_through_turns():
+    """The way of 3.9 m at the speed F / c; where the slider turns, it stands, and its parameter may have any speed."""
+    motion = fastest(slider(), [[0.0], [2.1], [0.3]], friction=rne.Friction(viscous=400.0), smoothing=0)
+    way = np.abs(np.diff(motion.path.pieces[0](np.linspace(0, 1, 100_001))[:, 0])).sum()
+    assert motion.duration == pytest.approx(way * 400 / 10, rel=EXCEEDED)
+    assert beyond(motion, 2001) <= 1 + EXCEEDED
+
+
+@pytest.fixture(scope="module")
+def swung():
+    """Duration of a pendulum's motion, all lengths and the gravity times `size`, all masses times `mass`."""
+
+    def duration(size, mass):
+        bob = Part(link="bob", joint="pivot", kind="revolute", parent=0, axis=np.array([0, 1.0, 0]), mass=2.0 * mass)
+        bob = replace(bob, com=np.array([0, 0, 0.5]) * size, inertia=np.eye(3) * 0.1 * mass * size**2)
+        robot = rne.Robot(assemble("pendulum", [Part(link="base"), bob], gravity=[0, 0, -9.81 * size]))
+        unit = mass * size**2
+        friction = rne.Friction(viscous=3.0 * unit)
+        return fastest(
+            robot.with_limits(effort=12.0 * unit), [[0.0], [1.5], [-0.5]], friction=friction, smoothing=0
+        ).duration
+
+    return duration
+
+
+@pytest.mark.parametrize(("size", "mass"), [(1e-6, 1e-6), (1e-6, 1e6), (1e3, 1e-6), (1e3, 1e6)])
+def test_durations_do_not_depend_on_units(swung, size, mass):
+    assert swung(size, mass) == pytest.approx(swung(1.0, 1.0), rel=1e-9)
+
+
+def test_averages_keep_limits_between_instants_too():
+    """Via points close to each other, at which accelerations change within milliseconds."""
+    bob = Part(link="bob", joint="pivot", kind="revolute", parent=0, axis=np.array([0, 1.0, 0]), mass=2.0)
+    pendulum = rne.Robot(assemble("pendulum", [Part(link="base"), replace(bob, com=np.array([0, 0, 0.5]))]))
+    pendulum = pendulum.with_limits(effort=14.0, acceleration=25.0)
+    points = [[0.97], [1.06], [-0.25], [-0.05], [-0.0122], [-0.0121], [-1.03]]
+    for friction in (None, rne.Friction(coulomb=2.0)):
+        assert beyond(fastest(pendulum, points, friction=friction, smoothing=0.05)) <= 1 + EXCEEDED
 
 
 def test_limits_of_velocity_and_acceleration_make_a_trapezoid():
@@ -157,7 +215,7 @@ def test_it_says_what_it_uses(smooth):
     assert heading.split()[:2] == ["joint", "torque"]
     assert [row.split()[0] for row in rows] == list(smooth.scene.robot.joint_names)
     assert all(row.split()[2] == "-" for row in rows)  # no limits of accelerations
-    assert "-: no limit; limits hold to 0.1%" in note
+    assert note == "-: no limit; limits hold to 0.1% throughout"
     assert max(share.max() for share in smooth.shares().values()) < 1.001
 
 
@@ -179,9 +237,35 @@ def test_what_is_refused_and_why(case, arm, irb140):
         fastest(irb140 if robot == "irb140" else arm, points, **options)
 
 
-def test_a_stop_that_is_no_point_is_refused():
-    with pytest.raises(ValueError, match=re.escape("`stops` must be indices of points, 0 to 1, got 2")):
-        through([[0.0], [1.0]], stops=[2])
+@pytest.mark.parametrize(("stops", "error", "text"), [
+    ([2], ValueError, "`stops` must be indices of points, 0 to 1, got 2"),
+    ([True], ValueError, "`stops` must be indices of points, 0 to 1, got True"),
+    (None, TypeError, "`stops` must be True, False or a sequence of indices of points, got None"),
+    (1, TypeError, "`stops` must be True, False or a sequence of indices of points, got 1"),
+    ("all", TypeError, "`stops` must be True, False or a sequence of indices of points, got 'all'"),
+])  # fmt: skip
+def test_a_stop_that_is_no_point_is_refused(stops, error, text):
+    with pytest.raises(error, match=f"^{re.escape(text)}$"):
+        through([[0.0], [1.0]], stops=stops)
+
+
+def test_points_too_far_apart_for_numbers_are_refused():
+    with pytest.raises(
+        ValueError, match=r"^`points` are too far apart: the way exceeds the range of float64, got up to 1e"
+    ):
+        through([[0.0, 0.0], [1e300, 1e300]])
+
+
+@pytest.mark.parametrize(("name", "maker"), [
+    ("FastestMotion", "fastest"), ("Path", "through"), ("Spline", "spline"), ("Quintic", "quintic"), ("Trapezoidal", "trapezoidal"),
+])  # fmt: skip
+def test_what_a_function_makes_says_so_when_it_is_called(name, maker):
+    with pytest.raises(TypeError, match=f"^{name} is made by `rne.trajectories.{maker}`, call that instead$"):
+        getattr(rne.trajectories, name)([])
+
+
+def test_no_times_give_no_states(smooth):
+    assert [x.shape for x in smooth([])] == [(0, 6)] * 3
 
 
 def test_a_law_follows_it_by_calls(arm, smooth):

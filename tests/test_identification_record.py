@@ -394,12 +394,31 @@ def test_one_time_for_different_samples_is_refused(true):
         Record(np.round(t, 2), q, tau, stamps="sampled").prepare()
 
 
-@pytest.mark.parametrize(("unit", "rate"), [(2e3, "0.25"), (1e6, "0.0005"), (500.0, "1")])
-def test_times_that_are_not_in_seconds_are_refused(true, unit, rate):
-    """500 samples per second in halves of a millisecond and in microseconds; 1000 per second in milliseconds."""
+@pytest.mark.parametrize(("unit", "name"), [("1000", "milli"), ("1e6", "micro"), ("1e9", "nano")])
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_times_that_are_not_in_seconds_are_refused(true, unit, name, start):
     t, q, tau = measure(true, encoder_step=1e-5, torque_noise=0.2)
-    with exactly(f"record: sample rate of {rate} samples per second; are the times in seconds?"):
-        Record(t * unit, q, tau).prepare()
+    with pytest.raises(
+        ValueError, match=f"`t` looks like {name}seconds, not seconds: .*; divide it by {unit}$"
+    ) as info:
+        Record((t + start) * float(unit), q, tau).prepare()
+    assert str(info.value).startswith(f"record: sample rate of {RATE / float(unit):.4g} samples per second; ")
+
+
+def test_slow_records_of_slow_motions_are_refused(true):
+    """A sample each four seconds, at speeds that no other unit would make plausible."""
+    t, q, tau = measure(true, encoder_step=1e-5, torque_noise=0.2)
+    with exactly("record: sample rate of 0.25 samples per second; are the times in seconds?"):
+        Record(t * 2e3, 1e4 * q, tau).prepare()
+
+
+def test_the_unit_of_times_in_a_file_can_be_given(true, tmp_path):
+    t, q, tau = measure(true, encoder_step=1e-5, torque_noise=0.2)
+    names = [f"j{k}" for k in range(q.shape[1])]
+    heading = ",".join(["t", *(f"q.{x}" for x in names), *(f"tau.{x}" for x in names)])
+    np.savetxt(tmp_path / "log.csv", np.column_stack([1e3 * t, q, tau])[:200], "%.17g", ",", header=heading)
+    record = Record.from_csv(tmp_path / "log.csv", names, time_unit="ms")
+    np.testing.assert_allclose(record.t, t[:200], atol=1e-12)
 
 
 def test_segments_too_short_for_a_spectrum_are_refused():

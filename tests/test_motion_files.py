@@ -8,6 +8,7 @@ import pytest
 import rne
 from rne.__main__ import main
 from rne.commands.motion_files import SampledMotion, filtered, noise, suggested_cutoff
+from rne.trajectories.time_units import NAMES, UNITS
 
 from .helpers import loaded
 
@@ -238,17 +239,49 @@ class TestUnits:
         path.write_text(ARM)
         assert torques(self.t, np.outer(self.t**3, [300, 1]), robot=str(path))[2] == []
 
-    def test_milliseconds_are_named(self, torques):
-        _, _, (warning,) = torques(1000 * self.t, moved(self.t)[0])
-        assert warning == (
-            "warning: the times are 10 s apart, and no joint is faster than 0.0022 rad/s (or m/s); if they are in "
-            "milliseconds, divide them by 1000"
-        )
+    @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+    @pytest.mark.parametrize("start", [0.0, 1.7e9])
+    @pytest.mark.parametrize("rows", [2, 5, 20, 101])
+    def test_times_in_other_units_are_refused_and_read_if_the_unit_is_given(self, torques, unit, start, rows):
+        """Of 100 samples per second; stamps since 1970 have 2.4e-7 s left in double precision, and q some 1e-6 rad."""
+        begin = 40 if rows < 50 else 0
+        t, q = self.t[begin : begin + rows], moved(self.t)[0][begin : begin + rows]
+        stamps = np.round((t + start) * UNITS[unit])
+        _, _, (error,) = torques(stamps, q, code=2)
+        assert f"column 't' looks like {NAMES[unit]}, not seconds: " in error
+        assert error.endswith(f"give --time-unit {unit}, or s if they are seconds")
+        tau, expected = torques(stamps, q, options=["--time-unit", unit])[0], torques(t, q)[0]
+        np.testing.assert_allclose(tau, expected, atol=1e-9 if start == 0 else 0.5)
+        at_rest = torques(stamps, q, options=["--time-unit", "s"])[0]
+        assert np.abs(at_rest - rne.load("irb140").gravity_torque(q)).max() < 1e-3
 
-    def test_milliseconds_are_known_from_velocities(self, torques):
+    def test_it_is_said_why_times_are_no_seconds(self, torques, tmp_path):
         q, qd, _ = moved(self.t)
-        _, _, (warning,) = torques(1000 * self.t, q, qd)
-        assert "milliseconds" in warning
+        errors = [
+            torques(1000 * self.t + start, q, *also, code=2)[2][0]
+            for start, also in ((0, ()), (0, (qd,)), (1.7e12, ()))
+        ]
+        reasons = (
+            "its steps are 10, and no joint would be faster than 0.0022 rad/s or m/s",
+            "qd is 1e+03 times the differences of q over those of t",
+            "up to 1.7e+12, in steps of 10",
+        )
+        file = tmp_path / "motion.csv"
+        assert errors == [
+            f"error: {file}: column 't' looks like milliseconds, not seconds: {reason}; give --time-unit ms, or s if "
+            "they are seconds"
+            for reason in reasons
+        ]
+
+    def test_spikes_do_not_hide_milliseconds(self, torques):
+        q = moved(self.t)[0]
+        q[50, 2] += 3.0
+        assert "milliseconds" in torques(1000 * self.t, q, code=2)[2][0]
+
+    @pytest.mark.parametrize("step", [1.0, 10.0])
+    def test_motions_by_hand_are_in_seconds(self, torques, step):
+        t, q = step * np.arange(3.0), np.outer([0, 1, 3], [0.1, 0, 0, 0.05, 0, 0])
+        assert torques(t, q)[2] == []
 
     def test_a_slow_motion_is_no_milliseconds(self, torques):
         """A hundredth of the fastest that the joints can do, in steps of a second; and with its velocities any."""
@@ -269,6 +302,7 @@ class TestUnits:
 
     def test_a_robot_at_rest_is_no_milliseconds(self, torques):
         assert torques(1000 * self.t, np.zeros((len(self.t), 6)))[2] == []
+        assert torques(1000 * self.t, shaken(np.zeros((len(self.t), 6)), 1e-5))[2] == []
 
 
 class TestWrappedAngles:

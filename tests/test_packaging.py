@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tarfile
 import tomllib
+import warnings
 import zipfile
 
 import pytest
@@ -135,3 +136,15 @@ def test_wheel_runs_without_the_repository(wheel, tmp_path):
         "import rne; print(rne.__file__); print(rne.load('irb140').inverse_dynamics([0] * 6, [0] * 6, [0] * 6).shape)"
     )
     assert run(sys.executable, "-c", code) == f"{site / 'rne' / '__init__.py'}\n(6,)\n"
+
+
+def test_tests_fail_on_warnings_of_this_package_and_not_on_those_of_others():
+    """Python warns of wrong escapes only when it compiles: some installers leave that to the first import."""
+    escape = 'x = "\\d"'
+    compile(escape, "/rne/.venv/lib/python3.13/site-packages/toppra/constraint/joint_torque.py", "exec")
+    with pytest.raises(SyntaxError, match="invalid escape sequence"):
+        compile(escape, "/home/rne/robot/robot.py", "exec")
+    warnings.warn_explicit("old", DeprecationWarning, "x.py", 1, module="trimesh.util")
+    for module in ("rne.robot.robot", "tests.test_robot", "benchmarks"):
+        with pytest.raises(DeprecationWarning):
+            warnings.warn_explicit("old", DeprecationWarning, "x.py", 1, module=module)

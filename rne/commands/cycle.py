@@ -66,6 +66,8 @@ def run_cycle(arguments: argparse.Namespace) -> int:
             robot = robot.with_limits(acceleration=_per_joint(arguments.acceleration))
         q = read_samples(arguments.via, robot.joint_names, needed=["q"], timed=False).q
         assert q is not None
+        if len(q) < 2:
+            raise CommandError(f"{arguments.via}: a path needs two via points at least, there is one row")
         points = q * np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
         path = rne.trajectories.through(points, stops=arguments.stops)
         work.begin("planning the motion")

@@ -6,6 +6,7 @@ differentiation amplifies. You are told of each; the numbers change only if an o
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -21,8 +22,7 @@ if TYPE_CHECKING:
 TURN = 2 * np.pi
 UNEVEN = 100  # ratio of the longest to the shortest step, above which a warning is given
 EVEN = 1e-2  # largest difference of steps that a filter takes as even, relative to their mean
-LONG, SLOW = 0.5, 0.01  # step [s] and velocity, relative to its limit or to 1 rad/s, that suggest milliseconds
-FEW = 30  # samples that an estimate of noise, and a warning of milliseconds, need
+FEW = 30  # samples that an estimate of noise needs
 WINDOWS = 20_000  # of a long file, from which noise is estimated
 ORDERS = (6, 9)  # of the differences that show noise
 STEADY = 0.7  # smallest ratio of the two estimates for noise: those of a smooth motion fall with the order
@@ -39,26 +39,38 @@ class SampledMotion(NamedTuple):
     qdd: Array | None
 
 
-def read_motion(file: Path, robot: rne.Robot, *, degrees: bool = False) -> SampledMotion:
-    """Read the motion in a CSV file, whose columns the robot's joints name; warn if its units seem to be others."""
-    import rne
+def add_units(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the units of a CSV file."""
+    parser.add_argument("--degrees", action="store_true", help="q, qd and qdd of rotating joints are in degrees")
+    unit = "unit of the column t (default: seconds; times that look like another unit are refused)"
+    parser.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help=unit)
 
-    from ..trajectories.csv_file import MissingColumn
+
+def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> SampledMotion:
+    """Read the motion in a CSV file, whose columns the robot's joints name, in the units of `add_units`.
+
+    Times that look like another unit are refused; if the angles do so, a warning is given.
+    """
+    from ..trajectories.csv_file import MissingColumn, Samples, in_seconds, read_samples
 
     heading = ",".join(["t", *(f"q.{joint}" for joint in robot.joint_names)])
     needed = f"; the first row must be {heading}, with qd. and qdd. of the joints if they are known"
     try:
-        samples = rne.trajectories.read_csv(file, robot.joint_names)
+        samples = read_samples(file, robot.joint_names)
     except ValueError as error:
         raise CommandError(in_one_line(error) + needed * isinstance(error, MissingColumn)) from None
     if samples.q is None:
         raise CommandError(f"{file}: there are no positions{needed}")
-    unit = np.where(rotating(robot) & degrees, np.pi / 180, 1.0)
+    unit = np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
+    q = samples.q * unit
     qd, qdd = (None if x is None else x * unit for x in (samples.qd, samples.qdd))
-    motion = SampledMotion(samples.t, samples.q * unit, qd, qdd)
-    _warn_of_degrees(motion.q, robot)
-    _warn_of_milliseconds(motion, robot)
-    return motion
+    try:
+        cure = "give --time-unit {}, or s if they are seconds"
+        t = in_seconds(file, Samples(samples.t, q, qd), arguments.time_unit, cure, robot.velocity_limit).t
+    except ValueError as error:
+        raise CommandError(in_one_line(error)) from None
+    _warn_of_degrees(q, robot)
+    return SampledMotion(t, q, qd, qdd)
 
 
 def rotating(robot: rne.Robot) -> Array:
@@ -76,25 +88,6 @@ def _warn_of_degrees(q: Array, robot: rne.Robot) -> None:
         note(
             f"warning: q.{robot.joint_names[k]} is up to {np.abs(q[:, k]).max():.4g} rad, more than a turn beyond the "
             "joint's range; if q is in degrees, give --degrees"
-        )
-
-
-def _warn_of_milliseconds(motion: SampledMotion, robot: rne.Robot) -> None:
-    """Warn if the positions change a thousand times slower than qd says, or, without qd, hardly at all."""
-    t, q, qd, _ = motion
-    if len(t) < FEW or not robot.n:
-        return
-    step = float(np.median(np.diff(t)))
-    speed = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]).max(axis=0)
-    if qd is not None:
-        seems = 300 * speed.max() < np.abs(qd).max() < 3000 * speed.max()
-    else:
-        limit = np.where((robot.velocity_limit > 0) & (robot.velocity_limit < np.inf), robot.velocity_limit, 1.0)
-        seems = step >= LONG and 0 < (speed / limit).max() < SLOW
-    if seems:
-        note(
-            f"warning: the times are {step:.4g} s apart, and no joint is faster than {speed.max():.2g} rad/s (or m/s); "
-            "if they are in milliseconds, divide them by 1000"
         )
 
 

@@ -132,8 +132,7 @@ def add_torques(commands: Any) -> None:
     add_robot(parser)
     columns = "CSV with columns t and q.<joint>, if known qd.<joint> and qdd.<joint>, in any order [s, rad or m]"
     parser.add_argument("motion", metavar="MOTION.csv", type=Path, help=columns)
-    degrees = "q, qd and qdd of rotating joints are in degrees"
-    parser.add_argument("--degrees", action="store_true", help=degrees)
+    files.add_units(parser)
     cutoff = "filter the columns without delay before they are differentiated: Butterworth, cut off at HZ"
     parser.add_argument("--cutoff", metavar="HZ", type=number, help=cutoff)
     out = "CSV file to write, columns t and tau.<joint> (default: standard output)"
@@ -148,7 +147,7 @@ def run_torques(arguments: argparse.Namespace) -> int:
     check_file(arguments.out)
     robot = robot_of(arguments)
     try:
-        given = files.read_motion(arguments.motion, robot, degrees=arguments.degrees)
+        given = files.read_motion(arguments.motion, robot, arguments)
         if given.qd is None:
             files.refuse_wrapped_angles(given, robot, arguments.motion)
         motion, change = given, ""
@@ -223,7 +222,7 @@ def add_view(commands: Any) -> None:
     add_robot(parser)
     parser.add_argument("--motion", metavar="FILE", type=Path, help=f"{COLUMNS}; else the zero position")
     parser.add_argument("--other", metavar="FILE", type=Path, help="a second motion, shown half transparent")
-    parser.add_argument("--degrees", action="store_true", help="angles of .csv files are in degrees")
+    files.add_units(parser)
     parser.add_argument("--out", metavar="FILE.html", type=Path, help="page to write (default: <name of ROBOT>.html)")
     parser.add_argument("--speed", type=number, default=1.0, help="seconds of the motion per second (default: 1)")
     parser.add_argument("--frames", action="store_true", help="show the links' frames at first")
@@ -242,8 +241,7 @@ def run_view(arguments: argparse.Namespace) -> int:
     labels = [file.stem for file in (arguments.motion or out, arguments.other or out)]
     try:
         motion, other = (
-            None if file is None else _motion(file, robot, arguments.degrees)
-            for file in (arguments.motion, arguments.other)
+            None if file is None else _motion(file, robot, arguments) for file in (arguments.motion, arguments.other)
         )
         shown = {name: getattr(arguments, name) for name in ("speed", "frames", "inertia")}
         with warnings_in_one_line():
@@ -258,7 +256,7 @@ def run_view(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _motion(file: Path, robot: rne.Robot, degrees: bool) -> rne.Trajectory | tuple[Array, Array]:
+def _motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.Trajectory | tuple[Array, Array]:
     """The motion in a file: with this robot's model, or times and positions."""
     import rne
 
@@ -272,5 +270,5 @@ def _motion(file: Path, robot: rne.Robot, degrees: bool) -> rne.Trajectory | tup
         return replace(motion, model=robot.model)
     if file.suffix.lower() != ".csv":
         raise ValueError(f"{file}: a motion must be a file ending in .npz or .csv")
-    samples = files.read_motion(file, robot, degrees=degrees)
+    samples = files.read_motion(file, robot, arguments)
     return samples.t, samples.q

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ from ..basics.arrays import convert_numbers, positive_number, real_array, vector
 from ..basics.spatial import Array
 from ..basics.text import counted
 from ..simulation.motion_files import numbered_joints
-from ..trajectories.csv_file import read_samples
+from ..trajectories.csv_file import in_seconds, read_samples
 from .prepared import Prepared, prepare
 from .screening import RecordFinding, Stamps, screen
 
@@ -80,7 +80,8 @@ class Record:
     values that are not finite; spikes, up to three samples off the curve through their neighbours by more than ten
     times the usual deviation, such as positions repeated in the midst of a motion; jumps of positions; torques that are
     constant, or at a limit; velocities that are not those of the positions; positions in degrees; joints that do not
-    move; fewer than two samples per second, as of times in milliseconds. Errors are raised by `prepare`.
+    move; fewer than two samples per second, and times that look like milliseconds, microseconds or nanoseconds. Errors
+    are raised by `prepare`.
 
     Examples
     --------
@@ -138,7 +139,14 @@ class Record:
         self.sample_rate = 1 / self._screened.period
 
     @classmethod
-    def from_csv(cls, path: str | os.PathLike[str], joint_names: Sequence[str], **options: Any) -> Self:
+    def from_csv(
+        cls,
+        path: str | os.PathLike[str],
+        joint_names: Sequence[str],
+        *,
+        time_unit: Literal["s", "ms", "us", "ns"] = "s",
+        **options: Any,
+    ) -> Self:
         """Measurements in a CSV file.
 
         Parameters
@@ -149,6 +157,8 @@ class Record:
             values, which the findings name.
         joint_names : sequence of str
             The joints in the order of the arrays, such as `robot.joint_names`.
+        time_unit : {"s", "ms", "us", "ns"}
+            Unit of the column `t`.
         **options
             Options of `Record`; `name` is the file's if not given.
 
@@ -171,7 +181,7 @@ class Record:
         >>> import rne
         >>> record = rne.identification.Record.from_csv("log.csv", ["shoulder", "elbow"])  # doctest: +SKIP
         """
-        samples = read_samples(path, joint_names, needed=("q", "tau"), gaps=True)
+        samples = in_seconds(path, read_samples(path, joint_names, needed=("q", "tau"), gaps=True), time_unit)
         given = {"name": Path(path).name, "joint_names": joint_names} | options
         return cls(samples.t, np.asarray(samples.q), np.asarray(samples.tau), samples.qd, **given)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Literal
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..basics.text import counted, summary
+from ..trajectories.time_units import guessed_unit
 
 NAMED = 3  # samples that a text names
 
@@ -422,8 +424,11 @@ def screen(
     t, measured, usable = t[kept], np.asfortranarray(measured[kept]), usable[kept]
     q, tau = measured[:, :n], measured[:, n : 2 * n]  # views: what is interpolated in `measured` is so in these
     times, period = check_stamps(found, t, q, bridge, stamps)
-    if 1 / period < SLOWEST:
-        found.error("sample rate", f"of {1 / period:.4g} samples per second", "are the times in seconds?")
+    unit = guessed_unit(times, q, None if qd is None else measured[:, 2 * n :])
+    if unit is not None or 1 / period < SLOWEST:
+        tell = found.error if 1 / period < SLOWEST else partial(found.warning, None)
+        cure = "are the times in seconds?" if unit is None else f"`t` {unit.said}; divide it by {unit.divisor}"
+        tell("sample rate", f"of {1 / period:.4g} samples per second", cure)
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
     usable &= _usable_torques(found, q, tau, steps[n:], flags[:, n : 2 * n])

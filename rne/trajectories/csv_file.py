@@ -8,12 +8,13 @@ import math
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ..basics.spatial import Array
 from ..basics.text import MAX_NAME, cut
+from .time_units import UNITS, guessed_unit
 
 QUANTITIES = ("q", "qd", "qdd", "tau")
 MAX_NAMES = 4  # columns that a message names
@@ -48,7 +49,9 @@ class MissingColumn(ValueError):
     """A file without a column that is needed."""
 
 
-def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Samples:
+def read_csv(
+    path: str | os.PathLike[str], joint_names: Sequence[str], *, time_unit: Literal["s", "ms", "us", "ns"] | None = None
+) -> Samples:
     """Read the samples of a motion from a CSV file.
 
     Parameters
@@ -59,6 +62,8 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
         are ignored. The heading may begin with "#", below other such rows, as `numpy.savetxt` writes it.
     joint_names : sequence of str
         The joints in the order of the arrays, such as `robot.joint_names`.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        Unit of the column `t`. If it is not given, seconds, and times that are hardly in seconds are refused.
 
     Returns
     -------
@@ -72,7 +77,9 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
     ValueError
         If the file is empty or no text; the heading or a column is missing, or there for some joints only, or twice;
         an entry is not a finite decimal number; or the times do not ascend. Names the file, the row (counted from 1)
-        and the column.
+        and the column. If the times look like milliseconds, microseconds or nanoseconds: they are later than the year
+        5138, `qd` is that of another unit, or in steps of 0.1 s and more no joint that moves is faster than 0.01 rad/s
+        or m/s, which would be up to 10 in such a unit.
     OSError
         If the file cannot be read.
 
@@ -86,7 +93,21 @@ def read_csv(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Sample
     >>> samples.q.tolist(), samples.qd
     ([[1.0, 0.1], [1.5, 0.2]], None)
     """
-    return read_samples(path, joint_names)
+    samples = read_samples(path, joint_names)
+    return in_seconds(path, samples, time_unit, 'give time_unit="{}", or "s" if they are seconds')
+
+
+def in_seconds(
+    path: str | os.PathLike[str], samples: Samples, unit: str | None, cure: str = "", limits: Array | None = None
+) -> Samples:
+    """Samples with times in seconds, given in a unit, or seconds unless they look like another."""
+    if unit is not None and unit not in UNITS:
+        raise ValueError(f'`time_unit` must be "s", "ms", "us" or "ns", got {unit!r}')
+    if unit is None and samples.q is not None:
+        seems = guessed_unit(samples.t, samples.q, samples.qd, limits)
+        if seems is not None:
+            raise ValueError(f"{os.fspath(path)}: column 't' {seems.said}; {cure.format(seems.symbol)}")
+    return samples._replace(t=samples.t / UNITS[unit or "s"])
 
 
 def read_samples(
@@ -99,7 +120,7 @@ def read_samples(
 ) -> Samples:
     """The samples of a file that must have the quantities `needed`; with `gaps`, NaN for entries left out but times.
 
-    Of points that need not be `timed`, the times are their numbers if there is no column for them.
+    Of points that are not `timed`, the times are their numbers, and a column for them is ignored.
     """
     if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
         given = type(joint_names).__name__
@@ -113,9 +134,10 @@ def read_samples(
         rows.pop(0)  # a comment above the heading
     (row, heading), *body = rows
     columns = [column.strip() for column in (heading[0].strip().lstrip("#"), *heading[1:])]
-    if not timed and "t" not in columns and not any(math.isfinite(_as_number(column)) for column in columns):
-        columns, body = ["t", *columns], [(at, [str(k), *fields]) for k, (at, fields) in enumerate(body)]
-    wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed)
+    wanted = _wanted(f"{name}, row {row}", columns, joint_names, needed, timed)
+    if not timed:
+        columns = ["t", *("" if column == "t" else column for column in columns)]
+        body = [(at, [str(k), *fields]) for k, (at, fields) in enumerate(body)]
     if not body:
         raise ValueError(f"{name}: there are no rows below the names of the columns")
     table = np.array([_numbers(name, row, fields, columns, wanted, gaps) for row, fields in body])
@@ -149,18 +171,20 @@ def _rows(name: str, text: str) -> list[tuple[int, list[str]]]:
         raise ValueError(f"{name}, row {reader.line_num}: is not CSV ({error})") from None
 
 
-def _wanted(place: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str]) -> list[str]:
+def _wanted(
+    place: str, columns: Sequence[str], joint_names: Sequence[str], needed: Sequence[str], timed: bool
+) -> list[str]:
     """The columns to read: t, and every quantity that is there for all joints."""
     if all(math.isfinite(_as_number(column)) for column in columns):
-        example = ",".join(["t", *(f"q.{joint}" for joint in joint_names)])
+        example = ",".join([*["t"] * timed, *(f"q.{joint}" for joint in joint_names)])
         raise ValueError(
             f"{place}: the names of the columns are missing; above the numbers is needed, for example, {example!r}"
         )
     twice = [column for k, column in enumerate(columns) if column and column in columns[:k]]
     if twice:
         raise ValueError(f"{place}: column {twice[0]!r} is there twice")
-    if "t" not in columns:
-        hint = "; separate columns by commas" if len(columns) == 1 else ""
+    hint = "; separate columns by commas" if len(columns) == 1 and len(joint_names) + timed > 1 else ""
+    if timed and "t" not in columns:
         raise MissingColumn(f"{place}: there is no column 't'; there are {_listed(columns)}{hint}")
     wanted = ["t"]
     for quantity in QUANTITIES:
@@ -170,7 +194,7 @@ def _wanted(place: str, columns: Sequence[str], joint_names: Sequence[str], need
             alike = [column for column in columns if column.startswith(f"{quantity}.")]
             raise MissingColumn(
                 f"{place}: there is no column {_listed(missing)}, which is needed; there are "
-                f"{_listed(alike or columns)}"
+                f"{_listed(alike or columns)}{hint}"
             )
         if missing and len(missing) < len(own):
             raise MissingColumn(

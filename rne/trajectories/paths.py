@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
+from inspect import signature
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +15,30 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
 
+T = TypeVar("T")
 
+
+def made_by(maker: str) -> Callable[[type[T]], type[T]]:
+    """Decorator of a class that a function makes: a call with other arguments names the function."""
+
+    def decorate(cls: type[T]) -> type[T]:
+        init: Any = cls.__init__
+
+        @wraps(init)
+        def checked(self: T, *args: Any, **options: Any) -> None:
+            try:
+                signature(init).bind(self, *args, **options)
+            except TypeError:
+                raise TypeError(f"{cls.__name__} is made by `rne.trajectories.{maker}`, call that instead") from None
+            init(self, *args, **options)
+
+        cls.__init__ = checked  # type: ignore[assignment, method-assign]
+        return cls
+
+    return decorate
+
+
+@made_by("through")
 @dataclass(frozen=True, eq=False)
 class Path:
     """A curve through via points, made by `through`.
@@ -73,6 +98,8 @@ def through(points: ArrayLike, *, stops: bool | Sequence[int] = False) -> Path:
     ValueError
         If there are fewer than two points, a number is not finite, two neighbouring points are the same, or a stop is
         no index.
+    TypeError
+        If `stops` is neither a bool nor a sequence.
 
     Notes
     -----
@@ -89,13 +116,20 @@ def through(points: ArrayLike, *, stops: bool | Sequence[int] = False) -> Path:
     q = real_array("points", points, "(K, n)").astype(np.float64)
     if q.ndim != 2 or len(q) < 2:
         raise ValueError(f"`points` must have shape (K, n) with two points at least, got {q.shape}")
-    lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    with np.errstate(over="ignore"):
+        lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    if not np.isfinite(lengths.sum()):
+        raise ValueError(
+            f"`points` are too far apart: the way exceeds the range of float64, got up to {np.abs(q).max():g}"
+        )
     if not lengths.all():
         k = int(np.argmin(lengths))
         raise ValueError(f"`points` must differ from one to the next, got the same at index {k} and {k + 1}")
     last = len(q) - 1
     inner = range(last + 1) if stops is True else [] if stops is False else stops
-    wrong = [k for k in inner if not isinstance(k, int | np.integer) or not 0 <= k <= last]
+    if not np.iterable(inner) or isinstance(inner, str):
+        raise TypeError(f"`stops` must be True, False or a sequence of indices of points, got {inner!r}")
+    wrong = [k for k in inner if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 0 <= k <= last]
     if wrong:
         raise ValueError(f"`stops` must be indices of points, 0 to {last}, got {wrong[0]!r}")
     rests = tuple(sorted({0, last, *map(int, inner)}))

@@ -12,6 +12,7 @@ from ..basics.arrays import plain_array, positive_number, real_array, real_numbe
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
+from .paths import made_by
 
 DEGREE = 5  # of a spline: continuous third derivatives of q, so that accelerations have no corners
 ROUNDING = 1e-12  # of the times: by so much the stages of a solver's last step may lie beyond the end
@@ -49,6 +50,7 @@ class _ReferenceMotion:
         raise NotImplementedError
 
 
+@made_by("quintic")
 @dataclass(frozen=True, eq=False)
 class Quintic(_ReferenceMotion):
     """A motion along a polynomial of fifth degree, made by `quintic`; attributes are its arguments."""
@@ -107,6 +109,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     return motion
 
 
+@made_by("trapezoidal")
 @dataclass(frozen=True, eq=False)
 class Trapezoidal(_ReferenceMotion):
     """Constant acceleration, velocity and deceleration, made by `trapezoidal`; attributes are its arguments."""
@@ -201,6 +204,7 @@ def _refuse_overflow(motion: Quintic | Trapezoidal, t: float) -> None:
         raise ValueError(f"{times} {need}, got {got} s")
 
 
+@made_by("spline")
 @dataclass(frozen=True, eq=False)
 class Spline(_ReferenceMotion):
     """A motion through samples, made by `spline`.
