@@ -100,10 +100,10 @@ def plot(
     Notes
     -----
     Simulated motions are drawn as smooth curves, evaluated between the solver's steps, with vertical lines where
-    torques or accelerations jump; a motion simulated with `t_eval` does not know when. Arrays are drawn as straight
-    lines between samples. The energy error, energy - energy at the start - work + dissipated, is zero but for the
-    solver's errors, and is known at the samples only. Without a model the labels name the units of both kinds of
-    joints.
+    torques or accelerations jump. Arrays, and motions simulated with `t_eval`, which know neither when torques jump nor
+    what happens between these times, are drawn as straight lines between samples. The energy error, energy - energy at
+    the start - work + dissipated, is zero but for the solver's errors, and is known at the samples only. Without a
+    model the labels name the units of both kinds of joints.
 
     Examples
     --------
