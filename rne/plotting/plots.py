@@ -334,13 +334,11 @@ def torque_speed(report: DriveReport) -> Figure:
     return figure
 
 
-def small_plots(motion: Trajectory) -> list[tuple[str, Callable[[], Figure]]]:
-    """The panels of a motion as pictures for narrow pages: the label of each, and a function that draws it."""
-    return small_motion_plots(motion, None)
+def small_plots(motion: Any, names: Robot | None = None) -> list[tuple[str, Callable[[], Figure]]]:
+    """The panels of a Trajectory, or of arrays (t, q, qd, qdd, tau) of a robot, as pictures for narrow pages.
 
-
-def small_motion_plots(motion: Any, names: Robot | None) -> list[tuple[str, Callable[[], Figure]]]:
-    """The same of a Trajectory, or of arrays (t, q, qd, qdd, tau) of a robot."""
+    Each is its label and a function that draws it.
+    """
     shown = motion_argument("motion", motion)
     wanted = panels_of(shown, *joint_labels(shown, names), None)
     return [(panel.label, partial(_small_plot, shown, panel)) for panel in wanted]

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..errors import NotFiniteError, SingularMassMatrixError
+from ..errors import NotFiniteError
 from .compiled import CompiledSolver, RosenbrockSolver, SampledSolver
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
 from .plant import MAX_EVALUATIONS, SAME, DryPlant, Plant, System, ZeroOrderHold
-from .solver import GAUSS, RODAS, AdaptiveSolver, Steps
+from .solver import FAILURES, GAUSS, RODAS, AdaptiveSolver, Steps
 from .symplectic import GaussSolver, Hamilton
 from .watch import Watch, fastest_joint
 
@@ -26,7 +26,6 @@ FEWEST = 8  # steps taken at first, where an event may throw them away
 LONGEST = 1000  # steps taken at once
 Solver = AdaptiveSolver | CompiledSolver | GaussSolver
 COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
-FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
 
 
 class Task(NamedTuple):
@@ -353,7 +352,10 @@ def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderH
     if method == RODAS:
         return RosenbrockSolver(task.rtol, task.atol, system)
     if method not in COMPILED or not system.is_compiled:
-        solver = AdaptiveSolver(method, task.rtol, task.atol)
+        keeps = bool(plant.integrated)
+        looks_inside = system is not plant or task.stops or (task.t_eval is not None and not keeps)  # of few steps
+        keeps_at_once = None if looks_inside or plant.law is not None else keeps
+        solver = AdaptiveSolver(method, task.rtol, task.atol, keeps_at_once)
         if method in COMPILED and plant.robot.engine == "numba":
             why = "the law is called" if plant.law is not None else "the equations are too large to be written out"
             solver.note = f"by SciPy, as {why}"

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..errors import NotFiniteError
+from ..errors import NotFiniteError, SingularMassMatrixError
 
 Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of shape (m,) give (size, m)
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 EXPLICIT = ("RK45", "RK23", "DOP853")
 RODAS, GAUSS = "Rodas5P", "gauss-4"  # the methods that are not SciPy's
+FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)  # that end a run
 
 
 class Steps:
@@ -59,30 +60,30 @@ class Steps:
         return interpolant
 
 
-class SolverStep(Steps):
-    """The last step of one of SciPy's solvers; its interpolant is to be asked for before the next step."""
+class SolverSteps(Steps):
+    """Steps of one of SciPy's solvers with their interpolants, or one whose interpolant `solver` has until the next."""
 
-    def __init__(self, solver: Any, begin: float, x: Array) -> None:
-        super().__init__(np.array([begin, solver.t]), np.array([x, solver.y]))
-        self._solver = solver
+    def __init__(self, T: Array, X: Array, solver: Any, interpolants: list[Any]) -> None:
+        super().__init__(T, X)
+        self._solver, self._kept = solver, interpolants
 
     @cached_property
-    def interpolant(self) -> Any:
-        """SciPy's."""
-        return self._solver.dense_output()
+    def interpolants(self) -> list[Any]:
+        """SciPy's, one for each step."""
+        return self._kept or [self._solver.dense_output()]
 
     def keep(self) -> None:
-        """Ask for the interpolant."""
-        _ = self.interpolant
+        """Ask for the interpolants."""
+        _ = self.interpolants
 
     def states(self, times: Array, k: Array) -> Array:
-        """States at times within the step."""
-        found: Array = self.interpolant(times).T
-        return found
+        """States at ascending times within the steps k, shape (m, size)."""
+        cuts = [0, *(1 + np.flatnonzero(k[1:] != k[:-1])).tolist(), len(times)]
+        return np.concatenate([self.inside(int(k[a]))(times[a:b]).T for a, b in pairwise(cuts) if b > a])
 
     def inside(self, k: int) -> Interpolant:
         """SciPy's interpolant itself."""
-        return self.interpolant  # type: ignore[no-any-return]
+        return self.interpolants[k]  # type: ignore[no-any-return]
 
 
 class AdaptiveSolver:
@@ -93,11 +94,14 @@ class AdaptiveSolver:
     method : str
         Name of a solver of `scipy.integrate`.
     rtol, atol : float
+    keeps : bool or None
+        Whether the interpolants of all steps are needed; None if each step is returned before the next is taken.
     """
 
-    def __init__(self, method: str, rtol: float, atol: float) -> None:
-        self.method, self.rtol, self.atol, self.note = method, rtol, atol, ""
+    def __init__(self, method: str, rtol: float, atol: float, keeps: bool | None = None) -> None:
+        self.method, self.rtol, self.atol, self.keeps, self.note = method, rtol, atol, keeps, ""
         self.scipy: Any = None  # SciPy's
+        self.failure: Exception | None = None  # of the step after those that were returned
 
     def start(
         self, system: Any, t: float, x: Array, end: float, longest: float = np.inf, first: float | None = None
@@ -123,24 +127,42 @@ class AdaptiveSolver:
     @property
     def is_running(self) -> bool:
         """False when the end was reached."""
-        return bool(self.scipy.status == "running")
+        return self.failure is not None or bool(self.scipy.status == "running")
 
     def steps(self, most: int) -> Steps:
-        """The next steps, at most so many: one. NotFiniteError if there is none or its end is not finite."""
+        """The next steps, at most so many. NotFiniteError if there is none or its end is not finite."""
+        if self.failure is not None:
+            raise self.failure
         solver = self.scipy
-        begin, x = float(solver.t), np.array(solver.y)
-        message = solver.step()
+        T, X, kept = [float(solver.t)], [np.array(solver.y)], []
+        while len(T) <= (1 if self.keeps is None else most) and (len(T) == 1 or solver.status == "running"):
+            try:
+                self._step()
+                kept += [solver.dense_output()] if self.keeps else []
+            except FAILURES as error:
+                if len(T) == 1:
+                    raise
+                self.failure = error
+                break
+            T.append(float(solver.t))
+            X.append(solver.y)
+        return SolverSteps(np.array(T), np.array(X), solver if self.keeps is None else None, kept)
+
+    def _step(self) -> None:
+        """One step of SciPy's solver."""
+        solver = self.scipy
+        begin, message = float(solver.t), solver.step()
         if solver.status == "failed":
             raise NotFiniteError(f"{self.method} gave up: {message}", begin)
         if not isfinite(sum(solver.y.tolist())) and not np.isfinite(solver.y).all():
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
-        return SolverStep(solver, begin, x)
 
 
 def states_at(times: Array, steps: Sequence[Steps], which: Array, k: Array) -> Array:
     """States at ascending times, each within step k of one of some steps, shape (T, size)."""
-    if all(hasattr(getattr(one, "interpolant", None), "yh") for one in steps):
-        return _of_powers(times, which, [one.interpolant for one in steps])  # type: ignore[attr-defined]
+    polynomials = [getattr(one, "interpolants", [None]) for one in steps]
+    if all(hasattr(p, "yh") for group in polynomials for p in group):
+        return _of_powers(times, np.cumsum([0, *map(len, polynomials)])[which] + k, [*chain(*polynomials)])
     cuts = [0, *(1 + np.flatnonzero(which[1:] != which[:-1])).tolist(), len(times)]
     return np.concatenate([steps[which[a]].states(times[a:b], k[a:b]) for a, b in pairwise(cuts)])
 

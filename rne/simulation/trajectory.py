@@ -238,21 +238,15 @@ class Trajectory(MotionFiles, InNotebooks):
         """Positions, velocities, accelerations and torques as functions of times (T,); none reaches across a jump."""
         keep = np.append(True, np.diff(self.t) > 0)
         t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
+        names = "q", "qd", "qdd", "tau", "qdd of reports"
         if len(t) == 1:
-            values = {"q": q, "qd": qd, "qdd": qdd, "qdd of reports": qdd, "tau": tau}
-            return {name: _constant(x) for name, x in values.items()}
+            return {name: _constant(x) for name, x in zip(names, (q, qd, qdd, tau, qdd), strict=True)}
         jumps = np.searchsorted(t, self.jumps)
         positions = _quintic(t, q, qd, *_step_ends(qdd, jumps, self.qdd_before))
         velocities = positions.derivative()
         pairs = (tau, self.tau_before), (qdd, self.qdd_before)
-        torques, peaks = (_monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
-        return {
-            "q": positions,
-            "qd": velocities,
-            "qdd": velocities.derivative(),
-            "qdd of reports": peaks,
-            "tau": torques,
-        }
+        others = (_monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
+        return dict(zip(names, (positions, velocities, velocities.derivative(), *others), strict=True))
 
     @property
     def breaks(self) -> tuple[float, ...]:
