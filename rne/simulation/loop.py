@@ -22,7 +22,7 @@ from .solver import FAILURES, GAUSS, RODAS, AdaptiveSolver, Steps
 from .symplectic import GaussSolver, Hamilton
 from .watch import Watch, fastest_joint
 
-FEWEST = 8  # steps taken at first, where an event may throw them away
+FEWEST = 8  # steps taken at first, where an event may throw them away or someone wants to know how far the run is
 LONGEST = 1000  # steps taken at once
 Solver = AdaptiveSolver | CompiledSolver | GaussSolver
 COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
@@ -153,7 +153,7 @@ class Loop:
         events: list[Event] = [*self.system.events, *self.task.stops]
         modes_may_change = self._solver_samples and self.system is not self.plant  # at any sample
         if not resumes:
-            self.most = FEWEST if events else LONGEST
+            self.most = FEWEST if events or self.task.progress else LONGEST
         solver = self.solver  # of this segment: another one may take over at its end
         while solver.is_running:
             steps = solver.steps(min(self.most, LONGEST if self._solver_samples else self.watch.steps_to_look))
