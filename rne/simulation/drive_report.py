@@ -204,12 +204,10 @@ class DriveReport:
         total = "All motors: {:.4g} J taken, {:.4g} J returned, {:.3g} J of work on the arm, {:.4g} J lost in gears"
         units = "SI units: N m, rad/s, W; N and m/s for joints that slide"
         lines = [title, *aligned(load), *aligned(motor), total.format(*sums), units]
-        error = self.work_error or 0.0
-        if error > COARSE * self._integral(np.abs(self.power)).sum():
-            lines.append(
-                "The samples are too far apart to be trusted: from one to the next, work by them differs from the "
-                f"simulation's by {error:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
-            )
+        doubt = "The samples are too far apart to be trusted: from one to the next, work by them differs from the "
+        doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
+        if (error := self.work_error or 0.0) > COARSE * self._integral(np.abs(self.power)).sum():
+            lines.append(doubt.format(error))
         return "\n".join([*lines, str(self.bearings)])
 
 
@@ -309,8 +307,7 @@ def _times(motion: Any, every: float) -> Array:
         raise TypeError("`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone")
     grid = np.linspace(start, end, max(int(np.ceil(round((end - start) / every, 6))), 1) + 1)
     sides = np.nextafter(np.ravel(getattr(motion, "breaks", ())), [[-np.inf], [np.inf]]).ravel()
-    t = np.unique(np.concatenate([grid, own, sides]))
-    return np.asarray(t[(t >= start) & (t <= end)])
+    return np.unique(np.concatenate([grid, own, sides[(sides >= start) & (sides <= end)]]))
 
 
 def _samples(scene: Scene, motion: Any, every: float) -> tuple[Array, Array, Array, Array, Array]:

@@ -17,8 +17,8 @@ from ..errors import NotFiniteError
 from .compiled import CompiledSolver, RosenbrockSolver, SampledSolver
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
-from .plant import MAX_EVALUATIONS, SAME, DryPlant, Plant, System, ZeroOrderHold
-from .solver import FAILURES, GAUSS, RODAS, AdaptiveSolver, Steps
+from .plant import MAX_EVALUATIONS, DryPlant, Plant, System, ZeroOrderHold
+from .solver import FAILURES, GAUSS, RODAS, SAME, AdaptiveSolver, Keeps, Steps
 from .symplectic import GaussSolver, Hamilton
 from .watch import Watch, fastest_joint
 
@@ -352,10 +352,10 @@ def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderH
     if method == RODAS:
         return RosenbrockSolver(task.rtol, task.atol, system)
     if method not in COMPILED or not system.is_compiled:
-        keeps = bool(plant.integrated)
-        looks_inside = system is not plant or task.stops or (task.t_eval is not None and not keeps)  # of few steps
-        keeps_at_once = None if looks_inside or plant.law is not None else keeps
-        solver = AdaptiveSolver(method, task.rtol, task.atol, keeps_at_once)
+        keeps: Keeps = True if plant.integrated else () if task.t_eval is None else task.t_eval.tolist()
+        if system is not plant or task.stops or plant.law is not None:  # that looks inside each step
+            keeps = None
+        solver = AdaptiveSolver(method, task.rtol, task.atol, keeps)
         if method in COMPILED and plant.robot.engine == "numba":
             why = "the law is called" if plant.law is not None else "the equations are too large to be written out"
             solver.note = f"by SciPy, as {why}"

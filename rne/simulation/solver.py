@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import chain, pairwise
 from math import isfinite
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError, SingularMassMatrixError
 
 Interpolant = Callable[[Array | float], Array]  # a time gives (size,), times of shape (m,) give (size, m)
+Keeps = Sequence[float] | Literal[True] | None
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 EXPLICIT = ("RK45", "RK23", "DOP853")
 RODAS, GAUSS = "Rodas5P", "gauss-4"  # the methods that are not SciPy's
+SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)  # that end a run
 
 
@@ -40,9 +43,6 @@ class Steps:
     def states(self, times: Array, k: Array) -> Array:
         """States at times within the steps numbered k, shape (m, size)."""
         raise NotImplementedError
-
-    def keep(self) -> None:
-        """Make what the interpolants need, while the solver still has it."""
 
     @property
     def jumps(self) -> list[bool]:
@@ -69,17 +69,12 @@ class SolverSteps(Steps):
 
     @cached_property
     def interpolants(self) -> list[Any]:
-        """SciPy's, one for each step."""
-        return self._kept or [self._solver.dense_output()]
-
-    def keep(self) -> None:
-        """Ask for the interpolants."""
-        _ = self.interpolants
+        """SciPy's, one for each step, None where none is needed."""
+        return self._kept if self._kept != [None] else [self._solver.dense_output()]
 
     def states(self, times: Array, k: Array) -> Array:
         """States at ascending times within the steps k, shape (m, size)."""
-        cuts = [0, *(1 + np.flatnonzero(k[1:] != k[:-1])).tolist(), len(times)]
-        return np.concatenate([self.inside(int(k[a]))(times[a:b]).T for a, b in pairwise(cuts) if b > a])
+        return _on_polynomials(times, k, self.interpolants)
 
     def inside(self, k: int) -> Interpolant:
         """SciPy's interpolant itself."""
@@ -94,11 +89,11 @@ class AdaptiveSolver:
     method : str
         Name of a solver of `scipy.integrate`.
     rtol, atol : float
-    keeps : bool or None
-        Whether the interpolants of all steps are needed; None if each step is returned before the next is taken.
+    keeps : sequence of float, True or None
+        Times in whose steps interpolants are needed; True: in all; None: each step is returned before the next one.
     """
 
-    def __init__(self, method: str, rtol: float, atol: float, keeps: bool | None = None) -> None:
+    def __init__(self, method: str, rtol: float, atol: float, keeps: Keeps = None) -> None:
         self.method, self.rtol, self.atol, self.keeps, self.note = method, rtol, atol, keeps, ""
         self.scipy: Any = None  # SciPy's
         self.failure: Exception | None = None  # of the step after those that were returned
@@ -133,12 +128,14 @@ class AdaptiveSolver:
         """The next steps, at most so many. NotFiniteError if there is none or its end is not finite."""
         if self.failure is not None:
             raise self.failure
-        solver = self.scipy
+        solver, keeps = self.scipy, self.keeps
+        asked = keeps if isinstance(keeps, list | tuple) else ()
         T, X, kept = [float(solver.t)], [np.array(solver.y)], []
-        while len(T) <= (1 if self.keeps is None else most) and (len(T) == 1 or solver.status == "running"):
+        while len(T) <= (1 if keeps is None else most) and (len(T) == 1 or solver.status == "running"):
             try:
                 self._step()
-                kept += [solver.dense_output()] if self.keeps else []
+                first, last = (bisect_left(asked, t * (1 - SAME)) for t in (T[-1], float(solver.t)))
+                kept.append(solver.dense_output() if keeps is True or last > first else None)
             except FAILURES as error:
                 if len(T) == 1:
                     raise
@@ -146,7 +143,7 @@ class AdaptiveSolver:
                 break
             T.append(float(solver.t))
             X.append(solver.y)
-        return SolverSteps(np.array(T), np.array(X), solver if self.keeps is None else None, kept)
+        return SolverSteps(np.array(T), np.array(X), solver, kept)
 
     def _step(self) -> None:
         """One step of SciPy's solver."""
@@ -160,16 +157,24 @@ class AdaptiveSolver:
 
 def states_at(times: Array, steps: Sequence[Steps], which: Array, k: Array) -> Array:
     """States at ascending times, each within step k of one of some steps, shape (T, size)."""
-    polynomials = [getattr(one, "interpolants", [None]) for one in steps]
-    if all(hasattr(p, "yh") for group in polynomials for p in group):
-        return _of_powers(times, np.cumsum([0, *map(len, polynomials)])[which] + k, [*chain(*polynomials)])
+    if all(isinstance(one, SolverSteps) for one in steps):
+        polynomials = [one.interpolants for one in steps]  # type: ignore[attr-defined]
+        first = np.cumsum([0, *map(len, polynomials)])
+        return _on_polynomials(times, first[which] + k, [*chain(*polynomials)])
     cuts = [0, *(1 + np.flatnonzero(which[1:] != which[:-1])).tolist(), len(times)]
     return np.concatenate([steps[which[a]].states(times[a:b], k[a:b]) for a, b in pairwise(cuts)])
 
 
-def _of_powers(times: Array, which: Array, polynomials: list[Any]) -> Array:
-    """States on LSODA's interpolants, sums of yh_j ((t - t_n) / h)^j, all at once: one by one they take as long as the
-    steps."""
+def _on_polynomials(times: Array, which: Array, given: Sequence[Any]) -> Array:
+    """States on SciPy's interpolants.
+
+    Those of LSODA, sums of yh_j ((t - t_n) / h)^j, all at once: one by one they take as long as the steps.
+    """
+    numbers, which = np.unique(which, return_inverse=True)
+    polynomials = [given[number] for number in numbers.tolist()]
+    if not all(hasattr(p, "yh") for p in polynomials):
+        of_each = np.split(times, 1 + np.flatnonzero(np.diff(which)))
+        return np.concatenate([p(t).T for p, t in zip(polynomials, of_each, strict=True)])
     most = max(p.yh.shape[1] for p in polynomials)
     coefficients = np.zeros((len(polynomials), len(polynomials[0].yh), most))
     for k, p in enumerate(polynomials):
