@@ -1,6 +1,7 @@
 """The report of drives: against plain NumPy and Pinocchio, its balance of energy, motions of every kind, and errors."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from rne.validation.oracle import Oracle
 
 SUMS = 1e-9  # relative to the largest, of two recursions and sums over thousands of samples
 BETWEEN_STEPS = 2e-4  # relative, of torques that a simulation interpolates between its steps
+QUADRATURE = 1e-3  # of all energy exchanged, of the trapezoidal rule in sixteenths of steps with interpolated torques
 GEAR, ROTOR, EFFICIENCY = np.array([120, 120, 100, 80, 80, 50.0]), 1e-4 * np.array([3, 3, 2, 1, 1, 1]), 0.85
 PICK, PLACE, HOME = [1, 0.6, -0.2, 0, 0.5, 1], [-1, 0.6, -0.2, 0, 0.5, -1], [0, 0, 0, 0, 0, 0]
 
@@ -24,6 +26,12 @@ class Cycle:
     def __call__(self, t):
         parts = [self.legs[min(int(x / self.leg), 2)](x - self.leg * min(int(x / self.leg), 2)) for x in t]
         return tuple(np.array(x) for x in zip(*parts, strict=True))
+
+
+def samples(t, n=6, **values):
+    """An arm that stands still at these times, but for what is given."""
+    at_rest = {name: np.zeros((len(t), 6)) for name in ("q", "qd", "qdd")}
+    return SimpleNamespace(t=np.array(t), **at_rest | {name: np.full((len(t), n), x) for name, x in values.items()})
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +111,90 @@ def test_planned_simulated_and_measured_motions_agree(arm):
     np.testing.assert_allclose(reports[1].bearings.force, reports[0].bearings.force, rtol=1e-4)
 
 
+def reach(scene_of, **options):
+    """A stiff PD loop from rest, whose wrist moves fastest in the first milliseconds."""
+    return rne.simulate(scene_of, [0] * 6, [0] * 6, 0.1, **options)
+
+
+def pulse(t, q, qd):
+    """A torque of 200 N m for 0.4 ms, which no joint notices much."""
+    return np.where((t >= 0.2003) & (t < 0.2007), [0, 0, 200.0, 0, 0, 0], 0.0) - 5.0 * qd
+
+
+SOFT = rne.control.computed_torque(rne.load("irb140"), [100] * 6, [20] * 6, quintic(HOME, PICK, 0.4))
+GAINS = [50] * 6, [20] * 6, [1, 0.5, -1, 2, 1, -2]
+SIMULATED = {
+    "at the solver's steps": ({}, {}),
+    "explicit": ({}, {"method": "DOP853", "rtol": 1e-5}),
+    "dry friction": ({"friction": rne.Friction(viscous=2.0, coulomb=3.0, smoothing=0)}, {}),
+    "sampled": ({"sample_time": 2e-3, "controller": SOFT}, {}),
+}
+
+
+@pytest.mark.parametrize("case", SIMULATED)
+def test_simulated_motions_are_reported_at_their_own_samples(irb140, case):
+    """No peak is below a recorded one, the ledger's work comes out, and the bearings' loads are theirs."""
+    parts, options = SIMULATED[case]
+    scene = rne.Scene(irb140, **{"controller": rne.control.pd_gravity(irb140, *GAINS)} | parts)
+    motion = reach(scene, **options)
+    found = rne.drives(irb140, motion)
+    assert (found.peak_torque >= np.abs(np.vstack([motion.tau, motion.tau_before])).max(0)).all()
+    assert (found.peak_speed >= np.abs(motion.qd).max(0)).all()
+    assert (found.peak_power >= np.abs(motion.tau * motion.qd).max(0)).all()
+    exchanged = np.trapezoid(np.abs(found.power), found.t, axis=0).sum()
+    assert found.work.sum() == pytest.approx(motion.work[-1], abs=QUADRATURE * exchanged)
+    assert found.work_error < QUADRATURE * exchanged
+    assert "too far apart" not in str(found)
+    own = rne.dynamics.bearing_loads(irb140.recursion(motion.q, motion.qd, motion.qdd), irb140.model)
+    peaks = rne.bearing_peaks(irb140, motion)
+    np.testing.assert_array_equal(peaks.force, found.bearings.force)
+    assert (peaks.force >= own[0].max(0)).all()
+
+
+def test_a_pulse_between_breaks_is_seen_by_every_report():
+    still = rne.load("irb140", gravity=(0, 0, 0)).with_limits(effort=[100.0] * 6)
+    motion = rne.simulate(rne.Scene(still, controller=pulse), [0] * 6, [0] * 6, 0.4, breaks=(0.2003, 0.2007), rtol=1e-9)
+    found = rne.drives(still, motion)
+    assert found.peak_torque[2] == np.abs(motion.tau).max() == pytest.approx(200, rel=1e-3)
+    assert found.peak_torque_time[2] == 0.2003
+    assert found.work.sum() == pytest.approx(motion.work[-1], rel=QUADRATURE)
+    (violation,) = motion.check_limits()
+    assert (violation.joint, violation.first_time, violation.worst_time) == ("joint_3", 0.2003, 0.2003)
+
+
+def test_times_of_t_eval_are_reported_alone(irb140):
+    """Nothing is interpolated between them; where the work tells that they are too far apart, the print says so."""
+    scene = rne.Scene(irb140, controller=rne.control.pd_gravity(irb140, *GAINS))
+    grids = np.linspace(0, 0.1, 11), np.append(0, np.geomspace(1e-6, 0.1, 1000))
+    coarse, fine = (reach(scene, t_eval=t, rtol=1e-8) for t in grids)
+    for motion in (coarse, fine):
+        found = rne.drives(irb140, motion)
+        for name in ("t", "q", "qd", "qdd", "tau"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(motion, name))
+        assert [v.worst_time in motion.t for v in motion.check_limits()].count(False) == 0
+    found = rne.drives(irb140, coarse)
+    doubt = str(found).splitlines()[-len(str(found.bearings).splitlines()) - 1]
+    assert doubt == (
+        f"The samples are too far apart to be trusted: from one to the next, work by them differs from the simulation's "
+        f"by {found.work_error:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
+    )
+    assert "too far apart" not in str(rne.drives(irb140, fine))
+
+
+def test_planned_motions_are_reported_on_both_sides_of_their_jumps(arm):
+    """A ramp of 0.1 ms that a grid of 1 ms would miss, and the corners of a fastest motion."""
+    jerk = rne.trajectories.trapezoidal(HOME, PICK, 1.0, 1e-4)
+    found = rne.drives(arm, jerk)
+    for instant in jerk.breaks:
+        sides = np.nextafter(instant, [-1.0, 2.0])
+        tau = arm.inverse_dynamics(*jerk(sides[(sides > 0) & (sides < 1), None]))
+        assert (found.peak_torque >= np.abs(tau).max(0) * (1 - SUMS)).all()
+    motion = rne.trajectories.fastest(arm, [HOME, PICK], smoothing=0)
+    report = rne.drives(arm, motion)
+    assert (report.torque_share >= motion.shares()["torque"].max(0) * (1 - SUMS)).all()
+    assert (report.speed_share >= motion.shares()["velocity"].max(0) * (1 - SUMS)).all()
+
+
 def test_the_payload_of_a_planned_motion_counts(arm):
     motion = rne.trajectories.fastest(arm, [HOME, PICK], payload=3.0)
     found, light = rne.drives(arm, motion), rne.drives(arm, quintic(HOME, PICK, motion.duration))
@@ -130,8 +222,20 @@ def test_tables_name_every_joint_twice(report):
             quintic([0], [1], 1),
             {},
             ValueError,
-            "`motion` must have at least two samples of shape (T, 6), got (1001, 1)",
+            "`motion.q` must have shape (1001, 6), got (1001, 1)",
         ),
+        (
+            samples([0.0]),
+            {},
+            ValueError,
+            "`motion` must last longer than an instant, got 1 sample",
+        ),
+        (samples([]), {}, ValueError, "`motion` must last longer than an instant, got 0 samples"),
+        (samples([1.0, 1.0]), {}, ValueError, "`motion` must last longer than an instant, got 2 samples"),
+        (samples([0.0, 2.0, 1.0]), {}, ValueError, "times of `motion` must ascend, got 1 s after 2 s"),
+        (samples([0.0, np.nan]), {}, ValueError, "`motion.t` must be finite, got nan at index (1,)"),
+        (samples([0.0, 1.0], qd=np.nan), {}, ValueError, "`motion.qd` must be finite, got nan at index (0, 0)"),
+        (samples([0.0, 1.0], tau=0.0, n=1), {}, ValueError, "`motion.tau` must have shape (2, 6), got (2, 1)"),
     ],
 )
 def test_what_is_refused(arm, motion, options, error, text):

@@ -14,6 +14,7 @@ from PIL import Image
 
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
+from rne.plotting.motions import motion_argument
 from rne.plotting.plots import DASHED
 
 from .helpers import EPS, kept
@@ -88,7 +89,32 @@ def test_curves_follow_the_motion_between_the_samples(swing):
     t = q.lines[0].get_xdata()
     assert len(t) > 600 > 10 * len(swing.t)
     for ax, values in zip((q, qd), swing(t), strict=False):
-        np.testing.assert_array_equal(np.stack([curve.get_ydata() for curve in ax.lines], axis=1), values)
+        drawn = np.stack([curve.get_ydata() for curve in ax.lines], axis=1)
+        np.testing.assert_allclose(drawn, values, rtol=0, atol=SAME * np.abs(values).max())
+
+
+def test_nothing_is_interpolated_between_times_that_were_asked_for(irb140):
+    """Straight lines between them in pictures and films, and no peak that is not among them."""
+    law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [1, 0.5, -1, 2, 1, -2])
+    motion = rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [0] * 6, 0.5, t_eval=np.linspace(0, 0.5, 51))
+    assert np.abs(motion([0.005])[1]).max() > 2 * np.abs(motion.qd).max()  # an interpolant would swing
+    for ax, quantity in zip(
+        rne.plotting.plot(motion, quantities=["q", "qd", "qdd", "tau"]).axes, ("q", "qd", "qdd", "tau"), strict=True
+    ):
+        for curve, column in zip(ax.lines, getattr(motion, quantity).T, strict=True):
+            np.testing.assert_array_equal(curve.get_data(), [motion.t, column])
+    shown = motion_argument("motion", motion).positions(np.array([0.0, 0.005]))
+    np.testing.assert_allclose(shown, [motion.q[0], (motion.q[0] + motion.q[1]) / 2], atol=SAME)
+
+
+def test_no_acceleration_is_drawn_beyond_those_of_the_steps(irb140):
+    """The second derivative of LSODA's interpolants shows its errors over the squares of its shortest steps."""
+    law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [1, 0.5, -1, 2, 1, -2])
+    motion = rne.simulate(rne.Scene(irb140, controller=law), [0] * 6, [0] * 6, 0.5)
+    (ax,) = rne.plotting.plot(motion, quantities=["qdd"]).axes
+    for curve, column in zip(ax.lines, motion.qdd.T, strict=True):
+        assert curve.get_ydata().min() >= column.min()
+        assert curve.get_ydata().max() <= column.max()
 
 
 def test_jumps_are_vertical_lines(sampled):

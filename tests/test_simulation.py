@@ -12,7 +12,7 @@ from rne.control.laws import pd_gravity
 from rne.model.builder import Part, assemble
 from rne.simulation.loop import Record
 from rne.simulation.plant import Plant, System
-from rne.simulation.solver import Steps
+from rne.simulation.solver import AdaptiveSolver, Steps
 
 from .helpers import kept
 
@@ -78,6 +78,54 @@ def test_every_method_swings_the_pendulum_with_its_exact_period(pendulum, method
     assert motion.t[-1] == period
     assert motion.q[-1, 0] == pytest.approx(1.0, abs=1e-5)
     assert motion.energy_drift <= 1e-4
+
+
+AT_ONCE = {
+    "free swing": {},
+    "work and losses": {
+        "controller": rne.traceable(lambda t, q, qd: 3 * np.sin(6 * t) - q),
+        "friction": rne.Friction(viscous=1.0),
+    },
+    "held torques": {"controller": lambda t, q, qd: -q - 0.1 * qd, "sample_time": 0.05},
+    "a failure": {"controller": rne.traceable(lambda t, q, qd: np.sqrt(0.7 - t) - q)},
+}
+
+
+@pytest.mark.parametrize("parts", AT_ONCE)
+@pytest.mark.parametrize("method", kept(METHODS, ["LSODA"]))
+@pytest.mark.parametrize("t_eval", [None, np.linspace(0, 0.6, 7)], ids=["steps", "t_eval"])
+def test_steps_of_scipy_taken_at_once_are_those_taken_one_by_one(double, parts, method, t_eval, monkeypatch):
+    """To the last bit, with fewer calls where nothing is asked between them; a failure keeps the steps before it."""
+    scene = rne.Scene(double, **AT_ONCE[parts])
+    calls, steps = [], AdaptiveSolver.steps
+
+    def run():
+        calls.clear()
+        try:
+            with np.errstate(invalid="ignore"):  # of the square root
+                return rne.simulate(scene, [0.1, 0.5], [0, 0], 1.0, method=method, t_eval=t_eval)
+        except rne.SimulationError as error:
+            return error.trajectory
+
+    def counted(self, most):
+        calls.append(most)
+        return steps(self, most)
+
+    def alone(self, most):
+        self.keeps = None
+        return counted(self, most)
+
+    found = []
+    for taken in (counted, alone):
+        monkeypatch.setattr(AdaptiveSolver, "steps", taken)
+        found.append((run(), len(calls)))
+    (one, few), (other, many) = found
+    for name in ("t", "q", "qd", "qdd", "tau", "work", "energy"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert (one.evaluations, one.message, one.status) == (other.evaluations, other.message, other.status)
+    assert (one.status, len(one.t) > 5) == (-1 if parts == "a failure" else 0, True)
+    if parts == "free swing" and t_eval is None:
+        assert few < many / 8  # as many as the watch lets pass
 
 
 def test_tighter_tolerance_means_less_drift(double):

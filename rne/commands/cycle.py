@@ -55,7 +55,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
     import rne
 
     from ..plotting.html_page import Report
-    from ..plotting.plots import small_motion_plots, torque_speed
+    from ..plotting.plots import small_plots, torque_speed
     from ..trajectories.csv_file import read_samples
     from .motion_files import rotating
 
@@ -86,9 +86,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         page.lines(str(result))
     page.figure("torque_speed", lambda: torque_speed(report), "Torque over speed of each joint, with its limits")
     page.heading("Positions, velocities and torques")
-    for k, (label, draw) in enumerate(
-        small_motion_plots((report.t, report.q, report.qd, report.qdd, report.tau), robot)
-    ):
+    for k, (label, draw) in enumerate(small_plots((report.t, report.q, report.qd, report.qdd, report.tau), robot)):
         page.figure(f"motion_{k}", draw, f"The motion: {label}")
     say(f"page: {page.write()}")
     return 0

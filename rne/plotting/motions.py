@@ -14,7 +14,7 @@ from ..dynamics.energy import kinetic_energy, potential_energy
 from ..model.model import Model
 from ..robot import Robot
 from ..simulation.motion_files import numbered_joints
-from ..simulation.trajectory import Trajectory
+from ..simulation.trajectory import Trajectory, samples_of
 
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau")
 POINTS = 600  # of a curve between samples, more where the solver's steps are shorter
@@ -22,7 +22,7 @@ EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 
 
 class Motion:
-    """A motion to be drawn: a trajectory, evaluated between its samples, or arrays, straight lines between them.
+    """A motion to be drawn: a trajectory, evaluated between the solver's steps, or samples with straight lines between.
 
     Samples are those of "q", "qd", "qdd" and "tau" that there are, shape (T, n), at times that never fall, shape (T,).
     """
@@ -43,38 +43,18 @@ class Motion:
             return motion.t, motion.balance[:, None]
         if quantity == "energy" and (motion.model is None or not 1 < len(motion.t) <= POINTS):
             return motion.t, np.stack([motion.kinetic, motion.potential, motion.energy], axis=1)
-        if len(motion.t) < 2:
-            return motion.t, self.samples[quantity]
-        t, seen_at = fine_times(motion)
-        if quantity == "tau":
-            return seen_at, motion.torques(t)
-        q, qd, qdd = motion(t)
+        t, *values = samples_of(motion, np.linspace(motion.t[0], motion.t[-1], POINTS + 1))
         if quantity != "energy":
-            return seen_at, {"q": q, "qd": qd, "qdd": qdd}[quantity]
+            return t, values[JOINT_ARRAYS.index(quantity)]
         assert motion.model is not None
-        parts = kinetic_energy(motion.model, q, qd), potential_energy(motion.model, q)
-        return seen_at, np.stack([*parts, sum(parts)], axis=1)
+        parts = kinetic_energy(motion.model, *values[:2]), potential_energy(motion.model, values[0])
+        return t, np.stack([*parts, sum(parts)], axis=1)
 
     def positions(self, t: Array) -> Array:
         """Joint positions at times within the motion, shape (frames, n) [rad or m]."""
-        if self.trajectory is not None and len(self.t) > 1:
+        if self.trajectory is not None and self.trajectory.at_steps and len(self.t) > 1:
             return self.trajectory(t)[0].reshape(len(t), self.n)
         return np.array([np.interp(t, self.t, q_j) for q_j in self.samples["q"].T]).T.reshape(len(t), self.n)
-
-
-def fine_times(motion: Trajectory) -> tuple[Array, Array]:
-    """Times at which to evaluate a motion for a smooth curve, and where to draw what is found there.
-
-    They differ just before a jump: the values before it are drawn at the jump itself, to stand above each other.
-    """
-    first, last = motion.t[0], motion.t[-1]
-    jumps = np.asarray(motion.jumps)
-    jumps = jumps[(jumps > first) & (jumps <= last)]
-    t = np.unique(np.concatenate([np.linspace(first, last, POINTS + 1), motion.t, jumps]))
-    before = np.nextafter(jumps, -np.inf)
-    t, seen_at = np.concatenate([t, before]), np.concatenate([t, jumps])
-    order = np.argsort(t, kind="stable")
-    return t[order], seen_at[order]
 
 
 def motion_argument(name: str, given: Any) -> Motion:

@@ -100,10 +100,10 @@ def plot(
     Notes
     -----
     Simulated motions are drawn as smooth curves, evaluated between the solver's steps, with vertical lines where
-    torques or accelerations jump; a motion simulated with `t_eval` does not know when. Arrays are drawn as straight
-    lines between samples. The energy error, energy - energy at the start - work + dissipated, is zero but for the
-    solver's errors, and is known at the samples only. Without a model the labels name the units of both kinds of
-    joints.
+    torques or accelerations jump. Arrays, and motions simulated with `t_eval`, which know neither when torques jump nor
+    what happens between these times, are drawn as straight lines between samples. The energy error, energy - energy at
+    the start - work + dissipated, is zero but for the solver's errors, and is known at the samples only. Without a
+    model the labels name the units of both kinds of joints.
 
     Examples
     --------
@@ -334,13 +334,11 @@ def torque_speed(report: DriveReport) -> Figure:
     return figure
 
 
-def small_plots(motion: Trajectory) -> list[tuple[str, Callable[[], Figure]]]:
-    """The panels of a motion as pictures for narrow pages: the label of each, and a function that draws it."""
-    return small_motion_plots(motion, None)
+def small_plots(motion: Any, names: Robot | None = None) -> list[tuple[str, Callable[[], Figure]]]:
+    """The panels of a Trajectory, or of arrays (t, q, qd, qdd, tau) of a robot, as pictures for narrow pages.
 
-
-def small_motion_plots(motion: Any, names: Robot | None) -> list[tuple[str, Callable[[], Figure]]]:
-    """The same of a Trajectory, or of arrays (t, q, qd, qdd, tau) of a robot."""
+    Each is its label and a function that draws it.
+    """
     shown = motion_argument("motion", motion)
     wanted = panels_of(shown, *joint_labels(shown, names), None)
     return [(panel.label, partial(_small_plot, shown, panel)) for panel in wanted]

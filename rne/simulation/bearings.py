@@ -11,7 +11,7 @@ from ..basics.text import Row, aligned, short, six_digits, summary
 from ..dynamics.recursion_record import bearing_loads
 from ..robot import Robot
 from .scene import Scene
-from .trajectory import Trajectory
+from .trajectory import MOST_LOADS, Trajectory, between, samples_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,8 @@ def bearing_peaks(robot: Robot | Scene, motion: Trajectory) -> BearingPeaks:
     robot : Robot or Scene
         What moved; of a Scene, its robot with mounting, payload and locked joints.
     motion : Trajectory
-        A motion of this robot. Loads are computed at its samples only: give `simulate` a fine `t_eval`.
+        A motion of this robot. Loads are computed at the solver's steps, between them and on both sides of jumps, or at
+        the times of `t_eval` alone.
 
     Returns
     -------
@@ -88,7 +89,7 @@ def bearing_peaks(robot: Robot | Scene, motion: Trajectory) -> BearingPeaks:
     Notes
     -----
     Høifødt 2011, (3.24), (3.27) and section 5.3: the drive provides b_i^T tau_i, the bearing the rest of f_i and tau_i.
-    Accelerations are those recorded in the motion.
+    Accelerations are those recorded in the motion, and between the solver's steps between those recorded.
 
     Examples
     --------
@@ -110,7 +111,7 @@ def bearing_peaks(robot: Robot | Scene, motion: Trajectory) -> BearingPeaks:
         raise ValueError(
             f"`motion.q` must have shape ({len(t)}, {moved.n}) for robot {moved.model.name!r}, got {q.shape}"
         )
-    return peaks_of(moved, t, q, motion.qd, motion.qdd)
+    return peaks_of(moved, *samples_of(motion, between(t, samples=MOST_LOADS))[:4])
 
 
 def peaks_of(robot: Robot, t: Array, q: Array, qd: Array, qdd: Array) -> BearingPeaks:

@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import per_joint_array, positive_number
+from ..basics.arrays import per_joint_array, positive_number, real_array
 from ..basics.spatial import Array
-from ..basics.text import Row, aligned, short, six_digits
+from ..basics.text import Row, aligned, counted, short, six_digits
 from ..robot import Robot
 from .bearings import BearingPeaks, peaks_of
 from .scene import Scene
+from .trajectory import MOST_LOADS, Trajectory, between, samples_of
 
 EVERY = 1e-3  # [s] between the instants of a motion that is a function of time
 MOVING = 0.01  # of a joint's largest speed, above which its drive is on duty
+COARSE = 2e-3  # of all energy exchanged: twice what a run with the default tolerances leaves at its own steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,7 @@ class DriveReport:
     ----------
     joints : tuple of str
     t : ndarray, shape (T,)
-        Times of the samples [s].
+        Times of the samples; that of a jump stands twice, first with the values before it [s].
     q, qd, qdd, tau : ndarray, shape (T, n)
         Positions, velocities, accelerations and torques of the joints, behind the gears
         [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
@@ -40,6 +42,9 @@ class DriveReport:
         Of the joints, infinite where unknown [N m or N; rad/s or m/s].
     bearings : BearingPeaks
         Largest loads on the bearings.
+    work_error : float or None
+        Of a simulated motion: how much the work of all drives by these samples differs from the simulation's `work`,
+        summed over the steps from one of its samples to the next [J].
 
     Examples
     --------
@@ -66,6 +71,7 @@ class DriveReport:
     effort_limit: Array
     velocity_limit: Array
     bearings: BearingPeaks
+    work_error: float | None = None
 
     def __repr__(self) -> str:
         return f"DriveReport({len(self.joints)} joints, {self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} samples)"
@@ -197,7 +203,12 @@ class DriveReport:
         sums = (x.sum() for x in (self.energy_taken, self.energy_returned, self.work, self.gear_losses))
         total = "All motors: {:.4g} J taken, {:.4g} J returned, {:.3g} J of work on the arm, {:.4g} J lost in gears"
         units = "SI units: N m, rad/s, W; N and m/s for joints that slide"
-        return "\n".join([title, *aligned(load), *aligned(motor), total.format(*sums), units, str(self.bearings)])
+        lines = [title, *aligned(load), *aligned(motor), total.format(*sums), units]
+        doubt = "The samples are too far apart to be trusted: from one to the next, work by them differs from the "
+        doubt += "simulation's by {:.3g} J in all; simulate without t_eval, with a finer one or smaller tolerances"
+        if (error := self.work_error or 0.0) > COARSE * self._integral(np.abs(self.power)).sum():
+            lines.append(doubt.format(error))
+        return "\n".join([*lines, str(self.bearings)])
 
 
 def drives(
@@ -217,7 +228,9 @@ def drives(
         What moves; a Scene with its payload and friction, which count where the motion brings no torques of its own.
     motion : FastestMotion, Trajectory, Record or function of time
         Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, or anything with
-        arrays t, q and qd, and tau and qdd if they are known. A `rne.identification.Record` is prepared first.
+        arrays t, q and qd, and tau and qdd if they are known. A `rne.identification.Record` is prepared first, which
+        filters its torques. Of a Trajectory its samples, what lies between the solver's own steps and both sides of
+        jumps; if it has times of `t_eval`, these alone, and `print` says where they are too far apart.
     gear : float or array_like, shape (n,), optional
         Revolutions of the motor per revolution of the joint; rad/m for joints that slide.
     rotor : float or array_like, shape (n,), optional
@@ -226,7 +239,8 @@ def drives(
     efficiency : float or array_like, shape (n,), optional
         Of the gear, above 0 up to 1: the load's torque over the motor's while it drives, the inverse while it brakes.
     every : float, optional
-        Time between the samples of a function of time [s].
+        Time between the samples of a function of time, to which its `t`, `instants` and both sides of its `breaks` are
+        added, where it has them [s].
 
     Returns
     -------
@@ -238,7 +252,7 @@ def drives(
     TypeError
         If `robot` is no Robot or Scene, or `motion` is no motion.
     ValueError
-        If an array has the wrong shape, or a number is out of its range.
+        If an array has the wrong shape or is not finite, times do not ascend, or a number is out of its range.
 
     Notes
     -----
@@ -275,29 +289,50 @@ def drives(
         effort_limit=limits["effort_limit"],
         velocity_limit=limits["velocity_limit"],
         bearings=peaks_of(moved, t, q, qd, qdd),
+        work_error=_work_error(motion, t, (tau * qd).sum(1)) if isinstance(motion, Trajectory) else None,
     )
+
+
+def _work_error(motion: Trajectory, t: Array, power: Array) -> float:
+    """Differences of the work by samples from that of a simulation, summed over the motion's samples."""
+    work = np.append(0.0, np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(t)))
+    return float(np.abs(np.diff(work[np.searchsorted(t, motion.t, side="right") - 1] - motion.work)).sum())
+
+
+def _times(motion: Any, every: float) -> Array:
+    """Times at which to sample a function of time, those on both sides of its jumps among them."""
+    own = np.concatenate([np.ravel(getattr(motion, name, ())) for name in ("t", "instants")])
+    start, end = (own.min(), own.max()) if hasattr(motion, "t") else (0.0, getattr(motion, "duration", None))
+    if end is None:
+        raise TypeError("`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone")
+    grid = np.linspace(start, end, max(int(np.ceil(round((end - start) / every, 6))), 1) + 1)
+    sides = np.nextafter(np.ravel(getattr(motion, "breaks", ())), [[-np.inf], [np.inf]]).ravel()
+    return np.unique(np.concatenate([grid, own, sides[(sides >= start) & (sides <= end)]]))
 
 
 def _samples(scene: Scene, motion: Any, every: float) -> tuple[Array, Array, Array, Array, Array]:
     """t, q, qd, qdd and tau of a motion."""
-    if callable(motion):
-        times = getattr(motion, "t", None)
-        start, end = (times[0], times[-1]) if times is not None else (0.0, getattr(motion, "duration", None))
-        if end is None:
-            raise TypeError("`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone")
-        t = np.linspace(start, end, max(int(np.ceil(round((end - start) / every, 6))), 1) + 1)
-        q, qd, qdd = (np.asarray(x) for x in motion(t))
-        tau = motion.torques(t) if hasattr(motion, "torques") else None
+    found: tuple[Any, ...]
+    if isinstance(motion, Trajectory):
+        found = samples_of(motion, between(motion.t, samples=MOST_LOADS))
+    elif callable(motion):
+        t = _times(motion, every)
+        found = t, *motion(t), motion.torques(t) if hasattr(motion, "torques") else None
     else:
         given = motion.prepare() if hasattr(motion, "prepare") else motion
         if not all(hasattr(given, name) for name in ("t", "q", "qd")):
             raise TypeError(
                 f"`motion` must be a function of time or have arrays t, q and qd, got {type(motion).__name__}"
             )
-        t, q, qd = (np.asarray(x, dtype=float) for x in (given.t, given.q, given.qd))
-        known, tau = getattr(given, "qdd", None), getattr(given, "tau", None)
-        qdd = np.gradient(qd, t, axis=0) if known is None else known
-    n = scene.resolved.robot.n
-    if len(t) < 2 or q.shape != (len(t), n):
-        raise ValueError(f"`motion` must have at least two samples of shape (T, {n}), got {q.shape}")
-    return t, q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) if tau is None else tau
+        found = tuple(getattr(given, name, None) for name in ("t", "q", "qd", "qdd", "tau"))
+    t, q, qd, qdd, tau = found
+    t = real_array("motion.t", t, "(T,)").astype(float)
+    for k in np.flatnonzero(np.diff(t) < 0)[:1]:
+        raise ValueError(f"times of `motion` must ascend, got {t[k + 1]:g} s after {t[k]:g} s")
+    if len(t) < 2 or t[0] == t[-1]:
+        raise ValueError(f"`motion` must last longer than an instant, got {counted(len(t), 'sample')}")
+    shape = f"({len(t)}, {scene.resolved.robot.n})"
+    q, qd = (real_array(f"motion.{name}", x, shape).astype(float) for name, x in (("q", q), ("qd", qd)))
+    qdd = real_array("motion.qdd", np.gradient(qd, t, axis=0) if qdd is None else qdd, shape).astype(float)
+    tau = scene.inverse_dynamics(q, qd, qdd) if tau is None else tau
+    return t, q, qd, qdd, real_array("motion.tau", tau, shape).astype(float)

@@ -127,7 +127,7 @@ class Ledger:
 
     def add(self, steps: Steps, count: int, end: float, at_rest: Array | None) -> None:
         """So many steps were taken, the last as far as `end`."""
-        steps.keep()
+        _ = getattr(steps, "interpolants", None)  # made while the solver still has them
         if end > steps.T[0]:
             self._parts.append(Part(steps, count, end, at_rest, self._is_open))
         self._is_open, self._count = True, self._count + count

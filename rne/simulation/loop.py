@@ -13,20 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from ..errors import NotFiniteError, SingularMassMatrixError
+from ..errors import NotFiniteError
 from .compiled import CompiledSolver, RosenbrockSolver, SampledSolver
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
-from .plant import MAX_EVALUATIONS, SAME, DryPlant, Plant, System, ZeroOrderHold
-from .solver import GAUSS, RODAS, AdaptiveSolver, Steps
+from .plant import MAX_EVALUATIONS, DryPlant, Plant, System, ZeroOrderHold
+from .solver import FAILURES, GAUSS, RODAS, SAME, AdaptiveSolver, Keeps, Steps
 from .symplectic import GaussSolver, Hamilton
 from .watch import Watch, fastest_joint
 
-FEWEST = 8  # steps taken at first, where an event may throw them away
+FEWEST = 8  # steps taken at first, where an event may throw them away or someone wants to know how far the run is
 LONGEST = 1000  # steps taken at once
 Solver = AdaptiveSolver | CompiledSolver | GaussSolver
 COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
-FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)
 
 
 class Task(NamedTuple):
@@ -154,7 +153,7 @@ class Loop:
         events: list[Event] = [*self.system.events, *self.task.stops]
         modes_may_change = self._solver_samples and self.system is not self.plant  # at any sample
         if not resumes:
-            self.most = FEWEST if events else LONGEST
+            self.most = FEWEST if events or self.task.progress else LONGEST
         solver = self.solver  # of this segment: another one may take over at its end
         while solver.is_running:
             steps = solver.steps(min(self.most, LONGEST if self._solver_samples else self.watch.steps_to_look))
@@ -353,7 +352,10 @@ def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderH
     if method == RODAS:
         return RosenbrockSolver(task.rtol, task.atol, system)
     if method not in COMPILED or not system.is_compiled:
-        solver = AdaptiveSolver(method, task.rtol, task.atol)
+        keeps: Keeps = True if plant.integrated else () if task.t_eval is None else task.t_eval.tolist()
+        if system is not plant or task.stops or plant.law is not None:  # that looks inside each step
+            keeps = None
+        solver = AdaptiveSolver(method, task.rtol, task.atol, keeps)
         if method in COMPILED and plant.robot.engine == "numba":
             why = "the law is called" if plant.law is not None else "the equations are too large to be written out"
             solver.note = f"by SciPy, as {why}"

@@ -27,7 +27,6 @@ from .events import Event
 from .friction import Friction
 from .scene import Scene
 
-SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
 MAX_EVALUATIONS = 20_000  # of the right-hand side between two samples, some hundred times what a stable loop takes
 MAX_MODE_CHANGES, MAX_AT_ONE_TIME = 1000, 20
 AT_REST = 1e-12  # of the largest rate so far: rates below it count as zero

@@ -21,9 +21,9 @@ from .equations_of_motion import RightHandSide, check_law
 from .events import check_within_stops, stops
 from .friction import creep
 from .loop import Failure, Loop, Run, Task
-from .plant import SAME, Plant, ZeroOrderHold
+from .plant import Plant, ZeroOrderHold
 from .scene import Scene, scene_of_robot
-from .solver import EXPLICIT, GAUSS, IMPLICIT, RODAS
+from .solver import EXPLICIT, GAUSS, IMPLICIT, RODAS, SAME
 from .symplectic import STEP
 from .trajectory import Trajectory, between, trajectory_later
 from .watch import choose_method

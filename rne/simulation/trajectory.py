@@ -21,6 +21,7 @@ from .motion_files import MotionFiles
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
 PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer between them
+MOST_LOADS = 20_000  # where a recursion is computed at each
 OUTSIDE = 1e-12  # of the last time: by rounding, a solver's last step ends so far beyond it
 
 
@@ -237,13 +238,15 @@ class Trajectory(MotionFiles, InNotebooks):
         """Positions, velocities, accelerations and torques as functions of times (T,); none reaches across a jump."""
         keep = np.append(True, np.diff(self.t) > 0)
         t, q, qd, qdd, tau = (x[keep] for x in (self.t, self.q, self.qd, self.qdd, self.tau))
+        names = "q", "qd", "qdd", "tau", "qdd of reports"
         if len(t) == 1:
-            return {"q": _constant(q), "qd": _constant(qd), "qdd": _constant(qdd), "tau": _constant(tau)}
+            return {name: _constant(x) for name, x in zip(names, (q, qd, qdd, tau, qdd), strict=True)}
         jumps = np.searchsorted(t, self.jumps)
         positions = _quintic(t, q, qd, *_step_ends(qdd, jumps, self.qdd_before))
         velocities = positions.derivative()
-        torques = _monotone(t, *_step_ends(tau, jumps, self.tau_before), jumps)
-        return {"q": positions, "qd": velocities, "qdd": velocities.derivative(), "tau": torques}
+        pairs = (tau, self.tau_before), (qdd, self.qdd_before)
+        others = (_monotone(t, *_step_ends(after, jumps, before), jumps) for after, before in pairs)
+        return dict(zip(names, (positions, velocities, velocities.derivative(), *others), strict=True))
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -296,9 +299,9 @@ class Trajectory(MotionFiles, InNotebooks):
         Returns
         -------
         list of Violation
-            One for each limit exceeded, at the solver's steps and between them, or at the times of `t_eval`, in the
-            order of the joints; `print(*violations, sep="\\n")` shows them. Joints that mimic others are examined too,
-            except for their torques, which are not known.
+            One for each limit exceeded, at the solver's steps, between them and on both sides of jumps, or at the
+            times of `t_eval`, in the order of the joints; `print(*violations, sep="\\n")` shows them. Joints that mimic
+            others are examined too, except for their torques, which are not known.
 
         Raises
         ------
@@ -314,11 +317,8 @@ class Trajectory(MotionFiles, InNotebooks):
         """
         if self.model is None:
             raise ValueError("this trajectory has no model: give it one by dataclasses.replace(trajectory, model=...)")
-        if not self.at_steps or len(self.t) < 2:
-            return limit_violations(self.model, self.t, self.q, self.qd, self.tau)
-        t = between(self.t)
-        q, qd, _ = self(t)
-        return limit_violations(self.model, t, q, qd, self.torques(t))
+        t, q, qd, _, tau = samples_of(self, between(self.t))
+        return limit_violations(self.model, t, q, qd, tau)
 
     @property
     def balance(self) -> Array:
@@ -341,11 +341,31 @@ def _horizon(bound: float, t: Array, error: Array) -> float:
     return float(t[k - 1] + part * (t[k] - t[k - 1]))
 
 
-def between(t: Array, most: int = PARTS) -> Array:
-    """The times of samples and further ones between them, each step in up to 16 parts, or `most`."""
+def samples_of(motion: Trajectory, times: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """t, q, qd, qdd and tau of a motion for reports: its samples, the values before jumps and those at further times.
+
+    The time of a jump stands twice, first with the values before it. Between times of `t_eval` nothing is known and
+    nothing added. Accelerations are monotone between the solver's steps as torques are: the second derivative of an
+    interpolant shows the solver's errors over the square of its step.
+    """
+    known = motion.t, motion.q, motion.qd, motion.qdd, motion.tau
+    if not motion.at_steps or len(motion.t) < 2:
+        return known
+    inside = np.setdiff1d(times, motion.t)
+    k = np.searchsorted(motion.t, motion.jumps)
+    before = [x.reshape(len(k), motion.q.shape[1]) for x in (motion.qdd_before, motion.tau_before)]
+    added = inside, *motion._at(inside, "q", "qd", "qdd of reports", "tau")
+    t, *others = map(np.concatenate, zip(added, (motion.jumps, motion.q[k], motion.qd[k], *before), known, strict=True))
+    order = np.argsort(t, kind="stable")
+    q, qd, qdd, tau = (x[order] for x in others)
+    return t[order], q, qd, qdd, tau
+
+
+def between(t: Array, most: int = PARTS, samples: int = MOST) -> Array:
+    """The times of samples and further ones between them, each step in up to 16 parts, or `most`, `samples` in all."""
     if len(t) < 2:
         return t
-    parts = int(np.clip(MOST // len(t), 1, most))
+    parts = int(np.clip(samples // len(t), 1, most))
     inside = t[:-1, None] + np.diff(t)[:, None] * (np.arange(parts) / parts)
     return np.append(inside.reshape(-1), t[-1])
 
