@@ -66,6 +66,7 @@ def motion_limits(robot: Robot, given: Mapping[str, ArrayLike] | None) -> dict[s
     if not isinstance(given, Mapping):
         raise TypeError(f"`limits` must be a mapping of names to arrays, got {type(given).__name__}")
     known = robot.model.coordinate_limits()
+    known["acceleration_limit"] = np.minimum(known["acceleration_limit"], known["deceleration_limit"])
     values = {name: known[name] for name in NAMES}
     for name, limit in given.items():
         if name not in NAMES:

@@ -20,7 +20,7 @@ from ..basics.spatial import (
     transpose,
 )
 from .builder import Part, Pose, assemble, disassemble, pose
-from .checks import inertia_error, symmetric_up_to_rounding, triangle_excess
+from .checks import DRIVES, domain_error, inertia_error, symmetric_up_to_rounding, triangle_excess
 from .model import Model, model_argument
 from .topology import end_link
 
@@ -121,6 +121,7 @@ def with_limits(
     effort: LimitValues = None,
     velocity: LimitValues = None,
     acceleration: LimitValues = None,
+    deceleration: LimitValues = None,
     jerk: LimitValues = None,
 ) -> Model:
     """The robot with other limits of its joints and drives, such as those of a data sheet.
@@ -129,7 +130,7 @@ def with_limits(
     """
     coordinates = list(model_argument(model).independent_joints)
     changed = {}
-    for name, value in (("effort", effort), ("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk)):
+    for name, value in zip(DRIVES, (effort, velocity, acceleration, deceleration, jerk), strict=True):
         if value is not None:
             changed[f"{name}_limit"] = array = getattr(model, f"{name}_limit").copy()
             array[coordinates] = limit_array(name, value, model.joint_names, array[coordinates])
@@ -153,8 +154,6 @@ def limit_array(name: str, value: LimitValues, joints: Sequence[str], present: A
         raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
     array = np.full(n, array, dtype=np.float64)
     for i, (joint, limit) in enumerate(zip(joints, array.tolist(), strict=True)):
-        if np.isnan(limit):
-            raise ValueError(f"`{name}[{i}]` of joint {joint!r} must be a number, got nan")
-        if limit < 0 and name not in ("lower", "upper"):
-            raise ValueError(f"`{name}[{i}]` of joint {joint!r} must not be negative, got {limit!r}")
+        if error := domain_error(name, limit):
+            raise ValueError(f"`{name}[{i}]` of joint {joint!r} {error}, got {limit!r}")
     return array

@@ -105,6 +105,7 @@ def load(
     effort: LimitValues = None,
     velocity: LimitValues = None,
     acceleration: LimitValues = None,
+    deceleration: LimitValues = None,
     jerk: LimitValues = None,
 ) -> Robot:
     """Load a robot by name or from a URDF file.
@@ -118,9 +119,9 @@ def load(
         In the axes of the root link [m/s^2].
     engine : {"numpy", "numba"}
         What runs the robot's kernels; see `rne.compile`.
-    effort, velocity, acceleration, jerk : float, array_like of shape (n,), or mapping, optional
-        Limits in place of those of the file: one number for all joints, one for each, or some by the joint's name
-        [N m or N; rad/s or m/s; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
+    effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
+        Limits in place of those of the file, as for `Robot.with_limits`: one number for all joints, one for each, or
+        some by the joint's name [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
 
     Returns
     -------
@@ -155,7 +156,8 @@ def load(
             raise
         other = f"; {name + '_robot'!r} is another one" if f"{name}_robot" in library() else ""
         raise UrdfError(f"the file of {PACKAGE} has an error: {error}{other}", error.finding) from None
-    model = with_limits(model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
+    rates = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk}
+    model = with_limits(model, effort=effort, **rates)
     return Robot(model, engine)
 
 
@@ -210,11 +212,11 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
         check_elements(root, report)
     if root is not None and not report.errors:
         try:
-            model_of(root, STANDARD_GRAVITY)
+            model = model_of(root, STANDARD_GRAVITY)
         except ModelError as error:
             report.error(None, "robot", str(error), "fix the file")
         else:
-            check_bodies(root, report)
+            check_bodies(root, model, report)
     findings = sorted(report.findings, key=lambda finding: finding.line or 0)
     stream = sys.stdout if out is None else out
     stream.write("\n".join(written(findings, report.file, grouped=grouped)) + "\n")
