@@ -137,23 +137,23 @@ def with_limits(
     return replace(model, **changed) if changed else model
 
 
-def limit_array(name: str, value: LimitValues, joints: Sequence[str], present: Array) -> Array:
+def limit_array(name: str, value: LimitValues, joints: Sequence[str], present: Array, argument: str = "") -> Array:
     """One number per joint, infinite ones allowed, from one for all joints, one each, or some by name."""
-    n = len(joints)
+    n, argument = len(joints), argument or name
     if value is None:
         return present
     if isinstance(value, Mapping):
         unknown = [joint for joint in value if joint not in joints]
         if unknown:
-            raise ValueError(f"`{name}` must name joints of {list(joints)}, got {unknown[0]!r}")
+            raise ValueError(f"`{argument}` must name joints of {list(joints)}, got {unknown[0]!r}")
         value = [value.get(joint, limit) for joint, limit in zip(joints, present.tolist(), strict=True)]
-    array = convert_numbers(name, value, f"({n},)")
+    array = convert_numbers(argument, value, f"({n},)")
     if array.shape not in ((), (n,)):
-        raise ValueError(f"`{name}` must have shape ({n},), got {array.shape}")
+        raise ValueError(f"`{argument}` must have shape ({n},), got {array.shape}")
     if array.dtype.kind != "f":
-        raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
+        raise ValueError(f"`{argument}` must be real, got dtype {array.dtype}")
     array = np.full(n, array, dtype=np.float64)
     for i, (joint, limit) in enumerate(zip(joints, array.tolist(), strict=True)):
         if error := domain_error(name, limit):
-            raise ValueError(f"`{name}[{i}]` of joint {joint!r} {error}, got {limit!r}")
+            raise ValueError(f"`{argument}[{i}]` of joint {joint!r} {error}, got {limit!r}")
     return array

@@ -507,7 +507,7 @@ def fastest(
     ----------
     robot : Robot
         With `effort_limit` or `acceleration_limit`, or both, of every joint; `Robot.with_limits` sets them. Joints that
-        slow down keep their `deceleration_limit`.
+        slow down keep their `deceleration_limit`, averages to some percent for some ms before they turn around.
     path : Path or array_like, shape (K, n)
         From `rne.trajectories.through`, or via points for it [rad or m].
     friction : Friction or "urdf", optional

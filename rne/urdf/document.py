@@ -22,21 +22,22 @@ MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
 XACRO = re.compile(r"(?:\{.*xacro\}|xacro:)(.*)", re.DOTALL)  # elements of all its versions, declared or not
 DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless", "insert_block", "element", "call")
 # Elements and names of other programs, for which there is no finding; names with an undeclared prefix have their own.
-EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact"])
+EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact", "frame"])
 FOREIGN = re.compile(r"\{[^}]*(?:drake|xacro|w3\.org/(?!2001/XInclude))|[^{:]+:")
 READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, and for pictures alone
 LARGEST = sys.float_info.max  # written for a limit that does not exist
 NO_LIMIT = -1.0  # what makers write for it
 UNDECLARED = 201  # libxml2's number of the error about a prefix without a namespace
 ANYWHERE = (26, 38, 45)  # errors that are not made by truncating a file alone
+KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts that say more than their numbers
 CURES = dict.fromkeys((9, 32, 81), "save the file as UTF-8, without control characters, and declare no other encoding")
 CURES |= dict.fromkeys((23, 26, 68), "write & as &amp; and < as &lt;, and begin names with a letter")
 CURES |= dict.fromkeys((38, 65), "close the quotes and the tag before it; within quotes, write < as &lt;")
-CURES |= dict.fromkeys((39, 41), "give the attribute a value in quotes") | {
+CURES |= dict.fromkeys((39, 41), "give the attribute a value in quotes")
+CURES |= dict.fromkeys((42, 203), "keep one of the two") | {
     4: "give a URDF file, which begins with <robot ...> or <?xml ...?>",
     5: "end the file after the first </robot>",
-    42: "keep one of the two",
-    45: "end the comment by -->",
+    45: "end the comment by -->, or get the rest of the file",
     64: "put <?xml ...?> at the very start of the file, or remove it",
     73: "close the tag by >",
     76: "close each element by its own tag, the last opened first",
@@ -112,11 +113,15 @@ def _report_syntax_error(data: bytes, log: Any, report: Report) -> None:
     from lxml import etree
 
     error = next(entry for entry in log if entry.type != UNDECLARED)
-    reason, cure = cut(" ".join(error.message.split()), ECHO), CURES.get(error.type, "fix the XML there")
+    reason = cut(" ".join(error.message.split()), ECHO)
+    cure = CURES.get(KINDS.get(reason, error.type), "fix the XML there")
+    parser = etree.XMLParser(**STRICT)
     with suppress(etree.XMLSyntaxError):
-        etree.XMLParser(**STRICT).feed(data)  # nothing is wrong with the bytes but that there are no more
-        cure = cure if error.type in ANYWHERE else "the file is truncated, get the whole of it"
-    if not data.strip():
+        parser.feed(data)
+    is_whole = b">" in data[max(data.rfind(b"<"), data.rfind(b"&")) :] and error.type in (23, 68)  # read late by `feed`
+    if error.type not in ANYWHERE and not is_whole and all(x.type == UNDECLARED for x in parser.feed_error_log):
+        cure = "the file is truncated, get the whole of it"  # nothing is wrong with it but that there is no more
+    if not data.strip(b" \t\r\n\xef\xbb\xbf\xfe\xff"):
         report.error(None, "file", "is empty", "give a URDF file")
     elif "Excessive depth" in reason:
         report.error(error.line, "file", f"is nested deeper than {MAX_DEPTH} elements", "a URDF needs about 6")
@@ -132,6 +137,7 @@ def check_expanded(root: Any, report: Report) -> bool:
     names = {element: found.group(1) for element in root.iter() if (found := XACRO.fullmatch(element.tag))}
     moves = any(joint.get("type") != "fixed" for joint in root.findall("joint"))
     known, told = {*RULES, *(x for rule in RULES.values() for x in rule.attributes.split())}, {"xacro"}
+    before = len(report.findings)
     for element, owner, use, around in walk(root):
         for written, place in [(element.tag, around), *((x, use) for x in element.attrib)]:
             prefix, _, local = written.partition(":") if "{" not in written else ("", "", "")
@@ -143,7 +149,8 @@ def check_expanded(root: Any, report: Report) -> bool:
                 told.add(prefix)
                 message = f"the prefix {echo(prefix)} is not declared, what has it is ignored"
                 report.warning(element, owner, message, f"{cure} for other programs")
-        name, values = names.get(element), [x for x in element.attrib.values() if "${" in x or "$(" in x]
+        name, texts = names.get(element), [*element.attrib.values(), "" if use else element.text or ""]
+        values = [x for x in texts if "${" in x or "$(" in x]
         if not (name or values) or any(above in names for above in element.iterancestors()):
             continue
         what, place = (f"<xacro:{cut(name, ECHO)}>", around) if name else (echo(values[0]), use)
@@ -151,13 +158,15 @@ def check_expanded(root: Any, report: Report) -> bool:
             report.warning(element, owner, f"{what} is left over from xacro and not read", "remove it")
         elif place != READ:
             where = f"in <{element.getparent().tag}>" if name else f"of <{element.tag}>"
-            message, cure = f"{what} {where} is not expanded, nothing is read there", "expand it for other programs"
-            report.warning(element, owner, message, cure)
+            report.warning(
+                element, owner, f"{what} {where} is not expanded, and not read", "expand it for other programs"
+            )
         else:
             message, cure = f"is a xacro file, not yet a URDF: there is {what}", f"expand it: {_command(report.file)}"
             if name and name not in BUILT_IN and not {"macro", "include"} & {*names.values()}:
                 message = f"is half expanded: {what} is left in {owner}, a macro that the file does not define"
                 cure = "write what it stands for, or remove it"
+            del report.findings[before:]
             report.error(element, "file", message, cure)
             return False
     return True
@@ -252,7 +261,7 @@ def check_grammar(root: Any, report: Report) -> None:
             counts[child.tag] += 1
             if child.tag not in rule.children and child.tag not in EXTENSIONS and not FOREIGN.match(child.tag):
                 message = f"unknown element {echo(child.tag)} in <{element.tag}> is ignored"
-                report.warning(child, owner, message, _cure(str(child.tag), rule.children))
+                report.warning(child, owner, message, _cure(child.tag.rpartition("}")[2], rule.children))
             elif child.tag in rule.once.split() and counts[child.tag] == 2:
                 report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
         unknown = [x for x in element.attrib if x not in rule.attributes.split() and not FOREIGN.match(x)]
@@ -283,7 +292,7 @@ def checked_numbers(parent: Any, tag: str, owner: str, report: Report) -> dict[s
             report.error(child, owner, f"{what} must be {amount}, got {echo(text)}", "fix the attribute")
         elif len(values) != count or not all(map(math.isfinite, values)):
             message = f"{what} must be {amount}, finite and decimal, got {echo(text)}"
-            is_none = tag == "limit" and text.strip().lower().lstrip("+").startswith("inf")
+            is_none = tag == "limit" and text.strip().lower().lstrip("+-").startswith("inf")
             report.error(child, owner, message, "leave it out for no limit" if is_none else "fix the attribute")
         else:
             found[attribute] = values[0] if count == 1 else values

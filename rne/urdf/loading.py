@@ -62,7 +62,7 @@ def robots() -> tuple[str, ...]:
     -------
     tuple of str
         Without example-robot-data (`pip install 'rne[robots]'`) the built-in ones alone. Files are listed unread; in
-        version 6.0.0, six have errors, such as inertias that no body has; `rne.load` says what is wrong.
+        version 6.0.0, three have errors, such as inertias that no body has; `rne.load` says what is wrong.
 
     Examples
     --------

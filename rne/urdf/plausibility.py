@@ -63,9 +63,9 @@ def _check_limit(joint: Any, limit: Any, report: Report) -> None:
     if kind not in MOVING or joint.find("mimic") is not None:
         return
     zero = [repr(name) for name in DRIVES if attribute_numbers(limit, name) == [0.0]]
+    many = len(zero) > 1
     if zero:
-        what = f"attributes {', '.join(zero[:-1])} and {zero[-1]} of <limit> are 0"
-        what = what if zero[1:] else f"attribute {zero[0]} of <limit> is 0"
+        what = f"attribute{'s' * many} {' and '.join(zero)} of <limit> {'are' if many else 'is'} 0"
         report.warning(limit, owner, what, "give what the drive can do; as written it can do nothing")
 
 
@@ -74,9 +74,7 @@ def check_bodies(root: Any, model: Model, report: Report) -> None:
     parts = parts_of(root)
     _check_subtrees(root, parts, report)
     with np.errstate(all="ignore"):  # numbers near the largest double overflow; comparisons with NaN are false
-        joints = {joint.get("name"): joint for joint in root.findall("joint")}
-        _check_lengths(joints, parts, fixed_links(root.findall("link"), [*joints.values()]), report)
-        _check_weight(joints, model, report)
+        _check_lengths_and_weight(root, parts, model, report)
         found = bodies(root, parts)
         size, with_coms = robot_size(parts, found), robot_size(parts, found, with_coms=True)
         for body in found:
@@ -100,17 +98,15 @@ def _check_subtrees(root: Any, parts: list[Part], report: Report) -> None:
             report.warning(joint, describe(joint), message, "give its links mass, or make the joint fixed")
 
 
-def _check_lengths(joints: dict[str, Any], parts: list[Part], fixed: set[Any], report: Report) -> None:
-    """Warn of links that are too long from their own joint to the next; the first may be anywhere in the world."""
+def _check_lengths_and_weight(root: Any, parts: list[Part], model: Model, report: Report) -> None:
+    """Warn of links that are too long from their joint to the next, and of drives far too weak for the weight."""
+    joints = {joint.get("name"): joint for joint in root.findall("joint")}
+    fixed = fixed_links(root.findall("link"), root.findall("joint"))
     for part in parts[1:]:
         length = float(np.linalg.norm(part.placement.p))
-        if length > LONGEST and parts[part.parent].link not in fixed:
+        if length > LONGEST and parts[part.parent].link not in fixed:  # the first joint may be anywhere in the world
             message = f"the <origin> makes a link longer than {LONGEST:g} m"
             report.warning(joints[part.joint], describe(joints[part.joint]), message, UNITS, detail=f"{length:.3g} m")
-
-
-def _check_weight(joints: dict[str, Any], model: Model, report: Report) -> None:
-    """Warn of drives that are far too weak for the weight that they carry at random positions."""
     limits = model.coordinate_limits()
     turn = np.pi * model.is_revolute[list(model.independent_joints)]
     low, high = (np.where(np.isfinite(limits[x]), limits[x], y) for x, y in (("lower", -turn), ("upper", turn)))
@@ -120,9 +116,9 @@ def _check_weight(joints: dict[str, Any], model: Model, report: Report) -> None:
         if load > OVERLOAD * effort > 0:
             message, detail = (
                 "the drive cannot carry the robot's weight",
-                f"{load:.4g} N m or N, its limit {effort:.4g}",
+                f"{load:.4g} N m or N of {effort:.4g}",
             )
-            cure = f"check masses and 'effort' of <limit>; {UNITS}"
+            cure = "check masses, lengths and 'effort' of <limit>: kg, m, N m"
             report.warning(joints[name], describe(joints[name]), message, cure, detail=detail)
 
 

@@ -55,7 +55,8 @@ def _is_robot(root: Any, report: Report) -> bool:
         etree.cleanup_namespaces(root)
         report.warning(root, "robot", f"default namespace {echo(namespace[1:-1])} is ignored", "remove xmlns")
     if root.tag != "robot":
-        report.error(root, "file", f"the root element must be <robot>, got {echo(tag)}", "give a URDF file")
+        cure = "write <robot>" if tag.lower().endswith("robot") else "give a URDF file"
+        report.error(root, "file", f"the root element must be <robot>, got {echo(tag)}", cure)
     return bool(root.tag == "robot")
 
 
@@ -111,9 +112,8 @@ def _check_inertial(inertial: Any, owner: str, report: Report, *, is_moved: bool
         rows = [[entries[f"i{min(a, b)}{max(a, b)}"] for b in "xyz"] for a in "xyz"]
         error = inertia_error(mass["value"], np.array(com["xyz"]), np.array(rows))
         if error:
-            cure = "check signs and units of ixx ... izz"
-            if rows[0][1] == rows[1][1] != 0:  # a matrix row by row
-                cure = "give ixx ixy ixz iyy iyz izz; these look like ixx ixy ixz iyx iyy iyz"
+            by_rows = "give ixx ixy ixz iyy iyz izz; these look like ixx ixy ixz iyx iyy iyz"
+            cure = by_rows if rows[0][1] == rows[1][1] != 0 else "check signs and units of ixx ... izz"
             tell, effect = (report.error, "") if is_moved else (report.warning, ", without effect as no joint moves it")
             tell(inertial.find("inertia"), owner, f"<inertia>: {error}{effect}", cure)
         elif triangle_excess(np.array(rows)) > TRIANGLE_TOLERANCE:
