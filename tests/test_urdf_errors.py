@@ -98,13 +98,11 @@ ERRORS = {
     ),
     "negative effort": (
         robot(*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT.replace('effort="1"', 'effort="-5"'))),
-        ":5: joint 'elbow': attribute 'effort' of <limit> must not be negative, got '-5'; "
-        "write its size, or leave it out if there is no limit",
+        ":5: joint 'elbow': attribute 'effort' of <limit> must not be negative, got '-5'; leave it out for no limit",
     ),
     "negative velocity of a continuous joint": (
         robot(*ARM[:2], joint("elbow", "base", "arm", "continuous", inside='<limit effort="1" velocity="-0.5"/>')),
-        ":5: joint 'elbow': attribute 'velocity' of <limit> must not be negative, got '-0.5'; "
-        "write its size, or leave it out if there is no limit",
+        ":5: joint 'elbow': attribute 'velocity' of <limit> must not be negative, got '-0.5'; leave it out for no limit",
     ),
     "infinite effort": (
         robot(*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT.replace('effort="1"', 'effort="inf"'))),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping
 from types import SimpleNamespace
@@ -50,7 +49,7 @@ def check_model(values: Mapping[str, Any]) -> None:
 
 def domain_error(name: str, value: float) -> str | None:
     """Say what keeps a number from being a joint's limit, range, damping or friction; infinity is no limit."""
-    if math.isnan(value):
+    if np.isnan(value):
         return "must be a number"
     return "must not be negative" if value < LEAST[name] else None
 
@@ -58,8 +57,8 @@ def domain_error(name: str, value: float) -> str | None:
 def inertia_error(mass: float, com: Array, inertia: Array, *, is_moved: bool = True) -> str | None:
     """Say what makes a rigid body impossible, or None if it is possible.
 
-    The mass in kg, the centre of mass (3,) in the body's frame in m, the inertia (3, 3) about it in kg m^2. An inertia
-    that nothing moves has no effect, and its eigenvalues are not examined.
+    The mass in kg, the centre of mass (3,) in the body's frame in m, the inertia (3, 3) about it in kg m^2; the
+    eigenvalues of one that is not moved are not examined, as they have no effect.
     """
     if mass < 0:
         return f"the mass must be 0 or positive, got {mass!r}"

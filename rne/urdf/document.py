@@ -32,21 +32,20 @@ ANYWHERE = (26, 38, 45)  # errors that are not made by truncating a file alone
 KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts that say more than their numbers
 CURES = dict.fromkeys((9, 32, 81), "save the file as UTF-8, without control characters, and declare no other encoding")
 CURES |= dict.fromkeys((23, 26, 68), "write & as &amp; and < as &lt;, and begin names with a letter")
-CURES |= dict.fromkeys((38, 65), "close the quotes and the tag before it; within quotes, write < as &lt;")
+CURES |= dict.fromkeys((38, 65, 73), "close the quotes and the tag before it; within quotes, write < as &lt;")
 CURES |= dict.fromkeys((39, 41), "give the attribute a value in quotes")
 CURES |= dict.fromkeys((42, 203), "keep one of the two") | {
     4: "give a URDF file, which begins with <robot ...> or <?xml ...?>",
     5: "end the file after the first </robot>",
     45: "end the comment by -->, or get the rest of the file",
     64: "put <?xml ...?> at the very start of the file, or remove it",
-    73: "close the tag by >",
     76: "close each element by its own tag, the last opened first",
     80: "write no -- within a comment",
 }
 # One decimal number in ASCII.
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 REFUSED = ("recover", "resolve_entities", "load_dtd", "dtd_validation", "huge_tree")
-STRICT = {"no_network": True} | dict.fromkeys(REFUSED, False)
+STRICT = dict.fromkeys(("no_network", "remove_comments", "remove_pis"), True) | dict.fromkeys(REFUSED, False)
 
 
 class _DocumentType(Exception):
@@ -89,15 +88,14 @@ def parse(data: bytes, report: Report) -> Any | None:
     try:
         with suppress(StopIteration):  # a document type declaration declares entities, so it must not be parsed
             etree.fromstring(data, parser)
-        parser = etree.XMLParser(remove_comments=True, remove_pis=True, **STRICT)
+        parser = etree.XMLParser(**STRICT)
         return etree.fromstring(data, parser)
     except _DocumentType:
         message = "document type declarations and entities are not allowed"
         report.error(_doctype_line(data), "file", message, "remove the <!DOCTYPE ...>")
     except etree.XMLSyntaxError:
         if {entry.type for entry in parser.error_log} == {UNDECLARED}:  # by itself no reason to doubt what is read
-            parser = etree.XMLParser(remove_comments=True, remove_pis=True, **(STRICT | {"recover": True}))
-            return etree.fromstring(data, parser)
+            return etree.fromstring(data, etree.XMLParser(**(STRICT | {"recover": True})))
         _report_syntax_error(data, parser.error_log, report)
     return None
 
@@ -130,10 +128,7 @@ def _report_syntax_error(data: bytes, log: Any, report: Report) -> None:
 
 
 def check_expanded(root: Any, report: Report) -> bool:
-    """Report what xacro has left and prefixes without a namespace; False if something that is read is not expanded.
-
-    Both are errors in what is read; elsewhere, and for definitions of xacro, they are warnings.
-    """
+    """Report what xacro has left and undeclared prefixes, as errors in what is read; False if that is not expanded."""
     names = {element: found.group(1) for element in root.iter() if (found := XACRO.fullmatch(element.tag))}
     moves = any(joint.get("type") != "fixed" for joint in root.findall("joint"))
     known, told = {*RULES, *(x for rule in RULES.values() for x in rule.attributes.split())}, {"xacro"}

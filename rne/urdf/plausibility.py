@@ -31,8 +31,7 @@ SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "lengt
 THINNEST = 1.0  # kg/m^3: less than air
 SLENDEREST = 0.01  # axes of that ellipsoid, relative to its longest: rods and frames are thin
 LONGEST = 20.0  # m: longer links are those of cranes, or in millimetres
-OVERLOAD = 10  # times an effort limit: no drive carries a weight that takes more
-POSES = 64  # at which the weight is looked at
+OVERLOAD, POSES = 10, 64  # times an effort limit: no drive carries a weight that takes more at some random position
 UNITS = "is the file in millimetres? give metres"
 PLACEHOLDER = 1e-3  # kg: lighter links are often there for their frame alone, with any shape and inertia
 

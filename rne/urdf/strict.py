@@ -161,8 +161,7 @@ def _check_limit(joint: Any, kind: str | None, owner: str, report: Report) -> No
         if error and kind != "fixed" and value == NO_LIMIT:
             report.warning(limit, owner, f"{what} is -1, taken as no limit", "leave it out, or write the limit")
         elif error and kind != "fixed":
-            cure = "write its size, or leave it out if there is no limit"
-            report.error(limit, owner, f"{what} {error}, got {echo(limit.get(attribute))}", cure)
+            report.error(limit, owner, f"{what} {error}, got {echo(limit.get(attribute))}", "leave it out for no limit")
     for attribute in ("effort", "velocity"):
         if limit.get(attribute) is None:
             report.warning(limit, owner, f"attribute {attribute!r} of <limit> is missing", "give it; none is assumed")
