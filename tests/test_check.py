@@ -119,7 +119,7 @@ FOUND = {
     "effort in kN m": (
         [BASE, link("arm", mass="20", inertia="0.2", origin='<origin xyz="0 0.25 0"/>'), joint("elbow", "base", "arm", effort="0.05")],
         "4: joint 'elbow': the drive cannot carry the robot's weight: 49.03 N m or N of 0.05; check masses, lengths and "
-        "'effort' of <limit>: kg, m, N m",
+        "'effort' of <limit>",
     ),
     "inertia in kg mm^2": (
         changed(1, link("arm", inertia="1000")),
@@ -390,7 +390,7 @@ def test_the_namespace_of_xacro_alone_is_no_finding(check):
 
 MOVES = link("arm") + joint("elbow", "base", "arm")
 UNUSED = "is left over from xacro and not read; remove it"
-ELSEWHERE = "is not expanded, and not read; expand it for other programs"
+ELSEWHERE = "is not expanded and not read; expand it for other readers"
 LEFT = {
     "property": (MOVES + '<xacro:property name="m" value="${2 * n}"/>', f"robot: <xacro:property> {UNUSED}"),
     "arg": (MOVES + '<xacro:arg name="m" default="$(find p)"/>', f"robot: <xacro:arg> {UNUSED}"),

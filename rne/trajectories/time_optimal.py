@@ -70,9 +70,8 @@ class _Limits:
 
     def rows(self, torque: Array, acceleration: Array) -> Array:
         """Torques, accelerations and decelerations over their limits, 0 where there is none."""
-        return np.concatenate(
-            [torque / self.effort, *(acceleration / x for x in (self.acceleration, self.deceleration))], -1
-        )
+        both = acceleration / self.acceleration, acceleration / self.deceleration
+        return np.concatenate([torque / self.effort, *both], axis=-1)
 
     def use(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Shares of the limits: of torques and accelerations (..., rows), of velocities (..., n)."""

@@ -28,7 +28,7 @@ READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, and for pictu
 LARGEST = sys.float_info.max  # written for a limit that does not exist
 NO_LIMIT = -1.0  # what makers write for it
 UNDECLARED = 201  # libxml2's number of the error about a prefix without a namespace
-ANYWHERE = (26, 38, 45)  # errors that are not made by truncating a file alone
+TRUNCATED = (3, 5, 6, 20)  # expat's numbers of errors that are not there before the end
 KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts that say more than their numbers
 CURES = dict.fromkeys((9, 32, 81), "save the file as UTF-8, without control characters, and declare no other encoding")
 CURES |= dict.fromkeys((23, 26, 68), "write & as &amp; and < as &lt;, and begin names with a letter")
@@ -84,19 +84,30 @@ def parse(data: bytes, report: Report) -> Any | None:
     if len(data) > MAX_BYTES:
         report.error(None, "file", f"is larger than {MAX_BYTES} bytes", "split the robot or remove what is not URDF")
         return None
-    parser = etree.XMLParser(target=_Prolog(), **STRICT)
-    try:
-        with suppress(StopIteration):  # a document type declaration declares entities, so it must not be parsed
-            etree.fromstring(data, parser)
-        parser = etree.XMLParser(**STRICT)
+    parser = etree.XMLParser(**STRICT)
+    try:  # a document type declaration declares entities, so it must not be parsed; other errors are found again
+        with suppress(StopIteration, etree.XMLSyntaxError):
+            etree.fromstring(data, etree.XMLParser(target=_Prolog(), **STRICT))
         return etree.fromstring(data, parser)
     except _DocumentType:
         message = "document type declarations and entities are not allowed"
         report.error(_doctype_line(data), "file", message, "remove the <!DOCTYPE ...>")
     except etree.XMLSyntaxError:
-        if {entry.type for entry in parser.error_log} == {UNDECLARED}:  # by itself no reason to doubt what is read
+        other = _error_by_expat(data)
+        if other is None and {entry.type for entry in parser.error_log} == {UNDECLARED}:
             return etree.fromstring(data, etree.XMLParser(**(STRICT | {"recover": True})))
-        _report_syntax_error(data, parser.error_log, report)
+        _report_syntax_error(data, parser.error_log, other, report)
+    return None
+
+
+def _error_by_expat(data: bytes) -> Any | None:
+    """What expat has against the bytes; it knows no namespaces, after an error of which libxml2 stops at </robot>."""
+    from xml.parsers import expat
+
+    try:
+        expat.ParserCreate().Parse(data, True)
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the others are about encodings
+        return error
     return None
 
 
@@ -106,25 +117,21 @@ def _doctype_line(data: bytes) -> int | None:
     return before.count(b"\n") + 1 if found else None
 
 
-def _report_syntax_error(data: bytes, log: Any, report: Report) -> None:
-    """Report the first error of the XML, with what mends it."""
-    from lxml import etree
-
-    error = next(entry for entry in log if entry.type != UNDECLARED)
-    reason = cut(" ".join(error.message.split()), ECHO)
-    cure = CURES.get(KINDS.get(reason, error.type), "fix the XML there")
-    parser = etree.XMLParser(**STRICT)
-    with suppress(etree.XMLSyntaxError):
-        parser.feed(data)
-    is_whole = b">" in data[max(data.rfind(b"<"), data.rfind(b"&")) :] and error.type in (23, 68)  # read late by `feed`
-    if error.type not in ANYWHERE and not is_whole and all(x.type == UNDECLARED for x in parser.feed_error_log):
-        cure = "the file is truncated, get the whole of it"  # nothing is wrong with it but that there is no more
+def _report_syntax_error(data: bytes, log: Any, other: Any, report: Report) -> None:
+    """Report the first error of the XML, with what mends it; the other is expat's."""
+    found = [(entry.type, entry.line, entry.message) for entry in log if entry.type != UNDECLARED]
+    code = getattr(other, "code", 0)
+    kind, line, text = found[0] if found else (5 if code else 32, getattr(other, "lineno", None), str(other))
+    reason = cut(" ".join(text.split()), ECHO)
+    cure = CURES.get(KINDS.get(reason, kind), "fix the XML there")
+    if kind != 45 and code in TRUNCATED:
+        cure = "the file is truncated, get the whole of it"
     if not data.strip(b" \t\r\n\xef\xbb\xbf\xfe\xff"):
         report.error(None, "file", "is empty", "give a URDF file")
     elif "Excessive depth" in reason:
-        report.error(error.line, "file", f"is nested deeper than {MAX_DEPTH} elements", "a URDF needs about 6")
+        report.error(line, "file", f"is nested deeper than {MAX_DEPTH} elements", "a URDF needs about 6")
     else:
-        report.error(error.line, "file", f"is not well-formed XML ({reason})", cure)
+        report.error(line, "file", f"is not well-formed XML ({reason})", cure)
 
 
 def check_expanded(root: Any, report: Report) -> bool:
@@ -135,12 +142,14 @@ def check_expanded(root: Any, report: Report) -> bool:
     before = len(report.findings)
     for element, owner, use, around in walk(root):
         for written, place in [(element.tag, around), *((x, use) for x in element.attrib)]:
-            prefix, _, local = written.partition(":") if "{" not in written else ("", "", "")
+            prefix, colon, local = written.partition(":")
+            if not colon or "{" in written:
+                continue
             cure = f'add xmlns:{cut(prefix, ECHO)}="..." to <robot>'
             if local in known and place == READ and prefix != "xacro":
                 message = f"the prefix of {echo(written)} is not declared"
                 report.error(element, owner, message, f"{cure}, or write {local!r} without it")
-            elif local and prefix not in told:
+            elif prefix not in told:
                 told.add(prefix)
                 message = f"the prefix {echo(prefix)} is not declared, what has it is ignored"
                 report.warning(element, owner, message, f"{cure} for other programs")
@@ -154,7 +163,7 @@ def check_expanded(root: Any, report: Report) -> bool:
         elif place != READ:
             where = f"in <{element.getparent().tag}>" if name else f"of <{element.tag}>"
             report.warning(
-                element, owner, f"{what} {where} is not expanded, and not read", "expand it for other programs"
+                element, owner, f"{what} {where} is not expanded and not read", "expand it for other readers"
             )
         else:
             message, cure = f"is a xacro file, not yet a URDF: there is {what}", f"expand it: {_command(report.file)}"

@@ -113,11 +113,8 @@ def _check_lengths_and_weight(root: Any, parts: list[Part], model: Model, report
     loads = np.abs(gravity_torque.core(model, q)).max(axis=0)
     for name, load, effort in zip(model.joint_names, loads, limits["effort_limit"], strict=True):
         if load > OVERLOAD * effort > 0:
-            message, detail = (
-                "the drive cannot carry the robot's weight",
-                f"{load:.4g} N m or N of {effort:.4g}",
-            )
-            cure = "check masses, lengths and 'effort' of <limit>: kg, m, N m"
+            message, cure = "the drive cannot carry the robot's weight", "check masses, lengths and 'effort' of <limit>"
+            detail = f"{load:.4g} N m or N of {effort:.4g}"
             report.warning(joints[name], describe(joints[name]), message, cure, detail=detail)
 
 
