@@ -390,7 +390,7 @@ def test_the_namespace_of_xacro_alone_is_no_finding(check):
 
 MOVES = link("arm") + joint("elbow", "base", "arm")
 UNUSED = "is left over from xacro and not read; remove it"
-ELSEWHERE = "is not expanded and not read; expand it for other readers"
+ELSEWHERE = "is not expanded, and not read; expand it for others"
 LEFT = {
     "property": (MOVES + '<xacro:property name="m" value="${2 * n}"/>', f"robot: <xacro:property> {UNUSED}"),
     "arg": (MOVES + '<xacro:arg name="m" default="$(find p)"/>', f"robot: <xacro:arg> {UNUSED}"),

@@ -162,9 +162,7 @@ def check_expanded(root: Any, report: Report) -> bool:
             report.warning(element, owner, f"{what} is left over from xacro and not read", "remove it")
         elif place != READ:
             where = f"in <{element.getparent().tag}>" if name else f"of <{element.tag}>"
-            report.warning(
-                element, owner, f"{what} {where} is not expanded and not read", "expand it for other readers"
-            )
+            report.warning(element, owner, f"{what} {where} is not expanded, and not read", "expand it for others")
         else:
             message, cure = f"is a xacro file, not yet a URDF: there is {what}", f"expand it: {_command(report.file)}"
             if name and name not in BUILT_IN and not {"macro", "include"} & {*names.values()}:
