@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, convert_numbers, per_joint_array, positive_number, vector
+from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..kernels.kernel import Kernel
