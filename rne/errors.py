@@ -50,7 +50,7 @@ class UrdfError(ModelError):
     ...     rne.load("pyproject.toml")
     ... except rne.UrdfError as error:
     ...     print(error.finding.cure)
-    fix the file, it may be truncated
+    give a URDF file, which begins with <robot ...> or <?xml ...?>
     """
 
     def __init__(self, message: str, finding: Any = None) -> None:

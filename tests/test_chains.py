@@ -226,12 +226,15 @@ def test_the_exported_file_is_the_same_robot_to_pinocchio(dh):
     assert relative(rne.dynamics.mass_matrix(model, motion[0]), each(oracle.mass_matrix, motion[0])) <= ORACLE
 
 
+ANY_INERTIA = "mass and inertia are those of a body lighter than air"  # as random ones may be
+
+
 def test_file_and_back_is_the_same_model(dh, tmp_path):
     """Rotations by other than right angles may change in the last digit, as a file holds angles."""
     _, _, model = dh
     path = tmp_path / "chain.urdf"
     path.write_text(rne.to_urdf(model), encoding="utf-8")
-    assert rne.check(path, out=io.StringIO()) == []
+    assert {finding.kind for finding in rne.check(path, out=io.StringIO())} <= {ANY_INERTIA}
     again = rne.read_urdf(path, gravity=model.gravity)
     assert again.link_parent == model.link_parent
     for field in fields(model):

@@ -156,7 +156,7 @@ PAIR = random_tree(2, seed=4, mimics=1)
 FIRST, SECOND = PAIR.joint_names
 
 
-@pytest.mark.parametrize("name", ["effort", "velocity", "acceleration", "jerk"])
+@pytest.mark.parametrize("name", ["effort", "velocity", "acceleration", "deceleration", "jerk"])
 def test_limits_are_one_for_all_or_one_for_each_or_some_by_name(name):
     def of(value, model=PAIR):
         limits = getattr(rne.model.with_limits(model, **{name: value}), f"{name}_limit")
@@ -202,6 +202,7 @@ def test_limits_that_are_none_are_refused(value, text, tmp_path):
 
 def test_limits_given_at_load_are_those_of_the_robot(tmp_path):
     given = {"effort": 300, "velocity": [1, 2, 3, 4, 5, 6], "acceleration": {"joint_2": 7}, "jerk": 80.0}
+    given["deceleration"] = [5, 6, np.inf, 8, 9, 10]
     arm = rne.load("irb140", **given)
     assert arm.model == rne.model.with_limits(rne.irb140(), **given)
     file = tmp_path / "arm.urdf"
@@ -217,6 +218,21 @@ def test_limits_of_a_robot_are_those_of_its_coordinates():
     assert robot.model == rne.model.with_limits(PAIR, effort=1, velocity=2, acceleration=3, jerk=4)
 
 
+def test_a_deceleration_that_is_not_given_is_the_acceleration(tmp_path):
+    """Also one that is given afterwards; what is written has none either."""
+    robot = rne.load("irb140", acceleration=20, deceleration={"joint_2": 8})
+    assert robot.deceleration_limit.tolist() == [20, 8, 20, 20, 20, 20]
+    assert robot.with_limits(acceleration=30).deceleration_limit.tolist() == [30, 8, 30, 30, 30, 30]
+    assert robot.with_limits(deceleration=np.inf).deceleration_limit.tolist() == [20] * 6
+    text = rne.to_urdf(robot.model)
+    assert re.findall(r'acceleration="20"(?: deceleration="\d+")?', text)[:2] == [
+        'acceleration="20"',
+        'acceleration="20" deceleration="8"',
+    ]
+    (tmp_path / "arm.urdf").write_text(text)
+    assert rne.read_urdf(tmp_path / "arm.urdf") == robot.model
+
+
 def test_a_joint_that_mimics_binds_its_coordinate():
     """q_i = m q + o with m = -2, o = 0.5: a range of -1 to 2 is one of -0.75 to 0.75 for q, other limits are half."""
     (mimic,) = set(range(3)) - set(PAIR.independent_joints)
@@ -224,10 +240,12 @@ def test_a_joint_that_mimics_binds_its_coordinate():
     m[mimic] = -2.0
     place = np.arange(3) == mimic
     one = {f"{name}_limit": np.where(place, 3.0, 4.0) for name in ("velocity", "acceleration", "jerk", "effort")}
+    one["deceleration_limit"] = np.where(place, 1.0, np.inf)
     ranges = {"lower": np.where(place, -1.0, -9.0), "upper": np.where(place, 2.0, 9.0)}
     limits = replace(PAIR, multiplier=m, offset=0.5 * place, **ranges, **one).coordinate_limits()
     found = {name: (limit[k], limit[1 - k]) for name, limit in limits.items()}
     same = dict.fromkeys(("velocity_limit", "acceleration_limit", "jerk_limit"), (1.5, 4.0))
+    same["deceleration_limit"] = (0.5, 4.0)
     assert found == {"lower": (-0.75, -9.0), "upper": (0.75, 9.0), "effort_limit": (4.0, 4.0)} | same
 
 

@@ -440,7 +440,13 @@ def test_irb140_with_all_joints():
             (4.0, 3),
             {"limits": {"upper": [1.0, np.nan, 1.0]}},
             ValueError,
-            "`limits['upper']` must not be NaN, got nan at index (1,)",
+            "`limits['upper'][1]` of joint 'joint_2' must be a number, got nan",
+        ),
+        (
+            (4.0, 3),
+            {"limits": {"effort_limit": -1}},
+            ValueError,
+            "`limits['effort_limit'][0]` of joint 'joint_1' must not be negative, got -1.0",
         ),
         (
             (4.0, 3),

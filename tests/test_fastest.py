@@ -46,6 +46,43 @@ def test_a_mass_on_a_rail_is_driven_at_full_force_and_braked_at_full_force(coulo
     assert motion.torques([0.1 * expected, 0.9 * expected])[:, 0] == pytest.approx([10, -10], rel=EXCEEDED)
 
 
+@pytest.mark.parametrize(
+    ("effort", "acceleration", "deceleration", "used"),
+    [
+        (np.inf, 4, 1, (4, 1)),
+        (np.inf, 1, 8, (1, 8)),
+        (10, np.inf, 1, (5, 1)),
+        (10, 2, np.inf, (2, 2)),
+        (10, 9, 9, (5, 5)),
+    ],
+)
+@pytest.mark.parametrize("way", [3.0, -3.0])
+def test_a_mass_on_a_rail_brakes_with_its_deceleration(effort, acceleration, deceleration, used, way):
+    """d = T^2 / 2 / (1 / a1 + 1 / a2), by a drive of 5 m/s^2 where it has a force; without a deceleration a2 = a1."""
+    rail = slider(effort, acceleration=acceleration, deceleration=deceleration)
+    expected = np.sqrt(2 * 3.0 * (1 / used[0] + 1 / used[1]))
+    motion = fastest(rail, [[0.0], [way]], smoothing=0)
+    assert motion.duration == pytest.approx(expected, rel=GRID)
+    assert motion([0.01 * expected, 0.99 * expected])[2][:, 0] * np.sign(way) == pytest.approx(
+        [used[0], -used[1]], rel=EXCEEDED
+    )
+    assert max(share.max() for share in motion.shares().values()) == pytest.approx(1, rel=EXCEEDED)
+
+
+def test_every_joint_brakes_with_its_own_deceleration(arm):
+    """At all times of a path on which joints turn around, in either direction; one of the limits is used."""
+    limited = arm.with_limits(effort=np.inf, velocity=np.inf, acceleration=10, deceleration=[2, 20, 4, 5, 40, 7])
+    points = np.random.default_rng(3).uniform(-1, 1, (3, 6))
+    motion = fastest(limited, points, smoothing=0)
+    _, qd, qdd = motion(np.linspace(0, motion.duration, 4001)[1:-1])
+    share = np.abs(qdd) / np.where(qd * qdd < 0, limited.deceleration_limit, 10)
+    assert share.max() <= 1 + EXCEEDED
+    assert np.median(share.max(1)) >= UNUSED
+    assert fastest(limited.with_limits(deceleration=2), points, smoothing=0).duration > motion.duration
+    with pytest.raises(ValueError, match=r"^`robot`: the deceleration limit of joint 'joint_2' is 0$"):
+        fastest(limited.with_limits(deceleration={"joint_2": 0}), points)
+
+
 @pytest.mark.parametrize("c", [1e-3, 3.0, 400.0, 1e5])
 def test_viscous_friction_slows_a_mass_as_the_closed_form_says(c):
     """m v' = F - c v up to the switch, m v' = -F - c v after it; the switch and T from d by a root."""

@@ -76,6 +76,8 @@ def test_what_contradicts_itself_is_refused(name, k, value, text):
         ({"joint_types": ("revolute",)}, "`joint_types` must have 4 entries, got 1"),
         ({"base_mass": -1.0}, "base: the mass must be 0 or positive, got -1.0"),
         ({"base_mass": np.inf}, "`base_mass` must be finite, got inf"),
+        ({"effort_limit": np.array([1, -1.0, 0, 2])}, "`effort_limit` must not be negative, got -1.0 at index (1,)"),
+        ({"deceleration_limit": -np.ones(4)}, "`deceleration_limit` must not be negative, got -1.0 at index (0,)"),
     ],
 )
 def test_fields_of_a_wrong_shape_are_refused(changes, text):

@@ -13,10 +13,7 @@ DATA = 1e-12  # robots of up to a hundred joints
 # Not a fixed-base tree of supported, physical parts; the loader says why (tested below).
 REFUSED = {
     "alex_description/alex_psyonic_hands": "<mimic> names the unknown joint 'index_q1'",
-    "romeo_description/romeo_laas_small": "link 'body': <inertia>: the inertia must have no negative eigenvalue",
-    "tiago_description/tiago": "link 'base_antenna_left_link': <inertia>: the inertia must have no negative eigenvalue",
-    "tiago_description/tiago_dual": "link 'base_antenna_left_link': <inertia>: the inertia must have no negative",
-    "tiago_description/tiago_no_hand": "link 'base_antenna_left_link': <inertia>: the inertia must have no negative",
+    "romeo_description/romeo_laas_small": "link 'LHipPitch_link': <inertia>: the inertia must have no negative eigenvalue",
     "ur_description/ur3": "there is no <link>",
 }
 LOADABLE = [name for name in data_robots() if name not in REFUSED]

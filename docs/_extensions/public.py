@@ -56,7 +56,7 @@ GROUPS = {
         "Inertial parameters": "parameters regressor control_regressor base_parameters",
         "Changed robots": "with_payload with_parameters with_limits locked mounted",
         "Joints, links and limits": "model n joint_names link_names joint_order lower upper velocity_limit "
-        "effort_limit acceleration_limit jerk_limit",
+        "effort_limit acceleration_limit deceleration_limit jerk_limit",
         "Kernels": "engine compile kernel",
     },
     "Trajectory": {

@@ -168,7 +168,8 @@ def robot_bounds(
     if not joints:
         raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
     tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
-    limits = {"rates": (rates, model.velocity_limit), "accelerations": (accelerations, model.acceleration_limit)}
+    fastest = np.maximum(model.acceleration_limit, model.braking_limit)
+    limits = {"rates": (rates, model.velocity_limit), "accelerations": (accelerations, fastest)}
     speeds, changes = (
         limit[joints] if given is None else per_joint_array(name, given, model.n, sign="not negative")
         for name, (given, limit) in limits.items()

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers, real_array
+from ..basics.arrays import real_array
 from ..basics.spatial import Array
+from ..model.modify import limit_array
 from ..model.standard_parameters import DriveModel, StandardParameters
 from ..robot import Robot
 
@@ -66,16 +67,12 @@ def motion_limits(robot: Robot, given: Mapping[str, ArrayLike] | None) -> dict[s
     if not isinstance(given, Mapping):
         raise TypeError(f"`limits` must be a mapping of names to arrays, got {type(given).__name__}")
     known = robot.model.coordinate_limits()
+    known["acceleration_limit"] = np.minimum(known["acceleration_limit"], known["deceleration_limit"])
     values = {name: known[name] for name in NAMES}
     for name, limit in given.items():
         if name not in NAMES:
             raise ValueError(f"`limits` must name some of {list(NAMES)}, got {name!r}")
-        values[name] = array = np.array(convert_numbers(f"limits[{name!r}]", limit, f"({robot.n},)"), dtype=float)
-        if array.shape != (robot.n,):
-            raise ValueError(f"`limits[{name!r}]` must have shape ({robot.n},), got {array.shape}")
-        if np.isnan(array).any():
-            index = int(np.isnan(array).argmax())
-            raise ValueError(f"`limits[{name!r}]` must not be NaN, got nan at index ({index},)")
+        values[name] = limit_array(name, limit, robot.joint_names, values[name], f"limits[{name!r}]")
     return values
 
 

@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array, combine_bodies, rotate, snap, symmetric, transpose
+from .checks import DRIVES
 from .model import STANDARD_GRAVITY, Model
 from .solids import Box, Cylinder
 
 # Fields of a Model by those of a Part.
-LIMITS_AND_DRIVES = {name: f"{name}_limit" for name in ("velocity", "effort", "acceleration", "jerk")}
+LIMITS_AND_DRIVES = {name: f"{name}_limit" for name in DRIVES}
 LIMITS_AND_DRIVES |= {name: name for name in ("lower", "upper", "damping", "friction", "armature")}
 Extended = np.longdouble  # no wider than double on some platforms
 
@@ -73,6 +74,7 @@ class Part:
     velocity: float = np.inf
     effort: float = np.inf
     acceleration: float = np.inf
+    deceleration: float = np.inf
     jerk: float = np.inf
     damping: float = 0.0
     friction: float = 0.0

@@ -13,7 +13,11 @@ from ..basics.spatial import Array, symmetric
 from ..errors import ModelError
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic")
-LIMITS = ("velocity_limit", "effort_limit", "acceleration_limit", "jerk_limit")  # besides `lower` and `upper`
+DRIVES = ("effort", "velocity", "acceleration", "deceleration", "jerk")  # what they have limits of
+LIMITS = tuple(f"{name}_limit" for name in DRIVES)
+# The least values of a joint's numbers, for files, arguments and scenes alike; ranges have none.
+LEAST = dict.fromkeys((*DRIVES, *LIMITS, "torque_rate", "damping", "friction"), 0.0)
+LEAST |= {"lower": -np.inf, "upper": -np.inf}
 UNIT_TOLERANCE = 1e-12  # an axis or rotation off by more was never normalised
 RANGE_IN_DEGREES = (12.6, 720.0)  # joints that turn 1e3 rad or more are wheels; real ranges end at two turns
 SYMMETRY = 1e-12  # of the largest entry: asymmetry of an inertia that is rounding error
@@ -38,15 +42,23 @@ def check_model(values: Mapping[str, Any]) -> None:
             raise ModelError(f"body of joint {joint!r}: {error}")
     for link, R in zip(model.link_names, model.link_rotation, strict=True):
         _check_rotation(f"link {link!r}: `link_rotation`", R)
-    error = inertia_error(float(model.base_mass), model.base_com, model.base_inertia)
+    error = inertia_error(float(model.base_mass), model.base_com, model.base_inertia, is_moved=False)
     if error:
         raise ModelError(f"base: {error}")
 
 
-def inertia_error(mass: float, com: Array, inertia: Array) -> str | None:
+def domain_error(name: str, value: float) -> str | None:
+    """Say what keeps a number from being a joint's limit, range, damping or friction; infinity is no limit."""
+    if np.isnan(value):
+        return "must be a number"
+    return "must not be negative" if value < LEAST[name] else None
+
+
+def inertia_error(mass: float, com: Array, inertia: Array, *, is_moved: bool = True) -> str | None:
     """Say what makes a rigid body impossible, or None if it is possible.
 
-    The mass in kg, the centre of mass (3,) in the body's frame in m, the inertia (3, 3) about it in kg m^2.
+    The mass in kg, the centre of mass (3,) in the body's frame in m, the inertia (3, 3) about it in kg m^2; the
+    eigenvalues of one that is not moved are not examined, as they have no effect.
     """
     if mass < 0:
         return f"the mass must be 0 or positive, got {mass!r}"
@@ -54,7 +66,7 @@ def inertia_error(mass: float, com: Array, inertia: Array) -> str | None:
         return "the inertia must be symmetric"
     smallest = float(np.linalg.eigvalsh(inertia)[0])
     scale = float(np.trace(inertia) + mass * (com @ com))
-    if smallest < -INERTIA_TOLERANCE * scale:
+    if is_moved and smallest < -INERTIA_TOLERANCE * scale:
         return f"the inertia must have no negative eigenvalue, got {smallest:.6g} kg m^2"
     return None
 
@@ -143,10 +155,11 @@ def _check_finite(model: SimpleNamespace) -> None:
     may_be_infinite = {"lower", "upper", *LIMITS}
     for name, value in vars(model).items():
         if isinstance(value, np.ndarray) and value.dtype == np.float64:
-            bad = np.isnan(value) if name in may_be_infinite else ~np.isfinite(value)
+            bad = np.isnan(value) | (value < LEAST[name]) if name in may_be_infinite else ~np.isfinite(value)
             if bad.any():
                 index = tuple(int(k) for k in np.argwhere(bad)[0])
-                raise ModelError(f"`{name}` must be finite, got {value[index]} at index {index}")
+                need = "must not be negative" if name in LIMITS and value[index] < 0 else "must be finite"
+                raise ModelError(f"`{name}` {need}, got {value[index]} at index {index}")
     if not np.isfinite(model.base_mass):
         raise ModelError(f"`base_mass` must be finite, got {model.base_mass}")
 

@@ -51,6 +51,8 @@ class Model:
     lower, upper, velocity_limit, effort_limit, acceleration_limit, jerk_limit : ndarray, shape (nb,)
         Infinite where unknown. Dynamics ignore them; a Scene can apply ranges and efforts
         [rad or m; rad/s or m/s; N m or N; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
+    deceleration_limit : ndarray, shape (nb,)
+        Of accelerations against the direction of motion; infinite where it is `acceleration_limit` [rad/s^2 or m/s^2].
     damping, friction : ndarray, shape (nb,)
         From the URDF's <dynamics>. Dynamics ignore them; a Scene can apply them [N m s/rad or N s/m; N m or N].
     armature : ndarray, shape (nb,)
@@ -119,6 +121,7 @@ class Model:
     velocity_limit: Array = UNSET
     effort_limit: Array = UNSET
     acceleration_limit: Array = UNSET
+    deceleration_limit: Array = UNSET
     jerk_limit: Array = UNSET
     damping: Array = UNSET
     friction: Array = UNSET
@@ -222,9 +225,9 @@ class Model:
         Returns
         -------
         dict of str to ndarray, shape (n,) each
-            By name: `lower`, `upper`, and the velocity, effort, acceleration and jerk limits. With q_i = m q + o, the
-            range of joint i less o over m, and its other limits over abs(m), bind the coordinate too. A drive turns a
-            coordinate's own joint: its effort limit is that joint's.
+            By name: `lower`, `upper`, and the velocity, effort, acceleration, deceleration (`braking_limit`) and jerk
+            limits. With q_i = m q + o, the range of joint i less o over m, and its other limits over abs(m), bind the
+            coordinate too. A drive turns a coordinate's own joint: its effort limit is that joint's.
 
         Examples
         --------
@@ -233,16 +236,23 @@ class Model:
         [3.49, 3.49, 4.54, 6.28, 6.28, 7.85]
         """
         own = list(self.independent_joints)
-        limits = {name: getattr(self, name)[own] for name in ("lower", "upper", *LIMITS)}
+        of_joints = {name: getattr(self, name) for name in ("lower", "upper", *LIMITS)}
+        of_joints["deceleration_limit"] = self.braking_limit
+        limits = {name: limit[own] for name, limit in of_joints.items()}
         for i, k in enumerate(self.coordinate):
             m = self.multiplier[i]
             if i == own[k] or m == 0:
                 continue
             low, high = sorted(((self.lower[i] - self.offset[i]) / m, (self.upper[i] - self.offset[i]) / m))
             limits["lower"][k], limits["upper"][k] = max(limits["lower"][k], low), min(limits["upper"][k], high)
-            for name in ("velocity_limit", "acceleration_limit", "jerk_limit"):
-                limits[name][k] = min(limits[name][k], getattr(self, name)[i] / abs(m))
+            for name in ("velocity_limit", "acceleration_limit", "deceleration_limit", "jerk_limit"):
+                limits[name][k] = min(limits[name][k], of_joints[name][i] / abs(m))
         return limits
+
+    @cached_property
+    def braking_limit(self) -> Array:
+        """Largest decelerations of the moving joints: those of accelerations where none are known, shape (nb,)."""
+        return np.where(np.isinf(self.deceleration_limit), self.acceleration_limit, self.deceleration_limit)
 
     @cached_property
     def coordinate_parent(self) -> tuple[int, ...]:

@@ -20,7 +20,7 @@ from ..basics.spatial import (
     transpose,
 )
 from .builder import Part, Pose, assemble, disassemble, pose
-from .checks import inertia_error, symmetric_up_to_rounding, triangle_excess
+from .checks import DRIVES, domain_error, inertia_error, symmetric_up_to_rounding, triangle_excess
 from .model import Model, model_argument
 from .topology import end_link
 
@@ -121,6 +121,7 @@ def with_limits(
     effort: LimitValues = None,
     velocity: LimitValues = None,
     acceleration: LimitValues = None,
+    deceleration: LimitValues = None,
     jerk: LimitValues = None,
 ) -> Model:
     """The robot with other limits of its joints and drives, such as those of a data sheet.
@@ -129,32 +130,30 @@ def with_limits(
     """
     coordinates = list(model_argument(model).independent_joints)
     changed = {}
-    for name, value in (("effort", effort), ("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk)):
+    for name, value in zip(DRIVES, (effort, velocity, acceleration, deceleration, jerk), strict=True):
         if value is not None:
             changed[f"{name}_limit"] = array = getattr(model, f"{name}_limit").copy()
             array[coordinates] = limit_array(name, value, model.joint_names, array[coordinates])
     return replace(model, **changed) if changed else model
 
 
-def limit_array(name: str, value: LimitValues, joints: Sequence[str], present: Array) -> Array:
+def limit_array(name: str, value: LimitValues, joints: Sequence[str], present: Array, argument: str = "") -> Array:
     """One number per joint, infinite ones allowed, from one for all joints, one each, or some by name."""
-    n = len(joints)
+    n, argument = len(joints), argument or name
     if value is None:
         return present
     if isinstance(value, Mapping):
         unknown = [joint for joint in value if joint not in joints]
         if unknown:
-            raise ValueError(f"`{name}` must name joints of {list(joints)}, got {unknown[0]!r}")
+            raise ValueError(f"`{argument}` must name joints of {list(joints)}, got {unknown[0]!r}")
         value = [value.get(joint, limit) for joint, limit in zip(joints, present.tolist(), strict=True)]
-    array = convert_numbers(name, value, f"({n},)")
+    array = convert_numbers(argument, value, f"({n},)")
     if array.shape not in ((), (n,)):
-        raise ValueError(f"`{name}` must have shape ({n},), got {array.shape}")
+        raise ValueError(f"`{argument}` must have shape ({n},), got {array.shape}")
     if array.dtype.kind != "f":
-        raise ValueError(f"`{name}` must be real, got dtype {array.dtype}")
+        raise ValueError(f"`{argument}` must be real, got dtype {array.dtype}")
     array = np.full(n, array, dtype=np.float64)
     for i, (joint, limit) in enumerate(zip(joints, array.tolist(), strict=True)):
-        if np.isnan(limit):
-            raise ValueError(f"`{name}[{i}]` of joint {joint!r} must be a number, got nan")
-        if limit < 0 and name not in ("lower", "upper"):
-            raise ValueError(f"`{name}[{i}]` of joint {joint!r} must not be negative, got {limit!r}")
+        if error := domain_error(name, limit):
+            raise ValueError(f"`{argument}[{i}]` of joint {joint!r} {error}, got {limit!r}")
     return array

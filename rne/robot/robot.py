@@ -126,6 +126,11 @@ class Robot(InNotebooks):
         return self._of_coordinates(self._model.acceleration_limit)
 
     @property
+    def deceleration_limit(self) -> Array:
+        """Largest accelerations against the direction of motion; `acceleration_limit` where not given, shape (n,)."""
+        return self._of_coordinates(self._model.braking_limit)
+
+    @property
     def jerk_limit(self) -> Array:
         """Largest jerks of the joints, inf where unknown, shape (n,) [rad/s^3 or m/s^3]."""
         return self._of_coordinates(self._model.jerk_limit)
@@ -1219,20 +1224,22 @@ class Robot(InNotebooks):
         effort: LimitValues = None,
         velocity: LimitValues = None,
         acceleration: LimitValues = None,
+        deceleration: LimitValues = None,
         jerk: LimitValues = None,
     ) -> Robot:
         """The robot with other limits of its joints and drives, such as those of a data sheet.
 
         Parameters
         ----------
-        effort, velocity, acceleration, jerk : float, array_like of shape (n,), or mapping of str to float, optional
+        effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
             One number for all joints, one for each of `joint_names`, or some by name, inf for none; limits that are
-            not given stay [N m or N; rad/s or m/s; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
+            not given stay. Deceleration is acceleration against the direction of motion, its limit where inf that of
+            acceleration [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
 
         Returns
         -------
         Robot
-            With these as `effort_limit`, `velocity_limit`, `acceleration_limit` and `jerk_limit`. Dynamics ignore them.
+            With these as `effort_limit`, `velocity_limit` and so on. Dynamics ignore them.
 
         Raises
         ------
@@ -1246,7 +1253,8 @@ class Robot(InNotebooks):
         >>> robot.effort_limit[5].item(), robot.velocity_limit[5].item()
         (20.0, 5.0)
         """
-        model = models.with_limits(self._model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
+        rates = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk}
+        model = models.with_limits(self._model, effort=effort, **rates)
         return Robot(model, self.engine)
 
     def locked(self, positions: Mapping[str, float]) -> Robot:

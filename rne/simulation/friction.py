@@ -11,6 +11,7 @@ from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
 from ..elementwise import less, tanh, where
+from ..model.checks import domain_error
 from ..model.model import Model, joint_array
 from ..robot import Robot
 
@@ -232,6 +233,10 @@ def creep(friction: Friction, robot: Robot, q: Array, qd: Array, qdd: Array, res
 
 def urdf_friction(model: Model) -> Friction:
     """The damping and friction of a URDF's `<dynamics>`, mapped to the robot's coordinates."""
+    for name in ("damping", "friction"):
+        for joint, value in zip(model.moving_joints, getattr(model, name).tolist(), strict=True):
+            if error := domain_error(name, value):
+                raise ValueError(f"`friction` 'urdf': {name} of joint {joint!r} {error}, got {value!r}")
     G = np.abs(np.asarray(model.coordinate_map, dtype=float)) if model.has_mimics else np.eye(model.nb)
     return Friction(viscous=model.damping @ G**2, coulomb=model.friction @ G)
 

@@ -14,11 +14,12 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, convert_numbers, per_joint_array, positive_number, vector
+from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
+from ..model.modify import limit_array
 from ..robot import Robot
 from .equations_of_motion import AppliedTorques, RightHandSide, check_law
 from .friction import Friction, urdf_friction
@@ -411,7 +412,5 @@ def resolved_limits(name: str, limit: ArrayLike | str | None, robot: Robot) -> A
             raise ValueError(f"`effort_limit` must be an array or 'urdf', got {limit!r}")
         bounds = np.asarray(robot.effort_limit, dtype=float)
     else:
-        array = convert_numbers(name, limit, f"({robot.n},)")
-        array = np.where(np.isposinf(array), UNBOUNDED, array)
-        bounds = per_joint_array(name, array, robot.n, sign="not negative")
+        bounds = limit_array(name, limit, robot.joint_names, np.full(robot.n, np.inf))
     return None if (bounds >= UNBOUNDED).all() else np.minimum(bounds, UNBOUNDED)

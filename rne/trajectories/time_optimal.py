@@ -66,6 +66,7 @@ class _Limits:
     names: tuple[str, ...]
     effort: Array
     acceleration: Array
+    deceleration: Array
     velocity: Array
 
     @cached_property
@@ -73,12 +74,15 @@ class _Limits:
         return self.scene.resolved.friction or Friction()
 
     def rows(self, torque: Array, acceleration: Array) -> Array:
-        """Torques and accelerations over their limits, 0 where there is none."""
-        return np.concatenate([torque / self.effort, acceleration / self.acceleration], axis=-1)
+        """Torques, accelerations and decelerations over their limits, 0 where there is none."""
+        both = acceleration / self.acceleration, acceleration / self.deceleration
+        return np.concatenate([torque / self.effort, *both], axis=-1)
 
     def use(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Shares of the limits: of torques and accelerations (..., rows), of velocities (..., n)."""
-        return self.rows(self.scene.inverse_dynamics(q, qd, qdd), qdd), np.abs(qd) / self.velocity
+        along = qdd / np.where(qd * qdd < 0, self.deceleration, self.acceleration)
+        torque = self.scene.inverse_dynamics(q, qd, qdd) / self.effort
+        return np.concatenate([torque, along], axis=-1), np.abs(qd) / self.velocity
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +123,8 @@ class _Piece:
         nothing = np.zeros_like(inside)
         c = c + rows(limits.friction.coulomb_torque(inside), nothing)
         sign = np.sign(inside)
+        along = np.concatenate([np.ones_like(sign), sign, sign], axis=1)  # accelerations in the direction of motion
+        a, b = a * along, b * along
         v = [rows(limits.friction.viscous_torque(sign * np.abs(slope)), nothing) for slope in (d1[:-1], d1[1:])]
         with np.errstate(divide="ignore"):
             largest, within = (1 / np.max((slope / limits.velocity) ** 2, axis=1) for slope in (d1, inside))
@@ -154,8 +160,10 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit:
     except ModuleNotFoundError:
         raise ImportError("`fastest` needs toppra, which is not installed: pip install 'rne[fastest]'") from None
 
-    limited = np.any([a, b, c], axis=(0, 1, 2))
-    a, b, c = (x[..., limited] for x in (a, b, c))
+    limited, kind = np.any([a, b, c], axis=(0, 1, 2)), np.arange(a.shape[-1]) * 3 // a.shape[-1]
+    a, b, c, kind = (x[..., limited] for x in (a, b, c, kind))
+    ones = np.eye(2 * len(kind))  # torques have limits on both sides, accelerations above, decelerations below
+    sides = np.vstack([ones[np.tile(kind != 2, 2)], -ones[np.tile(kind != 1, 2)]])
     h2 = 2 * np.diff(grid)
 
     class Rows(LinearConstraint):  # type: ignore[misc]
@@ -164,12 +172,11 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit:
             self.identical = True
 
         def compute_constraint_params(self, *_: Any) -> tuple[Any, ...]:
-            ones = np.eye(2 * a.shape[-1])
             by_u = np.hstack([a[0], a[1] + h2[:, None] * b[1]])  # x at the end is x + 2 u (s_end - s)
             parts = (np.vstack([x, x[-1:]]) for x in (by_u, np.hstack([b[0], b[1]]), np.hstack([c[0], c[1]])))
             most = np.minimum(largest / np.append(unit, unit[-1]), 1e8)
             bounds = np.stack([np.zeros_like(most), most], axis=1)
-            return (*parts, np.vstack([ones, -ones]), np.ones(2 * len(ones)), None, bounds)
+            return (*parts, sides, np.ones(len(sides)), None, bounds)
 
     program = seidelWrapper([Rows()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
     slowest, quickest, held = np.array([-1e-9, 1.0]), np.array([1e-9, -1.0]), np.abs(c).max((0, 2), initial=0) <= 1
@@ -531,7 +538,8 @@ class FastestMotion(_ReferenceMotion):
         weight = np.gradient(self.instants) / self.duration
         heads = ("torque", "accel.", "velocity", "at a limit", "torque step", "jerk")
         table, found = [Row("joint", heads, words=True)], self._limits
-        limits = {"torque": found.effort, "acceleration": found.acceleration, "velocity": found.velocity}
+        accelerations = np.minimum(found.acceleration, found.deceleration)
+        limits = {"torque": found.effort, "acceleration": accelerations, "velocity": found.velocity}
         for k, joint in enumerate(found.names):
             largest = [
                 f"{shares[kind][:, k].max():.1%}" if np.isfinite(limit[k]) else "-" for kind, limit in limits.items()
@@ -558,7 +566,8 @@ def fastest(
     Parameters
     ----------
     robot : Robot
-        With `effort_limit` or `acceleration_limit`, or both, of every joint; `Robot.with_limits` sets them.
+        With `effort_limit` or `acceleration_limit`, or both, of every joint; `Robot.with_limits` sets them. Joints that
+        slow down keep their `deceleration_limit`, averages to some percent for some ms before they turn around.
     path : Path or array_like, shape (K, n)
         From `rne.trajectories.through`, or via points for it [rad or m].
     friction : Friction or "urdf", optional
@@ -633,8 +642,8 @@ def _checked_limits(scene: Scene, path: Path) -> _Limits:
             f"`robot`: {listed(missing)} {'have' if len(missing) > 1 else 'has'} neither a torque nor an acceleration "
             "limit; give them by robot.with_limits(effort=...)"
         )
-    limits = [known[f"{name}_limit"] for name in ("effort", "acceleration", "velocity")]
-    for name, limit in zip(("torque", "acceleration", "velocity"), limits, strict=True):
+    limits = [known[f"{name}_limit"] for name in ("effort", "acceleration", "deceleration", "velocity")]
+    for name, limit in zip(("torque", "acceleration", "deceleration", "velocity"), limits, strict=True):
         if not limit.all():
             raise ValueError(f"`robot`: the {name} limit of joint {names[int(limit.argmin())]!r} is 0")
     return _Limits(scene, names, *limits)

@@ -19,12 +19,33 @@ from .findings import ECHO, Report, echo, listed, near_path
 
 MAX_BYTES = 16 * 2**20
 MAX_DEPTH = 256  # libxml2's own limit, which `huge_tree` would lift
-NAMESPACE = "xacro}"  # how that of its elements ends, in all its versions
+XACRO = re.compile(r"(?:\{.*xacro\}|xacro:)(.*)", re.DOTALL)  # elements of all its versions, declared or not
+DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless", "insert_block", "element", "call")
+# Elements and names of other programs, for which there is no finding; names with an undeclared prefix have their own.
+EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact", "frame"])
+FOREIGN = re.compile(r"\{[^}]*(?:drake|xacro|w3\.org/(?!2001/XInclude))|[^{:]+:")
+READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, and for pictures alone
 LARGEST = sys.float_info.max  # written for a limit that does not exist
+NO_LIMIT = -1.0  # what makers write for it
+UNDECLARED = 201  # libxml2's number of the error about a prefix without a namespace
+TRUNCATED = (3, 5, 6, 20)  # expat's numbers of errors that are not there before the end
+KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts that say more than their numbers
+CURES = dict.fromkeys((9, 32, 81), "save the file as UTF-8, without control characters, and declare no other encoding")
+CURES |= dict.fromkeys((23, 26, 68), "write & as &amp; and < as &lt;, and begin names with a letter")
+CURES |= dict.fromkeys((38, 65, 73), "close the quotes and the tag before it; within quotes, write < as &lt;")
+CURES |= dict.fromkeys((39, 41), "give the attribute a value in quotes")
+CURES |= dict.fromkeys((42, 203), "keep one of the two") | {
+    4: "give a URDF file, which begins with <robot ...> or <?xml ...?>",
+    5: "end the file after the first </robot>",
+    45: "end the comment by -->, or get the rest of the file",
+    64: "put <?xml ...?> at the very start of the file, or remove it",
+    76: "close each element by its own tag, the last opened first",
+    80: "write no -- within a comment",
+}
 # One decimal number in ASCII.
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 REFUSED = ("recover", "resolve_entities", "load_dtd", "dtd_validation", "huge_tree")
-STRICT = {"no_network": True} | dict.fromkeys(REFUSED, False)
+STRICT = dict.fromkeys(("no_network", "remove_comments", "remove_pis"), True) | dict.fromkeys(REFUSED, False)
 
 
 class _DocumentType(Exception):
@@ -63,15 +84,30 @@ def parse(data: bytes, report: Report) -> Any | None:
     if len(data) > MAX_BYTES:
         report.error(None, "file", f"is larger than {MAX_BYTES} bytes", "split the robot or remove what is not URDF")
         return None
-    try:
-        with suppress(StopIteration):  # a document type declaration declares entities, so it must not be parsed
+    parser = etree.XMLParser(**STRICT)
+    try:  # a document type declaration declares entities, so it must not be parsed; other errors are found again
+        with suppress(StopIteration, etree.XMLSyntaxError):
             etree.fromstring(data, etree.XMLParser(target=_Prolog(), **STRICT))
-        return etree.fromstring(data, etree.XMLParser(remove_comments=True, remove_pis=True, **STRICT))
+        return etree.fromstring(data, parser)
     except _DocumentType:
         message = "document type declarations and entities are not allowed"
         report.error(_doctype_line(data), "file", message, "remove the <!DOCTYPE ...>")
-    except etree.XMLSyntaxError as error:
-        _report_syntax_error(error, report)
+    except etree.XMLSyntaxError:
+        other = _error_by_expat(data)
+        if other is None and {entry.type for entry in parser.error_log} == {UNDECLARED}:
+            return etree.fromstring(data, etree.XMLParser(**(STRICT | {"recover": True})))
+        _report_syntax_error(data, parser.error_log, other, report)
+    return None
+
+
+def _error_by_expat(data: bytes) -> Any | None:
+    """What expat has against the bytes; it knows no namespaces, after an error of which libxml2 stops at </robot>."""
+    from xml.parsers import expat
+
+    try:
+        expat.ParserCreate().Parse(data, True)
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the others are about encodings
+        return error
     return None
 
 
@@ -81,27 +117,59 @@ def _doctype_line(data: bytes) -> int | None:
     return before.count(b"\n") + 1 if found else None
 
 
-def _report_syntax_error(error: Any, report: Report) -> None:
-    text = " ".join(str(error.msg).split())
-    reason = text.rpartition(", line ")[0].rstrip(" ,") or text
-    if "Excessive depth" in reason:
-        message = f"is nested deeper than {MAX_DEPTH} elements"
-        report.error(error.lineno, "file", message, "a URDF needs about 6")
+def _report_syntax_error(data: bytes, log: Any, other: Any, report: Report) -> None:
+    """Report the first error of the XML, with what mends it; the other is expat's."""
+    found = [(entry.type, entry.line, entry.message) for entry in log if entry.type != UNDECLARED]
+    code = getattr(other, "code", 0)
+    kind, line, text = found[0] if found else (5 if code else 32, getattr(other, "lineno", None), str(other))
+    reason = cut(" ".join(text.split()), ECHO)
+    cure = CURES.get(KINDS.get(reason, kind), "fix the XML there")
+    if kind != 45 and code in TRUNCATED:
+        cure = "the file is truncated, get the whole of it"
+    if not data.strip(b" \t\r\n\xef\xbb\xbf\xfe\xff"):
+        report.error(None, "file", "is empty", "give a URDF file")
+    elif "Excessive depth" in reason:
+        report.error(line, "file", f"is nested deeper than {MAX_DEPTH} elements", "a URDF needs about 6")
     else:
-        message = f"is not well-formed XML ({cut(str(reason), ECHO)})"
-        report.error(error.lineno, "file", message, "fix the file, it may be truncated")
+        report.error(line, "file", f"is not well-formed XML ({reason})", cure)
 
 
 def check_expanded(root: Any, report: Report) -> bool:
-    """True if nothing of xacro is left in what is read; otherwise an error that says how to expand the file."""
-    for element, _ in elements(root):
-        macros = [child for child in element if NAMESPACE in child.tag]
-        values = [value for value in element.attrib.values() if "${" in value or "$(" in value]
-        if macros or values:
-            what = echo(values[0]) if values else f"<xacro:{cut(macros[0].tag.rpartition('}')[2], ECHO)}>"
-            where = element if values else macros[0]
-            message = f"is a xacro file, not yet a URDF: there is {what}"
-            report.error(where, "file", message, f"expand it: {_command(report.file)}")
+    """Report what xacro has left and undeclared prefixes, as errors in what is read; False if that is not expanded."""
+    names = {element: found.group(1) for element in root.iter() if (found := XACRO.fullmatch(element.tag))}
+    moves = any(joint.get("type") != "fixed" for joint in root.findall("joint"))
+    known, told = {*RULES, *(x for rule in RULES.values() for x in rule.attributes.split())}, {"xacro"}
+    before = len(report.findings)
+    for element, owner, use, around in walk(root):
+        for written, place in [(element.tag, around), *((x, use) for x in element.attrib)]:
+            prefix, colon, local = written.partition(":")
+            if not colon or "{" in written:
+                continue
+            cure = f'add xmlns:{cut(prefix, ECHO)}="..." to <robot>'
+            if local in known and place == READ and prefix != "xacro":
+                message = f"the prefix of {echo(written)} is not declared"
+                report.error(element, owner, message, f"{cure}, or write {local!r} without it")
+            elif prefix not in told:
+                told.add(prefix)
+                message = f"the prefix {echo(prefix)} is not declared, what has it is ignored"
+                report.warning(element, owner, message, f"{cure} for other programs")
+        name, texts = names.get(element), [*element.attrib.values(), "" if use else element.text or ""]
+        values = [x for x in texts if "${" in x or "$(" in x]
+        if not (name or values) or any(above in names for above in element.iterancestors()):
+            continue
+        what, place = (f"<xacro:{cut(name, ECHO)}>", around) if name else (echo(values[0]), use)
+        if name in DEFINITIONS and (name != "include" or moves):
+            report.warning(element, owner, f"{what} is left over from xacro and not read", "remove it")
+        elif place != READ:
+            where = f"in <{element.getparent().tag}>" if name else f"of <{element.tag}>"
+            report.warning(element, owner, f"{what} {where} is not expanded, and not read", "expand it for others")
+        else:
+            message, cure = f"is a xacro file, not yet a URDF: there is {what}", f"expand it: {_command(report.file)}"
+            if name and name not in BUILT_IN and not {"macro", "include"} & {*names.values()}:
+                message = f"is half expanded: {what} is left in {owner}, a macro that the file does not define"
+                cure = "write what it stands for, or remove it"
+            del report.findings[before:]
+            report.error(element, "file", message, cure)
             return False
     return True
 
@@ -140,7 +208,7 @@ RULES = {
     "parent": Rule("link"),
     "child": Rule("link"),
     "axis": Rule("xyz"),
-    "limit": Rule("lower upper effort velocity acceleration jerk"),
+    "limit": Rule("lower upper effort velocity acceleration deceleration jerk"),
     "dynamics": Rule("damping friction"),
     "mimic": Rule("joint multiplier offset"),
     "visual": Rule("name", once="origin geometry", many="material"),
@@ -172,32 +240,33 @@ def describe(element: Any) -> str:
     return f"{element.tag} {echo(name)}" if name is not None else f"<{element.tag}>"
 
 
-def elements(root: Any) -> Iterator[tuple[Any, str]]:
-    """Every element that is read, with the link or joint it belongs to; not recursive, as depth is up to the file."""
-    stack = [(root, "robot")]
+def walk(root: Any) -> Iterator[tuple[Any, str, str, str]]:
+    """Every element, the link or joint it belongs to, and its use and its parent's; depth is up to the file."""
+    stack = [(root, "robot", READ, READ)]
     while stack:
-        element, owner = stack.pop()
-        if element.tag in ("link", "joint"):
+        element, owner, use, around = stack.pop()
+        if use and element.tag in ("link", "joint"):
             owner = describe(element)
-        yield element, owner
-        known = RULES.get(element.tag, Rule()).children
-        inside = [c for c in element if c.tag in known and c.tag not in UNREAD]
-        stack.extend((child, owner) for child in reversed(inside))
+        yield element, owner, use, around
+        known = RULES.get(element.tag, Rule()).children if use else []
+        for child in reversed(element):
+            is_used = child.tag in known and child.tag not in UNREAD
+            stack.append((child, owner, (DRAWN if child.tag == "visual" else use) if is_used else "", use))
 
 
 def check_grammar(root: Any, report: Report) -> None:
     """Warn of unknown elements and attributes; report duplicated elements where one is allowed as errors."""
-    for element, owner in elements(root):
+    for element, owner, *_ in (step for step in walk(root) if step[2]):
         rule = RULES[element.tag]
         counts: Counter[str] = Counter()
         for child in element:
             counts[child.tag] += 1
-            if child.tag not in rule.children:
+            if child.tag not in rule.children and child.tag not in EXTENSIONS and not FOREIGN.match(child.tag):
                 message = f"unknown element {echo(child.tag)} in <{element.tag}> is ignored"
-                report.warning(child, owner, message, _cure(str(child.tag), rule.children))
+                report.warning(child, owner, message, _cure(child.tag.rpartition("}")[2], rule.children))
             elif child.tag in rule.once.split() and counts[child.tag] == 2:
                 report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
-        unknown = [attribute for attribute in element.attrib if attribute not in rule.attributes.split()]
+        unknown = [x for x in element.attrib if x not in rule.attributes.split() and not FOREIGN.match(x)]
         if unknown:
             what = f"attributes {listed(unknown)}" if unknown[1:] else f"attribute {echo(unknown[0])}"
             message = f"unknown {what} of <{element.tag}> {'are' if unknown[1:] else 'is'} ignored"
@@ -225,7 +294,8 @@ def checked_numbers(parent: Any, tag: str, owner: str, report: Report) -> dict[s
             report.error(child, owner, f"{what} must be {amount}, got {echo(text)}", "fix the attribute")
         elif len(values) != count or not all(map(math.isfinite, values)):
             message = f"{what} must be {amount}, finite and decimal, got {echo(text)}"
-            report.error(child, owner, message, "fix the attribute")
+            is_none = tag == "limit" and text.strip().lower().lstrip("+-").startswith("inf")
+            report.error(child, owner, message, "leave it out for no limit" if is_none else "fix the attribute")
         else:
             found[attribute] = values[0] if count == 1 else values
     return found

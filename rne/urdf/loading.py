@@ -62,7 +62,7 @@ def robots() -> tuple[str, ...]:
     -------
     tuple of str
         Without example-robot-data (`pip install 'rne[robots]'`) the built-in ones alone. Files are listed unread; in
-        version 6.0.0, six have errors, such as inertias that no body has; `rne.load` says what is wrong.
+        version 6.0.0, three have errors, such as inertias that no body has; `rne.load` says what is wrong.
 
     Examples
     --------
@@ -105,6 +105,7 @@ def load(
     effort: LimitValues = None,
     velocity: LimitValues = None,
     acceleration: LimitValues = None,
+    deceleration: LimitValues = None,
     jerk: LimitValues = None,
 ) -> Robot:
     """Load a robot by name or from a URDF file.
@@ -118,9 +119,9 @@ def load(
         In the axes of the root link [m/s^2].
     engine : {"numpy", "numba"}
         What runs the robot's kernels; see `rne.compile`.
-    effort, velocity, acceleration, jerk : float, array_like of shape (n,), or mapping, optional
-        Limits in place of those of the file: one number for all joints, one for each, or some by the joint's name
-        [N m or N; rad/s or m/s; rad/s^2 or m/s^2; rad/s^3 or m/s^3].
+    effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
+        Limits in place of those of the file, as for `Robot.with_limits`: one number for all joints, one for each, or
+        some by the joint's name [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
 
     Returns
     -------
@@ -155,7 +156,8 @@ def load(
             raise
         other = f"; {name + '_robot'!r} is another one" if f"{name}_robot" in library() else ""
         raise UrdfError(f"the file of {PACKAGE} has an error: {error}{other}", error.finding) from None
-    model = with_limits(model, effort=effort, velocity=velocity, acceleration=acceleration, jerk=jerk)
+    rates = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk}
+    model = with_limits(model, effort=effort, **rates)
     return Robot(model, engine)
 
 
@@ -163,8 +165,8 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     """Print all errors and warnings about a URDF file, and return them.
 
     Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
-    in place of radians, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
-    torque or speed.
+    or millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
+    torque or speed. What other programs add, such as `<gazebo>` and `<ros2_control>`, is no finding.
 
     Parameters
     ----------
@@ -192,8 +194,9 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     larger than twice that size. The size is the longest way along the joints' origins, with the strokes of sliding
     joints and the boxes, cylinders and spheres of the links; meshes are not read. Mass and inertia belong to a body
     denser than any metal if the solid ellipsoid with both has more than 23 000 kg/m^3: every other body with both has
-    a larger density somewhere. Sizes and densities of links of 1 g or less are not examined: they often are
-    there for their frame alone.
+    a larger density somewhere. One of less than 1 kg/m^3, a hundredth as thick as long at least, is lighter than air.
+    Sizes and densities of links of 1 g or less are not examined: they often are there for their frame alone. From one
+    moving joint to the next there are at most 20 m, and weight takes at most ten times the effort limits.
 
     Examples
     --------
@@ -210,11 +213,11 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
         check_elements(root, report)
     if root is not None and not report.errors:
         try:
-            model_of(root, STANDARD_GRAVITY)
+            model = model_of(root, STANDARD_GRAVITY)
         except ModelError as error:
             report.error(None, "robot", str(error), "fix the file")
         else:
-            check_bodies(root, report)
+            check_bodies(root, model, report)
     findings = sorted(report.findings, key=lambda finding: finding.line or 0)
     stream = sys.stdout if out is None else out
     stream.write("\n".join(written(findings, report.file, grouped=grouped)) + "\n")

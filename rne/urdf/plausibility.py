@@ -12,12 +12,14 @@ import numpy as np
 
 from ..basics.arrays import FULL_TURN
 from ..basics.spatial import Array, rotation_from_rpy
+from ..dynamics import gravity_torque
 from ..model.builder import Part
-from ..model.checks import looks_like_degrees
+from ..model.checks import DRIVES, looks_like_degrees
+from ..model.model import Model
 from .document import attribute_numbers, describe
 from .findings import Report, echo
 from .read import parts_of
-from .strict import MOVING
+from .strict import MOVING, fixed_links
 
 POINT = 1e-6  # m: smaller bodies are point masses, whose inertia is rounding error
 FLATTEST = 0.1  # axes of the ellipsoid, relative to its longest: rods and plates are often idealised as having no width
@@ -26,6 +28,11 @@ LARGE = 2  # times the robot's size: no body of the robot has a larger radius of
 DENSEST = 23e3  # kg/m^3, a little above osmium
 AIR = 1.2  # kg/m^3
 SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}  # and the attributes with sizes
+THINNEST = 1.0  # kg/m^3: less than air
+SLENDEREST = 0.01  # axes of that ellipsoid, relative to its longest: rods and frames are thin
+LONGEST = 20.0  # m: longer links are those of cranes, or in millimetres
+OVERLOAD, POSES = 10, 64  # times an effort limit: no drive carries a weight that takes more at some random position
+UNITS = "is the file in millimetres? give metres"
 PLACEHOLDER = 1e-3  # kg: lighter links are often there for their frame alone, with any shape and inertia
 
 
@@ -54,18 +61,19 @@ def _check_limit(joint: Any, limit: Any, report: Report) -> None:
         report.warning(limit, owner, "the range of <limit> looks like degrees", cure, detail=detail)
     if kind not in MOVING or joint.find("mimic") is not None:
         return
-    zero = [repr(name) for name in ("effort", "velocity") if attribute_numbers(limit, name) == [0.0]]
+    zero = [repr(name) for name in DRIVES if attribute_numbers(limit, name) == [0.0]]
+    many = len(zero) > 1
     if zero:
-        what = f"attributes {' and '.join(zero)} of <limit> are 0"
-        what = what if zero[1:] else f"attribute {zero[0]} of <limit> is 0"
+        what = f"attribute{'s' * many} {' and '.join(zero)} of <limit> {'are' if many else 'is'} 0"
         report.warning(limit, owner, what, "give what the drive can do; as written it can do nothing")
 
 
-def check_bodies(root: Any, report: Report) -> None:
-    """Warn of masses, centres and inertias that no body of this robot has; the file has no errors."""
+def check_bodies(root: Any, model: Model, report: Report) -> None:
+    """Warn of masses, centres, inertias and lengths that no body of this robot has; the file has no errors."""
     parts = parts_of(root)
     _check_subtrees(root, parts, report)
     with np.errstate(all="ignore"):  # numbers near the largest double overflow; comparisons with NaN are false
+        _check_lengths_and_weight(root, parts, model, report)
         found = bodies(root, parts)
         size, with_coms = robot_size(parts, found), robot_size(parts, found, with_coms=True)
         for body in found:
@@ -89,6 +97,27 @@ def _check_subtrees(root: Any, parts: list[Part], report: Report) -> None:
             report.warning(joint, describe(joint), message, "give its links mass, or make the joint fixed")
 
 
+def _check_lengths_and_weight(root: Any, parts: list[Part], model: Model, report: Report) -> None:
+    """Warn of links that are too long from their joint to the next, and of drives far too weak for the weight."""
+    joints = {joint.get("name"): joint for joint in root.findall("joint")}
+    fixed = fixed_links(root.findall("link"), root.findall("joint"))
+    for part in parts[1:]:
+        length = float(np.linalg.norm(part.placement.p))
+        if length > LONGEST and parts[part.parent].link not in fixed:  # the first joint may be anywhere in the world
+            message = f"the <origin> makes a link longer than {LONGEST:g} m"
+            report.warning(joints[part.joint], describe(joints[part.joint]), message, UNITS, detail=f"{length:.3g} m")
+    limits = model.coordinate_limits()
+    turn = np.pi * model.is_revolute[list(model.independent_joints)]
+    low, high = (np.where(np.isfinite(limits[x]), limits[x], y) for x, y in (("lower", -turn), ("upper", turn)))
+    q = low + (high - low) * np.random.default_rng(0).random((POSES, model.n))
+    loads = np.abs(gravity_torque.core(model, q)).max(axis=0)
+    for name, load, effort in zip(model.joint_names, loads, limits["effort_limit"], strict=True):
+        if load > OVERLOAD * effort > 0:
+            message, cure = "the drive cannot carry the robot's weight", "check masses, lengths and 'effort' of <limit>"
+            detail = f"{load:.4g} N m or N of {effort:.4g}"
+            report.warning(joints[name], describe(joints[name]), message, cure, detail=detail)
+
+
 def _check_centre(body: Body, size: float, report: Report) -> None:
     measure = max(size, body.radius_of_gyration)
     if math.isfinite(body.com) and body.com > FAR * measure > 0:
@@ -104,6 +133,10 @@ def _check_inertia(body: Body, size: float, report: Report) -> None:
         cure = "check ixx ... izz: kg m^2 about the centre of mass"
         message = "mass and inertia are those of a body larger than the robot"
         report.warning(body.element, body.owner, message, cure, detail=detail)
+    elif body.least_density < THINNEST and body.mass > PLACEHOLDER:
+        message, cure = "mass and inertia are those of a body lighter than air", "check ixx ... izz: kg m^2"
+        cure += f"; {UNITS}" if radius > 1 else ""
+        report.warning(body.element, body.owner, message, cure, detail=f"{body.least_density:.2g} kg/m^3")
     if body.density > DENSEST and body.mass > PLACEHOLDER:
         message = "mass and inertia are those of a body denser than any metal"
         cure = "check the units of <mass> and <inertia>: kg and kg m^2"
@@ -141,6 +174,7 @@ class Body(NamedTuple):
     com: float  # its distance from the link's origin [m]
     radius_of_gyration: float  # the largest [m]
     density: float  # of the solid ellipsoid with the same mass and inertia; 0 for a point mass [kg/m^3]
+    least_density: float  # of one as slender as rods and frames; infinite for a point mass [kg/m^3]
     reach: float  # of its shapes from the link's origin [m]
     shapes: Shapes | None  # None if there are none, or others too
 
@@ -154,7 +188,8 @@ def bodies(root: Any, parts: list[Part]) -> list[Body]:
         if link.find("inertial") is not None:
             moments = np.linalg.eigvalsh(np.asarray(part.inertia, dtype=float))
             gyration = math.sqrt(max(float(moments[-1]), 0.0) / mass) if mass > 0 else 0.0
-            numbers = (mass, float(np.linalg.norm(part.com)), gyration, _density(mass, moments))
+            densities = _density(mass, moments, FLATTEST), _density(mass, moments, SLENDEREST) or math.inf
+            numbers = (mass, float(np.linalg.norm(part.com)), gyration, *densities)
             found.append(Body(link.find("inertial"), describe(link), k, *numbers, *_shapes(link)))
     return found
 
@@ -169,8 +204,8 @@ def robot_size(parts: list[Part], found: list[Body], *, with_coms: bool = False)
     return max(depths + sizes)
 
 
-def _density(mass: float, moments: Array) -> float:
-    """Density of the solid ellipsoid with these principal moments, thickened to `FLATTEST`.
+def _density(mass: float, moments: Array, flattest: float) -> float:
+    """Density of the solid ellipsoid with these principal moments, thickened to a part of its longest axis.
 
     Among bodies of one mass and one largest density, the ellipsoid has the smallest product of second moments. So any
     body with this mass and these moments is at least as dense somewhere.
@@ -179,7 +214,7 @@ def _density(mass: float, moments: Array) -> float:
     longest = float(squares.max())
     if not longest > POINT**2:
         return 0.0
-    axes = np.sqrt(np.maximum(squares, FLATTEST**2 * longest))
+    axes = np.sqrt(np.maximum(squares, flattest**2 * longest))
     return float(mass / (4 / 3 * np.pi * axes.prod()))
 
 

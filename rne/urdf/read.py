@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from ..basics.spatial import Array, rotation_from_rpy, snap, transpose, unit_vector
 from ..errors import ModelError, UrdfError
 from ..model.builder import Extended, Mimic, Part, Pose, assemble
+from ..model.checks import DRIVES
 from ..model.model import STANDARD_GRAVITY, Model
 from ..model.solids import Box, Cylinder
-from .document import LARGEST, parse, read_bytes
+from .document import LARGEST, NO_LIMIT, parse, read_bytes
 from .far_origins import slide_far_origins
 from .findings import Report
 from .strict import link_of, mimics_of, shape_errors, validate
@@ -169,7 +170,8 @@ def _limits_and_friction(joint: Any) -> dict[str, Any]:
     limit, friction = joint.find("limit"), {x: _number(joint.find("dynamics"), x, 0.0) for x in ("damping", "friction")}
     if limit is None:
         return friction
-    values = {name: _number(limit, name, np.inf) for name in ("effort", "velocity", "acceleration", "jerk")}
+    drives = {x: _number(limit, x, np.inf) for x in DRIVES}
+    values = {name: np.inf if x == NO_LIMIT else x for name, x in drives.items()}
     if joint.get("type") in ("revolute", "prismatic"):
         values |= {name: _number(limit, name, 0.0) for name in ("lower", "upper")}
     return friction | {name: float(np.copysign(np.inf, x)) if abs(x) == LARGEST else x for name, x in values.items()}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..model.checks import inertia_error, triangle_excess
-from .document import check_expanded, check_grammar, checked_numbers, describe
+from ..model.checks import domain_error, inertia_error, triangle_excess
+from .document import NO_LIMIT, check_expanded, check_grammar, checked_numbers, describe
 from .findings import Finding, Report, echo, listed
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -29,8 +30,9 @@ def validate(root: Any, report: Report) -> bool:
     links, joints = root.findall("link"), root.findall("joint")
     if not links:
         report.error(root, "robot", "there is no <link>", "a robot needs at least its root link")
+    fixed = fixed_links(links, joints)
     for link in links:
-        _check_link(link, report)
+        _check_link(link, report, is_moved=link.get("name") not in fixed)
     for joint in joints:
         _check_joint(joint, report)
     _check_duplicates(links, report)
@@ -53,7 +55,8 @@ def _is_robot(root: Any, report: Report) -> bool:
         etree.cleanup_namespaces(root)
         report.warning(root, "robot", f"default namespace {echo(namespace[1:-1])} is ignored", "remove xmlns")
     if root.tag != "robot":
-        report.error(root, "file", f"the root element must be <robot>, got {echo(tag)}", "give a URDF file")
+        cure = "write <robot>" if tag.lower().endswith("robot") else "give a URDF file"
+        report.error(root, "file", f"the root element must be <robot>, got {echo(tag)}", cure)
     return bool(root.tag == "robot")
 
 
@@ -64,11 +67,23 @@ def _check_name(element: Any, report: Report) -> str:
     return describe(element)
 
 
-def _check_link(link: Any, report: Report) -> None:
+def fixed_links(links: list[Any], joints: list[Any]) -> set[Any]:
+    """Names of the links that no joint moves: the roots, and what is fixed to them."""
+    children, below = {link_of(joint, "child") for joint in joints}, defaultdict(list)
+    for joint in joints:
+        if joint.get("type") == "fixed":
+            below[link_of(joint, "parent")].append(link_of(joint, "child"))
+    found = [link.get("name") for link in links if link.get("name") not in children]
+    for name in found:
+        found += below.pop(name, [])
+    return set(found)
+
+
+def _check_link(link: Any, report: Report, *, is_moved: bool) -> None:
     owner = _check_name(link, report)
     inertial = link.find("inertial")
     if inertial is not None:
-        _check_inertial(inertial, owner, report)
+        _check_inertial(inertial, owner, report, is_moved=is_moved)
     for visual in link.findall("visual"):
         for finding in shape_errors(visual):
             report.warning(finding.line, owner, f"visual ignored: {finding.message}", finding.cure)
@@ -84,7 +99,7 @@ def shape_errors(visual: Any) -> list[Finding]:
     return trial.errors
 
 
-def _check_inertial(inertial: Any, owner: str, report: Report) -> None:
+def _check_inertial(inertial: Any, owner: str, report: Report, *, is_moved: bool) -> None:
     for tag in ("mass", "inertia"):
         if inertial.find(tag) is None:
             report.error(inertial, owner, f"<{tag}> is missing in <inertial>", "give it, or remove <inertial>")
@@ -97,7 +112,10 @@ def _check_inertial(inertial: Any, owner: str, report: Report) -> None:
         rows = [[entries[f"i{min(a, b)}{max(a, b)}"] for b in "xyz"] for a in "xyz"]
         error = inertia_error(mass["value"], np.array(com["xyz"]), np.array(rows))
         if error:
-            report.error(inertial.find("inertia"), owner, f"<inertia>: {error}", "check signs and units of ixx ... izz")
+            by_rows = "give ixx ixy ixz iyy iyz izz; these look like ixx ixy ixz iyx iyy iyz"
+            cure = by_rows if rows[0][1] == rows[1][1] != 0 else "check signs and units of ixx ... izz"
+            tell, effect = (report.error, "") if is_moved else (report.warning, ", without effect as no joint moves it")
+            tell(inertial.find("inertia"), owner, f"<inertia>: {error}{effect}", cure)
         elif triangle_excess(np.array(rows)) > TRIANGLE_TOLERANCE:
             message = "the largest principal moment exceeds the sum of the two others, which no rigid body has"
             cure = "check ixx ... izz; torques are computed as written"
@@ -123,7 +141,7 @@ def _check_joint(joint: Any, report: Report) -> None:
         report.error(axis, owner, "attribute 'xyz' of <axis> is zero", "give the direction of the joint's axis")
     _check_limit(joint, kind, owner, report)
     for attribute, value in checked_numbers(joint, "dynamics", owner, report).items():
-        if value < 0:
+        if domain_error(attribute, value):
             message = f"attribute {attribute!r} of <dynamics> is negative: it would add energy"
             report.warning(joint.find("dynamics"), owner, message, "check its sign")
     checked_numbers(joint, "mimic", owner, report)
@@ -138,6 +156,12 @@ def _check_limit(joint: Any, kind: str | None, owner: str, report: Report) -> No
             report.warning(joint, owner, f"a {kind} joint without <limit>", "give it, or make the joint continuous")
         return
     bounds = checked_numbers(joint, "limit", owner, report)
+    for attribute, value in bounds.items():
+        error, what = domain_error(attribute, value), f"attribute {attribute!r} of <limit>"
+        if error and kind != "fixed" and value == NO_LIMIT:
+            report.warning(limit, owner, f"{what} is -1, taken as no limit", "leave it out, or write the limit")
+        elif error and kind != "fixed":
+            report.error(limit, owner, f"{what} {error}, got {echo(limit.get(attribute))}", "leave it out for no limit")
     for attribute in ("effort", "velocity"):
         if limit.get(attribute) is None:
             report.warning(limit, owner, f"attribute {attribute!r} of <limit> is missing", "give it; none is assumed")

@@ -115,7 +115,7 @@ def _add_joint(root: Any, parts: list[Part], part: Part) -> None:
     _add(joint, "axis", xyz=part.axis)
     limits = {"lower": part.lower, "upper": part.upper} if part.kind != "continuous" else {}
     limits |= {"effort": part.effort, "velocity": part.velocity}
-    limits |= {name: x for name in ("acceleration", "jerk") if np.isfinite(x := getattr(part, name))}
+    limits |= {name: x for name in ("acceleration", "deceleration", "jerk") if np.isfinite(x := getattr(part, name))}
     _add(joint, "limit", **limits)
     if part.damping or part.friction:
         _add(joint, "dynamics", damping=part.damping, friction=part.friction)
