@@ -541,10 +541,10 @@ def test_gravity_of_a_mounted_robot_depends_on_the_first_joint(arm):
 
 
 def test_time_that_is_too_short_leaves_honest_bounds(arm):
-    bound = arm.bounds(quantities=["coriolis"], budget=1e-3).coriolis
+    bound = arm.bounds(quantities=["coriolis"], budget=1e-6).coriolis
     assert not bound.is_tight
     assert bound.attained < bound.upper < np.inf
-    table = arm.bounds(quantities=["mass_eigenvalues"], budget=1e-3)
+    table = arm.bounds(quantities=["mass_eigenvalues"], budget=1e-6)
     assert table.mass_eigenvalues.lower[0] == 0
     assert "not proven" in str(table)
 
@@ -554,7 +554,7 @@ def test_time_that_is_too_short_leaves_honest_bounds(arm):
     [
         ({"positions": "all"}, r'`positions` must be "circle", "limits" or \(lower, upper\), got \'all\''),
         ({"positions": ([0] * 6, [-1] * 6)}, r"`positions` must have lower <= upper"),
-        ({"quantities": ["inertia"]}, r"`quantities` must be of \['gravity_torque', .*\], got 'inertia'"),
+        ({"quantities": ["inertia"]}, r"`quantities` must be a list of some of \['gravity_torque', .*\], got 'inertia'"),
         ({"quantities": ["torque"]}, r"bounds of torques need `rates` and `accelerations`"),
         ({"rates": [-1] * 6}, r"`rates` must not be negative"),
         ({"payload": (3, 1)}, r"`payload` must be the least and the largest mass in kg, got \(3, 1\)"),

@@ -16,12 +16,13 @@ from .polynomials import Polynomial
 ROUNDING = 2000 * float(np.finfo(float).eps)
 
 AT_ONCE = 500  # arrays of which the norm is found
+SWEEPS = 4  # over the rates, in search of a largest torque
 ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigenvalue
 
 
 def positive_definite(A: Array) -> Array:
     """True where all pivots are positive, of matrices (N, n, n)."""
-    a = np.ascontiguousarray(np.moveaxis(A, 0, -1))
+    a = np.array(np.moveaxis(A, 0, -1), order="C")  # a copy, of one matrix too
     sound = np.ones(len(A), dtype=bool)
     with np.errstate(all="ignore"):
         for k in range(len(a)):
@@ -38,11 +39,20 @@ class Criterion:
     polynomial: Polynomial
     ratios: dict[tuple[int, int], float] = field(default_factory=dict, init=False)  # known, of groups and coordinates
     has_ratios: ClassVar[bool] = True
-    time_model: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least next gap / gap; time is about gap^-exponent
+    time_model: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least next gap / gap; work is about gap^-exponent
 
     def values(self, q: Array) -> Array:
         """Values attained at positions, shape (N,)."""
         raise NotImplementedError
+
+    @cached_property
+    def operations(self) -> float:
+        """Of `holds`, for each position."""
+        return self.polynomial.operations + self.of_test(self.polynomial.coefficients.shape[-1])
+
+    def of_test(self, n: int) -> float:
+        """Operations of a test beside those of the array, whose last axis is n."""
+        return n
 
     def holds(self, q: Array, target: float, slack: Any) -> Array:
         """True where phi(A + E) is certainly at most `target` for every E that the slack bounds, shape (N,)."""
@@ -114,6 +124,9 @@ class Norm(Criterion):
     def values(self, q: Array) -> Array:
         return np.asarray(abs(np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, [0, -1]]).max(axis=1))
 
+    def of_test(self, n: int) -> float:
+        return 3.0 * n**3
+
     def holds(self, q: Array, target: float, slack: Array) -> Array:
         A, room = self.polynomial.evaluate(q), target * np.eye(len(slack)) - slack
         return positive_definite(room - A) & (self.positive or positive_definite(room + A))
@@ -164,8 +177,11 @@ class LargestOfInverse(Norm):
         return value**2 * (ROUNDING * float(np.linalg.eigvalsh(self.modes.sum(axis=0))[-1]) + self.error)
 
     def values(self, q: Array) -> Array:
-        inverse = self.projection @ np.linalg.inv(self.polynomial.evaluate(q)) @ self.projection
-        return np.asarray(np.linalg.eigvalsh(inverse)[:, -1])
+        """Infinite where M is singular but for rounding."""
+        M = self.polynomial.evaluate(q)
+        sound = positive_definite(M)
+        inverse = np.linalg.inv(np.where(sound[:, None, None], M, np.eye(M.shape[-1])))
+        return np.where(sound, np.linalg.eigvalsh(self.projection @ inverse @ self.projection)[:, -1], np.inf)
 
     def holds(self, q: Array, target: float, slack: Array) -> Array:
         return positive_definite(self.polynomial.evaluate(q) - (slack + self.projection / target))
@@ -210,6 +226,9 @@ class Coriolis(Criterion):
     @staticmethod
     def _torque(c: Array, v: Array) -> Array:
         return np.asarray(np.einsum("nj,njk->nk", v, (v[:, None, None] @ c).squeeze(2)))
+
+    def of_test(self, n: int) -> float:
+        return 2.0 * n**5 + (n * (n + 1) / 2) ** 3 / 3
 
     def holds(self, q: Array, target: float, slack: float) -> Array:
         if slack >= target:
@@ -276,11 +295,18 @@ class Torque(Criterion):
         return ROUNDING * float(g[0, 0] + fixed[0] + c.sum() * self.rates.max(initial=0.0) ** 2)
 
     @cached_property
+    def _corners(self) -> Array:
+        """Half of the corners of the box of the rates, shape (2^(n - 1), n)."""
+        return np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1)))) * self.rates
+
+    @cached_property
     def _products(self) -> Array:
-        """Products of the rates i <= j at half of the corners of their box, shape (n (n + 1) / 2, 2^(n - 1))."""
-        signs = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1)))) * self.rates
+        """Products of the rates i <= j at these corners, shape (n (n + 1) / 2, 2^(n - 1))."""
         i, j = np.triu_indices(len(self.rates))
-        return np.asarray((signs[:, i] * signs[:, j]).T)
+        return np.asarray((self._corners[:, i] * self._corners[:, j]).T)
+
+    def of_test(self, n: int) -> float:
+        return 2.0 * self._products.size
 
     def _parts(self, A: Array) -> tuple[Array, Array, Array]:
         """a, what is added whatever the rates are, and C_k."""
@@ -290,7 +316,25 @@ class Torque(Criterion):
     def values(self, q: Array) -> Array:
         A = self.polynomial.evaluate(q)
         _, inertial, c = self._parts(A * (np.arange(A.shape[1]) > 3))
-        return np.asarray(inertial + abs(A[:, :1] + c @ self._products).max(axis=1))
+        return np.asarray(inertial + np.maximum(A[:, 0] + self._largest_form(c), self._largest_form(-c) - A[:, 0]))
+
+    def _largest_form(self, c: Array) -> Array:
+        """Of the rates: from the best corner each rate in turn goes to its best value, inside of its range too.
+
+        A local maximum, which may be smaller than another inside of the box.
+        """
+        v = self._corners[(c @ self._products).argmax(axis=1)]
+        i, j = np.triu_indices(len(self.rates))
+        form = np.zeros((len(c), len(self.rates), len(self.rates)))
+        form[:, i, j] = c
+        form += form.swapaxes(1, 2)
+        for k in [*range(len(self.rates))] * SWEEPS:
+            square = form[:, k, k]  # twice the coefficient
+            slope = (form[:, k] * v).sum(axis=1) - square * v[:, k]
+            inside = slope / np.where(square < 0, -square, 1.0)
+            end = np.copysign(self.rates[k], slope)
+            v[:, k] = np.where((square < 0) & (abs(inside) < self.rates[k]), inside, end)
+        return np.asarray(((form @ v[..., None]).squeeze(-1) * v).sum(axis=1) / 2)
 
     def holds(self, q: Array, target: float, slack: float) -> Array:
         g, fixed, c = self._parts(self.polynomial.evaluate(q))

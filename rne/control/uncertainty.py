@@ -17,7 +17,7 @@ from .laws import checked_vectors
 from .reference import Reference, check_reference, reference_values
 
 MARGIN = 1.1  # on the largest values found
-POSITIONS = 2_000_000  # for proofs, some seconds
+BUDGET = 3.0  # of proofs, in units of `rne.Robot.bounds`: some seconds
 SHARED = (  # fields of a Model in which all cases agree
     *("moving_joints", "joint_types", "parent", "axis", "rotation", "translation", "joint_origin"),
     *("gravity", "armature", "coordinate", "multiplier", "offset"),
@@ -68,7 +68,7 @@ class Cases:
     def inertia_bounds(self, scale: Array) -> tuple[float, Array]:
         """Bounds of the eigenvalues of D M D, D = diag(scale), and of the diagonal entries of M^-1, over the workspace.
 
-        Proven where `POSITIONS` suffice to come within `MARGIN` of the values attained; otherwise what a search
+        Proven where `BUDGET` suffices to come within `MARGIN` of the values attained; otherwise what a search
         attains, times `MARGIN`, which is an assumption. The same on every machine, fast or slow.
         """
         from ..bounds.bounds import inertia_extremes
@@ -76,7 +76,7 @@ class Cases:
 
         model = self.centre.model
         box, models = box_argument(model, workspace(self.centre)), [robot.model for robot in self.robots]
-        found = inertia_extremes(models, box, self.centre.engine, scale, MARGIN - 1, POSITIONS)
+        found = inertia_extremes(models, box, self.centre.engine, scale, MARGIN - 1, BUDGET)
         bounds = np.array([min(extreme.upper, MARGIN * extreme.attained) for extreme in found])
         return float(bounds[0]), bounds[1:]
 
