@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -182,10 +182,10 @@ def robot_bounds(
         for name, (given, limit) in limits.items()
     )
     known = np.isfinite([*speeds, *changes]).all()
-    chosen = [q for q in QUANTITIES if known or q != "torque"] if quantities is None else list(quantities)
-    for name in [quantities] if isinstance(quantities, str) else chosen:
-        if name not in QUANTITIES or name is quantities:
-            raise ValueError(f"`quantities` must be a list of some of {list(QUANTITIES)}, got {name!r}")
+    chosen = [q for q in QUANTITIES if known or q != "torque"] if quantities is None else quantities
+    is_list = isinstance(chosen, Collection) and not isinstance(chosen, str)
+    if not is_list or not chosen or any(name not in QUANTITIES for name in chosen):
+        raise ValueError(f"`quantities` must be a list of some of {list(QUANTITIES)}, got {quantities!r}")
     if "torque" in chosen and not known:
         raise ValueError("bounds of torques need `rates` and `accelerations`: not all joints have such limits")
     box = box_argument(model, positions)
@@ -218,26 +218,35 @@ def corners_of_masses(
     M, g and C are linear in the masses, and what is bounded is convex in these matrices (the least eigenvalue of M is
     concave): the extremes are at the corners.
     """
-    models = [model] if payload or masses else []
+    if not isinstance(masses, Mapping | None):
+        example = f"{{{model.link_names[-1]!r}: (1.0, 2.0)}}"
+        raise ValueError(f"`masses` must be a dict of two masses for each link, such as {example}, got {masses!r}")
+    models, scaled = [model] if payload is not None or masses else [], []
     for link, ends in (masses or {}).items():
-        low, high = mass_range(f"masses of {link!r}", ends)
+        low, high = mass_range(f"masses[{link!r}]", ends)
+        able = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k >= 0 and model.mass[k] > 0]
+        if link not in able:
+            raise ValueError(f"`masses` must name links that move and have a mass, got {link!r}; they are {able}")
         body = model.link_body[model.link_index(link)]
-        if body < 0 or not model.mass[body] > 0:
-            raise ValueError(f"`masses` must name links that move and have a mass, got {link!r}")
-        scaled = []
-        for m in models:
-            for mass in (low, high):
-                factor = np.where(np.arange(model.nb) == body, mass / model.mass[body], 1.0)
-                scaled.append(replace(m, mass=m.mass * factor, inertia=m.inertia * factor[:, None, None]))
-        models = scaled
-    if payload:
-        models = [with_payload(m, mass) for m in models for mass in mass_range("payload", payload)]
+        if body in scaled:
+            raise ValueError(f"`masses` must name each body once: {link!r} is fixed to another link of `masses`")
+        scaled.append(body)
+        factors = [np.where(np.arange(model.nb) == body, mass / model.mass[body], 1.0) for mass in (low, high)]
+        models = [replace(m, mass=m.mass * f, inertia=m.inertia * f[:, None, None]) for m in models for f in factors]
+    if payload is not None:
+        ends = mass_range("payload", payload)
+        try:
+            models = [with_payload(m, mass) for m in models for mass in ends]
+        except ValueError as error:
+            why = str(error).partition(": ")[2]
+            cure = "bound robot.with_payload(mass, link=...) with the least and with the largest mass"
+            raise ValueError(f"`payload` needs one last link at whose end it is: {why}; {cure}") from None
     return models
 
 
 def mass_range(name: str, ends: Any) -> tuple[float, float]:
     """Two masses in order."""
-    low, high = real_array(name, ends, "(2,)").tolist()
+    low, high = real_array(name, ends, "(2,)").tolist() if np.shape(ends) == (2,) else (1.0, 0.0)
     if not 0 <= low <= high:
         raise ValueError(f"`{name}` must be the least and the largest mass in kg, got {ends!r}")
     return low, high

@@ -8,6 +8,7 @@ coordinate with the largest term, until each is proven or the budget is spent.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -73,7 +74,8 @@ class Proof:
     def __init__(self, criterion: Criterion, box: Box, tolerance: float, clock: Clock, upper: float = np.inf) -> None:
         self.criterion, self.box, self.tolerance, self.clock = criterion, box, tolerance, clock
         self.kind: Any = ArticulatedSearch if applies(criterion, box) else Search
-        self.q, self.best = climbed(criterion.values, box.lower, box.upper)
+        self.values = functools.partial(criterion.counted, clock=clock)
+        self.q, self.best = climbed(self.values, box.lower, box.upper)
         self.fraction, self.cost, self.fails = self.kind.first, 0.0, not np.isfinite(self.best)
         self.floor = 0.0 if self.fails else criterion.rounding(0.0)
         self.upper = upper if self.fails else min(upper, criterion.size + criterion.rounding(self.best))
@@ -113,7 +115,7 @@ class Proof:
         proven = search.run(end)
         left = max(end - self.clock.now(), 0.0)
         if search.higher is not None:
-            self.q, self.best = climbed(self.criterion.values, self.box.lower, self.box.upper, search.higher)
+            self.q, self.best = climbed(self.values, self.box.lower, self.box.upper, search.higher)
         elif proven:
             last = max(self.clock.now() - search.began, SHORTEST)
             factor = max(search.patience * left / last, 1) ** (-1 / search.exponent)
@@ -302,8 +304,9 @@ class Search:
 
     def _is_higher(self, q: Array) -> bool:
         """Whether the value at one of the positions is above the target; then it is `higher`."""
+        self.clock.count(len(q) * self.criterion.operations)
         q = q[~self.criterion.holds(q, self.target, 0 * self.slack())] if len(q) else q
-        values = self.criterion.values(q) if len(q) else np.zeros(0)
+        values = self.criterion.counted(q, self.clock) if len(q) else np.zeros(0)
         if (values > self.target).any():
             self.higher = q[values.argmax()]
         return self.higher is not None

@@ -16,7 +16,8 @@ from .polynomials import Polynomial
 ROUNDING = 2000 * float(np.finfo(float).eps)
 
 AT_ONCE = 500  # arrays of which the norm is found
-SWEEPS = 4  # over the rates, in search of a largest torque
+SWEEPS = 2  # over the rates, in search of a largest torque
+TINY = 1e-300
 ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigenvalue
 
 
@@ -40,10 +41,16 @@ class Criterion:
     ratios: dict[tuple[int, int], float] = field(default_factory=dict, init=False)  # known, of groups and coordinates
     has_ratios: ClassVar[bool] = True
     time_model: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least next gap / gap; work is about gap^-exponent
+    of_value: ClassVar[int] = 0  # operations of `values` beside those of `holds`, for each position
 
     def values(self, q: Array) -> Array:
         """Values attained at positions, shape (N,)."""
         raise NotImplementedError
+
+    def counted(self, q: Array, clock: Any) -> Array:
+        """Values, as work of a clock."""
+        clock.count(len(q) * (self.operations + self.of_value))
+        return self.values(q)
 
     @cached_property
     def operations(self) -> float:
@@ -120,6 +127,7 @@ class Norm(Criterion):
     positive: bool = field(default=False, kw_only=True)
     has_ratios: ClassVar[bool] = False  # sums of matrices are close to what grids show
     time_model: ClassVar[tuple[float, float]] = (0.14, 1.75)
+    of_value = 5_000  # of eigenvalues
 
     def values(self, q: Array) -> Array:
         return np.asarray(abs(np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, [0, -1]]).max(axis=1))
@@ -200,6 +208,8 @@ class Coriolis(Criterion):
     It is attained at v = w, because for each u the form u^T C(q, v) w of v and w is symmetric. The square of
     |C(q, v) v| is a form of degree 4 in v, which the largest eigenvalue of its symmetric tensor, as a matrix, bounds.
     """
+
+    of_value = 60_000  # of a dozen eigenvectors
 
     @cached_property
     def _pairs(self) -> tuple[Array, Array, Array]:
@@ -287,6 +297,7 @@ class Torque(Criterion):
 
     rates: Array
     accelerations: Array
+    of_value = 20_000
 
     @cached_property
     def error(self) -> float:
@@ -295,15 +306,16 @@ class Torque(Criterion):
         return ROUNDING * float(g[0, 0] + fixed[0] + c.sum() * self.rates.max(initial=0.0) ** 2)
 
     @cached_property
-    def _corners(self) -> Array:
-        """Half of the corners of the box of the rates, shape (2^(n - 1), n)."""
-        return np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1)))) * self.rates
+    def _signs(self) -> Array:
+        """Of the rates at half of the corners of their box, shape (2^(n - 1), n)."""
+        return np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1))))
 
     @cached_property
     def _products(self) -> Array:
         """Products of the rates i <= j at these corners, shape (n (n + 1) / 2, 2^(n - 1))."""
         i, j = np.triu_indices(len(self.rates))
-        return np.asarray((self._corners[:, i] * self._corners[:, j]).T)
+        corners = self._signs * self.rates
+        return np.asarray((corners[:, i] * corners[:, j]).T)
 
     def of_test(self, n: int) -> float:
         return 2.0 * self._products.size
@@ -316,25 +328,24 @@ class Torque(Criterion):
     def values(self, q: Array) -> Array:
         A = self.polynomial.evaluate(q)
         _, inertial, c = self._parts(A * (np.arange(A.shape[1]) > 3))
-        return np.asarray(inertial + np.maximum(A[:, 0] + self._largest_form(c), self._largest_form(-c) - A[:, 0]))
+        high, low = np.split(self._largest_form(np.concatenate([c, -c])), 2)
+        return np.asarray(inertial + np.maximum(high + A[:, 0], low - A[:, 0]))
 
     def _largest_form(self, c: Array) -> Array:
         """Of the rates: from the best corner each rate in turn goes to its best value, inside of its range too.
 
         A local maximum, which may be smaller than another inside of the box.
         """
-        v = self._corners[(c @ self._products).argmax(axis=1)]
         i, j = np.triu_indices(len(self.rates))
-        form = np.zeros((len(c), len(self.rates), len(self.rates)))
-        form[:, i, j] = c
-        form += form.swapaxes(1, 2)
+        v = self._signs[(c @ self._products).argmax(axis=1)]  # rates over their largest values
+        c = c * self._products[:, 0]
+        mixed = np.zeros((len(c), len(self.rates), len(self.rates)))
+        mixed[:, i, j] = mixed[:, j, i] = np.where(i == j, 0.0, c)
+        bend = np.maximum(-2 * c[:, i == j], TINY)
         for k in [*range(len(self.rates))] * SWEEPS:
-            square = form[:, k, k]  # twice the coefficient
-            slope = (form[:, k] * v).sum(axis=1) - square * v[:, k]
-            inside = slope / np.where(square < 0, -square, 1.0)
-            end = np.copysign(self.rates[k], slope)
-            v[:, k] = np.where((square < 0) & (abs(inside) < self.rates[k]), inside, end)
-        return np.asarray(((form @ v[..., None]).squeeze(-1) * v).sum(axis=1) / 2)
+            slope = np.einsum("ij,ij->i", mixed[:, k], v)
+            v[:, k] = np.clip((slope + np.copysign(np.sqrt(TINY), slope)) / bend[:, k], -1, 1)
+        return np.asarray((c * v[:, i] * v[:, j]).sum(axis=1))
 
     def holds(self, q: Array, target: float, slack: float) -> Array:
         g, fixed, c = self._parts(self.polynomial.evaluate(q))

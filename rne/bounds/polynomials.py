@@ -49,7 +49,7 @@ def box_argument(model: Model, positions: Any) -> Box:
             raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
     else:
         if not isinstance(positions, Sequence | np.ndarray) or len(positions) != 2:
-            raise ValueError('`positions` must be "circle", "limits" or (lower, upper)')
+            raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
         lower, upper = (per_joint_array("positions", x, model.n) for x in positions)
         if (lower > upper).any():
             raise ValueError(f"`positions` must have lower <= upper, got {lower} and {upper}")

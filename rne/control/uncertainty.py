@@ -13,7 +13,7 @@ from ..basics.arrays import is_equal, positive_number, whole_number
 from ..basics.spatial import Array
 from ..robot import Robot
 from .gains import workspace
-from .laws import checked_vectors
+from .laws import checked_vectors, of_robot
 from .reference import Reference, check_reference, reference_values
 
 MARGIN = 1.1  # on the largest values found
@@ -98,6 +98,7 @@ def check_shared(what: str, first: Robot, robot: Robot) -> None:
             raise ValueError(f"{what} in masses, centres of mass and inertias alone, not in {name}")
 
 
+@of_robot
 def uncertainty_bound(
     robot: Robot,
     cases: Sequence[Robot],
@@ -163,7 +164,7 @@ def uncertainty_bound(
     decay, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
     check_reference(robot, reference)
     count = whole_number("samples", samples, least=MIXTURES)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole_number("seed", seed, least=0))
     times = rng.uniform(0, positive_number("duration", duration, zero_allowed=True), count)
     q_ref, qd_ref, qdd_ref = np.array([reference_values(robot, reference(float(t))) for t in times]).swapaxes(0, 1)
     s = D * _in_unit_ball(rng, count, n)
