@@ -332,10 +332,7 @@ class Torque(Criterion):
         return np.asarray(inertial + np.maximum(high + A[:, 0], low - A[:, 0]))
 
     def _largest_form(self, c: Array) -> Array:
-        """Of the rates: from the best corner each rate in turn goes to its best value, inside of its range too.
-
-        A local maximum, which may be smaller than another inside of the box.
-        """
+        """Of the rates: from the best corner each rate in turn goes to its best value, inside of its range too."""
         i, j = np.triu_indices(len(self.rates))
         v = self._signs[(c @ self._products).argmax(axis=1)]  # rates over their largest values
         c = c * self._products[:, 0]
