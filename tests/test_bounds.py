@@ -1,5 +1,7 @@
 """Bounds that hold: closed forms, samples never outside, second derivatives, parameters' corners, errors."""
 
+import itertools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -540,13 +542,90 @@ def test_gravity_of_a_mounted_robot_depends_on_the_first_joint(arm):
     assert found.is_tight.all()
 
 
-def test_time_that_is_too_short_leaves_honest_bounds(arm):
-    bound = arm.bounds(quantities=["coriolis"], budget=1e-3).coriolis
+def test_work_that_is_too_little_leaves_honest_bounds(arm):
+    bound = arm.bounds(quantities=["coriolis"], budget=1e-6).coriolis
     assert not bound.is_tight
     assert bound.attained < bound.upper < np.inf
-    table = arm.bounds(quantities=["mass_eigenvalues"], budget=1e-3)
+    table = arm.bounds(quantities=["mass_eigenvalues"], budget=1e-6, tolerance=2.0)
     assert table.mass_eigenvalues.lower[0] == 0
+    assert np.isinf(table.mass_eigenvalues.gap[0])
+    assert not table.mass_eigenvalues.is_tight[0]
     assert "not proven" in str(table)
+
+
+def test_bounds_do_not_depend_on_the_speed_of_the_machine(monkeypatch):
+    """As if every look at the clock took minutes; with a stop the result says which proof it ended."""
+    options = {"quantities": ["mass_eigenvalues", "mass_matrix"], "tolerance": 1e-3}
+    before, minutes = two_link().bounds(**options), itertools.count(0, 100)
+    monkeypatch.setattr("time.monotonic", lambda: next(minutes))
+    after, stopped = two_link().bounds(**options), two_link().bounds(**options, seconds=150)
+    for name in options["quantities"]:
+        for x in ("lower", "upper", "attained"):
+            np.testing.assert_array_equal(getattr(getattr(after, name), x), getattr(getattr(before, name), x))
+    assert (before.stopped, after.stopped) == ("", "")
+    assert stopped.mass_eigenvalues.is_tight.tolist() == [False, False]
+    assert (stopped.mass_eigenvalues.lower <= before.mass_eigenvalues.attained).all()
+    assert (before.mass_eigenvalues.attained <= stopped.mass_eigenvalues.upper).all()
+    stop = r"`seconds` stopped mass_eigenvalues after \S+ of 60 of the budget; another run may differ$"
+    assert re.match(stop, stopped.stopped)
+    assert str(stopped).endswith(f"\n{stopped.stopped}")
+
+
+@pytest.mark.parametrize("ratio", [1e-8, 1e-12, 1e-16, 0.0])
+def test_least_eigenvalue_below_the_rounding_of_the_largest(ratio):
+    """An elbow of hardly any mass behind a heavy arm: M_22 but for a share of the ratio, 0 of a massless link."""
+    inertia = M1 * ratio * C2**2
+    robot = rne.Robot(planar([M1, M1 * ratio], [L1, 0.5], [C1, C2], [I1, 0.0]))
+    table = robot.bounds(quantities=["mass_eigenvalues"], budget=0.1)
+    found = table.mass_eigenvalues
+    assert found.lower[0] <= found.attained[0] <= found.upper[0]
+    np.testing.assert_allclose([found.attained[0], found.upper[0]], inertia, rtol=10 * ratio + 1e-9)
+    assert found.is_tight.all()
+    assert str(table).splitlines()[1].split()[0] == ("4.8" if ratio else "0")
+
+
+def test_least_eigenvalue_of_light_arms_on_one_heavy_base_has_an_interval():
+    """No chain: nothing may be proven, but bounds are numbers in their order."""
+    parts = [Part(link="base"), Part(link="turret", joint="turn", kind="revolute", axis=np.array([0, 0, 1.0]), mass=1e3,
+                                     inertia=np.eye(3))]  # fmt: skip
+    for k in range(2):
+        placement = pose(np.eye(3), np.array([0.5, k, 0]))
+        parts.append(Part(link=f"arm{k}", joint=f"swing{k}", kind="revolute", parent=1, axis=np.array([0, 1.0, 0]),
+                          placement=placement, mass=1e-12, com=np.array([0.3, 0, 0]), inertia=1e-14 * np.eye(3)))  # fmt: skip
+    found = rne.Robot(assemble("light", parts)).bounds(quantities=["mass_eigenvalues"], budget=0.01).mass_eigenvalues
+    assert (found.lower >= 0).all()
+    assert (found.lower <= found.attained).all()
+    assert (found.attained <= found.upper).all()
+    np.testing.assert_allclose(found.attained[0], 1e-12 * 0.3**2 + 1e-14, rtol=1e-6)
+    assert (found.is_tight == (found.gap <= 0.05 * (1 + 1e-6))).all()
+
+
+def test_a_torque_that_vanishes_in_narrow_ranges_is_proven_to():
+    """Hanging down gravity has no torque, though it has elsewhere; beside it the bound is the torque at the end."""
+    pendulum = rne.Robot(planar([2.0], [1.0], [0.5], [0.1]))
+    for width in (0.0, 1e-15, 1e-3):
+        bound = pendulum.bounds(([-np.pi / 2], [-np.pi / 2 + width]), quantities=["gravity_torque"], tolerance=1e-4)
+        bound = bound.gravity_torque
+        np.testing.assert_allclose(bound.upper, 2 * G * 0.5 * np.sin(width), rtol=1.1e-4, atol=1e-10)
+        assert bound.is_tight
+
+
+def test_torques_inside_of_the_range_of_a_rate_are_attained():
+    """tau_1 = M_11 qdd_1 + M_12 qdd_2 - a (2 v1 v2 + v2^2), a = M2 L1 C2 sin q2, where v2 = -v1 is not at its end."""
+    model = replace(planar([M1, M2], [L1, 0.5], [C1, C2], [I1, I2]), gravity=np.zeros(3))
+    found = rne.Robot(model).bounds(([0, 1.5], [0, 1.5]), rates=[1.0, 3.0], accelerations=0.0, quantities=["torque"])
+    a = M2 * L1 * C2 * np.sin(1.5)
+    np.testing.assert_allclose(found.torque.attained, [a * (2 * 3.0 + 9.0), a], rtol=1e-9)  # at corners
+    criterion = torque_criteria(
+        Terms(KernelCache(model), box_argument(model, "circle")), np.array([2.0, 1.0]), np.zeros(2)
+    )[0]
+    forms = np.array([[0.0, 2.0, -1.0], [3.0, 1.0, -2.0], [-1.0, 0.5, -1.0]])  # of v1^2, v1 v2, v2^2
+    grid = np.linspace([-2.0, -1.0], [2.0, 1.0], 401).T
+    v1, v2 = np.meshgrid(*grid, indexing="ij")
+    largest_values = [(c[0] * v1**2 + c[1] * v1 * v2 + c[2] * v2**2).max() for c in forms]
+    np.testing.assert_allclose(
+        criterion._largest_form(forms), largest_values, atol=1e-3
+    )  # two sweeps, steps of the grid
 
 
 @pytest.mark.parametrize(
@@ -554,14 +633,47 @@ def test_time_that_is_too_short_leaves_honest_bounds(arm):
     [
         ({"positions": "all"}, r'`positions` must be "circle", "limits" or \(lower, upper\), got \'all\''),
         ({"positions": ([0] * 6, [-1] * 6)}, r"`positions` must have lower <= upper"),
-        ({"quantities": ["inertia"]}, r"`quantities` must be of \['gravity_torque', .*\], got 'inertia'"),
+        (
+            {"quantities": ["inertia"]},
+            r"`quantities` must be a list of some of \['gravity_torque', .*\], got \['inertia'\]",
+        ),
         ({"quantities": ["torque"]}, r"bounds of torques need `rates` and `accelerations`"),
         ({"rates": [-1] * 6}, r"`rates` must not be negative"),
         ({"payload": (3, 1)}, r"`payload` must be the least and the largest mass in kg, got \(3, 1\)"),
-        ({"masses": {"base_link": (1, 2)}}, r"`masses` must name links that move and have a mass, got 'base_link'"),
+        (
+            {"masses": {"base_link": (1, 2)}},
+            r"must name links that move and have a mass, got 'base_link'; they are \['link_1'",
+        ),
+        ({"masses": {3: (1, 2)}}, r"`masses` must name links that move and have a mass, got 3; they are \['link_1'"),
+        ({"masses": {"link_2": 3}}, r"`masses\['link_2'\]` must be the least and the largest mass in kg, got 3"),
+        (
+            {"masses": {"link_6": (1, 2), "tool0": (1, 2)}},
+            r"each body once: 'tool0' is fixed to another link of `masses`",
+        ),
+        (
+            {"masses": [1]},
+            r"`masses` must be a dict of two masses for each link, such as \{'tool0': \(1.0, 2.0\)\}, got \[1\]",
+        ),
+        ({"payload": 3}, r"`payload` must be the least and the largest mass in kg, got 3"),
+        ({"positions": 3}, r'`positions` must be "circle", "limits" or \(lower, upper\), got 3'),
+        ({"quantities": "torque"}, r"`quantities` must be a list of some of \[.*\], got 'torque'"),
+        ({"quantities": 3}, r"`quantities` must be a list of some of \[.*\], got 3"),
+        ({"quantities": []}, r"`quantities` must be a list of some of \[.*\], got \[\]"),
+        ({"seconds": 0}, r"`seconds` must be positive, got 0.0"),
         ({"tolerance": 0}, r"`tolerance` must"),
     ],
 )
 def test_errors_name_what_is_wrong(irb140, options, message):
     with pytest.raises(ValueError, match=message):
         irb140.bounds(**options)
+
+
+def test_a_payload_of_a_branched_robot_is_refused_with_the_cure():
+    body = {"mass": 1.0, "inertia": np.eye(3), "axis": np.array([0, 1.0, 0]), "kind": "revolute", "parent": 0}
+    robot = rne.Robot(assemble("fork", [Part(link="base"), *(Part(link=x, joint=f"to {x}", **body) for x in "ab")]))
+    text = (
+        "`payload` needs one last link at whose end it is: its moving joints branch; its leaf links are ['a', 'b'], "
+        "others are in `link_names`; bound robot.with_payload(mass, link=...) with the least and with the largest mass"
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        robot.bounds(payload=(0, 1))

@@ -253,6 +253,37 @@ def test_file_of_the_irb140_from_its_table_and_back_is_equal(tmp_path):
     assert rne.read_urdf(tmp_path / "arm.urdf") == arm
 
 
+def test_base_tool_and_offsets_place_the_table(dh):
+    """Poses are base T_1 ... T_n tool at q + offset; torques those of the table under gravity seen from frame 0."""
+    table, convention, plain = dh
+    base, tool = shift(0.1, -0.2, 0.3) @ rx(0.4) @ rz(-1.1), shift(0, 0.1, 0.2) @ rx(-0.7)
+    offset, (q, qd, qdd) = np.linspace(-0.5, 0.6, plain.n), states(plain.n, 5, seed=3)
+    gravity = base[:3, :3] @ table["gravity"]
+    model = rne.dh_chain(convention=convention, **table | {"gravity": gravity}, base=base, tool=tool, offset=offset)
+    ends = rne.dynamics.link_poses(plain, q + offset)[:, -1]
+    np.testing.assert_allclose(rne.dynamics.link_poses(model, q)[:, -1], base @ ends @ tool, atol=1e-13)
+    expected = rne.dynamics.inverse_dynamics(plain, q + offset, qd, qdd)
+    assert relative(rne.dynamics.inverse_dynamics(model, q, qd, qdd), expected) <= ORACLE
+    assert model.link_names == plain.link_names
+
+
+def test_base_and_tool_of_frames():
+    base, tool = shift(0, 0, 1) @ rz(0.3), shift(0, 0, 0.2)
+    frames = {"rotations": [np.eye(3)], "positions": [[0.5, 0, 0]]}
+    model = rne.model.chain(**frames, base=base, tool=tool)
+    end = base @ rz(0.7) @ shift(0.5, 0, 0) @ tool
+    np.testing.assert_allclose(rne.dynamics.link_poses(model, [0.7])[-1], end, atol=1e-15)
+
+
+def test_inertias_of_three_and_six_numbers_are_those_of_the_matrices():
+    """Six in the order of Corke's `Link.I`: xx, yy, zz, xy, yz, xz."""
+    six = np.array([[2.0, 3.0, 4.0, 0.1, 0.2, 0.3], [1.0, 1.5, 2.0, 0.0, -0.1, 0.1]])
+    full = [[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] for xx, yy, zz, xy, yz, xz in six]
+    np.testing.assert_array_equal(bad(inertias=six).inertia, bad(inertias=full).inertia)
+    diagonal = [np.diag(row) for row in six[:, :3]]
+    np.testing.assert_array_equal(bad(inertias=six[:, :3]).inertia, bad(inertias=diagonal).inertia)
+
+
 def test_both_conventions_describe_one_robot():
     """Modified row i holds a and alpha of standard row i-1; the last standard twist is left to the tool."""
     rng = np.random.default_rng(5)
@@ -337,6 +368,13 @@ def bad(**changes):
         ({"inertias": None}, "`inertias` must be given too: masses, centres and inertias belong together"),
         ({"centres": np.zeros(3)}, "`centres` must have shape (2, 3), got (3,)"),
         (
+            {"inertias": np.ones((2, 5))},
+            "`inertias` must have shape (2, 3, 3), or (2, 3) with xx, yy, zz, or (2, 6) with xx, yy, zz, xy, yz, xz, "
+            "got (2, 5)",
+        ),
+        ({"base": np.eye(3)}, "`base` must have shape (4, 4), got (3, 3)"),
+        ({"tool": -np.eye(4)}, "`tool` must be a pose: a rotation and an origin [m] above a row of 0, 0, 0, 1"),
+        (
             {"inertias": [np.eye(3), np.diag([1, 1, -1])]},
             "`inertias[1]` of link 'link_2': the inertia must have no negative eigenvalue, got -1 kg m^2",
         ),
@@ -384,6 +422,8 @@ def test_what_load_would_refuse_is_refused(changes, text):
         ({"convention": "craig"}, "`convention` must be 'standard' or 'modified', got 'craig'"),
         ({"a": 0.1}, "`a` must have shape (n,), got ()"),
         ({"alpha": [0.0]}, "`alpha` must have shape (6,), got (1,)"),
+        ({"offset": [0.0]}, "`offset` must have shape (6,), got (1,)"),
+        ({"offset": 90}, "`offset` looks like degrees; pass np.deg2rad(offset), got 90 at index (0,)"),
         ({"theta": [np.inf] * 6}, "`theta` must be finite, got inf at index (0,)"),
         (
             {"alpha": [90, 0, 0, 0, 0, 0]},
@@ -440,7 +480,7 @@ def test_cylinder_is_the_integral_over_its_points():
     ("arguments", "text"),
     [
         ((1, 1, 1, 2), "`axis` must be 'x', 'y' or 'z', got 2"),
-        ((-1, 1, 1, "x"), "`mass` must be positive, got -1.0"),
+        ((-1, 1, 1, "x"), "`mass` must not be negative, got -1.0"),
         ((1, np.nan, 1, "x"), "`radius` must be finite, got nan at index ()"),
         ((1, 1, [1], "x"), "`length` must be one number, got shape (1,)"),
     ],

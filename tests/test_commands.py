@@ -238,7 +238,7 @@ WRONG = {
     ),
     "negative duration": (
         ["simulate", "{lift}", "--duration", "-1", "--out", "{dir}/m.csv"],
-        "--duration must be positive, got -1.0",
+        "--duration must not be negative, got -1.0",
     ),
     "no duration": (
         ["simulate", "{lift}", "--out", "{dir}/m.csv"],

@@ -494,3 +494,8 @@ def test_a_singular_mass_matrix_is_an_error_that_names_the_joint():
         rne.check_gains(arm, 10.0, 1.0)
     with pytest.raises(rne.SingularMassMatrixError, match="nothing with inertia moves with 'joint_2'"):
         validate(arm, 3, by_terms=True)
+
+
+def test_bounds_that_are_none_are_refused():
+    with pytest.raises(TypeError, match=r"^`bounds` must be a result of robot.bounds\(\), got int$"):
+        rne.check_gains(slider(1.0), 1.0, 1.0, bounds=3)

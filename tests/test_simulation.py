@@ -389,7 +389,7 @@ class TestFailures:
         ({"q0": [0]}, "`q0` must have shape (..., 2) for robot 'chain2', got (1,)"),
         ({"q0": [[0, 0]]}, "`q0` must have shape (2,), one state, got (1, 2)"),
         ({"qd0": [0, np.nan]}, "`qd0` must be finite, got nan at index (1,)"),
-        ({"duration": -1.0}, "`duration` must be positive, got -1.0"),
+        ({"duration": -1.0}, "`duration` must not be negative, got -1.0"),
         ({"rtol": 0.0}, "`rtol` must be positive, got 0.0"),
         ({"rtol": 1e-20}, "`rtol` must be at least 2.3e-14, as rounding errors exceed less, got 1e-20"),
         ({"atol": 1e-30}, "`atol` must be at least 1e-20, as rounding errors exceed less, got 1e-30"),

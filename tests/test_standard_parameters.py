@@ -81,7 +81,7 @@ def test_without_drives_there_are_the_bodies_alone():
     [
         ({"friction": "dry"}, "`friction` must be one of [None, 'viscous', 'coulomb', 'viscous+coulomb'], got 'dry'"),
         ({"coupled_motors": [1.0] * 6}, "`coupled_motors` must have shape (s, 6), got (6,)"),
-        ({"smoothing": -1.0}, "`smoothing` must be positive, got -1.0"),
+        ({"smoothing": -1.0}, "`smoothing` must not be negative, got -1.0"),
     ],
 )
 def test_errors(given, text):

@@ -43,7 +43,7 @@ def real_numbers(name: str, value: ArrayLike, shape: str) -> Array:
 
 
 def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> float:
-    """One finite real number above zero."""
+    """One finite real number above zero, or not below."""
     if type(value) is float and value > 0 and isfinite(value):  # most are, and need no array
         return value
     if np.ndim(value):
@@ -52,7 +52,7 @@ def positive_number(name: str, value: float, *, zero_allowed: bool = False) -> f
         raise ValueError(f"`{name}` must be one number, got {type(value).__name__}")
     number = float(real_array(name, value, "()"))
     if number < 0 or (number == 0 and not zero_allowed):
-        raise ValueError(f"`{name}` must be positive, got {number!r}")
+        raise ValueError(f"`{name}` must {'not be negative' if zero_allowed else 'be positive'}, got {number!r}")
     return number
 
 

@@ -26,6 +26,7 @@ WIDEST = 2 * np.pi / 3  # range of an angle
 PARTS = 8
 HALVINGS = 20  # of each part
 LEAVES = 15_000
+OF_LEAF = 1200  # operations
 NARROWEST = 1e-7
 FINE = 1000  # steps of the second joint where a box gets too narrow
 SHARE = 0.5  # of P / t that is taken from M where its curvature is judged
@@ -63,7 +64,7 @@ def control_points(lower: Array, upper: Array, turns: bool) -> tuple[Array, Arra
 class ArticulatedSearch:
     """Boxes of positions that are not proven yet, for `branch_and_bound.largest`."""
 
-    first, step, exponent, patience = 0.25, 0.2, 0.25, 0.9  # the time hardly depends on the target
+    first, step, exponent, patience = 0.25, 0.2, 0.25, 0.9  # the work hardly depends on the target
 
     def __init__(self, criterion: LargestOfInverse, box: Box, q: Array, target: float, clock: Any) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
@@ -105,7 +106,7 @@ class ArticulatedSearch:
             if self.clock.now() > deadline:
                 return False
             now, cells = cells[-at_once:], cells[:-at_once]
-            self.clock.count(len(now) * leaves)
+            self.clock.count(len(now) * leaves * OF_LEAF)
             holds, place = self.holds(now)
             failed = ~holds.all(axis=1)
             if failed.any():

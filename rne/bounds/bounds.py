@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,8 +17,8 @@ from ..dynamics.lagrange import christoffel
 from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
-from .branch_and_bound import Clock, Extreme, PositionCounter, largest
-from .criteria import Coriolis, LargestOfInverse, Modulus, Norm, Torque
+from .branch_and_bound import Clock, Extreme, largest
+from .criteria import ROUNDING, Coriolis, LargestOfInverse, Modulus, Norm, Torque
 from .gravity import gravity_torques_of_full_turns
 from .polynomials import Box, Polynomial, box_argument, independent, polynomial
 
@@ -33,9 +33,10 @@ class Bound(InNotebooks):
     Attributes
     ----------
     lower, upper : ndarray
-        Proven, rounding included. Entries that are identically zero are 0 and what rounding leaves of them.
+        Proven, rounding included: 0 and infinity where nothing is. Entries that are identically zero are 0 and what
+        rounding leaves of them.
     attained : ndarray
-        The value at `q`, found by search.
+        The value at `q`, found by search, from `lower` to `upper`; 0 where it may be rounding.
     q : ndarray, shape (..., n)
         Where it is attained [rad or m].
     tolerance : float
@@ -57,13 +58,15 @@ class Bound(InNotebooks):
 
     @property
     def gap(self) -> Array:
-        """(upper - lower) / attained, 0 for entries that are identically zero, inf where nothing was proven."""
+        """(upper - lower) / attained, 0 for entries that are identically zero, inf where a side is not proven."""
+        proven = (self.upper < np.inf) & ((self.lower > 0) | (self.attained == 0))
         with np.errstate(all="ignore"):
-            return np.where(self.attained == 0, 0.0, (self.upper - self.lower) / self.attained)
+            gap = np.where(self.attained == 0, 0.0, (self.upper - self.lower) / self.attained)
+        return np.where(proven, gap, np.inf)
 
     @property
     def is_tight(self) -> Array:
-        """True where the gap is within the tolerance, up to rounding."""
+        """True where both sides are proven and the gap is within the tolerance, up to rounding."""
         return self.gap <= self.tolerance * (1 + 1e-6) + 1e-9
 
 
@@ -84,7 +87,8 @@ class Bounds(InNotebooks):
     coriolis : Bound, shape ()
         k_C, the largest \\|C(q, v) w\\| of unit vectors v and w.
     torque : Bound, shape (n,)
-        The largest \\|tau_i\\| within the rates and accelerations [N m or N].
+        The largest \\|tau_i\\| within the rates and accelerations [N m or N]; what is attained is found by local
+        searches over positions, rates and accelerations.
     joint_names : tuple of str
     lower, upper : ndarray, shape (n,)
         The positions considered [rad or m].
@@ -92,6 +96,8 @@ class Bounds(InNotebooks):
         True for coordinates that make full turns.
     models : tuple of Model
         The robot's, or those at the ends of ranges of masses.
+    stopped : str
+        Which proofs `seconds` stopped, printed below the table; empty where none.
 
     Examples
     --------
@@ -112,22 +118,22 @@ class Bounds(InNotebooks):
     upper: Array = field(default_factory=lambda: np.zeros(0))
     circle: Array = field(default_factory=lambda: np.zeros(0, bool))
     models: tuple[Model, ...] = ()
+    stopped: str = ""
 
     def __str__(self) -> str:
         rows = [("gap", "proven", "attained", "")]
         for bound, name, place, least in self._entries():
             lower, upper, attained, gap = (getattr(bound, x)[place] for x in ("lower", "upper", "attained", "gap"))
             proven = f">= {lower:.4g}" if least else f"<= {upper:.4g}"
-            if attained == 0:
+            if attained == 0 and gap == 0:
                 rows.append(("0", "0", "0", name))
-            elif upper == np.inf or lower == 0:
+            elif lower == 0 if least else upper == np.inf:
                 rows.append(("", "not proven", f"{attained:.4g}", name))
             else:
-                rows.append((f"{100 * gap:.2g} %", proven, f"{attained:.4g}", name))
+                rows.append((f"{100 * gap:.2g} %" if gap < np.inf else "", proven, f"{attained:.4g}", name))
         width = [max(len(row[k]) for row in rows) for k in range(3)]
-        return "\n".join(
-            "  ".join([*(c.rjust(w) for c, w in zip(row, width, strict=False)), row[3]]).rstrip() for row in rows
-        )
+        lines = ["  ".join([*(c.rjust(w) for c, w in zip(row, width, strict=False)), row[3]]).rstrip() for row in rows]
+        return "\n".join([*lines, *[self.stopped] * bool(self.stopped)])
 
     __repr__ = __str__
 
@@ -161,6 +167,7 @@ def robot_bounds(
     masses: Mapping[str, tuple[float, float]] | None,
     tolerance: float,
     budget: float,
+    seconds: float | None,
     quantities: Sequence[str] | None,
 ) -> Bounds:
     """`Robot.bounds` of the robot of a kernel cache."""
@@ -168,6 +175,7 @@ def robot_bounds(
     if not joints:
         raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
     tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
+    seconds = np.inf if seconds is None else positive_number("seconds", seconds)
     fastest = np.maximum(model.acceleration_limit, model.braking_limit)
     limits = {"rates": (rates, model.velocity_limit), "accelerations": (accelerations, fastest)}
     speeds, changes = (
@@ -175,20 +183,22 @@ def robot_bounds(
         for name, (given, limit) in limits.items()
     )
     known = np.isfinite([*speeds, *changes]).all()
-    chosen = [q for q in QUANTITIES if known or q != "torque"] if quantities is None else list(quantities)
-    for name in chosen:
-        if name not in QUANTITIES:
-            raise ValueError(f"`quantities` must be of {list(QUANTITIES)}, got {name!r}")
+    chosen = [q for q in QUANTITIES if known or q != "torque"] if quantities is None else quantities
+    is_list = isinstance(chosen, Collection) and not isinstance(chosen, str)
+    if not is_list or not chosen or any(name not in QUANTITIES for name in chosen):
+        raise ValueError(f"`quantities` must be a list of some of {list(QUANTITIES)}, got {quantities!r}")
     if "torque" in chosen and not known:
         raise ValueError("bounds of torques need `rates` and `accelerations`: not all joints have such limits")
     box = box_argument(model, positions)
     caches = [KernelCache(m, cache.engine) for m in corners_of_masses(model, payload, masses)] or [cache]
-    found = {}
+    found, stopped = {}, []
     for name in chosen:
-        per_model = [
-            bound_of(Terms(c, replace(box, model=c.model)), name, speeds, changes, tolerance, budget / len(caches))
-            for c in caches
-        ]
+        per_model = []
+        for c in caches:
+            clock, terms = Clock(seconds / len(caches)), Terms(c, replace(box, model=c.model))
+            per_model.append(bound_of(terms, name, speeds, changes, tolerance, budget / len(caches), clock))
+            if clock.stopped:
+                stopped.append(f"{name} after {clock.work:.2g} of {budget / len(caches):.4g} of the budget")
         found[name] = extremes(per_model, least=name == "mass_eigenvalues")
     return Bounds(
         **found,
@@ -197,6 +207,7 @@ def robot_bounds(
         upper=box.upper,
         circle=box.circle,
         models=tuple(c.model for c in caches),
+        stopped=f"`seconds` stopped {', '.join(stopped)}; another run may differ" if stopped else "",
     )
 
 
@@ -208,26 +219,35 @@ def corners_of_masses(
     M, g and C are linear in the masses, and what is bounded is convex in these matrices (the least eigenvalue of M is
     concave): the extremes are at the corners.
     """
-    models = [model] if payload or masses else []
+    if not isinstance(masses, Mapping | None):
+        example = f"{{{model.link_names[-1]!r}: (1.0, 2.0)}}"
+        raise ValueError(f"`masses` must be a dict of two masses for each link, such as {example}, got {masses!r}")
+    models, scaled = [model] if payload is not None or masses else [], []
     for link, ends in (masses or {}).items():
-        low, high = mass_range(f"masses of {link!r}", ends)
+        low, high = mass_range(f"masses[{link!r}]", ends)
+        able = [name for name, k in zip(model.link_names, model.link_body, strict=True) if k >= 0 and model.mass[k] > 0]
+        if link not in able:
+            raise ValueError(f"`masses` must name links that move and have a mass, got {link!r}; they are {able}")
         body = model.link_body[model.link_index(link)]
-        if body < 0 or not model.mass[body] > 0:
-            raise ValueError(f"`masses` must name links that move and have a mass, got {link!r}")
-        scaled = []
-        for m in models:
-            for mass in (low, high):
-                factor = np.where(np.arange(model.nb) == body, mass / model.mass[body], 1.0)
-                scaled.append(replace(m, mass=m.mass * factor, inertia=m.inertia * factor[:, None, None]))
-        models = scaled
-    if payload:
-        models = [with_payload(m, mass) for m in models for mass in mass_range("payload", payload)]
+        if body in scaled:
+            raise ValueError(f"`masses` must name each body once: {link!r} is fixed to another link of `masses`")
+        scaled.append(body)
+        factors = [np.where(np.arange(model.nb) == body, mass / model.mass[body], 1.0) for mass in (low, high)]
+        models = [replace(m, mass=m.mass * f, inertia=m.inertia * f[:, None, None]) for m in models for f in factors]
+    if payload is not None:
+        ends = mass_range("payload", payload)
+        try:
+            models = [with_payload(m, mass) for m in models for mass in ends]
+        except ValueError as error:
+            why = str(error).partition(": ")[2]
+            cure = "bound robot.with_payload(mass, link=...) with the least and with the largest mass"
+            raise ValueError(f"`payload` needs one last link at whose end it is: {why}; {cure}") from None
     return models
 
 
 def mass_range(name: str, ends: Any) -> tuple[float, float]:
     """Two masses in order."""
-    low, high = real_array(name, ends, "(2,)").tolist()
+    low, high = real_array(name, ends, "(2,)").tolist() if np.shape(ends) == (2,) else (1.0, 0.0)
     if not 0 <= low <= high:
         raise ValueError(f"`{name}` must be the least and the largest mass in kg, got {ends!r}")
     return low, high
@@ -263,12 +283,14 @@ class Terms:
         return polynomial(self.free.kernel(function, *wrt), self.box, degree, reduced)
 
 
-def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolerance: float, budget: float) -> Bound:
+def bound_of(
+    terms: Terms, name: str, rates: Array, accelerations: Array, tolerance: float, budget: float, clock: Clock
+) -> Bound:
     """The bound of one quantity of one model; the budget is shared by its entries."""
-    box, n, clock = terms.box, terms.box.model.n, Clock()
+    box, n = terms.box, terms.box.model.n
     end = clock.now() + budget
     if name == "gravity_torque":
-        return gravity_torques(terms, tolerance, budget)
+        return gravity_torques(terms, tolerance, end, clock)
     if name == "gravity_stiffness":
         k_g = Norm(terms.of(dynamics.gravity_torque, 1, "q"))
         return as_bound(largest([k_g], box, tolerance, end, clock), (), tolerance)
@@ -290,8 +312,20 @@ def bound_of(terms: Terms, name: str, rates: Array, accelerations: Array, tolera
     inverse = LargestOfInverse(M, terms.samples, np.eye(n))
     (high,) = largest([Norm(M, positive=True)], box, tolerance, clock.now() + 2 / 3 * budget, clock)
     (low,) = largest([inverse], box, tolerance, end, clock)
-    low = low._replace(lower=1 / low.upper, upper=1 / low.lower, attained=1 / low.attained)
-    return as_bound([low, high], (2,), tolerance)
+    return as_bound([least_eigenvalue(M, low), high], (2,), tolerance)
+
+
+def least_eigenvalue(M: Polynomial, inverse: Extreme) -> Extreme:
+    """From the largest of M^-1: at its position x^T M x is at least the least eigenvalue for every unit vector x.
+
+    The rounding of entries bounds that of x^T M x, far below that of the largest eigenvalue where masses differ widely.
+    """
+    A = M.evaluate(inverse.q[None])[0]
+    x = np.hstack([np.linalg.eigh(A)[1], np.eye(len(A))])
+    value, error = (np.einsum("ik,ij,jk->k", y, B, y) for y, B in ((x, A), (abs(x), ROUNDING * M.terms)))
+    k, lower = (value + error).argmin(), 1 / inverse.upper
+    attained = max(value[k] if value[k] > error[k] else 0.0, lower)
+    return Extreme(lower, max(value[k] + error[k], attained), attained, inverse.q)
 
 
 def entry(polynomial: Polynomial, *place: int) -> Polynomial:
@@ -340,24 +374,24 @@ def about_first_angle(g: Polynomial) -> Polynomial:
     )
 
 
-def gravity_torques(terms: Terms, tolerance: float, budget: float) -> Bound:
+def gravity_torques(terms: Terms, tolerance: float, end: float, clock: Clock) -> Bound:
     """As for full turns where that is tight, otherwise over all positions."""
-    box, clock = terms.box, Clock()
-    g, uppers = terms.of(dynamics.gravity_torque, 1), None
+    box, uppers = terms.box, None
+    g = terms.of(dynamics.gravity_torque, 1)
     criteria = [Modulus(entry(g, k)) for k in range(box.model.n)]
     if not box.model.has_mimics:
         uppers = gravity_torques_of_full_turns(box.model).tolist()
-    return as_bound(largest(criteria, box, tolerance, clock.now() + budget, clock, uppers), (box.model.n,), tolerance)
+    return as_bound(largest(criteria, box, tolerance, end, clock, uppers), (box.model.n,), tolerance)
 
 
 def inertia_extremes(
-    models: Sequence[Model], box: Box, engine: str, scale: Array, tolerance: float, positions: float
+    models: Sequence[Model], box: Box, engine: str, scale: Array, tolerance: float, budget: float
 ) -> list[Extreme]:
     """The largest eigenvalue of D M D, D = diag(scale), and each diagonal entry of M^-1, of models and mixtures.
 
-    All are convex in M, so that the models suffice. The budget is a number of positions.
+    All are convex in M, so that the models suffice. They share the budget.
     """
-    found, clock = [], PositionCounter()
+    found, clock = [], Clock()
     for model in models:
         own, n = replace(box, model=model), len(scale)
         terms = Terms(KernelCache(model, engine), own)
@@ -365,7 +399,7 @@ def inertia_extremes(
         inverses = [LargestOfInverse(M, terms.samples, np.outer(e, e)) for e in np.eye(n)]
         scaled = M.mapped(lambda x: x * np.outer(scale, scale), scale.max() ** 2)
         criteria = [Norm(scaled, positive=True), *inverses]
-        found.append(largest(criteria, own, tolerance, clock.now() + positions / len(models), clock))
+        found.append(largest(criteria, own, tolerance, clock.now() + budget / len(models), clock))
     most = [max(extremes, key=lambda extreme: extreme.attained) for extremes in zip(*found, strict=True)]
     uppers = [max(extreme.upper for extreme in extremes) for extremes in zip(*found, strict=True)]
     return [extreme._replace(upper=upper) for extreme, upper in zip(most, uppers, strict=True)]

@@ -8,6 +8,7 @@ coordinate with the largest term, until each is proven or the budget is spent.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -32,34 +33,27 @@ WORTH_GRIDS = 1e5  # corners expected, from which grids are used
 LITTLE = 0.1  # share of a curvature below which a group of modes gets no grid
 CLOSE = 1.4  # times the tolerance: smaller fractions are searched at the tolerance itself
 USELESS = 1e3  # largest fraction that is searched
-SHORTEST = 1e-3  # least time that a search is taken to need
+SHORTEST = 1e-3  # least work that a search is taken to need
+OPERATIONS = 2e9  # in a unit of work: in about 1 s on a core of 2 to 3 GHz
+OF_CORNER = 16  # operations for each corner of each cell
+VANISHES = 4  # times what rounding leaves: what is proven of a value that vanishes
 ROUNDS = 20  # of the reduction of a basis of angles
 
 
 class Clock:
-    """Measures a budget of seconds."""
+    """Counts the work of proofs, the same on every machine, unless `seconds` of the machine's own time stop it."""
+
+    def __init__(self, seconds: float = np.inf) -> None:
+        self.work, self.stopped, self.stop = 0.0, False, time.monotonic() + seconds
 
     def now(self) -> float:
-        """Seconds since some moment."""
-        return time.monotonic()
+        """Work done, in units of `Robot.bounds(budget=)`; infinite once it is stopped."""
+        self.stopped = self.stopped or (self.stop < np.inf and time.monotonic() > self.stop)
+        return np.inf if self.stopped else self.work
 
-    def count(self, positions: int) -> None:
-        """Called for positions that are tested."""
-
-
-class PositionCounter(Clock):
-    """Measures a budget of positions, so that results do not depend on the speed of the machine."""
-
-    def __init__(self) -> None:
-        self.positions = 0
-
-    def now(self) -> float:
-        """Positions that were tested."""
-        return self.positions
-
-    def count(self, positions: int) -> None:
-        """Add positions."""
-        self.positions += positions
+    def count(self, operations: float) -> None:
+        """Add operations."""
+        self.work += operations / OPERATIONS
 
 
 class Extreme(NamedTuple):
@@ -80,45 +74,55 @@ class Proof:
     def __init__(self, criterion: Criterion, box: Box, tolerance: float, clock: Clock, upper: float = np.inf) -> None:
         self.criterion, self.box, self.tolerance, self.clock = criterion, box, tolerance, clock
         self.kind: Any = ArticulatedSearch if applies(criterion, box) else Search
-        self.q, self.best = climbed(criterion.values, box.lower, box.upper)
-        self.vanishes = self.best <= criterion.rounding(0.0)
-        self.upper = min(upper, criterion.size + criterion.rounding(0.0 if self.vanishes else self.best))
-        self.fraction, self.cost, self.fails = self.kind.first, 0.0, self.vanishes
+        self.values = functools.partial(criterion.counted, clock=clock)
+        self.q, self.best = climbed(self.values, box.lower, box.upper)
+        self.fraction, self.cost, self.fails = self.kind.first, 0.0, not np.isfinite(self.best)
+        self.floor = 0.0 if self.fails else criterion.rounding(0.0)
+        self.upper = upper if self.fails else min(upper, criterion.size + criterion.rounding(self.best))
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether what is attained may be rounding."""
+        return self.best <= self.floor
 
     @property
     def gap(self) -> float:
         """upper / attained - 1."""
-        return self.upper / self.best - 1
+        return self.upper / max(self.best, self.floor) - 1
 
     @property
     def is_open(self) -> bool:
         """Whether another search may prove more."""
-        return not self.fails and self.upper > (1 + self.tolerance) * self.best
+        return not self.fails and self.upper > (
+            VANISHES * self.floor if self.vanishes else (1 + self.tolerance) * self.best
+        )
 
     @property
     def extreme(self) -> Extreme:
-        """What is proven by now."""
+        """What is proven by now; of a value that may vanish but is not proven to, nothing."""
         if self.vanishes:
-            return Extreme(0.0, self.upper, 0.0, self.q)
-        return Extreme(self.best - self.criterion.rounding(self.best), self.upper, self.best, self.q)
+            return Extreme(0.0, self.upper if self.upper <= VANISHES * self.floor else np.inf, 0.0, self.q)
+        lower = 0.0 if self.fails else max(self.best - self.criterion.rounding(self.best), 0.0)
+        return Extreme(lower, self.upper, self.best, self.q)
 
-    def step(self, seconds: float) -> None:
-        """One search of so many seconds of the clock; what it took says which fraction comes next."""
+    def step(self, work: float) -> None:
+        """One search of so much work; what it took says which fraction comes next."""
         fraction = min(self.fraction, 0.7 * self.gap)
         fraction = self.tolerance if fraction < CLOSE * self.tolerance else fraction
-        search = self.kind(self.criterion, self.box, self.q, (1 + fraction) * self.best, self.clock)
-        end = self.clock.now() + seconds
+        target = VANISHES * self.floor if self.vanishes else (1 + fraction) * self.best
+        search = self.kind(self.criterion, self.box, self.q, target, self.clock)
+        end = self.clock.now() + work
         proven = search.run(end)
         left = max(end - self.clock.now(), 0.0)
         if search.higher is not None:
-            self.q, self.best = climbed(self.criterion.values, self.box.lower, self.box.upper, search.higher)
+            self.q, self.best = climbed(self.values, self.box.lower, self.box.upper, search.higher)
         elif proven:
             last = max(self.clock.now() - search.began, SHORTEST)
             factor = max(search.patience * left / last, 1) ** (-1 / search.exponent)
             factor = min(max(factor, search.step), 0.9)
             self.upper, self.fraction, self.cost = search.target, fraction * factor, last * factor**-search.exponent
-        elif fraction > min(0.69 * self.gap, USELESS):
-            self.fails, self.cost = left > 0, 2 * seconds
+        elif self.vanishes or fraction > min(0.69 * self.gap, USELESS):
+            self.fails, self.cost = left > 0, 2 * work
         else:
             self.fraction = min(4 * fraction, float(np.sqrt(fraction * self.gap)))
 
@@ -133,7 +137,7 @@ def largest(
 ) -> list[Extreme]:
     """The largest values of criteria, until the clock shows `end`; known `uppers` are where to begin.
 
-    The least tight comes first, of those whose next search fits a share of the time, then of those that fit at all.
+    The least tight comes first, of those whose next search fits a share of the work, then of those that fit at all.
     """
     known = [np.inf] * len(criteria) if uppers is None else uppers
     proofs = [Proof(c, box, tolerance, clock, upper) for c, upper in zip(criteria, known, strict=True)]
@@ -197,7 +201,7 @@ class Search:
     """Cells of a grid that are not proven yet."""
 
     first = 1.0  # fraction at which searches begin
-    patience = 0.7  # part of the time left that the next search shall take
+    patience = 0.7  # part of the work left that the next search shall take
 
     def __init__(self, criterion: Criterion, box: Box, q: Array, target: float, clock: Clock) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
@@ -249,7 +253,7 @@ class Search:
         return float(np.sqrt(np.maximum(terms, 1)).prod())
 
     def use_grids(self, deadline: float) -> None:
-        """Replace sums of moduli by the smaller bounds of second derivatives that grids prove, if there is time."""
+        """Replace sums of moduli by the smaller bounds of second derivatives that grids prove, if work is left."""
         criterion, known = self.criterion, self.criterion.ratios
         frequency = criterion.polynomial.frequency @ self.basis
         parts = groups(criterion.polynomial, frequency, self.share, criterion.grid_coefficients[0].size)
@@ -258,9 +262,9 @@ class Search:
             places = np.flatnonzero(self.free & matters).tolist()
             for place, k in enumerate(places):
                 weights = self.curvatures[on, k]
-                time = (deadline - self.clock.now()) / (len(places) - place)
+                work = (deadline - self.clock.now()) / (len(places) - place)
                 ratio = known.get((number, k)) or ratio_on_grid(
-                    criterion, frequency[on], on, weights, steps, self.clock, time
+                    criterion, frequency[on], on, weights, steps, self.clock, work
                 )
                 if ratio is None:
                     return
@@ -281,16 +285,17 @@ class Search:
         if self.clock.now() > deadline:
             return False
         slack = self.slack()
-        self.clock.count(FEW)
+        self.clock.count(FEW * self.criterion.operations)
         if not self.criterion.holds(self.samples, self.target, slack).any():
             return True  # cells are too large for any to hold
+        self.clock.count(OF_CORNER * len(self.cells) * 2.0 ** self.free.sum())
         corners = Corners(self.cells, self.counts, self.free, self.box)
         holds = np.zeros(len(corners.numbers), dtype=bool)
         for start in range(0, len(holds), BLOCK):
             if self.clock.now() > deadline:
                 return False
             q = corners.positions(corners.numbers[start : start + BLOCK]) @ self.basis.T
-            self.clock.count(len(q))
+            self.clock.count(len(q) * self.criterion.operations)
             now = holds[start : start + BLOCK] = self.criterion.holds(q, self.target, slack)
             if self._is_higher(q[~now]):
                 return False
@@ -299,8 +304,9 @@ class Search:
 
     def _is_higher(self, q: Array) -> bool:
         """Whether the value at one of the positions is above the target; then it is `higher`."""
+        self.clock.count(len(q) * self.criterion.operations)
         q = q[~self.criterion.holds(q, self.target, 0 * self.slack())] if len(q) else q
-        values = self.criterion.values(q) if len(q) else np.zeros(0)
+        values = self.criterion.counted(q, self.clock) if len(q) else np.zeros(0)
         if (values > self.target).any():
             self.higher = q[values.argmax()]
         return self.higher is not None

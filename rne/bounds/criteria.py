@@ -16,12 +16,14 @@ from .polynomials import Polynomial
 ROUNDING = 2000 * float(np.finfo(float).eps)
 
 AT_ONCE = 500  # arrays of which the norm is found
+SWEEPS = 2  # over the rates, in search of a largest torque
+TINY = 1e-300
 ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigenvalue
 
 
 def positive_definite(A: Array) -> Array:
     """True where all pivots are positive, of matrices (N, n, n)."""
-    a = np.ascontiguousarray(np.moveaxis(A, 0, -1))
+    a = np.array(np.moveaxis(A, 0, -1), order="C")  # a copy, of one matrix too
     sound = np.ones(len(A), dtype=bool)
     with np.errstate(all="ignore"):
         for k in range(len(a)):
@@ -38,11 +40,26 @@ class Criterion:
     polynomial: Polynomial
     ratios: dict[tuple[int, int], float] = field(default_factory=dict, init=False)  # known, of groups and coordinates
     has_ratios: ClassVar[bool] = True
-    time_model: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least next gap / gap; time is about gap^-exponent
+    time_model: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least next gap / gap; work is about gap^-exponent
+    of_value: ClassVar[int] = 0  # operations of `values` beside those of `holds`, for each position
 
     def values(self, q: Array) -> Array:
         """Values attained at positions, shape (N,)."""
         raise NotImplementedError
+
+    def counted(self, q: Array, clock: Any) -> Array:
+        """Values, as work of a clock."""
+        clock.count(len(q) * (self.operations + self.of_value))
+        return self.values(q)
+
+    @cached_property
+    def operations(self) -> float:
+        """Of `holds`, for each position."""
+        return self.polynomial.operations + self.of_test(self.polynomial.coefficients.shape[-1])
+
+    def of_test(self, n: int) -> float:
+        """Operations of a test beside those of the array, whose last axis is n."""
+        return n
 
     def holds(self, q: Array, target: float, slack: Any) -> Array:
         """True where phi(A + E) is certainly at most `target` for every E that the slack bounds, shape (N,)."""
@@ -110,9 +127,13 @@ class Norm(Criterion):
     positive: bool = field(default=False, kw_only=True)
     has_ratios: ClassVar[bool] = False  # sums of matrices are close to what grids show
     time_model: ClassVar[tuple[float, float]] = (0.14, 1.75)
+    of_value = 5_000  # of eigenvalues
 
     def values(self, q: Array) -> Array:
         return np.asarray(abs(np.linalg.eigvalsh(self.polynomial.evaluate(q))[:, [0, -1]]).max(axis=1))
+
+    def of_test(self, n: int) -> float:
+        return 3.0 * n**3
 
     def holds(self, q: Array, target: float, slack: Array) -> Array:
         A, room = self.polynomial.evaluate(q), target * np.eye(len(slack)) - slack
@@ -164,8 +185,11 @@ class LargestOfInverse(Norm):
         return value**2 * (ROUNDING * float(np.linalg.eigvalsh(self.modes.sum(axis=0))[-1]) + self.error)
 
     def values(self, q: Array) -> Array:
-        inverse = self.projection @ np.linalg.inv(self.polynomial.evaluate(q)) @ self.projection
-        return np.asarray(np.linalg.eigvalsh(inverse)[:, -1])
+        """Infinite where M is singular but for rounding."""
+        M = self.polynomial.evaluate(q)
+        sound = positive_definite(M)
+        inverse = np.linalg.inv(np.where(sound[:, None, None], M, np.eye(M.shape[-1])))
+        return np.where(sound, np.linalg.eigvalsh(self.projection @ inverse @ self.projection)[:, -1], np.inf)
 
     def holds(self, q: Array, target: float, slack: Array) -> Array:
         return positive_definite(self.polynomial.evaluate(q) - (slack + self.projection / target))
@@ -184,6 +208,8 @@ class Coriolis(Criterion):
     It is attained at v = w, because for each u the form u^T C(q, v) w of v and w is symmetric. The square of
     |C(q, v) v| is a form of degree 4 in v, which the largest eigenvalue of its symmetric tensor, as a matrix, bounds.
     """
+
+    of_value = 60_000  # of a dozen eigenvectors
 
     @cached_property
     def _pairs(self) -> tuple[Array, Array, Array]:
@@ -210,6 +236,9 @@ class Coriolis(Criterion):
     @staticmethod
     def _torque(c: Array, v: Array) -> Array:
         return np.asarray(np.einsum("nj,njk->nk", v, (v[:, None, None] @ c).squeeze(2)))
+
+    def of_test(self, n: int) -> float:
+        return 2.0 * n**5 + (n * (n + 1) / 2) ** 3 / 3
 
     def holds(self, q: Array, target: float, slack: float) -> Array:
         if slack >= target:
@@ -268,6 +297,7 @@ class Torque(Criterion):
 
     rates: Array
     accelerations: Array
+    of_value = 20_000
 
     @cached_property
     def error(self) -> float:
@@ -276,11 +306,19 @@ class Torque(Criterion):
         return ROUNDING * float(g[0, 0] + fixed[0] + c.sum() * self.rates.max(initial=0.0) ** 2)
 
     @cached_property
+    def _signs(self) -> Array:
+        """Of the rates at half of the corners of their box, shape (2^(n - 1), n)."""
+        return np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1))))
+
+    @cached_property
     def _products(self) -> Array:
-        """Products of the rates i <= j at half of the corners of their box, shape (n (n + 1) / 2, 2^(n - 1))."""
-        signs = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * (len(self.rates) - 1)))) * self.rates
+        """Products of the rates i <= j at these corners, shape (n (n + 1) / 2, 2^(n - 1))."""
         i, j = np.triu_indices(len(self.rates))
-        return np.asarray((signs[:, i] * signs[:, j]).T)
+        corners = self._signs * self.rates
+        return np.asarray((corners[:, i] * corners[:, j]).T)
+
+    def of_test(self, n: int) -> float:
+        return 2.0 * self._products.size
 
     def _parts(self, A: Array) -> tuple[Array, Array, Array]:
         """a, what is added whatever the rates are, and C_k."""
@@ -290,7 +328,21 @@ class Torque(Criterion):
     def values(self, q: Array) -> Array:
         A = self.polynomial.evaluate(q)
         _, inertial, c = self._parts(A * (np.arange(A.shape[1]) > 3))
-        return np.asarray(inertial + abs(A[:, :1] + c @ self._products).max(axis=1))
+        high, low = np.split(self._largest_form(np.concatenate([c, -c])), 2)
+        return np.asarray(inertial + np.maximum(high + A[:, 0], low - A[:, 0]))
+
+    def _largest_form(self, c: Array) -> Array:
+        """Of the rates: from the best corner each rate in turn goes to its best value, inside of its range too."""
+        i, j = np.triu_indices(len(self.rates))
+        v = self._signs[(c @ self._products).argmax(axis=1)]  # rates over their largest values
+        c = c * self._products[:, 0]
+        mixed = np.zeros((len(c), len(self.rates), len(self.rates)))
+        mixed[:, i, j] = mixed[:, j, i] = np.where(i == j, 0.0, c)
+        bend = np.maximum(-2 * c[:, i == j], TINY)
+        for k in [*range(len(self.rates))] * SWEEPS:
+            slope = np.einsum("ij,ij->i", mixed[:, k], v)
+            v[:, k] = np.clip((slope + np.copysign(np.sqrt(TINY), slope)) / bend[:, k], -1, 1)
+        return np.asarray((c * v[:, i] * v[:, j]).sum(axis=1))
 
     def holds(self, q: Array, target: float, slack: float) -> Array:
         g, fixed, c = self._parts(self.polynomial.evaluate(q))

@@ -17,6 +17,7 @@ from .criteria import ROUNDING, Criterion
 from .polynomials import Polynomial
 
 STEPS = (10, 8, 6)  # of a full turn, per degree
+OF_ENTRY = 16  # operations for each number on a grid
 MOST_POINTS, MOST_NUMBERS = 250_000, 4e6  # of a grid, whichever allows more
 
 
@@ -63,15 +64,15 @@ def values_on_grid(frequency: Array, coefficients: Array, steps: Array) -> Itera
 
 
 def ratio_on_grid(
-    criterion: Criterion, frequency: Array, on: Array, weights: Array, steps: Array, clock: Any, time: float
+    criterion: Criterion, frequency: Array, on: Array, weights: Array, steps: Array, clock: Any, work: float
 ) -> float | None:
-    """A bound of phi of the sum of weighted modes `on`, over the sum of their phi; None if it would take too long."""
+    """A bound of phi of the sum of weighted modes `on`, over the sum of their phi; None if that exceeds `work`."""
     most, began = 0.0, clock.now()
     coefficients = (weights * criterion.grid_coefficients[on].T).T
     for number, values in enumerate(values_on_grid(frequency, coefficients, steps), start=1):
         most = criterion.ratio(values, on, weights, most)
-        clock.count(len(values))
-        if (clock.now() - began) * steps.max() > number * time:
+        clock.count(values.size * OF_ENTRY)
+        if (clock.now() - began) * steps.max() > number * work:
             return None
     between = np.cos(np.pi * abs(frequency).max(axis=0) / steps).prod()
     return float(min(most / between + ROUNDING, 1.0))

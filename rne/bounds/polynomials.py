@@ -49,7 +49,7 @@ def box_argument(model: Model, positions: Any) -> Box:
             raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
     else:
         if not isinstance(positions, Sequence | np.ndarray) or len(positions) != 2:
-            raise ValueError('`positions` must be "circle", "limits" or (lower, upper)')
+            raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
         lower, upper = (per_joint_array("positions", x, model.n) for x in positions)
         if (lower > upper).any():
             raise ValueError(f"`positions` must have lower <= upper, got {lower} and {upper}")
@@ -83,6 +83,8 @@ class Polynomial:
         Sums of p / h and p / h^2 of the powers p of sliding joints that a coordinate drives, h their half widths.
     terms : ndarray, shape (...)
         Bounds of the sums of the moduli that the recursions add up to each entry, for their rounding.
+    operations : int
+        Of `evaluate`, for each position.
     """
 
     evaluate: Map
@@ -91,6 +93,7 @@ class Polynomial:
     power: Array
     power_squares: Array
     terms: Array
+    operations: int = 0
 
     def derivatives(self, basis: Array) -> tuple[Array, Array]:
         """Bounds of a mode's first and second derivative by each x of q = basis x, shape (modes, n)."""
@@ -111,8 +114,10 @@ class Polynomial:
         parts = (self, *others)
         names = ("frequency", "power", "power_squares", "terms")
         rows = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
-        coefficients = block_diag(*(p.coefficients for p in parts))
-        return Polynomial(lambda q: np.hstack([p.evaluate(q) for p in parts]), coefficients, **rows)
+        coefficients, operations = block_diag(*(p.coefficients for p in parts)), sum(p.operations for p in parts)
+        return Polynomial(
+            lambda q: np.hstack([p.evaluate(q) for p in parts]), coefficients, **rows, operations=operations
+        )
 
 
 def independent(model: Model) -> Model:
@@ -156,7 +161,8 @@ def polynomial(kernel: Kernel, box: Box, degree: int, reduced: Callable[[Array, 
     kept = abs(coefficients).reshape(len(modes), -1).max(axis=1) > 0
     kept[0] = True  # of an array that vanishes
     power, power_squares = (x[kept] for x in of_powers)
-    return Polynomial(evaluate, coefficients[kept], frequency[kept], power, power_squares, terms)
+    operations = sum(kernel.operations.values())
+    return Polynomial(evaluate, coefficients[kept], frequency[kept], power, power_squares, terms, operations)
 
 
 def _modes(kernel: Kernel, box: Box, degree: int) -> tuple[Array, Array]:

@@ -173,6 +173,8 @@ def check_gains(
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse * p, -inverse * d]])
     limit, limit_q = loop.limit(worst, *space)
     proven = BOTH[: 0 if q is None else 2]
+    if bounds is not None and not hasattr(bounds, "joint_names"):
+        raise TypeError(f"`bounds` must be a result of robot.bounds(), got {type(bounds).__name__}")
     if bounds is not None and q is None:
         stiffness, limit, proven = bounded(robot, p, d, bounds, limit)
     there, pole = LinearLoop(*loop.modes(limit_q)), float(-np.linalg.eigvals(A).real.min())

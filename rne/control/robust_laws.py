@@ -195,8 +195,8 @@ def robust_passive(
     bound tight. V = s^T M s / 2 obeys V' <= -s^T Kd s + boundary / 4 <= -2 V / m + boundary / 4, m being the largest
     eigenvalue of Kd^-1/2 M Kd^-1/2; hence in the end s_i^2 <= m boundary / 4 (M^-1)_ii, from which `error_bound`
     follows. m and M^-1 are bounded over the joints' ranges with proof (`rne.Robot.bounds`) where that succeeds within
-    10 % and 3 s; elsewhere 10 % more than what a search attains is an assumption. So is that nothing but these
-    parameters is unknown, that the drives are not saturated and that the law is not sampled.
+    10 % and 3 units of work; elsewhere 10 % more than what a search attains is an assumption. So is that nothing but
+    these parameters is unknown, that the drives are not saturated and that the law is not sampled.
 
     Examples
     --------
@@ -277,9 +277,9 @@ def sliding_mode(
     Slotine and Li 1991, section 9.1, with one layer for all joints. k = max |D Y (pi_k - pi_0)| + reaching over the
     cases k bounds every mixture of them exactly. s^T M s falls outside the layer, hence in the end s^T M s <= m, the
     largest eigenvalue of D M D, and s_i^2 <= m (M^-1)_ii, from which `error_bound` follows; m and M^-1 are bounded over
-    the joints' ranges with proof (`rne.Robot.bounds`) where that succeeds within 10 % and 3 s; elsewhere 10 % more than
-    what a search attains is an assumption. So is that nothing but these parameters is unknown, that the drives are not
-    saturated and that the law is not sampled.
+    the joints' ranges with proof (`rne.Robot.bounds`) where that succeeds within 10 % and 3 units of work; elsewhere
+    10 % more than what a search attains is an assumption. So is that nothing but these parameters is unknown, that the
+    drives are not saturated and that the law is not sampled.
 
     Examples
     --------

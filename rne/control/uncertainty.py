@@ -13,11 +13,11 @@ from ..basics.arrays import is_equal, positive_number, whole_number
 from ..basics.spatial import Array
 from ..robot import Robot
 from .gains import workspace
-from .laws import checked_vectors
+from .laws import checked_vectors, of_robot
 from .reference import Reference, check_reference, reference_values
 
 MARGIN = 1.1  # on the largest values found
-POSITIONS = 2_000_000  # for proofs, some seconds
+BUDGET = 3.0  # of proofs, in units of `rne.Robot.bounds`: some seconds
 SHARED = (  # fields of a Model in which all cases agree
     *("moving_joints", "joint_types", "parent", "axis", "rotation", "translation", "joint_origin"),
     *("gravity", "armature", "coordinate", "multiplier", "offset"),
@@ -68,7 +68,7 @@ class Cases:
     def inertia_bounds(self, scale: Array) -> tuple[float, Array]:
         """Bounds of the eigenvalues of D M D, D = diag(scale), and of the diagonal entries of M^-1, over the workspace.
 
-        Proven where `POSITIONS` suffice to come within `MARGIN` of the values attained; otherwise what a search
+        Proven where `BUDGET` suffices to come within `MARGIN` of the values attained; otherwise what a search
         attains, times `MARGIN`, which is an assumption. The same on every machine, fast or slow.
         """
         from ..bounds.bounds import inertia_extremes
@@ -76,7 +76,7 @@ class Cases:
 
         model = self.centre.model
         box, models = box_argument(model, workspace(self.centre)), [robot.model for robot in self.robots]
-        found = inertia_extremes(models, box, self.centre.engine, scale, MARGIN - 1, POSITIONS)
+        found = inertia_extremes(models, box, self.centre.engine, scale, MARGIN - 1, BUDGET)
         bounds = np.array([min(extreme.upper, MARGIN * extreme.attained) for extreme in found])
         return float(bounds[0]), bounds[1:]
 
@@ -98,6 +98,7 @@ def check_shared(what: str, first: Robot, robot: Robot) -> None:
             raise ValueError(f"{what} in masses, centres of mass and inertias alone, not in {name}")
 
 
+@of_robot
 def uncertainty_bound(
     robot: Robot,
     cases: Sequence[Robot],
@@ -163,7 +164,7 @@ def uncertainty_bound(
     decay, D = checked_vectors(robot, sign="positive", bandwidth=bandwidth, boundary=boundary)
     check_reference(robot, reference)
     count = whole_number("samples", samples, least=MIXTURES)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole_number("seed", seed, least=0))
     times = rng.uniform(0, positive_number("duration", duration, zero_allowed=True), count)
     q_ref, qd_ref, qdd_ref = np.array([reference_values(robot, reference(float(t))) for t in times]).swapaxes(0, 1)
     s = D * _in_unit_ball(rng, count, n)

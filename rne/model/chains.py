@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array, refuse_degrees
+from ..basics.arrays import per_joint_array, real_array, real_numbers, refuse_degrees
 from ..basics.spatial import Array, rotate, rotate_back, rotation_about, snap, unit_vector
 from .builder import Extended, Part, assemble, pose
 from .checks import JOINT_TYPES, inertia_error, is_rotation, looks_like_degrees, symmetric_up_to_rounding
@@ -37,7 +37,8 @@ def chain(
     name: str = "chain",
     joint_names: Sequence[str] | None = None,
     link_names: Sequence[str] | None = None,
-    base: str = "base_link",
+    base: str | ArrayLike = "base_link",
+    tool: ArrayLike | None = None,
     tip: str = "tool0",
 ) -> Model:
     """An unbranched robot from the rotations and vectors between its frames, as in the thesis's appendix B.
@@ -55,8 +56,9 @@ def chain(
         [kg]; links without masses, centres and inertias are massless.
     centres : array_like, shape (n, 3), optional
         The vector r_{i-1,ci} from the origin of frame i-1 to the centre of mass of link i at q = 0, in frame i [m].
-    inertias : array_like, shape (n, 3, 3), optional
-        About the centre of mass, in the axes of frame i [kg m^2].
+    inertias : array_like, shape (n, 3, 3), (n, 3) or (n, 6), optional
+        About the centre of mass, in the axes of frame i [kg m^2]: matrices, or their entries xx, yy, zz, or xx, yy, zz,
+        xy, yz, xz.
     axes : array_like, shape (n, 3), optional
         Direction b_i of joint i's axis in frame i, of any length. By default z of frame i-1, seen from frame i (3.30).
     types : str or sequence of n str
@@ -64,13 +66,17 @@ def chain(
     lower, upper, velocity, effort : array_like, shape (n,), optional
         Limits, infinite where not given [rad or m; rad/s or m/s; N m or N].
     gravity : array_like, shape (3,)
-        In frame 0 [m/s^2].
+        In the axes of the base [m/s^2].
     name : str
         Of the robot.
     joint_names, link_names : sequence of n str, optional
         "joint_1", ... and "link_1", ... by default.
-    base, tip : str
-        Names of the link with frame 0, and of the link with frame n, fixed behind link n.
+    base : str or array_like, shape (4, 4)
+        Name of the link with frame 0, or the pose of frame 0 in the link "base_link".
+    tool : array_like, shape (4, 4), optional
+        Pose of the last link in frame n.
+    tip : str
+        Name of the last link, fixed behind link n: with frame n, or the tool's.
 
     Returns
     -------
@@ -101,7 +107,7 @@ def chain(
     ends = extended("positions", positions, f"({n}, 3)")
     given = Links(
         masses, centres, inertias, types, lower, upper, velocity, effort, gravity,
-        name, joint_names, link_names, base, tip,
+        name, joint_names, link_names, base, tool, tip,
     )  # fmt: skip
     joints, _ = names_of(given, n)
     for i, joint in enumerate(joints):
@@ -119,6 +125,7 @@ def dh_chain(
     alpha: ArrayLike,
     d: ArrayLike,
     theta: ArrayLike,
+    offset: ArrayLike = 0.0,
     convention: Literal["standard", "modified"] = "standard",
     masses: ArrayLike | None = None,
     centres: ArrayLike | None = None,
@@ -132,7 +139,8 @@ def dh_chain(
     name: str = "chain",
     joint_names: Sequence[str] | None = None,
     link_names: Sequence[str] | None = None,
-    base: str = "base_link",
+    base: str | ArrayLike = "base_link",
+    tool: ArrayLike | None = None,
     tip: str = "tool0",
 ) -> Model:
     """An unbranched robot from its Denavit-Hartenberg table; centres and inertias are seen from the DH frames.
@@ -141,7 +149,9 @@ def dh_chain(
     ----------
     a, alpha, d, theta : array_like, shape (n,)
         The columns of the table. The joint's position is added to theta (revolute) or to d (prismatic): what is given
-        here for it is its offset, the value at q = 0 [m, rad, m, rad].
+        here for it is its value at q = 0 [m, rad, m, rad].
+    offset : float or array_like, shape (n,)
+        Added to the position of each joint, beside what theta or d has [rad or m].
     convention : {"standard", "modified"}
         Standard (Siciliano, Corke's `SerialLink`, the thesis): T_i = Rot(z, theta) Trans(z, d) Trans(x, a)
         Rot(x, alpha); frame i lies at the far end of link i. Modified (Craig): T_i = Rot(x, alpha) Trans(x, a)
@@ -151,27 +161,32 @@ def dh_chain(
     centres : array_like, shape (n, 3), optional
         Centre of mass of link i from the origin of DH frame i, in its axes (Corke's `r`). The thesis's r_{i-1,ci}
         counts from the origin of frame i-1: for that see `chain` [m].
-    inertias : array_like, shape (n, 3, 3), optional
-        About the centre of mass, in the axes of DH frame i [kg m^2].
+    inertias : array_like, shape (n, 3, 3), (n, 3) or (n, 6), optional
+        About the centre of mass, in the axes of DH frame i [kg m^2]: matrices, or their entries xx, yy, zz, or xx, yy,
+        zz, xy, yz, xz (Corke's order; a URDF's is another).
     types : str or sequence of n str
         "revolute", "continuous" or "prismatic".
     lower, upper, velocity, effort : array_like, shape (n,), optional
         Limits, infinite where not given [rad or m; rad/s or m/s; N m or N].
     gravity : array_like, shape (3,)
-        In frame 0 [m/s^2].
+        In the axes of the base [m/s^2].
     name : str
         Of the robot.
     joint_names, link_names : sequence of n str, optional
         "joint_1", ... and "link_1", ... by default.
-    base, tip : str
-        Names of the link with DH frame 0, and of the link with DH frame n, fixed behind link n.
+    base : str or array_like, shape (4, 4)
+        Name of the link with DH frame 0, or the pose of DH frame 0 in the link "base_link".
+    tool : array_like, shape (4, 4), optional
+        Pose of the last link in DH frame n.
+    tip : str
+        Name of the last link, fixed behind link n: with DH frame n, or the tool's.
 
     Returns
     -------
     Model
-        For `rne.Robot`; the last of `link_poses` is T_1 T_2 ... T_n. Its link i has the orientation of DH frame i. In
-        the modified convention it is DH frame i; in the standard one its origin is on the axis of joint i, where DH
-        frame i-1 has its own at q = 0.
+        For `rne.Robot`; the last of `link_poses` is base T_1 T_2 ... T_n tool. Its link i has the orientation of DH
+        frame i. In the modified convention it is DH frame i; in the standard one its origin is on the axis of joint i,
+        where DH frame i-1 has its own at q = 0.
 
     Raises
     ------
@@ -194,17 +209,21 @@ def dh_chain(
         raise ValueError(f"`convention` must be 'standard' or 'modified', got {convention!r}")
     length = extended("a", a, "(n,)")
     n = len(length)
-    twist, offset, angle = (
+    twist, shift, angle = (
         extended(column, x, f"({n},)") for column, x in (("alpha", alpha), ("d", d), ("theta", theta))
     )
     refuse_degrees("alpha", twist)
     refuse_degrees("theta", angle)
+    zero = per_joint_array("offset", offset, n).astype(Extended)
     given = Links(
         masses, centres, inertias, types, lower, upper, velocity, effort, gravity,
-        name, joint_names, link_names, base, tip,
+        name, joint_names, link_names, base, tool, tip,
     )  # fmt: skip
+    slides = np.array(_types(given, names_of(given, n)[0])) == "prismatic"
+    refuse_degrees("offset", np.where(slides, 0, zero))
+    angle, shift = angle + np.where(slides, 0, zero), shift + np.where(slides, zero, 0)
     Rx, Rz = snap(rotation_about(X, twist)), snap(rotation_about(Z, angle))
-    along_x, along_z, none = length[:, None] * X, offset[:, None] * Z, np.zeros((n, 3), dtype=Extended)
+    along_x, along_z, none = length[:, None] * X, shift[:, None] * Z, np.zeros((n, 3), dtype=Extended)
     if convention == "modified":  # frame i is the joint's frame
         origins = along_x + rotate(Rx, along_z)
         return _chain_model(given, Rx @ Rz, np.concatenate([origins, np.zeros((1, 3))]), none + Z, none)
@@ -227,7 +246,8 @@ class Links(NamedTuple):
     name: str
     joint_names: Sequence[str] | None
     link_names: Sequence[str] | None
-    base: str
+    base: str | ArrayLike
+    tool: ArrayLike | None
     tip: str
 
 
@@ -238,6 +258,9 @@ def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Ar
     centres of mass count from shifts[i] in the joint's frame.
     """
     n = len(R)
+    (base, first), (tool, last) = (_placement(x, getattr(given, x)) for x in ("base", "tool"))
+    R, origins = np.concatenate([R, tool[None]]), np.concatenate([origins[:-1], origins[-1:] + last])
+    R[0], origins[0] = base @ R[0], base @ origins[0] + first
     joints, links = names_of(given, n)
     types = _types(given, joints)
     bodies = _bodies(given, links[1:-1])
@@ -249,8 +272,31 @@ def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Ar
         joint = {"joint": joints[i], "kind": types[i], "axis": axes[i], "placement": pose(snap(R[i]), origins[i])}
         own_limits = {field: values[i] for field, values in limits.items()}
         parts.append(Part(link=links[i + 1], parent=i, **joint, **body, **own_limits))
-    parts.append(Part(link=links[-1], joint=FLANGE, parent=n, placement=pose(np.eye(3), origins[-1])))
+    parts.append(Part(link=links[-1], joint=FLANGE, parent=n, placement=pose(snap(R[-1]), origins[-1])))
     return assemble(given.name, parts, gravity=gravity)
+
+
+def _placement(name: str, value: Any) -> tuple[Array, Array]:
+    """Rotation and origin of a pose; none of a name."""
+    if value is None or isinstance(value, str):
+        return np.eye(3, dtype=Extended), np.zeros(3, dtype=Extended)
+    T = extended(name, value, "(4, 4)")
+    if not is_rotation(T[:3, :3].astype(np.float64)) or T[3].tolist() != [0, 0, 0, 1]:
+        raise ValueError(f"`{name}` must be a pose: a rotation and an origin [m] above a row of 0, 0, 0, 1")
+    return T[:3, :3], T[:3, 3]
+
+
+def _inertias(value: Any, n: int) -> Array:
+    """Matrices, from those or from three or six of their entries."""
+    I = real_numbers("inertias", value, f"({n}, 3, 3)").astype(Extended)
+    if I.shape == (n, 3):
+        return np.asarray(I[:, None] * np.eye(3, dtype=Extended))
+    if I.shape == (n, 6):
+        return np.asarray(I[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2]]])
+    if I.shape != (n, 3, 3):
+        forms = f"({n}, 3, 3), or ({n}, 3) with xx, yy, zz, or ({n}, 6) with xx, yy, zz, xy, yz, xz"
+        raise ValueError(f"`inertias` must have shape {forms}, got {I.shape}")
+    return np.asarray(I)
 
 
 def extended(name: str, value: ArrayLike, shape: str) -> Array:
@@ -262,11 +308,11 @@ def names_of(given: Links, n: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the joints, and of all links from the base to the last frame, none of them empty or given twice."""
     joints = _names("joint_names", given.joint_names, [f"joint_{i}" for i in range(1, n + 1)])
     links = _names("link_names", given.link_names, [f"link_{i}" for i in range(1, n + 1)])
-    for argument in ("name", "base", "tip"):
-        value = getattr(given, argument)
+    base = given.base if given.base is None or isinstance(given.base, str) else "base_link"
+    for argument, value in (("name", given.name), ("base", base), ("tip", given.tip)):
         if not isinstance(value, str) or not value:
             raise ValueError(f"`{argument}` must be a name, got {value!r}")
-    links = (given.base, *links, given.tip)
+    links = (str(base), *links, given.tip)
     for kind, all_names in (("joint", (*joints, FLANGE)), ("link", links)):
         for k, name in enumerate(all_names):
             if name in all_names[:k]:
@@ -308,13 +354,13 @@ def _directions(axes: ArrayLike, joints: tuple[str, ...]) -> Array:
 def _bodies(given: Links, links: Sequence[str]) -> list[tuple[Any, Array, Array]]:
     """Mass, centre and inertia of each link; all zero if none is given."""
     n = len(links)
-    shapes = {"masses": f"({n},)", "centres": f"({n}, 3)", "inertias": f"({n}, 3, 3)"}
-    missing = [name for name in shapes if getattr(given, name) is None]
-    if len(missing) == len(shapes):
+    missing = [name for name in ("masses", "centres", "inertias") if getattr(given, name) is None]
+    if len(missing) == 3:
         return [(0.0, np.zeros(3), np.zeros((3, 3)))] * n
-    if missing:
+    if missing or given.masses is None or given.centres is None:
         raise ValueError(f"`{missing[0]}` must be given too: masses, centres and inertias belong together")
-    masses, centres, inertias = (extended(name, getattr(given, name), shape) for name, shape in shapes.items())
+    masses, centres = extended("masses", given.masses, f"({n},)"), extended("centres", given.centres, f"({n}, 3)")
+    inertias = _inertias(given.inertias, n)
     bodies = []
     for i, (mass, centre, inertia) in enumerate(zip(masses, centres, inertias, strict=True)):
         link = links[i]

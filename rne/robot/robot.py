@@ -1091,6 +1091,7 @@ class Robot(InNotebooks):
         masses: Mapping[str, tuple[float, float]] | None = None,
         tolerance: float = 0.05,
         budget: float = 60.0,
+        seconds: float | None = None,
         quantities: Sequence[str] | None = None,
     ) -> Bounds:
         """Constants that stability theorems take as known, with proof: gravity, inertia and Coriolis at every position.
@@ -1113,7 +1114,11 @@ class Robot(InNotebooks):
         tolerance : float
             Gap to prove, relative to the value attained.
         budget : float
-            Time for each quantity, after which the bounds proven so far are returned [s]. A faster machine proves more.
+            Work for each quantity, after which the bounds proven so far are returned. It is counted, so that every
+            machine proves the same; a unit is 2e9 operations, about 1 s of one core.
+        seconds : float, optional
+            Time for each quantity, after which the bounds proven so far are returned as well [s]. Where it ends a proof
+            `Bounds.stopped` says so: what was proven then depends on the machine and its load.
         quantities : sequence of str, optional
             Of "gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque". By
             default all, `torque` only where rates and accelerations are known.
@@ -1143,7 +1148,7 @@ class Robot(InNotebooks):
         from ..bounds.bounds import robot_bounds
 
         return robot_bounds(
-            self._kernels, positions, rates, accelerations, payload, masses, tolerance, budget, quantities
+            self._kernels, positions, rates, accelerations, payload, masses, tolerance, budget, seconds, quantities
         )
 
     def with_payload(
