@@ -379,7 +379,7 @@ def test_times_that_go_back_are_refused(true):
     t, q, tau = measure(true)
     t[100] = t[98] - 1e-3
     with exactly(
-        "record: time that goes back at sample 100 (t = 0.195 s): 0.195 s after 0.198 s; "
+        "record: time that goes back at sample 100 (t = 0.195 s), after 0.198 s; "
         "sort the samples, or pass each motion as a record"
     ):
         Record(t, q, tau).prepare()
@@ -817,8 +817,38 @@ def test_blocks_are_all_rows_once_and_stay_within_segments(true, k):
 def test_a_part_of_a_record_is_a_record(true):
     part = record(true).between(1.0, 3.0)
     assert (part.t[0], part.t[-1]) == (1.0, 3.0)
-    with exactly("there are no samples between 7 and 8 s"):
+    with exactly("there are no samples between 7 and 8 s: the record's are from 1 to 3 s"):
         part.between(7, 8)
+
+
+def test_texts_count_seconds_from_the_first_stamp(true):
+    """Stamps since 1970; the first is told once."""
+    t, q, tau = measure(true)
+    q[700, 0] += 0.3
+    stamped = Record(1681917731.0 + t, q, tau)
+    assert str(stamped.findings[0]).startswith("warning: record: joint_1: position spike at sample 700 (t = 1.4 s)")
+    assert "s from 1681917731.000 s on" in repr(stamped)
+    assert "times are counted from the first stamp, 1681917731.000 s" in stamped.prepare().notes
+    with exactly("there are no samples between 0 and 2 s: the record's are from 1681917731 to 1681917739 s"):
+        stamped.between(0, 2)
+
+
+@pytest.mark.parametrize("missing", [0.0, np.nan])
+def test_torques_that_were_not_recorded_are_told_as_such(true, missing):
+    t, q, tau = measure(true)
+    unpublished = Record(t, q, np.full_like(tau, missing))
+    with pytest.raises(ValueError, match=r"^record: no torque in any sample, all are zero or missing; did the driver "):
+        unpublished.prepare()
+    assert "constant torque" not in [finding.kind for finding in unpublished.findings]
+
+
+def test_an_arm_at_rest_has_one_finding(true):
+    rng = np.random.default_rng(0)
+    q, qd = 0.3 + 1e-5 * rng.normal(size=true.q.shape), 1e-3 * rng.normal(size=true.q.shape)
+    (finding,) = Record(true.t, q, true.tau, qd).findings
+    assert finding.message == (
+        "record: no motion of any joint; nothing can be found from one pose: measure while the joints move"
+    )
 
 
 def test_sweep_takes_half_and_twice_the_chosen_cut_off(true):

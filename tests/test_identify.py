@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import rne
+from benchmarks import identification_faults as faults
 from rne.identification import Record
 from rne.identification.checking import without_gaps
 from rne.identification.least_squares import least_squares
@@ -305,6 +306,84 @@ def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motion
         _ = free.friction
 
 
+def test_torques_of_the_other_sign_are_told_though_no_bodies_have_them():
+    """Reaction torques: the default call names the cause and gives what least squares find."""
+    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
+    t, w = np.arange(0, 20, 0.01), 2 * np.pi * np.array([0.21, 0.34, 0.55])
+    q, qd, qdd = 0.8 * np.sin(np.outer(t, w)), 0.8 * w * np.cos(np.outer(t, w)), -0.8 * w**2 * np.sin(np.outer(t, w))
+    tau = robot.inverse_dynamics(q, qd, qdd) + 3 * qd + 2 * np.sign(qd)
+    tau += 0.2 * np.random.default_rng(0).normal(size=q.shape)
+    with pytest.warns(
+        rne.IdentificationWarning, match="^the likely cause: the torques of all joints have the wrong sign"
+    ):
+        found = rne.identify(robot, Record(t, q, -tau))
+    assert not found.consistent
+    assert any(
+        note.startswith("parameters are those of least squares, as with `consistent=False`") for note in found.notes
+    )
+    with pytest.raises(rne.IdentificationError, match="mend what `causes` name first"):
+        _ = found.robot
+
+
+SCARA = faults.from_text(faults.SCARA)
+
+
+def swings(robot, rotors=0.0):
+    """Times, positions and torques of the SCARA or of its first joints."""
+    t, w, size = np.arange(0, 8, 0.008), 2 * np.pi * np.array([0.31, 0.44, 0.55, 0.7]), np.array([1, 1, 0.1, 1])
+    q, qd, qdd = size * np.sin(np.outer(t, w)), size * w * np.cos(np.outer(t, w)), -size * w**2 * np.sin(np.outer(t, w))
+    q, qd, qdd = (x[:, : robot.n] for x in (q, qd, qdd))
+    tau = robot.inverse_dynamics(q, qd, qdd) + 0.5 * qd + rotors * qdd
+    return t, q, tau + 0.005 * np.abs(tau).max(0) * np.random.default_rng(0).normal(size=q.shape)
+
+
+def test_joints_that_are_not_in_the_log_are_locked_and_others_taken_by_name():
+    locked = SCARA.locked({"d": 0.0})
+    t, q, tau = swings(locked)
+    names, order = ["c", "a", "force", "b"], [2, 0, 0, 1]
+    log = Record(t, q[:, order], tau[:, order], joint_names=names)
+    plain = Record(t, q, tau, joint_names=["a", "b", "c"])
+    found, expected = (rne.identify(r, x, consistent=False) for r, x in ((SCARA, log), (locked, plain)))
+    assert found.notes[:2] == (
+        "d is not in every record: locked at 0",
+        "force of the records is not a joint of the robot, or locked: left out",
+    )
+    np.testing.assert_array_equal(found.estimate.values, expected.estimate.values)
+    np.testing.assert_array_equal(found.check(log).relative, expected.check(plain).relative)
+    assert rne.consistency(SCARA, log).joint_names == ("a", "b", "c")
+
+
+def test_rotors_are_declined_where_no_joint_feels_one():
+    """As by torque sensors behind the gears."""
+    t, q, tau = swings(SCARA)
+    found = rne.identify(SCARA, Record(t, q, tau), consistent=False)
+    assert "Ia" not in found.standard.terms
+    assert any(note.startswith("rotors are not fitted") for note in found.notes)
+    felt = rne.identify(SCARA, Record(*swings(SCARA, rotors=0.2)), consistent=False)
+    assert felt.estimate.values[felt.base.names.index("Ia_4")] == pytest.approx(0.2, rel=0.1)
+    asked = rne.identify(SCARA, Record(t, q, tau), drives=MEASURED, consistent=False)
+    assert "Ia" in asked.standard.terms
+
+
+def test_a_motion_that_excites_nothing_is_told_in_one_sentence():
+    """Joints move once and rest: other parts of the log say nothing of it."""
+    t = np.arange(0, 20, 0.01)
+    q, qd, qdd = rne.trajectories.quintic([0] * 4, [1, 1, 0.1, 1], 4.0)(np.minimum(t, 4.0))
+    qd[t >= 4], qdd[t >= 4] = 0, 0
+    tau = SCARA.inverse_dynamics(q, qd, qdd) + 0.5 * qd
+    tau += 0.01 * np.abs(tau).max(0) * np.random.default_rng(0).normal(size=q.shape)
+    with pytest.warns(rne.IdentificationWarning, match=r"^the motion excites too little: \d+ of \d+ base parameters"):
+        found = rne.identify(SCARA, Record(t, q, tau), consistent=False)
+    assert "the model does not explain" not in found.doubt
+    assert re.search(r"%.*\n.*  a .*> 1000", found.report())
+
+
+def test_the_report_says_how_far_the_prior_moves_what_is_known(found):
+    shift = np.abs(found.values - found.estimate.values) / found.estimate.errors
+    text = f"moves base parameters by up to {shift.max():.1f} of their standard errors"
+    assert text in found.report()
+
+
 def test_errors_of_each_motion_show_the_bad_one(scene, motions):
     good, bad = (
         Record(*measure(motions[0], k, torque_noise=NOISE[: scene.n]), name=name)
@@ -354,7 +433,8 @@ def short():
         (
             ValueError,
             lambda r, rec: rne.identify(loaded("panda"), rec, drives=rne.DriveModel()),
-            "`records` must be of 8 joints, as the robot, got one of 6",
+            "`records` must be of 8 joints, as the robot, got one of 6: give the names of those measured as `joint_names` of "
+            "the Record, or lock the others: `robot.locked({'panda_joint7': 0, 'panda_finger_joint1': 0})`",
         ),
         (
             ValueError,

@@ -23,9 +23,12 @@ from ..basics.text import listed
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
 from .residuals import TINY, Grid, Residuals
+from .screening import seconds
 
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
 LOAD = "payload changed"
+GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # which sound gears have
+LATEST = 0.1  # delay [s], above which no logger is late
 DRIVES: dict[str, tuple[str, str, Callable[[Array, Array, Array], Array]]] = {  # kind, noun, torque of (q, qd, qdd)
     "Ia": ("rotor", "a rotor", lambda q, qd, qdd: qdd),
     "Fv": ("viscous friction", "viscous friction", lambda q, qd, qdd: qd),
@@ -92,26 +95,59 @@ class Change(NamedTuple):
         """The cause with its score."""
         c, error, squares = res.with_columns(self.columns)
         gain, removed = res.gain(squares)
-        size = (float(c[0]), error) if len(c) == 1 else (float("nan"), float("nan"))
+        size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
         kind = "pre-sliding friction" if self.kind == STRIBECK and c[0] < 0 else self.kind
         kind = "torque sign" if kind == GAIN and c[0] < -1 else kind
         score = gain - res.penalty(len(c)) - float(np.log(self.alternatives))
         return Cause(kind, self.joints, self.text(c), score, removed, *size, self.at)
 
 
-def likely_causes(res: Residuals) -> tuple[Cause, ...]:
-    """Causes whose score is evident, the likeliest first, of each kind and joints the best."""
-    log = Log(res)
-    kinds = (log.delays, log.gravity, log.joints, log.drives, log.friction, log.payloads, log.slips, log.contacts)
-    found = [change.judged(res) for changes in kinds for change in changes()]
-    found += [*torque_scale(res), *other_torques(res)]
+def likely_causes(res: Residuals) -> tuple[tuple[Cause, ...], Array | None]:
+    """Causes whose score is evident, of each kind and joints the best: first those that explain what friction cannot.
+
+    With the columns of the likeliest of those that have columns.
+    """
+    drives, rest = Log(res), res.beyond_friction
+    log = Log(rest)
+    kinds = (log.delays, log.gravity, log.joints, log.changing, log.payloads, log.slips, log.contacts)
+    found = [change.judged(res) for changes in (drives.drives, drives.friction) for change in changes()]
+    best_score, leading = EVIDENT, None
+    for change in (change for changes in kinds for change in changes()):
+        found.append(change.judged(rest))
+        if found[-1].score > best_score and change.kind != "delay":
+            best_score, leading = found[-1].score, change.columns
+    found += [*torque_scale(res), *other_torques(rest)]
     if res.share > POOR:
-        found += [*gravity_directions(res), *other_joints(res)]
+        found += [*gravity_directions(res), *other_joints(rest)]
     best: dict[tuple[str, tuple[str, ...]], Cause] = {}
-    for cause in sorted(found, key=lambda cause: -cause.score):
+    for cause in sorted(found, key=lambda cause: (cause.kind in GEARS, -cause.score)):
         if cause.score > EVIDENT:
             best.setdefault((cause.kind, cause.joints), cause)
-    return tuple(best.values())
+    return tuple(best.values()), leading
+
+
+def delays_of(res: Residuals) -> list[Cause]:
+    """Delays of records and joints that the residuals show, whatever else they show, with their sizes together."""
+    names, options, left = res.robot.joint_names, delay_columns(res), res
+    chosen: list[tuple[tuple[str, ...], Array]] = []
+    while options:
+        scores = []
+        for _, columns in options:
+            c, _, squares = left.with_columns(columns)
+            scores.append(left.gain(squares)[0] - left.penalty(len(c)) if np.abs(c).max() < LATEST else -np.inf)
+        if max(scores) <= EVIDENT:
+            break
+        chosen.append(options.pop(int(np.argmax(scores))))
+        left = left.with_known(chosen[-1][1])
+    if not chosen:
+        return []
+    c, errors, _ = res.with_columns(np.concatenate([columns for _, columns in chosen], axis=-1))
+    places = [(joints, k if joints is names else np.nan) for joints, x in chosen for k in range(x.shape[-1])]
+    none = np.zeros(len(names))
+    return [
+        Cause("delay", joints, "", np.nan, none, float(c[i]), float(errors[i]), at)
+        for i, (joints, at) in enumerate(places)
+    ]
 
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
@@ -152,19 +188,15 @@ class Log:
 
     def time(self, place: float) -> str:
         """In words."""
-        t = np.concatenate([record.times for record in self.res.records])
+        t = np.concatenate([record.times - record.start for record in self.res.records])
         k = min(int(np.searchsorted(self.place.ravel(), place)), len(t) - 1)
         name = f" of record {int(place) + 1}" if len(self.res.records) > 1 else ""
-        return f"{t[k]:.3g} s{name}"
+        return f"{seconds(t[k])} s{name}"
 
     def delays(self) -> Iterator[Change]:
         """Torques later than positions: in a record, or of one joint."""
-        late = delay_column(self.res)
-        for k in range(len(self.res.records)):
-            of_record = (self.res.record == k)[:, None, None]
-            yield Change("delay", self.names, late * of_record, delay_text(()), k)
-        for j, name in enumerate(self.names if len(self.names) > 1 else ()):
-            yield Change("delay", (name,), late * np.eye(len(self.names))[j][:, None], delay_text((name,)))
+        for joints, columns in delay_columns(self.res):
+            yield Change("delay", joints, columns, delay_text(() if joints is self.names else joints))
 
     def gravity(self) -> Iterator[Change]:
         """Gravity of another size, which a clock of another rate is too, and gravity tilted by a small angle."""
@@ -184,8 +216,9 @@ class Log:
 
     def joints(self) -> Iterator[Change]:
         """Zeros, gear ratios and gains of torques."""
+        found = self.res.Y @ self.res.x
         for j, name in enumerate(self.names):
-            of_joint, own = (name,), self.own(j, lambda tau, qd: tau)
+            of_joint, own = (name,), (found[:, [j]] * np.eye(len(self.names))[j])[..., None]
             ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
             zero = words("the zero of {} is off by {:.3g} {}", name, self.units(j)[0])
             yield Change("joint zero", of_joint, self.zeros[j], zero)
@@ -199,7 +232,7 @@ class Log:
     @cached_property
     def zeros(self) -> list[Array]:
         """Torques per unit of each joint's zero."""
-        predicted = self.res.predicted
+        predicted = self.res.load
 
         def torques(unit: Array, g: Grid) -> Array:
             return slope(lambda h: predicted(g.q + h * unit, g.qd, g.qdd))
@@ -208,21 +241,12 @@ class Log:
 
     def ratio_column(self, j: int) -> Array:
         """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
-        unit, predicted = np.eye(len(self.names))[j], self.res.predicted
+        unit, predicted = np.eye(len(self.names))[j], self.res.load  # drives of the joint stay what they are
 
         def torques(g: Grid, k: Array) -> Array:
             return np.asarray(k * predicted(k * g.q, k * g.qd, k * g.qdd))
 
         return self.res.columns(lambda g: slope(lambda h: torques(g, 1 + h * unit)))[..., None]
-
-    def own(self, j: int, function: Callable[[Array, Array], Array]) -> Array:
-        """A function of a joint's predicted torque and velocity as its torque."""
-        unit = np.eye(len(self.names))[j]
-
-        def torques(g: Grid, predicted: Array) -> Array:
-            return np.asarray(function(predicted[:, j], g.qd[:, j])[:, None] * unit)
-
-        return self.res.columns_of_torques(torques)[..., None]
 
     def drives(self) -> Iterator[Change]:
         """Rotors, friction and offsets that were not asked for."""
@@ -236,8 +260,8 @@ class Log:
             every = f"the drives have {noun}, which was not asked for"
             yield Change(kind, self.names, np.concatenate(columns, axis=-1), words(every, ""))
 
-    def friction(self) -> Iterator[Change]:
-        """Friction that changes during the log, with speed or with the load; torques whose zero drifts."""
+    def changing(self) -> Iterator[Change]:
+        """Friction that changes during the log; torques whose zero drifts."""
         ramp = self.place - self.place.mean()
         courses = (ramp, ramp**2 - (ramp**2).mean())
         for j, name in enumerate(self.names):
@@ -247,15 +271,19 @@ class Log:
             yield Change("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
             drift = np.eye(len(self.names))[j][:, None] * ramp
             yield Change("offset drifts", of_joint, drift, words("the zero of the torque of {} drifts", name))
+
+    def friction(self) -> Iterator[Change]:
+        """Friction that changes with speed or with the load."""
+        for j, name in enumerate(self.names):
+            of_joint = (name,)
             sides = self.res.column_of(j, lambda q, qd, qdd: np.abs(qd))
             text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
             yield Change("friction by direction", of_joint, sides, text)
-            load = self.own(j, lambda tau, qd: np.abs(tau) * np.sign(qd))
+            load = (self.res.curves[..., 0] * np.eye(len(self.names))[j])[..., None]
             text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
             yield Change("friction under load", of_joint, load, text)
-            fastest = max(float(np.abs(r.qd[:, j]).max()) for r in self.res.records)
-            for share in VELOCITIES if fastest > 0 else ():
-                yield stribeck(self.res, j, share * fastest)
+            for share in VELOCITIES if self.res.fastest[j] > 0 else ():
+                yield stribeck(self.res, j, share * self.res.fastest[j])
 
     @property
     def starts(self) -> Array:
@@ -338,7 +366,19 @@ def slope(function: Callable[[float], Array]) -> Array:
 
 def delay_column(res: Residuals) -> Array:
     """Torques per second of delay."""
-    return -res.columns_of_torques(Grid.rate_of_change)[..., None]
+    bodies, parts = PARAMETERS * res.standard.model.nb, []
+    for grid, load in zip(res.grids, res.loads_on_grids, strict=True):
+        drives = res.standard.drive_torques(grid.record.qd, grid.record.qdd, res.x[bodies:])
+        parts.append(grid.rate_of_change(grid.at_samples(load) + drives))
+    return -np.concatenate(parts)[..., None]
+
+
+def delay_columns(res: Residuals) -> list[tuple[tuple[str, ...], Array]]:
+    """Torques per second of the delay of each record, together, and of each joint."""
+    names, late = res.robot.joint_names, delay_column(res)
+    records = [late * (res.record == k)[:, None, None] for k in range(len(res.records))]
+    of_joints = [((name,), late * unit[:, None]) for name, unit in zip(names, np.eye(len(names)), strict=True)]
+    return [(names, np.concatenate(records, axis=-1)), *of_joints[: len(names) * (len(names) > 1)]]
 
 
 def size_text(factor: float) -> str:
@@ -424,18 +464,20 @@ def other_joints(res: Residuals) -> Iterator[Cause]:
     for i, j in combinations(range(n), 2):
         text = f"{names[i]} and {names[j]} are interchanged"
         changes.append(("joint order", (names[i], names[j]), text, unit[swapped(n, i, j)]))
-    for j, k in ((j, k) for j in range(1, n) for k in (1, -1)):
+    coupled = (res.standard.motors != 0).astype(int)
+    known = coupled.T @ coupled  # pairs of joints that a motor of the drives turns with
+    for j, k in ((j, k) for j in range(1, n) for k in (1, -1) if not known[j, j - 1]):
         J = unit.copy()
         J[j, j - 1] = -k  # positions read as those of motors
         text = f"the motor of {names[j]} turns with {names[j - 1]} too: a coupling is missing"
         changes.append(("coupling", (names[j - 1], names[j]), text, J))
     for j, name in enumerate(names):
         changes.append(("joint sign", (name,), f"{name} turns the other way", unit - 2 * np.diag(unit[j])))
-    before = res.squares_of(res.moved(unit), res.tau)
+    before = res.squares_moved(unit, res.tau)
     for kind, joints, text, J in changes:
-        yield anew(res, kind, joints, text, res.squares_of(res.moved(J), res.tau @ np.linalg.inv(J)), before)
+        yield anew(res, kind, joints, text, res.squares_moved(J, res.tau @ np.linalg.inv(J)), before)
     turns = res.robot.model.is_revolute[list(res.robot.model.independent_joints)]
-    squares = res.squares_of(res.moved(np.diag(np.where(turns, np.pi / 180, 1.0))), res.tau)
+    squares = res.squares_moved(np.diag(np.where(turns, np.pi / 180, 1.0)), res.tau)
     yield anew(res, "degrees", names, "positions are in degrees", squares, before)
 
 

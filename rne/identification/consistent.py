@@ -80,9 +80,7 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
         if y is not None:
             return np.asarray(scale @ y)
     raise IdentificationError(
-        f"no physically consistent bodies were found (Clarabel: {status}). With `consistent=False` the report says "
-        "which parameters are negative or not excited; check signs and units of the torques, or give a larger "
-        "`prior_std`"
+        f"no physically consistent bodies were found (Clarabel: {status}); check the signs and units of the torques"
     )
 
 

@@ -17,21 +17,37 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
-from .causes import DRIVES, Cause, delay_text, derivative_by, likely_causes, merged_by_kind, sharpened
+from .causes import (
+    DRIVES,
+    GEARS,
+    STRIBECK,
+    Cause,
+    delay_text,
+    delays_of,
+    derivative_by,
+    likely_causes,
+    merged_by_kind,
+    sharpened,
+)
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
 from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
 from .record import Record
-from .regression import FOLDS, RegressionData, build_regression
+from .regression import FOLDS, RegressionData, build_regression, of_named_joints
 from .residuals import Residuals
-from .result import IMPOSSIBLE, WRONG_SIGN, Identification
+from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
 from .rigid_body_test import EXPLAINED
 
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
 BEYOND_DOUBT = 4.0  # standard errors
 IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns
-ROUNDS = 4  # of taking a cause into account
+SMALL_ROTOR = 0.1  # of a joint's inertia, below which a rotor that is not told from zero is none
+NO_ROTORS = (
+    "rotors are not fitted: none is told from zero, or reaches 10 % of its joint's inertia, as where torques are "
+    "measured behind the gears"
+)
+ROUNDS = 6  # of taking delays and Stribeck effects into account
 
 
 def identify(
@@ -127,7 +143,7 @@ def identify(
     >>> found.check(record).measured.shape[1], len(found.plot().axes)
     (6, 12)
     """
-    robot_argument(robot)
+    robot, records, matched = of_named_joints(robot_argument(robot), records)
     for name, given in (("prior", prior), ("prior_std", prior_std)):
         if given is not None and not consistent:
             raise ValueError(f"`{name}` is for the physically consistent fit: leave it out, or set `consistent=True`")
@@ -135,25 +151,31 @@ def identify(
     stds = PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "decimation": decimation, "folds": folds}
-    base, data, causes, modelled = explained(robot, records, drives, delay, options)
+    base, data, causes, modelled, declined = explained(robot, records, drives, delay, options)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
-    for std in stds:
-        method = Method(standard, base, guess, std**-2)
+    try:
+        for std in stds:
+            method = Method(standard, base, guess, std**-2)
+            estimate, parameters = method.solved(data.fitted)
+            if guess is None or plausible(parameters, guess, data.fitted):
+                break
+        errors = held_out(method, data.fitted, data.measured)
+    except IdentificationError as error:  # of torques that no bodies have, of which the causes say more
+        consistent, method, std = False, Method(standard, base, None, 1.0), stds[0]
+        notes = (f"{NOT_CONSISTENT}: {error}",)
         estimate, parameters = method.solved(data.fitted)
-        if guess is None or plausible(parameters, guess, data.fitted):
-            break
+        errors = held_out(method, data.fitted, data.measured)
     correlation_time = data.correlation_time(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
     estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
-    errors = held_out(method, data.fitted, data.measured)
     if std != stds[0]:
         notes += (
             f"prior_std {std:g}: with a larger one, torques that are not explained ask for one body of a mass "
             "above the guess of all",
         )
-    notes = (*data.notes, *map(taken_text, modelled), *notes)
+    notes = (*matched, *data.notes, *map(taken_text, modelled), *declined, *notes)
     notes += (*ignored_drives(standard), *negative_drives(robot, base, estimate))
     trust = errors, correlation_time, lower - estimate.values, drift_error, merged_by_kind(causes)
     found = Identification(robot, standard, base, data, estimate, parameters, consistent, *trust, notes)
@@ -164,37 +186,58 @@ def identify(
 
 def explained(
     robot: Robot,
-    records: Record | Sequence[Record],
+    records: Sequence[Record],
     drives: DriveModel | None,
     delay: ArrayLike | None,
     options: dict[str, Any],
-) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause]]:
-    """The equations with the delays and Stribeck effects that they ask for, what causes the rest, what is modelled."""
-    delays = np.zeros((len(records) if isinstance(records, Sequence) else 1, robot.n))
+) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
+    """The equations with delays, Stribeck effects and rotors as they show, what causes the rest, what is modelled."""
+    delays = np.zeros((len(records), robot.n))
     if delay is not None:
         delays = delays + per_joint_array("delay", delay, robot.n)
-    free = {"delay": delay is None, "Stribeck friction": drives is None}  # what may be taken into account
+    is_open = drives is None  # to Stribeck effects and fewer rotors
     drives = MEASURED if drives is None else drive_argument(drives)
-    modelled: dict[tuple[str, tuple[str, ...], float], Cause] = {}
+    late: dict[tuple[Any, ...], Cause] = {}
+    sharp: dict[tuple[str, ...], Cause] = {}
     for k in range(ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
         data = build_regression(robot, records, base, **options, delays=delays)
         rest = residuals_of(robot, base, data, least_squares(data.fitted.mapped(base.back)))
-        causes = likely_causes(rest)
-        found = [cause for cause in causes if free.get(cause.kind)]
-        if k == ROUNDS or not found or found[0].score < causes[0].score / 2:
-            break
-        if found[0].kind == "delay":
-            best, key = found[0], ("delay", found[0].joints, found[0].at)
-            joints = best.joints if np.isnan(best.at) else ()
-            delays = delays + delay_of(robot, best, len(delays))
-            total = best.value + (modelled[key].value if key in modelled else 0.0)
-            modelled[key] = best._replace(value=total, text=delay_text(joints)(np.array([total])))
-        else:
-            sharp = [sharpened(rest, cause) for cause in found if cause.kind == found[0].kind]
-            drives = with_stribeck(robot, drives, sharp)
-            modelled |= {(cause.kind, cause.joints, np.nan): cause for cause in sharp}
-    return base, data, causes, list(modelled.values())
+        is_last = k == ROUNDS
+        found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
+        if not found:
+            causes, leading = likely_causes(rest)
+            if leading is not None and not is_last and delay is None:  # which may hide a delay
+                found = delays_of(rest.beyond_friction.with_known(leading))
+        for cause in found:
+            delays = delays + delay_of(robot, cause, len(delays))
+            key = cause.joints, str(cause.at)
+            late[key] = cause._replace(value=cause.value + (late[key].value if key in late else 0.0))
+        slow = [] if found or is_last or not is_open else [cause for cause in causes if cause.kind == STRIBECK]
+        if slow and slow[0].score >= max(cause.score for cause in causes) / 2:
+            more = [sharpened(rest, cause) for cause in slow]
+            drives, sharp = with_stribeck(robot, drives, more), sharp | {cause.joints: cause for cause in more}
+        elif not found:
+            if is_last or not is_open or not drives.rotor or not has_no_rotors(robot, base, data, causes):
+                break
+            drives = replace(drives, rotor=False)
+    declined = (NO_ROTORS,) if is_open and not drives.rotor else ()
+    return base, data, causes, [*late.values(), *sharp.values()], declined
+
+
+def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, causes: Sequence[Cause]) -> bool:
+    """True if no rotor is felt where it could be, as by torque sensors behind the gears; other causes hide rotors."""
+    own = [k for k, name in enumerate(base.names) if name.startswith("Ia_") and base.formulas[k] == name]
+    if not own or any(cause.kind not in GEARS for cause in causes):
+        return False
+    fitted = data.fitted.mapped(base.back)
+    found = least_squares(fitted)
+    found = with_correlation(found, fitted, data.correlation_time(base.back @ found.values))
+    size = np.zeros(robot.model.nb)
+    size[list(robot.model.independent_joints)] = np.diag(robot.mass_matrix(np.zeros(robot.n)))
+    joints = [int(base.names[k].removeprefix("Ia_")) - 1 for k in own]
+    doubt = BEYOND_DOUBT * found.errors[own]
+    return bool((found.values[own] < np.minimum(doubt, SMALL_ROTOR * size[joints] - doubt)).all())
 
 
 def with_estimated(estimate: LeastSquares, rest: Residuals, modelled: Sequence[Cause]) -> LeastSquares:
@@ -211,7 +254,8 @@ def taken_text(cause: Cause) -> str:
     """What is taken into account, with its standard error."""
     name, error = cause.kind, f"{cause.error:.2g}"
     if cause.kind == "delay":
-        name, error = f"delay of {1000 * cause.value:.3g} ms", f"{1000 * cause.error:.2g} ms"
+        text = delay_text(cause.joints if np.isnan(cause.at) else ())(np.array([cause.value]))
+        return f"delay of {1000 * cause.value:.3g} ms: {text} (+- {1000 * cause.error:.2g} ms); taken into account"
     return f"{name}: {cause.text} (+- {error}); taken into account"
 
 

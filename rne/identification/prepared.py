@@ -52,6 +52,8 @@ class Prepared:
         False where a torque is measured but not to be used: a constant channel, a saturated drive.
     notes : tuple of str
         What was done, in words: the cut-off's choice, what was cut, bridged and dropped.
+    start : float
+        First stamp of the record, from which texts count [s].
 
     Examples
     --------
@@ -77,6 +79,7 @@ class Prepared:
     decimation: int
     usable: Array
     notes: tuple[str, ...] = ()
+    start: float = 0.0
 
     __repr__ = summary
 
@@ -178,7 +181,7 @@ ROUNDED = 1.01  # of a cut-off that was printed and is given back
 PASS_BAND = 0.8  # cut-off as a part of half the reduced rows' rate (Gautier, Janot and Vandanjon 2013)
 
 
-def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int | None) -> Prepared:
+def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int | None, start: float) -> Prepared:
     """Filter and differentiate the positions of every segment that is long enough."""
     rate, parts = 1 / screened.period, screened.segments
     positions, torques = [screened.q[part] for part in parts], [screened.tau[part] for part in parts]
@@ -218,9 +221,13 @@ def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int
             f"{counted(len(left_out), 'segment')}, {sum(left_out)} samples in all, left out: "
             f"the filters need {needed} samples without a gap"
         )
+    if start:
+        notes.append(f"times are counted from the first stamp, {start:.3f} s")
     notes += [*screened.notes, *(str(finding) for finding in screened.findings)]
     t, tau, usable = (x[rows] for x in (screened.t, screened.tau, screened.usable))
-    return Prepared(t, q, qd, qdd, tau, segments, rate, cutoff, position_cutoff, decimation, usable, tuple(notes))
+    return Prepared(
+        t, q, qd, qdd, tau, segments, rate, cutoff, position_cutoff, decimation, usable, tuple(notes), start
+    )
 
 
 def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[list[Array], Spectrum | None, list[str]]:

@@ -301,7 +301,7 @@ class Record:
         t = self.t
         return (
             f"Record '{self.name}': {counted(len(t), 'sample')} of {counted(self.n, 'joint')}, "
-            f"{t[-1] - t[0]:.4g} s, {counted(len(self.findings), 'finding')}"
+            f"{t[-1] - t[0]:.4g} s{f' from {t[0]:.3f} s on' if t[0] else ''}, {counted(len(self.findings), 'finding')}"
         )
 
     @property
@@ -329,10 +329,17 @@ class Record:
         """
         part = (self.t >= start) & (self.t <= end)
         if not part.any():
-            raise ValueError(f"there are no samples between {start:.6g} and {end:.6g} s")
-        qd = None if self.qd is None else self.qd[part]
-        options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge, "joint_names": self.joint_names}
-        return Record(self.t[part], self.q[part], self.tau[part], qd, name=self.name, **options)
+            span = f"the record's are from {self.t[0]:.12g} to {self.t[-1]:.12g} s"
+            raise ValueError(f"there are no samples between {start:.12g} and {end:.12g} s: {span}")
+        return self._part(part, self.joint_names)
+
+    def _part(self, rows: Array | slice, joint_names: Sequence[str]) -> Record:
+        """Some samples of some joints."""
+        joints = [self.joint_names.index(name) for name in joint_names]
+        qd = None if self.qd is None else self.qd[rows][:, joints]
+        options: dict[str, Any] = {"stamps": self._stamps, "bridge": self._bridge, "joint_names": joint_names}
+        q, tau = self.q[rows][:, joints], self.tau[rows][:, joints]
+        return Record(self.t[rows], q, tau, qd, name=self.name, **options)
 
     def prepare(self, cutoff: float | None = None, decimation: int | None = None) -> Prepared:
         """Positions, velocities, accelerations and torques on an equally spaced grid, and the filter for a fit.
@@ -370,7 +377,7 @@ class Record:
         if errors:
             more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""
             raise ValueError(errors[0].message + more)
-        return prepare(self.name, self._screened, cutoff, decimation)
+        return prepare(self.name, self._screened, cutoff, decimation, float(self.t[0]))
 
     def sweep(self, cutoffs: ArrayLike | None = None) -> tuple[Prepared, ...]:
         """The record prepared with several cut-offs, to see how much the filter changes a fit.

@@ -129,10 +129,40 @@ def checked_records(robot: Robot, records: Record | Sequence[Record]) -> tuple[R
     return given
 
 
+def of_named_joints(
+    robot: Robot, records: Record | Sequence[Record]
+) -> tuple[Robot, tuple[Record, ...], tuple[str, ...]]:
+    """The robot with joints locked that a record of named joints lacks, records of its joints in order, and notes."""
+    given = (records,) if isinstance(records, Record) else tuple(records)
+    named = [r for r in given if isinstance(r, Record) and r.joint_names != numbered_joints(r.n)]
+    known = set(robot.joint_names).intersection(*(record.joint_names for record in named))
+    if not named or len(named) < len(given) or not known:
+        return robot, given, ()
+    model, notes = robot.model, []
+    missing = {name: 0.0 for name in robot.joint_names if name not in known}
+    for j, name in zip(model.independent_joints, robot.joint_names, strict=True):
+        if name in missing:
+            missing[name] = float(np.clip(0.0, model.lower[j], model.upper[j]))
+            notes.append(f"{name} is not in every record: locked at {missing[name]:.4g}")
+    robot = robot.locked(missing) if missing else robot
+    others = sorted({name for record in named for name in record.joint_names} - set(robot.joint_names))
+    notes += [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
+    same = all(record.joint_names == robot.joint_names for record in named)
+    return (
+        robot,
+        given if same else tuple(record._part(slice(None), robot.joint_names) for record in named),
+        tuple(notes),
+    )
+
+
 def check_joints(robot: Robot, record: Record, argument: str) -> None:
     """Refuse a record of other joints, or of these in another order."""
     if record.n != robot.n:
-        raise ValueError(f"`{argument}` must be of {robot.n} joints, as the robot, got one of {record.n}")
+        names = robot.joint_names[min(record.n, robot.n - 1) :]
+        cure = "give the names of those measured as `joint_names` of the Record"
+        if record.n < robot.n:
+            cure += f", or lock the others: `robot.locked({dict.fromkeys(names, 0)})`"
+        raise ValueError(f"`{argument}` must be of {robot.n} joints, as the robot, got one of {record.n}: {cure}")
     if record.joint_names not in (robot.joint_names, numbered_joints(robot.n)):
         raise ValueError(
             f"`{argument}` must have the robot's joints in their order, {list(robot.joint_names)}, {record.name} has "

@@ -14,13 +14,16 @@ from ..model.parameters import PARAMETERS
 from ..robot import Robot
 from .equations import RecordEquations
 from .filtering import low_pass
+from .least_squares import correlation_time_of_filtered_noise, correlation_time_of_residuals
 from .prepared import Prepared
 from .screening import consecutive
 
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
 FEWEST = 3  # equations per parameter, from which those beside a rest are left out
 LEAST = 1e-3  # residuals below this part of the torques are none
+APART = 5e-3  # of a column's length, which its values on a grid may be off by
 INDEPENDENT = 1e-6  # of a column's length, below which nothing of it is independent of the others
+SLOW = 0.1  # of a joint's largest speed, up to which friction may rise or fall towards rest
 TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -53,18 +56,24 @@ class Grid(NamedTuple):
             parts.append(CubicSpline(self.t[segment], smooth, axis=0)(self.record.times[rows]))
         return np.concatenate(parts)
 
+    def at_samples(self, values: Array) -> Array:
+        """Values on the grid at all samples of the record."""
+        from scipy.interpolate import CubicSpline
+
+        pairs = zip(self.segments, self.record.segments, strict=True)
+        return np.concatenate([CubicSpline(self.t[a], values[a], axis=0)(self.record.t[b]) for a, b in pairs])
+
     def rate_of_change(self, values: Array) -> Array:
-        """Derivative by time, segment by segment."""
-        found = np.empty_like(values)
-        for segment in self.segments:
-            found[segment] = np.gradient(values[segment], self.t[segment], axis=0)
-        return found
+        """Derivative by time of values at all samples, filtered as torques are."""
+        parts = [np.gradient(values[part], self.record.t[part], axis=0) for part in self.record.segments]
+        return self.record.reduce(np.concatenate(parts))
 
 
 class Residuals:
     """What least squares left of the equations Y x = tau of records, over each joint's noise sigma.
 
-    `beta` are base parameters, `rows` equations of standard parameters, `correlation_time` is that of the residuals.
+    `beta` are base parameters, `rows` equations of standard parameters, `correlation_time` is that of the residuals;
+    `known` columns, shape (rows, n, k), are fitted too, and what they explain needs no cause.
     """
 
     def __init__(
@@ -76,7 +85,9 @@ class Residuals:
         beta: Array,
         sigma: Array,
         correlation_time: Array,
+        known: Array | None = None,
     ) -> None:
+        self.rows, self.beta, self.known = rows, beta, known
         self.robot, self.base, self.standard, self.records = robot, base, base.standard, records
         self.x, self.sigma, self.correlation_time = base.back @ beta, sigma, correlation_time
         self.tau, self.Y = np.concatenate([r.tau for r in rows]), np.concatenate([r.Y for r in rows])
@@ -86,11 +97,56 @@ class Residuals:
         self.joint = np.nonzero(self.used)[1]
         self.A = self.weighted(self.Y @ base.back)
         self.Q = np.linalg.qr(self.A)[0]
+        if known is not None:
+            self.Q = extended(self.Q, self.weighted(known))
         b = self.weighted(self.tau)
         self.left = b - self.Q @ (self.Q.T @ b)
         self.squares = self.by_joint(self.left)
         self.counts = np.bincount(self.joint, minlength=robot.n) / correlation_time
         self.torques = np.maximum(self.by_joint(b), TINY)
+
+    def beyond(self, known: Array) -> Residuals:
+        """The same with these columns known, and the noise that they leave."""
+        given = self.robot, self.base, self.records, self.rows, self.beta
+        if len(self.joint) < FEWEST * (self.base.count + known.shape[-1]):
+            return self
+        first = Residuals(*given, self.sigma, self.correlation_time, known)
+        left, parts = np.zeros(self.tau.shape), (n for record in self.records for n in record.segment_lengths)
+        left[self.used] = first.left
+        times = correlation_time_of_residuals(left, self.used, consecutive(parts))
+        noise = max(correlation_time_of_filtered_noise(r.cutoff, r.sample_rate, r.decimation) for r in self.records)
+        squares = np.maximum(first.squares, LEAST**2 * first.torques) / np.maximum(self.used.sum(0), 1)
+        sigma = np.where(squares > 0, self.sigma * np.sqrt(squares), self.sigma)
+        return Residuals(*given, sigma, np.maximum(times, noise), known)
+
+    def with_known(self, columns: Array) -> Residuals:
+        """The same with more columns known."""
+        known = columns if self.known is None else np.concatenate([self.known, columns], axis=-1)
+        given = self.robot, self.base, self.records, self.rows, self.beta, self.sigma, self.correlation_time
+        return Residuals(*given, known)
+
+    @cached_property
+    def beyond_friction(self) -> Residuals:
+        """The same with friction known that rises with the load and is curved over speed, as that of real gears."""
+        return self.beyond(by_joint(self.curves))
+
+    @cached_property
+    def curves(self) -> Array:
+        """Friction of each joint that no parameter stands for, at the equations' times, shape (rows, n, 3)."""
+        parts = zip(self.grids, self.loads_on_grids, strict=True)
+        pairs = [(g.record, self.friction_curves(g.at_samples(load), g.record.qd)) for g, load in parts]
+        return np.concatenate([record.reduce(curves) for record, curves in pairs])
+
+    def friction_curves(self, load: Array, qd: Array) -> Array:
+        """The same of a motion, from the torques that the gears transmit."""
+        sign, speed = np.sign(qd), np.abs(qd)
+        slow = np.exp(-speed / np.maximum(SLOW * self.fastest, TINY))
+        return np.stack([np.abs(load) * sign, qd * speed, slow * sign], axis=-1)
+
+    @cached_property
+    def fastest(self) -> Array:
+        """Largest speeds, shape (n,)."""
+        return np.asarray(np.max([np.abs(record.qd).max(0) for record in self.records], axis=0))
 
     def weighted(self, columns: Array) -> Array:
         """Values of the equations that are fitted, shape (rows, n, ...), over the noise of their joint."""
@@ -117,31 +173,39 @@ class Residuals:
         """What free numbers cost (Schwarz 1978)."""
         return 0.5 * numbers * float(np.log(max(self.counts.sum(), 2.0)))
 
-    def with_columns(self, columns: Array) -> tuple[Array, float, Array]:
-        """Coefficients of additional columns, shape (rows, n, k), the first's standard error, and the squares left."""
+    def with_columns(self, columns: Array) -> tuple[Array, Array, Array]:
+        """Coefficients of additional columns, shape (rows, n, k), their standard errors, and the squares left."""
         X = self.weighted(columns)
         left = X - self.Q @ (self.Q.T @ X)
         lengths = np.linalg.norm(left, axis=0)
-        known = lengths > INDEPENDENT * np.maximum(np.linalg.norm(X, axis=0), TINY)
-        c = np.zeros(X.shape[1])
-        c[known] = np.linalg.lstsq(left[:, known] / lengths[known], self.left, rcond=1e-8)[0] / lengths[known]
-        error = float(np.sqrt(self.correlation_time.max(initial=1)) / lengths[0]) if known[0] else float("inf")
-        return c, error, self.by_joint(self.left - left @ c)
+        known = lengths > APART * np.maximum(np.linalg.norm(X, axis=0), TINY)
+        c, errors = np.zeros(X.shape[1]), np.full(X.shape[1], np.inf)
+        if known.any():
+            inverse = np.linalg.pinv(left[:, known] / lengths[known], rcond=1e-8)
+            c[known] = inverse @ self.left / lengths[known]
+            errors[known] = np.linalg.norm(inverse, axis=1) / lengths[known]
+        return c, np.sqrt(self.correlation_time.max(initial=1)) * errors, self.by_joint(self.left - left @ c)
 
     def squares_of(self, Q: Array, tau: Array) -> Array:
         """What a fit by orthonormal columns leaves of torques."""
         b = self.weighted(tau)
         return self.by_joint(b - Q @ (Q.T @ b))
 
-    def moved(self, J: Array) -> Array:
-        """Orthonormal columns of the equations of other joints, of positions J q."""
-
-        def columns(g: Grid) -> Array:
-            q, qd, qdd = (x @ J.T for x in (g.q, g.qd, g.qdd))
-            drives = self.standard.drive_columns(qd, qdd)
-            return np.concatenate([self.robot.regressor(q, qd, qdd), drives], axis=-1) @ self.base.back
-
-        return np.linalg.qr(self.weighted(self.columns(columns)))[0]
+    def squares_moved(self, J: Array, tau: Array) -> Array:
+        """What a fit leaves of torques where the joints are J q, with friction that is known so too."""
+        bodies = self.standard.groups["bodies"].stop
+        states = [(g.q @ J.T, g.qd @ J.T, g.qdd @ J.T) for g in self.grids]
+        Y = [self.robot.regressor(*x) @ self.base.back[:bodies] for x in states]
+        drives = [self.standard.drive_columns(*x[1:]) @ self.base.back[bodies:] for x in states]
+        columns = (g.reduced(y + d) for g, y, d in zip(self.grids, Y, drives, strict=True))
+        A = self.weighted(np.concatenate(list(columns)))
+        Q = np.linalg.qr(A)[0]
+        if self.known is not None:
+            beta = np.linalg.lstsq(A, self.weighted(tau), rcond=INDEPENDENT)[0]
+            curves = [self.friction_curves(y @ beta, x[1]) for y, x in zip(Y, states, strict=True)]
+            reduced = [g.reduced(curve) for g, curve in zip(self.grids, curves, strict=True)]
+            Q = extended(Q, self.weighted(by_joint(np.concatenate(reduced))))
+        return self.squares_of(Q, tau)
 
     def covariance_of(self, columns: Array) -> Array:
         """Covariance of the base parameters that the coefficients of these columns bring, where they are found too."""
@@ -160,11 +224,6 @@ class Residuals:
         """Torques on the grids, shape (samples, n, ...), filtered, at the equations' times."""
         return np.concatenate([grid.reduced(torques(grid)) for grid in self.grids])
 
-    def columns_of_torques(self, function: Callable[[Grid, Array], Array]) -> Array:
-        """A function of the predicted torques on the grids, filtered, at the equations' times."""
-        pairs = zip(self.grids, self.torques_on_grids, strict=True)
-        return np.concatenate([grid.reduced(function(grid, torques)) for grid, torques in pairs])
-
     def column_of(self, j: int, torque: Callable[[Array, Array, Array], Array]) -> Array:
         """The torque of one joint, a function of its (q, qd, qdd), as a column, shape (rows, n, 1)."""
         states = [(record.q[:, j], record.qd[:, j], record.qdd[:, j]) for record in self.records]
@@ -172,13 +231,26 @@ class Residuals:
         return np.asarray((found[:, None] * np.eye(self.robot.n)[j])[..., None])
 
     @cached_property
-    def torques_on_grids(self) -> list[Array]:
-        """Torques of the parameters found."""
-        return [self.predicted(g.q, g.qd, g.qdd) for g in self.grids]
+    def loads_on_grids(self) -> list[Array]:
+        """Torques of the bodies found, which the gears transmit."""
+        return [self.load(g.q, g.qd, g.qdd) for g in self.grids]
 
-    def predicted(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Torques of the parameters found."""
-        bodies = PARAMETERS * self.standard.model.nb
-        drives = self.standard.drive_torques(qd, qdd, self.x[bodies:])
-        torques: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=self.x[:bodies]) + drives
+    def load(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Torques of the bodies found."""
+        bodies = self.x[: PARAMETERS * self.standard.model.nb]
+        torques: Array = self.robot.inverse_dynamics(q, qd, qdd, parameters=bodies)
         return torques
+
+
+def extended(Q: Array, X: Array) -> Array:
+    """Orthonormal columns that span those of Q and X, without what is rounding."""
+    left = X - Q @ (Q.T @ X)
+    left -= Q @ (Q.T @ left)
+    U, S, _ = np.linalg.svd(left / np.maximum(np.linalg.norm(X, axis=0), TINY), full_matrices=False)
+    return np.concatenate([Q, U[:, INDEPENDENT < S]], axis=1)
+
+
+def by_joint(values: Array) -> Array:
+    """Columns of torques of one joint each, shape (rows, n, n k), from values of shape (rows, n, k)."""
+    rows, n, k = values.shape
+    return np.asarray((values[:, :, None] * np.eye(n)[:, :, None]).reshape(rows, n, n * k))

@@ -18,7 +18,7 @@ from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
-from .causes import Cause
+from .causes import GEARS, Cause
 from .checking import Check
 from .consistent import expected_sizes, model_prior
 from .equations import Equations
@@ -31,6 +31,9 @@ from .rigid_body_test import EXPLAINED, certified
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
+UNKNOWN_SHARE = 10.0  # part of a torque from which its size says nothing
+TOO_FAR = 1.0  # part of a joint's torque, held out: zero predicts it better
 UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
 NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
@@ -126,17 +129,35 @@ class Identification(InNotebooks):
         names = self.initial.joint_names
         poor = [j for j in range(len(names)) if left[j] > UNEXPLAINED]
         impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
-        lines, causes = [], self.causes[:NAMED]
-        if poor:
+        lines, causes = [], [cause for cause in self.causes if cause.kind not in GEARS][:NAMED]
+        if self.unexcited:
+            lines.append(self.unexcited)
+        elif poor:
             shares = listed([f"{names[j]} {100 * left[j]:.0f} %" for j in poor])
             lines.append(f"torques in motion that the model does not explain: {shares}")
         if causes:
             first = "likely causes" if len(causes) > 1 else "the likely cause"
             lines.append(f"{first}: " + "; ".join(cause.text for cause in causes))
-        if any(all(cause.removed[j] < EXPLAINS for cause in self.causes) for j in poor):
+        if not self.unexcited and any(all(cause.removed[j] < EXPLAINS for cause in self.causes) for j in poor):
             lines.append(UNKNOWN)
+        lines += [note for note in self.notes if note.startswith(NOT_CONSISTENT)]
         hint = [note for note in self.notes if impossible and note.endswith(WRONG_SIGN)]
         return ". ".join([*lines, *impossible, *hint])
+
+    @cached_property
+    def unexcited(self) -> str:
+        """That the motion says too little, if parts of the log are fitted but not predicted from the others."""
+        torques = np.maximum(self.equations.torques(), np.finfo(float).tiny)
+        fitted = np.sqrt(self.equations.residuals(self.parameters) / torques)
+        far = (self.unexplained.in_motion > TOO_FAR) & (fitted < UNEXPLAINED)
+        if not far.any():
+            return ""
+        names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
+        return (
+            f"the motion excites too little: {int((~self.excited).sum())} of {self.base.count} base parameters are not "
+            f"told from zero, and what is found in parts of the log predicts nothing of the others ({names}). Move all "
+            "joints farther and faster: `rne.excitation` finds a motion"
+        )
 
     @property
     def records(self) -> tuple[Prepared, ...]:
@@ -188,9 +209,7 @@ class Identification(InNotebooks):
         try:
             model = with_parameters(self.initial.model, self.parameters[self.standard.groups["bodies"]])
         except ValueError as error:
-            raise IdentificationError(
-                f"least squares gave no possible bodies: fit with `consistent=True`; {error}"
-            ) from None
+            raise IdentificationError(f"least squares gave no possible bodies: {self._cure}; {error}") from None
         rotors, damping, friction = drives = np.zeros((3, model.nb))  # zero for joints that mimic others
         drives[:, list(model.independent_joints)] = [self._of_drives(symbol) for symbol in ("Ia", "Fv", "Fc")]
         return Robot(replace(model, armature=rotors, damping=damping, friction=friction), self.initial.engine)
@@ -205,14 +224,19 @@ class Identification(InNotebooks):
         smoothing = self.standard.smoothing or SMOOTHING
         return Friction(viscous=self._of_drives("Fv"), coulomb=self._of_drives("Fc"), smoothing=smoothing)
 
+    @property
+    def _cure(self) -> str:
+        has_failed = any(note.startswith(NOT_CONSISTENT) for note in self.notes)
+        return "mend what `causes` name first" if has_failed else "fit with `consistent=True`"
+
     def _check_consistent(self) -> None:
         """Refuse to make a robot or its friction from least squares that came out negative."""
         of_drives_and_masses = [name.split("_")[0] in ("m", "Ia", "Fv", "Fc") for name in self.standard.names]
         negative = [self.standard.names[k] for k in np.flatnonzero(of_drives_and_masses & (self.parameters < 0))]
         if negative and not self.consistent:
             raise IdentificationError(
-                f"least squares gave negative values of {listed(negative)}: fit with `consistent=True`; `estimate` has "
-                "them as they are"
+                f"least squares gave negative values of {listed(negative)}: {self._cure}; `estimate` has them as they "
+                "are"
             )
 
     @property
@@ -269,6 +293,8 @@ class Identification(InNotebooks):
         """
         if not isinstance(record, Record):
             raise TypeError(f"`record` must be an rne.identification.Record, got {type(record).__name__}")
+        if set(self.initial.joint_names) <= set(record.joint_names):
+            record = record._part(slice(None), self.initial.joint_names)
         check_joints(self.initial, record, "record")
         prepared = record.prepare(min(fitted.cutoff for fitted in self.records))
         return self._compared(record.name, delayed(prepared, self.delay.mean(0)))
@@ -347,7 +373,7 @@ def joints_text(found: Identification) -> str:
         count = int(found.equations.rows[:, j].sum())
         cells = (
             f"{found.estimate.sigma[j]:.4g}",
-            *("-" if np.isnan(left.everywhere[j]) or np.isnan(x) else f"{100 * x:.1f}" for x in shares),
+            *("-" if np.isnan(left.everywhere[j]) or np.isnan(x) else share_text(x) for x in shares),
             str(count),
             f"{count / found.correlation_time[j]:.0f}",
         )
@@ -360,9 +386,16 @@ def joints_text(found: Identification) -> str:
     return "\n".join([*aligned(rows), close, *motions_text(found)])
 
 
+def share_text(x: float) -> str:
+    """A part of the torques in per cent."""
+    return f"{100 * x:.1f}" if x < UNKNOWN_SHARE else f"> {100 * UNKNOWN_SHARE:.0f}"
+
+
 def causes_text(found: Identification) -> str:
     """What would explain the residuals, the likeliest first, and joints that are not explained."""
     lines: list[str] = []
+    if found.unexcited:
+        return found.unexcited
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > EXPLAINED:
             own = [cause.text for cause in found.causes if cause.removed[j] > EXPLAINS]
@@ -433,9 +466,12 @@ def bodies_text(found: Identification) -> str:
     sigma = believed_noise(found.equations, found.estimate.sigma)
     free, consistent = ((found.equations.residuals(x) / sigma**2).sum() for x in values)
     growth = float(np.sqrt(consistent / max(free, found.equations.rows.sum())))
+    shift = np.abs(found.values - found.estimate.values) / found.estimate.errors
+    k = int(np.argmax(shift))
     worth = (
-        "Torques do not determine single masses: of all bodies with the same base parameters, these are the nearest to "
-        "the prior."
+        "Torques do not determine single masses: of all bodies with nearly the same base parameters, these are the "
+        f"nearest to the prior. It moves base parameters by up to {shift[k]:.1f} of their standard errors "
+        f"({found.base.names[k]})."
     )
     if growth > WORSE:
         worth = (

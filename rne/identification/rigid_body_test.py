@@ -28,7 +28,7 @@ from .filtering import ORDER
 from .least_squares import NOTHING, held_out_squares, weighted_fit
 from .prepared import Prepared
 from .record import Record
-from .regression import FOLDS, RegressionData, build_regression
+from .regression import FOLDS, RegressionData, build_regression, of_named_joints
 
 CHANCE = 1e-3  # of all joints together, that F is called large by accident
 WORSE = 2.0  # times the joint's own residual: a conflict has to matter
@@ -339,7 +339,8 @@ def consistency(
     >>> rne.consistency(robot, rne.identification.Record(t, q, tau)).one_model
     False
     """
-    base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
+    robot, records, _ = of_named_joints(robot_argument(robot), records)
+    base = robot.base_parameters(drives=MEASURED if drives is None else drives)
     data = build_regression(robot, records, base, minimum_velocity, cutoff, decimation, folds)
     own = [base.back @ own_fit(data.fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
     correlation_time = np.array([data.correlation_time(x)[j] for j, x in enumerate(own)])

@@ -20,6 +20,11 @@ from ..trajectories.time_units import guessed_unit
 NAMED = 3  # samples that a text names
 
 
+def seconds(t: float) -> str:
+    """Seconds from a record's first stamp, to a millisecond."""
+    return f"{round(float(t), 3):.12g}"
+
+
 @dataclass(frozen=True)
 class RecordFinding:
     """One error or warning about measurements.
@@ -101,8 +106,8 @@ class Findings:
         return any(finding.severity == "error" for finding in self.found)
 
     def at(self, samples: Array) -> str:
-        """Where these samples are, the first ones with their times."""
-        named = ", ".join(f"{k} (t = {self.t[k]:.6g} s)" for k in self.rows[samples[:NAMED]])
+        """Where these samples are, the first ones with their times from the first stamp."""
+        named = ", ".join(f"{k} (t = {seconds(self.t[k] - self.t[0])} s)" for k in self.rows[samples[:NAMED]])
         if len(samples) == 1:
             return f"at sample {named}"
         more = f" and {len(samples) - NAMED} more" if len(samples) > NAMED else ""
@@ -142,7 +147,7 @@ def check_order(found: Findings, t: Array, rows: Array, stamps: Stamps) -> Array
     steps = np.diff(t)
     same, back = np.flatnonzero(steps == 0) + 1, np.flatnonzero(steps < 0) + 1
     if len(back):
-        text = f"{found.at(back)}: {t[back[0]]:.10g} s after {t[back[0] - 1]:.10g} s"
+        text = f"{found.at(back)}, after {seconds(t[back[0] - 1] - t[0])} s"
         found.error("time that goes back", text, "sort the samples, or pass each motion as a record", back)
     twice = np.array([np.array_equal(rows[k], rows[k - 1], equal_nan=True) for k in same], dtype=bool)
     if twice.all() and len(same):
@@ -377,6 +382,7 @@ VELOCITIES = 0.05  # deviation of measured velocities from those of the position
 RESTING = 0.01  # motion as a part of the fastest, of a joint whose velocities are not compared
 SPAN = 0.1  # seconds over which these are compared
 ONE_STEP = 1.5  # steps of the encoder, below which a position that flickers between two values stays
+ALIKE = 1.5  # scatter about a line, over that of neighbours: positions of less are noise
 TURNS = 20 * np.pi  # range of a position [rad] from which degrees are likely
 NEAR = 4  # samples on either side of a value that is interpolated
 
@@ -416,6 +422,8 @@ def screen(
     kept = check_order(found, t, measured, stamps) & _numbers(found, columns)
     steps = np.array([encoder_step(x[np.isfinite(x)]) for x in measured.T])
     usable, believed = np.ones(q.shape, dtype=bool), np.zeros(n, dtype=bool)
+    if not np.nan_to_num(tau).any():
+        found.error("no torque", "in any sample, all are zero or missing", "did the driver publish efforts?")
     if not found.has_errors and kept.sum() < FEWEST:
         found.error("too few samples:", f"{int(kept.sum())} are usable", f"at least {FEWEST} are needed")
     if found.has_errors:
@@ -439,7 +447,7 @@ def screen(
         _check_spikes(found, kind, measured[:, part], flags[:, part], bridge)
     long_runs = _interpolate(times, measured, flags, bridge)
     _check_motion(found, q, steps[:n])
-    if qd is not None:
+    if qd is not None and not found.has_errors:
         believed = _check_rates(found, t, q, measured[:, 2 * n :], period)
     if found.has_errors:
         return Screened(t, q, tau, qd, usable, believed, (), period, steps[:n], tuple(found.found))
@@ -538,8 +546,11 @@ def _interpolate(t: Array, values: Array, flags: Array, bridge: int) -> Array:
 
 
 def _check_motion(found: Findings, q: Array, steps: Array) -> None:
-    """Joints must move by more than one step of their encoders, and by less than some turns."""
+    """Joints must move by more than one step of their encoders and than noise, and by less than some turns."""
     resting = [j for j, x in enumerate(q.T) if np.ptp(x) <= ONE_STEP * steps[j] or np.isin(x, (x.min(), x.max())).all()]
+    changes, t = np.diff(q, axis=0).std(0) / np.sqrt(2), np.linspace(-1, 1, len(q))
+    scatter = np.sqrt(np.maximum(q.var(0) - 3 * np.mean(t[:, None] * (q - q.mean(0)), axis=0) ** 2, 0))
+    resting = np.union1d(resting, np.flatnonzero(scatter < ALIKE * changes)).astype(int).tolist()
     if len(resting) == q.shape[1]:
         found.error("no motion", "of any joint", "nothing can be found from one pose: measure while the joints move")
         return
