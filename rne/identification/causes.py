@@ -143,11 +143,8 @@ def delays_of(res: Residuals) -> list[Cause]:
         return []
     c, errors, _ = res.with_columns(np.concatenate([columns for _, columns in chosen], axis=-1))
     places = [(joints, k if joints is names else np.nan) for joints, x in chosen for k in range(x.shape[-1])]
-    none = np.zeros(len(names))
-    return [
-        Cause("delay", joints, "", np.nan, none, float(c[i]), float(errors[i]), at)
-        for i, (joints, at) in enumerate(places)
-    ]
+    sizes = zip(places, c.tolist(), errors.tolist(), strict=True)
+    return [Cause("delay", joints, "", np.nan, np.zeros(len(names)), x, e, at) for (joints, at), x, e in sizes]
 
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:

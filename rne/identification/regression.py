@@ -147,12 +147,9 @@ def of_named_joints(
     robot = robot.locked(missing) if missing else robot
     others = sorted({name for record in named for name in record.joint_names} - set(robot.joint_names))
     notes += [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
-    same = all(record.joint_names == robot.joint_names for record in named)
-    return (
-        robot,
-        given if same else tuple(record._part(slice(None), robot.joint_names) for record in named),
-        tuple(notes),
-    )
+    if any(record.joint_names != robot.joint_names for record in named):
+        given = tuple(record._part(slice(None), robot.joint_names) for record in named)
+    return robot, given, tuple(notes)
 
 
 def check_joints(robot: Robot, record: Record, argument: str) -> None:

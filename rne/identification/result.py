@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
-UNKNOWN_SHARE = 10.0  # part of a torque from which its size says nothing
+FARTHEST = 10.0  # part of a torque above which its size says nothing
 TOO_FAR = 1.0  # part of a joint's torque, held out: zero predicts it better
 UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
 NAMED = 3  # causes that a warning names
@@ -373,7 +373,10 @@ def joints_text(found: Identification) -> str:
         count = int(found.equations.rows[:, j].sum())
         cells = (
             f"{found.estimate.sigma[j]:.4g}",
-            *("-" if np.isnan(left.everywhere[j]) or np.isnan(x) else share_text(x) for x in shares),
+            *(
+                "-" if np.isnan(left.everywhere[j]) or np.isnan(x) else f"{100 * x:.1f}" if x < FARTHEST else "> 1000"
+                for x in shares
+            ),
             str(count),
             f"{count / found.correlation_time[j]:.0f}",
         )
@@ -384,11 +387,6 @@ def joints_text(found: Identification) -> str:
         "slow joints, which are not fitted because Coulomb friction then has no known direction."
     )
     return "\n".join([*aligned(rows), close, *motions_text(found)])
-
-
-def share_text(x: float) -> str:
-    """A part of the torques in per cent."""
-    return f"{100 * x:.1f}" if x < UNKNOWN_SHARE else f"> {100 * UNKNOWN_SHARE:.0f}"
 
 
 def causes_text(found: Identification) -> str:
