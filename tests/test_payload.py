@@ -6,7 +6,8 @@ import pytest
 import rne
 from rne.identification import Record
 from rne.identification.least_squares import least_squares
-from rne.identification.payload import DENSITY, body_of, doubts, load_map, possible_load, two_sets
+from rne.identification.payload import DENSITY, body_of, doubts, possible_load
+from rne.identification.two_sets import load_map, two_sets
 from rne.model.standard_parameters import StandardParameters
 
 from .helpers import kept, loaded

@@ -7,6 +7,7 @@ Gautier and Lemoine 2007).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,21 +17,21 @@ from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import InNotebooks, Row, aligned, short, wrapped
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..errors import IdentificationError
-from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, parameters_of_pseudo_inertia, pseudo_inertia
-from ..model.standard_parameters import BODY_SYMBOLS, MEASURED, DriveModel, StandardParameters
+from ..errors import IdentificationError, IdentificationWarning
+from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, pseudo_inertia
+from ..model.standard_parameters import BODY_SYMBOLS, DriveModel
 from ..model.topology import end_link
-from ..robot import Robot, robot_argument
+from ..robot import Robot
 from ..simulation.scene import Payload
+from .causes import Cause
 from .consistent import consistent_fit
-from .equations import Equations, joined, triangular
-from .least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, with_correlation
+from .least_squares import LeastSquares
 from .record import Record
-from .regression import RegressionData, build_regression
 from .result import Identification
+from .rigid_body_test import percent
+from .two_sets import BEYOND_DOUBT, CONTAINED, TwoSets, load_map, two_sets
 
-BEYOND_DOUBT = 4.0  # standard errors
+DOUBTFUL = 0.05  # standard error of the mass, as a part of it, from which it is doubtful
 DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
 PRIOR_STD = 3.0  # how far, relatively, a load may differ from it
 STEP = 1e-30  # of derivatives by complex numbers
@@ -60,8 +61,13 @@ class PayloadEstimate(InNotebooks):
         Iyz, Izz about the link's origin and in its axes.
     consistent : bool
         True if the load is not that of least squares but the physically consistent one.
+    held_out : ndarray, shape (n,)
+        |predicted - measured| / |measured| of each joint in motion, on blocks of time of which each was predicted by a
+        fit to the others.
     notes : tuple of str
-        What was assumed, and what looks wrong.
+        What was assumed, what errors of the drives are contained in the standard errors, and what looks wrong.
+    sets : TwoSets
+        The equations.
     """
 
     payload: Payload
@@ -70,7 +76,21 @@ class PayloadEstimate(InNotebooks):
     inertia_error: Array
     estimate: LeastSquares
     consistent: bool
+    held_out: Array
     notes: tuple[str, ...]
+    sets: TwoSets
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """What would explain the residuals of either set better, the likeliest first, as of `rne.identify`."""
+        return self.sets.causes
+
+    @cached_property
+    def doubt(self) -> str:
+        """Reasons not to believe the load, with the likely causes; empty if there is none."""
+        share = self.mass_error / abs(self.mass)
+        wide = [f"the mass is known to {100 * share:.2g} % only"] if share > DOUBTFUL else []
+        return self.sets.doubt(self.held_out, wide)
 
     @property
     def mass(self) -> float:
@@ -109,7 +129,12 @@ class PayloadEstimate(InNotebooks):
             Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}"))
             for name, value, error in zip(QUANTITIES, values, errors, strict=True)
         ]
-        return "\n".join([*aligned(rows), *(line for note in self.notes for line in wrapped(note).splitlines())])
+        first = (
+            f"{self.mass:.4g} kg on {short(str(self.payload.link))}, known to {100 * self.mass_error / abs(self.mass):.2g} %; "
+            f"torques in motion are predicted to {percent(self.held_out)} on blocks of time that were not fitted"
+        )
+        notes = [*self.notes, CONTAINED, *(cause.text for cause in self.causes)]
+        return "\n".join([wrapped(first), *aligned(rows), *map(wrapped, notes)])
 
 
 def identify_payload(
@@ -184,11 +209,8 @@ def identify_payload(
     sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
-    E = np.hstack([sets.base.back, load_map(sets.base.standard, name)])
-    both = sets.joined(E, K)
-    estimate = least_squares(both)
-    correlation_time = sets.correlation_time(E[:, :K] @ estimate.values[:K], E @ estimate.values)
-    estimate = with_correlation(estimate, both, correlation_time)
+    fit = sets.fitted(load_map(sets.base.standard, name))
+    estimate = fit.estimate
     phi, errors = estimate.values[K:], estimate.errors[K:]
     if not errors[0] < np.inf:
         raise IdentificationError(
@@ -199,93 +221,28 @@ def identify_payload(
             f"`with_load`: the torques ask for a mass of {phi[0]:.3g} kg, with a standard error of {errors[0]:.2g} kg: "
             "are the records exchanged, or the signs of torques or of gravity wrong?"
         )
-    notes = [*sets.notes, *doubts(phi, errors)]
+    notes = [*sets.notes, *doubts(phi, errors), *fit.notes]
     impossible = np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0 or not np.isfinite(errors).all()
     if impossible and consistent:
-        sigma = believed_noise(both, estimate.sigma) * np.sqrt(correlation_time)
-        phi = possible_load(of_load_alone(both.merged().weighted(sigma), K), phi, errors)
+        phi = possible_load(fit.load, phi, errors)
         notes.append(
             "the load is the physically consistent one that fits best; `estimate` has least squares as they are"
         )
     body, error = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
-    return PayloadEstimate(
+    found = PayloadEstimate(
         Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name),
         float(error[0]),
         error[1:4],
         error[4:][ENTRIES],
         estimate,
         impossible and consistent,
+        fit.held_out,
         tuple(notes),
+        sets,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class TwoSets:
-    """The equations of records without and with a load, of the same standard parameters."""
-
-    robot: Robot
-    base: BaseParameters
-    without: RegressionData
-    loaded: RegressionData
-
-    @cached_property
-    def equations(self) -> tuple[Equations, Equations]:
-        """Of both, each in one block."""
-        return self.without.fitted.merged(), self.loaded.fitted.merged()
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was said of the records, once."""
-        return tuple(dict.fromkeys((*self.without.notes, *self.loaded.notes)))
-
-    def joined(self, E: Array, K: int) -> Equations:
-        """Equations of both for unknowns z, of which the last, from K on, belong to the load: parameters are E z."""
-        without, loaded = self.equations
-        return joined([without.mapped(E * (np.arange(E.shape[1]) < K)), loaded.mapped(E)])
-
-    def correlation_time(self, without: Array, loaded: Array) -> Array:
-        """Correlation time of each joint's residuals, for parameters of either set, in rows, shape (n,)."""
-        rows = np.concatenate([equations.rows for equations in self.equations])
-        both = np.array([self.without.correlation_time(without), self.loaded.correlation_time(loaded)])
-        return np.asarray(np.maximum((rows * both).sum(0) / np.maximum(rows.sum(0), 1), 1.0))
-
-
-def two_sets(
-    robot: Robot | Identification,
-    without: Record | Sequence[Record] | None,
-    with_load: Record | Sequence[Record],
-    drives: DriveModel | None,
-    minimum_velocity: ArrayLike | None,
-    cutoff: float | None,
-    decimation: int | None,
-) -> TwoSets:
-    """Check and prepare the records of both sets."""
-    further = (minimum_velocity, cutoff, decimation, 2)  # two folds: none is held out
-    if isinstance(robot, Identification):
-        if without is not None or drives is not None:
-            raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
-        data = build_regression(robot.initial, with_load, robot.base, *further, robot.delay.mean(0))
-        return TwoSets(robot.initial, robot.base, robot.data, data)
-    base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
-    if without is None:
-        raise ValueError("`without` must have a record without the load, unless an Identification is given")
-    sets = [build_regression(robot, records, base, *further) for records in (without, with_load)]
-    return TwoSets(robot, base, *sets)
-
-
-def load_map(standard: StandardParameters, link: str) -> Array:
-    """S of pi + S phi: standard parameters per unit of those of a load about a link's origin, in its axes."""
-    model = standard.model
-    index = model.link_index(link)
-    body = int(model.link_body[index])
-    if body < 0:
-        raise ValueError(f"`link` must move, {link!r} is fixed to the base: no joint carries its load")
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = model.link_rotation[index], model.link_translation[index] - model.joint_origin[body]
-    S = np.zeros((standard.count, PARAMETERS))
-    units = pseudo_inertia(np.eye(PARAMETERS))
-    S[PARAMETERS * body : PARAMETERS * (body + 1)] = parameters_of_pseudo_inertia(T @ units @ T.T).T
-    return S
+    if found.doubt:
+        warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
+    return found
 
 
 def doubts(phi: Array, errors: Array) -> list[str]:
@@ -301,14 +258,6 @@ def doubts(phi: Array, errors: Array) -> list[str]:
     if phi[0] > 0 and np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0:
         notes.append("least squares give an inertia that no distribution of mass has")
     return notes
-
-
-def of_load_alone(factor: Array, K: int) -> Array:
-    """Triangular equations of the load's parameters, from those of all, of which the first K are of the robot."""
-    lengths = np.linalg.norm(factor[:, :K], axis=0)
-    U, S, _ = np.linalg.svd(factor[:, :K] / np.where(lengths == 0, 1, lengths))
-    rank = int((DEPENDENT * S.max(initial=0) < S).sum())
-    return triangular(U[:, rank:].T @ factor[:, K:])
 
 
 def possible_load(factor: Array, phi: Array, errors: Array) -> Array:
