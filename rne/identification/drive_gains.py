@@ -12,30 +12,29 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, Row, aligned, listed, short, wrapped
+from ..basics.text import Row, listed, short, wrapped
 from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
-from .causes import Cause
 from .least_squares import LeastSquares, least_squares, solve
 from .record import Record
 from .result import Identification
 from .rigid_body_test import own_fit, percent
-from .two_sets import BEYOND_DOUBT, CONTAINED, Fitted, TwoSets, load_map, two_sets
+from .two_sets import BEYOND_DOUBT, Fitted, OfTwoSets, TwoSets, load_map, two_sets
 
 ROUNDS = 30  # of steps
 SETTLED = 1e-7  # relative change of the gains at which they end
 TRIED = 12  # steps before gains of large errors are left out
+CHANCE = 2.5  # standard errors, up to which another load's change of a gain is chance
 FARTHEST = 10.0  # times that a gain grows in one step at most
 DIFFERENT = 0.1  # relative change of a gain by other parameters of the load, from which those given are refused
 DOUBTFUL = 0.05  # standard error of a gain, as a part of it, from which it is doubtful
@@ -50,7 +49,7 @@ NONE_TOLD = (
 
 
 @dataclass(frozen=True, eq=False)
-class DriveGains(InNotebooks):
+class DriveGains(OfTwoSets):
     """Gains of the drives, by `rne.identify_drive_gains`.
 
     Attributes
@@ -84,17 +83,10 @@ class DriveGains(InNotebooks):
     notes: tuple[str, ...]
     sets: TwoSets
 
-    @property
-    def causes(self) -> tuple[Cause, ...]:
-        """What would explain the residuals of either set better, the likeliest first, as of `rne.identify`."""
-        return self.sets.causes
-
-    @cached_property
-    def doubt(self) -> str:
-        """Reasons not to believe the gains, with the likely causes; empty if there is none."""
+    def _reasons(self) -> list[str]:
         share = self.errors / np.abs(self.gains)
         wide = [f"{name} to {100 * x:.2g} %" for name, x in zip(self.joint_names, share, strict=True) if x > DOUBTFUL]
-        return self.sets.doubt(self.held_out, [f"gains are known with a wide error only: {listed(wide)}"] if wide else [])
+        return [f"gains are known poorly: {listed(wide)}"] if wide else []
 
     def __repr__(self) -> str:
         return wrapped(f"DriveGains([{', '.join(f'{gain:.4g}' for gain in self.gains)}])")
@@ -107,16 +99,12 @@ class DriveGains(InNotebooks):
         str
             A sentence, a table, then the notes and likely causes of what is left.
         """
-        told = np.isfinite(self.gains)
-        first = (
-            f"gains of {told.sum()} of {len(told)} joints, known to {percent((self.errors / np.abs(self.gains))[told])}; "
-            f"torques in motion are predicted to {percent(self.held_out[told])} on blocks of time that were not fitted"
-        )
         rows = [Row("drive gains [N m or N per unit]", ("gain", "standard error"), words=True)]
         for name, gain, error in zip(self.joint_names, self.gains, self.errors, strict=True):
             rows.append(Row(f"  {short(name)}", ("-", "-") if np.isnan(gain) else (f"{gain:.5g}", f"{error:.2g}")))
-        notes = [*self.notes, CONTAINED, *(cause.text for cause in self.causes)]
-        return "\n".join([wrapped(first), *aligned(rows), *map(wrapped, notes)])
+        told = np.isfinite(self.gains)
+        known = percent((self.errors / np.abs(self.gains))[told])
+        return self._report(f"gains of {told.sum()} of {len(told)} joints, known to {known}", rows)
 
 
 def identify_drive_gains(
@@ -188,8 +176,8 @@ def identify_drive_gains(
     >>> found = rne.identify_drive_gains(arm, *logs, load, cutoff=20, drives=rne.DriveModel())
     >>> found.gains.round(1).tolist()
     [8.0, 8.0, 8.0, 8.0, 8.0, 8.0]
-    >>> print(found.report().splitlines()[0])
-    drive gains [N m or N per unit]  gain  standard error
+    >>> print(found.report().split(";")[0][:32])
+    gains of 6 of 6 joints, known to
     """
     sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
     standard, names = sets.base.standard, sets.robot.joint_names
@@ -228,7 +216,7 @@ def place(x: Array) -> str:
 
 def refuse_negative(names: Sequence[str], gains: Array, errors: Array, bare: bool) -> None:
     """Refuse gains below zero, with what may cause them."""
-    negative = np.flatnonzero(gains < 0)
+    negative = np.flatnonzero(gains < 0).tolist()
     if not len(negative):
         return
     values = listed([f"{names[j]} {gains[j]:.3g} (+- {errors[j]:.2g})" for j in negative])
@@ -251,13 +239,15 @@ def change_by_another_load(sets: TwoSets, S: Array, mass: float, com: Array, gai
     errors = np.nan_to_num(errors)
     wrong = (np.abs(change) > BEYOND_DOUBT * errors) & (np.abs(change) > DIFFERENT * np.abs(np.nan_to_num(other)))
     if wrong.any():
-        found = listed([f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in np.flatnonzero(wrong)])
+        found = listed(
+            [f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in np.flatnonzero(wrong)]
+        )
         centre = fit.estimate.values[K : K + 3] / mass
         raise IdentificationError(
             f"`payload`: the currents contradict the load as given: gains would be {found}, its centre {place(com)} m, "
             f"not {place(centre)} m. Give its mass alone, `payload={mass:g}`, to have the rest estimated"
         )
-    return np.asarray(np.sqrt(np.maximum(change**2 - errors**2, 0)))
+    return np.where(np.abs(change) > CHANCE * errors, np.abs(change), 0.0)
 
 
 def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, Fitted]:
@@ -274,7 +264,7 @@ def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, 
         if k < TRIED and np.abs(change[told]).max(initial=0) > SETTLED:  # the first steps may lead through poor gains
             told = np.isfinite(gains)
         gains = np.where(told, gains / np.where(np.abs(1 + change) < 1 / FARTHEST, 1 / FARTHEST, 1 + change), np.nan)
-        states = states_of(sets, step.values, S, known)
+        states = sets.states(step.values, S, known)
         if told.any() and np.abs(change[told]).max() > SETTLED:
             continue
         fit = sets.in_torques(gains).fitted(S, known, states) if told.any() else None
@@ -288,21 +278,14 @@ def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, 
     raise IdentificationError("`payload`: the fit of gains and parameters together does not settle")
 
 
-def states_of(sets: TwoSets, x: Array, S: Array, known: Array) -> tuple[Array, Array]:
-    """Standard parameters without and with the load of the unknowns found."""
-    pi = sets.base.back @ x[: sets.base.count]
-    return pi, pi + known + S @ x[sets.base.count : sets.base.count + S.shape[1]]
-
-
 def first_gains(sets: TwoSets, S: Array, known: Array) -> tuple[Array, tuple[Array, Array]]:
     """Gains by the currents that each joint's own fit predicts, and parameters without and with the load."""
     K, n = sets.base.count, sets.robot.n
-    load = S if S.shape[1] else known[:, None]
-    load = np.concatenate([load, known[:, None]], axis=1) if S.shape[1] else load
+    load = np.concatenate([S, known[:, None]], axis=1)
     both = sets.assembled(sets.plain, load)
     own = np.array([own_fit(both.of_joint(j))[0] for j in range(n)])
     without = own[:, :K] @ sets.base.back.T
     currents = -without, -without - own[:, K:] @ load.T
     silent = sets.in_torques(np.zeros(n))
     x = solve(silent.assembled(silent.plain, S, known, currents).merged().weighted(np.ones(n))).x
-    return x[K + S.shape[1] :], states_of(sets, x, S, known)
+    return x[K + S.shape[1] :], sets.states(x, S, known)

@@ -10,26 +10,23 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, point_mass_inertia
-from ..basics.text import InNotebooks, Row, aligned, short, wrapped
+from ..basics.text import Row, short, wrapped
 from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, pseudo_inertia
 from ..model.standard_parameters import BODY_SYMBOLS, DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import Payload
-from .causes import Cause
 from .consistent import consistent_fit
 from .least_squares import LeastSquares
 from .record import Record
 from .result import Identification
-from .rigid_body_test import percent
-from .two_sets import BEYOND_DOUBT, CONTAINED, TwoSets, load_map, two_sets
+from .two_sets import BEYOND_DOUBT, OfTwoSets, TwoSets, load_map, two_sets
 
 DOUBTFUL = 0.05  # standard error of the mass, as a part of it, from which it is doubtful
 DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
@@ -43,7 +40,7 @@ QUANTITIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class PayloadEstimate(InNotebooks):
+class PayloadEstimate(OfTwoSets):
     """A load found by `rne.identify_payload`; a Scene takes it as its `payload`.
 
     Attributes
@@ -80,17 +77,9 @@ class PayloadEstimate(InNotebooks):
     notes: tuple[str, ...]
     sets: TwoSets
 
-    @property
-    def causes(self) -> tuple[Cause, ...]:
-        """What would explain the residuals of either set better, the likeliest first, as of `rne.identify`."""
-        return self.sets.causes
-
-    @cached_property
-    def doubt(self) -> str:
-        """Reasons not to believe the load, with the likely causes; empty if there is none."""
+    def _reasons(self) -> list[str]:
         share = self.mass_error / abs(self.mass)
-        wide = [f"the mass is known to {100 * share:.2g} % only"] if share > DOUBTFUL else []
-        return self.sets.doubt(self.held_out, wide)
+        return [f"the mass is known to {100 * share:.2g} % only"] if share > DOUBTFUL else []
 
     @property
     def mass(self) -> float:
@@ -115,12 +104,12 @@ class PayloadEstimate(InNotebooks):
         )
 
     def report(self) -> str:
-        """The load with standard errors, and the notes.
+        """What the load is good for, its parameters with standard errors, and the notes.
 
         Returns
         -------
         str
-            A table, then the notes.
+            A sentence, a table, then the notes and the likely causes of what is left.
         """
         values = [self.mass, *self.com, *self.inertia[ROWS, COLUMNS]]
         errors = [self.mass_error, *self.com_error, *self.inertia_error[ROWS, COLUMNS]]
@@ -129,12 +118,8 @@ class PayloadEstimate(InNotebooks):
             Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}"))
             for name, value, error in zip(QUANTITIES, values, errors, strict=True)
         ]
-        first = (
-            f"{self.mass:.4g} kg on {short(str(self.payload.link))}, known to {100 * self.mass_error / abs(self.mass):.2g} %; "
-            f"torques in motion are predicted to {percent(self.held_out)} on blocks of time that were not fitted"
-        )
-        notes = [*self.notes, CONTAINED, *(cause.text for cause in self.causes)]
-        return "\n".join([wrapped(first), *aligned(rows), *map(wrapped, notes)])
+        share = 100 * self.mass_error / abs(self.mass)
+        return self._report(f"{self.mass:.4g} kg on {short(str(self.payload.link))}, known to {share:.2g} %", rows)
 
 
 def identify_payload(
@@ -179,19 +164,28 @@ def identify_payload(
     Raises
     ------
     ValueError
-        If a record is of other joints, or there are fewer equations than parameters.
+        If a record is of other joints or in both sets, or there are fewer equations than parameters.
     IdentificationError
         If the motions do not tell the mass, or it is negative beyond doubt.
     ImportError
         If the physically consistent load is needed and Clarabel is not installed.
 
+    Warns
+    -----
+    IdentificationWarning
+        If the mass is known to no better than 5 %, or more than 30 % of a joint's torque in motion is not explained:
+        `PayloadEstimate.doubt`.
+
     Notes
     -----
-    Drives are taken as the same without and with the load; friction that grows with the load, as of worm and harmonic
-    gears, is not modelled and changes the estimate. Nor is a delay of the torques looked for: that of an Identification
-    is taken for the records with the load too. Standard errors take into account that residuals resemble their
-    neighbours. A load that least squares make impossible is replaced by the physically consistent one that fits best;
-    where the motions say nothing, it is like a ball of 3000 kg/m^3.
+    Standard errors contain noise, with residuals that resemble their neighbours, and what errors of the drives make of
+    the load: torque factors that differ between joints, friction that rises with the load, saturates, differs between
+    the directions or changes between the records, offsets that change or drift. Each is a random coefficient of each
+    joint, whose variance is estimated. Where fits without one of the blocks of time scatter more, their scatter is the
+    error. A factor common to all torques is not seen: the mass is as wrong as it. A delay of the torques is not looked
+    for: that of an Identification is taken for the records with the load too. A load that least squares make impossible
+    is replaced by the physically consistent one that fits best; where the motions say nothing, it is like a ball of
+    3000 kg/m^3.
 
     Examples
     --------
@@ -203,8 +197,8 @@ def identify_payload(
     >>> found = rne.identify_payload(robot, *logs, cutoff=20, drives=rne.DriveModel())
     >>> round(found.mass, 2), rne.Scene(robot, payload=found).n
     (3.0, 6)
-    >>> print(found.report().splitlines()[0])
-    load on tool0   estimate  standard error
+    >>> print(found.report()[:23])
+    3 kg on tool0, known to
     """
     sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
     model, K = sets.robot.model, sets.base.count
@@ -249,7 +243,9 @@ def doubts(phi: Array, errors: Array) -> list[str]:
     """What looks wrong with a load by least squares."""
     notes = []
     if phi[0] <= 0:
-        notes.append(f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg")
+        notes.append(
+            f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg: are the records exchanged?"
+        )
     elif phi[0] < BEYOND_DOUBT * errors[0]:
         notes.append(f"the mass is hardly told from none: its standard error is {errors[0]:.2g} kg")
     unknown = [symbol for symbol, error in zip(BODY_SYMBOLS, errors, strict=True) if np.isinf(error)]

@@ -12,13 +12,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
-from ..basics.text import listed
+from ..basics.text import InNotebooks, Row, aligned, listed, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
@@ -31,6 +32,7 @@ from .record import Record
 from .regression import FOLDS, RegressionData, build_regression, checked_records
 from .residuals import TINY
 from .result import NAMED, UNEXPLAINED, Identification
+from .rigid_body_test import percent
 
 BEYOND_DOUBT = 4.0  # standard errors
 KINDS = (
@@ -48,7 +50,10 @@ FIRST, LEAST = 0.03, 1e-9  # spread of a kind of errors, as a part of the torque
 ROUNDS = 60  # of expectation and maximisation
 SEEN = 1e-6  # part of a column that the other columns leave of it if its coefficient can be told
 TOLD = 0.01  # spread of a kind of errors from which it is told
-CONTAINED = "standard errors contain noise, the scatter between blocks of time, and errors of drives that rise with load"
+CONTAINED = (
+    "standard errors contain noise, the scatter between blocks of time, and what errors of the drives make of the "
+    "load; not a factor common to all torques"
+)
 
 
 class Fitted(NamedTuple):
@@ -56,13 +61,17 @@ class Fitted(NamedTuple):
 
     estimate: LeastSquares
     held_out: Array  # |predicted - measured| / |measured| of each joint in motion, on blocks that were not fitted
-    spread: Array  # of each of KINDS, as a part of the torques
+    spread: Array  # of KINDS of each joint, as a part of its torques
     load: Array  # triangular equations of the load's parameters alone
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the errors contain."""
-        told = [f"{name} ({100 * s:.2g} %)" for name, s in zip(KINDS, self.spread, strict=True) if s > TOLD]
+        told = [
+            f"{name} ({100 * s:.2g} %)"
+            for name, s in zip(KINDS, self.spread[:: len(self.held_out)], strict=True)
+            if s > TOLD
+        ]
         return (f"the torques show, and the standard errors contain: {listed(told)}",) if told else ()
 
 
@@ -94,14 +103,6 @@ class TwoSets:
             found += likely_causes(residuals_of(self.robot, self.base, data, estimate))
         return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
 
-    def doubt(self, held_out: Array, reasons: Sequence[str]) -> str:
-        """These reasons and joints that are not explained, with the likely causes; empty if there are none."""
-        poor = [f"{name} {100 * x:.0f} %" for name, x in zip(self.robot.joint_names, held_out, strict=True) if x > UNEXPLAINED]
-        lines = [*reasons, *([f"torques in motion that the model does not explain: {listed(poor)}"] if poor else [])]
-        if lines and self.causes:
-            lines.append("likely causes: " + "; ".join(cause.text for cause in self.causes[:NAMED]))
-        return ". ".join(lines)
-
     def in_torques(self, gains: Array) -> TwoSets:
         """With measurements times gains; joints whose gain is NaN have no equations."""
         g, known = np.nan_to_num(gains), np.isfinite(gains)
@@ -116,7 +117,9 @@ class TwoSets:
 
         return replace(self, without=data_of(self.without), loaded=data_of(self.loaded))
 
-    def assembled(self, parts: Sequence[Equations], S: Array, known: Array | float = 0.0, at: Sequence[Array] = ()) -> Equations:
+    def assembled(
+        self, parts: Sequence[Equations], S: Array, known: Array | float = 0.0, at: Sequence[Array] = ()
+    ) -> Equations:
         """Equations Y (pi + S phi) + X c + Y at d = tau - Y known, for base parameters of pi, c, phi and d of joints.
 
         `parts` have columns Y, X of each set; S phi and `known` belong to the load. `at` are parameters of either set.
@@ -136,51 +139,87 @@ class TwoSets:
         return joined(found)
 
     def fitted(self, S: Array, known: Array | float = 0.0, at: Sequence[Array] = ()) -> Fitted:
-        """The fit of these unknowns with random errors of the drives; those of gains are left out where `at` is given."""
-        K, n = self.base.count, self.robot.n
+        """The fit of these unknowns with random errors of the drives."""
+        K, n, m = self.base.count, self.robot.n, len(KINDS) * self.robot.n
         plain = least_squares(self.assembled(self.plain, S, known, at))
-        pi, phi = self.base.back @ plain.values[:K], plain.values[K : K + S.shape[1]]
-        states = pi, pi + known + S @ phi
-        X = [columns(data, self.robot.model.nb, x, bool(i)) for i, (data, x) in enumerate(zip((self.without, self.loaded), states, strict=True))]
-        size = np.sqrt(sum((x[..., :1] ** 2).sum(0) for part in X for x in part))
-        scale = size / np.maximum(np.sqrt(sum((x**2).sum(0) for part in X for x in part)), TINY)
-        if len(at):
-            scale[:, 0] = 0
-        X = [[x * scale for x in part] for part in X]
-        parts = [in_blocks(data, part) for data, part in zip((self.without, self.loaded), X, strict=True)]
-        both = self.assembled(parts, S, known, at)
-        m = len(KINDS) * n
-        c, sigma = np.zeros((n, len(KINDS))), plain.sigma
+        states = self.states(plain.values, S, known)
+        X = self.random_errors(states, with_factors=not len(at))
+        parts = [in_blocks(data, x) for data, x in zip((self.without, self.loaded), X, strict=True)]
+        both, c, sigma = self.assembled(parts, S, known, at), np.zeros((n, len(KINDS))), plain.sigma
         for _ in range(2):  # errors found are taken out of the noise
             noise = sigma * np.sqrt(self.correlation_time(states, X, c))
             factor = both.weighted(noise)
             spread = spreads(factor, K, n)
-            solution, held = solve(with_prior(factor, K, spread, n)), K + np.arange(m)
-            c = solution.x[held].reshape(-1, n).T
-            pi = self.base.back @ solution.x[:K]
-            states = pi, pi + known + S @ solution.x[K + m : K + m + S.shape[1]]
-            spent = ((both.factors @ np.pad(solution.inverse, ((0, 1), (0, 0)))) ** 2).sum((0, 2, 3)) / noise**2
-            freedom = np.maximum(both.rows.sum(0) - spent, 1)
-            sigma = np.maximum(np.sqrt(both.residuals(solution.x) / freedom), plain.sigma * 1e-6)
-        kept = np.r_[:K, K + m : both.factors.shape[-1] - 1]
-        covariance, held_out = jackknife(both, noise, K, spread, n)
-        free = solution.free[kept]
-        G = solution.inverse[kept]
-        own = G @ G.T
-        wider = np.sqrt(np.maximum(np.diag(covariance[np.ix_(kept, kept)]) / np.maximum(np.diag(own), TINY), 1))
-        total = own * np.outer(wider, wider)
-        errors = np.where(free, np.inf, np.sqrt(np.diag(total)))
-        estimate = replace(plain, values=solution.x[kept], errors=errors, covariance=total, sigma=sigma)
-        factor = both.weighted(believed_noise(both, noise))
-        return Fitted(estimate, held_out, spread, eliminated(with_prior(factor, K, spread, n), K + m))
+            solution = solve(with_prior(factor, K, spread))
+            c = solution.x[K : K + m].reshape(-1, n).T
+            states = self.states(np.delete(solution.x, np.s_[K : K + m]), S, known)
+            spent = ((both.factors[..., :-1] @ solution.inverse) ** 2).sum((0, 2, 3)) / noise**2
+            left = np.sqrt(both.residuals(solution.x) / np.maximum(both.rows.sum(0) - spent, 1))
+            sigma = np.maximum(left, SEEN * plain.sigma)
+        kept = np.r_[:K, K + m : len(solution.x)]
+        scatter, held_out = jackknife(both, noise, K, spread)
+        covariance = solution.inverse[kept] @ solution.inverse[kept].T
+        wider = np.sqrt(np.maximum(scatter[kept] / np.maximum(np.diag(covariance), TINY), 1))
+        covariance = covariance * np.outer(wider, wider)
+        errors = np.where(solution.free[kept], np.inf, np.sqrt(np.diag(covariance)))
+        estimate = replace(plain, values=solution.x[kept], errors=errors, covariance=covariance, sigma=sigma)
+        load = eliminated(with_prior(both.weighted(believed_noise(both, noise)), K, spread), K + m)
+        return Fitted(estimate, held_out, spread, load)
+
+    def states(self, x: Array, S: Array, known: Array | float) -> tuple[Array, Array]:
+        """Standard parameters without and with the load of unknowns found."""
+        pi = self.base.back @ x[: self.base.count]
+        return pi, pi + known + S @ x[self.base.count : self.base.count + S.shape[1]]
+
+    def random_errors(self, states: Sequence[Array], *, with_factors: bool) -> list[list[Array]]:
+        """Torques of KINDS of either set's records, as large as each joint's torque; factors are zero if not asked."""
+        data, nb = (self.without, self.loaded), self.robot.model.nb
+        X = [columns(one, nb, x, bool(i)) for i, (one, x) in enumerate(zip(data, states, strict=True))]
+        squares = np.sum([(x**2).sum(0) for part in X for x in part], axis=0)
+        scale = np.sqrt(squares[:, :1] / np.maximum(squares, TINY))
+        scale[:, 0] *= with_factors
+        return [[x * scale for x in part] for part in X]
 
     def correlation_time(self, states: Sequence[Array], X: Sequence[Sequence[Array]], c: Array) -> Array:
-        """Correlation time of each joint's residuals, for parameters of either set and errors X c, in rows, shape (n,)."""
+        """Correlation time of each joint's residuals, in rows, of parameters of either set and errors X c."""
         rows, times = np.array([part.rows[0] for part in self.plain]), []
         for data, x, part in zip((self.without, self.loaded), states, X, strict=True):
             left = [r._replace(tau=r.tau - (e * c).sum(-1)) for r, e in zip(data.rows, part, strict=True)]
             times.append(data._replace(rows=left).correlation_time(x))
         return np.asarray(np.maximum((rows * times).sum(0) / np.maximum(rows.sum(0), 1), 1.0))
+
+
+class OfTwoSets(InNotebooks):
+    """What is said of results from records without and with a load."""
+
+    held_out: Array
+    notes: tuple[str, ...]
+    sets: TwoSets
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """What would explain the residuals of either set better, the likeliest first, as of `rne.identify`."""
+        return self.sets.causes
+
+    @cached_property
+    def doubt(self) -> str:
+        """Reasons not to believe the result, with the likely causes; empty if there is none."""
+        names = self.sets.robot.joint_names
+        poor = [f"{n} {100 * x:.0f} %" for n, x in zip(names, self.held_out, strict=True) if x > UNEXPLAINED]
+        lines = [f"torques in motion that the model does not explain: {listed(poor)}"] if poor else []
+        lines = [*self._reasons(), *lines]
+        if lines and self.causes:
+            lines.append("likely causes: " + "; ".join(cause.text for cause in self.causes[:NAMED]))
+        return ". ".join(lines)
+
+    def _reasons(self) -> list[str]:
+        raise NotImplementedError
+
+    def _report(self, first: str, rows: Sequence[Row]) -> str:
+        held_out = percent(self.held_out[np.isfinite(self.held_out)])
+        first = f"{first}; torques in motion are predicted to {held_out} on blocks of time that were not fitted"
+        notes = [*self.notes, CONTAINED, *(cause.text for cause in self.causes)]
+        return "\n".join([wrapped(first), *aligned(rows), *map(wrapped, notes)])
 
 
 def columns(data: RegressionData, nb: int, x: Array, loaded: bool) -> list[Array]:
@@ -191,7 +230,9 @@ def columns(data: RegressionData, nb: int, x: Array, loaded: bool) -> list[Array
         one, ramp = np.ones_like(v), np.linspace(-1, 1, len(v))[:, None] * np.ones_like(v)
         changed = [loaded * column for column in (v, sign, one)]
         load = np.abs(row.Y[..., :bodies] @ x[:bodies])  # not the friction itself
-        terms = np.stack([tau, load * sign, v * np.abs(v), np.sign(v) * np.sqrt(np.abs(v)), np.abs(v), *changed, ramp], axis=-1)
+        terms = np.stack(
+            [tau, load * sign, v * np.abs(v), np.sign(v) * np.sqrt(np.abs(v)), np.abs(v), *changed, ramp], axis=-1
+        )
         found.append(terms * row.used[..., None])
     return found
 
@@ -212,7 +253,7 @@ def eliminated(factor: Array, K: int) -> Array:
 
 
 def spreads(factor: Array, K: int, n: int) -> Array:
-    """Standard deviation of the coefficients of each of KINDS, which follow the K first unknowns, zero if not told."""
+    """Standard deviation of the coefficients of KINDS of each joint, which follow the K first unknowns."""
     m = len(KINDS) * n
     errors, others = factor[:, K : K + m], np.delete(factor, np.s_[K : K + m], axis=1)
     rest = eliminated(np.concatenate([others[:, :-1], errors, others[:, -1:]], axis=1), others.shape[1] - 1)
@@ -224,28 +265,25 @@ def spreads(factor: Array, K: int, n: int) -> Array:
         moments = np.zeros(m)
         moments[chosen] = (V @ h[chosen]) ** 2 + np.diag(V)
         squares = np.maximum(moments.reshape(-1, n).sum(1) / np.maximum(told.sum(1), 1), LEAST**2)
-    return np.asarray(np.sqrt(squares))
+    return np.repeat(np.sqrt(squares), n)
 
 
-def with_prior(factor: Array, K: int, spread: Array, n: int) -> Array:
-    """Triangular equations with those of random errors of this spread."""
-    prior = np.zeros((len(spread) * n, factor.shape[1]))
-    prior[:, K : K + len(prior)] = np.diag(1 / np.repeat(spread, n))
+def with_prior(factor: Array, K: int, spread: Array) -> Array:
+    """Triangular equations with those of random errors of this spread, which follow the K first unknowns."""
+    prior = np.zeros((len(spread), factor.shape[1]))
+    prior[:, K : K + len(spread)] = np.diag(1 / spread)
     return triangular(np.concatenate([factor, prior]))
 
 
-def jackknife(both: Equations, noise: Array, K: int, spread: Array, n: int) -> tuple[Array, Array]:
-    """Covariance from fits to all blocks but one, and what is left of each joint's torques on that block."""
-    blocks, found, squares = np.arange(len(both.factors)), [], np.zeros(n)
+def jackknife(both: Equations, noise: Array, K: int, spread: Array) -> tuple[Array, Array]:
+    """Variances from fits to all blocks but one, and what is left of each joint's torques on that block."""
+    blocks, found, squares = np.arange(len(both.factors)), [], np.zeros(both.joints)
     factors = np.array([both.of_blocks(blocks == k).weighted(noise) for k in blocks])
     for k in blocks:
-        x = solve(with_prior(factors[blocks != k].reshape(-1, factors.shape[-1]), K, spread, n)).x
-        found.append(x.copy())
-        x[K : K + len(spread) * n] = 0
-        squares += both.of_blocks(blocks == k).residuals(x)
-    off = np.array(found) - np.mean(found, axis=0)
+        found.append(solve(with_prior(factors[blocks != k].reshape(-1, factors.shape[-1]), K, spread)).x)
+        squares += both.of_blocks(blocks == k).residuals(found[-1])
     left = np.sqrt(squares / np.maximum(both.torques(), TINY))
-    return (len(blocks) - 1) / len(blocks) * off.T @ off, np.where(both.rows.sum(0) == 0, np.nan, left)
+    return (len(blocks) - 1) * np.var(found, axis=0), np.where(both.rows.sum(0) == 0, np.nan, left)
 
 
 def two_sets(
@@ -268,16 +306,11 @@ def two_sets(
     base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
     if without is None:
         raise ValueError("`without` must have a record without the load, unless an Identification is given")
-    pairs = [checked_records(robot, records, name) for records, name in ((without, "without"), (with_load, "with_load"))]
-    for record in pairs[1]:
-        if any(same(record, other) for other in pairs[0]):
-            raise ValueError(f"`with_load` has {record.name}, which is in `without` too: give one without the load there")
-    return TwoSets(robot, base, *(build_regression(robot, records, base, *further) for records in pairs))
-
-
-def same(one: Record, other: Record) -> bool:
-    """True for records of the same measurements."""
-    return all(np.array_equal(a, b, equal_nan=True) for a, b in ((one.t, other.t), (one.q, other.q), (one.tau, other.tau)))
+    given = {name: checked_records(robot, x, name) for name, x in (("without", without), ("with_load", with_load))}
+    for one, other in product(*given.values()):
+        if all(np.array_equal(getattr(one, x), getattr(other, x), equal_nan=True) for x in ("t", "q", "tau")):
+            raise ValueError(f"`with_load` has a record that `without` has too, {one.name!r}: one is the wrong file")
+    return TwoSets(robot, base, *(build_regression(robot, records, base, *further) for records in given.values()))
 
 
 def load_map(standard: StandardParameters, link: str) -> Array:
