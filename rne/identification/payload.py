@@ -244,7 +244,8 @@ def doubts(phi: Array, errors: Array) -> list[str]:
     notes = []
     if phi[0] <= 0:
         notes.append(
-            f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg: are the records exchanged?"
+            f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg: are the "
+            "records exchanged?"
         )
     elif phi[0] < BEYOND_DOUBT * errors[0]:
         notes.append(f"the mass is hardly told from none: its standard error is {errors[0]:.2g} kg")
