@@ -244,7 +244,7 @@ def faulty(robot, load, fault, seed=0, duration=10.0):
         ("factors", "torque factors (4", 0.01),
         ("under_load", "friction under load (", 0.003),
         ("saturating", "viscous friction that ", 0.003),
-        ("warmer", "Coulomb friction that changed between the records (", 0.005),
+        ("warmer", "friction that changed between the records (", 0.005),
     ],
 )
 def test_stated_errors_contain_what_drives_do_besides(robot, fault, kind, error):

@@ -35,6 +35,7 @@ ROUNDS = 30  # of steps
 SETTLED = 1e-7  # relative change of the gains at which they end
 TRIED = 12  # steps before gains of large errors are left out
 CHANCE = 2.5  # standard errors, up to which another load's change of a gain is chance
+NEAR = 0.1  # standard errors of a gain that a step with random errors changes at the end
 FARTHEST = 10.0  # times that a gain grows in one step at most
 DIFFERENT = 0.1  # relative change of a gain by other parameters of the load, from which those given are refused
 DOUBTFUL = 0.05  # standard error of a gain, as a part of it, from which it is doubtful
@@ -273,8 +274,21 @@ def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, 
         if fit is None or not told.any():
             raise IdentificationError(NONE_TOLD)
         if (told == np.isfinite(gains)).all():
-            return gains / (1 + fit.estimate.values[K + f :]), np.where(told, errors, np.nan), fit
+            return with_random_errors(sets, S, known, gains, fit)
         gains = np.where(told, gains, np.nan)
+    raise IdentificationError("`payload`: the fit of gains and parameters together does not settle")
+
+
+def with_random_errors(sets: TwoSets, S: Array, known: Array, gains: Array, fit: Fitted) -> tuple[Array, Array, Fitted]:
+    """Gains by further steps of the fit with random errors of the drives, which may move them far."""
+    first, told = sets.base.count + S.shape[1], np.isfinite(gains)
+    for _ in range(ROUNDS):
+        change, errors = fit.estimate.values[first:], fit.estimate.errors[first:]
+        gains = gains / (1 + change)
+        if (np.abs(change[told]) <= NEAR * errors[told]).all():
+            return gains, np.where(told, np.abs(gains) * errors, np.nan), fit
+        states = sets.states(fit.estimate.values, S, known)
+        fit = sets.in_torques(gains).fitted(S, known, states)
     raise IdentificationError("`payload`: the fit of gains and parameters together does not settle")
 
 
