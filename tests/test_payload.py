@@ -493,7 +493,7 @@ def test_a_centre_that_is_wrong_is_refused_or_in_the_errors(robot):
     guessed = LOAD._replace(com=(0.1, 0.0, 0.05), inertia=None)
     with pytest.raises(
         rne.IdentificationError,
-        match=r"^`payload`: the currents contradict the load as given: gains would be .*joint_6 3\.9\d, not 2\.5\d "
+        match=r"^`payload`: the currents contradict the load as given: gains would be .*joint_6 4\.0\d, not 2\.5\d "
         r".* Give its mass alone, `payload=3`, to have the rest estimated$",
     ):
         rne.identify_drive_gains(robot, *records, guessed)

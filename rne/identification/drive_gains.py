@@ -36,6 +36,7 @@ SETTLED = 1e-7  # relative change of the gains at which they end
 TRIED = 12  # steps before gains of large errors are left out
 CHANCE = 2.5  # standard errors, up to which another load's change of a gain is chance
 NEAR = 0.1  # standard errors of a gain that a step with random errors changes at the end
+REFINED = 6  # fits with random errors at most; the last change is in the standard errors
 FARTHEST = 10.0  # times that a gain grows in one step at most
 DIFFERENT = 0.1  # relative change of a gain by other parameters of the load, from which those given are refused
 DOUBTFUL = 0.05  # standard error of a gain, as a part of it, from which it is doubtful
@@ -282,14 +283,13 @@ def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, 
 def with_random_errors(sets: TwoSets, S: Array, known: Array, gains: Array, fit: Fitted) -> tuple[Array, Array, Fitted]:
     """Gains by further steps of the fit with random errors of the drives, which may move them far."""
     first, told = sets.base.count + S.shape[1], np.isfinite(gains)
-    for _ in range(ROUNDS):
+    for k in range(REFINED):
         change, errors = fit.estimate.values[first:], fit.estimate.errors[first:]
         gains = gains / (1 + change)
-        if (np.abs(change[told]) <= NEAR * errors[told]).all():
-            return gains, np.where(told, np.abs(gains) * errors, np.nan), fit
-        states = sets.states(fit.estimate.values, S, known)
-        fit = sets.in_torques(gains).fitted(S, known, states)
-    raise IdentificationError("`payload`: the fit of gains and parameters together does not settle")
+        if k + 1 == REFINED or (np.abs(change[told]) <= NEAR * errors[told]).all():
+            break
+        fit = sets.in_torques(gains).fitted(S, known, sets.states(fit.estimate.values, S, known))
+    return gains, np.where(told, np.abs(gains) * np.hypot(errors, change), np.nan), fit
 
 
 def first_gains(sets: TwoSets, S: Array, known: Array) -> tuple[Array, tuple[Array, Array]]:

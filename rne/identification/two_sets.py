@@ -72,7 +72,7 @@ class Fitted(NamedTuple):
             for name, s in zip(KINDS, self.spread[:: len(self.held_out)], strict=True)
             if s > TOLD
         ]
-        return (f"the torques show, and the standard errors contain: {listed(told)}",) if told else ()
+        return (f"the torques show, and the standard errors contain: {', '.join(told)}",) if told else ()
 
 
 @dataclass(frozen=True, eq=False)
