@@ -265,7 +265,8 @@ def spreads(factor: Array, K: int, n: int) -> Array:
         moments = np.zeros(m)
         moments[chosen] = (V @ h[chosen]) ** 2 + np.diag(V)
         squares = np.maximum(moments.reshape(-1, n).sum(1) / np.maximum(told.sum(1), 1), LEAST**2)
-    return np.repeat(np.sqrt(squares), n)
+    few = np.maximum(told.sum(1), 3)  # of so few joints the variance is not sure: that of Student's t
+    return np.repeat(np.sqrt(squares * few / (few - 2)), n)
 
 
 def with_prior(factor: Array, K: int, spread: Array) -> Array:
