@@ -17,9 +17,14 @@ from benchmarks.pages import table
 from rne.identification import Record
 from tests.measurements import Truth, truth
 
+ROBOTS = ("irb140", "ur5", "panda")
 DURATION, RATE = 20.0, 250.0  # [s], [Hz]
 NOISE = 0.01  # of a joint's largest torque, standard deviation
 FRICTION = 0.05  # of a joint's largest torque: Coulomb friction, and viscous friction at 1 rad/s
+PLAIN, HARMONIC, SCALED = "as modelled", "harmonic", "torques off by 3 %"
+OF_LOAD = (0.03, 0.12)  # Coulomb friction of harmonic drives, of the torque of the bodies
+SATURATION = (0.5, 2.0)  # speeds at which viscous friction of harmonic drives has half its slope [rad/s]
+FACTORS = 0.03  # standard deviation of torque factors, of each joint
 
 
 class Arm(NamedTuple):
@@ -41,31 +46,39 @@ def random_load(link: str, rng: np.random.Generator) -> rne.Payload:
     return rne.Payload(mass, com, mass / 12 * np.diag((sides**2).sum() - sides**2), link)
 
 
-def logs(one: Arm, load: rne.Payload, seed: int, gains: Any = 1.0, encoder: float = 0.0) -> list[Record]:
+def logs(
+    one: Arm, load: rne.Payload, seed: int, gains: Any = 1.0, encoder: float = 0.0, drives: str = PLAIN
+) -> list[Record]:
     """Records without and with the load, of different motions; torques divided by the drives' gains."""
     size = np.abs(truth(one.robot, duration=5.0, rate=50.0).tau).max(0)
-    friction = rne.Friction(viscous=FRICTION * size, coulomb=FRICTION * size, smoothing=1e-4)
-    rng, records = np.random.default_rng([seed, *one.robot.model.name.encode()]), []
-    for k, payload in enumerate((None, load)):
-        scene = rne.Scene(one.robot, friction=friction, payload=payload)
-        motion: Truth = truth(scene, DURATION, RATE, seed=2 * seed + k)
+    rng, records, n = np.random.default_rng([seed, *one.robot.model.name.encode()]), [], one.robot.n
+    of_load, saturation, factors = rng.uniform(*OF_LOAD, n), rng.uniform(*SATURATION, n), rng.normal(1, FACTORS, n)
+    for k, arm_alone in enumerate((one.robot, one.robot.with_payload(*load))):
+        motion: Truth = truth(arm_alone, DURATION, RATE, seed=2 * seed + k)
+        viscous, coulomb = FRICTION * size * motion.qd, FRICTION * size
+        if drives == HARMONIC:
+            coulomb = coulomb + of_load * np.abs(motion.tau)
+            viscous = viscous * 2 / (1 + np.abs(motion.qd) / saturation)
+        tau = motion.tau + viscous + coulomb * np.tanh(motion.qd / 1e-4)
+        tau = tau * factors if drives == SCALED else tau
         q = encoder * np.rint(motion.q / encoder) if encoder else motion.q
-        tau = motion.tau + NOISE * np.abs(motion.tau).max(0) * rng.normal(size=q.shape)
+        tau = tau + NOISE * np.abs(tau).max(0) * rng.normal(size=q.shape)
         records.append(Record(motion.t, q, tau / gains))
     return records
 
 
-def loads(name: str, runs: int, bits: int = 0) -> dict[str, Any]:
+def loads(name: str, runs: int, bits: int = 0, drives: str = PLAIN) -> dict[str, Any]:
     """Errors of the masses, centres and inertias found in a number of runs."""
     one, found = arm(name), []
     for seed in range(runs):
         load = random_load(one.link, np.random.default_rng(seed))
-        records = logs(one, load, seed, encoder=2 * np.pi / 2**bits if bits else 0.0)
+        records = logs(one, load, seed, encoder=2 * np.pi / 2**bits if bits else 0.0, drives=drives)
         estimate = rne.identify_payload(one.robot, *records, link=one.link)
         of_inertia = (estimate.inertia - load.inertia) / estimate.inertia_error
         found.append(
             {
                 "mass": estimate.mass / load.mass - 1,
+                "stated": estimate.mass_error / load.mass,
                 "mass z": (estimate.mass - load.mass) / estimate.mass_error,
                 "com": float(np.linalg.norm(estimate.com - load.com)),
                 "com z": float(np.abs((estimate.com - load.com) / estimate.com_error).max()),
@@ -73,23 +86,28 @@ def loads(name: str, runs: int, bits: int = 0) -> dict[str, Any]:
                 "replaced": estimate.consistent,
             }
         )
-    return {"robot": name, "bits": bits, "runs": by_quantity(found)}
+    return {"robot": name, "drives": drives, "bits": bits, "runs": by_quantity(found)}
 
 
-def gains(name: str, runs: int) -> dict[str, Any]:
-    """Errors of the drive gains found in a number of runs, of the joints of which they are found."""
+def gains(name: str, runs: int, drives: str = PLAIN, weighed: bool = False) -> dict[str, Any]:
+    """Errors of the drive gains found in a number of runs, of the joints of which they are found.
+
+    Of a load that is only `weighed`, the mass alone is given.
+    """
     one, found = arm(name), []
     for seed in range(runs):
         rng = np.random.default_rng(seed)
         load, true = random_load(one.link, rng), rng.uniform(2, 20, one.robot.n)
-        estimate = rne.identify_drive_gains(one.robot, *logs(one, load, seed, true), load)
+        given = rne.Payload(load.mass, link=one.link) if weighed else load
+        estimate = rne.identify_drive_gains(one.robot, *logs(one, load, seed, true, drives=drives), given)
         found.append(
             {
                 "error": (estimate.gains / true - 1).tolist(),
                 "z": ((estimate.gains - true) / estimate.errors).tolist(),
             }
         )
-    return {"robot": name, "runs": by_quantity(found)}
+    given = "its mass" if weighed else "mass, centre, inertia"
+    return {"robot": name, "drives": drives, "given": given, "runs": by_quantity(found)}
 
 
 def by_quantity(runs: list[dict[str, Any]]) -> dict[str, Any]:
@@ -108,14 +126,16 @@ def load_table(cases: list[dict[str, Any]]) -> str:
     """A row per robot and encoder."""
     rows = []
     for case in cases:
-        mass, z, com, com_z, inertia_z, replaced = (np.array(values) for values in case["runs"].values())
+        mass, stated, z, com, com_z, inertia_z, replaced = (np.array(values) for values in case["runs"].values())
         rows.append(
             [
                 case["robot"],
+                case["drives"],
                 f"{case['bits']} bits" if case["bits"] else "exact",
                 str(len(mass)),
                 f"{100 * np.median(np.abs(mass)):.2f}, {100 * np.abs(mass).max():.2f}",
                 f"{100 * (np.abs(mass) < 0.02).mean():.0f} %",
+                f"{100 * np.median(stated):.2f}",
                 f"{100 * (np.abs(z) < 3).mean():.0f} %",
                 f"{1000 * np.median(com):.2f}, {1000 * com.max():.2f}",
                 f"{100 * (com_z < 3).mean():.0f} %, {100 * (inertia_z < 3).mean():.0f} %",
@@ -124,10 +144,12 @@ def load_table(cases: list[dict[str, Any]]) -> str:
         )
     head = [
         "robot",
+        "drives",
         "positions",
         "runs",
         "error of the mass, median and largest [%]",
         "within 2 %",
+        "standard error, median [%]",
         "within three standard errors",
         "error of the centre, median and largest [mm]",
         "centre, inertia within three",
@@ -145,6 +167,8 @@ def gain_table(cases: list[dict[str, Any]]) -> str:
         rows.append(
             [
                 case["robot"],
+                case["drives"],
+                case["given"],
                 str(len(error)),
                 " ".join(f"{100 * x:.0f}" for x in told.mean(0)),
                 " ".join(f"{x:.2f}" for x in 100 * np.nanmedian(np.abs(error), axis=0)),
@@ -154,6 +178,8 @@ def gain_table(cases: list[dict[str, Any]]) -> str:
         )
     head = [
         "robot",
+        "drives",
+        "given of the load",
         "runs",
         "found, per joint [% of the runs]",
         "median error per joint [%]",
@@ -175,10 +201,19 @@ def kept_tables() -> dict[str, str]:
 
 def main() -> None:
     quick = is_quick(__doc__)
-    runs, few = (2, 1) if quick else (100, 40)
+    runs, few, half = (2, 1, 1) if quick else (100, 40, 20)
     found = {
-        "loads": [*(loads(name, runs) for name in ("irb140", "ur5", "panda")), loads("irb140", few, bits=17)],
-        "gains": [gains(name, few) for name in ("irb140", "ur5", "panda")],
+        "loads": [
+            *(loads(name, runs) for name in ROBOTS),
+            loads("irb140", few, bits=17),
+            *(loads(name, few, drives=HARMONIC) for name in ROBOTS),
+            *(loads(name, half, drives=SCALED) for name in ROBOTS),
+        ],
+        "gains": [
+            *(gains(name, few) for name in ROBOTS),
+            *(gains(name, half, weighed=True) for name in ROBOTS),
+            *(gains(name, half, HARMONIC) for name in ROBOTS),
+        ],
     }
     print(*tables(found).values(), sep="\n\n")
     if not quick:

@@ -5,8 +5,10 @@ import pytest
 
 import rne
 from rne.identification import Record
+from rne.identification.drive_gains import UNTOLD
 from rne.identification.least_squares import least_squares
-from rne.identification.payload import DENSITY, body_of, doubts, load_map, possible_load, two_sets
+from rne.identification.payload import DENSITY, body_of, doubts, possible_load
+from rne.identification.two_sets import load_map, two_sets
 from rne.model.standard_parameters import StandardParameters
 
 from .helpers import kept, loaded
@@ -181,20 +183,106 @@ def test_a_load_differs_from_the_ball_by_three_times_its_size(monkeypatch):
 
 
 def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, measured, found):
-    """Variances are those of independent residuals, times the number of equations that count as one."""
+    """Variances are at least those of independent residuals, times the number of equations that count as one."""
     sets = two_sets(robot, *measured, None, None, None, None)
-    K = sets.base.count
-    E = np.hstack([sets.base.back, load_map(sets.base.standard, "tool0")])
-    alone = least_squares(sets.joined(E, K))
-    x = sets.base.back @ alone.values[:K], E @ alone.values
-    correlation_time = sets.correlation_time(*x)
+    S = load_map(sets.base.standard, "tool0")
+    alone = least_squares(sets.assembled(sets.plain, S))
+    x = sets.states(alone.values, S, 0.0)
+    none = [[np.zeros((len(row.tau), 6, 1)) for row in data.rows] for data in (sets.without, sets.loaded)]
+    correlation_time = sets.correlation_time(x, none, np.zeros((6, 1)))
     both = [data.correlation_time(values) for data, values in zip((sets.without, sets.loaded), x, strict=True)]
     assert (np.min(both, 0) <= correlation_time * (1 + 1e-12)).all()
     assert (correlation_time <= np.max(both, 0) * (1 + 1e-12)).all()
-    ratio = (found.estimate.errors / alone.errors) ** 2
-    assert (ratio >= 0.999 * correlation_time.min()).all()
-    assert (ratio <= 1.001 * correlation_time.max()).all()
     assert correlation_time.min() > 1.1
+    ratio = (found.estimate.errors / alone.errors)[-10:] ** 2
+    assert (ratio >= 0.7 * correlation_time.min()).all()  # the random errors take some of the noise
+
+
+def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(robot, measured):
+    """Of a load of which nothing is unknown no parameter is left, and the base parameters are those of both sets."""
+    sets = two_sets(robot, *measured, None, None, None, None)
+    K, S = sets.base.count, load_map(sets.base.standard, "tool0")
+    none = sets.assembled(sets.plain, S[:, :0], known=np.zeros(len(S)))
+    assert least_squares(none).values.shape == (K,)
+    np.testing.assert_allclose(none.torques(), sets.assembled(sets.plain, S).torques(), rtol=1e-12)
+
+
+class Faults:
+    """What drives of real arms do, as torques for the motion and the torque of the bodies in record k."""
+
+    @staticmethod
+    def factors(tau, qd, k):
+        return tau * np.array([1.04, 0.95, 1.03, 0.97, 1.05, 0.98])
+
+    @staticmethod
+    def under_load(tau, qd, k):
+        return tau + 0.08 * np.abs(tau) * np.sign(qd)
+
+    @staticmethod
+    def saturating(tau, qd, k):
+        return tau + VISCOUS * qd / (1 + np.abs(qd))
+
+    @staticmethod
+    def warmer(tau, qd, k):
+        return tau + (1 - 0.2 * k) * (VISCOUS * qd + COULOMB * np.sign(qd)) + 0.2 * k
+
+
+def faulty(robot, load, fault, seed=0, duration=10.0):
+    """Records without and with the load of drives with a fault, and noise."""
+    records = []
+    for k, arm in enumerate((robot, robot.with_payload(*load))):
+        motion = truth(arm, duration, 250.0, seed=2 * seed + k)
+        tau = fault(motion.tau, motion.qd, k)
+        tau = tau + NOISE * np.abs(tau).max(0) * np.random.default_rng(seed + k).normal(size=tau.shape)
+        records.append(Record(motion.t, motion.q, tau, joint_names=robot.joint_names))
+    return records
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "error"),  # the stated error, relative: that of noise alone is 0.2 %
+    [
+        ("factors", "torque factors (", 0.012),
+        ("under_load", "friction under load (", 0.003),
+        ("saturating", "viscous friction that ", 0.003),
+        ("warmer", "friction that changed between the records (", 0.005),
+    ],
+)
+def test_stated_errors_contain_what_drives_do_besides(robot, fault, kind, error):
+    found = rne.identify_payload(robot, *faulty(robot, LOAD, getattr(Faults, fault)))
+    assert abs(found.mass - LOAD.mass) < 3 * found.mass_error
+    assert (np.abs(found.com - LOAD.com) < 3 * found.com_error).all()
+    assert found.mass_error < 2 * error * LOAD.mass
+    assert any(kind in note for note in found.notes), found.notes
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", ["factors", "under_load", "saturating", "warmer"])
+def test_the_truth_is_within_three_stated_errors_of_faulty_drives(robot, fault):
+    inside = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        load = rne.Payload(rng.uniform(1, 5), rng.uniform(-0.1, 0.1, 3), rng.uniform(1e-3, 5e-3) * np.eye(3), "tool0")
+        found = rne.identify_payload(robot, *faulty(robot, load, getattr(Faults, fault), seed, 20.0))
+        inside.append(abs(found.mass - load.mass) < 3 * found.mass_error)
+    assert np.mean(inside) >= 0.95
+
+
+def test_a_doubtful_load_warns_with_the_likely_causes(robot):
+    """The torque of joint 2 is measured at half its size."""
+    records = faulty(robot, LOAD, lambda tau, qd, k: tau * [1, 0.5, 1, 1, 1, 1])
+    with pytest.warns(rne.IdentificationWarning, match=r"the mass is known to .* % only.*likely causes: .*joint_2"):
+        found = rne.identify_payload(robot, *records)
+    assert any(cause.kind == "torque factor" and "joint_2" in cause.joints for cause in found.causes)
+    assert abs(found.mass - LOAD.mass) < 3 * found.mass_error
+
+
+def test_held_out_errors_of_a_load_are_those_of_the_noise(found, measured):
+    """Noise of a hundredth of the largest torque, of which the filter leaves a part."""
+    assert found.held_out.shape == (6,)
+    assert (found.held_out > 0.5 * NOISE / 5).all()
+    assert (found.held_out < 2 * NOISE).all()
+    assert found.doubt == ""
+    assert found.causes == ()
 
 
 def test_a_load_that_least_squares_make_impossible_is_replaced(robot):
@@ -258,7 +346,7 @@ def test_wrong_arguments_are_refused(robot, measured):
         (TypeError, "`robot` must be an rne.Robot, got str", lambda: rne.identify_payload("arm", without, with_load)),
         (
             ValueError,
-            "`records` must be of 6 joints, as the robot, got one of 5",
+            "`with_load` must be of 6 joints, as the robot, got one of 5",
             lambda: calls(robot, without, planar),
         ),
         (ValueError, "`without` must have a record without the load", lambda: calls(robot, None, with_load)),
@@ -278,7 +366,10 @@ def calls(*args, **more):
 
 def test_report_and_repr_of_a_load(found):
     lines = found.report().splitlines()
-    assert lines[0].split() == ["load", "on", "tool0", "estimate", "standard", "error"]
+    assert lines[0].startswith(f"{found.mass:.4g} kg on tool0, known to 0.")
+    assert lines[1].endswith("that were not fitted")
+    assert lines[2].split() == ["load", "on", "tool0", "estimate", "standard", "error"]
+    lines = lines[2:]
     assert [line.split()[0] for line in lines[1:11]] == [
         "mass",
         *["centre"] * 3,
@@ -289,7 +380,7 @@ def test_report_and_repr_of_a_load(found):
         "Iyz",
         "Izz",
     ]
-    assert repr(found).startswith("PayloadEstimate(3 kg, standard error 0.0")
+    assert repr(found).startswith(f"PayloadEstimate({found.mass:.4g} kg, standard error 0.0")
 
 
 def test_without_noise_the_gains_are_found(robot):
@@ -306,11 +397,12 @@ def test_gains_are_within_three_standard_errors_and_two_percent(robot):
 
 
 def test_gains_follow_the_load_and_the_unit(robot, measured):
-    """i = tau / g: twice the load, twice the gains; another unit or sign of a joint, another gain."""
+    """i = tau / g: twice the load, twice the gains; another unit of a joint, another gain."""
     one = rne.identify_drive_gains(robot, *measured, LOAD)
+    assert one.report().startswith("gains of 6 of 6 joints, known to 0.")
     heavy = rne.Payload(2 * LOAD.mass, LOAD.com, 2 * LOAD.inertia, LOAD.link)
     np.testing.assert_allclose(rne.identify_drive_gains(robot, *measured, heavy).gains, 2 * one.gains, rtol=1e-6)
-    units = np.array([1, -2, 4, 0.5, 10, -1])
+    units = np.array([1, 2, 4, 0.5, 10, 1])
     scaled = [Record(r.t, r.q, r.tau / units) for r in measured]
     np.testing.assert_allclose(rne.identify_drive_gains(robot, *scaled, LOAD).gains, units * one.gains, rtol=1e-6)
 
@@ -360,14 +452,85 @@ def test_a_joint_that_the_load_does_not_act_on_has_no_gain(robot):
     load = rne.Payload(3.0, (0.0, 0.0, 0.05), link="tool0")
     found = rne.identify_drive_gains(robot, *logs(robot, load, units=GAINS), load)
     assert np.isnan(found.gains).tolist() == np.isnan(found.errors).tolist() == [False] * 5 + [True]
-    assert found.notes[-1] == "the load does not tell the gain of joint_6"
-    assert found.report().splitlines()[6].split() == ["joint_6", "-", "-"]
+    assert found.notes[-1] == UNTOLD.format("joint_6")
+    assert found.report().splitlines()[8].split() == ["joint_6", "-", "-"]
     assert (np.abs(found.gains - GAINS)[:5] < 3 * found.errors[:5]).all()
 
 
 def test_a_load_that_is_none_gives_no_gains(robot, measured):
-    with pytest.raises(ValueError, match=r"^`payload` must have a mass and be on a link that moves"):
+    with pytest.raises(ValueError, match=r"^`link` must move, 'base_link' is fixed to the base: no joint carries"):
         rne.identify_drive_gains(robot, *measured, rne.Payload(3.0, link="base_link"))
     same = logs(robot, None)
     with pytest.raises(rne.IdentificationError, match=r"^`payload`: the load changes the currents of no joint"):
         rne.identify_drive_gains(robot, *same, LOAD)
+
+
+def test_of_a_mass_alone_the_rest_of_the_load_is_estimated(robot):
+    records = logs(robot, LOAD, units=GAINS)
+    found = rne.identify_drive_gains(robot, *records, LOAD.mass)
+    assert (np.abs(found.gains - GAINS) < np.minimum(3 * found.errors, 0.02 * GAINS)).all()
+    np.testing.assert_allclose(found.com, LOAD.com, atol=1e-3)
+    assert found.notes[0].startswith("the load's centre, not given, is found at (0.04")
+    same = rne.identify_drive_gains(robot, *records, rne.Payload(LOAD.mass, link="tool0"))
+    np.testing.assert_array_equal(same.gains, found.gains)
+
+
+@pytest.mark.long
+def test_gains_of_a_mass_alone_cover_the_truth(robot):
+    """Each of 12 other loads, of noise up to a tenth of the largest torque."""
+    z = []
+    for seed, noise in ((s, x) for s in range(4) for x in (0.01, 0.03, 0.1)):
+        load = rne.Payload(2.0, (0.05 * (seed % 3 - 1), 0.03, 0.08), 1e-3 * np.eye(3), "tool0")
+        found = rne.identify_drive_gains(robot, *logs(robot, load, seed, noise=noise, duration=20.0, units=GAINS), 2.0)
+        z += np.abs((found.gains - GAINS) / found.errors)[np.isfinite(found.gains)].tolist()
+    assert len(z) > 60
+    assert np.mean(np.array(z) < 3) >= 0.95
+
+
+def test_a_centre_that_is_wrong_is_refused_or_in_the_errors(robot):
+    """At 5 mm from the truth gains change by less than a tenth: the stated errors have the change."""
+    records = logs(robot, LOAD, units=GAINS)
+    guessed = LOAD._replace(com=(0.1, 0.0, 0.05), inertia=None)
+    with pytest.raises(
+        rne.IdentificationError,
+        match=r"^`payload`: the currents contradict the load as given: gains would be .*joint_6 4\.0\d, not 2\.5\d "
+        r".* Give its mass alone, `payload=3`, to have the rest estimated$",
+    ):
+        rne.identify_drive_gains(robot, *records, guessed)
+    near = rne.identify_drive_gains(robot, *records, LOAD._replace(com=(0.043, -0.03, 0.08)))
+    assert (np.abs(near.gains - GAINS) < 3 * near.errors).all()
+    assert near.errors[5] > 0.01 * GAINS[5]
+
+
+def test_negative_gains_are_refused_with_what_may_cause_them(robot):
+    records = logs(robot, LOAD, units=GAINS)
+    turned = [Record(r.t, r.q, r.tau * [1, 1, 1, -1, 1, 1]) for r in records]
+    with pytest.raises(
+        rne.IdentificationError,
+        match=r"^gains come out negative: joint_4 -3\.\d+ \(\+- 0\.\d+\): change the sign of its current in all records$",
+    ):
+        rne.identify_drive_gains(robot, *turned, LOAD.mass)
+    with pytest.raises(rne.IdentificationError, match=r"records without and with the load exchanged, or all currents"):
+        rne.identify_drive_gains(robot, *records[::-1], LOAD.mass)
+
+
+@pytest.mark.parametrize("call", [rne.identify_payload, rne.identify_drive_gains])
+def test_a_record_of_both_sets_is_refused(robot, measured, call):
+    more = () if call is rne.identify_payload else (3.0,)
+    text = "^`with_load` has a record that `without` has too, 'record': one is the wrong file$"
+    copied = Record(measured[0].t, measured[0].q, measured[0].tau)
+    with pytest.raises(ValueError, match=text):
+        call(robot, measured[0], [measured[1], copied], *more)
+
+
+@pytest.mark.parametrize("mass", [0.0, -3.0])
+def test_gains_need_a_positive_mass(robot, measured, mass):
+    with pytest.raises(ValueError, match=rf"^`payload` must be positive, got {mass}$"):
+        rne.identify_drive_gains(robot, *measured, mass)
+
+
+def test_gains_that_are_known_poorly_warn(robot):
+    load = rne.Payload(1.0, (0.05, 0.0, 0.08), link="tool0")
+    records = logs(robot, load, noise=0.1, rate=100.0, units=GAINS)
+    with pytest.warns(rne.IdentificationWarning, match=r"^gains are known poorly: joint_1 to "):
+        rne.identify_drive_gains(robot, *records, 1.0)

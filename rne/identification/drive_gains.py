@@ -1,75 +1,112 @@
 """Torque per ampere of each drive, from currents measured without and with a known load.
 
 Currents are torques in a unit of their own per joint, i_j = k_j (Y_j pi + Y_j S phi): without a load (phi = 0) any
-gains fit, with one its known parameters set the scale (Gautier and Briot 2014). Currents are noisy, and as a column of
-the equations [Y, -i] (pi, 1 / k) = -Y S phi their noise would draw gains to zero. Here they stay on the other side:
-first joint by joint, where i_j is linear in k_j pi and k_j; then all joints with one pi, by Gauss-Newton steps, whose
-column for a gain is the current that the model predicts (an instrument, as of instrumental variables).
+gains fit, with one its known parameters set the scale (Gautier and Briot 2014). Of a load that is only weighed, the
+other nine parameters are unknowns too. Currents are noisy, and as a column of the equations their noise would draw
+gains to zero. In their place stand currents that a model predicts (instruments, as of instrumental variables): first
+those of each joint's own fit, then, in Gauss-Newton steps, those of the parameters found.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..basics.arrays import positive_number
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, Row, aligned, listed, short, wrapped
-from ..errors import IdentificationError
+from ..basics.text import Row, listed, short, wrapped
+from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS
 from ..model.standard_parameters import DriveModel
+from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
-from .equations import Equations, joined, triangular
-from .least_squares import LeastSquares, least_squares, with_correlation
-from .payload import BEYOND_DOUBT, TwoSets, two_sets
+from .least_squares import LeastSquares, least_squares, solve
 from .record import Record
 from .result import Identification
+from .rigid_body_test import own_fit, percent
+from .two_sets import BEYOND_DOUBT, Fitted, OfTwoSets, TwoSets, load_map, two_sets
 
 ROUNDS = 30  # of steps
 SETTLED = 1e-7  # relative change of the gains at which they end
+TRIED = 12  # steps before gains of large errors are left out
+CHANCE = 2.5  # standard errors, up to which another load's change of a gain is chance
+NEAR = 0.1  # standard errors of a gain that a step with random errors changes at the end
+REFINED = 6  # fits with random errors at most; the last change is in the standard errors
+FARTHEST = 10.0  # times that a gain grows in one step at most
+DIFFERENT = 0.1  # relative change of a gain by other parameters of the load, from which those given are refused
+DOUBTFUL = 0.05  # standard error of a gain, as a part of it, from which it is doubtful
+UNTOLD = (
+    "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "
+    "offset does; move the joint against the load, or mount the load further from its axis"
+)
+NONE_TOLD = (
+    "`payload`: the load changes the currents of no joint by more than chance does: move the joints that lift it, and "
+    "turn the hand meanwhile, or take a heavier load"
+)
 
 
 @dataclass(frozen=True, eq=False)
-class DriveGains(InNotebooks):
+class DriveGains(OfTwoSets):
     """Gains of the drives, by `rne.identify_drive_gains`.
 
     Attributes
     ----------
     joint_names : tuple of str
     gains : ndarray, shape (n,)
-        Joint torque per unit of what was measured; NaN where the load does not tell it [N m/A or N/A for currents].
+        Joint torque per unit of what was measured; NaN where the load does not tell it, which `notes` and the report
+        say [N m/A or N/A for currents].
     errors : ndarray, shape (n,)
         Their standard errors; NaN likewise.
+    held_out : ndarray, shape (n,)
+        |predicted - measured| / |measured| of each joint in motion, on blocks of time of which each was predicted by a
+        fit to the others; NaN for joints without a gain.
     estimate : LeastSquares
-        Of the base parameters, in N m, with the gains found.
+        Of the base parameters, in N m, with the gains found; then, of a load of which only the mass is known, m cx, m
+        cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's origin; last, the relative changes of the gains.
+    com : ndarray, shape (3,)
+        The load's centre of mass in its link's frame, as given or as found [m].
     notes : tuple of str
         What was assumed, and what looks wrong.
+    sets : TwoSets
+        The equations, with torques by these gains.
     """
 
     joint_names: tuple[str, ...]
     gains: Array
     errors: Array
+    held_out: Array
     estimate: LeastSquares
+    com: Array
     notes: tuple[str, ...]
+    sets: TwoSets
+
+    def _reasons(self) -> list[str]:
+        share = self.errors / np.abs(self.gains)
+        wide = [f"{name} to {100 * x:.2g} %" for name, x in zip(self.joint_names, share, strict=True) if x > DOUBTFUL]
+        return [f"gains are known poorly: {listed(wide)}"] if wide else []
 
     def __repr__(self) -> str:
         return wrapped(f"DriveGains([{', '.join(f'{gain:.4g}' for gain in self.gains)}])")
 
     def report(self) -> str:
-        """The gains with standard errors, and the notes.
+        """What the gains are good for, the gains with standard errors, and the notes.
 
         Returns
         -------
         str
-            A table, then the notes.
+            A sentence, a table, then the notes and likely causes of what is left.
         """
         rows = [Row("drive gains [N m or N per unit]", ("gain", "standard error"), words=True)]
         for name, gain, error in zip(self.joint_names, self.gains, self.errors, strict=True):
             rows.append(Row(f"  {short(name)}", ("-", "-") if np.isnan(gain) else (f"{gain:.5g}", f"{error:.2g}")))
-        return "\n".join([*aligned(rows), *(line for note in self.notes for line in wrapped(note).splitlines())])
+        told = np.isfinite(self.gains)
+        known = percent((self.errors / np.abs(self.gains))[told])
+        return self._report(f"gains of {told.sum()} of {len(told)} joints, known to {known}", rows)
 
 
 def identify_drive_gains(
@@ -96,7 +133,8 @@ def identify_drive_gains(
     with_load : Record or sequence of Record
         Measured motions with the load; they may differ from those without.
     payload : Payload, PayloadEstimate or float
-        The load, weighed: gains are as wrong as its mass is, relatively. As of a Scene.
+        The load, weighed: gains are as wrong as its mass is, relatively. Of a mass alone, or a Payload with neither
+        centre nor inertia, these are estimated too; otherwise they are taken as given and compared with an estimate.
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
@@ -106,20 +144,29 @@ def identify_drive_gains(
     Returns
     -------
     DriveGains
-        Gains with standard errors; NaN for joints whose torque the load does not change by enough.
+        Gains with standard errors; NaN, and a note, for joints whose torque the load does not change by enough.
 
     Raises
     ------
     ValueError
-        If a record is of other joints, there are fewer equations than parameters, or the load is on no joint.
+        If a record is of other joints or in both sets, there are fewer equations than parameters, the mass is not
+        positive, or the load is on no joint.
     IdentificationError
-        If the load tells the gain of no joint, or the fit does not settle.
+        If the load tells the gain of no joint, a gain is negative, or the currents contradict the load as given: an
+        estimate of its centre and inertia changes a gain by more than 10 % and four standard errors.
+
+    Warns
+    -----
+    IdentificationWarning
+        If a gain is known to no better than 5 %, or more than 30 % of a joint's torque in motion is not explained:
+        `DriveGains.doubt`.
 
     Notes
     -----
-    A gain is found if its inverse, from its joint alone, differs from zero by more than four standard errors. Drives
-    are taken as the same without and with the load, and a delay of the currents only from an Identification. Of coupled
-    motors the gains are those of the joints' torques.
+    A gain is found if it differs from zero by more than four standard errors. These contain errors of the drives, as
+    those of `rne.identify_payload` do, and the change of a gain by an estimate of the load's centre and inertia beyond
+    chance. Drives are taken as the same without and with the load, and a delay of the currents only from an
+    Identification. Of coupled motors the gains are those of the joints' torques.
 
     Examples
     --------
@@ -131,70 +178,128 @@ def identify_drive_gains(
     >>> found = rne.identify_drive_gains(arm, *logs, load, cutoff=20, drives=rne.DriveModel())
     >>> found.gains.round(1).tolist()
     [8.0, 8.0, 8.0, 8.0, 8.0, 8.0]
-    >>> print(found.report().splitlines()[0])
-    drive gains [N m or N per unit]  gain  standard error
+    >>> print(found.report().split(";")[0][:32])
+    gains of 6 of 6 joints, known to
     """
     sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
-    load = np.zeros(sets.base.standard.count)
-    arm = sets.robot
-    load[: PARAMETERS * arm.model.nb] = arm.with_payload(*payload_argument(payload)).parameters - arm.parameters
-    if not load.any():
-        raise ValueError("`payload` must have a mass and be on a link that moves: no joint carries it")
-    inverse, errors, correlation_time = of_single_joints(sets, load)
-    told = np.abs(inverse) > BEYOND_DOUBT * errors
-    if not told.any():
-        raise IdentificationError("`payload`: the load changes the currents of no joint by more than chance does")
-    gains = np.where(told, 1 / np.where(told, inverse, 1), np.nan)
-    gains, equations = of_all_joints(sets, load, gains)
-    estimate = with_correlation(least_squares(equations), equations, correlation_time)
-    errors = np.abs(gains) * estimate.errors[sets.base.count :]
-    silent = [name for name, known in zip(arm.joint_names, told, strict=True) if not known]
-    notes = (f"the load does not tell the gain of {listed(silent)}",) if silent else ()
-    return DriveGains(arm.joint_names, gains, errors, estimate, (*sets.notes, *notes))
+    standard, names = sets.base.standard, sets.robot.joint_names
+    load = payload_argument(payload)
+    mass = positive_number("payload", load.mass)
+    link = load.link or end_link(sets.robot.model, axes_count=True)
+    S = load_map(standard, link)
+    bare = load.inertia is None and not np.any(load.com)
+    if bare:
+        found, com = of_all_joints(sets, S[:, 1:], mass * S[:, 0]), np.zeros(3)
+    else:
+        known = np.zeros(standard.count)
+        known[: PARAMETERS * standard.model.nb] = sets.robot.with_payload(*load).parameters - sets.robot.parameters
+        found, com = of_all_joints(sets, S[:, :0], known), np.array(load.com, np.float64)
+    gains, errors, fit = found
+    K, untold = sets.base.count, [name for name, gain in zip(names, gains, strict=True) if np.isnan(gain)]
+    notes = [*sets.notes, *fit.notes]
+    if bare:
+        com, com_error = fit.estimate.values[K : K + 3] / mass, fit.estimate.errors[K : K + 3] / mass
+        notes.append(f"the load's centre, not given, is found at {place(com)} m of {link}, +- {place(com_error)} m")
+    else:
+        errors = np.hypot(errors, change_by_another_load(sets, S, mass, com, gains))
+    refuse_negative(names, gains, errors, bare)
+    if untold:
+        notes.append(UNTOLD.format(listed(untold)))
+    result = DriveGains(names, gains, errors, fit.held_out, fit.estimate, com, tuple(notes), sets.in_torques(gains))
+    if result.doubt:
+        warnings.warn(result.doubt, IdentificationWarning, stacklevel=2)
+    return result
 
 
-def of_single_joints(sets: TwoSets, load: Array) -> tuple[Array, Array, Array]:
-    """Inverse gains k of i_j = Y_j (k pi) + k Y_j S phi, each from its joint alone, errors, and correlation times."""
-    back, K = sets.base.back, sets.base.count
-    E = np.hstack([back, load[:, None]])
-    both = sets.joined(E, K)
-    found, errors, correlation_time = np.zeros((3, both.joints))
-    for j in range(both.joints):
-        one = both.of_joint(j)
-        estimate = least_squares(one)
-        correlation_time[j] = sets.correlation_time(back @ estimate.values[:K], E @ estimate.values)[j]
-        found[j], errors[j] = estimate.values[K], with_correlation(estimate, one, correlation_time[[j]]).errors[K]
-    return found, errors, correlation_time
+def place(x: Array) -> str:
+    """A point in words."""
+    return f"({', '.join(f'{value:.3g}' for value in x)})"
 
 
-def of_all_joints(sets: TwoSets, load: Array, gains: Array) -> tuple[Array, Equations]:
-    """Gains by a fit of all joints with the same parameters, and the equations of the last step."""
-    K = sets.base.count
-    x = least_squares(stepped(sets, load, gains, None)).values
-    for _ in range(ROUNDS):
-        equations = stepped(sets, load, gains, sets.base.back @ x[:K])
-        x = least_squares(equations).values
-        gains = gains / (1 + x[K:])
-        if np.nanmax(np.abs(x[K:])) <= SETTLED:
-            return gains, equations
+def refuse_negative(names: Sequence[str], gains: Array, errors: Array, bare: bool) -> None:
+    """Refuse gains below zero, with what may cause them."""
+    negative = np.flatnonzero(gains < 0).tolist()
+    if not len(negative):
+        return
+    values = listed([f"{names[j]} {gains[j]:.3g} (+- {errors[j]:.2g})" for j in negative])
+    why = f"change the sign of {'its current' if len(negative) == 1 else 'their currents'} in all records"
+    if len(negative) == np.isfinite(gains).sum() > 1:
+        why = "are the records without and with the load exchanged, or all currents of the wrong sign?"
+    elif not bare:
+        why += ", or give the mass alone, `payload=mass`: is the load's centre as given?"
+    raise IdentificationError(f"gains come out negative: {values}: {why}")
+
+
+def change_by_another_load(sets: TwoSets, S: Array, mass: float, com: Array, gains: Array) -> Array:
+    """By how much gains change, beyond chance, if only the mass of the load is taken as given; much is refused."""
+    K, names = sets.base.count, sets.robot.joint_names
+    try:
+        other, errors, fit = of_all_joints(sets, S[:, 1:], mass * S[:, 0])
+    except IdentificationError:  # these motions cannot tell
+        return np.zeros(len(gains))
+    change = np.nan_to_num(gains - other)
+    errors = np.nan_to_num(errors)
+    wrong = (np.abs(change) > BEYOND_DOUBT * errors) & (np.abs(change) > DIFFERENT * np.abs(np.nan_to_num(other)))
+    if wrong.any():
+        found = listed(
+            [f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in np.flatnonzero(wrong)]
+        )
+        centre = fit.estimate.values[K : K + 3] / mass
+        raise IdentificationError(
+            f"`payload`: the currents contradict the load as given: gains would be {found}, its centre {place(com)} m, "
+            f"not {place(centre)} m. Give its mass alone, `payload={mass:g}`, to have the rest estimated"
+        )
+    return np.where(np.abs(change) > CHANCE * errors, np.abs(change), 0.0)
+
+
+def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, Fitted]:
+    """Gains by a fit of all joints with the same parameters, with errors; NaN where they are not told.
+
+    Parameters of the load are `known` + S phi, of which phi is unknown.
+    """
+    K, f = sets.base.count, S.shape[1]
+    gains, states = first_gains(sets, S, known)
+    for k in range(ROUNDS):
+        scaled = sets.in_torques(gains)
+        step = least_squares(scaled.assembled(scaled.plain, S, known, states))
+        change, told = step.values[K + f :], step.errors[K + f :] * BEYOND_DOUBT < 1
+        if k < TRIED and np.abs(change[told]).max(initial=0) > SETTLED:  # the first steps may lead through poor gains
+            told = np.isfinite(gains)
+        gains = np.where(told, gains / np.where(np.abs(1 + change) < 1 / FARTHEST, 1 / FARTHEST, 1 + change), np.nan)
+        states = sets.states(step.values, S, known)
+        if told.any() and np.abs(change[told]).max() > SETTLED:
+            continue
+        fit = sets.in_torques(gains).fitted(S, known, states) if told.any() else None
+        errors = np.abs(gains) * (np.inf if fit is None else fit.estimate.errors[K + f :])
+        told &= errors * BEYOND_DOUBT < np.abs(gains)
+        if fit is None or not told.any():
+            raise IdentificationError(NONE_TOLD)
+        if (told == np.isfinite(gains)).all():
+            return with_random_errors(sets, S, known, gains, fit)
+        gains = np.where(told, gains, np.nan)
     raise IdentificationError("`payload`: the fit of gains and parameters together does not settle")
 
 
-def stepped(sets: TwoSets, load: Array, gains: Array, pi: Array | None) -> Equations:
-    """Equations Y_j pi' + (Y_j pi + Y_j S phi) d_j = g_j i_j - Y_j S phi of a step from gains g and parameters pi.
+def with_random_errors(sets: TwoSets, S: Array, known: Array, gains: Array, fit: Fitted) -> tuple[Array, Array, Fitted]:
+    """Gains by further steps of the fit with random errors of the drives, which may move them far."""
+    first, told = sets.base.count + S.shape[1], np.isfinite(gains)
+    for k in range(REFINED):
+        change, errors = fit.estimate.values[first:], fit.estimate.errors[first:]
+        gains = gains / (1 + change)
+        if k + 1 == REFINED or (np.abs(change[told]) <= NEAR * errors[told]).all():
+            break
+        fit = sets.in_torques(gains).fitted(S, known, sets.states(fit.estimate.values, S, known))
+    return gains, np.where(told, np.abs(gains) * np.hypot(errors, change), np.nan), fit
 
-    The unknowns are pi' and the relative changes d of the inverse gains; with `pi` None they are pi' alone.
-    """
-    back, told = sets.base.back, np.isfinite(gains)
-    P, K, n = len(back), sets.base.count, len(gains)
-    parts = []
-    for data, phi in zip(sets.equations, (0 * load, load), strict=True):
-        T = np.zeros((n, P + 1, K + n + 1))
-        T[:, :P, :K] = back
-        T[:, :P, -1] = -phi
-        T[:, P, -1] = gains
-        if pi is not None:
-            T[np.arange(n), :P, K + np.arange(n)] = pi + phi
-        T[~told] = 0
-        parts.append(Equations(triangular(data.factors @ T), data.rows * told))
-    return joined(parts)
+
+def first_gains(sets: TwoSets, S: Array, known: Array) -> tuple[Array, tuple[Array, Array]]:
+    """Gains by the currents that each joint's own fit predicts, and parameters without and with the load."""
+    K, n = sets.base.count, sets.robot.n
+    load = np.concatenate([S, known[:, None]], axis=1)
+    both = sets.assembled(sets.plain, load)
+    own = np.array([own_fit(both.of_joint(j))[0] for j in range(n)])
+    without = own[:, :K] @ sets.base.back.T
+    currents = -without, -without - own[:, K:] @ load.T
+    silent = sets.in_torques(np.zeros(n))
+    x = solve(silent.assembled(silent.plain, S, known, currents).merged().weighted(np.ones(n))).x
+    return x[K + S.shape[1] :], sets.states(x, S, known)

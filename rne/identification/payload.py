@@ -7,30 +7,28 @@ Gautier and Lemoine 2007).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, point_mass_inertia
-from ..basics.text import InNotebooks, Row, aligned, short, wrapped
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..errors import IdentificationError
-from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, parameters_of_pseudo_inertia, pseudo_inertia
-from ..model.standard_parameters import BODY_SYMBOLS, MEASURED, DriveModel, StandardParameters
+from ..basics.text import Row, short, wrapped
+from ..errors import IdentificationError, IdentificationWarning
+from ..model.parameters import COLUMNS, ENTRIES, PARAMETERS, ROWS, pseudo_inertia
+from ..model.standard_parameters import BODY_SYMBOLS, DriveModel
 from ..model.topology import end_link
-from ..robot import Robot, robot_argument
+from ..robot import Robot
 from ..simulation.scene import Payload
 from .consistent import consistent_fit
-from .equations import Equations, joined, triangular
-from .least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, with_correlation
+from .least_squares import LeastSquares
 from .record import Record
-from .regression import RegressionData, build_regression
 from .result import Identification
+from .two_sets import BEYOND_DOUBT, OfTwoSets, TwoSets, load_map, two_sets
 
-BEYOND_DOUBT = 4.0  # standard errors
+DOUBTFUL = 0.05  # standard error of the mass, as a part of it, from which it is doubtful
 DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
 PRIOR_STD = 3.0  # how far, relatively, a load may differ from it
 STEP = 1e-30  # of derivatives by complex numbers
@@ -42,7 +40,7 @@ QUANTITIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class PayloadEstimate(InNotebooks):
+class PayloadEstimate(OfTwoSets):
     """A load found by `rne.identify_payload`; a Scene takes it as its `payload`.
 
     Attributes
@@ -60,8 +58,13 @@ class PayloadEstimate(InNotebooks):
         Iyz, Izz about the link's origin and in its axes.
     consistent : bool
         True if the load is not that of least squares but the physically consistent one.
+    held_out : ndarray, shape (n,)
+        |predicted - measured| / |measured| of each joint in motion, on blocks of time of which each was predicted by a
+        fit to the others.
     notes : tuple of str
-        What was assumed, and what looks wrong.
+        What was assumed, what errors of the drives are contained in the standard errors, and what looks wrong.
+    sets : TwoSets
+        The equations.
     """
 
     payload: Payload
@@ -70,7 +73,13 @@ class PayloadEstimate(InNotebooks):
     inertia_error: Array
     estimate: LeastSquares
     consistent: bool
+    held_out: Array
     notes: tuple[str, ...]
+    sets: TwoSets
+
+    def _reasons(self) -> list[str]:
+        share = self.mass_error / abs(self.mass)
+        return [f"the mass is known to {100 * share:.2g} % only"] if share > DOUBTFUL else []
 
     @property
     def mass(self) -> float:
@@ -95,12 +104,12 @@ class PayloadEstimate(InNotebooks):
         )
 
     def report(self) -> str:
-        """The load with standard errors, and the notes.
+        """What the load is good for, its parameters with standard errors, and the notes.
 
         Returns
         -------
         str
-            A table, then the notes.
+            A sentence, a table, then the notes and the likely causes of what is left.
         """
         values = [self.mass, *self.com, *self.inertia[ROWS, COLUMNS]]
         errors = [self.mass_error, *self.com_error, *self.inertia_error[ROWS, COLUMNS]]
@@ -109,7 +118,8 @@ class PayloadEstimate(InNotebooks):
             Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}"))
             for name, value, error in zip(QUANTITIES, values, errors, strict=True)
         ]
-        return "\n".join([*aligned(rows), *(line for note in self.notes for line in wrapped(note).splitlines())])
+        share = 100 * self.mass_error / abs(self.mass)
+        return self._report(f"{self.mass:.4g} kg on {short(str(self.payload.link))}, known to {share:.2g} %", rows)
 
 
 def identify_payload(
@@ -154,19 +164,28 @@ def identify_payload(
     Raises
     ------
     ValueError
-        If a record is of other joints, or there are fewer equations than parameters.
+        If a record is of other joints or in both sets, or there are fewer equations than parameters.
     IdentificationError
         If the motions do not tell the mass, or it is negative beyond doubt.
     ImportError
         If the physically consistent load is needed and Clarabel is not installed.
 
+    Warns
+    -----
+    IdentificationWarning
+        If the mass is known to no better than 5 %, or more than 30 % of a joint's torque in motion is not explained:
+        `PayloadEstimate.doubt`.
+
     Notes
     -----
-    Drives are taken as the same without and with the load; friction that grows with the load, as of worm and harmonic
-    gears, is not modelled and changes the estimate. Nor is a delay of the torques looked for: that of an Identification
-    is taken for the records with the load too. Standard errors take into account that residuals resemble their
-    neighbours. A load that least squares make impossible is replaced by the physically consistent one that fits best;
-    where the motions say nothing, it is like a ball of 3000 kg/m^3.
+    Standard errors contain noise, with residuals that resemble their neighbours, and what errors of the drives make of
+    the load: torque factors that differ between joints, friction that rises with the load, saturates, differs between
+    the directions or changes between the records, offsets that change or drift. Each is a random coefficient of each
+    joint, whose variance is estimated. Where fits without one of the blocks of time scatter more, their scatter is the
+    error. A factor common to all torques is not seen: the mass is as wrong as it. A delay of the torques is not looked
+    for: that of an Identification is taken for the records with the load too. A load that least squares make impossible
+    is replaced by the physically consistent one that fits best; where the motions say nothing, it is like a ball of
+    3000 kg/m^3.
 
     Examples
     --------
@@ -178,17 +197,14 @@ def identify_payload(
     >>> found = rne.identify_payload(robot, *logs, cutoff=20, drives=rne.DriveModel())
     >>> round(found.mass, 2), rne.Scene(robot, payload=found).n
     (3.0, 6)
-    >>> print(found.report().splitlines()[0])
-    load on tool0   estimate  standard error
+    >>> print(found.report()[:23])
+    3 kg on tool0, known to
     """
     sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
-    E = np.hstack([sets.base.back, load_map(sets.base.standard, name)])
-    both = sets.joined(E, K)
-    estimate = least_squares(both)
-    correlation_time = sets.correlation_time(E[:, :K] @ estimate.values[:K], E @ estimate.values)
-    estimate = with_correlation(estimate, both, correlation_time)
+    fit = sets.fitted(load_map(sets.base.standard, name))
+    estimate = fit.estimate
     phi, errors = estimate.values[K:], estimate.errors[K:]
     if not errors[0] < np.inf:
         raise IdentificationError(
@@ -199,100 +215,38 @@ def identify_payload(
             f"`with_load`: the torques ask for a mass of {phi[0]:.3g} kg, with a standard error of {errors[0]:.2g} kg: "
             "are the records exchanged, or the signs of torques or of gravity wrong?"
         )
-    notes = [*sets.notes, *doubts(phi, errors)]
+    notes = [*sets.notes, *doubts(phi, errors), *fit.notes]
     impossible = np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0 or not np.isfinite(errors).all()
     if impossible and consistent:
-        sigma = believed_noise(both, estimate.sigma) * np.sqrt(correlation_time)
-        phi = possible_load(of_load_alone(both.merged().weighted(sigma), K), phi, errors)
+        phi = possible_load(fit.load, phi, errors)
         notes.append(
             "the load is the physically consistent one that fits best; `estimate` has least squares as they are"
         )
     body, error = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
-    return PayloadEstimate(
+    found = PayloadEstimate(
         Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name),
         float(error[0]),
         error[1:4],
         error[4:][ENTRIES],
         estimate,
         impossible and consistent,
+        fit.held_out,
         tuple(notes),
+        sets,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class TwoSets:
-    """The equations of records without and with a load, of the same standard parameters."""
-
-    robot: Robot
-    base: BaseParameters
-    without: RegressionData
-    loaded: RegressionData
-
-    @cached_property
-    def equations(self) -> tuple[Equations, Equations]:
-        """Of both, each in one block."""
-        return self.without.fitted.merged(), self.loaded.fitted.merged()
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was said of the records, once."""
-        return tuple(dict.fromkeys((*self.without.notes, *self.loaded.notes)))
-
-    def joined(self, E: Array, K: int) -> Equations:
-        """Equations of both for unknowns z, of which the last, from K on, belong to the load: parameters are E z."""
-        without, loaded = self.equations
-        return joined([without.mapped(E * (np.arange(E.shape[1]) < K)), loaded.mapped(E)])
-
-    def correlation_time(self, without: Array, loaded: Array) -> Array:
-        """Correlation time of each joint's residuals, for parameters of either set, in rows, shape (n,)."""
-        rows = np.concatenate([equations.rows for equations in self.equations])
-        both = np.array([self.without.correlation_time(without), self.loaded.correlation_time(loaded)])
-        return np.asarray(np.maximum((rows * both).sum(0) / np.maximum(rows.sum(0), 1), 1.0))
-
-
-def two_sets(
-    robot: Robot | Identification,
-    without: Record | Sequence[Record] | None,
-    with_load: Record | Sequence[Record],
-    drives: DriveModel | None,
-    minimum_velocity: ArrayLike | None,
-    cutoff: float | None,
-    decimation: int | None,
-) -> TwoSets:
-    """Check and prepare the records of both sets."""
-    further = (minimum_velocity, cutoff, decimation, 2)  # two folds: none is held out
-    if isinstance(robot, Identification):
-        if without is not None or drives is not None:
-            raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
-        data = build_regression(robot.initial, with_load, robot.base, *further, robot.delay.mean(0))
-        return TwoSets(robot.initial, robot.base, robot.data, data)
-    base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
-    if without is None:
-        raise ValueError("`without` must have a record without the load, unless an Identification is given")
-    sets = [build_regression(robot, records, base, *further) for records in (without, with_load)]
-    return TwoSets(robot, base, *sets)
-
-
-def load_map(standard: StandardParameters, link: str) -> Array:
-    """S of pi + S phi: standard parameters per unit of those of a load about a link's origin, in its axes."""
-    model = standard.model
-    index = model.link_index(link)
-    body = int(model.link_body[index])
-    if body < 0:
-        raise ValueError(f"`link` must move, {link!r} is fixed to the base: no joint carries its load")
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = model.link_rotation[index], model.link_translation[index] - model.joint_origin[body]
-    S = np.zeros((standard.count, PARAMETERS))
-    units = pseudo_inertia(np.eye(PARAMETERS))
-    S[PARAMETERS * body : PARAMETERS * (body + 1)] = parameters_of_pseudo_inertia(T @ units @ T.T).T
-    return S
+    if found.doubt:
+        warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
+    return found
 
 
 def doubts(phi: Array, errors: Array) -> list[str]:
     """What looks wrong with a load by least squares."""
     notes = []
     if phi[0] <= 0:
-        notes.append(f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg")
+        notes.append(
+            f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg: are the "
+            "records exchanged?"
+        )
     elif phi[0] < BEYOND_DOUBT * errors[0]:
         notes.append(f"the mass is hardly told from none: its standard error is {errors[0]:.2g} kg")
     unknown = [symbol for symbol, error in zip(BODY_SYMBOLS, errors, strict=True) if np.isinf(error)]
@@ -301,14 +255,6 @@ def doubts(phi: Array, errors: Array) -> list[str]:
     if phi[0] > 0 and np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0:
         notes.append("least squares give an inertia that no distribution of mass has")
     return notes
-
-
-def of_load_alone(factor: Array, K: int) -> Array:
-    """Triangular equations of the load's parameters, from those of all, of which the first K are of the robot."""
-    lengths = np.linalg.norm(factor[:, :K], axis=0)
-    U, S, _ = np.linalg.svd(factor[:, :K] / np.where(lengths == 0, 1, lengths))
-    rank = int((DEPENDENT * S.max(initial=0) < S).sum())
-    return triangular(U[:, rank:].T @ factor[:, K:])
 
 
 def possible_load(factor: Array, phi: Array, errors: Array) -> Array:

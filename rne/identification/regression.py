@@ -117,15 +117,15 @@ def delayed(record: Prepared, delays: Array) -> Prepared:
     return replace(record, tau=tau)
 
 
-def checked_records(robot: Robot, records: Record | Sequence[Record]) -> tuple[Record, ...]:
+def checked_records(robot: Robot, records: Record | Sequence[Record], name: str = "records") -> tuple[Record, ...]:
     """The records as a tuple, all of the robot's joints."""
     given = tuple(records) if isinstance(records, Sequence) and not isinstance(records, str) else (records,)
     if not given:
-        raise ValueError("`records` must have at least one record")
+        raise ValueError(f"`{name}` must have at least one record")
     for record in given:
         if not isinstance(record, Record):
-            raise TypeError(f"`records` must be an rne.identification.Record or several, got {type(record).__name__}")
-        check_joints(robot, record, "records")
+            raise TypeError(f"`{name}` must be an rne.identification.Record or several, got {type(record).__name__}")
+        check_joints(robot, record, name)
     return given
 
 

@@ -1,0 +1,329 @@
+"""The equations of motions without and with a load, and errors that contain what no parameter stands for.
+
+Torques of real drives differ from Y pi by more than noise: gains are a little wrong, friction rises with the load or
+changes between the records, offsets drift. Each such kind has a column for each joint, whose coefficients are random
+with a variance of the kind, estimated with the others by expectation and maximisation (Dempster, Laird and Rubin 1977;
+variance components, Searle, Casella and McCulloch 1992). The parameters' covariance then contains them. Fits to all
+blocks of time but one (the jackknife of Tukey 1958) tell of what varies otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.spatial import Array
+from ..basics.text import InNotebooks, Row, aligned, listed, wrapped
+from ..dynamics.base_inertial_parameters import BaseParameters
+from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
+from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
+from ..robot import Robot, robot_argument
+from .causes import Cause, likely_causes, merged_by_kind
+from .equations import Equations, equations, joined, triangular
+from .fit import residuals_of
+from .least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, solve
+from .record import Record
+from .regression import FOLDS, RegressionData, build_regression, checked_records
+from .residuals import TINY
+from .result import NAMED, UNEXPLAINED, Identification
+from .rigid_body_test import percent
+
+BEYOND_DOUBT = 4.0  # standard errors
+KINDS = (
+    "torque factors",
+    "friction under load",
+    "viscous friction that is not linear",
+    "viscous friction that saturates",
+    "friction by direction",
+    "viscous friction that changed between the records",
+    "Coulomb friction that changed between the records",
+    "offsets that changed between the records",
+    "offsets that drift",
+)
+FIRST, LEAST = 0.03, 1e-9  # spread of a kind of errors, as a part of the torques: assumed first, and at least
+ROUNDS = 60  # of expectation and maximisation
+SEEN = 1e-6  # part of a column that the other columns leave of it if its coefficient can be told
+TOLD = 0.01  # spread of a kind of errors from which it is told
+CONTAINED = (
+    "standard errors contain noise, the scatter between blocks of time, and what errors of the drives make of the "
+    "load; not a factor common to all torques"
+)
+
+
+class Fitted(NamedTuple):
+    """A fit with random errors of the drives; unknowns are base parameters, those of the load, changes of gains."""
+
+    estimate: LeastSquares
+    held_out: Array  # |predicted - measured| / |measured| of each joint in motion, on blocks that were not fitted
+    spread: Array  # of KINDS of each joint, as a part of its torques
+    load: Array  # triangular equations of the load's parameters alone
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the errors contain."""
+        told = [
+            f"{name} ({100 * s:.2g} %)"
+            for name, s in zip(KINDS, self.spread[:: len(self.held_out)], strict=True)
+            if s > TOLD
+        ]
+        return (f"the torques show, and the standard errors contain: {', '.join(told)}",) if told else ()
+
+
+@dataclass(frozen=True, eq=False)
+class TwoSets:
+    """The equations of records without and with a load, of the same standard parameters."""
+
+    robot: Robot
+    base: BaseParameters
+    without: RegressionData
+    loaded: RegressionData
+
+    @cached_property
+    def plain(self) -> list[Equations]:
+        """Of both, each in one block."""
+        return [data.fitted.merged() for data in (self.without, self.loaded)]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was said of the records, once."""
+        return tuple(dict.fromkeys((*self.without.notes, *self.loaded.notes)))
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """What would explain either set of records better, as of `rne.identify`."""
+        found: list[Cause] = []
+        for data in (self.without, self.loaded):
+            estimate = least_squares(data.fitted.mapped(self.base.back))
+            found += likely_causes(residuals_of(self.robot, self.base, data, estimate))
+        return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
+
+    def in_torques(self, gains: Array) -> TwoSets:
+        """With measurements times gains; joints whose gain is NaN have no equations."""
+        g, known = np.nan_to_num(gains), np.isfinite(gains)
+
+        def scaled(e: Equations) -> Equations:
+            factors = np.concatenate([e.factors[..., :-1], e.factors[..., -1:] * g[:, None, None]], axis=-1)
+            return Equations(factors * known[:, None, None], e.rows * known)
+
+        def data_of(data: RegressionData) -> RegressionData:
+            rows = [r._replace(tau=r.tau * g, used=r.used & known, sure=r.sure & known) for r in data.rows]
+            return data._replace(rows=rows, fitted=scaled(data.fitted), measured=scaled(data.measured))
+
+        return replace(self, without=data_of(self.without), loaded=data_of(self.loaded))
+
+    def assembled(
+        self, parts: Sequence[Equations], S: Array, known: Array | float = 0.0, at: Sequence[Array] = ()
+    ) -> Equations:
+        """Equations Y (pi + S phi) + X c + Y at d = tau - Y known, for base parameters of pi, c, phi and d of joints.
+
+        `parts` have columns Y, X of each set; S phi and `known` belong to the load. `at` are parameters of either set.
+        """
+        back, n = self.base.back, self.robot.n
+        (P, K), f, joints = back.shape, S.shape[1], np.arange(n)
+        k, found = parts[0].factors.shape[-1] - 1 - P, []
+        for i, data in enumerate(parts):
+            T = np.zeros((n, P + k + 1, K + k * n + f + n * bool(len(at)) + 1))
+            T[:, :P, :K], T[:, :P, K + k * n : K + k * n + f] = back, i * S
+            for kind in range(k):
+                T[joints, P + kind, K + kind * n + joints] = 1
+            if len(at):
+                T[joints, :P, K + k * n + f + joints] = at[i]
+            T[:, :P, -1], T[:, -1, -1] = -i * known, 1
+            found.append(Equations(triangular(data.factors @ T), data.rows))
+        return joined(found)
+
+    def fitted(self, S: Array, known: Array | float = 0.0, at: Sequence[Array] = ()) -> Fitted:
+        """The fit of these unknowns with random errors of the drives."""
+        K, n, m = self.base.count, self.robot.n, len(KINDS) * self.robot.n
+        plain = least_squares(self.assembled(self.plain, S, known, at))
+        states = self.states(plain.values, S, known)
+        X = self.random_errors(states, with_factors=not len(at))
+        parts = [in_blocks(data, x) for data, x in zip((self.without, self.loaded), X, strict=True)]
+        both, c, sigma = self.assembled(parts, S, known, at), np.zeros((n, len(KINDS))), plain.sigma
+        for _ in range(2):  # errors found are taken out of the noise
+            noise = sigma * np.sqrt(self.correlation_time(states, X, c))
+            factor = both.weighted(noise)
+            spread = spreads(factor, K, n)
+            solution = solve(with_prior(factor, K, spread))
+            c = solution.x[K : K + m].reshape(-1, n).T
+            states = self.states(np.delete(solution.x, np.s_[K : K + m]), S, known)
+            spent = ((both.factors[..., :-1] @ solution.inverse) ** 2).sum((0, 2, 3)) / noise**2
+            left = np.sqrt(both.residuals(solution.x) / np.maximum(both.rows.sum(0) - spent, 1))
+            sigma = np.maximum(left, SEEN * plain.sigma)
+        kept = np.r_[:K, K + m : len(solution.x)]
+        scatter, held_out = jackknife(both, noise, K, spread)
+        covariance = solution.inverse[kept] @ solution.inverse[kept].T
+        wider = np.sqrt(np.maximum(scatter[kept] / np.maximum(np.diag(covariance), TINY), 1))
+        covariance = covariance * np.outer(wider, wider)
+        errors = np.where(solution.free[kept], np.inf, np.sqrt(np.diag(covariance)))
+        estimate = replace(plain, values=solution.x[kept], errors=errors, covariance=covariance, sigma=sigma)
+        load = eliminated(with_prior(both.weighted(believed_noise(both, noise)), K, spread), K + m)
+        return Fitted(estimate, held_out, spread, load)
+
+    def states(self, x: Array, S: Array, known: Array | float) -> tuple[Array, Array]:
+        """Standard parameters without and with the load of unknowns found."""
+        pi = self.base.back @ x[: self.base.count]
+        return pi, pi + known + S @ x[self.base.count : self.base.count + S.shape[1]]
+
+    def random_errors(self, states: Sequence[Array], *, with_factors: bool) -> list[list[Array]]:
+        """Torques of KINDS of either set's records, as large as each joint's torque; factors are zero if not asked."""
+        data, nb = (self.without, self.loaded), self.robot.model.nb
+        X = [columns(one, nb, x, bool(i)) for i, (one, x) in enumerate(zip(data, states, strict=True))]
+        squares = np.sum([(x**2).sum(0) for part in X for x in part], axis=0)
+        scale = np.sqrt(squares[:, :1] / np.maximum(squares, TINY))
+        scale[:, 0] *= with_factors
+        return [[x * scale for x in part] for part in X]
+
+    def correlation_time(self, states: Sequence[Array], X: Sequence[Sequence[Array]], c: Array) -> Array:
+        """Correlation time of each joint's residuals, in rows, of parameters of either set and errors X c."""
+        rows, times = np.array([part.rows[0] for part in self.plain]), []
+        for data, x, part in zip((self.without, self.loaded), states, X, strict=True):
+            left = [r._replace(tau=r.tau - (e * c).sum(-1)) for r, e in zip(data.rows, part, strict=True)]
+            times.append(data._replace(rows=left).correlation_time(x))
+        return np.asarray(np.maximum((rows * times).sum(0) / np.maximum(rows.sum(0), 1), 1.0))
+
+
+class OfTwoSets(InNotebooks):
+    """What is said of results from records without and with a load."""
+
+    held_out: Array
+    notes: tuple[str, ...]
+    sets: TwoSets
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """What would explain the residuals of either set better, the likeliest first, as of `rne.identify`."""
+        return self.sets.causes
+
+    @cached_property
+    def doubt(self) -> str:
+        """Reasons not to believe the result, with the likely causes; empty if there is none."""
+        names = self.sets.robot.joint_names
+        poor = [f"{n} {100 * x:.0f} %" for n, x in zip(names, self.held_out, strict=True) if x > UNEXPLAINED]
+        lines = [f"torques in motion that the model does not explain: {listed(poor)}"] if poor else []
+        lines = [*self._reasons(), *lines]
+        if lines and self.causes:
+            lines.append("likely causes: " + "; ".join(cause.text for cause in self.causes[:NAMED]))
+        return ". ".join(lines)
+
+    def _reasons(self) -> list[str]:
+        raise NotImplementedError
+
+    def _report(self, first: str, rows: Sequence[Row]) -> str:
+        held_out = percent(self.held_out[np.isfinite(self.held_out)])
+        first = f"{first}; torques in motion are predicted to {held_out} on blocks of time that were not fitted"
+        notes = [*self.notes, CONTAINED, *(cause.text for cause in self.causes)]
+        return "\n".join([wrapped(first), *aligned(rows), *map(wrapped, notes)])
+
+
+def columns(data: RegressionData, nb: int, x: Array, loaded: bool) -> list[Array]:
+    """Torques of KINDS of each record for predicted torques of standard parameters x, shape (rows, n, len(KINDS))."""
+    found, bodies = [], PARAMETERS * nb
+    for record, row in zip(data.prepared, data.rows, strict=True):
+        v, sign, tau = record.reduce(record.qd), record.reduce(np.sign(record.qd)), row.Y @ x
+        one, ramp = np.ones_like(v), np.linspace(-1, 1, len(v))[:, None] * np.ones_like(v)
+        changed = [loaded * column for column in (v, sign, one)]
+        load = np.abs(row.Y[..., :bodies] @ x[:bodies])  # not the friction itself
+        terms = np.stack(
+            [tau, load * sign, v * np.abs(v), np.sign(v) * np.sqrt(np.abs(v)), np.abs(v), *changed, ramp], axis=-1
+        )
+        found.append(terms * row.used[..., None])
+    return found
+
+
+def in_blocks(data: RegressionData, X: Sequence[Array]) -> Equations:
+    """Equations of [Y, X, tau] in blocks of time, half of the folds in each set."""
+    each = max(-(-FOLDS // 2 // len(X)), 2)
+    rows = zip(data.prepared, data.rows, X, strict=True)
+    return joined([equations(np.concatenate([r.Y, x], axis=-1), r.tau, r.used, p.blocks(each)) for p, r, x in rows])
+
+
+def eliminated(factor: Array, K: int) -> Array:
+    """Triangular equations of the unknowns from the K-th on, from those of all."""
+    lengths = np.linalg.norm(factor[:, :K], axis=0)
+    U, S, _ = np.linalg.svd(factor[:, :K] / np.where(lengths == 0, 1, lengths))
+    rank = int((DEPENDENT * S.max(initial=0) < S).sum())
+    return triangular(U[:, rank:].T @ factor[:, K:])
+
+
+def spreads(factor: Array, K: int, n: int) -> Array:
+    """Standard deviation of the coefficients of KINDS of each joint, which follow the K first unknowns."""
+    m = len(KINDS) * n
+    errors, others = factor[:, K : K + m], np.delete(factor, np.s_[K : K + m], axis=1)
+    rest = eliminated(np.concatenate([others[:, :-1], errors, others[:, -1:]], axis=1), others.shape[1] - 1)
+    H, h = rest[:, :-1].T @ rest[:, :-1], rest[:, :-1].T @ rest[:, -1]
+    told = (np.diag(H) > SEEN**2 * (errors**2).sum(0)).reshape(-1, n)
+    squares, chosen = np.full(len(KINDS), FIRST**2), np.flatnonzero(told)
+    for _ in range(ROUNDS):
+        V = np.linalg.inv(H[np.ix_(chosen, chosen)] + np.diag(1 / squares[chosen // n]))
+        moments = np.zeros(m)
+        moments[chosen] = (V @ h[chosen]) ** 2 + np.diag(V)
+        squares = np.maximum(moments.reshape(-1, n).sum(1) / np.maximum(told.sum(1), 1), LEAST**2)
+    few = np.maximum(told.sum(1), 3)  # of so few joints the variance is not sure: that of Student's t
+    return np.repeat(np.sqrt(squares * few / (few - 2)), n)
+
+
+def with_prior(factor: Array, K: int, spread: Array) -> Array:
+    """Triangular equations with those of random errors of this spread, which follow the K first unknowns."""
+    prior = np.zeros((len(spread), factor.shape[1]))
+    prior[:, K : K + len(spread)] = np.diag(1 / spread)
+    return triangular(np.concatenate([factor, prior]))
+
+
+def jackknife(both: Equations, noise: Array, K: int, spread: Array) -> tuple[Array, Array]:
+    """Variances from fits to all blocks but one, and what is left of each joint's torques on that block."""
+    blocks, found, squares = np.arange(len(both.factors)), [], np.zeros(both.joints)
+    factors = np.array([both.of_blocks(blocks == k).weighted(noise) for k in blocks])
+    for k in blocks:
+        found.append(solve(with_prior(factors[blocks != k].reshape(-1, factors.shape[-1]), K, spread)).x)
+        squares += both.of_blocks(blocks == k).residuals(found[-1])
+    left = np.sqrt(squares / np.maximum(both.torques(), TINY))
+    return (len(blocks) - 1) * np.var(found, axis=0), np.where(both.rows.sum(0) == 0, np.nan, left)
+
+
+def two_sets(
+    robot: Robot | Identification,
+    without: Record | Sequence[Record] | None,
+    with_load: Record | Sequence[Record],
+    drives: DriveModel | None,
+    minimum_velocity: ArrayLike | None,
+    cutoff: float | None,
+    decimation: int | None,
+) -> TwoSets:
+    """Check and prepare the records of both sets."""
+    further = (minimum_velocity, cutoff, decimation, 2)  # two folds: none is held out
+    if isinstance(robot, Identification):
+        if without is not None or drives is not None:
+            raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
+        checked_records(robot.initial, with_load, "with_load")
+        data = build_regression(robot.initial, with_load, robot.base, *further, robot.delay.mean(0))
+        return TwoSets(robot.initial, robot.base, robot.data, data)
+    base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
+    if without is None:
+        raise ValueError("`without` must have a record without the load, unless an Identification is given")
+    given = {name: checked_records(robot, x, name) for name, x in (("without", without), ("with_load", with_load))}
+    for one, other in product(*given.values()):
+        if all(np.array_equal(getattr(one, x), getattr(other, x), equal_nan=True) for x in ("t", "q", "tau")):
+            raise ValueError(f"`with_load` has a record that `without` has too, {one.name!r}: one is the wrong file")
+    return TwoSets(robot, base, *(build_regression(robot, records, base, *further) for records in given.values()))
+
+
+def load_map(standard: StandardParameters, link: str) -> Array:
+    """S of pi + S phi: standard parameters per unit of those of a load about a link's origin, in its axes."""
+    model = standard.model
+    index = model.link_index(link)
+    body = int(model.link_body[index])
+    if body < 0:
+        raise ValueError(f"`link` must move, {link!r} is fixed to the base: no joint carries its load")
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = model.link_rotation[index], model.link_translation[index] - model.joint_origin[body]
+    S = np.zeros((standard.count, PARAMETERS))
+    units = pseudo_inertia(np.eye(PARAMETERS))
+    S[PARAMETERS * body : PARAMETERS * (body + 1)] = parameters_of_pseudo_inertia(T @ units @ T.T).T
+    return S
