@@ -265,6 +265,10 @@ WRONG = {
         "--out: there is no folder '{dir}/none'",
     ),
     "out is a folder": (["torques", "{lift}", "{motion}", "--out", "{dir}"], "--out: '{dir}' is a folder, not a file"),
+    "out is the motion": (
+        ["torques", "{lift}", "{motion}", "--out", "{motion}"],
+        "--out: '{motion}' is the motion that is read; name another file",
+    ),
     "link without payload": (
         ["torques", "{lift}", "{motion}", "--payload-link", "car"],
         "--payload-link: needs --payload",
@@ -448,6 +452,14 @@ class TestReportOnARobot:
         monkeypatch.setattr(html_page, "view", lambda motion, _: None)
         assert main(["report", "irb140", "--out", str(tmp_path)]) == 0
         assert "Findings" not in capsys.readouterr().out
+
+    def test_crossed_ends_of_a_range_are_a_finding(self, tmp_path, capsys, monkeypatch):
+        monkeypatch.setitem(sys.modules, "matplotlib", None)  # no pictures
+        monkeypatch.setattr(html_page, "view", lambda motion, _: None)
+        path = tmp_path / "scara.urdf"
+        path.write_text(re.sub('lower="([^"]*)" upper="([^"]*)"', r'lower="\2" upper="\1"', SCARA))
+        assert main(["report", str(path), "--out", str(tmp_path)]) == 0
+        assert "is above upper" in capsys.readouterr().out
 
     def test_a_robot_that_there_is_not(self, tmp_path, capsys):
         assert main(["report", "nobody", "--out", str(tmp_path)]) == 2

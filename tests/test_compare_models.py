@@ -107,6 +107,12 @@ def test_same_torques_by_other_bodies_are_no_fault(name):
     assert found.cause == "none", found.report()
 
 
+def test_a_range_with_crossed_ends_is_searched_all_the_same():
+    model = loaded("ur5").model
+    crossed = rne.Robot(replace(model, lower=model.upper, upper=model.lower))
+    assert rne.compare_models(crossed, loaded("ur5")).cause == "none"
+
+
 def test_two_faults_are_both_named_or_none_is():
     robot = loaded("irb140")
     other = rne.Robot(replace(robot.model, gravity=-robot.model.gravity, armature=[0.1, 0.2, 0.3, 0, 0, 0], notes={}))

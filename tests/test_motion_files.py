@@ -273,6 +273,11 @@ class TestUnits:
             for reason in reasons
         ]
 
+    @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+    def test_dates_are_named_by_their_unit_however_fast_the_joints(self, torques, unit):
+        stamps = np.round((self.t + 1.7e9) * UNITS[unit])
+        assert f"looks like {NAMES[unit]}, not seconds: " in torques(stamps, 20 * moved(self.t)[0], code=2)[2][0]
+
     def test_spikes_do_not_hide_milliseconds(self, torques):
         q = moved(self.t)[0]
         q[50, 2] += 3.0
@@ -292,8 +297,9 @@ class TestUnits:
 
     def test_velocities_of_another_factor_are_no_milliseconds(self, torques):
         q, qd, _ = moved(self.t)
-        assert torques(self.t, q, 1e5 * qd)[2] == []
-        assert torques(self.t, q, 100 * qd)[2] == []
+        for factor, said in ((1e5, "1e+05"), (100, "100"), (-1, "-1")):
+            warning = f"warning: qd is {said} times the differences of q over those of t; check their units and signs"
+            assert torques(self.t, q, factor * qd)[2] == [warning]
 
     def test_a_drive_without_velocity_is_no_milliseconds(self, torques, tmp_path):
         path = tmp_path / "arm.urdf"

@@ -109,6 +109,15 @@ ERRORS = {
         ":5: joint 'elbow': attribute 'effort' of <limit> must be one number, finite and decimal, got 'inf'; "
         "leave it out for no limit",
     ),
+    "infinite ends of a range": (
+        robot(*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT.replace("-1", "-inf"))),
+        ":5: joint 'elbow': attribute 'lower' of <limit> must be one number, finite and decimal, got '-inf'; "
+        "write -1.7976931348623157e+308 for no end; left out it is 0",
+    ),
+    "macros alone": (
+        '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="arm"/></robot>',
+        ":1: robot: there is no <link>; give the expanded file of a robot that calls these macros",
+    ),
     "link with an undeclared prefix": (
         robot(*ARM, '<x:link name="a"/>'),
         ":6: robot: the prefix of 'x:link' is not declared; add xmlns:x=\"...\" to <robot>, or write 'link' without it",
@@ -245,6 +254,10 @@ WARNINGS = {
     "crossed limits": (
         [*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT.replace("-1", "2"))],
         ":5: joint 'elbow': <limit>: lower 2 is above upper 1; exchange them",
+    ),
+    "range without its upper end": (
+        [*ARM[:2], joint("elbow", "base", "arm", inside='<limit lower="2" effort="1" velocity="1"/>')],
+        ":5: joint 'elbow': <limit>: lower 2 is above upper 0; give 'upper', which is 0 if left out",
     ),
     "zero range": (
         [*ARM[:2], joint("elbow", "base", "arm", inside=LIMIT.replace("-1", "1"))],
@@ -472,6 +485,7 @@ NOT_XML = {
     "text beside a prefix": (robot(*ARM, UNBOUND) + "/robot>", "end the file after the first </robot>"),
     "robot that ends early": (robot(ARM[0], UNBOUND + "</robot>", *ARM[1:]), "end the file after the first </robot>"),
     "attribute twice": (robot('<link name="a" name="b"/>'), "keep one of the two"),
+    "undeclared attribute twice": (robot("<gazebo x:y='1' x:y='2'/>"), "keep one of the two"),
     "attribute twice by two prefixes": (robot("<a xmlns:x='u' xmlns:y='u' x:z='' y:z=''/>"), "keep one of the two"),
     "bare ampersand": (robot('<link name="a & b"/>'), CHARACTERS),
     "bare ampersand in text": (robot("<gazebo>a & b</gazebo>"), CHARACTERS),

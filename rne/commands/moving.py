@@ -145,6 +145,8 @@ def run_torques(arguments: argparse.Namespace) -> int:
     from ..simulation.limits import limit_violations
 
     check_file(arguments.out)
+    if arguments.out and arguments.out.resolve() == arguments.motion.resolve():
+        raise CommandError(f"--out: {str(arguments.out)!r} is the motion that is read; name another file")
     robot = robot_of(arguments)
     try:
         given = files.read_motion(arguments.motion, robot, arguments)

@@ -266,7 +266,7 @@ def _positions(robot: Robot) -> Array:
     """Random positions within the ranges of the joints; where one has no end, it is at least 2 pi long."""
     low = np.where(np.isfinite(robot.lower), robot.lower, np.minimum(-np.pi, robot.upper - 2 * np.pi))
     high = np.where(np.isfinite(robot.upper), robot.upper, np.maximum(np.pi, low + 2 * np.pi))
-    return np.random.default_rng(0).uniform(low, high, (SAMPLES, robot.n))
+    return np.random.default_rng(0).uniform(np.minimum(low, high), np.maximum(low, high), (SAMPLES, robot.n))
 
 
 def _share(most: float, effort: float) -> str:

@@ -50,11 +50,11 @@ def guessed_unit(t: Array, q: Array, qd: Array | None = None, limits: Array | No
         return None
     h, size = float(np.median(np.diff(t))), float(np.abs(t).max())
     share, speed = _speeds(t, q, limits)
-    ratio = 0.0 if qd is None else _ratio(t, q, qd)
+    ratio = 0.0 if qd is None else velocity_ratio(t, q, qd)
     for symbol in NAMES:
         if 1 / FACTOR < ratio / UNITS[symbol] < FACTOR:
             return TimeUnit(symbol, f"qd is {ratio:.3g} times the differences of q over those of t")
-    possible = [symbol for symbol in NAMES if STEPS[0] <= h / UNITS[symbol] <= STEPS[1]]
+    possible = [s for s in NAMES if STEPS[0] <= h / UNITS[s] <= STEPS[1] and size / UNITS[s] < NO_SECONDS]
     plausible = [symbol for symbol in possible if share * UNITS[symbol] <= FAST]
     if size >= NO_SECONDS:
         dates = [s for s in possible if SINCE_1970[0] < size / UNITS[s] < SINCE_1970[1]]
@@ -79,8 +79,8 @@ def _speeds(t: Array, q: Array, limits: Array | None) -> tuple[float, float]:
     return float((speed / known)[:, moves].max(initial=0.0)), float(speed[:, moves].max(initial=0.0))
 
 
-def _ratio(t: Array, q: Array, qd: Array) -> float:
+def velocity_ratio(t: Array, q: Array, qd: Array) -> float:
     """Velocities over the differences of positions, zero where they have little in common."""
     moved, area = np.diff(q, axis=0), np.diff(t)[:, None] * (qd[1:] + qd[:-1]) / 2
     common, a, b = float((moved * area).sum()), float((moved**2).sum()), float((area**2).sum())
-    return common / a if common > AGREE * np.sqrt(a * b) > 0 else 0.0
+    return common / a if abs(common) > AGREE * np.sqrt(a * b) > 0 else 0.0

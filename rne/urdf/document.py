@@ -29,6 +29,7 @@ LARGEST = sys.float_info.max  # written for a limit that does not exist
 NO_LIMIT = -1.0  # what makers write for it
 UNDECLARED = 201  # libxml2's number of the error about a prefix without a namespace
 TRUNCATED = (3, 5, 6, 20)  # expat's numbers of errors that are not there before the end
+EXPAT = {8: 42}  # its numbers of errors that libxml2 does not see beside an undeclared prefix, and libxml2's
 KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts that say more than their numbers
 CURES = dict.fromkeys((9, 32, 81), "save the file as UTF-8, without control characters, and declare no other encoding")
 CURES |= dict.fromkeys((23, 26, 68), "write & as &amp; and < as &lt;, and begin names with a letter")
@@ -121,7 +122,9 @@ def _report_syntax_error(data: bytes, log: Any, other: Any, report: Report) -> N
     """Report the first error of the XML, with what mends it; the other is expat's."""
     found = [(entry.type, entry.line, entry.message) for entry in log if entry.type != UNDECLARED]
     code = getattr(other, "code", 0)
-    kind, line, text = found[0] if found else (5 if code else 32, getattr(other, "lineno", None), str(other))
+    kind, line, text = (
+        found[0] if found else (EXPAT.get(code, 5 if code else 32), getattr(other, "lineno", None), str(other))
+    )
     reason = cut(" ".join(text.split()), ECHO)
     cure = CURES.get(KINDS.get(reason, kind), "fix the XML there")
     if kind != 45 and code in TRUNCATED:
@@ -294,8 +297,11 @@ def checked_numbers(parent: Any, tag: str, owner: str, report: Report) -> dict[s
             report.error(child, owner, f"{what} must be {amount}, got {echo(text)}", "fix the attribute")
         elif len(values) != count or not all(map(math.isfinite, values)):
             message = f"{what} must be {amount}, finite and decimal, got {echo(text)}"
-            is_none = tag == "limit" and text.strip().lower().lstrip("+-").startswith("inf")
-            report.error(child, owner, message, "leave it out for no limit" if is_none else "fix the attribute")
+            cure = "fix the attribute"
+            if tag == "limit" and text.strip().lower().lstrip("+-").startswith("inf"):
+                ends = f"write {'-' * ('-' in text)}{LARGEST} for no end; left out it is 0"
+                cure = ends if attribute in ("lower", "upper") else "leave it out for no limit"
+            report.error(child, owner, message, cure)
         else:
             found[attribute] = values[0] if count == 1 else values
     return found

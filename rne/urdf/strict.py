@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..model.checks import domain_error, inertia_error, triangle_excess
-from .document import NO_LIMIT, check_expanded, check_grammar, checked_numbers, describe
+from .document import NO_LIMIT, XACRO, check_expanded, check_grammar, checked_numbers, describe
 from .findings import Finding, Report, echo, listed
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -29,7 +29,13 @@ def validate(root: Any, report: Report) -> bool:
         report.warning(root, "robot", "attribute 'name' is missing", "give the robot a name; other readers require it")
     links, joints = root.findall("link"), root.findall("joint")
     if not links:
-        report.error(root, "robot", "there is no <link>", "a robot needs at least its root link")
+        macros = any(XACRO.fullmatch(child.tag) for child in root)
+        cure = (
+            "give the expanded file of a robot that calls these macros"
+            if macros
+            else "a robot needs at least its root link"
+        )
+        report.error(root, "robot", "there is no <link>", cure)
     fixed = fixed_links(links, joints)
     for link in links:
         _check_link(link, report, is_moved=link.get("name") not in fixed)
@@ -169,7 +175,9 @@ def _check_limit(joint: Any, kind: str | None, owner: str, report: Report) -> No
         return
     lower, upper = bounds["lower"], bounds["upper"]
     if lower > upper:
-        report.warning(limit, owner, f"<limit>: lower {lower:g} is above upper {upper:g}", "exchange them")
+        missing = [x for x in ("lower", "upper") if limit.get(x) is None]
+        cure = f"give {missing[0]!r}, which is 0 if left out" if missing else "exchange them"
+        report.warning(limit, owner, f"<limit>: lower {lower:g} is above upper {upper:g}", cure)
     elif lower == upper:
         report.warning(limit, owner, f"<limit>: lower and upper are both {lower:g}, a range of zero", "give the range")
 

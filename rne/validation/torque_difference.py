@@ -217,7 +217,7 @@ def random_states(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
     drive = list(model.independent_joints)
     reach = np.array([SLIDING if model.joint_types[j] == "prismatic" else TURNING for j in drive])
     lower, upper = (np.clip(x[drive], -reach, reach) for x in (model.lower, model.upper))
-    q = rng.uniform(lower, upper, (STATES, robot.n))
+    q = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper), (STATES, robot.n))
     scale = np.where(reach == SLIDING, SLIDING, 1.0)
     qd = RATE * scale * rng.standard_normal(q.shape)
     qdd = ACCELERATION * scale * rng.standard_normal(q.shape)
