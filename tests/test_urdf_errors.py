@@ -328,8 +328,8 @@ WARNINGS = {
         ":1: robot: attribute 'name' is missing; give the robot a name; other readers require it",
     ),
     "namespaced child": (
-        [link("base", '<x:thing xmlns:x="urn:x"/>')],
-        ":3: link 'base': unknown element '{urn:x}thing' in <link> is ignored; remove it",
+        [link("base", '<x:inertial xmlns:x="urn:x"/>')],
+        ":3: link 'base': unknown element '{urn:x}inertial' in <link> is ignored; remove it, or write <inertial> if that is meant",
     ),
     "broken visual": (
         [link("base", '<visual><geometry><cylinder radius="a" length="1"/></geometry></visual>')],
@@ -553,6 +553,7 @@ def test_a_robot_with_undeclared_prefixes_is_that_without_them(write):
 OF_OTHERS = {
     "ros2_control": "<ros2_control name='x'><joint name='j1'/></ros2_control>",
     "mujoco": "<mujoco><compiler meshdir='m'/></mujoco>",
+    "a namespace of its own": "<isaac:camera xmlns:isaac='urn:isaac' isaac:rate='30'/>",
     "drake": "<drake:diaphragm xmlns:drake='http://drake.mit.edu'/><frame name='f' link='arm'/>",
     "transmission": "<transmission><joint name='elbow'/></transmission>",
     "gazebo": "<gazebo reference='arm'/>",

@@ -264,16 +264,23 @@ def check_grammar(root: Any, report: Report) -> None:
         counts: Counter[str] = Counter()
         for child in element:
             counts[child.tag] += 1
-            if child.tag not in rule.children and child.tag not in EXTENSIONS and not FOREIGN.match(child.tag):
+            if child.tag not in (*rule.children, *EXTENSIONS) and not _is_foreign(child.tag, rule.children):
                 message = f"unknown element {echo(child.tag)} in <{element.tag}> is ignored"
                 report.warning(child, owner, message, _cure(child.tag.rpartition("}")[2], rule.children))
             elif child.tag in rule.once.split() and counts[child.tag] == 2:
                 report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
-        unknown = [x for x in element.attrib if x not in rule.attributes.split() and not FOREIGN.match(x)]
+        known = rule.attributes.split()
+        unknown = [x for x in element.attrib if x not in known and not _is_foreign(x, known)]
         if unknown:
             what = f"attributes {listed(unknown)}" if unknown[1:] else f"attribute {echo(unknown[0])}"
             message = f"unknown {what} of <{element.tag}> {'are' if unknown[1:] else 'is'} ignored"
             report.warning(element, owner, message, "remove them" if unknown[1:] else "remove it")
+
+
+def _is_foreign(name: str, known: Iterable[str]) -> bool:
+    """Whether a name is one of another program, by its namespace; not if one that is read may be meant."""
+    space, brace, local = name.rpartition("}")
+    return bool(FOREIGN.match(name) or (brace and "XInclude" not in space and _cure(local, known) == "remove it"))
 
 
 def _cure(tag: str, known: Iterable[str]) -> str:

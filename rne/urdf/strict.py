@@ -29,12 +29,9 @@ def validate(root: Any, report: Report) -> bool:
         report.warning(root, "robot", "attribute 'name' is missing", "give the robot a name; other readers require it")
     links, joints = root.findall("link"), root.findall("joint")
     if not links:
-        macros = any(XACRO.fullmatch(child.tag) for child in root)
-        cure = (
-            "give the expanded file of a robot that calls these macros"
-            if macros
-            else "a robot needs at least its root link"
-        )
+        cure = "a robot needs at least its root link"
+        if any(XACRO.fullmatch(child.tag) for child in root):
+            cure = "give the expanded file of a robot that calls these macros"
         report.error(root, "robot", "there is no <link>", cure)
     fixed = fixed_links(links, joints)
     for link in links:
