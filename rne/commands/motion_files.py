@@ -52,7 +52,7 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
     Times that look like another unit are refused; if the angles do so, a warning is given.
     """
     from ..trajectories.csv_file import MissingColumn, Samples, in_seconds, read_samples
-    from ..trajectories.time_units import FACTOR, velocity_ratio
+    from ..trajectories.time_units import FACTOR, SPIKED, velocity_ratio
 
     heading = ",".join(["t", *(f"q.{joint}" for joint in robot.joint_names)])
     needed = f"; the first row must be {heading}, with qd. and qdd. of the joints if they are known"
@@ -70,7 +70,7 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
         t = in_seconds(file, Samples(samples.t, q, qd), arguments.time_unit, cure, robot.velocity_limit).t
     except ValueError as error:
         raise CommandError(in_one_line(error)) from None
-    ratio = 0.0 if qd is None else velocity_ratio(t, q, qd)
+    ratio = 0.0 if qd is None or len(t) < SPIKED else velocity_ratio(t, q, qd)
     if ratio and not 1 / FACTOR < ratio < FACTOR:
         note(f"warning: qd is {ratio:.3g} times the differences of q over those of t; check their units and signs")
     _warn_of_degrees(q, robot)

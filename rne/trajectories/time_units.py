@@ -19,7 +19,7 @@ SLOW, FAST = 2e-3, 2.0  # speeds as parts of the joints' limits, below and above
 CREEPING = 1e-3  # such a part, slower than which a date in a unit is doubted
 SPEED = 5.0  # rad/s or m/s, instead of a limit that is not known
 AGREE, FACTOR = 0.8, 3.0  # correlation of measured velocities with differences of positions, and error of their ratio
-SPIKED = 10  # samples from which single jumps and spikes do not count as motion
+SPIKED = 10  # samples from which single jumps and spikes do not count as motion, and ratios of velocities are told
 
 
 class TimeUnit(NamedTuple):
