@@ -549,6 +549,12 @@ def test_rates_that_are_not_those_of_the_positions_are_named(true):
     ]
 
 
+def test_rates_of_a_record_too_short_to_compare_are_no_error(true):
+    """Shorter than the span over which they are integrated, as with times in hours."""
+    t, q, tau = measure(true)
+    assert not any("velocities" in str(x) for x in Record(t / 3600, q, tau, true.qd).findings)
+
+
 @pytest.mark.parametrize("part", [0.005, 0.05])
 def test_rates_of_a_joint_that_hardly_moves_are_not_compared(true, part):
     """They are noise below 1 % of the fastest joint's."""

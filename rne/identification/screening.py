@@ -574,7 +574,7 @@ def _check_rates(found: Findings, t: Array, q: Array, qd: Array, period: float) 
     believed = np.zeros(q.shape[1], dtype=bool)
     for j, (x, velocity) in enumerate(zip(moved.T, qd.T, strict=True)):
         size = float(x @ x)
-        if size <= (RESTING * np.abs(moved).max()) ** 2 * len(x):
+        if size <= (RESTING * np.abs(moved).max(initial=0)) ** 2 * len(x):
             continue
         area = cumulative_trapezoid(velocity, t, initial=0)
         factor = float(x @ (area[width:] - area[:-width])) / size
