@@ -549,6 +549,17 @@ def test_rates_that_are_not_those_of_the_positions_are_named(true):
     ]
 
 
+@pytest.mark.parametrize("lost", [4, 8])
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_stamps_of_a_log_that_has_lost_a_sample_near_its_ends_are_believed(lost, noise):
+    """Where the velocity is least known, by which stamps are judged; all steps are whole periods."""
+    t = np.arange(200) / 100
+    q = np.sin(np.pi * t[:, None] + 0.7 * np.arange(6))
+    q += noise * np.random.default_rng(0).normal(size=q.shape)
+    t, q = (np.delete(x, lost, 0) for x in (t, q))
+    assert [str(x).split(" after")[0] for x in Record(t, q, q).findings] == ["warning: record: missing samples"]
+
+
 def test_rates_of_a_record_too_short_to_compare_are_no_error(true):
     """Shorter than the span over which they are integrated, as with times in hours."""
     t, q, tau = measure(true)

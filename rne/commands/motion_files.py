@@ -70,8 +70,7 @@ def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> 
         t = in_seconds(file, Samples(samples.t, q, qd), arguments.time_unit, cure, robot.velocity_limit).t
     except ValueError as error:
         raise CommandError(in_one_line(error)) from None
-    ratio = 0.0 if qd is None or len(t) < SPIKED else velocity_ratio(t, q, qd)
-    if ratio and not 1 / FACTOR < ratio < FACTOR:
+    if qd is not None and len(t) >= SPIKED and not 1 / FACTOR < (ratio := velocity_ratio(t, q, qd) or 1.0) < FACTOR:
         note(f"warning: qd is {ratio:.3g} times the differences of q over those of t; check their units and signs")
     _warn_of_degrees(q, robot)
     return SampledMotion(t, q, qd, qdd)

@@ -134,6 +134,7 @@ def consecutive(lengths: Iterable[int]) -> tuple[slice, ...]:
 
 Stamps = Literal["auto", "sampled", "regular"]
 REGULAR = 0.02  # deviation of stamps from equal steps that is none, as a part of the period
+LOST = 0.02  # share of steps that are whole periods, of samples that the log has lost
 LAG = 1000  # samples over which the period of counted samples is taken
 PAUSES = 0.005  # share of steps from which pauses belong to the stamps, and are no gaps
 KNOTS = 10.0  # seconds, and
@@ -170,7 +171,9 @@ def check_stamps(found: Findings, t: Array, q: Array, bridge: int, stamps: Stamp
     period = float(steps[usual].mean())
     counted_period, gap = _pauses(t, bridge)
     by_count = _equal_steps(t, gap, counted_period)
-    if stamps == "sampled" or (period and np.abs(t - by_count).max() <= REGULAR * period):
+    whole = np.clip(np.rint(steps / period), 1, bridge + 1) if period else steps
+    is_grid = (whole > 1).mean() <= LOST and (np.abs(steps - whole * period) <= REGULAR * period).all()
+    if stamps == "sampled" or (period and (is_grid or np.abs(t - by_count).max() <= REGULAR * period)):
         reason = ""
     elif stamps == "regular":
         reason = "as `stamps` says"

@@ -29,7 +29,6 @@ LARGEST = sys.float_info.max  # written for a limit that does not exist
 NO_LIMIT = -1.0  # what makers write for it
 UNDECLARED = 201  # libxml2's number of the error about a prefix without a namespace
 TRUNCATED = (3, 5, 6, 20)  # expat's numbers of errors that are not there before the end
-EXPAT = {8: 42}  # its numbers of errors that libxml2 does not see beside an undeclared prefix, and libxml2's
 KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts that say more than their numbers
 CURES = dict.fromkeys((9, 32, 81), "save the file as UTF-8, without control characters, and declare no other encoding")
 CURES |= dict.fromkeys((23, 26, 68), "write & as &amp; and < as &lt;, and begin names with a letter")
@@ -123,7 +122,7 @@ def _report_syntax_error(data: bytes, log: Any, other: Any, report: Report) -> N
     found = [(entry.type, entry.line, entry.message) for entry in log if entry.type != UNDECLARED]
     code = getattr(other, "code", 0)
     kind, line, text = (
-        found[0] if found else (EXPAT.get(code, 5 if code else 32), getattr(other, "lineno", None), str(other))
+        found[0] if found else (42 if code == 8 else 5 if code else 32, getattr(other, "lineno", None), str(other))
     )
     reason = cut(" ".join(text.split()), ECHO)
     cure = CURES.get(KINDS.get(reason, kind), "fix the XML there")
@@ -264,23 +263,23 @@ def check_grammar(root: Any, report: Report) -> None:
         counts: Counter[str] = Counter()
         for child in element:
             counts[child.tag] += 1
-            if child.tag not in (*rule.children, *EXTENSIONS) and not _is_foreign(child.tag, rule.children):
+            if child.tag not in (*rule.children, *EXTENSIONS) and not _is_foreign(child.tag, rule):
                 message = f"unknown element {echo(child.tag)} in <{element.tag}> is ignored"
                 report.warning(child, owner, message, _cure(child.tag.rpartition("}")[2], rule.children))
             elif child.tag in rule.once.split() and counts[child.tag] == 2:
                 report.error(child, owner, f"<{child.tag}> is duplicated in <{element.tag}>", "keep one of them")
-        known = rule.attributes.split()
-        unknown = [x for x in element.attrib if x not in known and not _is_foreign(x, known)]
+        unknown = [x for x in element.attrib if x not in rule.attributes.split() and not _is_foreign(x, rule)]
         if unknown:
             what = f"attributes {listed(unknown)}" if unknown[1:] else f"attribute {echo(unknown[0])}"
             message = f"unknown {what} of <{element.tag}> {'are' if unknown[1:] else 'is'} ignored"
             report.warning(element, owner, message, "remove them" if unknown[1:] else "remove it")
 
 
-def _is_foreign(name: str, known: Iterable[str]) -> bool:
-    """Whether a name is one of another program, by its namespace; not if one that is read may be meant."""
+def _is_foreign(name: str, rule: Rule) -> bool:
+    """Whether a name is one of another program, by its namespace; not if what is read is called the same."""
     space, brace, local = name.rpartition("}")
-    return bool(FOREIGN.match(name) or (brace and "XInclude" not in space and _cure(local, known) == "remove it"))
+    is_known = local in (*rule.children, *rule.attributes.split()) or "XInclude" in space
+    return bool(FOREIGN.match(name) or (brace and not is_known))
 
 
 def _cure(tag: str, known: Iterable[str]) -> str:
