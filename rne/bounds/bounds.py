@@ -171,23 +171,24 @@ def robot_bounds(
     quantities: Sequence[str] | None,
 ) -> Bounds:
     """`Robot.bounds` of the robot of a kernel cache."""
-    model, joints = cache.model, list(cache.model.independent_joints)
-    if not joints:
+    model = cache.model
+    if not model.n:
         raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
     tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
     seconds = np.inf if seconds is None else positive_number("seconds", seconds)
-    fastest = np.maximum(model.acceleration_limit, model.braking_limit)
-    limits = {"rates": (rates, model.velocity_limit), "accelerations": (accelerations, fastest)}
+    known = model.coordinate_limits()
+    fastest = np.maximum(known["acceleration_limit"], known["deceleration_limit"])
+    limits = {"rates": (rates, known["velocity_limit"]), "accelerations": (accelerations, fastest)}
     speeds, changes = (
-        limit[joints] if given is None else per_joint_array(name, given, model.n, sign="not negative")
+        limit if given is None else per_joint_array(name, given, model.n, sign="not negative")
         for name, (given, limit) in limits.items()
     )
-    known = np.isfinite([*speeds, *changes]).all()
-    chosen = [q for q in QUANTITIES if known or q != "torque"] if quantities is None else quantities
+    is_limited = np.isfinite([*speeds, *changes]).all()
+    chosen = [q for q in QUANTITIES if is_limited or q != "torque"] if quantities is None else quantities
     is_list = isinstance(chosen, Collection) and not isinstance(chosen, str)
     if not is_list or not chosen or any(name not in QUANTITIES for name in chosen):
         raise ValueError(f"`quantities` must be a list of some of {list(QUANTITIES)}, got {quantities!r}")
-    if "torque" in chosen and not known:
+    if "torque" in chosen and not is_limited:
         raise ValueError("bounds of torques need `rates` and `accelerations`: not all joints have such limits")
     box = box_argument(model, positions)
     caches = [KernelCache(m, cache.engine) for m in corners_of_masses(model, payload, masses)] or [cache]

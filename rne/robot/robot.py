@@ -102,42 +102,38 @@ class Robot(InNotebooks):
 
     @property
     def lower(self) -> Array:
-        """Lower ends of the joints' ranges, -inf where unknown, shape (n,) [rad or m]."""
-        return self._of_coordinates(self._model.lower)
+        """Lower ends of the joints' ranges and those of their mimics, -inf where unknown, shape (n,) [rad or m]."""
+        return self._model.coordinate_limits()["lower"]
 
     @property
     def upper(self) -> Array:
-        """Upper ends of the joints' ranges, inf where unknown, shape (n,) [rad or m]."""
-        return self._of_coordinates(self._model.upper)
+        """Upper ends of the joints' ranges and those of their mimics, inf where unknown, shape (n,) [rad or m]."""
+        return self._model.coordinate_limits()["upper"]
 
     @property
     def velocity_limit(self) -> Array:
-        """Largest joint velocities, inf where unknown, shape (n,) [rad/s or m/s]."""
-        return self._of_coordinates(self._model.velocity_limit)
+        """Largest velocities of the joints and their mimics, inf where unknown, shape (n,) [rad/s or m/s]."""
+        return self._model.coordinate_limits()["velocity_limit"]
 
     @property
     def effort_limit(self) -> Array:
         """Largest torques of the drives, inf where unknown, shape (n,) [N m or N]."""
-        return self._of_coordinates(self._model.effort_limit)
+        return self._model.coordinate_limits()["effort_limit"]
 
     @property
     def acceleration_limit(self) -> Array:
-        """Largest accelerations of the joints, inf where unknown, shape (n,) [rad/s^2 or m/s^2]."""
-        return self._of_coordinates(self._model.acceleration_limit)
+        """Largest accelerations of the joints and their mimics, inf where unknown, shape (n,) [rad/s^2 or m/s^2]."""
+        return self._model.coordinate_limits()["acceleration_limit"]
 
     @property
     def deceleration_limit(self) -> Array:
         """Largest accelerations against the direction of motion; `acceleration_limit` where not given, shape (n,)."""
-        return self._of_coordinates(self._model.braking_limit)
+        return self._model.coordinate_limits()["deceleration_limit"]
 
     @property
     def jerk_limit(self) -> Array:
-        """Largest jerks of the joints, inf where unknown, shape (n,) [rad/s^3 or m/s^3]."""
-        return self._of_coordinates(self._model.jerk_limit)
-
-    def _of_coordinates(self, limits: Array) -> Array:
-        """Limits of the joints in `joint_names`; a model also has limits of joints that mimic others."""
-        return limits[list(self._model.independent_joints)]
+        """Largest jerks of the joints and their mimics, inf where unknown, shape (n,) [rad/s^3 or m/s^3]."""
+        return self._model.coordinate_limits()["jerk_limit"]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self._model, self.engine)

@@ -178,10 +178,10 @@ def torque_difference(robot: Robot, other: Other, tolerance: float, seed: int) -
     if isinstance(other, Robot):
         if other.n != robot.n:
             raise ValueError(f"`other` must have {robot.n} joints, as the robot, got {other.n}")
-        q, qd, qdd = random_states(robot, seed)
+        q, qd, qdd = states_in_range(robot, seed)
         tau = other.inverse_dynamics(q, qd, qdd)
     elif callable(other):
-        q, qd, qdd = random_states(robot, seed)
+        q, qd, qdd = states_in_range(robot, seed)
         tau = np.asarray(other(q, qd, qdd), dtype=np.float64)
         if tau.shape != q.shape:
             raise ValueError(f"`other` must return torques of shape {q.shape}, got {tau.shape}")
@@ -210,13 +210,11 @@ def given_torques(robot: Robot, other: Sequence[Any]) -> list[Array]:
     return arrays
 
 
-def random_states(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
+def states_in_range(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
     """States all over the ranges of the joints."""
     rng = np.random.default_rng(seed)
-    model = robot.model
-    drive = list(model.independent_joints)
-    reach = np.array([SLIDING if model.joint_types[j] == "prismatic" else TURNING for j in drive])
-    lower, upper = (np.clip(x[drive], -reach, reach) for x in (model.lower, model.upper))
+    reach = np.where(robot.model.is_revolute[list(robot.model.independent_joints)], TURNING, SLIDING)
+    lower, upper = (np.clip(x, -reach, reach) for x in (robot.lower, robot.upper))
     q = rng.uniform(lower, upper, (STATES, robot.n))
     scale = np.where(reach == SLIDING, SLIDING, 1.0)
     qd = RATE * scale * rng.standard_normal(q.shape)
