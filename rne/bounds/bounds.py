@@ -291,7 +291,11 @@ def bound_of(
     box, n = terms.box, terms.box.model.n
     end = clock.now() + budget
     if name == "gravity_torque":
-        return gravity_torques(terms, tolerance, end, clock)
+        g = terms.of(dynamics.gravity_torque, 1)
+        uppers = None if box.model.has_mimics else gravity_torques_of_full_turns(box.model).tolist()
+        return as_bound(
+            largest([Modulus(entry(g, k)) for k in range(n)], box, tolerance, end, clock, uppers), (n,), tolerance
+        )
     if name == "gravity_stiffness":
         k_g = Norm(terms.of(dynamics.gravity_torque, 1, "q"))
         return as_bound(largest([k_g], box, tolerance, end, clock), (), tolerance)
@@ -340,7 +344,11 @@ def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[To
     g, M = terms.of(dynamics.gravity_torque, 1), terms.of(dynamics.mass_matrix, 2)
     dM = terms.of(dynamics.mass_matrix, 2, "q")
     alone = not M.frequency[:, 0].any() and not dM.frequency[:, 0].any() and abs(g.frequency[:, 0]).max() == 1
-    parts = about_first_angle if alone and terms.box.circle[0] else gravity_alone
+    is_searched = not (alone and terms.box.circle[0])  # q_1; then g stands for itself, and a, b, c = g, 0, 0
+
+    def gravity(k: int) -> Polynomial:
+        own = entry(g, k)
+        return own.mapped(lambda x: np.hstack([x, x, 0 * x, 0 * x])) if is_searched else about_first_angle(own)
 
     def of(k: int) -> Torque:
         def symbols(x: Array) -> Array:
@@ -348,14 +356,9 @@ def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[To
             return np.asarray(c[:, i, j] * np.where(i == j, 1, 2))
 
         c = dM.mapped(symbols, 3 * np.full(len(i), dM.terms.max()))
-        return Torque(parts(entry(g, k)).beside(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
+        return Torque(gravity(k).beside(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
 
     return [of(k) for k in range(len(rates))]
-
-
-def gravity_alone(g: Polynomial) -> Polynomial:
-    """Gravity's torque as `Torque` takes it where q_1 is searched: g, and a, b, c = g, 0, 0."""
-    return g.mapped(lambda x: np.hstack([x, x, 0 * x, 0 * x]))
 
 
 def about_first_angle(g: Polynomial) -> Polynomial:
@@ -373,16 +376,6 @@ def about_first_angle(g: Polynomial) -> Polynomial:
     return replace(
         g, evaluate=evaluate, coefficients=g.coefficients * factors, frequency=frequency, terms=g.terms * [1, 1, 2, 2]
     )
-
-
-def gravity_torques(terms: Terms, tolerance: float, end: float, clock: Clock) -> Bound:
-    """As for full turns where that is tight, otherwise over all positions."""
-    box, uppers = terms.box, None
-    g = terms.of(dynamics.gravity_torque, 1)
-    criteria = [Modulus(entry(g, k)) for k in range(box.model.n)]
-    if not box.model.has_mimics:
-        uppers = gravity_torques_of_full_turns(box.model).tolist()
-    return as_bound(largest(criteria, box, tolerance, end, clock, uppers), (box.model.n,), tolerance)
 
 
 def inertia_extremes(

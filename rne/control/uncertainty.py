@@ -173,7 +173,9 @@ def uncertainty_bound(
     y = qdd_ref - decay * (qd - qd_ref) - decay * s
     short = np.empty(count)
     needed = robot.inverse_dynamics(q, qd, y)
-    for k, weights in enumerate(_mixtures(rng, len(hull.robots))):
+    each = np.eye(len(hull.robots))[np.arange(MIXTURES // 2) % len(hull.robots)]
+    mixed = rng.dirichlet(np.ones(len(hull.robots)), MIXTURES - len(each))
+    for k, weights in enumerate((*each, *mixed)):
         part = slice(k * count // MIXTURES, (k + 1) * count // MIXTURES)
         moving = hull.centre.with_parameters(hull.centre.parameters + hull.deviations @ weights)
         f = D * (needed[part] - moving.inverse_dynamics(q[part], qd[part], y[part]))
@@ -181,12 +183,6 @@ def uncertainty_bound(
         acceleration = np.linalg.solve(M, f[..., None])[..., 0]
         short[part] = np.linalg.eigvalsh(M)[:, -1] * np.linalg.norm(acceleration, axis=-1)
     return positive_number("margin", margin) * float(short.max())
-
-
-def _mixtures(rng: np.random.Generator, count: int) -> Array:
-    """Weights of the cases: each case by turns, then random ones."""
-    alone = np.eye(count)[np.arange(MIXTURES // 2) % count]
-    return np.concatenate([alone, rng.dirichlet(np.ones(count), MIXTURES - len(alone))])
 
 
 def _in_unit_ball(rng: np.random.Generator, count: int, n: int) -> Array:
