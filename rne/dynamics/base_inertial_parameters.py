@@ -208,12 +208,7 @@ class BaseParameters:
         return "\n".join(self.formulas)
 
 
-def base_parameters(
-    model: Model,
-    *,
-    drives: DriveModel | None = None,
-    tolerance: float = 1e-9,
-) -> BaseParameters:
+def base_parameters(model: Model, *, drives: DriveModel | None = None, tolerance: float = 1e-9) -> BaseParameters:
     """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
 
     Gautier and Khalil 1990; Wensing, Niemeyer and Slotine 2024. They follow from the axes and places of the joints

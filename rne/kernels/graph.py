@@ -37,10 +37,7 @@ BINARY: dict[str, Callable[[float, float], float]] = {
     "minimum": lambda a, b: a if a <= b or a != a else b,
     "maximum": lambda a, b: a if a >= b or a != a else b,
 }
-COMPARISONS: dict[str, Callable[[float, float], bool]] = {
-    "less": lambda a, b: a < b,
-    "less_equal": lambda a, b: a <= b,
-}
+COMPARISONS: dict[str, Callable[[float, float], bool]] = {"less": lambda a, b: a < b, "less_equal": lambda a, b: a <= b}
 
 
 def _ordinary(x: float) -> bool:

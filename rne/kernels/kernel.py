@@ -83,12 +83,7 @@ class Kernel:
     """
 
     def __init__(
-        self,
-        function: Declared,
-        model: Model,
-        fixed: Mapping[str, Any],
-        wrt: Sequence[str] = (),
-        engine: str = "numpy",
+        self, function: Declared, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = (), engine: str = "numpy"
     ) -> None:
         self.function, self.fixed = function, dict(fixed)
         self.quantity, self._rest = inputs_as_arrays(function, model, fixed)

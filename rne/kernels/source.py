@@ -168,12 +168,7 @@ LANGUAGES = {
     ),
     "matlab": Language(
         lambda name, k: f"{name}({k + 1})",
-        {
-            "less": "double({} < {})",
-            "less_equal": "double({} <= {})",
-            "where": "where({}, {}, {})",
-            "sqrt": "root({})",
-        },
+        {"less": "double({} < {})", "less_equal": "double({} <= {})", "where": "where({}, {}, {})", "sqrt": "root({})"},
         _matlab,
     ),
     "c": Language(
@@ -226,11 +221,7 @@ def entry_of_element(element: str, quantity: str, shape: Sequence[int]) -> tuple
 
 
 def heading(
-    model: Model,
-    quantity: str,
-    arguments: Sequence[str],
-    entry: tuple[int, ...] | None,
-    wrenches: Mapping[str, str],
+    model: Model, quantity: str, arguments: Sequence[str], entry: tuple[int, ...] | None, wrenches: Mapping[str, str]
 ) -> list[str]:
     """Lines of the comment, without the language's comment signs.
 

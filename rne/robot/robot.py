@@ -415,12 +415,7 @@ class Robot(InNotebooks):
         return record
 
     def diagnose(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike | None = None,
-        tau: ArrayLike | None = None,
-        *,
-        dtype: DTypeLike | None = None,
+        self, q: ArrayLike, qd: ArrayLike | None = None, tau: ArrayLike | None = None, *, dtype: DTypeLike | None = None
     ) -> Diagnosis:
         """Digits that forward dynamics keep in given states, and the motion that limits them.
 
@@ -455,12 +450,7 @@ class Robot(InNotebooks):
         return dynamics.diagnose(self._model, q, qd, tau, dtype=dtype)
 
     def bias_torque(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike,
-        *,
-        external: External | None = None,
-        parameters: ArrayLike | None = None,
+        self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None, parameters: ArrayLike | None = None
     ) -> Array:
         """Joint torques at zero acceleration: C qd + g, less the torques that external wrenches supply.
 
@@ -1033,12 +1023,7 @@ class Robot(InNotebooks):
         """
         return self._kernels.evaluate_quantity(dynamics.control_regressor, q, qd, qdr, qddr)
 
-    def base_parameters(
-        self,
-        *,
-        drives: DriveModel | None = None,
-        tolerance: float = 1e-9,
-    ) -> BaseParameters:
+    def base_parameters(self, *, drives: DriveModel | None = None, tolerance: float = 1e-9) -> BaseParameters:
         """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
 
         They follow from the axes and places of the joints and the direction of gravity: Gautier and Khalil 1990.
@@ -1070,11 +1055,7 @@ class Robot(InNotebooks):
         >>> base.count, base.standard.count, base.names[-1]
         (52, 78, 'Fc_6')
         """
-        found = dynamics.base_parameters(
-            self._model,
-            drives=drives,
-            tolerance=tolerance,
-        )
+        found = dynamics.base_parameters(self._model, drives=drives, tolerance=tolerance)
         return replace(found, body_regressor=self.regressor)
 
     def bounds(
@@ -1148,11 +1129,7 @@ class Robot(InNotebooks):
         )
 
     def with_payload(
-        self,
-        mass: float,
-        com: ArrayLike = (0.0, 0.0, 0.0),
-        inertia: ArrayLike | None = None,
-        link: str | None = None,
+        self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, link: str | None = None
     ) -> Robot:
         """The robot with a further rigid body fixed to one of its links.
 
