@@ -290,22 +290,22 @@ def bound_of(
     """The bound of one quantity of one model; the budget is shared by its entries."""
     box, n = terms.box, terms.box.model.n
     end = clock.now() + budget
+
+    def proven(criteria: Sequence[Any], *shape: int, uppers: Sequence[float] | None = None) -> Bound:
+        return as_bound(largest(criteria, box, tolerance, end, clock, uppers), shape, tolerance)
+
     if name == "gravity_torque":
         g = terms.of(dynamics.gravity_torque, 1)
         uppers = None if box.model.has_mimics else gravity_torques_of_full_turns(box.model).tolist()
-        return as_bound(
-            largest([Modulus(entry(g, k)) for k in range(n)], box, tolerance, end, clock, uppers), (n,), tolerance
-        )
+        return proven([Modulus(entry(g, k)) for k in range(n)], n, uppers=uppers)
     if name == "gravity_stiffness":
-        k_g = Norm(terms.of(dynamics.gravity_torque, 1, "q"))
-        return as_bound(largest([k_g], box, tolerance, end, clock), (), tolerance)
+        return proven([Norm(terms.of(dynamics.gravity_torque, 1, "q"))])
     if name == "coriolis":
         dM = terms.of(dynamics.mass_matrix, 2, "q")
         c = dM.mapped(christoffel, 1.5 * np.full_like(dM.terms, dM.terms.max(initial=0.0)))
-        return as_bound(largest([Coriolis(c)], box, tolerance, end, clock), (), tolerance)
+        return proven([Coriolis(c)])
     if name == "torque":
-        criteria = torque_criteria(terms, rates, accelerations)
-        return as_bound(largest(criteria, box, tolerance, end, clock), (n,), tolerance)
+        return proven(torque_criteria(terms, rates, accelerations), n)
     M = terms.of(dynamics.mass_matrix, 2)
     if name == "mass_matrix":
         i, j = np.triu_indices(n)
@@ -401,7 +401,5 @@ def inertia_extremes(
 
 def as_bound(found: Sequence[Extreme], shape: tuple[int, ...], tolerance: float) -> Bound:
     """Arrays of the entries."""
-    lower, upper, attained = (
-        np.array([getattr(e, x) for e in found]).reshape(shape) for x in ("lower", "upper", "attained")
-    )
+    lower, upper, attained = (np.array(x).reshape(shape) for x in list(zip(*found, strict=True))[:3])
     return Bound(lower, upper, attained, np.array([e.q for e in found]).reshape(*shape, -1), tolerance)
