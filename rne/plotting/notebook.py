@@ -41,7 +41,9 @@ BODIES = "Masses with the links on fixed joints included, in the axes of the lin
 @singledispatch
 def html(thing: Any) -> str:
     """The page of an object of one of the classes below, as a fragment of HTML; of others their report or repr."""
-    return _page(_preformatted(thing.report()) if hasattr(thing, "report") else _text(repr(thing)))
+    if not hasattr(thing, "report"):
+        return _page(_text(repr(thing)))
+    return _page(f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(thing.report())}</pre></div>')
 
 
 @html.register
@@ -112,10 +114,6 @@ def _page(*pieces: str) -> str:
 def _text(text: str) -> str:
     lines = "<br/>".join(escape(line.strip()) for line in text.splitlines())
     return f'<p style="margin:.3em 0;overflow-wrap:anywhere">{lines}</p>'
-
-
-def _preformatted(text: str) -> str:
-    return f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(text)}</pre></div>'
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, title: str = "") -> str:
