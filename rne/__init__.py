@@ -1,9 +1,10 @@
 """Recursive Newton-Euler dynamics of robot manipulators in pure NumPy."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import dynamics, model
 from .basics.first_use import on_first_use
+from .basics.text import InNotebooks
 from .errors import (
     IdentificationError,
     IdentificationWarning,
@@ -75,6 +76,15 @@ else:
             "validation.comparison": "ModelComparison compare_models",
         },
     )
+
+
+def _repr_html_(thing: Any) -> str:
+    from .plotting.notebook import html  # loaded for the first page
+
+    return html(thing)
+
+
+InNotebooks._repr_html_ = _repr_html_
 
 __version__ = "0.2.0"
 

@@ -4,7 +4,7 @@ import ast
 import contextlib
 import doctest
 import graphlib
-import importlib
+import importlib.util
 import inspect
 import io
 import pkgutil
@@ -67,6 +67,10 @@ def imported(path, nodes):
                 yield name if name in NAMES or module == "rne" else module
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
+            (name, *_) = node.args  # by a text: relative to the folder, or made when it runs, which names no file
+            if isinstance(name, ast.Constant):
+                yield importlib.util.resolve_name(name.value, ".".join(package))
 
 
 def for_type_checking(path):

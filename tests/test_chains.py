@@ -309,6 +309,11 @@ def test_a_sliding_joint_moves_along_the_z_axis_before_it():
     np.testing.assert_allclose(rise, [0, 0, 0.7], atol=1e-16)
 
 
+def test_an_unknown_argument_is_named():
+    with pytest.raises(TypeError, match=r"^chain\(\) got an unexpected keyword argument 'lowr'$"):
+        rne.model.chain([np.eye(3)], [[0, 0, 1]], lowr=[0])
+
+
 def test_no_joints_and_no_masses_are_legal():
     block = rne.model.chain(np.zeros((0, 3, 3)), np.zeros((0, 3)))
     assert block.n == 0

@@ -242,11 +242,27 @@ def test_a_joint_that_mimics_binds_its_coordinate():
     one = {f"{name}_limit": np.where(place, 3.0, 4.0) for name in ("velocity", "acceleration", "jerk", "effort")}
     one["deceleration_limit"] = np.where(place, 1.0, np.inf)
     ranges = {"lower": np.where(place, -1.0, -9.0), "upper": np.where(place, 2.0, 9.0)}
-    limits = replace(PAIR, multiplier=m, offset=0.5 * place, **ranges, **one).coordinate_limits()
+    robot = rne.Robot(replace(PAIR, multiplier=m, offset=0.5 * place, **ranges, **one))
+    limits = {name: getattr(robot, name) for name in robot.model.coordinate_limits()}
     found = {name: (limit[k], limit[1 - k]) for name, limit in limits.items()}
     same = dict.fromkeys(("velocity_limit", "acceleration_limit", "jerk_limit"), (1.5, 4.0))
     same["deceleration_limit"] = (0.5, 4.0)
     assert found == {"lower": (-0.75, -9.0), "upper": (0.75, 9.0), "effort_limit": (4.0, 4.0)} | same
+    one, same = (
+        robot.bounds(positions="limits", quantities=["torque"], rates=rates, budget=1e-3)
+        for rates in (None, limits["velocity_limit"])
+    )
+    assert (one.lower[k], one.upper[k]) == (-0.75, 0.75)
+    np.testing.assert_array_equal(one.torque.attained, same.torque.attained)
+
+
+def test_ranges_of_a_joint_and_its_mimic_that_exclude_each_other():
+    (mimic,) = set(range(3)) - set(PAIR.independent_joints)
+    place = np.arange(3) == mimic
+    ranges = {"lower": np.where(place, 2.0, -1.0), "upper": np.where(place, 3.0, 1.0)}
+    robot = rne.Robot(replace(PAIR, multiplier=np.ones(3), offset=np.zeros(3), **ranges))
+    with pytest.raises(ValueError, match=r"^`positions` must have lower <= upper, also with those of mimics, got "):
+        robot.bounds(positions="limits", quantities=["gravity_torque"])
 
 
 def test_degrees_of_a_mounting_are_refused():

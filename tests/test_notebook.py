@@ -15,7 +15,6 @@ import rne
 from benchmarks.random_robots import random_tree, straight_chain
 from rne.basics.text import brief, summary
 from rne.plotting import notebook
-from rne.plotting.notebook import SOURCE_LINES
 
 from .helpers import kept, loaded
 
@@ -182,17 +181,8 @@ def pictures(page):
         yield Image.open(io.BytesIO(base64.b64decode(image.get("src")[len(prefix) :])))
 
 
-def other_pages(robot):
-    z = np.zeros(robot.n)
-    for record in (robot.recursion(z, z, z), robot.recursion(*np.zeros((3, 4, robot.n)))):
-        yield record._repr_html_()
-    yield robot.kernel(rne.dynamics.mass_matrix)._repr_html_()
-    yield robot.kernel(rne.dynamics.gravity_torque, "q")._repr_html_()
-    yield robot.base_parameters()._repr_html_()
-
-
 def test_pages_are_well_formed_and_fit_light_dark_and_narrow_notebooks(robot, robot_html, motion_html):
-    for text in (robot_html, motion_html, *other_pages(robot)):
+    for text in (robot_html, motion_html):
         page = parsed(text)
         assert not list(page.iter("script", "style", "link"))
         assert not re.search(r"(?:https?:)?//", "".join(x for e in page.iter() for k, x in e.items() if k != "src"))
@@ -252,57 +242,6 @@ def test_motion_page_of_a_failed_run_without_samples(irb140):
     assert HOSTILE in shown(page)
 
 
-def test_recursion_page_has_every_number_of_the_table(irb140):
-    record = irb140.recursion([0.1] * 6, [1] * 6, [0.5] * 6)
-    (table,) = parsed(record._repr_html_()).iter("table")
-    numbers = [x for row in rows(table)[1:] for x in row[4:] if x]
-    text = str(record).split("joint_1, revolute")[1]
-    printed = re.findall(r"(?<=\s)-?\d[\d.e-]*(?=\s|$)", text)
-    assert numbers == printed
-    assert len(numbers) > 100
-    units = {row[1]: row[3] for row in rows(table)[1:]}
-    assert (units["omega"], units["tau"], units["u"]) == ("rad/s", "N m", "N m")
-
-
-def test_recursion_page_of_a_batch_shows_its_first_state(irb140):
-    q = np.linspace(0, 1, 18).reshape(3, 6)
-    batch, single = irb140.recursion(q, q, q), irb140.recursion(q[0], q[0], q[0])
-    tables = [next(parsed(record._repr_html_()).iter("table")) for record in (batch, single)]
-    assert rows(tables[0]) == rows(tables[1])
-    assert "The first of the states of leading shape (3,):" in shown(parsed(batch._repr_html_()))
-    none = irb140.recursion(q[:0], q[:0], q[:0])
-    assert not list(parsed(none._repr_html_()).iter("table"))
-
-
-def test_kernel_page_has_its_inputs_operations_and_source(irb140):
-    kernel = irb140.kernel(rne.dynamics.inverse_dynamics)
-    page = parsed(kernel._repr_html_())
-    arrays, operations = page.iter("table")
-    assert rows(arrays)[1:] == [
-        ["q", "(..., 6)", "rad"],
-        ["qd", "(..., 6)", "rad/s"],
-        ["qdd", "(..., 6)", "rad/s^2"],
-        ["result", "(..., 6)", "N m"],
-    ]
-    assert dict(zip(*rows(operations), strict=True)) == {
-        **{kind: str(count) for kind, count in kernel.operations.items()},
-        "all operations": str(sum(kernel.operations.values())),
-    }
-    source = kernel.source().splitlines()
-    lines = next(page.iter("pre")).text.splitlines()
-    assert lines[:-1] == source[:SOURCE_LINES]
-    assert lines[-1] == f"    ... {len(source) - SOURCE_LINES} more lines: kernel.source()"
-
-
-@pytest.mark.long
-def test_kernel_page_of_a_kernel_that_is_too_large():
-    kernel = rne.compile(rne.dynamics.forward_dynamics, straight_chain(90))
-    assert not kernel.is_unrolled
-    page = parsed(kernel._repr_html_())
-    assert "Too large to be written out" in shown(page)
-    assert not list(page.iter("pre"))
-
-
 def test_names_that_are_html_are_shown_as_text(monkeypatch):
     monkeypatch.setattr(notebook, "DPI", 20)
     model = straight_chain(2)
@@ -311,12 +250,7 @@ def test_names_that_are_html_are_shown_as_text(monkeypatch):
     )
     robot = rne.Robot(model)
     z = [0.0] * 2
-    for thing in (
-        robot,
-        rne.simulate(robot, z, z, 0.01),
-        robot.recursion(z, z, z),
-        robot.kernel(rne.dynamics.mass_matrix),
-    ):
+    for thing in (robot, rne.simulate(robot, z, z, 0.01)):
         page = parsed(thing._repr_html_())
         assert not list(page.iter("b", "script"))
         assert HOSTILE[:10] in shown(page).replace("\\", "")
@@ -334,9 +268,10 @@ def test_without_matplotlib_the_tables_remain(irb140, motion, monkeypatch):
 
 def test_jupyter_finds_the_pages_by_their_method(irb140):
     """IPython asks the class for `_repr_html_`; objects without a page answer None and are shown as text."""
-    for cls in (rne.Robot, rne.Trajectory, rne.dynamics.Recursion, rne.kernels.Kernel):
+    for cls in (rne.Robot, rne.Trajectory, rne.Identification, rne.Excitation):
         assert callable(cls._repr_html_)
-    assert not hasattr(rne.Scene(irb140), "_repr_html_")
+    for thing in (rne.Scene(irb140), irb140.recursion(*np.zeros((3, 6))), irb140.kernel(rne.dynamics.mass_matrix)):
+        assert not hasattr(thing, "_repr_html_")  # shown by their repr, and printed in full by `print`
 
 
 def test_ensembles_and_excitations_show_their_repr(irb140):
@@ -346,12 +281,3 @@ def test_ensembles_and_excitations_show_their_repr(irb140):
     said = shown(parsed(motions._repr_html_()))
     assert "no energies recorded" in said
     assert "robots with a negative mass: 1" in said
-    assert callable(rne.identification.Excitation._repr_html_)
-
-
-def test_recursion_page_says_which_joints_mimic_others():
-    model = random_tree(5, seed=6, mimics=3)
-    record = rne.dynamics.recursion(model, *np.zeros((3, model.n)))
-    text = shown(parsed(record._repr_html_()))
-    for i, (joint, kind) in enumerate(zip(model.moving_joints, model.joint_types, strict=True)):
-        assert (f"{joint}, {kind}, mimic" in text) == (i not in model.independent_joints)

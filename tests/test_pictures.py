@@ -54,7 +54,7 @@ def limits(ax):
 
 def test_a_page_for_a_notebook_loads_plotting_and_no_heavy_package():
     code = (
-        "import sys, rne; page = rne.load('irb140').recursion([0] * 6, [0] * 6, [0] * 6)._repr_html_();"
+        "import sys, rne; page = rne.load('irb140').bounds(quantities=['gravity_torque'])._repr_html_();"
         "print(page[:4], *{'matplotlib', 'PIL', 'pinocchio', 'scipy'} & set(sys.modules))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

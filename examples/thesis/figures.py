@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 import rne
-from rne.plotting.html_page import FLOOR, column, lines, log_axis, log_lines
+from rne.plotting.html_page import column, lines, log_axis
 from rne.plotting.plots import BELOW
 
 from .closed_loop import lyapunov
 from .experiments import SAMPLE_TIMES, SOLVERS, Timed, levels, wrong_height
 from .formulations import Pair
-from .loop_plots import JOINTS
+from .loop_plots import FLOOR, JOINTS, log_lines
 from .numbered_figures import DASHED
 
 

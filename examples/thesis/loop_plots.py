@@ -1,5 +1,6 @@
 """Pictures of the closed loops of section 6.5 and of single joints, for the figures under the thesis's numbers."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,12 +9,13 @@ from numpy.typing import ArrayLike
 import rne
 from rne.commands.pages import SETTLED
 from rne.model.abb_irb140 import KD, KP
-from rne.plotting.html_page import column, lines, log_lines
+from rne.plotting.html_page import column, lines, log_axis
 from rne.plotting.plots import BELOW
 
 JOINTS = tuple(f"joint_{k}" for k in range(1, 7))
 FIRST = 0.02  # [s], in which the wrist's torques fall from their peak
 SMALLEST = 1e-8  # [rad], lower end of the axis of errors
+FLOOR = 1e-16  # smallest value on a log axis
 REFERENCE = "Dotted: the references."
 GRAVITY = (
     "The thesis plots u = -Kp q̃ - Kd q̇ of (6.57)-(6.58), with gravity taken out of the model: the first two "
@@ -28,6 +30,14 @@ def fine_grid(duration: float) -> np.ndarray:
     later = np.linspace(first, duration, 1 + round((duration - first) / 1e-3))
     times: np.ndarray = np.r_[np.linspace(0, first, 401)[:-1], later]
     return times
+
+
+def log_lines(ax: Any, t: np.ndarray, values: Any, names: Sequence[str], first: int = 0, **style: Any) -> list[Any]:
+    """Plot the sizes of the columns of `values` on a log axis; zeros leave gaps."""
+    size = np.abs(values)
+    drawn = lines(ax, t, np.where(size > FLOOR, size, np.nan), names, first, **style)
+    log_axis(ax)
+    return drawn
 
 
 def plot_each_joint(title: str, motion: rne.Trajectory) -> Any:

@@ -51,7 +51,7 @@ def read(name: str) -> bytes | None:
         return None
     path = place / f"{name}{ENDING}"
     try:
-        if not _is_own(place) or not _is_own(path):
+        if not is_own(place) or not is_own(path):
             return None
         content = path.read_bytes()
         size = DIGEST().digest_size
@@ -70,7 +70,7 @@ def write(name: str, code: bytes) -> None:
         return
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _is_own(place):
+        if not is_own(place):
             return
         number, temporary = tempfile.mkstemp(prefix=UNFINISHED, dir=place)
         try:
@@ -105,12 +105,7 @@ def clear() -> int:
     return count
 
 
-def is_refused(place: Path) -> bool:
-    """True if the folder is there, but belongs to another user or others may write to it."""
-    return place.exists() and not _is_own(place)
-
-
-def _is_own(path: Path) -> bool:
+def is_own(path: Path) -> bool:
     """True for a folder, or a file that is no link, if only this user may write to it."""
     found = path.lstat() if path.suffix == ENDING else path.stat()
     if not hasattr(os, "getuid"):  # Windows guards the profile's folder

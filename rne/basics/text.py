@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -187,8 +186,6 @@ def _from_the_point(text: str) -> str:
 
 
 class InNotebooks:
-    """Base of the classes that notebooks show as HTML, by `rne.plotting.notebook`, which is above all of them."""
+    """Base of the classes that notebooks show as HTML."""
 
-    def _repr_html_(self) -> str:
-        page: str = importlib.import_module("rne.plotting.notebook").html(self)  # loaded for the first page
-        return page
+    _repr_html_: ClassVar[Callable[[Any], str]]  # set by `rne/__init__.py`, above all of them

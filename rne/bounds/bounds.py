@@ -171,23 +171,24 @@ def robot_bounds(
     quantities: Sequence[str] | None,
 ) -> Bounds:
     """`Robot.bounds` of the robot of a kernel cache."""
-    model, joints = cache.model, list(cache.model.independent_joints)
-    if not joints:
+    model = cache.model
+    if not model.n:
         raise ValueError(f"bounds need a robot that moves, {model.name!r} has no joints")
     tolerance, budget = positive_number("tolerance", tolerance), positive_number("budget", budget)
     seconds = np.inf if seconds is None else positive_number("seconds", seconds)
-    fastest = np.maximum(model.acceleration_limit, model.braking_limit)
-    limits = {"rates": (rates, model.velocity_limit), "accelerations": (accelerations, fastest)}
+    known = model.coordinate_limits()
+    fastest = np.maximum(known["acceleration_limit"], known["deceleration_limit"])
+    limits = {"rates": (rates, known["velocity_limit"]), "accelerations": (accelerations, fastest)}
     speeds, changes = (
-        limit[joints] if given is None else per_joint_array(name, given, model.n, sign="not negative")
+        limit if given is None else per_joint_array(name, given, model.n, sign="not negative")
         for name, (given, limit) in limits.items()
     )
-    known = np.isfinite([*speeds, *changes]).all()
-    chosen = [q for q in QUANTITIES if known or q != "torque"] if quantities is None else quantities
+    is_limited = np.isfinite([*speeds, *changes]).all()
+    chosen = [q for q in QUANTITIES if is_limited or q != "torque"] if quantities is None else quantities
     is_list = isinstance(chosen, Collection) and not isinstance(chosen, str)
     if not is_list or not chosen or any(name not in QUANTITIES for name in chosen):
         raise ValueError(f"`quantities` must be a list of some of {list(QUANTITIES)}, got {quantities!r}")
-    if "torque" in chosen and not known:
+    if "torque" in chosen and not is_limited:
         raise ValueError("bounds of torques need `rates` and `accelerations`: not all joints have such limits")
     box = box_argument(model, positions)
     caches = [KernelCache(m, cache.engine) for m in corners_of_masses(model, payload, masses)] or [cache]
@@ -289,18 +290,22 @@ def bound_of(
     """The bound of one quantity of one model; the budget is shared by its entries."""
     box, n = terms.box, terms.box.model.n
     end = clock.now() + budget
+
+    def proven(criteria: Sequence[Any], *shape: int, uppers: Sequence[float] | None = None) -> Bound:
+        return as_bound(largest(criteria, box, tolerance, end, clock, uppers), shape, tolerance)
+
     if name == "gravity_torque":
-        return gravity_torques(terms, tolerance, end, clock)
+        g = terms.of(dynamics.gravity_torque, 1)
+        uppers = None if box.model.has_mimics else gravity_torques_of_full_turns(box.model).tolist()
+        return proven([Modulus(entry(g, k)) for k in range(n)], n, uppers=uppers)
     if name == "gravity_stiffness":
-        k_g = Norm(terms.of(dynamics.gravity_torque, 1, "q"))
-        return as_bound(largest([k_g], box, tolerance, end, clock), (), tolerance)
+        return proven([Norm(terms.of(dynamics.gravity_torque, 1, "q"))])
     if name == "coriolis":
         dM = terms.of(dynamics.mass_matrix, 2, "q")
         c = dM.mapped(christoffel, 1.5 * np.full_like(dM.terms, dM.terms.max(initial=0.0)))
-        return as_bound(largest([Coriolis(c)], box, tolerance, end, clock), (), tolerance)
+        return proven([Coriolis(c)])
     if name == "torque":
-        criteria = torque_criteria(terms, rates, accelerations)
-        return as_bound(largest(criteria, box, tolerance, end, clock), (n,), tolerance)
+        return proven(torque_criteria(terms, rates, accelerations), n)
     M = terms.of(dynamics.mass_matrix, 2)
     if name == "mass_matrix":
         i, j = np.triu_indices(n)
@@ -339,7 +344,11 @@ def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[To
     g, M = terms.of(dynamics.gravity_torque, 1), terms.of(dynamics.mass_matrix, 2)
     dM = terms.of(dynamics.mass_matrix, 2, "q")
     alone = not M.frequency[:, 0].any() and not dM.frequency[:, 0].any() and abs(g.frequency[:, 0]).max() == 1
-    parts = about_first_angle if alone and terms.box.circle[0] else gravity_alone
+    is_searched = not (alone and terms.box.circle[0])  # q_1; then g stands for itself, and a, b, c = g, 0, 0
+
+    def gravity(k: int) -> Polynomial:
+        own = entry(g, k)
+        return own.mapped(lambda x: np.hstack([x, x, 0 * x, 0 * x])) if is_searched else about_first_angle(own)
 
     def of(k: int) -> Torque:
         def symbols(x: Array) -> Array:
@@ -347,14 +356,9 @@ def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[To
             return np.asarray(c[:, i, j] * np.where(i == j, 1, 2))
 
         c = dM.mapped(symbols, 3 * np.full(len(i), dM.terms.max()))
-        return Torque(parts(entry(g, k)).beside(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
+        return Torque(gravity(k).beside(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
 
     return [of(k) for k in range(len(rates))]
-
-
-def gravity_alone(g: Polynomial) -> Polynomial:
-    """Gravity's torque as `Torque` takes it where q_1 is searched: g, and a, b, c = g, 0, 0."""
-    return g.mapped(lambda x: np.hstack([x, x, 0 * x, 0 * x]))
 
 
 def about_first_angle(g: Polynomial) -> Polynomial:
@@ -372,16 +376,6 @@ def about_first_angle(g: Polynomial) -> Polynomial:
     return replace(
         g, evaluate=evaluate, coefficients=g.coefficients * factors, frequency=frequency, terms=g.terms * [1, 1, 2, 2]
     )
-
-
-def gravity_torques(terms: Terms, tolerance: float, end: float, clock: Clock) -> Bound:
-    """As for full turns where that is tight, otherwise over all positions."""
-    box, uppers = terms.box, None
-    g = terms.of(dynamics.gravity_torque, 1)
-    criteria = [Modulus(entry(g, k)) for k in range(box.model.n)]
-    if not box.model.has_mimics:
-        uppers = gravity_torques_of_full_turns(box.model).tolist()
-    return as_bound(largest(criteria, box, tolerance, end, clock, uppers), (box.model.n,), tolerance)
 
 
 def inertia_extremes(
@@ -407,7 +401,5 @@ def inertia_extremes(
 
 def as_bound(found: Sequence[Extreme], shape: tuple[int, ...], tolerance: float) -> Bound:
     """Arrays of the entries."""
-    lower, upper, attained = (
-        np.array([getattr(e, x) for e in found]).reshape(shape) for x in ("lower", "upper", "attained")
-    )
+    lower, upper, attained = (np.array(x).reshape(shape) for x in list(zip(*found, strict=True))[:3])
     return Bound(lower, upper, attained, np.array([e.q for e in found]).reshape(*shape, -1), tolerance)

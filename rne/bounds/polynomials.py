@@ -42,8 +42,7 @@ class Box:
 
 def box_argument(model: Model, positions: Any) -> Box:
     """The box of `positions`: "circle", "limits" or (lower, upper). Unknown ranges of angles are full turns."""
-    joints = list(model.independent_joints)
-    lower, upper = model.lower[joints].copy(), model.upper[joints].copy()
+    lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
     if isinstance(positions, str):
         if positions not in ("circle", "limits"):
             raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
@@ -51,17 +50,14 @@ def box_argument(model: Model, positions: Any) -> Box:
         if not isinstance(positions, Sequence | np.ndarray) or len(positions) != 2:
             raise ValueError(f'`positions` must be "circle", "limits" or (lower, upper), got {positions!r}')
         lower, upper = (per_joint_array("positions", x, model.n) for x in positions)
-        if (lower > upper).any():
-            raise ValueError(f"`positions` must have lower <= upper, got {lower} and {upper}")
     whole = model.is_revolute & (model.multiplier == np.round(model.multiplier))  # these come back after a full turn
     periodic = np.array([whole[np.array(model.coordinate) == k].all() for k in range(model.n)], bool)
     circle = periodic & (np.array(isinstance(positions, str) and positions == "circle") | (upper - lower >= 2 * np.pi))
+    if (~circle & (lower > upper)).any():
+        raise ValueError(f"`positions` must have lower <= upper, also with those of mimics, got {lower} and {upper}")
     for k in np.flatnonzero(~circle & ~np.isfinite(upper - lower)):
-        why = (
-            "slides"
-            if not model.is_revolute[joints[k]]
-            else "drives joints that turn by a fraction of its angle or slide"
-        )
+        turns = model.is_revolute[model.independent_joints[k]]
+        why = "drives joints that turn by a fraction of its angle or slide" if turns else "slides"
         raise ValueError(
             f"bounds need a range of {model.joint_names[k]!r}, which {why}; give `positions`=(lower, upper)"
         )

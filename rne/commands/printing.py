@@ -170,7 +170,7 @@ def run_cache(arguments: argparse.Namespace) -> int:
         print("no cache:", "RNE_CACHE is empty" if empty else "platformdirs is not installed: pip install 'rne[numba]'")
         return 0
     sizes = [state.st_size for _, state in disk_cache.entries(place)]
-    if disk_cache.is_refused(place):
+    if place.exists() and not disk_cache.is_own(place):
         text = "not used, since another user owns it or may write to it"
     elif arguments.clear:
         text = f"{disk_cache.clear()} files removed"

@@ -61,16 +61,12 @@ def measure(robot: Robot) -> list[Measured]:
                 begun = time.perf_counter()
                 way.call()
                 times.append((time.perf_counter() - begun) / way.states)
-        exact = _exact(robot, quantity, [x[:COMPARED].astype(np.longdouble) for x in arrays])
+        function = dynamics.inverse_dynamics if quantity == INVERSE else dynamics.forward_dynamics
+        # Long double has three decimal digits more on most machines.
+        exact = function(robot.model.astype(np.longdouble), *[x[:COMPARED].astype(np.longdouble) for x in arrays])
         for way, times in zip(ways, seconds, strict=True):
             found.append(Measured(way, median(times[1:]), relative(way.results(), exact)))  # the first one warms up
     return found
-
-
-def _exact(robot: Robot, quantity: str, arrays: list[Array]) -> Array:
-    """The recursion in long double, which has three decimal digits more on most machines."""
-    function = dynamics.inverse_dynamics if quantity == INVERSE else dynamics.forward_dynamics
-    return function(robot.model.astype(np.longdouble), *arrays)
 
 
 def _own(robot: Robot, quantity: str, arrays: list[Array]) -> Iterator[Way]:

@@ -185,8 +185,6 @@ def check_gains(
 
 def bounded(robot: Robot, kp: Array, kd: Array, bounds: Bounds, limit: float) -> tuple[float, float, tuple[str, ...]]:
     """Gravity's stiffness, the limit, and what bounds prove of both; where one was not found, nothing is stable."""
-    if not hasattr(bounds, "gravity_stiffness"):
-        raise TypeError(f"`bounds` must be found by robot.bounds, got {type(bounds).__name__}")
     if bounds.joint_names != robot.joint_names:
         names = (listed(x.joint_names) for x in (bounds, robot))
         raise ValueError("`bounds` must be of the robot, with the joints {1}; got those of one with {0}".format(*names))

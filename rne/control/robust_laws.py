@@ -239,12 +239,7 @@ class SlidingMode(RobustLaw):
 
 
 def sliding_mode(
-    cases: Sequence[Robot],
-    bandwidth: ArrayLike,
-    boundary: ArrayLike,
-    reference: Reference,
-    *,
-    reaching: float = 1.0,
+    cases: Sequence[Robot], bandwidth: ArrayLike, boundary: ArrayLike, reference: Reference, *, reaching: float = 1.0
 ) -> SlidingMode:
     """Sliding-mode tracking: u = Y pi_0 - k D^-1 z / max(|z|, 1), with z = D^-1 s and k from the cases in every state.
 

@@ -167,13 +167,16 @@ def uncertainty_bound(
     rng = np.random.default_rng(whole_number("seed", seed, least=0))
     times = rng.uniform(0, positive_number("duration", duration, zero_allowed=True), count)
     q_ref, qd_ref, qdd_ref = np.array([reference_values(robot, reference(float(t))) for t in times]).swapaxes(0, 1)
-    s = D * _in_unit_ball(rng, count, n)
+    direction, length = rng.normal(size=(count, n)), rng.uniform(0, 1, (count, 1)) ** (1 / max(n, 1))
+    s = D * (direction / np.linalg.norm(direction, axis=1, keepdims=True) * length)  # in the layer, evenly
     e = D / decay * rng.uniform(-1, 1, (count, n))
     q, qd = q_ref + e, qd_ref + s - decay * e
     y = qdd_ref - decay * (qd - qd_ref) - decay * s
     short = np.empty(count)
     needed = robot.inverse_dynamics(q, qd, y)
-    for k, weights in enumerate(_mixtures(rng, len(hull.robots))):
+    each = np.eye(len(hull.robots))[np.arange(MIXTURES // 2) % len(hull.robots)]
+    mixed = rng.dirichlet(np.ones(len(hull.robots)), MIXTURES - len(each))
+    for k, weights in enumerate((*each, *mixed)):
         part = slice(k * count // MIXTURES, (k + 1) * count // MIXTURES)
         moving = hull.centre.with_parameters(hull.centre.parameters + hull.deviations @ weights)
         f = D * (needed[part] - moving.inverse_dynamics(q[part], qd[part], y[part]))
@@ -181,15 +184,3 @@ def uncertainty_bound(
         acceleration = np.linalg.solve(M, f[..., None])[..., 0]
         short[part] = np.linalg.eigvalsh(M)[:, -1] * np.linalg.norm(acceleration, axis=-1)
     return positive_number("margin", margin) * float(short.max())
-
-
-def _mixtures(rng: np.random.Generator, count: int) -> Array:
-    """Weights of the cases: each case by turns, then random ones."""
-    alone = np.eye(count)[np.arange(MIXTURES // 2) % count]
-    return np.concatenate([alone, rng.dirichlet(np.ones(count), MIXTURES - len(alone))])
-
-
-def _in_unit_ball(rng: np.random.Generator, count: int, n: int) -> Array:
-    direction = rng.normal(size=(count, n))
-    length = rng.uniform(0, 1, (count, 1)) ** (1 / max(n, 1))
-    return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True) * length)

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number, real_array
 from ..basics.spatial import Array, cross, cross_matrix, rotate, symmetric, transpose
-from ..basics.text import InNotebooks, counted, listed, short, six_digits, wrapped
+from ..basics.text import counted, listed, short, six_digits, wrapped
 from ..model.model import Model, model_argument, unchecked_model
 from ..model.parameters import PARAMETERS, UNITS
 from ..model.standard_parameters import DriveModel, StandardParameters, drive_argument
@@ -38,7 +38,7 @@ FLAT = 16  # entries of Phi or xi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BaseParameters(InNotebooks):
+class BaseParameters:
     """Combinations of the standard parameters that determine torques, each named after the parameter it keeps.
 
     Each is a kept parameter plus multiples of others that torques cannot tell from it. Those of each body are kept
@@ -208,12 +208,7 @@ class BaseParameters(InNotebooks):
         return "\n".join(self.formulas)
 
 
-def base_parameters(
-    model: Model,
-    *,
-    drives: DriveModel | None = None,
-    tolerance: float = 1e-9,
-) -> BaseParameters:
+def base_parameters(model: Model, *, drives: DriveModel | None = None, tolerance: float = 1e-9) -> BaseParameters:
     """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
 
     Gautier and Khalil 1990; Wensing, Niemeyer and Slotine 2024. They follow from the axes and places of the joints

@@ -58,7 +58,8 @@ def mass_matrix(model: Model, q: Array) -> Array:
             n = rotate(R[i], n) + cross(p[i], f)
             i = model.parent[i]
             M[..., i, j] = M[..., j, i] = dot(n, s[i]) + dot(f, t[i])
-    return reduce_to_coordinates(model, M) if model.has_mimics else M
+    G = model.coordinate_map
+    return mirrored(G.T @ M @ G) if model.has_mimics else M
 
 
 def mass_diagonal(model: Model, composites: dict[int, Moments], like: Array) -> Array:
@@ -68,12 +69,6 @@ def mass_diagonal(model: Model, composites: dict[int, Moments], like: Array) -> 
         f, n = unit_acceleration(composites[j], s, t)
         diagonal[..., j] = dot(n, s) + dot(f, t) + model.armature[j]
     return diagonal
-
-
-def reduce_to_coordinates(model: Model, M: Array) -> Array:
-    """G^T M G for joints that mimic others, exactly symmetric."""
-    G = model.coordinate_map
-    return mirrored(G.T @ M @ G)
 
 
 def ancestors(parent: tuple[int, ...], k: int) -> list[int]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array, cross, dot, rotate, rotate_back, zeros
-from ..basics.text import UNITS, InNotebooks, Row, aligned, counted, listed, short, six_digits, wrapped
+from ..basics.text import UNITS, Row, aligned, counted, listed, short, six_digits, wrapped
 from ..model.model import Model
 from ..model.topology import tip
 from .kinematics import BASE, joint_transforms
@@ -38,7 +37,7 @@ BRANCHED = "The links of a branched robot have no single end: a_o, the origin's 
 
 
 @dataclass(frozen=True)
-class Recursion(InNotebooks):
+class Recursion:
     """All vectors of the Newton-Euler recursion, for every moving body.
 
     Body i is the one behind `joints[i]`; its vectors are in its own axes. Shapes (..., nb, 3) unless said.
@@ -245,31 +244,15 @@ def recursion_table(record: Recursion) -> str:
 
 
 def _joint(record: Recursion, i: int) -> Iterator[Row]:
-    """The lines of one joint and the body behind it."""
-    yield Row(joint_title(record, i))
-    for name, equation, unit, values in record_rows(record, i):
-        yield Row(f"  {name:<7} {equation:<6} {unit:<7}", [six_digits(x.real) for x in values])
-        if any(is_complex(x) for x in values):
-            yield Row(f"  {'':<7} {'imag':<6} {unit:<7}", [six_digits(x.imag) for x in values])
-
-
-def joint_title(record: Recursion, i: int) -> str:
-    """Name and type of joint i, and whether it mimics another."""
-    mimic = "" if i in record.independent_joints else ", mimic"
-    return f"{short(record.joints[i])}, {record.joint_types[i]}{mimic}"
-
-
-def record_rows(record: Recursion, i: int) -> Iterator[tuple[str, str, str, list[Any]]]:
-    """Name, equation, unit and numbers of each quantity of joint i; u only where a drive is, not at a mimic joint."""
-    for name, equation, unit in VECTORS:
-        vectors = getattr(record, name)
-        if vectors is not None and i < len(vectors) and (name != "a_o" or record.a_e is None):
-            yield name, equation, unit, list(vectors[i])
-    if i in record.independent_joints:
+    """The lines of one joint and the body behind it; u only where a drive is, not at a mimic joint."""
+    is_driven = i in record.independent_joints
+    yield Row(f"{short(record.joints[i])}, {record.joint_types[i]}{'' if is_driven else ', mimic'}")
+    vectors = [(*about, getattr(record, about[0])) for about in VECTORS if about[0] != "a_o" or record.a_e is None]
+    rows = [(name, equation, unit, list(x[i])) for name, equation, unit, x in vectors if x is not None and i < len(x)]
+    if is_driven:
         unit = UNITS["tau"][record.joint_types[i] == "prismatic"]
-        yield "u", DRIVE, unit, [record.u[record.independent_joints.index(i)]]
-
-
-def is_complex(x: Any) -> bool:
-    """True for a number of a complex type, of NumPy or mpmath."""
-    return bool(np.iscomplexobj(x) or x.imag != 0)
+        rows.append(("u", DRIVE, unit, [record.u[record.independent_joints.index(i)]]))
+    for name, equation, unit, values in rows:
+        yield Row(f"  {name:<7} {equation:<6} {unit:<7}", [six_digits(x.real) for x in values])
+        if any(np.iscomplexobj(x) or x.imag != 0 for x in values):  # of NumPy or mpmath
+            yield Row(f"  {'':<7} {'imag':<6} {unit:<7}", [six_digits(x.imag) for x in values])

@@ -120,11 +120,7 @@ class KernelCache:
         return one_state
 
     def _with_inputs(
-        self,
-        function: Declared,
-        arrays: tuple[ArrayLike, ...],
-        external: External | None,
-        parameters: ArrayLike | None,
+        self, function: Declared, arrays: tuple[ArrayLike, ...], external: External | None, parameters: ArrayLike | None
     ) -> tuple[Mapping[str, Any], tuple[ArrayLike, ...]]:
         """The inputs behind the joint arrays, as arguments of `compile`, and all arrays in the kernel's order."""
         inputs: dict[str, Any] = {}

@@ -37,23 +37,12 @@ BINARY: dict[str, Callable[[float, float], float]] = {
     "minimum": lambda a, b: a if a <= b or a != a else b,
     "maximum": lambda a, b: a if a >= b or a != a else b,
 }
-COMPARISONS: dict[str, Callable[[float, float], bool]] = {
-    "less": lambda a, b: a < b,
-    "less_equal": lambda a, b: a <= b,
-}
+COMPARISONS: dict[str, Callable[[float, float], bool]] = {"less": lambda a, b: a < b, "less_equal": lambda a, b: a <= b}
 
 
 def _ordinary(x: float) -> bool:
     """True for a product of constants that did not overflow or lose digits to underflow."""
     return 1e-200 < abs(x) < 1e200
-
-
-def _of_constant(kind: str, x: float) -> float:
-    """An elementary function; NaN where it has no value."""
-    try:
-        return UNARY[kind](x)
-    except ValueError:
-        return math.nan
 
 
 class Node(NamedTuple):
@@ -263,7 +252,10 @@ class Graph:
         """An elementary function."""
         x = self.value(a)
         if x is not None:
-            return self.constant(_of_constant(kind, x))
+            try:
+                return self.constant(UNARY[kind](x))
+            except ValueError:  # it has no value there
+                return self.constant(math.nan)
         if kind in ODD:
             return self.node(kind, a & ~1) ^ (a & 1)
         return self.node(kind, a & ~1 if kind in EVEN else self.plain(a))
@@ -271,12 +263,10 @@ class Graph:
     def binary(self, kind: str, a: int, b: int) -> int:
         """minimum, maximum or a comparison (1 where it holds, 0 where not)."""
         x, y = self.value(a), self.value(b)
-        if kind in COMPARISONS:
-            if x is not None and y is not None:
-                return self.constant(float(COMPARISONS[kind](x, y)))
-            return self.node(kind, self.plain(a), self.plain(b))
         if x is not None and y is not None:
-            return self.constant(BINARY[kind](x, y))
+            return self.constant(float((BINARY | COMPARISONS)[kind](x, y)))
+        if kind in COMPARISONS:
+            return self.node(kind, self.plain(a), self.plain(b))
         if a & b & 1:
             return self.binary("maximum" if kind == "minimum" else "minimum", a ^ 1, b ^ 1) ^ 1
         return self.node(kind, *sorted((self.plain(a), self.plain(b))))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..basics.arrays import whole_number
 from ..basics.spatial import Array
-from ..basics.text import InNotebooks, short, wrapped
+from ..basics.text import short, wrapped
 from ..dynamics.quantity import OK, BatchIndex, Declared, PrecisionStatus, common_dtype, common_leading_shape
 from ..errors import NotFiniteError
 from ..model.model import Model, joint_array, model_argument
@@ -59,7 +59,7 @@ def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Call
     return state_function, BlockProgram
 
 
-class Kernel(InNotebooks):
+class Kernel:
     """A function compiled for one model; see `compile`.
 
     A kernel may be called from many threads, and pickles. Its results may differ from the function's in the last bits.
@@ -83,12 +83,7 @@ class Kernel(InNotebooks):
     """
 
     def __init__(
-        self,
-        function: Declared,
-        model: Model,
-        fixed: Mapping[str, Any],
-        wrt: Sequence[str] = (),
-        engine: str = "numpy",
+        self, function: Declared, model: Model, fixed: Mapping[str, Any], wrt: Sequence[str] = (), engine: str = "numpy"
     ) -> None:
         self.function, self.fixed = function, dict(fixed)
         self.quantity, self._rest = inputs_as_arrays(function, model, fixed)

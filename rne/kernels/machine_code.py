@@ -158,17 +158,13 @@ class Emitter:
             return builder.uitofp(builder.fcmp_ordered("<" if kind == "less" else "<=", *args), self.type)
         if kind == "where":
             return builder.select(builder.fcmp_unordered("!=", args[0], self.constant(0.0)), args[1], args[2])
-        if kind == "sign":
-            return self._sign(args[0])
+        if kind == "sign":  # x itself where it is not a number
+            (x,), zero = args, self.constant(0.0)
+            below = builder.select(builder.fcmp_ordered("<", x, zero), self.constant(-1.0), x)
+            return builder.select(builder.fcmp_ordered(">", x, zero), self.constant(1.0), below)
         if kind == "arctan2":
             return self.by_the_c_library("atan2", *args)
         return self.intrinsic("fabs" if kind == "abs" else kind, *args)
-
-    def _sign(self, x: Any) -> Any:
-        """-1, 0 or 1; x itself where it is not a number."""
-        zero = self.constant(0.0)
-        below = self.builder.select(self.builder.fcmp_ordered("<", x, zero), self.constant(-1.0), x)
-        return self.builder.select(self.builder.fcmp_ordered(">", x, zero), self.constant(1.0), below)
 
     def total(self, values: Sequence[Any]) -> Any:
         """The sum of values."""

@@ -290,11 +290,6 @@ def check_out(
     return out
 
 
-def by_functions(angle: Array, sin: Array, cos: Array, number: Callable[[float], Array]) -> list[Call]:
-    """Calls for NumPy's own sine and cosine."""
-    return [(np.sin, (angle, sin)), (np.cos, (angle, cos))]
-
-
 def by_tangent(angle: Array, sin: Array, cos: Array, number: Callable[[float], Array]) -> list[Call]:
     """Calls for both from t = tan(q / 2): with r = 2 / (1 + t^2), sin = t r and cos = r - 1, to an error of 2 eps.
 
@@ -313,7 +308,10 @@ def by_tangent(angle: Array, sin: Array, cos: Array, number: Callable[[float], A
     ]
 
 
-METHODS = {"functions": by_functions, "tangent": by_tangent}
+METHODS: dict[str, Callable[..., list[Call]]] = {
+    "functions": lambda angle, sin, cos, number: [(np.sin, (angle, sin)), (np.cos, (angle, cos))],
+    "tangent": by_tangent,
+}
 
 
 @cache

@@ -55,13 +55,6 @@ class Program:
         args = [arg for instruction in self.instructions for arg in instruction.args]
         return all(math.isfinite(arg.value) for arg in (*args, *self.outputs) if arg.kind == "constant")
 
-    @cached_property
-    def unused_inputs(self) -> list[int]:
-        """Inputs that no operation and no output reads."""
-        read = [arg for instruction in self.instructions for arg in instruction.args]
-        used = {arg.value for arg in (*read, *self.outputs) if arg.kind == "input"}
-        return [k for k in range(self.inputs) if k not in used]
-
 
 def with_table(program: Program) -> tuple[Program, list[float]]:
     """The program with its constants other than 0, 1 and -1 in a table: those that differ in these alone are equal."""
@@ -122,10 +115,13 @@ class Trace:
     @cached_property
     def unchecked_inputs(self) -> list[int]:
         """Inputs whose NaN or infinity might not reach an output: unused ones, or all if some operation can hide it."""
-        hiding = self.program.operations.keys() - PROPAGATING
+        program = self.program
+        hiding = program.operations.keys() - PROPAGATING
+        read = [arg for instruction in program.instructions for arg in instruction.args] + [*program.outputs]
+        passed_on = {arg.value for arg in read if arg.kind == "input"}
         if hiding - {"divide"} or (hiding and not self.pivots):
-            return list(range(self.program.inputs))
-        return self.program.unused_inputs
+            passed_on = set()
+        return [k for k in range(program.inputs) if k not in passed_on]
 
     def sound_inputs(self, inputs: Any, dtype: Any, write: Conditions) -> list[Any]:
         """Conditions on the inputs of a state, or of several at once; see `sound_results`."""

@@ -80,15 +80,11 @@ def _python(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
     flat = ", ".join(outputs)
     body = [*lines, f"return [{flat}]" if p.shape else f"return {flat}"]
     doc = f'"""Entries of the result, shape {p.shape}, row by row."""'
-    head = [*(f"# {line}" for line in p.heading), f"from math import {_imported(body)}", "", ""]
+    rarer = {name for name in ("atan2", "exp", "inf", "nan") if any(re.search(rf"\b{name}\b", line) for line in body)}
+    names = ", ".join(sorted({"cos", "sin", "sqrt", "tanh"} | rarer))
+    head = [*(f"# {line}" for line in p.heading), f"from math import {names}", "", ""]
     head += _used(body, PYTHON, "", "")
     return [*head, f"def {p.name}({p.names}):", f"    {doc}", *_indented(body)]
-
-
-def _imported(lines: Sequence[str]) -> str:
-    """Names from the module `math`: always the same four, and rarer ones where they are used."""
-    rarer = {name for name in ("atan2", "exp", "inf", "nan") if any(re.search(rf"\b{name}\b", line) for line in lines)}
-    return ", ".join(sorted({"cos", "sin", "sqrt", "tanh"} | rarer))
 
 
 def _used(lines: Sequence[str], helpers: Mapping[str, Sequence[str]], *after: str) -> list[str]:
@@ -128,18 +124,13 @@ def _indented(lines: Sequence[str]) -> list[str]:
 
 
 # What a language has not, or has otherwise than NumPy where an operand is NaN or infinite.
-EXTREMES = {"minimum": "<=", "maximum": ">="}
 PYTHON = {"sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 else x"]}
-PYTHON |= {k: [f"def {k}(a, b):", f"    return a if a {sign} b or a != a else b"] for k, sign in EXTREMES.items()}
 C = {"sign": ["static double sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }"]}
-C |= {
-    k: [f"static double {k}(double a, double b) {{ return a {sign} b || a != a ? a : b; }}"]
-    for k, sign in EXTREMES.items()
-}
 MATLAB = {"root": ["function y = root(x)", "  y = where(x < 0, NaN, sqrt(abs(x)));", "end"]}
-MATLAB |= {
-    k: [f"function x = {k}(a, b)", f"  x = where(a {sign} b || isnan(a), a, b);", "end"] for k, sign in EXTREMES.items()
-}
+for _k, _sign in {"minimum": "<=", "maximum": ">="}.items():
+    PYTHON[_k] = [f"def {_k}(a, b):", f"    return a if a {_sign} b or a != a else b"]
+    C[_k] = [f"static double {_k}(double a, double b) {{ return a {_sign} b || a != a ? a : b; }}"]
+    MATLAB[_k] = [f"function x = {_k}(a, b)", f"  x = where(a {_sign} b || isnan(a), a, b);", "end"]
 MATLAB["where"] = ["function x = where(c, a, b)", "  if c ~= 0, x = a; else, x = b; end", "end"]
 
 
@@ -168,12 +159,7 @@ LANGUAGES = {
     ),
     "matlab": Language(
         lambda name, k: f"{name}({k + 1})",
-        {
-            "less": "double({} < {})",
-            "less_equal": "double({} <= {})",
-            "where": "where({}, {}, {})",
-            "sqrt": "root({})",
-        },
+        {"less": "double({} < {})", "less_equal": "double({} <= {})", "where": "where({}, {}, {})", "sqrt": "root({})"},
         _matlab,
     ),
     "c": Language(
@@ -226,11 +212,7 @@ def entry_of_element(element: str, quantity: str, shape: Sequence[int]) -> tuple
 
 
 def heading(
-    model: Model,
-    quantity: str,
-    arguments: Sequence[str],
-    entry: tuple[int, ...] | None,
-    wrenches: Mapping[str, str],
+    model: Model, quantity: str, arguments: Sequence[str], entry: tuple[int, ...] | None, wrenches: Mapping[str, str]
 ) -> list[str]:
     """Lines of the comment, without the language's comment signs.
 

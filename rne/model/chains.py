@@ -28,18 +28,7 @@ def chain(
     inertias: ArrayLike | None = None,
     *,
     axes: ArrayLike | None = None,
-    types: str | Sequence[str] = "revolute",
-    lower: ArrayLike | None = None,
-    upper: ArrayLike | None = None,
-    velocity: ArrayLike | None = None,
-    effort: ArrayLike | None = None,
-    gravity: ArrayLike = STANDARD_GRAVITY,
-    name: str = "chain",
-    joint_names: Sequence[str] | None = None,
-    link_names: Sequence[str] | None = None,
-    base: str | ArrayLike = "base_link",
-    tool: ArrayLike | None = None,
-    tip: str = "tool0",
+    **options: Any,
 ) -> Model:
     """An unbranched robot from the rotations and vectors between its frames, as in the thesis's appendix B.
 
@@ -57,26 +46,12 @@ def chain(
     centres : array_like, shape (n, 3), optional
         The vector r_{i-1,ci} from the origin of frame i-1 to the centre of mass of link i at q = 0, in frame i [m].
     inertias : array_like, shape (n, 3, 3), (n, 3) or (n, 6), optional
-        About the centre of mass, in the axes of frame i [kg m^2]: matrices, or their entries xx, yy, zz, or xx, yy, zz,
-        xy, yz, xz.
+        About the centre of mass, in the axes of frame i, as for `dh_chain` [kg m^2].
     axes : array_like, shape (n, 3), optional
         Direction b_i of joint i's axis in frame i, of any length. By default z of frame i-1, seen from frame i (3.30).
-    types : str or sequence of n str
-        "revolute", "continuous" or "prismatic"; a prismatic link slides along its axis by q.
-    lower, upper, velocity, effort : array_like, shape (n,), optional
-        Limits, infinite where not given [rad or m; rad/s or m/s; N m or N].
-    gravity : array_like, shape (3,)
-        In the axes of the base [m/s^2].
-    name : str
-        Of the robot.
-    joint_names, link_names : sequence of n str, optional
-        "joint_1", ... and "link_1", ... by default.
-    base : str or array_like, shape (4, 4)
-        Name of the link with frame 0, or the pose of frame 0 in the link "base_link".
-    tool : array_like, shape (4, 4), optional
-        Pose of the last link in frame n.
-    tip : str
-        Name of the last link, fixed behind link n: with frame n, or the tool's.
+    **options
+        As for `dh_chain`, whose DH frames are here the frames i: `types`, `lower`, `upper`, `velocity`, `effort`,
+        `gravity`, `name`, `joint_names`, `link_names`, `base`, `tool` and `tip`.
 
     Returns
     -------
@@ -105,10 +80,9 @@ def chain(
     R = extended("rotations", rotations, "(n, 3, 3)")
     n = len(R)
     ends = extended("positions", positions, f"({n}, 3)")
-    given = Links(
-        masses, centres, inertias, types, lower, upper, velocity, effort, gravity,
-        name, joint_names, link_names, base, tool, tip,
-    )  # fmt: skip
+    if unknown := sorted(options.keys() - Links._fields):
+        raise TypeError(f"chain() got an unexpected keyword argument {unknown[0]!r}")
+    given = Links(masses, centres, inertias, **options)
     joints, _ = names_of(given, n)
     for i, joint in enumerate(joints):
         if not is_rotation(R[i].astype(np.float64)):
@@ -237,18 +211,18 @@ class Links(NamedTuple):
     masses: ArrayLike | None
     centres: ArrayLike | None
     inertias: ArrayLike | None
-    types: str | Sequence[str]
-    lower: ArrayLike | None
-    upper: ArrayLike | None
-    velocity: ArrayLike | None
-    effort: ArrayLike | None
-    gravity: ArrayLike
-    name: str
-    joint_names: Sequence[str] | None
-    link_names: Sequence[str] | None
-    base: str | ArrayLike
-    tool: ArrayLike | None
-    tip: str
+    types: str | Sequence[str] = "revolute"
+    lower: ArrayLike | None = None
+    upper: ArrayLike | None = None
+    velocity: ArrayLike | None = None
+    effort: ArrayLike | None = None
+    gravity: ArrayLike = STANDARD_GRAVITY
+    name: str = "chain"
+    joint_names: Sequence[str] | None = None
+    link_names: Sequence[str] | None = None
+    base: str | ArrayLike = "base_link"
+    tool: ArrayLike | None = None
+    tip: str = "tool0"
 
 
 def _chain_model(given: Links, R: Array, origins: Array, axes: Array, shifts: Array) -> Model:

@@ -150,14 +150,12 @@ class Model:
         values |= {name: np.array(plain_array(name, values[name]), dtype=np.float64) for name in ARRAY_FIELDS}
         self._freeze(values)
         check_model({f.name: getattr(self, f.name) for f in fields(self)})
-        if self.link_parent is None:
-            object.__setattr__(self, "link_parent", self._likely_link_parents())
-
-    def _likely_link_parents(self) -> tuple[int, ...]:
-        place = {joint: k for k, joint in enumerate(self.link_joints)}
-        carrier = {i: place[joint] for i, joint in enumerate(self.moving_joints)} | {-1: 0}
-        above = {carrier[i]: carrier[parent] for i, parent in enumerate(self.parent)}
-        return tuple(-1 if k == 0 else above.get(k, carrier[body]) for k, body in enumerate(self.link_body))
+        if self.link_parent is None:  # then the likely ones
+            place = {joint: k for k, joint in enumerate(self.link_joints)}
+            carrier = {i: place[joint] for i, joint in enumerate(self.moving_joints)} | {-1: 0}
+            above = {carrier[i]: carrier[parent] for i, parent in enumerate(self.parent)}
+            likely = (-1 if k == 0 else above.get(k, carrier[body]) for k, body in enumerate(self.link_body))
+            object.__setattr__(self, "link_parent", tuple(likely))
 
     def __repr__(self) -> str:
         kinds = dict.fromkeys(self.joint_types)

@@ -16,8 +16,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
@@ -95,7 +93,6 @@ THREE_D = (  # where a browser can draw it; the picture stays otherwise
     '.outerHTML=\'<iframe src="%s.html" title="3-D view"></iframe>\'</script>'
 )
 LINE = 46  # characters of a title that fit
-FLOOR = 1e-16  # smallest value on a log axis
 LEGEND, TITLE_ROW = 0.44, 0.25  # heights [inch]
 
 
@@ -277,14 +274,6 @@ def lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 
     drawn = curves(ax, t, values, names, [f"C{k}" for k in range(first, first + len(names))], **style)
     if ax.get_yscale() == "linear":
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
-    return drawn
-
-
-def log_lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 0, **style: Any) -> list[Line2D]:
-    """Plot the sizes of the columns of `values` on a log axis; zeros leave gaps."""
-    size = np.abs(values)
-    drawn = lines(ax, t, np.where(size > FLOOR, size, np.nan), names, first, **style)
-    log_axis(ax)
     return drawn
 
 

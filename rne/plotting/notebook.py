@@ -1,4 +1,4 @@
-"""HTML pages of robots, motions, recursions and kernels for notebooks, without scripts or style sheets.
+"""HTML pages of robots and motions for notebooks, without scripts or style sheets.
 
 Jupyter asks an object for `_repr_html_`, which calls `html`. Colours are those of the notebook, light or dark; wide
 tables scroll in their own boxes, so that a page on a phone does not. All text passes through `html.escape`, since names
@@ -17,10 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.text import UNITS, counted, short, six_digits
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..dynamics.recursion_record import BRANCHED, LEGEND, Recursion, is_complex, joint_title, record_rows
-from ..kernels.kernel import Kernel
+from ..basics.text import UNITS, short, six_digits
 from ..model.builder import Part, at_links, disassemble
 from ..model.model import REVOLUTE_TYPES, Model
 from ..robot import Robot
@@ -33,11 +30,10 @@ if TYPE_CHECKING:
 
 BOX = "overflow-x:auto;max-width:100%;max-height:32em;margin:.4em 0"
 TABLE = "border-collapse:collapse;font-size:.9em;table-layout:auto;margin:0"
-CELL = "border:0;border-bottom:1px solid rgba(128,128,128,.4);padding:.15em .6em;text-align:{};white-space:nowrap"
+CELL = "border:0;border-bottom:1px solid rgba(128,128,128,.4);padding:.15em .6em;text-align:left;white-space:nowrap"
 PICTURE = "max-width:100%;height:auto;border-radius:4px"
 DPI = 200  # about two pixels for each of the page, for sharp text on dense screens
 COLORS_OF_A_PICTURE = 256
-SOURCE_LINES = 16  # of a kernel that are shown
 NOT_GIVEN = "not given"
 BODIES = "Masses with the links on fixed joints included, in the axes of the link:"
 
@@ -45,7 +41,9 @@ BODIES = "Masses with the links on fixed joints included, in the axes of the lin
 @singledispatch
 def html(thing: Any) -> str:
     """The page of an object of one of the classes below, as a fragment of HTML; of others their report or repr."""
-    return _page(_preformatted(thing.report()) if hasattr(thing, "report") else _text(repr(thing)))
+    if not hasattr(thing, "report"):
+        return _page(_text(repr(thing)))
+    return _page(f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(thing.report())}</pre></div>')
 
 
 @html.register
@@ -68,52 +66,6 @@ def _(motion: Trajectory) -> str:
         pieces.append(f'<div style="display:flex;flex-wrap:wrap;gap:.4em">{"".join(images)}</div>')
     lost = [f"{name} {six_digits(energy[-1])} J" for name, energy in (motion.dissipated or {}).items() if len(energy)]
     return _page(*pieces, *([_text(f"Dissipated by friction: {', '.join(lost)}")] if lost else []))
-
-
-@html.register
-def _(record: Recursion) -> str:
-    """The table of a recursion, or of the first state of its batch."""
-    if 0 in record.batch or not record.joints:
-        return _page(_text(repr(record)))
-    title = f"Recursion of {counted(len(record.joints), 'joint')}"
-    if record.batch:
-        title += f"\nThe first of the states of leading shape {record.batch}:"
-        record = record.state((0,) * len(record.batch))
-    rows = [row for i in range(len(record.joints)) for row in _record_rows(record, i)]
-    notes = LEGEND if record.a_e is not None else (*LEGEND, BRANCHED)
-    heads = ("joint", "quantity", "equation", "unit", "x", "y", "z")
-    return _page(_table(heads, rows, numbers=4, title=title), _text(" ".join(notes)))
-
-
-@html.register
-def _(kernel: Kernel) -> str:
-    """Inputs, output and operations of a kernel, and the beginning of its source."""
-    title, heads = repr(kernel), ("array", "shape", "unit")
-    rows = [
-        (name, f"(..., {width})", _units(name, kernel.model))
-        for name, width in zip(kernel.names, kernel.widths, strict=True)
-    ]
-    if not kernel.is_unrolled:
-        return _page(_table(heads, rows, title=title), _text(f"Too large to be written out: {kernel.model.n} joints."))
-    source = kernel.source().splitlines()
-    unit = next(line.split(" - ", 1)[1] for line in source if line.startswith("# Unit of the result"))
-    rows.append(("result", f"({', '.join(['...', *map(str, kernel.traced.shape)])})", unit))
-    counts = kernel.operations | {"all operations": sum(kernel.operations.values())}
-    lines = source[:SOURCE_LINES]
-    if len(source) > SOURCE_LINES:
-        lines.append(f"    ... {len(source) - SOURCE_LINES} more lines: kernel.source()")
-    return _page(
-        _table(heads, rows, title=title),
-        _table(tuple(counts), [tuple(map(str, counts.values()))], numbers=0),
-        _preformatted("\n".join(lines)),
-    )
-
-
-@html.register
-def _(base: BaseParameters) -> str:
-    """The combinations of parameters that torques depend on, and their values."""
-    rows = [(text, six_digits(value)) for text, value in zip(base.formulas, base.values, strict=True)]
-    return _page(_table(("base parameter", "value [SI]"), rows, numbers=1, title=repr(base)))
 
 
 def joint_table(model: Model) -> list[tuple[str, ...]]:
@@ -155,27 +107,6 @@ def _body_row(part: Part) -> tuple[str, ...]:
     return short(part.link), f"{float(part.mass):.6g}", centre, inertia
 
 
-def _record_rows(record: Recursion, i: int) -> Iterable[tuple[str, ...]]:
-    """The rows of one joint, its name in the first."""
-    title = joint_title(record, i)
-    for quantity, equation, unit, values in record_rows(record, i):
-        yield title, quantity, equation, unit, *[*map(_number, values), "", ""][:3]
-        title = ""
-
-
-def _number(x: Any) -> str:
-    """A number of any type that the dynamics take, real or complex."""
-    text = six_digits(x.real)
-    return f"{text} + {six_digits(x.imag)} i" if is_complex(x) else text
-
-
-def _units(name: str, model: Model) -> str:
-    if name not in UNITS:
-        return "N m, N" if name.startswith("external") else "s" if name == "t" else ""
-    rotating = model.is_revolute[list(model.independent_joints)]
-    return " or ".join(dict.fromkeys(UNITS[name][0 if turns else 1] for turns in rotating))
-
-
 def _page(*pieces: str) -> str:
     return f'<div style="max-width:100%">{"".join(pieces)}</div>'
 
@@ -185,16 +116,11 @@ def _text(text: str) -> str:
     return f'<p style="margin:.3em 0;overflow-wrap:anywhere">{lines}</p>'
 
 
-def _preformatted(text: str) -> str:
-    return f'<div style="{BOX}"><pre style="font-size:.85em;margin:0">{escape(text)}</pre></div>'
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: int = 99, title: str = "") -> str:
-    """A titled table that scrolls within its box; columns from `numbers` on are aligned to the right."""
-    sides = [CELL.format("right" if k >= numbers else "left") for k in range(len(heads))]
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, title: str = "") -> str:
+    """A titled table that scrolls within its box."""
 
     def line(tag: str, cells: Sequence[str]) -> str:
-        inside = [f'<{tag} style="{x}">{escape(cell)}</{tag}>' for cell, x in zip(cells, sides, strict=True)]
+        inside = (f'<{tag} style="{CELL}">{escape(cell)}</{tag}>' for cell in cells)
         return f"<tr>{''.join(inside)}</tr>"
 
     body = "".join(line("td", row) for row in rows)

@@ -183,14 +183,14 @@ def fan(
     if not isinstance(ensemble, Ensemble):
         raise TypeError(f"`ensemble` must be an rne.Ensemble, got {type(ensemble).__name__}")
     model = ensemble.model
-    chosen = _chosen(model.joint_names, joints)
+    names = _some_of(model.joint_names, model.joint_names if joints is None else joints, "joints", "joint")
+    chosen = [model.joint_names.index(name) for name in names]
     levels = real_numbers("probabilities", probabilities, "(P,)")
     if levels.ndim != 1 or not len(levels) or (np.diff(levels) <= 0).any():
         raise ValueError(
             f"`probabilities` must be rising numbers from 0 to 1, got {np.asarray(probabilities).tolist()}"
         )
     values = ensemble.quantiles(levels, of)
-    names = [model.joint_names[k] for k in chosen]
     if axes is None:
         title, height = f"{ensemble.q.shape[1]} motions of {model.name}", 2.6 if len(chosen) > 1 else 3.2
         where = panels(len(chosen), title, min(len(chosen), 3), height)
@@ -208,19 +208,6 @@ def fan(
     return figure
 
 
-def _chosen(names: Sequence[str], joints: Sequence[str] | None) -> list[int]:
-    if joints is None:
-        joints = names
-    elif isinstance(joints, str):
-        raise TypeError("`joints` must be a sequence of str, got str")
-    for joint in joints:
-        if joint not in names:
-            raise ValueError(f"`joints` must be from {list(names)}, got {joint!r}")
-    if not len(joints):
-        raise ValueError("`joints` must name at least one joint, got none")
-    return [names.index(joint) for joint in joints]
-
-
 def _bands(ax: Axes, t: Array, values: Array, levels: Array) -> None:
     """The bands of one joint, the outermost first; values of shape (P, S)."""
     pairs = len(levels) // 2
@@ -235,16 +222,9 @@ def panels_of(
     motion: Motion, labels: Sequence[str], rotating: Array | None, quantities: Sequence[str] | None
 ) -> list[Panel]:
     """The panels that show the quantities, each with one unit where the types of the joints are known."""
-    if quantities is None:
-        quantities = [name for name in DEFAULT if name in motion.quantities and (name != "tau" or motion.is_driven)]
-    elif isinstance(quantities, str):
-        raise TypeError("`quantities` must be a sequence of str, got str")
-    if not len(quantities):
-        raise ValueError("`quantities` must name at least one quantity, got none")
+    usual = [name for name in DEFAULT if name in motion.quantities and (name != "tau" or motion.is_driven)]
     colors, found = joint_colors(motion.n), []
-    for quantity in quantities:
-        if quantity not in motion.quantities:
-            raise ValueError(f"`quantities` must be from {list(motion.quantities)}, got {quantity!r}")
+    for quantity in _some_of(motion.quantities, usual if quantities is None else quantities, "quantities", "quantity"):
         if quantity in ENERGIES:
             names = ENERGIES[quantity]
             shades = joint_colors(len(names)) if len(names) > 1 else ["0.5"]
@@ -254,6 +234,18 @@ def panels_of(
             chosen = tuple(labels[k] for k in columns)
             found.append(Panel(quantity, columns, chosen, [colors[k] for k in columns], label))
     return found
+
+
+def _some_of(known: Sequence[str], given: Sequence[str], argument: str, noun: str) -> Sequence[str]:
+    """The names given, at least one and all of them known."""
+    if isinstance(given, str):
+        raise TypeError(f"`{argument}` must be a sequence of str, got str")
+    if not len(given):
+        raise ValueError(f"`{argument}` must name at least one {noun}, got none")
+    for name in given:
+        if name not in known:
+            raise ValueError(f"`{argument}` must be from {list(known)}, got {name!r}")
+    return given
 
 
 def _by_unit(quantity: str, n: int, rotating: Array | None) -> list[tuple[list[int], str]]:

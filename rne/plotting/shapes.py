@@ -149,7 +149,9 @@ def _shapes_of(link: str, visual: Any, colors: dict[str, Any], folders: Sequence
         scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3).astype(float)
         _check(f"mesh {mesh.filename!r}", pose, np.abs(scale))
         for part in _meshes(_find(mesh.filename, folders), mesh.filename):
-            own = color or _own_color(part.visual)
+            look: Any = part.visual
+            main = np.array(getattr(look, "material", look).main_color) / 255 if look.defined else None
+            own = color or (None if main is None else _rgba(main))
             yield Shape(link, "mesh", pose, own, mesh=part.apply_transform(np.diag([*scale, 1.0])))
 
 
@@ -181,11 +183,6 @@ def _meshes(file: Path, name: str) -> list[Trimesh]:
     if not found:
         raise ValueError(f"mesh {name!r} has no triangles")
     return found
-
-
-def _own_color(visual: Any) -> Color | None:
-    """The main colour of a mesh, or None where it has none."""
-    return _rgba(np.array(getattr(visual, "material", visual).main_color) / 255) if visual.defined else None
 
 
 def _rgba(values: Any) -> Color:

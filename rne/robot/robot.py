@@ -102,42 +102,38 @@ class Robot(InNotebooks):
 
     @property
     def lower(self) -> Array:
-        """Lower ends of the joints' ranges, -inf where unknown, shape (n,) [rad or m]."""
-        return self._of_coordinates(self._model.lower)
+        """Lower ends of the joints' ranges and those of their mimics, -inf where unknown, shape (n,) [rad or m]."""
+        return self._model.coordinate_limits()["lower"]
 
     @property
     def upper(self) -> Array:
-        """Upper ends of the joints' ranges, inf where unknown, shape (n,) [rad or m]."""
-        return self._of_coordinates(self._model.upper)
+        """Upper ends of the joints' ranges and those of their mimics, inf where unknown, shape (n,) [rad or m]."""
+        return self._model.coordinate_limits()["upper"]
 
     @property
     def velocity_limit(self) -> Array:
-        """Largest joint velocities, inf where unknown, shape (n,) [rad/s or m/s]."""
-        return self._of_coordinates(self._model.velocity_limit)
+        """Largest velocities of the joints and their mimics, inf where unknown, shape (n,) [rad/s or m/s]."""
+        return self._model.coordinate_limits()["velocity_limit"]
 
     @property
     def effort_limit(self) -> Array:
         """Largest torques of the drives, inf where unknown, shape (n,) [N m or N]."""
-        return self._of_coordinates(self._model.effort_limit)
+        return self._model.coordinate_limits()["effort_limit"]
 
     @property
     def acceleration_limit(self) -> Array:
-        """Largest accelerations of the joints, inf where unknown, shape (n,) [rad/s^2 or m/s^2]."""
-        return self._of_coordinates(self._model.acceleration_limit)
+        """Largest accelerations of the joints and their mimics, inf where unknown, shape (n,) [rad/s^2 or m/s^2]."""
+        return self._model.coordinate_limits()["acceleration_limit"]
 
     @property
     def deceleration_limit(self) -> Array:
         """Largest accelerations against the direction of motion; `acceleration_limit` where not given, shape (n,)."""
-        return self._of_coordinates(self._model.braking_limit)
+        return self._model.coordinate_limits()["deceleration_limit"]
 
     @property
     def jerk_limit(self) -> Array:
-        """Largest jerks of the joints, inf where unknown, shape (n,) [rad/s^3 or m/s^3]."""
-        return self._of_coordinates(self._model.jerk_limit)
-
-    def _of_coordinates(self, limits: Array) -> Array:
-        """Limits of the joints in `joint_names`; a model also has limits of joints that mimic others."""
-        return limits[list(self._model.independent_joints)]
+        """Largest jerks of the joints and their mimics, inf where unknown, shape (n,) [rad/s^3 or m/s^3]."""
+        return self._model.coordinate_limits()["jerk_limit"]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self._model, self.engine)
@@ -419,12 +415,7 @@ class Robot(InNotebooks):
         return record
 
     def diagnose(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike | None = None,
-        tau: ArrayLike | None = None,
-        *,
-        dtype: DTypeLike | None = None,
+        self, q: ArrayLike, qd: ArrayLike | None = None, tau: ArrayLike | None = None, *, dtype: DTypeLike | None = None
     ) -> Diagnosis:
         """Digits that forward dynamics keep in given states, and the motion that limits them.
 
@@ -459,12 +450,7 @@ class Robot(InNotebooks):
         return dynamics.diagnose(self._model, q, qd, tau, dtype=dtype)
 
     def bias_torque(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike,
-        *,
-        external: External | None = None,
-        parameters: ArrayLike | None = None,
+        self, q: ArrayLike, qd: ArrayLike, *, external: External | None = None, parameters: ArrayLike | None = None
     ) -> Array:
         """Joint torques at zero acceleration: C qd + g, less the torques that external wrenches supply.
 
@@ -1037,12 +1023,7 @@ class Robot(InNotebooks):
         """
         return self._kernels.evaluate_quantity(dynamics.control_regressor, q, qd, qdr, qddr)
 
-    def base_parameters(
-        self,
-        *,
-        drives: DriveModel | None = None,
-        tolerance: float = 1e-9,
-    ) -> BaseParameters:
+    def base_parameters(self, *, drives: DriveModel | None = None, tolerance: float = 1e-9) -> BaseParameters:
         """The fewest combinations of inertial and drive parameters that determine the joint torques, by rules.
 
         They follow from the axes and places of the joints and the direction of gravity: Gautier and Khalil 1990.
@@ -1074,11 +1055,7 @@ class Robot(InNotebooks):
         >>> base.count, base.standard.count, base.names[-1]
         (52, 78, 'Fc_6')
         """
-        found = dynamics.base_parameters(
-            self._model,
-            drives=drives,
-            tolerance=tolerance,
-        )
+        found = dynamics.base_parameters(self._model, drives=drives, tolerance=tolerance)
         return replace(found, body_regressor=self.regressor)
 
     def bounds(
@@ -1152,11 +1129,7 @@ class Robot(InNotebooks):
         )
 
     def with_payload(
-        self,
-        mass: float,
-        com: ArrayLike = (0.0, 0.0, 0.0),
-        inertia: ArrayLike | None = None,
-        link: str | None = None,
+        self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, link: str | None = None
     ) -> Robot:
         """The robot with a further rigid body fixed to one of its links.
 

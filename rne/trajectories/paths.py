@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from inspect import signature
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -27,10 +26,9 @@ def made_by(maker: str) -> Callable[[type[T]], type[T]]:
         @wraps(init)
         def checked(self: T, *args: Any, **options: Any) -> None:
             try:
-                signature(init).bind(self, *args, **options)
+                init(self, *args, **options)
             except TypeError:
                 raise TypeError(f"{cls.__name__} is made by `rne.trajectories.{maker}`, call that instead") from None
-            init(self, *args, **options)
 
         cls.__init__ = checked  # type: ignore[assignment, method-assign]
         return cls

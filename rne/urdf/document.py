@@ -91,7 +91,9 @@ def parse(data: bytes, report: Report) -> Any | None:
         return etree.fromstring(data, parser)
     except _DocumentType:
         message = "document type declarations and entities are not allowed"
-        report.error(_doctype_line(data), "file", message, "remove the <!DOCTYPE ...>")
+        # A parser target is not told lines: they are counted, in UTF-16 without the zero bytes.
+        before, found, _ = data.replace(b"\0", b"").partition(b"<!DOCTYPE")
+        report.error(before.count(b"\n") + 1 if found else None, "file", message, "remove the <!DOCTYPE ...>")
     except etree.XMLSyntaxError:
         other = _error_by_expat(data)
         if other is None and {entry.type for entry in parser.error_log} == {UNDECLARED}:
@@ -109,12 +111,6 @@ def _error_by_expat(data: bytes) -> Any | None:
     except (expat.ExpatError, LookupError, ValueError) as error:  # the others are about encodings
         return error
     return None
-
-
-def _doctype_line(data: bytes) -> int | None:
-    """A parser target is not told lines: count them, in UTF-16 without the zero bytes."""
-    before, found, _ = data.replace(b"\0", b"").partition(b"<!DOCTYPE")
-    return before.count(b"\n") + 1 if found else None
 
 
 def _report_syntax_error(data: bytes, log: Any, other: Any, report: Report) -> None:

@@ -39,7 +39,12 @@ def slide_far_origins(parts: list[Part], unrounded: Sequence[tuple[Array, Array]
 
 def far_origins(parts: Sequence[Part]) -> list[float]:
     """The distance to slide each joint's origin along its axis; 0 for those that stay, in ordinary robots all [m]."""
-    origins, axes, coms = _at_zero(parts)
+    poses: list[Pose] = []  # in the root's frame, all joints at zero
+    for part in parts:
+        poses.append(poses[part.parent].then(part.placement) if part.parent >= 0 else part.placement)
+    origins = [p for _, p in poses]
+    axes = [rotate(R, part.axis.astype(Extended)) for part, (R, _) in zip(parts, poses, strict=True)]
+    coms = [p + rotate(R, part.com.astype(Extended)) for part, (R, p) in zip(parts, poses, strict=True)]
     masses = [Extended(part.mass) for part in parts]
     firsts = [m * c for m, c in zip(masses, coms, strict=True)]
     sizes = []  # of bodies, squared [m^2]
@@ -61,16 +66,6 @@ def far_origins(parts: Sequence[Part]) -> list[float]:
     if not any(abs(s) > FAR * reach > 0 for s in slides) or not np.isfinite(slides).all():
         return [0.0] * len(parts)
     return [s if abs(s) > reach else 0.0 for s in slides]
-
-
-def _at_zero(parts: Sequence[Part]) -> tuple[list[Array], list[Array], list[Array]]:
-    """Origin, axis and centre of mass of every part in the root's frame, all joints at zero."""
-    poses: list[Pose] = []
-    for part in parts:
-        poses.append(poses[part.parent].then(part.placement) if part.parent >= 0 else part.placement)
-    axes = [rotate(R, part.axis.astype(Extended)) for part, (R, _) in zip(parts, poses, strict=True)]
-    coms = [p + rotate(R, part.com.astype(Extended)) for part, (R, p) in zip(parts, poses, strict=True)]
-    return [p for _, p in poses], axes, coms
 
 
 def _moved(parts: list[Part], unrounded: Sequence[tuple[Array, Array]], distances: Sequence[float]) -> list[Part]:

@@ -132,12 +132,11 @@ def written(findings: Sequence[Finding], file: str, *, grouped: bool) -> list[st
         owner = OWNER.fullmatch(finding.element)
         kind = (finding.severity, finding.kind, finding.cure, owner.group(1) if owner else finding.element)
         groups.setdefault(kind if grouped else k, []).append(finding)
-    return [*(_printed(group, near) for group in groups.values()), f"{near}: {_summary(findings)}"]
-
-
-def _printed(group: Sequence[Finding], file: str) -> str:
-    first = replace(group[0], file=file)
-    return str(first if len(group) == 1 else replace(first, element=_owners(group), message=first.kind))
+    firsts = [(replace(group[0], file=near), group) for group in groups.values()]
+    lines = [str(x if len(group) == 1 else replace(x, element=_owners(group), message=x.kind)) for x, group in firsts]
+    number = Counter(finding.severity for finding in findings)
+    counts = ", ".join(counted(number[name], name) for name in sorted(number))
+    return [*lines, f"{near}: {counts}: {'does not load' if number['error'] else 'loads as written'}"]
 
 
 def _owners(group: Sequence[Finding]) -> str:
@@ -152,10 +151,3 @@ def _owners(group: Sequence[Finding]) -> str:
     more = f" and {len(shown) - MAX_NAMES} more" if len(shown) > MAX_NAMES else ""
     tag = owners[0].group(1) if owners[0] else ""
     return f"{tag}{'s' * (len(names) > 1)} {', '.join(shown[:MAX_NAMES])}{more}"
-
-
-def _summary(findings: Iterable[Finding]) -> str:
-    """Such as `1 error, 2 warnings: does not load`."""
-    number = Counter(finding.severity for finding in findings)
-    counts = ", ".join(counted(number[name], name) for name in sorted(number))
-    return f"{counts}: {'does not load' if number['error'] else 'loads as written'}"

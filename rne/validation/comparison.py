@@ -289,7 +289,8 @@ def _result(
     data: TorqueDifference, names: tuple[str, ...], text: str, residual: Array, found: list[Candidate]
 ) -> ModelComparison:
     """The result, with other causes that explain the torques with as few free numbers as the first."""
-    equals = [c for c in found if c.explains and c.numbers <= found[0].numbers and not _akin(c.causes, names)]
+    fitting = [c for c in found if c.explains and c.numbers <= found[0].numbers]
+    others = [c for c in fitting if not any(a in b or b in a for a in c.causes for b in names)]  # friction: viscous too
     size = float(np.linalg.norm(data.weighted(data.difference))) or 1.0
     return ModelComparison(
         data.robot.joint_names,
@@ -299,11 +300,6 @@ def _result(
         data.relative(residual),
         data.relative(np.broadcast_to(data.rounding, data.tau.shape)),
         tuple(found),
-        tuple(dict.fromkeys(" and ".join(c.causes) for c in equals)),
+        tuple(dict.fromkeys(" and ".join(c.causes) for c in others)),
         tuple(float(np.linalg.norm(data.weighted(c.residual))) / size for c in found),
     )
-
-
-def _akin(names: tuple[str, ...], others: tuple[str, ...]) -> bool:
-    """True if one names the other: friction and viscous friction."""
-    return any(a in b or b in a for a in names for b in others)

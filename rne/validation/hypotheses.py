@@ -7,7 +7,7 @@ the robot at q', in its own order and with its signs, tau[order] = s tau'(q', a'
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, permutations, product
 from math import comb, factorial
@@ -17,6 +17,7 @@ import numpy as np
 
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import listed, six_digits
+from ..dynamics.rnea import gravity_torque
 from ..model.parameters import COLUMNS, PARAMETERS, ROWS, parameters_of
 from ..robot import Robot
 from .torque_difference import Candidate, TorqueDifference
@@ -62,7 +63,8 @@ def vector_text(x: Array) -> str:
 
 def gravity(data: TorqueDifference) -> Iterator[LinearCause]:
     """Sign, magnitude and direction."""
-    g, columns = data.robot.model.gravity, data.gravity_columns
+    g = data.robot.model.gravity
+    columns = np.stack([gravity_torque(replace(data.robot.model, gravity=e, notes={}), data.q) for e in np.eye(3)], -1)
     own = columns @ g
     if g.any():
         yield switch("gravity sign", -2 * own, "gravity has the opposite sign")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..basics.spatial import Array
-from ..dynamics.rnea import gravity_torque
 from ..model.model import joint_array
 from ..model.standard_parameters import MEASURED, StandardParameters
 from ..robot import Robot
@@ -115,12 +114,6 @@ class TorqueDifference:
         return np.concatenate([bodies, self.standard.drive_columns(self.qd, self.qdd)], axis=-1)
 
     @cached_property
-    def gravity_columns(self) -> Array:
-        """Torques per unit of each component of gravity, shape (N, n, 3)."""
-        units = [replace(self.robot.model, gravity=e, notes={}) for e in np.eye(3)]
-        return np.stack([gravity_torque(model, self.q) for model in units], axis=-1)
-
-    @cached_property
     def few(self) -> Array:
         """A few of the states, enough to choose among many hypotheses."""
         return np.unique(np.linspace(0, len(self.q) - 1, FEW).round().astype(int))
@@ -175,14 +168,12 @@ def all_parameters(robot: Robot) -> StandardParameters:
 
 def torque_difference(robot: Robot, other: Other, tolerance: float, seed: int) -> TorqueDifference:
     """The torques of another robot or function at random states, or those given."""
-    if isinstance(other, Robot):
-        if other.n != robot.n:
-            raise ValueError(f"`other` must have {robot.n} joints, as the robot, got {other.n}")
-        q, qd, qdd = random_states(robot, seed)
-        tau = other.inverse_dynamics(q, qd, qdd)
-    elif callable(other):
-        q, qd, qdd = random_states(robot, seed)
-        tau = np.asarray(other(q, qd, qdd), dtype=np.float64)
+    if isinstance(other, Robot) and other.n != robot.n:
+        raise ValueError(f"`other` must have {robot.n} joints, as the robot, got {other.n}")
+    torques = other.inverse_dynamics if isinstance(other, Robot) else other
+    if callable(torques):
+        q, qd, qdd = states_in_range(robot, seed)
+        tau = np.asarray(torques(q, qd, qdd), dtype=np.float64)
         if tau.shape != q.shape:
             raise ValueError(f"`other` must return torques of shape {q.shape}, got {tau.shape}")
     elif isinstance(other, Sequence) and len(other) == 4:
@@ -210,13 +201,11 @@ def given_torques(robot: Robot, other: Sequence[Any]) -> list[Array]:
     return arrays
 
 
-def random_states(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
+def states_in_range(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
     """States all over the ranges of the joints."""
     rng = np.random.default_rng(seed)
-    model = robot.model
-    drive = list(model.independent_joints)
-    reach = np.array([SLIDING if model.joint_types[j] == "prismatic" else TURNING for j in drive])
-    lower, upper = (np.clip(x[drive], -reach, reach) for x in (model.lower, model.upper))
+    reach = np.where(robot.model.is_revolute[list(robot.model.independent_joints)], TURNING, SLIDING)
+    lower, upper = (np.clip(x, -reach, reach) for x in (robot.lower, robot.upper))
     q = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper), (STATES, robot.n))
     scale = np.where(reach == SLIDING, SLIDING, 1.0)
     qd = RATE * scale * rng.standard_normal(q.shape)
