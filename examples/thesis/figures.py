@@ -113,10 +113,11 @@ def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> A
     return figure
 
 
-def plot_long(symplectic: rne.Trajectory, explicit: rne.Trajectory) -> Any:
-    """Energy error over a long run by a symplectic method and by RK45, and its level."""
-    figure, axes = column(f"Free swing for {symplectic.t[-1]:g} s: energy error", [1.8, 1.8])
-    for ax, run, name in ((axes[0], symplectic, "gauss-4, 5 ms"), (axes[1], explicit, "RK45, rtol 1e-4")):
+def plot_long(runs: Mapping[str, rne.Trajectory]) -> Any:
+    """Energy errors over long runs, by method and tolerance, and their levels."""
+    duration = max(run.t[-1] for run in runs.values())
+    figure, axes = column(f"Free swing for {duration:g} s: energy error", [1.8] * len(runs))
+    for ax, (name, run) in zip(axes, runs.items(), strict=True):
         drawn = lines(ax, run.t, (run.energy - run.energy[0])[:, None], ["error"], color="0.5")
         middles, level = levels(run)
         drawn += lines(ax, middles, level[:, None], ["its level: medians"], first=3)

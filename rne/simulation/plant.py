@@ -40,7 +40,7 @@ ROUNDING = 1e-9  # of the largest load or acceleration: closer to the limit a lo
 class System:
     """Equations of motion that a solver integrates, and what may switch in them: nothing by itself.
 
-    `Plant` is that of a scene, `DryPlant` of one with friction that sticks, `Hamilton` of a free motion in (q, p).
+    `Plant` is that of a scene, `DryPlant` of one with friction that sticks.
     """
 
     events: Sequence[Event] = ()  # what ends a segment, beside samples, breaks and stops
@@ -53,10 +53,6 @@ class System:
         """The time of `span` closest to t."""
         first, last = self.span
         return first if t < first else last if t > last else t
-
-    def start(self, x: Array) -> Array:
-        """The solver's state at the start of a run, of (q, qd, z)."""
-        return x
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Prepare for a segment that begins at t; torques are evaluated within `span`."""
@@ -79,10 +75,6 @@ class System:
         Times up to a relative rounding `same` before a sample count as being there.
         """
         return None
-
-    def states(self, X: Array) -> Array:
-        """All reported states, shape (T, size), as (q, qd, z)."""
-        return X
 
 
 class Plant(System):
