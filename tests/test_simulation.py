@@ -589,7 +589,7 @@ def test_other_odd_arguments_are_named(double, irb140):
             lambda: rne.control.computed_torque(double, 1, 1, lambda: 0),
             "`reference` must be a function of (t), got one of ()",
         ),
-        (lambda: rne.check_gains(double, 1, 1, bounds=3), "`bounds` must be found by robot.bounds, got int"),
+        (lambda: rne.check_gains(double, 1, 1, bounds=3), "`bounds` must be a result of robot.bounds(), got int"),
         (
             lambda: rne.Scene(irb140, friction=rne.Friction(1)).forward_dynamics([0] * 6, [0] * 6, [1, 2]),
             "`tau` must have shape (..., 6) for robot 'irb140', got (2,)",

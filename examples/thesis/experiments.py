@@ -14,7 +14,7 @@ from rne.commands.pages import STRETCHED_OUT
 from rne.model.abb_irb140 import CLOSED_LOOPS
 
 from .closed_loop import REST, loop_scene, variations
-from .formulations import RUNS, STARTS, THESIS, both, costs, same_numbers
+from .formulations import RUNS, STARTS, THESIS, Motion, both, costs, same_numbers, simulated
 from .loop_plots import fine_grid
 
 PI = np.pi
@@ -87,7 +87,7 @@ def sampled(k: int) -> list[Timed]:
 class Tipping(NamedTuple):
     """7.1-2 from 1e-6 rad along its unstable mode."""
 
-    motion: rne.Trajectory
+    motion: Motion
     distance: np.ndarray  # of the joints from the equilibrium, (T,) [rad]
     rate: float  # of the linearised equations [1/s]
 
@@ -98,8 +98,8 @@ class Tipping(NamedTuple):
         return float(np.polyfit(self.motion.t[small], np.log(self.distance[small]), 1)[0])
 
 
-def tipping(formulation: str = "newton-euler") -> Tipping:
-    """How fast a small deviation from the unstable equilibrium 7.1-2 grows, by one formulation."""
+def tipping(dynamics: Any = rne.dynamics.forward_dynamics) -> Tipping:
+    """How fast a small deviation from the unstable equilibrium 7.1-2 grows, by one formulation's forward dynamics."""
     robot = rne.load("irb140")
     start = np.array(STARTS["7.1-2"])
     A, _ = robot.linearize(start, REST, REST)
@@ -108,8 +108,8 @@ def tipping(formulation: str = "newton-euler") -> Tipping:
     rate = float(np.sqrt(squares[k].real))
     mode = modes[:, k].real * 1e-6 / np.abs(modes[:, k]).max()
     times = np.linspace(0, 1.6, 801)
-    scene = rne.Scene(robot, formulation=formulation)
-    motion = rne.simulate(scene, start + mode, rate * mode, 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
+    how = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-15}
+    motion = simulated(robot, dynamics, start + mode, rate * mode, times, **how)
     return Tipping(motion, np.abs(motion.q - start).max(axis=1), rate)
 
 
@@ -158,7 +158,7 @@ JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "swings": (swings, ()),
     "equilibrium 7.1-1": (still, ()),
     "equilibrium 7.1-2": (tipping, ()),
-    "equilibrium 7.1-2, Euler-Lagrange": (tipping, ("euler-lagrange",)),
+    "equilibrium 7.1-2, Euler-Lagrange": (tipping, (rne.dynamics.lagrange_forward_dynamics,)),
     **{f"chapter 7, run {run}": (both, (run,)) for run in RUNS},
     **{f"figure 7.{k + 3}": (same_numbers, (k,)) for k in range(3)},
     "formulations": (costs, ()),

@@ -11,7 +11,7 @@ from rne.plotting.plots import BELOW
 
 from .closed_loop import lyapunov
 from .experiments import SAMPLE_TIMES, SOLVERS, Timed, levels, wrong_height
-from .formulations import Pair
+from .formulations import Motion, Pair
 from .loop_plots import JOINTS
 from .numbered_figures import DASHED
 
@@ -102,7 +102,7 @@ def plot_formulations(pairs: Mapping[str, Pair]) -> Any:
     return figure
 
 
-def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> Any:
+def plot_tipping(motion: Motion, distance: np.ndarray, rate: float) -> Any:
     """7.1-2 from 1e-6 rad along its unstable mode, and the exponential growth of its linearisation."""
     figure, (ax,) = column("7.1-2 started 1e-6 rad off its equilibrium", [2.4])
     growth = 1e-6 * np.exp(rate * motion.t)
