@@ -206,7 +206,7 @@ class AppliedTorques:
                 result, *pivots = result
                 status = quantity.check(model, given, result, *pivots)
         if status.error is None:
-            check_result(self.title, result)
+            check_result(self.title, result, leading)
         return np.asarray(result), status
 
     @cached_property

@@ -172,7 +172,11 @@ class Plant(System):
         """Powers of the `integrated` at many times, shapes (T,) and (T, size); held torques have none among them."""
         u = None if self.held is None else np.zeros((len(t), self.robot.n))
         u = u if self.law is None else self.torques_at(t, X)
-        found, _ = self.rhs.torques.kernel.evaluate(t[:, None], X, *(() if u is None else (u,)))
+        try:
+            found, _ = self.rhs.torques.kernel.evaluate(t[:, None], X, *(() if u is None else (u,)))
+        except NotFiniteError as error:
+            time = float(t[error.state])
+            raise NotFiniteError(f"{error.args[0]} at t = {time:.6g} s", time) from None
         return found[:, -len(self.integrated) :]
 
     def drive_torques(self, t: Array, X: Array) -> Array | None:
