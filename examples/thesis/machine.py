@@ -98,7 +98,7 @@ def printed(page: Report, _: dict[str, Any]) -> None:
 
 def long_swing(page: Report, found: dict[str, Any]) -> None:
     """6.4-1 for much longer."""
-    runs = {f"{name}, rtol {rtol:g}": found[f"long {name}"] for name, rtol in LONG_RTOL.items()}
+    runs = {f"{name}, rtol {rtol:.0e}": found[f"long {name}"] for name, rtol in LONG_RTOL.items()}
     motions = {name: run.motion for name, run in runs.items()}
     page.heading(f"The free swing for {motions[min(motions)].t[-1]:g} s")
     rows, sentences = [], []
