@@ -27,7 +27,7 @@ STIFF_MACHINE_CODE = 150.0  # where the law is sampled in machine code, as fast 
 HELD_BACK = 1.5  # steps of this many time constants of the fastest mode: stability limits them, not accuracy
 REACHED = {"DOP853": 4.0, "RK45": 2.5}  # time constants of the fastest mode in a step that stability limits, at least
 # Times as much time per work, which makes a change from Rodas5P worth trying. Without the way back, 100 s of free
-# motion after a brake that fades within 0.3 s take three to five times as long; without undoing changes, some take twice.
+# motion after a brake that fades within 0.3 s take three to five times as long; without undoing changes, some twice.
 WORTH = 2.0
 CHECKED = 100  # steps between two looks, and after a change of the method
 IN_MACHINE_CODE, UNDAMPED = 2, 10  # times as many of a compiled loop, whose steps cost little, and of free motion
