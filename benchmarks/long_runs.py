@@ -1,7 +1,7 @@
 """Long free swings: wall time against energy drift, the largest |E(t) - E(0)| on a grid of times.
 
 The grid and the energy function are the same for all. Between its steps a SciPy method interpolates; equal steps meet
-the grid.
+the grid. gauss-4 is a symplectic method for comparison, in benchmarks/gauss.py.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.gauss import swing
 from benchmarks.mujoco_runs import INTEGRATORS, stepper
 from benchmarks.runs import TURN, Arms, Motion, Row, in_solve_ivp, measured, simulated, start, their_side, tolerance
 
@@ -22,7 +23,7 @@ class Plan(NamedTuple):
     samples: int  # of the energy, beside that at the start
     repeats: int
     tolerances: Mapping[str, tuple[float, ...]]  # of SciPy's methods
-    steps: Mapping[str, tuple[float, ...]]  # of ours with equal steps [s]
+    steps: Mapping[str, tuple[float, ...]]  # of Gauss's method [s]
     mujoco: Mapping[str, tuple[float, ...]]  # of MuJoCo's integrators [s]
 
 
@@ -58,9 +59,10 @@ def compare(arms: Arms, plan: Plan) -> dict[str, Any]:
     x0, duration = start(robot.n), plan.duration
     grid = np.linspace(0.0, duration, plan.samples + 1)
     theirs = their_side(robot)
-    for method in ("RK45", *plan.tolerances, *plan.steps):
-        for arm in arms.values():
+    for arm in arms.values():
+        for method in plan.tolerances:
             simulated(arm, x0, 0.05, method=method, t_eval=[0.05])
+        swing(arm, x0, grid[:2], 0.01)
 
     def drift(motion: Motion) -> float:
         energy = robot.kinetic_energy(*motion) + robot.potential_energy(motion[0])
@@ -79,7 +81,8 @@ def compare(arms: Arms, plan: Plan) -> dict[str, Any]:
             rows.append(timed(method, f"{o['rtol']:.0e}", calls | ours(**o)))
     for method, steps in plan.steps.items():
         for h in steps:
-            rows.append(timed(method, f"{h * 1e3:g} ms", ours(method=method, step=h)))
+            calls = {name: lambda arm=arm, h=h: swing(arm, x0, grid, h) for name, arm in arms.items()}
+            rows.append(timed(method, f"{h * 1e3:g} ms", calls))
     peer = stepper(robot, x0, grid)
     if isinstance(peer, str):
         return {"runs": rows, "refused": {"MuJoCo": peer}}

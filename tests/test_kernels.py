@@ -5,6 +5,7 @@ import itertools
 import pickle
 import re
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
@@ -263,12 +264,15 @@ class TestErrors:
             irb140.forward_dynamics(np.zeros((5, 6)), np.zeros(6), tau)
 
     def test_overflow_is_named(self, irb140):
-        qd = np.full((4, 6), 1e200)
-        text = r"^bias_torque overflows float64 for these arguments; the result is not finite$"
-        with pytest.raises(rne.NotFiniteError, match=text):
-            irb140.bias_torque(np.ones(6), qd)
-        with pytest.raises(rne.NotFiniteError, match=text):
-            irb140.bias_torque(np.ones(6), qd[0])
+        qd = np.ones((2, 3, 6))
+        qd[1, 2] = 1e200
+        text = r"^bias_torque overflows float64 for these arguments; the result is not finite"
+        for function in (irb140.bias_torque, partial(rne.dynamics.bias_torque, irb140.model)):
+            with pytest.raises(rne.NotFiniteError, match=rf"{text} at state \(1, 2\)$") as caught:
+                function(np.ones(6), qd)
+            assert caught.value.state == (1, 2)
+            with pytest.raises(rne.NotFiniteError, match=f"{text}$"):
+                function(np.ones(6), qd[1, 2])
 
     def test_large_finite_values_are_no_error(self, irb140):
         tau = np.full((2, 6), 1e308)

@@ -236,48 +236,6 @@ def test_forward_dynamics_are_those_of_newton_euler(arm):
     q, qd, tau = states(arm.n, 10)
     expected = rne.dynamics.forward_dynamics(arm, q, qd, tau)
     kappa = np.linalg.cond(rne.dynamics.mass_matrix(arm, q)).max()
-    assert relative(rne.dynamics.lagrange_forward_dynamics(arm, q, qd, tau), expected) <= 20 * kappa * EPS
-
-
-class TestScene:
-    """A scene in the Euler-Lagrange formulation: other equations, the same motion."""
-
-    def both(self, irb140, q0, duration, **parts):
-        scenes = [rne.Scene(irb140, formulation=f, **parts) for f in ("newton-euler", "euler-lagrange")]
-        assert sum(scenes[1].kernel.operations.values()) > 2 * sum(scenes[0].kernel.operations.values())
-        return [rne.simulate(s, q0, [0] * 6, duration, rtol=1e-9, atol=1e-12) for s in scenes]
-
-    def test_free_swing(self, irb140):
-        newton, lagrange = self.both(irb140, [0.3] * 6, 1.0)
-        np.testing.assert_allclose(lagrange.q[-1], newton.q[-1], atol=1e-9)
-
-    def test_closed_loop_with_everything(self, irb140):
-        law = rne.control.pd_gravity(irb140, [50] * 6, [20] * 6, [0.5] * 6)
-        parts = {"payload": 2.0, "friction": rne.Friction(1.0, 2.0), "effort_limit": [60.0] * 6, "controller": law}
-        newton, lagrange = self.both(irb140, [0] * 6, 0.2, **parts)
-        np.testing.assert_allclose(lagrange.q[-1], newton.q[-1], atol=1e-8)
-        np.testing.assert_allclose(lagrange.work[-1], newton.work[-1], rtol=1e-6)
-
-    @pytest.mark.parametrize(
-        ("parts", "method", "text"),
-        [
-            (
-                {"formulation": "lagrange"},
-                "auto",
-                "`formulation` must be one of ['newton-euler', 'euler-lagrange'], got 'lagrange'",
-            ),
-            (
-                {"formulation": "euler-lagrange", "friction": rne.Friction(coulomb=1, smoothing=0)},
-                "auto",
-                "`formulation` 'euler-lagrange' is not for friction that sticks",
-            ),
-            (
-                {"formulation": "euler-lagrange"},
-                "gauss-4",
-                "`method` 'gauss-4' is for the formulation 'newton-euler', got 'euler-lagrange'",
-            ),
-        ],
-    )
-    def test_what_it_cannot_do_is_named(self, irb140, parts, method, text):
-        with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-            rne.simulate(rne.Scene(irb140, **parts), [0] * 6, [0] * 6, 0.1, method=method)
+    traced = rne.Robot(arm).kernel(rne.dynamics.lagrange_forward_dynamics)
+    for found in (rne.dynamics.lagrange_forward_dynamics(arm, q, qd, tau), traced(q, qd, tau)):
+        assert relative(found, expected) <= 20 * kappa * EPS

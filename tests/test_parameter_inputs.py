@@ -433,13 +433,6 @@ class TestNumba:
             rne.ensemble(compiled, starts, 0 * starts, 0.05, step=5e-3, parameters=pi)
 
 
-def test_ensembles_by_euler_lagrange_refuse_parameters(irb140):
-    scene, q0 = rne.Scene(irb140, formulation="euler-lagrange"), np.zeros((1, 6))
-    text = "`parameters` need the formulation 'newton-euler', that of the scene is 'euler-lagrange'"
-    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-        rne.ensemble(scene, q0, q0, 0.1, step=0.01, parameters=irb140.parameters[None])
-
-
 class TestErrors:
     @pytest.mark.parametrize(
         ("change", "text"),

@@ -394,9 +394,9 @@ class TestFailures:
         ({"rtol": 1e-20}, "`rtol` must be at least 2.3e-14, as rounding errors exceed less, got 1e-20"),
         ({"atol": 1e-30}, "`atol` must be at least 1e-20, as rounding errors exceed less, got 1e-30"),
         (
-            {"method": "Euler"},
-            "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Radau', 'BDF', 'LSODA', 'Rodas5P', "
-            "'gauss-4'], got 'Euler'",
+            {"method": "gauss-4"},
+            "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Radau', 'BDF', 'LSODA', 'Rodas5P'], got "
+            "'gauss-4'",
         ),
         ({"torque": [1.0]}, "`torque` must have shape (2,), got (1,)"),
         ({"torque": lambda t, q, qd: [1.0]}, "`torque` must return shape (2,), got (1,) at t = 0 s"),

@@ -103,8 +103,8 @@ def costs(page: Report, found: dict[str, Any]) -> None:
     )
     pairs = {run: found[f"chapter 7, run {run}"] for run in TABLE}
     page.text(
-        "One motion by both formulations here, in the tolerances of the table in 7.1, both traced into kernels; the "
-        "times are those of this run of the page, beside which other simulations ran:"
+        "One motion by both formulations here, in the tolerances of the table in 7.1, both traced into kernels "
+        "and run by SciPy's solver; the times are those of this run of the page, beside which other simulations ran:"
     )
     page.table(
         ["run", "simulated", "Newton-Euler", "Euler-Lagrange", "evaluations", "ratio"],

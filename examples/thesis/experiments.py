@@ -14,7 +14,7 @@ from rne.commands.pages import STRETCHED_OUT
 from rne.model.abb_irb140 import CLOSED_LOOPS
 
 from .closed_loop import REST, loop_scene, variations
-from .formulations import RUNS, STARTS, THESIS, both, costs, same_numbers
+from .formulations import RUNS, STARTS, THESIS, Motion, both, costs, same_numbers, simulated
 from .loop_plots import fine_grid
 
 PI = np.pi
@@ -27,7 +27,8 @@ TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 SOLVERS = ("RK45", "LSODA", "Radau", "BDF")
 SAMPLE_TIMES = (1.30e-4, 1.35e-4)  # just below and just above the stability limit [s]
 SAMPLED = (2.0, 0.031)  # duration simulated with each [s]
-LONG, LONG_STEP, LONG_RTOL = 1000.0, 5e-3, 1e-4  # [s, s, 1]
+LONG = 1000.0  # [s]
+LONG_RTOL = {"DOP853": 1e-12, "RK45": 1e-4}
 LEVELS = 20  # parts of a long run, each with its level
 
 
@@ -86,7 +87,7 @@ def sampled(k: int) -> list[Timed]:
 class Tipping(NamedTuple):
     """7.1-2 from 1e-6 rad along its unstable mode."""
 
-    motion: rne.Trajectory
+    motion: Motion
     distance: np.ndarray  # of the joints from the equilibrium, (T,) [rad]
     rate: float  # of the linearised equations [1/s]
 
@@ -97,8 +98,8 @@ class Tipping(NamedTuple):
         return float(np.polyfit(self.motion.t[small], np.log(self.distance[small]), 1)[0])
 
 
-def tipping(formulation: str = "newton-euler") -> Tipping:
-    """How fast a small deviation from the unstable equilibrium 7.1-2 grows, by one formulation."""
+def tipping(dynamics: Any = rne.dynamics.forward_dynamics) -> Tipping:
+    """How fast a small deviation from the unstable equilibrium 7.1-2 grows, by one formulation's forward dynamics."""
     robot = rne.load("irb140")
     start = np.array(STARTS["7.1-2"])
     A, _ = robot.linearize(start, REST, REST)
@@ -107,8 +108,8 @@ def tipping(formulation: str = "newton-euler") -> Tipping:
     rate = float(np.sqrt(squares[k].real))
     mode = modes[:, k].real * 1e-6 / np.abs(modes[:, k]).max()
     times = np.linspace(0, 1.6, 801)
-    scene = rne.Scene(robot, formulation=formulation)
-    motion = rne.simulate(scene, start + mode, rate * mode, 1.6, t_eval=times, rtol=1e-12, atol=1e-15)
+    how = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-15}
+    motion = simulated(robot, dynamics, start + mode, rate * mode, times, **how)
     return Tipping(motion, np.abs(motion.q - start).max(axis=1), rate)
 
 
@@ -121,8 +122,7 @@ def still() -> float:
 def long_swing(method: str) -> Timed:
     """6.4-1 for 1000 s."""
     times = np.arange(0, LONG + 0.25, 0.5)
-    step = LONG_STEP if method == "gauss-4" else None
-    return timed(rne.load("irb140"), REST, REST, LONG, method=method, step=step, rtol=LONG_RTOL, t_eval=times)
+    return timed(rne.load("irb140"), REST, REST, LONG, method=method, rtol=LONG_RTOL[method], t_eval=times)
 
 
 def levels(motion: rne.Trajectory) -> tuple[np.ndarray, np.ndarray]:
@@ -146,8 +146,7 @@ def gravity_slope() -> float:
 
 
 JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
-    "long gauss-4": (long_swing, ("gauss-4",)),
-    "long RK45": (long_swing, ("RK45",)),
+    **{f"long {method}": (long_swing, (method,)) for method in LONG_RTOL},
     "sampled 0": (sampled, (0,)),
     "sampled 1": (sampled, (1,)),
     "sampled 2": (sampled, (2,)),
@@ -159,7 +158,7 @@ JOBS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
     "swings": (swings, ()),
     "equilibrium 7.1-1": (still, ()),
     "equilibrium 7.1-2": (tipping, ()),
-    "equilibrium 7.1-2, Euler-Lagrange": (tipping, ("euler-lagrange",)),
+    "equilibrium 7.1-2, Euler-Lagrange": (tipping, (rne.dynamics.lagrange_forward_dynamics,)),
     **{f"chapter 7, run {run}": (both, (run,)) for run in RUNS},
     **{f"figure 7.{k + 3}": (same_numbers, (k,)) for k in range(3)},
     "formulations": (costs, ()),

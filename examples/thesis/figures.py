@@ -11,7 +11,7 @@ from rne.plotting.plots import BELOW
 
 from .closed_loop import lyapunov
 from .experiments import SAMPLE_TIMES, SOLVERS, Timed, levels, wrong_height
-from .formulations import Pair
+from .formulations import Motion, Pair
 from .loop_plots import FLOOR, JOINTS, log_lines
 from .numbered_figures import DASHED
 
@@ -102,7 +102,7 @@ def plot_formulations(pairs: Mapping[str, Pair]) -> Any:
     return figure
 
 
-def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> Any:
+def plot_tipping(motion: Motion, distance: np.ndarray, rate: float) -> Any:
     """7.1-2 from 1e-6 rad along its unstable mode, and the exponential growth of its linearisation."""
     figure, (ax,) = column("7.1-2 started 1e-6 rad off its equilibrium", [2.4])
     growth = 1e-6 * np.exp(rate * motion.t)
@@ -113,10 +113,11 @@ def plot_tipping(motion: rne.Trajectory, distance: np.ndarray, rate: float) -> A
     return figure
 
 
-def plot_long(symplectic: rne.Trajectory, explicit: rne.Trajectory) -> Any:
-    """Energy error over a long run by a symplectic method and by RK45, and its level."""
-    figure, axes = column(f"Free swing for {symplectic.t[-1]:g} s: energy error", [1.8, 1.8])
-    for ax, run, name in ((axes[0], symplectic, "gauss-4, 5 ms"), (axes[1], explicit, "RK45, rtol 1e-4")):
+def plot_long(runs: Mapping[str, rne.Trajectory]) -> Any:
+    """Energy errors over long runs, by method and tolerance, and their levels."""
+    duration = max(run.t[-1] for run in runs.values())
+    figure, axes = column(f"Free swing for {duration:g} s: energy error", [1.8] * len(runs))
+    for ax, (name, run) in zip(axes, runs.items(), strict=True):
         drawn = lines(ax, run.t, (run.energy - run.energy[0])[:, None], ["error"], color="0.5")
         middles, level = levels(run)
         drawn += lines(ax, middles, level[:, None], ["its level: medians"], first=3)

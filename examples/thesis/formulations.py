@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import solve_ivp
 
 import rne
 from rne.commands.pages import settling_time
@@ -62,31 +63,39 @@ def closed_by_open() -> float:
     return TABLE["6.5-1"][0][0] / TABLE["7.1-2"][0][0]
 
 
-def newton_euler(start: ArrayLike, duration: float, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
+def newton_euler(start: ArrayLike, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
     """Simulate by Newton-Euler, from rest, under the thesis's controller if there is a reference."""
-    return _simulated(rne.load("irb140"), "newton-euler", start, duration, t, reference, **how)
+    return simulated(rne.load("irb140"), rne.dynamics.forward_dynamics, start, REST, t, reference, **how)
 
 
-def euler_lagrange(start: ArrayLike, duration: float, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
+def euler_lagrange(start: ArrayLike, t: np.ndarray, reference: ArrayLike | None, **how: Any) -> Motion:
     """Simulate by Euler-Lagrange the arm whose q3 counts the other way; all in the coordinates of that arm."""
-    return _simulated(rne.Robot(irb140_mirrored()), "euler-lagrange", start, duration, t, reference, **how)
+    mirrored = rne.Robot(irb140_mirrored())
+    return simulated(mirrored, rne.dynamics.lagrange_forward_dynamics, start, REST, t, reference, **how)
 
 
-def _simulated(
+def simulated(
     robot: rne.Robot,
-    formulation: str,
-    start: ArrayLike,
-    duration: float,
+    dynamics: Any,
+    q0: ArrayLike,
+    qd0: ArrayLike,
     t: np.ndarray,
-    reference: ArrayLike | None,
+    reference: ArrayLike | None = None,
     **how: Any,
 ) -> Motion:
+    """Simulate by SciPy and the traced kernel of either forward dynamics, to the last of the times t."""
     law = None if reference is None else rne.control.pd_gravity(robot, KP, KD, reference)
-    scene = rne.Scene(robot, controller=law, formulation=formulation)
-    rne.simulate(scene, start, REST, 0.0)  # traces the kernels
+    accelerations = robot.kernel(dynamics)
+
+    def rates(t: float, x: np.ndarray) -> np.ndarray:
+        q, qd = x[:6], x[6:]
+        return np.concatenate([qd, accelerations(q, qd, REST if law is None else law(t, q, qd))])
+
+    x0 = np.concatenate([q0, qd0])
+    rates(0.0, x0)  # traces the kernels
     begun = time.perf_counter()
-    motion = rne.simulate(scene, start, REST, duration, t_eval=t, **how)
-    return Motion(motion.t, motion.q, motion.evaluations, time.perf_counter() - begun)
+    found = solve_ivp(rates, (0.0, float(t[-1])), x0, t_eval=t, **how)
+    return Motion(t, found.y[:6].T, found.nfev, time.perf_counter() - begun)
 
 
 def both(run: str) -> Pair:
@@ -99,9 +108,7 @@ def both(run: str) -> Pair:
         how = CONTROL
     t = np.linspace(0, duration, samples)
     turned = None if reference is None else MIRROR * reference
-    return Pair(
-        newton_euler(start, duration, t, reference, **how), euler_lagrange(MIRROR * start, duration, t, turned, **how)
-    )
+    return Pair(newton_euler(start, t, reference, **how), euler_lagrange(MIRROR * start, t, turned, **how))
 
 
 class SameNumbers(NamedTuple):
@@ -137,8 +144,7 @@ def same_numbers(k: int) -> SameNumbers:
     loop = CLOSED_LOOPS[k]
     t = np.linspace(0, loop.duration, 1 + round(1000 * loop.duration))
     newton, lagrange = (
-        simulated(loop.start, loop.duration, t, loop.reference, **CONTROL)
-        for simulated in (newton_euler, euler_lagrange)
+        simulate(loop.start, t, loop.reference, **CONTROL) for simulate in (newton_euler, euler_lagrange)
     )
     return SameNumbers(newton, lagrange, np.array(loop.reference))
 

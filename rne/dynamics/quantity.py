@@ -185,7 +185,7 @@ def _declare(core: Callable[..., Any], check: Check | None, *, per_mass: bool = 
         if status.error is None:
             if per_mass:
                 check_mass(name, checked_model, given["q"].shape[:-1])
-            check_result(name, result)
+            check_result(name, result, given["q"].shape[:-1])
         return result, status
 
     @functools.wraps(core)
@@ -282,8 +282,10 @@ def check_mass(name: str, model: Model, leading: tuple[int, ...]) -> None:
         raise NotFiniteError(f"{name}: nothing that moves has a mass", state=state)
 
 
-def check_result(name: str, result: Any) -> None:
+def check_result(name: str, result: Any, leading: tuple[int, ...]) -> None:
     """Refuse a result that overflowed: finite arguments must not become a silent infinity or NaN."""
     for part in vars(result).values() if is_dataclass(result) else [result]:
         if isinstance(part, np.ndarray) and not is_finite(part).all():
-            raise NotFiniteError(f"{name} overflows {part.dtype} for these arguments; the result is not finite")
+            state = tuple(np.argwhere(~is_finite(part))[0, : len(leading)].tolist())
+            text = f"{name} overflows {part.dtype} for these arguments; the result is not finite"
+            raise NotFiniteError(text, state=state)

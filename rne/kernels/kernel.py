@@ -338,7 +338,7 @@ class Kernel:
             try:
                 result, status = self.by_recursion(*[array[begin:end].astype(dtype) for array in states])
             except NotFiniteError as error:
-                raise NotFiniteError(error.args[0], error.time, place(error.state) if error.state else ()) from None
+                raise NotFiniteError(error.args[0], error.time, place(error.state)) from None
 
             return np.asarray(result).reshape(end - begin, -1), status.with_state(place)
 

@@ -102,27 +102,17 @@ class Rates:
         try:
             rates, verdict = self.kernel.by_recursion(*states)
         except NotFiniteError as error:
-            raise self._located(error, states, numbers) from None
+            k, grid, cure = error.state[0], self.course.grid, ""
+            if len(grid):
+                cure = f"; steps of {grid[1] - grid[0]:g} s may be too long for the fastest decay: try shorter ones"
+            t = float(states[0][k, 0])
+            raise NotFiniteError(f"start {numbers[k]} at t = {t:.6g} s: {error.args[0]}{cure}", t) from None
         if verdict.error is not None:
             (k,) = verdict.error.state
             text = f"start {numbers[k]} at t = {states[0][k, 0]:.6g} s: {verdict.error.what}"
             raise SingularMassMatrixError(text, verdict.error.cause, verdict.error.joints)
         self.verdict = self.verdict.worse(verdict.with_state(lambda state: (int(numbers[state[0]]),)))
         return np.asarray(rates.T)
-
-    def _located(self, error: NotFiniteError, states: Sequence[Array], numbers: Array) -> NotFiniteError:
-        """The error with the first motion at fault, the time, and what may help."""
-        for k in range(len(numbers)):
-            try:
-                self.kernel.by_recursion(*(a[k] for a in states))
-            except NotFiniteError as found:
-                error = found
-                break
-        t, grid = float(states[0][k, 0]), self.course.grid
-        cure = ""
-        if len(grid):
-            cure = f"; steps of {grid[1] - grid[0]:g} s may be too long for the fastest decay: try shorter ones"
-        return NotFiniteError(f"start {numbers[k]} at t = {t:.6g} s: {error}{cure}", t)
 
 
 def combine(weights: Array, K: Array) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import Declared, PrecisionStatus, Quantity, check_arguments
+from ..errors import NotFiniteError
 from ..model.fewest_terms import with_fewest_terms
 from ..model.model import Model, model_argument
 from ..model.parameters import PARAMETERS, at_parameters
@@ -160,7 +161,10 @@ def by_recursion(
         k = names.index(name)
         perturbed = [a[..., None, :] for a in arrays]
         perturbed[k] = perturbed[k] + 1j * STEP * np.eye(arrays[k].shape[-1])
-        columns.append(np.moveaxis(evaluate(perturbed)[0].imag / STEP, leading, -1))
+        try:
+            columns.append(np.moveaxis(evaluate(perturbed)[0].imag / STEP, leading, -1))
+        except NotFiniteError as error:
+            raise NotFiniteError(error.args[0], state=error.state[:leading]) from None
     return np.concatenate(columns, axis=-1).astype(real), status
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import per_joint_array, positive_number, real_array
+from ..basics.arrays import per_joint_array, real_array
 from ..basics.spatial import Array
 from ..basics.text import Row, aligned, counted, short, six_digits
 from ..robot import Robot
@@ -218,7 +218,6 @@ def drives(
     gear: ArrayLike = 1.0,
     rotor: ArrayLike = 0.0,
     efficiency: ArrayLike = 1.0,
-    every: float = EVERY,
 ) -> DriveReport:
     """What the drives, gears and bearings of a robot bear over the cycle of a motion.
 
@@ -227,7 +226,8 @@ def drives(
     robot : Robot or Scene
         What moves; a Scene with its payload and friction, which count where the motion brings no torques of its own.
     motion : FastestMotion, Trajectory, Record or function of time
-        Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, or anything with
+        Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, taken every
+        millisecond, at its `t` and `instants` and on both sides of its `breaks`, where it has them; or anything with
         arrays t, q and qd, and tau and qdd if they are known. A `rne.identification.Record` is prepared first, which
         filters its torques. Of a Trajectory its samples, what lies between the solver's own steps and both sides of
         jumps; if it has times of `t_eval`, these alone, and `print` says where they are too far apart.
@@ -238,9 +238,6 @@ def drives(
         that contain it [kg m^2].
     efficiency : float or array_like, shape (n,), optional
         Of the gear, above 0 up to 1: the load's torque over the motor's while it drives, the inverse while it brakes.
-    every : float, optional
-        Time between the samples of a function of time, to which its `t`, `instants` and both sides of its `breaks` are
-        added, where it has them [s].
 
     Returns
     -------
@@ -273,7 +270,7 @@ def drives(
     planned = getattr(motion, "scene", None)
     if isinstance(planned, Scene) and not isinstance(robot, Scene):
         moved = planned.resolved.robot  # with the payload that the motion was planned for
-    t, q, qd, qdd, tau = _samples(scene, motion, positive_number("every", every))
+    t, q, qd, qdd, tau = _samples(scene, motion)
     gears = per_joint_array("gear", gear, moved.n, sign="positive")
     rotors = per_joint_array("rotor", rotor, moved.n, sign="not negative")
     efficiencies = per_joint_array("efficiency", efficiency, moved.n, sign="positive")
@@ -299,24 +296,24 @@ def _work_error(motion: Trajectory, t: Array, power: Array) -> float:
     return float(np.abs(np.diff(work[np.searchsorted(t, motion.t, side="right") - 1] - motion.work)).sum())
 
 
-def _times(motion: Any, every: float) -> Array:
+def _times(motion: Any) -> Array:
     """Times at which to sample a function of time, those on both sides of its jumps among them."""
     own = np.concatenate([np.ravel(getattr(motion, name, ())) for name in ("t", "instants")])
     start, end = (own.min(), own.max()) if hasattr(motion, "t") else (0.0, getattr(motion, "duration", None))
     if end is None:
         raise TypeError("`motion` must have a `duration`, or arrays t, q and qd; got a function of time alone")
-    grid = np.linspace(start, end, max(int(np.ceil(round((end - start) / every, 6))), 1) + 1)
+    grid = np.linspace(start, end, max(int(np.ceil(round((end - start) / EVERY, 6))), 1) + 1)
     sides = np.nextafter(np.ravel(getattr(motion, "breaks", ())), [[-np.inf], [np.inf]]).ravel()
     return np.unique(np.concatenate([grid, own, sides[(sides >= start) & (sides <= end)]]))
 
 
-def _samples(scene: Scene, motion: Any, every: float) -> tuple[Array, Array, Array, Array, Array]:
+def _samples(scene: Scene, motion: Any) -> tuple[Array, Array, Array, Array, Array]:
     """t, q, qd, qdd and tau of a motion."""
     found: tuple[Any, ...]
     if isinstance(motion, Trajectory):
         found = samples_of(motion, between(motion.t, samples=MOST_LOADS))
     elif callable(motion):
-        t = _times(motion, every)
+        t = _times(motion)
         found = t, *motion(t), motion.torques(t) if hasattr(motion, "torques") else None
     else:
         given = motion.prepare() if hasattr(motion, "prepare") else motion

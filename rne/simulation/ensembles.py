@@ -344,10 +344,6 @@ def _plan(
 
 def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
     """Inertial parameters of each motion."""
-    if scene.formulation != "newton-euler":
-        raise ValueError(
-            f"`parameters` need the formulation 'newton-euler', that of the scene is {scene.formulation!r}"
-        )
     robot = scene.resolved.robot
     shape = (count, PARAMETERS * robot.model.nb)
     pi = real_array("parameters", parameters, f"{shape}, ten per body for each initial state")

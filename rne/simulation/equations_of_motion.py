@@ -27,7 +27,6 @@ import numpy as np
 from ..basics.arrays import check_function, whole_number
 from ..basics.spatial import Array, rotate
 from ..dynamics.crba import mass_matrix, solve_with_pivots
-from ..dynamics.lagrange import lagrange_forward_dynamics
 from ..dynamics.precision import check_accelerations, check_singularity
 from ..dynamics.quantity import OK, PrecisionStatus, Quantity, check_result, model_for
 from ..dynamics.rnea import bias_torque, inverse_dynamics
@@ -207,7 +206,7 @@ class AppliedTorques:
                 result, *pivots = result
                 status = quantity.check(model, given, result, *pivots)
         if status.error is None:
-            check_result(self.title, result)
+            check_result(self.title, result, leading)
         return np.asarray(result), status
 
     @cached_property
@@ -272,7 +271,6 @@ class RightHandSide(AppliedTorques):
     """dx/dt of a scene."""
 
     with_energies: bool = False  # of the ledger, behind the other states
-    formulation: str = "newton-euler"  # or "euler-lagrange": which forward dynamics give the accelerations
 
     name = "right_hand_side"
     title = "the right-hand side"
@@ -286,16 +284,14 @@ class RightHandSide(AppliedTorques):
     def quantity(self) -> Quantity:
         """What is traced: as for the torques, with M's pivots behind the rates."""
         velocities = ("x", slice(self.robot.n, 2 * self.robot.n))
-        moments = self.formulation == "newton-euler"
-        return replace(super().quantity, check=self._check, velocities=velocities, moments=moments)
+        return replace(super().quantity, check=self._check, velocities=velocities)
 
     def core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Any:
         """(dx/dt, pivots, diagonal of M), traced."""
         n = self.robot.n
         q, qd = x[..., :n], x[..., n : 2 * n]
         net, further, powers = self.parts(t, x, u)
-        lagrange = self.formulation == "euler-lagrange"
-        forward = lagrange_forward_dynamics if lagrange else self.robot._kernels.forward_method()
+        forward = self.robot._kernels.forward_method()
         qdd, pivots, diagonal = forward.quantity.core(model, q, qd, net)
         rates = [qd, qdd, *further, *(powers if self.with_energies else [])]
         return np.concatenate(rates, axis=-1), pivots, diagonal

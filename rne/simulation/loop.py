@@ -18,13 +18,12 @@ from .compiled import CompiledSolver, RosenbrockSolver, SampledSolver
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
 from .plant import MAX_EVALUATIONS, DryPlant, Plant, System, ZeroOrderHold
-from .solver import FAILURES, GAUSS, RODAS, SAME, AdaptiveSolver, Keeps, Steps
-from .symplectic import GaussSolver, Hamilton
+from .solver import FAILURES, RODAS, SAME, AdaptiveSolver, Keeps, Steps
 from .watch import Watch, fastest_joint
 
 FEWEST = 8  # steps taken at first, where an event may throw them away or someone wants to know how far the run is
 LONGEST = 1000  # steps taken at once
-Solver = AdaptiveSolver | CompiledSolver | GaussSolver
+Solver = AdaptiveSolver | CompiledSolver
 COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
 
 
@@ -37,7 +36,6 @@ class Task(NamedTuple):
     rtol: float
     atol: float
     t_eval: Array | None = None
-    step: float | None = None
     breaks: Sequence[float] = ()
     stops: Sequence[Stop] = ()
     is_auto: bool = False  # True if the method may be changed while the run goes on
@@ -115,7 +113,6 @@ class Loop:
                     self.hold.sample(self.t, self.x)
                 self.t = self.task.duration
             else:
-                self.x = self.system.start(self.x)
                 while self.t < self.task.duration and self.stop is None:
                     self._segment()
                     self._leave()
@@ -223,7 +220,7 @@ class Loop:
         """Watch the run; True if it goes on with another method."""
         if self.hold is not None and self.plant.evaluations - self.hold.evaluations_before > MAX_EVALUATIONS:
             raise self._diverged(self.hold)
-        if self.task.method == GAUSS or not self.watch.changes_method(steps):
+        if not self.watch.changes_method(steps):
             return False
         self.solver = _solver(self.system, self.plant, self.task, self.watch.method, self.hold)
         return True
@@ -241,15 +238,13 @@ class Loop:
         before, (t, x, qdd) = None, self.record.arrays()
         if self.ends is not None:
             times, states, accelerations = self.ends.arrays()
-            before = Run(times, self.system.states(states), accelerations, self.hold)
-        status, x = 0 if self.stop is None else 1, self.system.states(x)
+            before = Run(times, states, accelerations, self.hold)
+        status = 0 if self.stop is None else 1
         return Run(t, x, qdd, self.hold, status, self._ending(), self.ledger, failure, self.watch.method, before)
 
     def _ending(self) -> str:
         """How the run went, for the message."""
         parts = [self.watch.note, self.system.note]
-        if isinstance(self.solver, GaussSolver):
-            parts.append(f"{self.solver.count} steps of {self.solver.h:.6g} s")
         if self.hold is not None:
             count = self.hold.count
             parts.append(f"the controller was sampled {count} times, every {self.hold.period:g} s")
@@ -336,9 +331,6 @@ class Record:
 
 def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> tuple[System, Solver]:
     """What is integrated, and by what."""
-    if task.method == GAUSS:
-        hamilton = Hamilton(plant)
-        return hamilton, GaussSolver(hamilton, task.duration, task.step)
     friction = plant.rhs.friction
     if friction is not None and friction.sticks:
         system: Plant | DryPlant = DryPlant(plant, friction)

@@ -40,7 +40,7 @@ ROUNDING = 1e-9  # of the largest load or acceleration: closer to the limit a lo
 class System:
     """Equations of motion that a solver integrates, and what may switch in them: nothing by itself.
 
-    `Plant` is that of a scene, `DryPlant` of one with friction that sticks, `Hamilton` of a free motion in (q, p).
+    `Plant` is that of a scene, `DryPlant` of one with friction that sticks.
     """
 
     events: Sequence[Event] = ()  # what ends a segment, beside samples, breaks and stops
@@ -53,10 +53,6 @@ class System:
         """The time of `span` closest to t."""
         first, last = self.span
         return first if t < first else last if t > last else t
-
-    def start(self, x: Array) -> Array:
-        """The solver's state at the start of a run, of (q, qd, z)."""
-        return x
 
     def begin(self, t: float, x: Array, span: tuple[float, float]) -> None:
         """Prepare for a segment that begins at t; torques are evaluated within `span`."""
@@ -79,10 +75,6 @@ class System:
         Times up to a relative rounding `same` before a sample count as being there.
         """
         return None
-
-    def states(self, X: Array) -> Array:
-        """All reported states, shape (T, size), as (q, qd, z)."""
-        return X
 
 
 class Plant(System):
@@ -180,7 +172,11 @@ class Plant(System):
         """Powers of the `integrated` at many times, shapes (T,) and (T, size); held torques have none among them."""
         u = None if self.held is None else np.zeros((len(t), self.robot.n))
         u = u if self.law is None else self.torques_at(t, X)
-        found, _ = self.rhs.torques.kernel.evaluate(t[:, None], X, *(() if u is None else (u,)))
+        try:
+            found, _ = self.rhs.torques.kernel.evaluate(t[:, None], X, *(() if u is None else (u,)))
+        except NotFiniteError as error:
+            time = float(t[error.state])
+            raise NotFiniteError(f"{error.args[0]} at t = {time:.6g} s", time) from None
         return found[:, -len(self.integrated) :]
 
     def drive_torques(self, t: Array, X: Array) -> Array | None:

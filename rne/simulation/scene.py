@@ -25,7 +25,6 @@ from .equations_of_motion import AppliedTorques, RightHandSide, check_law
 from .friction import Friction, urdf_friction
 
 LOGGER = logging.getLogger("rne")
-FORMULATIONS = ("newton-euler", "euler-lagrange")
 _announced: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # laws that are called, by id
 
 
@@ -118,9 +117,6 @@ class Scene:
         Marked by `rne.traceable` it becomes part of the kernel if it can, otherwise it is called.
     sample_time : float, optional
         The controller is evaluated every `sample_time`, and its torque is held in between [s].
-    formulation : {"newton-euler", "euler-lagrange"}
-        The equations behind the accelerations. The second is Høifødt 2011, chapter 7: slower, for comparison; not with
-        friction that sticks.
 
     Raises
     ------
@@ -149,7 +145,6 @@ class Scene:
     stops: bool = False
     controller: Any = None
     sample_time: float | None = None
-    formulation: str = "newton-euler"
 
     __repr__ = summary
 
@@ -171,11 +166,7 @@ class Scene:
         for name in ("mounting", "gravity", "armature", "effort_limit", "torque_rate"):
             if isinstance(getattr(self, name), np.ndarray):  # the caller may change the array later
                 object.__setattr__(self, name, getattr(self, name).copy())
-        if self.formulation not in FORMULATIONS:
-            raise ValueError(f"`formulation` must be one of {list(FORMULATIONS)}, got {self.formulation!r}")
         _ = self.resolved  # raises the errors in the parts
-        if self.formulation != "newton-euler" and self.resolved.friction is not None and self.resolved.friction.sticks:
-            raise ValueError(f"`formulation` {self.formulation!r} is not for friction that sticks")
         meant_for = getattr(self.controller, "robot", None)
         if not isinstance(meant_for, Robot):
             return
@@ -224,7 +215,7 @@ class Scene:
         states = 0 if is_held else int(getattr(self.controller, "states", 0))
         with_impulses = parts.effort_limit is not None and self.controller is not None and not is_held
         drives = parts.effort_limit, law, is_given, states, with_impulses
-        return RightHandSide(parts.robot, parts.friction, *drives, formulation=self.formulation)
+        return RightHandSide(parts.robot, parts.friction, *drives)
 
     @cached_property
     def right_hand_side_with_energies(self) -> RightHandSide:

@@ -23,8 +23,7 @@ from .friction import creep
 from .loop import Failure, Loop, Run, Task
 from .plant import Plant, ZeroOrderHold
 from .scene import Scene, scene_of_robot
-from .solver import EXPLICIT, GAUSS, IMPLICIT, RODAS, SAME
-from .symplectic import STEP
+from .solver import EXPLICIT, IMPLICIT, RODAS, SAME
 from .trajectory import Trajectory, between, trajectory_later
 from .watch import choose_method
 
@@ -49,7 +48,6 @@ def simulate(
     rtol: float = 1e-6,
     atol: float = 1e-9,
     t_eval: ArrayLike | None = None,
-    step: float | None = None,
     breaks: Sequence[float] = (),
     progress: Callable[[float, float], object] | None = None,
 ) -> Trajectory:
@@ -66,19 +64,16 @@ def simulate(
     torque : array_like, shape (n,), or callable f(t, q, qd) -> (n,), optional
         Drive torques, for a robot or a scene without a controller; zero if not given [N m or N].
     method : str
-        "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), "Rodas5P" for stiff motions in machine code
-        (engine "numba", a law that is traced or sampled), or for long motions without drives and friction "gauss-4",
-        whose energy error stays bounded. "auto" begins with an implicit method, Rodas5P or else LSODA, if the fastest
-        decay of the loop, linearised at the start, times the duration exceeds 1000 (a stiff loop; 100 000 where joints
-        stick in machine code), and with DOP853 otherwise; with a sampled controller the sample time counts, up to 30,
-        or 150 where a traced law is sampled in machine code, and RK45 replaces DOP853. For this a called law is
-        evaluated some times before the run.
+        "auto", one of SciPy's (RK45, RK23, DOP853, Radau, BDF, LSODA), or "Rodas5P" for stiff motions in machine
+        code (engine "numba", a law that is traced or sampled). "auto" begins with an implicit method, Rodas5P or else
+        LSODA, if the fastest decay of the loop, linearised at the start, times the duration exceeds 1000 (a stiff loop;
+        100 000 where joints stick in machine code), and with DOP853 otherwise; with a sampled controller the sample
+        time counts, up to 30, or 150 where a traced law is sampled in machine code, and RK45 replaces DOP853. For this
+        a called law is evaluated some times before the run.
     rtol, atol : float
         Relative and absolute tolerance of the state, per step, for SciPy's methods; at least 2.3e-14 and 1e-20.
     t_eval : array_like, shape (T,), optional
         Times to report, ascending within [0, duration] [s].
-    step : float, optional
-        Longest step of "gauss-4", whose steps are equal [s].
     breaks : sequence of float
         Instants at which the torques jump, which the solver steps onto exactly; the `breaks` attribute of the
         controller or its reference adds to them [s].
@@ -119,9 +114,8 @@ def simulate(
     [0.103, 0.035]
     """
     scene = _scene(scene_or_robot, torque)
-    known = (*METHODS, GAUSS)
-    if method != "auto" and method not in known:
-        raise ValueError(f"`method` must be 'auto' or one of {list(known)}, got {method!r}")
+    if method != "auto" and method not in METHODS:
+        raise ValueError(f"`method` must be 'auto' or one of {list(METHODS)}, got {method!r}")
     robot = scene.resolved.robot
     rhs = _right_hand_side(scene_or_robot, scene)
     if progress is not None:
@@ -130,15 +124,18 @@ def simulate(
     end = positive_number("duration", duration, zero_allowed=True)
     times = None if t_eval is None else check_times(t_eval, end)
     relative_and_absolute = tolerances(rtol, atol)
-    longest_step = None if step is None else positive_number("step", step)
     name = "controller" if torque is None else "torque"
     plant, hold = _plant(scene, rhs, name)
     chosen, reason = (method, f"{method} as requested") if method != "auto" else choose_method(plant, x0, end, hold)
-    _check_method(chosen, step, scene, plant)
+    if chosen == RODAS and not has_rodas5p(plant):
+        raise ValueError(
+            f"`method` {RODAS!r} runs in machine code: it needs a robot of engine 'numba', a controller that is traced "
+            "(rne.traceable) or sampled, and friction that does not stick; 'LSODA' and 'Radau' need none of these"
+        )
     ends = stops(robot.model) if scene.stops else []
     check_within_stops(ends, x0)
     breaks = law_breaks(scene.controller, real_array("breaks", breaks, "(k,)").tolist())
-    task = Task(x0, end, chosen, *relative_and_absolute, times, longest_step, breaks, ends, method == "auto", progress)
+    task = Task(x0, end, chosen, *relative_and_absolute, times, breaks, ends, method == "auto", progress)
     run = Loop(plant, task, hold).run()
     repeat = partial(_repeat, scene, rhs, name)
     error = partial(repeated_error, repeat, robot.n, task._replace(progress=None), run)
@@ -159,24 +156,6 @@ def tolerances(rtol: float, atol: float) -> tuple[float, float]:
     return checked
 
 
-def _check_method(method: str, step: float | None, scene: Scene, plant: Plant) -> None:
-    if method == RODAS and not has_rodas5p(plant):
-        raise ValueError(
-            f"`method` {RODAS!r} runs in machine code: it needs a robot of engine 'numba', a controller that is traced "
-            "(rne.traceable) or sampled, and friction that does not stick; 'LSODA' and 'Radau' need none of these"
-        )
-    if method != GAUSS:
-        if step is not None:
-            raise ValueError(f"`step` is for the equal steps of {GAUSS!r}; {method!r} chooses its own")
-        return
-    if scene.formulation != "newton-euler":
-        raise ValueError(f"`method` {method!r} is for the formulation 'newton-euler', got {scene.formulation!r}")
-    named = [name for name in ("controller", "friction") if getattr(scene, name) is not None]
-    if named or scene.stops:
-        there = ", ".join(named) or "stops"
-        raise ValueError(f"`method` {method!r} is for motions without drives, friction and stops; there is {there}")
-
-
 def _plant(scene: Scene, rhs: RightHandSide, name: str) -> tuple[Plant, ZeroOrderHold | None]:
     plant = Plant(rhs, scene.controller if rhs.torque_given else None, name)
     return plant, None if scene.sample_time is None else ZeroOrderHold(scene, plant)
@@ -192,7 +171,7 @@ def repeated_error(repeat: Callable[[Task], Run], n: int, task: Task, run: Run) 
     """Times, eight in each of the solver's steps, and the largest difference of a position from a more accurate run.
 
     The other run starts one rounding beside, so that what rounding grows to is seen. Where the tolerances are at
-    rounding already, they are coarser, and the difference is an upper bound. The steps of "gauss-4" are halved.
+    rounding already, they are coarser, and the difference is an upper bound.
 
     Parameters
     ----------
@@ -214,7 +193,6 @@ def repeated_error(repeat: Callable[[Task], Run], n: int, task: Task, run: Run) 
             x0=task.x0 * (1 + EPS),
             rtol=task.rtol * factor,
             atol=max(task.atol * factor, LEAST[1]),
-            step=(task.step or STEP) / 2,
             t_eval=times,
             method=run.method,
             is_auto=False,

@@ -19,7 +19,7 @@ Keeps = Sequence[float] | Literal[True] | None
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 EXPLICIT = ("RK45", "RK23", "DOP853")
-RODAS, GAUSS = "Rodas5P", "gauss-4"  # the methods that are not SciPy's
+RODAS = "Rodas5P"  # the method that is not SciPy's
 SAME = 8 * float(np.finfo(np.float64).eps)  # relative: times that are equal up to rounding
 FAILURES = (NotFiniteError, SingularMassMatrixError, ArithmeticError)  # that end a run
 

@@ -254,11 +254,11 @@ class Trajectory(MotionFiles, InNotebooks):
         return tuple(self.jumps.tolist())
 
     def trusted_horizon(self, accuracy: float = 1e-3) -> float:
-        """The time up to which the solver's tolerances, or its step, keep every joint within `accuracy` [s].
+        """The time up to which the solver's tolerances keep every joint within `accuracy` [s].
 
-        The run is repeated with a hundredth of the tolerances, or half the steps of "gauss-4", from a state that is one
-        rounding beside. Chaos, unstable equilibria and instants of switching make errors
-        grow; beyond this time the trajectory is no longer that of the given initial state.
+        The run is repeated with a hundredth of the tolerances, from a state that is one rounding beside. Chaos,
+        unstable equilibria and instants of switching make errors grow; beyond this time the trajectory is
+        no longer that of the given initial state.
 
         Parameters
         ----------

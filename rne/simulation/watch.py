@@ -26,7 +26,9 @@ STIFF_SAMPLE = 30.0
 STIFF_MACHINE_CODE = 150.0  # where the law is sampled in machine code, as fast as ten steps of RK45: Rodas5P is not
 HELD_BACK = 1.5  # steps of this many time constants of the fastest mode: stability limits them, not accuracy
 REACHED = {"DOP853": 4.0, "RK45": 2.5}  # time constants of the fastest mode in a step that stability limits, at least
-WORTH = 2.0  # times as much time per work, which makes a change from Rodas5P worth trying
+# Times as much time per work, which makes a change from Rodas5P worth trying. Without the way back, 100 s of free
+# motion after a brake that fades within 0.3 s take three to five times as long; without undoing changes, some twice.
+WORTH = 2.0
 CHECKED = 100  # steps between two looks, and after a change of the method
 IN_MACHINE_CODE, UNDAMPED = 2, 10  # times as many of a compiled loop, whose steps cost little, and of free motion
 SLOPES = 3  # times the time of an operation of the right-hand side takes one of the slopes, which registers do not hold
@@ -131,7 +133,7 @@ class Watch:
         return True
 
     def _change(self, method: str, h: float, note: str) -> None:
-        """Go on with another method; where its work is known, look soon whether it is faster."""
+        """Go on with another method; from or to Rodas5P, the next look compares the speeds of both."""
         if RODAS in (method, self.method):
             self.before = self.method, h / work_per_step(self.plant, self.method)
         self.method = method

@@ -78,11 +78,6 @@ def test_a_released_top_nods_at_its_rate_and_keeps_its_momenta():
     assert len(lows) in (9, 10)
 
 
-def test_gauss_refuses_steps_over_fast_nutation():
-    with pytest.raises(rne.SimulationError, match=r"take a smaller `step` than 0\.005 s"):
-        motions.released_top(1e4, method="gauss-4", duration=0.02)
-
-
 def test_estimated_errors_of_a_chaotic_motion_are_those_measured(chain):
     """Until they saturate, measured and estimated errors agree; each passes the accuracy at the horizon."""
     for one in motions.chaos(chain, (1e-5, 1e-7), duration=4.0, points=401).values():
