@@ -338,8 +338,9 @@ class TestFiles:
     def test_jumps_are_among_the_times(self, entries):
         file, arrays, texts = entries
         assert len(arrays["jumps"])
-        with pytest.raises(ValueError, match=r"`jumps` must be among the times `t`$"):
-            self.load(file, arrays | {"jumps": arrays["jumps"] + 1e-3}, texts)
+        for wrong in (arrays["jumps"] + 1e-3, arrays["jumps"][::-1], 0 * arrays["jumps"]):
+            with pytest.raises(ValueError, match=r"`jumps` must be among the times `t`, and ascend$"):
+                self.load(file, arrays | {"jumps": wrong}, texts)
 
 
 class TestEnsembles:

@@ -243,7 +243,8 @@ class MomentumObserver:
         if getattr(f, "sticks", False):
             largest = np.maximum(f.coulomb, f.coulomb_back) if f.static is None else f.static
             rests = qd == 0
-            doubt = doubt + step * largest * (2.0 * (rests[:-1] | rests[1:]) - (rests[:-1] & rests[1:]))
+            times = 2.0 * (rests[:-1] | rests[1:]) - (rests[:-1] & rests[1:])
+            doubt = doubt + step * (1 + self.friction_error) * largest * times
         return impulse, doubt
 
     def _seen(self, filtered: Array, doubt: Array) -> tuple[Array, Array]:

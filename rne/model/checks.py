@@ -16,7 +16,7 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic")
 DRIVES = ("effort", "velocity", "acceleration", "deceleration", "jerk")  # what they have limits of
 LIMITS = tuple(f"{name}_limit" for name in DRIVES)
 # The least values of a joint's numbers, for files, arguments and scenes alike; ranges have none.
-LEAST = dict.fromkeys((*DRIVES, *LIMITS, "torque_rate", "damping", "friction"), 0.0)
+LEAST = dict.fromkeys((*DRIVES, *LIMITS, "torque_rate", "damping", "friction", "armature"), 0.0)
 LEAST |= {"lower": -np.inf, "upper": -np.inf}
 UNIT_TOLERANCE = 1e-12  # an axis or rotation off by more was never normalised
 RANGE_IN_DEGREES = (12.6, 720.0)  # joints that turn 1e3 rad or more are wheels; real ranges end at two turns
@@ -155,10 +155,11 @@ def _check_finite(model: SimpleNamespace) -> None:
     may_be_infinite = {"lower", "upper", *LIMITS}
     for name, value in vars(model).items():
         if isinstance(value, np.ndarray) and value.dtype == np.float64:
-            bad = np.isnan(value) | (value < LEAST[name]) if name in may_be_infinite else ~np.isfinite(value)
+            least = LEAST.get(name, -np.inf)
+            bad = (np.isnan(value) if name in may_be_infinite else ~np.isfinite(value)) | (value < least)
             if bad.any():
                 index = tuple(int(k) for k in np.argwhere(bad)[0])
-                need = "must not be negative" if name in LIMITS and value[index] < 0 else "must be finite"
+                need = "must not be negative" if value[index] < least else "must be finite"
                 raise ModelError(f"`{name}` {need}, got {value[index]} at index {index}")
     if not np.isfinite(model.base_mass):
         raise ModelError(f"`base_mass` must be finite, got {model.base_mass}")

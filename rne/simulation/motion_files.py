@@ -269,8 +269,8 @@ def _check(motion: Any) -> None:
     if late.size:
         before, after = motion.t[late[0] : late[0] + 2].tolist()
         raise ValueError(f"`t` must ascend, got {after:.6g} s after {before:.6g} s")
-    if not np.isin(motion.jumps, motion.t).all():
-        raise ValueError("`jumps` must be among the times `t`")
+    if not np.isin(motion.jumps, motion.t).all() or (np.diff(motion.jumps) <= 0).any():
+        raise ValueError("`jumps` must be among the times `t`, and ascend")
     if motion.model is not None and len(motion.model.joint_names) != sizes["n"]:
         raise ValueError(f"`q` must have {len(motion.model.joint_names)} columns, as its model, got {sizes['n']}")
 
