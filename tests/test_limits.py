@@ -82,6 +82,8 @@ def test_a_violation_is_a_line_of_text():
     assert str(rate) == "j1: velocity 3.5 rad/s (200.5 deg/s) above 3 rad/s (171.9 deg/s), worst at 1 s, first at 1 s"
     _, slider, _ = violations(PAIR, q=np.ones_like(T), qd=2 * np.ones_like(T), tau=5 * np.ones_like(T))
     assert str(slider) == "j2: position -1.5 m below -1 m, worst at 0 s, first at 0 s"
+    close = Violation("j2", "velocity", -5.00026, -5.0, "m/s", 0.0, 0.0)  # not "-5 m/s below -5 m/s"
+    assert str(close) == "j2: velocity -5.00026 m/s below -5 m/s, worst at 0 s, first at 0 s"
 
 
 def test_empty_motions_exceed_nothing():

@@ -126,7 +126,7 @@ class Bounds(InNotebooks):
             lower, upper, attained, gap = (getattr(bound, x)[place] for x in ("lower", "upper", "attained", "gap"))
             proven = f">= {lower:.4g}" if least else f"<= {upper:.4g}"
             if attained == 0 and gap == 0:
-                rows.append(("0", "0", "0", name))
+                rows.append(("rounding", proven, "0", name))
             elif lower == 0 if least else upper == np.inf:
                 rows.append(("", "not proven", f"{attained:.4g}", name))
             else:

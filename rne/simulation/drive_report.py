@@ -255,6 +255,8 @@ def drives(
     -----
     Motor torque = rotor gear qdd + tau / (gear efficiency) while the joint takes power, tau efficiency / gear while it
     returns power. Energy taken less returned is the work on the arm, the losses of the gear and the rotors' energy.
+    Between the steps of a simulation torques are monotone cubics, without peaks of their own: peaks were up to 4 % low
+    with the default tolerances, 1 % with `rtol=1e-8`.
 
     Examples
     --------

@@ -57,8 +57,9 @@ class Violation:
         )
 
     def _written(self, value: float) -> str:
-        degrees = f" ({math.degrees(value):.4g} {self.unit.replace('rad', 'deg')})" if "rad" in self.unit else ""
-        return f"{value:.4g} {self.unit}{degrees}"
+        digits = 4 if f"{self.value:.4g}" != f"{self.limit:.4g}" else 11  # as many as tell them apart
+        degrees = f" ({math.degrees(value):.{digits}g} {self.unit.replace('rad', 'deg')})" if "rad" in self.unit else ""
+        return f"{value:.{digits}g} {self.unit}{degrees}"
 
 
 def limit_violations(model: Model, t: Array, q: Array, qd: Array, tau: Array) -> list[Violation]:
