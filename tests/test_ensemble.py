@@ -19,7 +19,7 @@ from rne.kernels.runge_kutta import FIXED, power, tableau
 from rne.simulation import ensembles
 from rne.simulation.simulator import METHODS
 
-from .helpers import kept, states
+from .helpers import kept, loaded, states
 
 
 @pytest.fixture(scope="module")
@@ -486,6 +486,15 @@ def test_a_robot_without_joints(engine, how):
     runs = rne.ensemble(robot, np.zeros((3, 0)), np.zeros((3, 0)), 0.1, **how)
     assert runs.q.shape == (2, 3, 0)
     assert runs.end.tolist() == [0.1] * 3
+
+
+def test_a_first_step_that_is_no_number_is_named():
+    """At 1e150 rad/s the squares of accelerations over the tolerance overflow; M is not singular."""
+    fast = np.full((1, 6), 1e150)
+    with pytest.raises(
+        rne.NotFiniteError, match=r"^start 0 at t = 0 s: the step needed is less than the spacing between numbers$"
+    ):
+        rne.ensemble(loaded("irb140"), 0 * fast, fast, 0.1)
 
 
 @pytest.mark.parametrize("engine", ["numpy", "lanes"])

@@ -201,7 +201,8 @@ class RowSteps:
         """The ends of steps of the lengths to be tried."""
         smallest, course = 10 * EPS * np.abs(self.t), self.course
         endless = self.steps * (course.end - course.begin) > MOST_STEPS * (self.t - course.begin)
-        for k in np.flatnonzero(~self.taken & ~(self.h >= smallest) | endless & (self.steps >= EARLY)):
+        short = ~(self.taken | (self.h >= smallest)) | np.isnan(self.h)
+        for k in np.flatnonzero(short | endless & (self.steps >= EARLY)):
             where = f"start {self.rates.numbers[k]} at t = {self.t[k]:.6g} s"
             if endless[k]:
                 text = f"{where}: {self.steps[k]} steps came no further, and the motion would take more than"
