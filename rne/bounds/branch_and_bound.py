@@ -329,7 +329,7 @@ class Corners:
                 present[numbers] = True
             self.numbers = np.flatnonzero(present)
         else:
-            numbers = np.sort(np.concatenate(list(self.sides())))  # np.unique's hash table takes ten times the time
+            numbers = np.sort(np.concatenate(list(self.sides())))  # np.unique's hash table takes eight times the time
             self.numbers = numbers[np.append(True, numbers[1:] > numbers[:-1])]
 
     def sides(self) -> Iterator[Array]:
