@@ -203,6 +203,14 @@ def test_the_payload_of_a_planned_motion_counts(arm):
     np.testing.assert_array_equal(found.bearings.force, rne.drives(motion.scene, motion).bearings.force)
 
 
+def test_a_scene_that_is_given_counts_for_a_planned_motion(arm):
+    """Friction is added to the torques of a motion that was planned without; of a robot alone, the motion's own count."""
+    motion = rne.trajectories.fastest(arm, [HOME, PICK])
+    plain, rough = rne.drives(arm, motion), rne.drives(rne.Scene(arm, friction=rne.Friction(viscous=40.0)), motion)
+    assert np.array_equal(plain.tau, motion.torques(plain.t))
+    assert abs(rough.tau - plain.tau - 40.0 * plain.qd).max() < SUMS * abs(rough.tau).max()
+
+
 def test_tables_name_every_joint_twice(report):
     lines = str(report).splitlines()
     assert lines[0] == "Drives over a cycle of 2.4 s, 2401 samples"

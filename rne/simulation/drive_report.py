@@ -224,7 +224,8 @@ def drives(
     Parameters
     ----------
     robot : Robot or Scene
-        What moves; a Scene with its payload and friction, which count where the motion brings no torques of its own.
+        What moves; a Scene with its payload and friction, which count for planned motions, in place of those that were
+        planned for, and where a motion brings no torques of its own.
     motion : FastestMotion, Trajectory, Record or function of time
         Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, taken every
         millisecond, at its `t` and `instants` and on both sides of its `breaks`, where it has them; or anything with
@@ -268,10 +269,10 @@ def drives(
     [1.0, 1.0, 0.33, 0.05, 0.01, 0.0]
     """
     scene = robot if isinstance(robot, Scene) else Scene(robot)
-    moved = scene.resolved.robot
     planned = getattr(motion, "scene", None)
     if isinstance(planned, Scene) and not isinstance(robot, Scene):
-        moved = planned.resolved.robot  # with the payload that the motion was planned for
+        scene = planned
+    moved = scene.resolved.robot
     t, q, qd, qdd, tau = _samples(scene, motion)
     gears = per_joint_array("gear", gear, moved.n, sign="positive")
     rotors = per_joint_array("rotor", rotor, moved.n, sign="not negative")
@@ -316,7 +317,8 @@ def _samples(scene: Scene, motion: Any) -> tuple[Array, Array, Array, Array, Arr
         found = samples_of(motion, between(motion.t, samples=MOST_LOADS))
     elif callable(motion):
         t = _times(motion)
-        found = t, *motion(t), motion.torques(t) if hasattr(motion, "torques") else None
+        own = hasattr(motion, "torques") and getattr(motion, "scene", scene) is scene
+        found = t, *motion(t), motion.torques(t) if own else None
     else:
         given = motion.prepare() if hasattr(motion, "prepare") else motion
         if not all(hasattr(given, name) for name in ("t", "q", "qd")):
