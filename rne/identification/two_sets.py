@@ -100,7 +100,7 @@ class TwoSets:
         found: list[Cause] = []
         for data in (self.without, self.loaded):
             estimate = least_squares(data.fitted.mapped(self.base.back))
-            found += likely_causes(residuals_of(self.robot, self.base, data, estimate))
+            found += likely_causes(residuals_of(self.robot, self.base, data, estimate))[0]
         return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
 
     def in_torques(self, gains: Array) -> TwoSets:
