@@ -118,7 +118,6 @@ def identify_drive_gains(
     drives: DriveModel | None = None,
     minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
-    decimation: int | None = None,
 ) -> DriveGains:
     """Torque per ampere of each drive, from currents without and with a known load.
 
@@ -138,7 +137,7 @@ def identify_drive_gains(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity, cutoff, decimation : optional
+    minimum_velocity, cutoff : optional
         As of `rne.identify`.
 
     Returns
@@ -181,7 +180,7 @@ def identify_drive_gains(
     >>> print(found.report().split(";")[0][:32])
     gains of 6 of 6 joints, known to
     """
-    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
+    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff)
     standard, names = sets.base.standard, sets.robot.joint_names
     load = payload_argument(payload)
     mass = positive_number("payload", load.mass)

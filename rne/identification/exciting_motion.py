@@ -91,25 +91,28 @@ GRAM = 1e3  # condition number up to which W^T W leaves nine digits
 
 
 class Spectrum:
-    """Singular values of W, with columns of length one if `scaled`, and right singular vectors as columns of V.
+    """Singular values of W, and right singular vectors as columns of V.
 
     Where rounding allows they are those of W^T W, unless `exact`: an SVD of W takes many times as long.
     """
 
-    def __init__(self, W: Array, scaled: bool = False, *, exact: bool = False) -> None:
-        self.lengths = np.linalg.norm(W, axis=0) if scaled else np.ones(W.shape[1])
-        self.W, self.scaled = W / self.lengths, scaled
-        squares, self.V = np.linalg.eigh(self.W.T @ self.W)
+    def __init__(self, W: Array, *, exact: bool = False) -> None:
+        self.W = W
+        squares, self.V = np.linalg.eigh(W.T @ W)
         if not exact and squares[0] * GRAM**2 > squares[-1]:
             self.s = np.sqrt(squares)
         else:
-            _, self.s, Vt = np.linalg.svd(self.W, full_matrices=False)
+            _, self.s, Vt = np.linalg.svd(W, full_matrices=False)
             self.V = Vt.T
 
     def gradient(self, slopes: Array) -> Array:
         """Derivatives by the entries of W of a function, given those by the logarithms of the singular values."""
-        G: Array = self.W @ (self.V * (slopes / self.s**2) @ self.V.T)  # ds = u^T dW v with u = W v / s
-        return (G - self.W * (self.W * G).sum(0)) / self.lengths if self.scaled else G
+        return np.asarray(self.W @ (self.V * (slopes / self.s**2) @ self.V.T))  # ds = u^T dW v with u = W v / s
+
+    @property
+    def measures(self) -> tuple[float, float]:
+        """The condition number and log det(W^T W)."""
+        return float(self.s.max() / self.s.min()), float(np.log(self.s**2).sum())
 
 
 def log_condition(s: Array, p: float = np.inf) -> tuple[float, Array]:
@@ -197,7 +200,6 @@ class Search:
     stages: tuple[Criterion, ...]  # smooth ones that are minimised one after the other
     iterations: int  # the most of each run
     progress: Progress | None
-    scaled: bool = False  # columns of W have length one
     _last: dict[bytes, tuple[States, Spectrum]] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -210,7 +212,7 @@ class Search:
         if key not in self._last:
             states = self.within.states(x, self._grid)
             self._last.clear()
-            self._last[key] = states, Spectrum(self.observation.matrix(states), self.scaled)
+            self._last[key] = states, Spectrum(self.observation.matrix(states))
         return self._last[key]
 
     def matrix(self, x: Array) -> Array:
@@ -316,8 +318,7 @@ class Excitation(InNotebooks):
     criterion : {"condition", "d-optimal"}
         What was minimised.
     condition : float
-        Condition number of W, whose rows are the torques of the samples and whose columns are the base parameters, each
-        divided by its norm if that was asked for.
+        Condition number of W, whose rows are the torques of the samples and whose columns are the base parameters.
     log_det : float
         log det(W^T W), which grows as the confidence ellipsoid of the parameters shrinks.
     random : ndarray
@@ -469,13 +470,10 @@ def excitation(
     drives: DriveModel | None = None,
     locked: Locked | None = None,
     noise: ArrayLike | None = None,
-    scaled: bool = False,
     rest: bool = True,
-    samples: int | None = None,
     random_motions: int = 100,
     starts: int = 3,
     iterations: int = 150,
-    seed: int = 0,
     progress: Progress | None = None,
 ) -> Excitation:
     """A periodic motion from which the base parameters of a robot can be identified well.
@@ -503,22 +501,15 @@ def excitation(
         the middle of their ranges. Parameters that only they excite are not counted [rad or m].
     noise : array_like, shape (n,), optional
         Standard deviations of the torques, or their relative sizes, by which the rows of W are divided; by default the
-        same for all joints [N m or N].
-    scaled : bool
-        True for the condition number of W with each column divided by its norm, which does not depend on the units of
-        the parameters, but does not ask for large motions either.
+        same for all joints; `estimate.sigma` of a first identification weighs them as a fit does [N m or N].
     rest : bool
         True for a motion that starts and ends with velocities and accelerations zero.
-    samples : int, optional
-        Times of one period at which W is taken; by default 20 per harmonic.
     random_motions : int
         Number of random motions within the limits that the result is compared with.
     starts : int
         How many of these, the best, are starts of the optimiser.
     iterations : int
         The most of each run of the optimiser.
-    seed : int
-        Of the random motions; the same seed gives the same motion.
     progress : callable, optional
         A function progress(done, total), called with iterations of the optimiser, of which a run that ends early has
         done all. Each run's end is a line on the logger "rne".
@@ -533,8 +524,8 @@ def excitation(
     TypeError
         If `robot`, `limits` or `locked` is of another type.
     ValueError
-        If an argument is out of range, a joint has no range or no velocity limit, the harmonics or samples cannot
-        excite all base parameters, or no motion within the limits is found.
+        If an argument is out of range, a joint has no range or no velocity limit, the harmonics cannot excite all
+        base parameters, or no motion within the limits is found.
 
     Notes
     -----
@@ -577,12 +568,11 @@ def excitation(
     within = MotionLimits(numeric, basis, rest, **{name: limit[moving] for name, limit in values.items()})
     base = numeric.base_parameters(drives=_drives(robot, drives, moving, within.velocity_limit))
     sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
-    rng = np.random.default_rng(seed)
     observation = Observation(numeric, base, sizes[moving])
-    exact, stages = _criteria(criterion, scaled)
-    count = SAMPLES * harmonics if samples is None else whole_number("samples", samples)
-    search = Search(within, observation, count, exact, stages, whole_number("iterations", iterations), progress, scaled)
-    x = random_series(within, whole_number("random_motions", random_motions), rng)
+    exact, stages = _criteria(criterion)
+    count, most = SAMPLES * harmonics, whole_number("iterations", iterations)
+    search = Search(within, observation, count, exact, stages, most, progress)
+    x = random_series(within, whole_number("random_motions", random_motions), np.random.default_rng(0))
     measures = _excited(search, x)
     values_of_random = measures[:, CRITERIA.index(criterion)]
     order = np.argsort(values_of_random if criterion == "condition" else -values_of_random)
@@ -607,42 +597,26 @@ def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_
     return replace(drives, coupled_motors=motors[motors.any(1)], stribeck=velocities, smoothing=slow)
 
 
-def _criteria(criterion: str, scaled: bool) -> tuple[Criterion, tuple[Criterion, ...]]:
+def _criteria(criterion: str) -> tuple[Criterion, tuple[Criterion, ...]]:
     if criterion not in CRITERIA:
         raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
     if criterion == "condition":
         return log_condition, tuple(partial(log_condition, p=p) for p in ORDERS)
-    if scaled:
-        raise ValueError(
-            "`scaled` must be False for criterion 'd-optimal', which does not depend on the columns' units"
-        )
     return log_volume, (log_volume,)
-
-
-def _measures(W: Array, scaled: bool, *, exact: bool = False) -> tuple[float, float]:
-    """The condition number and log det(W^T W)."""
-    s = Spectrum(W, scaled, exact=exact).s
-    plain = Spectrum(W, exact=exact).s if scaled else s
-    return float(s.max() / s.min()), float(np.log(plain**2).sum())
 
 
 def _excited(search: Search, x: Array) -> Array:
     """Both measures of random motions, or an error if they leave parameters unexcited."""
-    parameters, n = search.observation.count, search.within.robot.n
-    if search.samples * n < parameters:
-        raise ValueError(
-            f"`samples` must be at least {-(-parameters // n)} for {parameters} base parameters of {n} joints, "
-            f"got {search.samples}"
-        )
     matrices = [search.matrix(series) for series in x]
     with np.errstate(all="ignore"):
-        if not any(_measures(W, scaled=True)[0] < EXCITED for W in matrices):
-            rank = max(int(np.linalg.matrix_rank(W / np.linalg.norm(W, axis=0), 1 / EXCITED)) for W in matrices)
+        scaled = [W / np.linalg.norm(W, axis=0) for W in matrices]
+        if not any(Spectrum(W).measures[0] < EXCITED for W in scaled):
+            rank = max(int(np.linalg.matrix_rank(W, 1 / EXCITED)) for W in scaled)
             raise ValueError(
                 f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
-                f"most {rank} of {parameters} base parameters; give more harmonics or wider limits"
+                f"most {rank} of {search.observation.count} base parameters; give more harmonics or wider limits"
             )
-    return np.array([_measures(W, search.scaled) for W in matrices])
+    return np.array([Spectrum(W).measures for W in matrices])
 
 
 def _result(
@@ -659,7 +633,7 @@ def _result(
 
     coefficients = placed(within.coefficients(found.x))
     coefficients[list(positions), 0] = list(positions.values())
-    condition, log_det = _measures(search.matrix(found.x), search.scaled, exact=True)
+    condition, log_det = Spectrum(search.matrix(found.x), exact=True).measures
     locked = {robot.joint_names[k]: position for k, position in positions.items()}
     return Excitation(
         robot=robot,

@@ -61,7 +61,6 @@ def identify(
     minimum_velocity: ArrayLike | None = None,
     delay: ArrayLike | None = None,
     cutoff: float | None = None,
-    decimation: int | None = None,
     folds: int = FOLDS,
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
@@ -97,8 +96,6 @@ def identify(
         it differs [s].
     cutoff : float, optional
         Of the low-pass filter, by default chosen from the measurements [Hz].
-    decimation : int, optional
-        Samples per equation after the filter; by default from the cut-off.
     folds : int
         Of the cross-validation, contiguous in time: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
@@ -150,7 +147,7 @@ def identify(
     known = prior_robot(robot, prior) if consistent else None
     stds = PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
-    options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "decimation": decimation, "folds": folds}
+    options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
     base, data, causes, modelled, declined = explained(robot, records, drives, delay, options)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)

@@ -132,7 +132,6 @@ def identify_payload(
     drives: DriveModel | None = None,
     minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
-    decimation: int | None = None,
 ) -> PayloadEstimate:
     """Mass, centre of mass and inertia of a load, from measured motions without and with it.
 
@@ -153,7 +152,7 @@ def identify_payload(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity, cutoff, decimation : optional
+    minimum_velocity, cutoff : optional
         As of `rne.identify`.
 
     Returns
@@ -200,7 +199,7 @@ def identify_payload(
     >>> print(found.report()[:23])
     3 kg on tool0, known to
     """
-    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
+    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
     fit = sets.fitted(load_map(sets.base.standard, name))

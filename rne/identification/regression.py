@@ -81,7 +81,6 @@ def build_regression(
     base: BaseParameters,
     minimum_velocity: ArrayLike | None,
     cutoff: float | None,
-    decimation: int | None,
     folds: int,
     delays: Array | float = 0.0,
 ) -> RegressionData:
@@ -89,7 +88,7 @@ def build_regression(
     given, standard = checked_records(robot, records), base.standard
     whole_number("folds", folds, least=2)
     late = np.broadcast_to(delays, (len(given), robot.n))
-    prepared = tuple(delayed(r.prepare(cutoff, decimation), d) for r, d in zip(given, late, strict=True))
+    prepared = tuple(delayed(r.prepare(cutoff), d) for r, d in zip(given, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
     rows = [record_equations(robot, standard, record, slowest, still) for record in prepared]
     check_count(rows, base, still)

@@ -26,7 +26,7 @@ from .least_squares import LeastSquares, Unexplained, believed_noise
 from .prepared import Prepared
 from .record import Record
 from .regression import RegressionData, check_joints, delayed
-from .rigid_body_test import EXPLAINED, certified
+from .rigid_body_test import EXPLAINED, Consistency, certified
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -323,25 +323,49 @@ class Identification(InNotebooks):
         check = self._compared(self.data.names[0], self.records[0]) if record is None else self.check(record)
         return check.plot()
 
+    def consistency(self) -> Consistency:
+        """Whether the measured torques can come from one rigid-body model at all.
+
+        One set of parameters is fitted to all joints, and a set of its own to each. Torques of a rigid body leave the
+        same in both fits, up to chance. The masses of `initial` do not matter, only its joints and their places.
+
+        Returns
+        -------
+        Consistency
+            The verdict, and the numbers of each joint that it rests on.
+
+        Notes
+        -----
+        The test is that of Draper and Smith 1998, section 6.1, with the number of equations divided by the correlation
+        time of the residuals of the joint's own fit. The noise is taken from the spectrum of the torques above twice
+        the filter's cut-off.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+        >>> t, w = np.arange(0, 10, 0.004), 2 * np.pi * np.array([0.3, 0.4, 0.5])
+        >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+        >>> record = rne.identification.Record(t, q, arm.inverse_dynamics(q, qd, qdd))
+        >>> verdict = rne.identify(arm, record, consistent=False).consistency()
+        >>> verdict.one_model, bool(verdict.energy.missing < 0.01)
+        (True, True)
+        >>> verdict.report().startswith("one rigid-body model explains the torques")
+        True
+        """
+        return certified(self.base, self.data, self.unexplained.in_motion)
+
     def report(self) -> str:
         """What was fitted, what was found and how far to trust it, as text.
 
         Returns
         -------
         str
-            Paragraphs on the measurements, the joints, the base parameters and the bodies, and whether one rigid-body
-            model can be behind the measurements, as `rne.consistency` says.
+            Paragraphs on the measurements, the joints, the base parameters and the bodies, and the report of
+            `consistency`.
         """
-        verdict = certified(self.base, self.data, self.correlation_time)
-        certificate = replace(verdict, held_out=self.unexplained.in_motion).report()
-        paragraphs = [
-            fitted_text,
-            joints_text,
-            causes_text,
-            parameters_text,
-            *([bodies_text] if self.consistent else []),
-        ]
-        return "\n\n".join([*(paragraph(self) for paragraph in paragraphs), certificate])
+        texts = [fitted_text, joints_text, causes_text, parameters_text, *[bodies_text] * self.consistent]
+        return "\n\n".join([*(text(self) for text in texts), self.consistency().report()])
 
 
 def fitted_text(found: Identification) -> str:

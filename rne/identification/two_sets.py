@@ -294,10 +294,9 @@ def two_sets(
     drives: DriveModel | None,
     minimum_velocity: ArrayLike | None,
     cutoff: float | None,
-    decimation: int | None,
 ) -> TwoSets:
     """Check and prepare the records of both sets."""
-    further = (minimum_velocity, cutoff, decimation, 2)  # two folds: none is held out
+    further = (minimum_velocity, cutoff, 2)  # two folds: none is held out
     if isinstance(robot, Identification):
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
