@@ -104,9 +104,9 @@ class DriveGains(OfTwoSets):
         rows = [Row("drive gains [N m or N per unit]", ("gain", "standard error"), words=True)]
         for name, gain, error in zip(self.joint_names, self.gains, self.errors, strict=True):
             rows.append(Row(f"  {short(name)}", ("-", "-") if np.isnan(gain) else (f"{gain:.5g}", f"{error:.2g}")))
-        told = np.isfinite(self.gains)
-        known = percent((self.errors / np.abs(self.gains))[told])
-        return self._report(f"gains of {told.sum()} of {len(told)} joints, known to {known}", rows)
+        told = np.isfinite(self.gains).sum()
+        known = percent(self.errors / np.abs(self.gains))
+        return self._report(f"gains of {told} of {len(self.gains)} joints, known to {known}", rows)
 
 
 def identify_drive_gains(
@@ -195,7 +195,7 @@ def identify_drive_gains(
         found, com = of_all_joints(sets, S[:, :0], known), np.array(load.com, np.float64)
     gains, errors, fit = found
     K, untold = sets.base.count, [name for name, gain in zip(names, gains, strict=True) if np.isnan(gain)]
-    notes = [*sets.notes, *fit.notes]
+    notes = [*fit.notes]
     if bare:
         com, com_error = fit.estimate.values[K : K + 3] / mass, fit.estimate.errors[K : K + 3] / mass
         notes.append(f"the load's centre, not given, is found at {place(com)} m of {link}, +- {place(com_error)} m")

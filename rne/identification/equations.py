@@ -54,6 +54,12 @@ class Equations:
         factors = np.concatenate([self.factors[..., :-1] @ E, self.factors[..., -1:]], axis=-1)
         return Equations(triangular(factors), self.rows)
 
+    def scaled(self, gains: Array, known: Array) -> Equations:
+        """Those of torques times gains, for the joints that are known."""
+        factors = self.factors * known[:, None, None]
+        factors[..., -1] *= gains[:, None]
+        return Equations(factors, self.rows * known)
+
     def residuals(self, x: Array) -> Array:
         """|Y x - tau|^2 of each joint, shape (n,)."""
         return np.asarray(((self.factors @ np.append(x, -1.0)) ** 2).sum((0, 2)))

@@ -165,7 +165,12 @@ def identify(
         errors = held_out(method, data.fitted, data.measured)
     correlation_time = data.correlation_time(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
-    estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
+    if modelled:  # standard errors with those of the delays and Stribeck velocities that were estimated too
+        rest = Residuals(robot, base, data, estimate.values, estimate.sigma, correlation_time)
+        columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
+        covariance = estimate.covariance + rest.covariance_of(columns)
+        deviations = np.where(np.isinf(estimate.errors), np.inf, np.sqrt(np.diag(covariance)))
+        estimate = replace(estimate, covariance=covariance, errors=deviations)
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     if std != stds[0]:
         notes += (
@@ -199,7 +204,8 @@ def explained(
     for k in range(ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
         data = build_regression(robot, records, base, **options, delays=delays)
-        rest = residuals_of(robot, base, data, least_squares(data.fitted.mapped(base.back)))
+        estimate = least_squares(data.fitted.mapped(base.back))
+        rest = Residuals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == ROUNDS
         found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
         if not found:
@@ -237,16 +243,6 @@ def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, caus
     return bool((found.values[own] < np.minimum(doubt, SMALL_ROTOR * size[joints] - doubt)).all())
 
 
-def with_estimated(estimate: LeastSquares, rest: Residuals, modelled: Sequence[Cause]) -> LeastSquares:
-    """Standard errors with those of the delays and Stribeck velocities that were estimated too."""
-    if not modelled:
-        return estimate
-    columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
-    covariance = estimate.covariance + rest.covariance_of(columns)
-    errors = np.where(np.isinf(estimate.errors), np.inf, np.sqrt(np.diag(covariance)))
-    return replace(estimate, covariance=covariance, errors=errors)
-
-
 def taken_text(cause: Cause) -> str:
     """What is taken into account, with its standard error."""
     name, error = cause.kind, f"{cause.error:.2g}"
@@ -254,12 +250,6 @@ def taken_text(cause: Cause) -> str:
         text = delay_text(cause.joints if np.isnan(cause.at) else ())(np.array([cause.value]))
         return f"delay of {1000 * cause.value:.3g} ms: {text} (+- {1000 * cause.error:.2g} ms); taken into account"
     return f"{name}: {cause.text} (+- {error}); taken into account"
-
-
-def residuals_of(robot: Robot, base: BaseParameters, data: RegressionData, found: LeastSquares) -> Residuals:
-    """What least squares left."""
-    correlation_time = data.correlation_time(base.back @ found.values)
-    return Residuals(robot, base, data.prepared, data.rows, found.values, found.sigma, correlation_time)
 
 
 def delay_of(robot: Robot, cause: Cause, count: int) -> Array:

@@ -214,25 +214,15 @@ def identify_payload(
             f"`with_load`: the torques ask for a mass of {phi[0]:.3g} kg, with a standard error of {errors[0]:.2g} kg: "
             "are the records exchanged, or the signs of torques or of gravity wrong?"
         )
-    notes = [*sets.notes, *doubts(phi, errors), *fit.notes]
+    notes = [*doubts(phi, errors), *fit.notes]
     impossible = np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0 or not np.isfinite(errors).all()
     if impossible and consistent:
         phi = possible_load(fit.load, phi, errors)
-        notes.append(
-            "the load is the physically consistent one that fits best; `estimate` has least squares as they are"
-        )
+        notes.append("the load is the physically consistent one that fits best; `estimate` holds that of least squares")
     body, error = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
-    found = PayloadEstimate(
-        Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name),
-        float(error[0]),
-        error[1:4],
-        error[4:][ENTRIES],
-        estimate,
-        impossible and consistent,
-        fit.held_out,
-        tuple(notes),
-        sets,
-    )
+    payload = Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name)
+    stated, is_replaced = (float(error[0]), error[1:4], error[4:][ENTRIES]), impossible and consistent
+    found = PayloadEstimate(payload, *stated, estimate, is_replaced, fit.held_out, tuple(notes), sets)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
     return found

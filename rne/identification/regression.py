@@ -68,8 +68,10 @@ class RegressionData(NamedTuple):
 
     def correlation_time(self, x: Array) -> Array:
         """Integrated autocorrelation time of the residuals of parameters x, in rows, shape (n,)."""
-        residuals = np.concatenate([r.Y @ x - r.tau for r in self.rows])
-        used = np.concatenate([r.used for r in self.rows])
+        return self.correlation_time_of(np.concatenate(self.residuals(x)), np.concatenate([r.used for r in self.rows]))
+
+    def correlation_time_of(self, residuals: Array, used: Array) -> Array:
+        """That of some residuals over the rows that are used, at least that of filtered noise."""
         parts = consecutive(length for record in self.prepared for length in record.segment_lengths)
         of_noise = [correlation_time_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in self.prepared]
         return np.maximum(correlation_time_of_residuals(residuals, used, parts), max(of_noise))
