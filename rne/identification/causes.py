@@ -131,10 +131,9 @@ def delays_of(res: Residuals) -> list[Cause]:
     names, options, left = res.robot.joint_names, delay_columns(res), res
     chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
-        scores = []
-        for _, columns in options:
-            c, _, squares = left.with_columns(columns)
-            scores.append(left.gain(squares)[0] - left.penalty(len(c)) if np.abs(c).max() < LATEST else -np.inf)
+        fits = [left.with_columns(columns) for _, columns in options]
+        gains = [left.gain(squares)[0] - left.penalty(len(c)) for c, _, squares in fits]
+        scores = [gain if np.abs(c).max() < LATEST else -np.inf for gain, (c, *_) in zip(gains, fits, strict=True)]
         if max(scores) <= EVIDENT:
             break
         chosen.append(options.pop(int(np.argmax(scores))))
@@ -149,9 +148,8 @@ def delays_of(res: Residuals) -> list[Cause]:
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """One cause of each kind, with the joints of all."""
-    kinds = dict.fromkeys(cause.kind for cause in causes)
     found = []
-    for kind in kinds:
+    for kind in dict.fromkeys(cause.kind for cause in causes):
         first, *others = (cause for cause in causes if cause.kind == kind)
         if kind == LOAD:  # on one link; those beside it look alike
             others = []
@@ -206,9 +204,8 @@ class Log:
             given = model.gravity / size
             level = np.linalg.svd(given[None])[2][1:]  # two directions at right angles to gravity
             kept = np.vstack([bodies, np.eye(PARAMETERS * model.nb)[1:4]])
-            columns = [self.res.columns(partial(pulls, self.res.robot, size * e, kept)) for e in level]
-            columns = [columns[0][..., :1], columns[1][..., :1], columns[0][..., 1:], columns[1][..., 1:]]
-            tilted = np.concatenate(columns, axis=-1)
+            one, other = (self.res.columns(partial(pulls, self.res.robot, size * e, kept)) for e in level)
+            tilted = np.concatenate([one[..., :1], other[..., :1], one[..., 1:], other[..., 1:]], axis=-1)
             yield Change(DIRECTION, (), tilted, lambda c: direction_text(given + c[:2] @ level, given))
 
     def joints(self) -> Iterator[Change]:
@@ -291,10 +288,8 @@ class Log:
         """Another last body from some time on; another of the others, if much is left."""
         joints, nb = self.res.robot.model.moving_joints, self.res.robot.model.nb
         for i in range(nb) if self.res.share > SEEN else (nb - 1,):
-            body, text = (
-                self.res.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)],
-                "the payload changes by {1:.3g} kg near {0}",
-            )
+            body = self.res.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)]
+            text = "the payload changes by {1:.3g} kg near {0}"
             if i < nb - 1:  # whose mass alone need not be felt
                 text = f"the load on the link behind {joints[i]} changes near {{0}}"
             for start in self.starts:
@@ -386,11 +381,10 @@ def size_text(factor: float) -> str:
 
 def stribeck(res: Residuals, j: int, vs: float) -> Change:
     """The Stribeck effect of a joint, of one velocity vs."""
-    name, model = res.robot.joint_names[j], res.robot.model
-    torque, velocity = ("N m", "rad/s") if model.is_revolute[model.independent_joints[j]] else ("N", "m/s")
+    name, (unit, torque) = res.robot.joint_names[j], Log(res).units(j)
     column = res.column_of(j, lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
-    size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}"
-    text = signed(size, "more", "less", name, torque, 2 * vs, velocity)
+    size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}/s"
+    text = signed(size, "more", "less", name, torque, 2 * vs, unit)
     return Change(STRIBECK, (name,), column, text, vs, len(VELOCITIES))
 
 
@@ -419,11 +413,6 @@ def derivative_by(res: Residuals, cause: Cause) -> Array:
     return np.asarray(size / vs * slope(lambda h: stribeck(res, j, (1 + h) * vs).columns))
 
 
-def anew(res: Residuals, kind: str, joints: tuple[str, ...], text: str, squares: Array, before: Array | None) -> Cause:
-    """A cause that a fit without columns of its own judges, against the squares before it (by default those left)."""
-    return Cause(kind, joints, text, *res.gain(squares, before))
-
-
 def swapped(n: int, i: int, j: int) -> Array:
     """The order of joints in which two are interchanged."""
     order = np.arange(n)
@@ -447,11 +436,11 @@ def other_torques(res: Residuals) -> Iterator[Cause]:
     for j in np.flatnonzero(~dissipates(res)).tolist():
         signs = np.where(np.arange(n) == j, -1, 1)
         text = f"the torque of {names[j]} has the wrong sign"
-        yield anew(res, "torque sign", (names[j],), text, res.squares_of(res.Q, res.tau * signs), None)
+        yield Cause("torque sign", (names[j],), text, *res.gain(res.squares_of(res.Q, res.tau * signs)))
     for i, j in combinations(range(n), 2):
         text = f"the torques of {names[i]} and {names[j]} are interchanged"
         squares = res.squares_of(res.Q, res.tau[:, swapped(n, i, j)])
-        yield anew(res, "torque order", (names[i], names[j]), text, squares, None)
+        yield Cause("torque order", (names[i], names[j]), text, *res.gain(squares))
 
 
 def other_joints(res: Residuals) -> Iterator[Cause]:
@@ -472,10 +461,10 @@ def other_joints(res: Residuals) -> Iterator[Cause]:
         changes.append(("joint sign", (name,), f"{name} turns the other way", unit - 2 * np.diag(unit[j])))
     before = res.squares_moved(unit, res.tau)
     for kind, joints, text, J in changes:
-        yield anew(res, kind, joints, text, res.squares_moved(J, res.tau @ np.linalg.inv(J)), before)
+        yield Cause(kind, joints, text, *res.gain(res.squares_moved(J, res.tau @ np.linalg.inv(J)), before))
     turns = res.robot.model.is_revolute[list(res.robot.model.independent_joints)]
     squares = res.squares_moved(np.diag(np.where(turns, np.pi / 180, 1.0)), res.tau)
-    yield anew(res, "degrees", names, "positions are in degrees", squares, before)
+    yield Cause("degrees", names, "positions are in degrees", *res.gain(squares, before))
 
 
 def torque_scale(res: Residuals) -> Iterator[Cause]:
@@ -485,8 +474,10 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
     """
     bodies, names = PARAMETERS * res.standard.model.nb, res.robot.joint_names
     found, given = (res.weighted(res.Y[..., :bodies] @ x[:bodies]) for x in (res.x, res.standard.values))
-    factors, squared_cosines = scales(res, res.weighted(res.tau), given)
-    alike = squared_cosines > ALIKE
+    tau = res.weighted(res.tau)
+    both, squares, own = (res.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
+    factors = both / np.maximum(squares, TINY)
+    alike = factors * np.abs(both) / np.maximum(own, TINY) > ALIKE  # squared cosines
     usual = np.median(factors[alike]) if alike.any() else 1.0
     odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > UNIT)
     for j in np.flatnonzero(odd).tolist():
@@ -503,12 +494,6 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
     score = float(res.counts.sum()) if res.share < POOR else 2 * EVIDENT  # a fit that fails tells of no factor
     yield Cause(kind, names, text, score, np.zeros(res.robot.n), factor)
-
-
-def scales(res: Residuals, tau: Array, given: Array) -> tuple[Array, Array]:
-    """How many times the given torques each joint's are, and the squared cosines between both, shapes (n,)."""
-    both, squares, own = (np.bincount(res.joint, x, res.robot.n) for x in (tau * given, given**2, tau**2))
-    return both / np.maximum(squares, TINY), both * np.abs(both) / np.maximum(squares * own, TINY)
 
 
 def gravity_directions(res: Residuals) -> Iterator[Cause]:

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
@@ -116,7 +115,6 @@ def identify_drive_gains(
     payload: Payload | HasPayload | float,
     *,
     drives: DriveModel | None = None,
-    minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
 ) -> DriveGains:
     """Torque per ampere of each drive, from currents without and with a known load.
@@ -137,8 +135,8 @@ def identify_drive_gains(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity, cutoff : optional
-        As of `rne.identify`.
+    cutoff : float, optional
+        As of `rne.identify` [Hz].
 
     Returns
     -------
@@ -180,30 +178,26 @@ def identify_drive_gains(
     >>> print(found.report().split(";")[0][:32])
     gains of 6 of 6 joints, known to
     """
-    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff)
+    sets = two_sets(robot, without, with_load, drives, cutoff)
     standard, names = sets.base.standard, sets.robot.joint_names
     load = payload_argument(payload)
     mass = positive_number("payload", load.mass)
     link = load.link or end_link(sets.robot.model, axes_count=True)
-    S = load_map(standard, link)
+    S, K = load_map(standard, link), sets.base.count
     bare = load.inertia is None and not np.any(load.com)
     if bare:
-        found, com = of_all_joints(sets, S[:, 1:], mass * S[:, 0]), np.zeros(3)
-    else:
-        known = np.zeros(standard.count)
-        known[: PARAMETERS * standard.model.nb] = sets.robot.with_payload(*load).parameters - sets.robot.parameters
-        found, com = of_all_joints(sets, S[:, :0], known), np.array(load.com, np.float64)
-    gains, errors, fit = found
-    K, untold = sets.base.count, [name for name, gain in zip(names, gains, strict=True) if np.isnan(gain)]
-    notes = [*fit.notes]
-    if bare:
+        gains, errors, fit = of_all_joints(sets, S[:, 1:], mass * S[:, 0])
         com, com_error = fit.estimate.values[K : K + 3] / mass, fit.estimate.errors[K : K + 3] / mass
-        notes.append(f"the load's centre, not given, is found at {place(com)} m of {link}, +- {place(com_error)} m")
+        notes = [f"the load's centre, not given, is found at {place(com)} m of {link}, +- {place(com_error)} m"]
     else:
+        known, com, notes = np.zeros(standard.count), np.array(load.com, np.float64), []
+        known[: PARAMETERS * standard.model.nb] = sets.robot.with_payload(*load).parameters - sets.robot.parameters
+        gains, errors, fit = of_all_joints(sets, S[:, :0], known)
         errors = np.hypot(errors, change_by_another_load(sets, S, mass, com, gains))
     refuse_negative(names, gains, errors, bare)
-    if untold:
-        notes.append(UNTOLD.format(listed(untold)))
+    notes = [*fit.notes, *notes]
+    if np.isnan(gains).any():
+        notes.append(UNTOLD.format(listed([names[j] for j in np.flatnonzero(np.isnan(gains))])))
     result = DriveGains(names, gains, errors, fit.held_out, fit.estimate, com, tuple(notes), sets.in_torques(gains))
     if result.doubt:
         warnings.warn(result.doubt, IdentificationWarning, stacklevel=2)
@@ -236,19 +230,16 @@ def change_by_another_load(sets: TwoSets, S: Array, mass: float, com: Array, gai
         other, errors, fit = of_all_joints(sets, S[:, 1:], mass * S[:, 0])
     except IdentificationError:  # these motions cannot tell
         return np.zeros(len(gains))
-    change = np.nan_to_num(gains - other)
-    errors = np.nan_to_num(errors)
-    wrong = (np.abs(change) > BEYOND_DOUBT * errors) & (np.abs(change) > DIFFERENT * np.abs(np.nan_to_num(other)))
-    if wrong.any():
-        found = listed(
-            [f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in np.flatnonzero(wrong)]
-        )
+    change, errors = np.abs(np.nan_to_num(gains - other)), np.nan_to_num(errors)
+    wrong = np.flatnonzero((change > BEYOND_DOUBT * errors) & (change > DIFFERENT * np.abs(np.nan_to_num(other))))
+    if len(wrong):
+        found = listed([f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in wrong])
         centre = fit.estimate.values[K : K + 3] / mass
         raise IdentificationError(
             f"`payload`: the currents contradict the load as given: gains would be {found}, its centre {place(com)} m, "
             f"not {place(centre)} m. Give its mass alone, `payload={mass:g}`, to have the rest estimated"
         )
-    return np.where(np.abs(change) > CHANCE * errors, np.abs(change), 0.0)
+    return np.where(change > CHANCE * errors, change, 0.0)
 
 
 def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, Fitted]:

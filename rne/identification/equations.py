@@ -68,6 +68,10 @@ class Equations:
         """|tau|^2 of each joint, shape (n,)."""
         return np.asarray((self.factors[..., -1] ** 2).sum((0, 2)))
 
+    def shares(self, x: Array) -> Array:
+        """|Y x - tau| / |tau| of each joint, shape (n,)."""
+        return np.asarray(np.sqrt(self.residuals(x) / np.maximum(self.torques(), np.finfo(float).tiny)))
+
     def rms_torques(self) -> Array:
         """Root mean square of each joint's torques, shape (n,)."""
         return np.asarray(np.sqrt(self.torques() / np.maximum(self.rows.sum(0), 1)))

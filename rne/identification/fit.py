@@ -187,11 +187,7 @@ def identify(
 
 
 def explained(
-    robot: Robot,
-    records: Sequence[Record],
-    drives: DriveModel | None,
-    delay: ArrayLike | None,
-    options: dict[str, Any],
+    robot: Robot, records: Sequence[Record], drives: DriveModel | None, delay: ArrayLike | None, options: dict[str, Any]
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
     """The equations with delays, Stribeck effects and rotors as they show, what causes the rest, what is modelled."""
     delays = np.zeros((len(records), robot.n))
@@ -213,13 +209,16 @@ def explained(
             if leading is not None and not is_last and delay is None:  # which may hide a delay
                 found = delays_of(rest.beyond_friction.with_known(leading))
         for cause in found:
-            delays = delays + delay_of(robot, cause, len(delays))
+            of_record = np.isnan(cause.at) | (np.arange(len(delays)) == cause.at)
+            delays = delays + cause.value * np.outer(of_record, np.isin(robot.joint_names, cause.joints))
             key = cause.joints, str(cause.at)
             late[key] = cause._replace(value=cause.value + (late[key].value if key in late else 0.0))
         slow = [] if found or is_last or not is_open else [cause for cause in causes if cause.kind == STRIBECK]
         if slow and slow[0].score >= max(cause.score for cause in causes) / 2:
-            more = [sharpened(rest, cause) for cause in slow]
-            drives, sharp = with_stribeck(robot, drives, more), sharp | {cause.joints: cause for cause in more}
+            velocities = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
+            for cause in (sharpened(rest, cause) for cause in slow):
+                sharp[cause.joints], velocities[robot.joint_names.index(cause.joints[0])] = cause, cause.at
+            drives = replace(drives, stribeck=velocities)
         elif not found:
             if is_last or not is_open or not drives.rotor or not has_no_rotors(robot, base, data, causes):
                 break
@@ -245,38 +244,19 @@ def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, caus
 
 def taken_text(cause: Cause) -> str:
     """What is taken into account, with its standard error."""
-    name, error = cause.kind, f"{cause.error:.2g}"
     if cause.kind == "delay":
         text = delay_text(cause.joints if np.isnan(cause.at) else ())(np.array([cause.value]))
         return f"delay of {1000 * cause.value:.3g} ms: {text} (+- {1000 * cause.error:.2g} ms); taken into account"
-    return f"{name}: {cause.text} (+- {error}); taken into account"
-
-
-def delay_of(robot: Robot, cause: Cause, count: int) -> Array:
-    """The delay that a cause tells, shape (records, n)."""
-    joints = np.isin(robot.joint_names, cause.joints)
-    records = np.ones(count) if np.isnan(cause.at) else np.arange(count) == cause.at
-    return cause.value * np.outer(records, joints)
-
-
-def with_stribeck(robot: Robot, drives: DriveModel, causes: Sequence[Cause]) -> DriveModel:
-    """The drives with the Stribeck velocities of these causes."""
-    velocities = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
-    for cause in causes:
-        velocities[robot.joint_names.index(cause.joints[0])] = cause.at
-    return replace(drives, stribeck=velocities)
+    return f"{cause.kind}: {cause.text} (+- {cause.error:.2g}); taken into account"
 
 
 def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
     """Rotors and friction that the given model has and that were not asked for: the robot found is without them."""
     model = standard.model
     known = {"Ia": model.armature, "Fv": model.damping, "Fc": model.friction}
-    return tuple(
-        f"{DRIVES[symbol][0]} of the model was not fitted: what there is of it is in other parameters, and the robot "
-        "found has none"
-        for symbol, values in known.items()
-        if symbol not in standard.terms and values.any()
-    )
+    ignored = [DRIVES[symbol][0] for symbol, x in known.items() if symbol not in standard.terms and x.any()]
+    text = "{} of the model was not fitted: what there is of it is in other parameters, and the robot found has none"
+    return tuple(map(text.format, ignored))
 
 
 def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) -> tuple[str, ...]:
@@ -320,9 +300,8 @@ def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equat
 
 def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
     """False if torques that are not explained make one body heavier than all together are guessed to be."""
-    explained = fitted.residuals(parameters) <= EXPLAINED**2 * fitted.torques()
     masses = parameters[: PARAMETERS * len(guess) : PARAMETERS]
-    return bool(explained.all() or masses.max(initial=0) <= guess[:, 3, 3].sum())
+    return bool((fitted.shares(parameters) <= EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum())
 
 
 def found_density(bodies: Array, standard: StandardParameters, fitted: Equations) -> float:

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import Row, short, wrapped
@@ -113,13 +112,11 @@ class PayloadEstimate(OfTwoSets):
         """
         values = [self.mass, *self.com, *self.inertia[ROWS, COLUMNS]]
         errors = [self.mass_error, *self.com_error, *self.inertia_error[ROWS, COLUMNS]]
-        rows = [Row(f"load on {short(str(self.payload.link))}", ("estimate", "standard error"), words=True)]
-        rows += [
-            Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}"))
-            for name, value, error in zip(QUANTITIES, values, errors, strict=True)
-        ]
-        share = 100 * self.mass_error / abs(self.mass)
-        return self._report(f"{self.mass:.4g} kg on {short(str(self.payload.link))}, known to {share:.2g} %", rows)
+        link, share = short(str(self.payload.link)), 100 * self.mass_error / abs(self.mass)
+        rows = [Row(f"load on {link}", ("estimate", "standard error"), words=True)]
+        for name, value, error in zip(QUANTITIES, values, errors, strict=True):
+            rows.append(Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}")))
+        return self._report(f"{self.mass:.4g} kg on {link}, known to {share:.2g} %", rows)
 
 
 def identify_payload(
@@ -130,7 +127,6 @@ def identify_payload(
     link: str | None = None,
     consistent: bool = True,
     drives: DriveModel | None = None,
-    minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
 ) -> PayloadEstimate:
     """Mass, centre of mass and inertia of a load, from measured motions without and with it.
@@ -152,8 +148,8 @@ def identify_payload(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity, cutoff : optional
-        As of `rne.identify`.
+    cutoff : float, optional
+        As of `rne.identify` [Hz].
 
     Returns
     -------
@@ -177,14 +173,13 @@ def identify_payload(
 
     Notes
     -----
-    Standard errors contain noise, with residuals that resemble their neighbours, and what errors of the drives make of
-    the load: torque factors that differ between joints, friction that rises with the load, saturates, differs between
-    the directions or changes between the records, offsets that change or drift. Each is a random coefficient of each
-    joint, whose variance is estimated. Where fits without one of the blocks of time scatter more, their scatter is the
-    error. A factor common to all torques is not seen: the mass is as wrong as it. A delay of the torques is not looked
-    for: that of an Identification is taken for the records with the load too. A load that least squares make impossible
-    is replaced by the physically consistent one that fits best; where the motions say nothing, it is like a ball of
-    3000 kg/m^3.
+    Standard errors contain noise and what errors of the drives make of the load: torque factors that differ between
+    joints, friction that rises with the load, saturates, differs between the directions or changes between the records,
+    offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated; where fits
+    without one of the blocks of time scatter more, their scatter is the error. A factor common to all torques is not
+    seen: the mass is as wrong as it. Torques are taken to be as late as an Identification found, otherwise not late. A
+    load that least squares make impossible is replaced by the physically consistent one that fits best; where the
+    motions say nothing, it is like a ball of 3000 kg/m^3.
 
     Examples
     --------
@@ -199,7 +194,7 @@ def identify_payload(
     >>> print(found.report()[:23])
     3 kg on tool0, known to
     """
-    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff)
+    sets = two_sets(robot, without, with_load, drives, cutoff)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
     fit = sets.fitted(load_map(sets.base.standard, name))
@@ -230,12 +225,9 @@ def identify_payload(
 
 def doubts(phi: Array, errors: Array) -> list[str]:
     """What looks wrong with a load by least squares."""
-    notes = []
+    notes, mass = [], f"a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg"
     if phi[0] <= 0:
-        notes.append(
-            f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg: are the "
-            "records exchanged?"
-        )
+        notes.append(f"least squares give {mass}: are the records exchanged?")
     elif phi[0] < BEYOND_DOUBT * errors[0]:
         notes.append(f"the mass is hardly told from none: its standard error is {errors[0]:.2g} kg")
     unknown = [symbol for symbol, error in zip(BODY_SYMBOLS, errors, strict=True) if np.isinf(error)]

@@ -149,9 +149,9 @@ class Residuals:
         found: Array = (columns / scale)[self.used]
         return found
 
-    def by_joint(self, r: Array) -> Array:
-        """Sums of squares of each joint's equations."""
-        return np.bincount(self.joint, r**2, minlength=self.robot.n)
+    def by_joint(self, r: Array, s: Array | None = None) -> Array:
+        """Sums of products, or of squares, over each joint's equations."""
+        return np.bincount(self.joint, r * (r if s is None else s), minlength=self.robot.n)
 
     @property
     def share(self) -> float:

@@ -125,14 +125,13 @@ class Identification(InNotebooks):
     @cached_property
     def doubt(self) -> str:
         """Reasons not to believe the parameters, the likeliest causes first; empty if there is none."""
-        left = self.unexplained.in_motion
-        names = self.initial.joint_names
-        poor = [j for j in range(len(names)) if left[j] > UNEXPLAINED]
+        left, names = self.unexplained.in_motion, self.initial.joint_names
+        poor = np.flatnonzero(left > UNEXPLAINED)
         impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
         lines, causes = [], [cause for cause in self.causes if cause.kind not in GEARS][:NAMED]
         if self.unexcited:
             lines.append(self.unexcited)
-        elif poor:
+        elif len(poor):
             shares = listed([f"{names[j]} {100 * left[j]:.0f} %" for j in poor])
             lines.append(f"torques in motion that the model does not explain: {shares}")
         if causes:
@@ -147,9 +146,7 @@ class Identification(InNotebooks):
     @cached_property
     def unexcited(self) -> str:
         """That the motion says too little, if parts of the log are fitted but not predicted from the others."""
-        torques = np.maximum(self.equations.torques(), np.finfo(float).tiny)
-        fitted = np.sqrt(self.equations.residuals(self.parameters) / torques)
-        far = (self.unexplained.in_motion > TOO_FAR) & (fitted < UNEXPLAINED)
+        far = (self.unexplained.in_motion > TOO_FAR) & (self.equations.shares(self.parameters) < UNEXPLAINED)
         if not far.any():
             return ""
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
@@ -300,12 +297,10 @@ class Identification(InNotebooks):
         return self._compared(record.name, delayed(prepared, self.delay.mean(0)))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
-        predicted = prepared.reduce(self.predict(prepared.q, prepared.qd, prepared.qdd))
-        model = self.initial.model
+        model, torques = self.initial.model, self.predict(prepared.q, prepared.qd, prepared.qdd)
         units = tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
-        velocities, measured = prepared.reduce(prepared.qd), prepared.reduce(prepared.tau)
-        joints = name, model.joint_names, units
-        return Check(*joints, prepared.times, velocities, measured, predicted, prepared.valid)
+        columns = (prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques))
+        return Check(name, model.joint_names, units, prepared.times, *columns, prepared.valid)
 
     def plot(self, record: Record | None = None) -> Figure:
         """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
@@ -378,37 +373,26 @@ def fitted_text(found: Identification) -> str:
     ]
     for name, record in zip(found.data.names, found.records, strict=True):
         lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
-        lines.append(
-            f"  {record.decimation} samples to an equation of each moving joint: the filter leaves nothing faster"
-        )
-        lines += [f"  {note}" for note in record.notes]
+        samples = f"{record.decimation} samples to an equation of each moving joint: the filter leaves nothing faster"
+        lines += [f"  {note}" for note in (samples, *record.notes)]
     return "\n".join([*lines, *found.notes])
 
 
 def joints_text(found: Identification) -> str:
     """Errors of each joint."""
-    fitted = found.equations.residuals(found.parameters)
-    torques = np.maximum(found.equations.torques(), np.finfo(float).tiny)
     columns = ("noise [N m or N]", "fitted [%]", "held out: in motion", "at rest", "equations", "independent")
-    rows = [Row("errors", columns, words=True)]
-    left = found.unexplained
+    rows, left = [Row("errors", columns, words=True)], found.unexplained
+    fitted = np.where(np.isnan(left.everywhere), np.nan, found.equations.shares(found.parameters))
     for j, name in enumerate(found.initial.joint_names):
-        shares = (np.sqrt(fitted[j] / torques[j]), left.in_motion[j], left.at_rest[j])
-        count = int(found.equations.rows[:, j].sum())
-        cells = (
-            f"{found.estimate.sigma[j]:.4g}",
-            *(
-                "-" if np.isnan(left.everywhere[j]) or np.isnan(x) else f"{100 * x:.1f}" if x < FARTHEST else "> 1000"
-                for x in shares
-            ),
-            str(count),
-            f"{count / found.correlation_time[j]:.0f}",
-        )
-        rows.append(Row(f"  {short(name)}", cells))
-    blocks = len(found.equations.factors)
+        count, noise = int(found.equations.rows[:, j].sum()), f"{found.estimate.sigma[j]:.4g}"
+        shares = [
+            "-" if np.isnan(x) else f"{100 * x:.1f}" if x < FARTHEST else "> 1000"
+            for x in (fitted[j], left.in_motion[j], left.at_rest[j])
+        ]
+        rows.append(Row(f"  {short(name)}", [noise, *shares, str(count), f"{count / found.correlation_time[j]:.0f}"]))
     close = (
-        f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others. At rest: torques of "
-        "slow joints, which are not fitted because Coulomb friction then has no known direction."
+        f"Held out: each of {len(found.equations.factors)} blocks of the measurements, predicted by a fit to the others. "
+        "At rest: torques of slow joints, which are not fitted because Coulomb friction then has no known direction."
     )
     return "\n".join([*aligned(rows), close, *motions_text(found)])
 
@@ -439,17 +423,22 @@ def motions_text(found: Identification) -> list[str]:
     rows = [Row("errors of each motion [%]", [short(name) for name in found.initial.joint_names], words=True)]
     each = len(found.equations.factors) // len(found.records)
     for k, name in enumerate(found.data.names):
-        part = found.equations.of_blocks(np.arange(each * k, each * (k + 1)))
-        share = np.sqrt(part.residuals(found.parameters) / np.maximum(part.torques(), np.finfo(float).tiny))
-        rows.append(Row(f"  {short(name)}", [f"{100 * x:.1f}" for x in share]))
+        shares = found.equations.of_blocks(np.arange(each * k, each * (k + 1))).shares(found.parameters)
+        rows.append(Row(f"  {short(name)}", [f"{100 * x:.1f}" for x in shares]))
     return aligned(rows)
 
 
 def parameters_text(found: Identification) -> str:
     """Base parameters with standard errors."""
     e = found.estimate
-    title = ["least squares", "standard error", "of the value [%]", "drift", "its error"]
-    title += ["consistent"] * found.consistent
+    title = [
+        "least squares",
+        "standard error",
+        "of the value [%]",
+        "drift",
+        "its error",
+        *["consistent"] * found.consistent,
+    ]
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):

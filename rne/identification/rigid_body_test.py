@@ -99,15 +99,12 @@ class Consistency(InNotebooks):
                 f"are off by {percent(self.together)}, each joint's alone by {alone}; noise explains {noise}"
             )
             cause = f"alone, {above} are above the noise too: friction of another kind may set the joints at variance"
-            return f"{text}; {cause}" if above else text
-        poor = self.held_out > EXPLAINED
-        if poor.any():
+        elif (poor := self.held_out > EXPLAINED).any():
             left = percent(self.held_out[poor])
             return f"no rigid-body model with these drives predicts {self._named(poor)}: {left} of the torques is left"
-        text = f"one rigid-body model explains the torques to {percent(self.held_out)}, noise explains {noise}"
-        cause = (
-            f"what is above the noise in {above} no inertial parameters explain, not those of each joint alone either"
-        )
+        else:
+            text = f"one rigid-body model explains the torques to {percent(self.held_out)}, noise explains {noise}"
+            cause = f"what is above the noise in {above} no inertial parameters explain, not those of each joint alone"
         return f"{text}; {cause}" if above else text
 
     def _named(self, chosen: Array) -> str:
@@ -158,19 +155,10 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     probability = np.asarray(f.sf(F, free, independent))
     scale = rows / np.maximum(size, TINY)
     together, alone = np.sqrt(total / np.maximum(rows - spent, 1) * scale), np.sqrt(squares / freedom * scale)
-    parameters = base.back @ x
-    return Consistency(
-        joint_names=base.standard.model.joint_names,
-        noise=noise_shares(data.prepared),
-        held_out=held_out,
-        together=together,
-        alone=alone,
-        F=F,
-        probability=probability,
-        independent=independent,
-        conflict=(probability < CHANCE / fitted.joints) & (together > WORSE * alone),
-        energy=energy_balance(base.standard, data.prepared, parameters, data.residuals(parameters)),
-    )
+    conflict = (probability < CHANCE / fitted.joints) & (together > WORSE * alone)
+    names, energy = base.standard.model.joint_names, energy_balance(base.standard, data, base.back @ x)
+    errors = noise_shares(data.prepared), held_out, together, alone
+    return Consistency(names, *errors, F, probability, independent, conflict, energy)
 
 
 def own_fit(equations: Equations) -> tuple[Array, float, int]:
@@ -242,13 +230,11 @@ class EnergyBalance(NamedTuple):
     power: Array
 
 
-def energy_balance(
-    standard: StandardParameters, records: Sequence[Prepared], x: Array, residuals: Sequence[Array]
-) -> EnergyBalance:
-    """The balance of measured motions, of standard parameters x that leave these torques of each record's rows."""
-    pieces = np.concatenate([_pieces(standard, record, x) for record in records])
+def energy_balance(standard: StandardParameters, data: RegressionData, x: Array) -> EnergyBalance:
+    """The balance of measured motions, of standard parameters x."""
+    pieces = np.concatenate([_pieces(standard, record, x) for record in data.prepared])
     sums = np.zeros((4, standard.model.n))
-    for record, residual in zip(records, residuals, strict=True):
+    for record, residual in zip(data.prepared, data.residuals(x), strict=True):
         velocity, torque = record.reduce(record.qd), record.reduce(record.tau)
         power, total = residual * velocity * record.valid, torque * velocity * record.valid
         sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]

@@ -16,7 +16,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, listed, wrapped
@@ -272,11 +271,10 @@ def two_sets(
     without: Record | Sequence[Record] | None,
     with_load: Record | Sequence[Record],
     drives: DriveModel | None,
-    minimum_velocity: ArrayLike | None,
     cutoff: float | None,
 ) -> TwoSets:
     """Check and prepare the records of both sets."""
-    further = (minimum_velocity, cutoff, 2)  # two folds: none is held out
+    further = (None, cutoff, 2)  # two folds: none is held out
     if isinstance(robot, Identification):
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
