@@ -299,8 +299,8 @@ class Identification(InNotebooks):
     def _compared(self, name: str, prepared: Prepared) -> Check:
         model, torques = self.initial.model, self.predict(prepared.q, prepared.qd, prepared.qdd)
         units = tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
-        columns = (prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques))
-        return Check(name, model.joint_names, units, prepared.times, *columns, prepared.valid)
+        qd, tau, predicted = (prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques))
+        return Check(name, model.joint_names, units, prepared.times, qd, tau, predicted, prepared.valid)
 
     def plot(self, record: Record | None = None) -> Figure:
         """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
@@ -391,7 +391,7 @@ def joints_text(found: Identification) -> str:
         ]
         rows.append(Row(f"  {short(name)}", [noise, *shares, str(count), f"{count / found.correlation_time[j]:.0f}"]))
     close = (
-        f"Held out: each of {len(found.equations.factors)} blocks of the measurements, predicted by a fit to the others. "
+        f"Held out: each of {len(found.equations.factors)} blocks of the measurements, predicted by a fit to the rest. "
         "At rest: torques of slow joints, which are not fitted because Coulomb friction then has no known direction."
     )
     return "\n".join([*aligned(rows), close, *motions_text(found)])
@@ -431,14 +431,8 @@ def motions_text(found: Identification) -> list[str]:
 def parameters_text(found: Identification) -> str:
     """Base parameters with standard errors."""
     e = found.estimate
-    title = [
-        "least squares",
-        "standard error",
-        "of the value [%]",
-        "drift",
-        "its error",
-        *["consistent"] * found.consistent,
-    ]
+    title = ["least squares", "standard error", "of the value [%]", "drift", "its error"]
+    title += ["consistent"] * found.consistent
     joints = ", ".join(f"{k} {short(name)}" for k, name in enumerate(found.initial.model.moving_joints, 1))
     rows = [Row("base parameters", title, words=True)]
     for k, name in enumerate(found.base.names):
