@@ -233,10 +233,8 @@ class Search:
     def run(self, starts: Array) -> Found:
         """The best of several starts: each through the first stage, the best of them through the further ones."""
         first, *further = self.stages
-        total, runs = len(starts) + len(further), []
-        for k, x in enumerate(starts):
-            start = Found(x, self.value(self.exact, x), False, NOT_BETTER)
-            runs.append(self._minimise(first, start, k, (k, total)))
+        total, given = len(starts) + len(further), [(x, self.value(self.exact, x), False, NOT_BETTER) for x in starts]
+        runs = [self._minimise(first, Found(*start), k, (k, total)) for k, start in enumerate(given)]
         best = min(range(len(runs)), key=lambda k: runs[k].value)
         found = runs[best]
         for k, criterion in enumerate(further, start=len(runs)):
@@ -248,6 +246,11 @@ class Search:
         from scipy.optimize import minimize
 
         done, end, total = (self.iterations * k for k in (runs[0], runs[0] + 1, runs[1]))
+        A, within, grid = self.within.rows, self.within, self._grid
+        limits: list[dict[str, Any]] = [{"fun": lambda x: 1 - A @ x, "jac": lambda x: -A}]
+        if len(within.driven):
+            slack, slopes = within.torque_slack, within.torque_slack_slopes
+            limits.append({"fun": lambda x: slack(x, grid), "jac": lambda x: slopes(x, grid)})
 
         def tick(_: Any = None) -> None:
             nonlocal done
@@ -259,7 +262,7 @@ class Search:
             lambda x: self.value(criterion, x),
             start.x,
             jac=lambda x: self.gradient(criterion, x),
-            constraints=self._constraints(),
+            constraints=[{"type": "ineq"} | limit for limit in limits],
             method="SLSQP",
             callback=tick,
             options={"maxiter": self.iterations, "ftol": FTOL if criterion is self.stages[-1] else COARSE},
@@ -273,14 +276,6 @@ class Search:
         if x is start.x or not value <= start.value:
             return start
         return Found(x, value, bool(run.success), str(run.message))
-
-    def _constraints(self) -> list[dict[str, Any]]:
-        A, within = self.within.rows, self.within
-        found: list[dict[str, Any]] = [{"type": "ineq", "fun": lambda x: 1 - A @ x, "jac": lambda x: -A}]
-        if len(within.driven):
-            slack, slopes = (partial(f, matrices=self._grid) for f in (within.torque_slack, within.torque_slack_slopes))
-            found.append({"type": "ineq", "fun": slack, "jac": slopes})
-        return found
 
     def _held(self, start: Array, end: Array) -> Array:
         """The farthest series on the line from a start, which keeps its limits, to the optimiser's end that does."""
@@ -440,16 +435,16 @@ class Excitation(InNotebooks):
         return write_columns(path, samples.t, columns)
 
     def __repr__(self) -> str:
-        kind, value, best = "log det", self.log_det, self.random.max()
-        if self.criterion == "condition":
-            kind, value, best = "condition number", self.condition, self.random.min()
+        kind, value, best = "condition number", self.condition, self.random.min()
+        if self.criterion != "condition":
+            kind, value, best = "log det", self.log_det, self.random.max()
         text = (
             f"Excitation of '{short(self.robot.model.name)}': {self.duration:g} s, "
             f"{counted(self.harmonics, 'harmonic')}, {kind} {value:.4g}; of {len(self.random)} random motions "
             f"{np.median(self.random):.4g} in the median, {best:.4g} at best"
         )
-        active = f"; active limits: {', '.join(self.active)}" if self.active else ""
-        text += active + ("" if self.converged else f"; not converged: {self.message}")
+        text += f"; active limits: {', '.join(self.active)}" if self.active else ""
+        text += "" if self.converged else f"; not converged: {self.message}"
         return wrapped("\n  ".join([text, *self.notes]))
 
 
@@ -622,35 +617,24 @@ def _excited(search: Search, x: Array) -> Array:
 def _result(
     robot: Robot, search: Search, found: Found, criterion: str, random: Array, positions: Mapping[int, float]
 ) -> Excitation:
-    within, H = search.within, search.within.basis.harmonics
-    moving = [k for k in range(robot.n) if k not in positions]
+    within, n = search.within, robot.n
+    moving = [k for k in range(n) if k not in positions]
 
     def placed(part: Array) -> Array:
         """Rows of the joints that move among those of all."""
-        rows = np.zeros((robot.n, *part.shape[1:]))
+        rows = np.zeros((n, *part.shape[1:]))
         rows[moving] = part
         return rows
 
     coefficients = placed(within.coefficients(found.x))
     coefficients[list(positions), 0] = list(positions.values())
+    q0, a, b = np.split(coefficients, [1, 1 + within.basis.harmonics], axis=1)
     condition, log_det = Spectrum(search.matrix(found.x), exact=True).measures
+    use = {kind: placed(share) for kind, share in within.use(found.x).items()}
     locked = {robot.joint_names[k]: position for k, position in positions.items()}
-    return Excitation(
-        robot=robot,
-        duration=within.basis.duration,
-        q0=coefficients[:, 0],
-        a=coefficients[:, 1 : H + 1],
-        b=coefficients[:, H + 1 :],
-        criterion=criterion,
-        condition=condition,
-        log_det=log_det,
-        random=random,
-        limit_use={kind: placed(use) for kind, use in within.use(found.x).items()},
-        converged=found.converged,
-        message=found.message,
-        locked=locked,
-        notes=_notes(within, locked),
-    )
+    ended = found.converged, found.message, locked, _notes(within, locked)
+    series = within.basis.duration, q0[:, 0], a, b
+    return Excitation(robot, *series, criterion, condition, log_det, random, use, *ended)
 
 
 def _notes(within: MotionLimits, locked: Mapping[str, float]) -> tuple[str, ...]:
