@@ -259,23 +259,21 @@ class Log:
         ramp = self.place - self.place.mean()
         courses = (ramp, ramp**2 - (ramp**2).mean())
         for j, name in enumerate(self.names):
-            of_joint = (name,)
             terms = [self.res.column_of(j, DRIVES[symbol][2]) for symbol in ("Fv", "Fc")]
             columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
-            yield Change("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
+            yield Change("friction changed", (name,), columns, words("friction of {} changes during the log", name))
             drift = np.eye(len(self.names))[j][:, None] * ramp
-            yield Change("offset drifts", of_joint, drift, words("the zero of the torque of {} drifts", name))
+            yield Change("offset drifts", (name,), drift, words("the zero of the torque of {} drifts", name))
 
     def friction(self) -> Iterator[Change]:
         """Friction that changes with speed or with the load."""
         for j, name in enumerate(self.names):
-            of_joint = (name,)
             sides = self.res.column_of(j, lambda q, qd, qdd: np.abs(qd))
             text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
-            yield Change("friction by direction", of_joint, sides, text)
+            yield Change("friction by direction", (name,), sides, text)
             load = (self.res.curves[..., 0] * np.eye(len(self.names))[j])[..., None]
             text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
-            yield Change("friction under load", of_joint, load, text)
+            yield Change("friction under load", (name,), load, text)
             for share in VELOCITIES if self.res.fastest[j] > 0 else ():
                 yield stribeck(self.res, j, share * self.res.fastest[j])
 

@@ -24,7 +24,7 @@ from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
-from .least_squares import LeastSquares, least_squares, solve
+from .least_squares import least_squares, solve
 from .record import Record
 from .result import Identification
 from .rigid_body_test import own_fit, percent
@@ -78,11 +78,7 @@ class DriveGains(OfTwoSets):
     joint_names: tuple[str, ...]
     gains: Array
     errors: Array
-    held_out: Array
-    estimate: LeastSquares
     com: Array
-    notes: tuple[str, ...]
-    sets: TwoSets
 
     def _reasons(self) -> list[str]:
         share = self.errors / np.abs(self.gains)
@@ -198,7 +194,7 @@ def identify_drive_gains(
     notes = [*fit.notes, *notes]
     if np.isnan(gains).any():
         notes.append(UNTOLD.format(listed([names[j] for j in np.flatnonzero(np.isnan(gains))])))
-    result = DriveGains(names, gains, errors, fit.held_out, fit.estimate, com, tuple(notes), sets.in_torques(gains))
+    result = DriveGains(fit.estimate, fit.held_out, tuple(notes), sets.in_torques(gains), names, gains, errors, com)
     if result.doubt:
         warnings.warn(result.doubt, IdentificationWarning, stacklevel=2)
     return result

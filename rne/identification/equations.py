@@ -119,11 +119,6 @@ class RecordEquations(NamedTuple):
     used: Array  # shape (rows, n): valid, and the joint is not about to stop
     sure: Array  # shape (rows, n): used, and the joint did not rest for a while beside, where friction takes any value
 
-    def compressed(self, blocks: tuple[slice, ...]) -> tuple[Equations, Equations]:
-        """Equations to fit, and equations to check the fit on."""
-        fitted = equations(self.Y, self.tau, self.used, blocks)
-        return fitted, fitted if (self.used == self.valid).all() else equations(self.Y, self.tau, self.valid, blocks)
-
 
 def resting(record: Prepared, minimum_velocity: Array) -> Array:
     """True at samples where a joint rests for a while, and its friction takes any value, shape (T, n)."""

@@ -156,7 +156,7 @@ def random_series(within: MotionLimits, count: int, rng: np.random.Generator) ->
 def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
     """The series that rests in mid-range, or in a random pose if the drives cannot hold that one."""
     robot = within.robot
-    poses = within.centre + within.half_range * rng.uniform(-0.9, 0.9, (POSES, robot.n))
+    poses = within.centre + (within.upper - within.centre) * rng.uniform(-0.9, 0.9, (POSES, robot.n))
     poses[0] = within.centre
     use = np.abs(within.torques((poses, np.zeros_like(poses), np.zeros_like(poses)))) + within.coulomb
     k = 0 if use[0].max() <= HELD else int(use.max(-1).argmin())

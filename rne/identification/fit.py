@@ -291,8 +291,16 @@ def prior_robot(robot: Robot, prior: Robot | str | None) -> Robot | str:
 def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equations) -> tuple[Array, tuple[str, ...]]:
     """Pseudo-inertias to start from, and what to say of them."""
     if isinstance(known, str):
-        bodies = geometric_prior(standard.model)
-        density = found_density(bodies, standard, fitted)
+        bodies, drives = geometric_prior(standard.model), standard.count - PARAMETERS * standard.model.nb
+        E = np.zeros((standard.count, 1 + drives))
+        E[: -drives or None, 0] = parameters_of_pseudo_inertia(bodies)
+        E[standard.count - drives :, 1:] = np.eye(drives)
+        density = float(least_squares(fitted.mapped(E)).values[0])  # with which torques are fitted best
+        if density <= 0:
+            raise IdentificationError(
+                f"`prior` 'geometry': the torques ask for bodies of {density:.4g} kg in all; check the signs of "
+                "torques and of gravity"
+            )
         return density * bodies, (f"prior: rods between the joints, {density:.4g} kg in all",)
     bodies, thickened = model_prior(known.model)
     return bodies, tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)
@@ -302,18 +310,3 @@ def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
     """False if torques that are not explained make one body heavier than all together are guessed to be."""
     masses = parameters[: PARAMETERS * len(guess) : PARAMETERS]
     return bool((fitted.shares(parameters) <= EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum())
-
-
-def found_density(bodies: Array, standard: StandardParameters, fitted: Equations) -> float:
-    """The factor of guessed bodies with which torques are fitted best."""
-    drives = standard.count - PARAMETERS * standard.model.nb
-    E = np.zeros((standard.count, 1 + drives))
-    E[: -drives or None, 0] = parameters_of_pseudo_inertia(bodies)
-    E[standard.count - drives :, 1:] = np.eye(drives)
-    density = float(least_squares(fitted.mapped(E)).values[0])
-    if density <= 0:
-        raise IdentificationError(
-            f"`prior` 'geometry': the torques ask for bodies of {density:.4g} kg in all; check the signs of torques "
-            "and of gravity"
-        )
-    return density

@@ -22,10 +22,9 @@ from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import Payload
 from .consistent import consistent_fit
-from .least_squares import LeastSquares
 from .record import Record
 from .result import Identification
-from .two_sets import BEYOND_DOUBT, OfTwoSets, TwoSets, load_map, two_sets
+from .two_sets import BEYOND_DOUBT, OfTwoSets, load_map, two_sets
 
 DOUBTFUL = 0.05  # standard error of the mass, as a part of it, from which it is doubtful
 DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
@@ -70,11 +69,7 @@ class PayloadEstimate(OfTwoSets):
     mass_error: float
     com_error: Array
     inertia_error: Array
-    estimate: LeastSquares
     consistent: bool
-    held_out: Array
-    notes: tuple[str, ...]
-    sets: TwoSets
 
     def _reasons(self) -> list[str]:
         share = self.mass_error / abs(self.mass)
@@ -216,8 +211,8 @@ def identify_payload(
         notes.append("the load is the physically consistent one that fits best; `estimate` holds that of least squares")
     body, error = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
     payload = Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name)
-    stated, is_replaced = (float(error[0]), error[1:4], error[4:][ENTRIES]), impossible and consistent
-    found = PayloadEstimate(payload, *stated, estimate, is_replaced, fit.held_out, tuple(notes), sets)
+    common, stated = (estimate, fit.held_out, tuple(notes), sets), (float(error[0]), error[1:4], error[4:][ENTRIES])
+    found = PayloadEstimate(*common, payload, *stated, impossible and consistent)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
     return found

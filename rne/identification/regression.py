@@ -15,7 +15,7 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.motion_files import numbered_joints
-from .equations import Equations, RecordEquations, joined, record_equations, triangular
+from .equations import Equations, RecordEquations, equations, joined, record_equations, triangular
 from .filtering import low_pass, settling
 from .least_squares import correlation_time_of_filtered_noise, correlation_time_of_residuals, solve
 from .prepared import Prepared, undisturbed
@@ -93,8 +93,21 @@ def build_regression(
     prepared = tuple(delayed(r.prepare(cutoff), d) for r, d in zip(given, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
     rows = [record_equations(robot, standard, record, slowest, still) for record in prepared]
-    check_count(rows, base, still)
-    fitted, measured = equations_of(rows, prepared, folds)
+    if still.all() and len(still):
+        raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
+    count = sum(int(r.used.sum()) for r in rows)
+    if count <= base.count:
+        raise ValueError(
+            f"`records` give {count} equations for {base.count} base parameters: a longer motion is needed, or a "
+            "higher `cutoff`"
+        )
+    each, shortest = max(-(-folds // len(prepared)), 2), min(len(r.tau) for r in rows)
+    if each > shortest:
+        raise ValueError(f"`folds` must be at most {shortest * len(rows)}, got {folds}: there are no more equations")
+    parts = [(r, record.blocks(each)) for r, record in zip(rows, prepared, strict=True)]
+    measured = fitted = joined([equations(r.Y, r.tau, r.used, blocks) for r, blocks in parts])
+    if any((r.used != r.valid).any() for r in rows):
+        measured = joined([equations(r.Y, r.tau, r.valid, blocks) for r, blocks in parts])
     names = [robot.joint_names[j] for j in np.flatnonzero(still)]
     lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
     silent = [robot.joint_names[j] for j in np.flatnonzero(measured.rows.sum(0) == 0)]
@@ -183,27 +196,3 @@ def minimum_velocities(
     if "Fc" not in standard.terms or standard.smoothing:
         return still, np.zeros(standard.model.n)
     return still, np.where(still, np.inf, np.maximum(SLOWEST * largest, floor))
-
-
-def check_count(rows: Sequence[RecordEquations], base: BaseParameters, still: Array) -> None:
-    """Refuse records of which no joint moves, and fewer equations than unknowns."""
-    if still.all() and len(still):
-        raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
-    count = sum(int(r.used.sum()) for r in rows)
-    if count <= base.count:
-        raise ValueError(
-            f"`records` give {count} equations for {base.count} base parameters: a longer motion is needed, or a "
-            "higher `cutoff`"
-        )
-
-
-def equations_of(
-    rows: Sequence[RecordEquations], prepared: Sequence[Prepared], folds: int
-) -> tuple[Equations, Equations]:
-    """Equations to fit, and those to check the fit on, in blocks of time."""
-    each = max(-(-folds // len(prepared)), 2)
-    shortest = min(len(r.tau) for r in rows)
-    if each > shortest:
-        raise ValueError(f"`folds` must be at most {shortest * len(rows)}, got {folds}: there are no more equations")
-    parts = [r.compressed(record.blocks(each)) for r, record in zip(rows, prepared, strict=True)]
-    return joined([fitted for fitted, _ in parts]), joined([measured for _, measured in parts])

@@ -9,7 +9,6 @@ come from their own regressors (Gautier and Khalil 1988 identify with them).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -157,7 +156,11 @@ def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Co
     together, alone = np.sqrt(total / np.maximum(rows - spent, 1) * scale), np.sqrt(squares / freedom * scale)
     conflict = (probability < CHANCE / fitted.joints) & (together > WORSE * alone)
     names, energy = base.standard.model.joint_names, energy_balance(base.standard, data, base.back @ x)
-    errors = noise_shares(data.prepared), held_out, together, alone
+    noise = np.zeros((2, fitted.joints))
+    for record in data.prepared:
+        torque = record.reduce(record.tau) * record.valid
+        noise += [record.valid.sum(0) * torque_noise(record), (torque**2).sum(0)]
+    errors = np.sqrt(noise[0] / np.maximum(noise[1], TINY)), held_out, together, alone
     return Consistency(names, *errors, F, probability, independent, conflict, energy)
 
 
@@ -174,15 +177,6 @@ ABOVE = 2.0  # times the cut-off: no motion is left there
 LOWEST, HIGHEST = 0.25, 0.45  # of the sample rate, between which noise is looked for
 WINDOW = 8.0  # periods of the cut-off in one spectrum, at least
 POINTS = 64  # of a spectrum, at least
-
-
-def noise_shares(prepared: Sequence[Prepared]) -> Array:
-    """Noise as a part of |torque|."""
-    squares = np.zeros((2, prepared[0].q.shape[1]))
-    for record in prepared:
-        torque = record.reduce(record.tau) * record.valid
-        squares += [record.valid.sum(0) * torque_noise(record), (torque**2).sum(0)]
-    return np.asarray(np.sqrt(squares[0] / np.maximum(squares[1], TINY)))
 
 
 def torque_noise(record: Prepared) -> Array:

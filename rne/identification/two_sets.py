@@ -171,9 +171,11 @@ class TwoSets:
         return np.asarray(np.maximum((rows * times).sum(0) / np.maximum(rows.sum(0), 1), 1.0))
 
 
+@dataclass(frozen=True, eq=False)
 class OfTwoSets(InNotebooks):
-    """What is said of results from records without and with a load."""
+    """What results from records without and with a load have in common."""
 
+    estimate: LeastSquares
     held_out: Array
     notes: tuple[str, ...]
     sets: TwoSets
@@ -186,10 +188,9 @@ class OfTwoSets(InNotebooks):
     @cached_property
     def doubt(self) -> str:
         """Reasons not to believe the result, with the likely causes; empty if there is none."""
-        names = self.sets.robot.joint_names
-        poor = [f"{n} {100 * x:.0f} %" for n, x in zip(names, self.held_out, strict=True) if x > UNEXPLAINED]
-        lines = [f"torques in motion that the model does not explain: {listed(poor)}"] if poor else []
-        lines = [*self._reasons(), *lines]
+        left = zip(self.sets.robot.joint_names, self.held_out, strict=True)
+        poor = [f"{name} {100 * x:.0f} %" for name, x in left if x > UNEXPLAINED]
+        lines = self._reasons() + [f"torques in motion that the model does not explain: {listed(poor)}"] * bool(poor)
         if lines and self.causes:
             lines.append("likely causes: " + "; ".join(cause.text for cause in self.causes[:NAMED]))
         return ". ".join(lines)
