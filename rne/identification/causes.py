@@ -22,7 +22,7 @@ from ..basics.spatial import Array
 from ..basics.text import listed
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .residuals import TINY, Grid, Residuals
+from .residuals import TINY, Grid, Residuals, by_joint
 from .screening import seconds
 
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -210,9 +210,9 @@ class Log:
 
     def joints(self) -> Iterator[Change]:
         """Zeros, gear ratios and gains of torques."""
-        found = self.res.Y @ self.res.x
+        found = by_joint((self.res.Y @ self.res.x)[..., None])
         for j, name in enumerate(self.names):
-            of_joint, own = (name,), (found[:, [j]] * np.eye(len(self.names))[j])[..., None]
+            of_joint = (name,)
             ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
             zero = words("the zero of {} is off by {:.3g} {}", name, self.units(j)[0])
             yield Change("joint zero", of_joint, self.zeros[j], zero)
@@ -221,24 +221,22 @@ class Log:
             pull = words("something pulls {} as a spring of {:.3g} {} per {}", name, *self.units(j)[::-1])
             yield Change("spring", of_joint, spring, pull)
             factor = words("the torque of {} is measured {:.4g} times", name, start=1)
-            yield Change(GAIN, of_joint, own, factor)
+            yield Change(GAIN, of_joint, found[..., [j]], factor)
 
     @cached_property
     def zeros(self) -> list[Array]:
         """Torques per unit of each joint's zero."""
-        predicted = self.res.load
+        return [self.res.columns(partial(self._shifted, unit))[..., None] for unit in np.eye(len(self.names))]
 
-        def torques(unit: Array, g: Grid) -> Array:
-            return slope(lambda h: predicted(g.q + h * unit, g.qd, g.qdd))
-
-        return [self.res.columns(partial(torques, unit))[..., None] for unit in np.eye(len(self.names))]
+    def _shifted(self, unit: Array, g: Grid) -> Array:
+        return slope(lambda h: self.res.load(g.q + h * unit, g.qd, g.qdd))
 
     def ratio_column(self, j: int) -> Array:
         """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
-        unit, predicted = np.eye(len(self.names))[j], self.res.load  # drives of the joint stay what they are
+        unit = np.eye(len(self.names))[j]  # drives of the joint stay what they are
 
         def torques(g: Grid, k: Array) -> Array:
-            return np.asarray(k * predicted(k * g.q, k * g.qd, k * g.qdd))
+            return np.asarray(k * self.res.load(k * g.q, k * g.qd, k * g.qdd))
 
         return self.res.columns(lambda g: slope(lambda h: torques(g, 1 + h * unit)))[..., None]
 
@@ -267,13 +265,13 @@ class Log:
 
     def friction(self) -> Iterator[Change]:
         """Friction that changes with speed or with the load."""
+        loads = by_joint(self.res.curves[..., :1])
         for j, name in enumerate(self.names):
             sides = self.res.column_of(j, lambda q, qd, qdd: np.abs(qd))
             text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
             yield Change("friction by direction", (name,), sides, text)
-            load = (self.res.curves[..., 0] * np.eye(len(self.names))[j])[..., None]
             text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
-            yield Change("friction under load", (name,), load, text)
+            yield Change("friction under load", (name,), loads[..., [j]], text)
             for share in VELOCITIES if self.res.fastest[j] > 0 else ():
                 yield stribeck(self.res, j, share * self.res.fastest[j])
 
@@ -342,11 +340,15 @@ def pulls(robot: Robot, gravity: Array, parameters: Array, g: Grid) -> Array:
     return np.stack([alone.gravity_torque(g.q, parameters=pi) for pi in parameters], axis=-1)
 
 
+def angle_between(a: Array, b: Array) -> float:
+    """Angle of two vectors in degrees."""
+    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
 def direction_text(gravity: Array, given: Array) -> str:
-    """Words for gravity along a vector instead of the unit vector given."""
-    g = gravity / np.linalg.norm(gravity)
-    angle = np.rad2deg(np.arctan2(np.linalg.norm(np.cross(g, given)), g @ given))
-    return f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.3g} degrees from the model's"
+    """Words for gravity along a vector instead of the vector given."""
+    (x, y, z), angle = gravity / np.linalg.norm(gravity), angle_between(gravity, given)
+    return f"gravity acts along ({x:.2f}, {y:.2f}, {z:.2f}), {angle:.3g} degrees from the model's"
 
 
 def slope(function: Callable[[float], Array]) -> Array:
@@ -526,8 +528,7 @@ def gravity_directions(res: Residuals) -> Iterator[Cause]:
     simplex = start + np.vstack([np.zeros(3), TILT * np.eye(3)])
     options = {"maxfev": 100, "xatol": 3e-3, "fatol": 0.3, "initial_simplex": simplex}
     found = minimize(loss, start, method="Nelder-Mead", options=options).x
-    length = float(np.linalg.norm(found))
-    angle = float(np.rad2deg(np.arccos(np.clip(found @ given / max(length, TINY), -1, 1))))
+    length, angle = float(np.linalg.norm(found)), angle_between(found, given)
     gain, removed = res.gain(squares(found), before)
     if angle > TURNED:
         yield Cause(DIRECTION, (), direction_text(found, given), gain - res.penalty(3), removed, angle)

@@ -39,7 +39,7 @@ class BaseRegressor(NamedTuple):
 
     @classmethod
     def of(cls, base: BaseParameters) -> BaseRegressor:
-        """That of a robot's base parameters."""
+        """The regressor of a robot's base parameters."""
         drives = base.standard.drives
         rows = tuple(map(tuple, base.standard.motors.tolist())) or None
         velocities = None if drives.stribeck is None else tuple(np.asarray(drives.stribeck, float).tolist())
@@ -47,7 +47,7 @@ class BaseRegressor(NamedTuple):
 
     @property
     def quantity(self) -> Quantity:
-        """That of the regressor, with another core."""
+        """The quantity of the regressor, with these columns as its core."""
         return replace(regressor.quantity, core=self.core)
 
     def core(self, model: Model, q: Array, qd: Array, qdd: Array) -> Array:
@@ -527,12 +527,10 @@ def excitation(
     Only the limits of the joints are kept: collisions of the robot with itself, the table or anything else are not
     considered. Look at the motion with `rne.view` before it runs on the robot.
 
-    Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor. The
-    condition number has no derivative where singular values meet, as they do at the optimum; it is approximated by
-    Schatten norms of orders 8 and 64. Positions, velocities and accelerations keep their limits at all times, by the
-    inequality of Bernstein and Szego: a grid of 16 times per period of the highest harmonic misses at most 1.9 % of a
-    maximum. Torques are those of `robot`, with its damping and friction; they are limited at 64 times per period of the
-    highest harmonic, with the parabola through three of them in between.
+    Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor, of Schatten
+    norms of orders 8 and 64 in place of the condition number. Positions, velocities and accelerations keep their limits
+    at all times, by the inequality of Bernstein and Szego. Torques are those of `robot`, with its damping and friction;
+    they are limited at 64 times per period of the highest harmonic, with the parabola through three of them in between.
 
     Examples
     --------
@@ -552,7 +550,13 @@ def excitation(
     >>> panda = rne.load("panda")  # doctest: +SKIP
     >>> rne.excitation(panda, 10.0, locked=["panda_finger_joint1"], progress=progress)  # doctest: +SKIP
     """
-    basis, numeric = _basis(robot, duration, harmonics, rest), robot
+    if not robot_argument(robot).n:
+        raise ValueError("`robot` must have at least one joint, got none")
+    if whole_number("harmonics", harmonics) < (2 if rest else 1):
+        raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
+    basis, numeric = FourierBasis(positive_number("duration", duration), harmonics), robot
+    if criterion not in CRITERIA:
+        raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
     if robot.engine != "numpy":  # Numba takes minutes to compile the derivatives of a regressor
         numeric = Robot(robot.model, "numpy")
     values = motion_limits(numeric, limits)
@@ -564,7 +568,8 @@ def excitation(
     base = numeric.base_parameters(drives=_drives(robot, drives, moving, within.velocity_limit))
     sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
     observation = Observation(numeric, base, sizes[moving])
-    exact, stages = _criteria(criterion)
+    exact: Criterion = log_condition if criterion == "condition" else log_volume
+    stages = tuple(partial(log_condition, p=p) for p in ORDERS) if criterion == "condition" else (log_volume,)
     count, most = SAMPLES * harmonics, whole_number("iterations", iterations)
     search = Search(within, observation, count, exact, stages, most, progress)
     x = random_series(within, whole_number("random_motions", random_motions), np.random.default_rng(0))
@@ -575,14 +580,6 @@ def excitation(
     return _result(robot, search, found, criterion, values_of_random, positions)
 
 
-def _basis(robot: Robot, duration: float, harmonics: int, rest: bool) -> FourierBasis:
-    if not robot_argument(robot).n:
-        raise ValueError("`robot` must have at least one joint, got none")
-    if whole_number("harmonics", harmonics) < (2 if rest else 1):
-        raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
-    return FourierBasis(positive_number("duration", duration), harmonics)
-
-
 def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_limit: Array) -> DriveModel:
     """Those of the joints that move, Coulomb friction smoothed."""
     drives = drive_argument(given)
@@ -590,14 +587,6 @@ def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_
     velocities = None if drives.stribeck is None else np.asarray(drives.stribeck)[moving]
     slow = SMOOTHING * float(velocity_limit.min()) if drives.smoothing is None else drives.smoothing
     return replace(drives, coupled_motors=motors[motors.any(1)], stribeck=velocities, smoothing=slow)
-
-
-def _criteria(criterion: str) -> tuple[Criterion, tuple[Criterion, ...]]:
-    if criterion not in CRITERIA:
-        raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
-    if criterion == "condition":
-        return log_condition, tuple(partial(log_condition, p=p) for p in ORDERS)
-    return log_volume, (log_volume,)
 
 
 def _excited(search: Search, x: Array) -> Array:

@@ -286,7 +286,13 @@ class Record:
         n = positions.shape[1]
         gains = np.ones(n) if drive_gains is None else _not_zero("drive_gains", drive_gains, n)
         zero = 0.0 if offsets is None else vector("offsets", offsets, n)
-        K = _gears(n, ratios, coupling)
+        mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
+        K, rows = _not_zero("ratios", ratios, n)[:, None] * mixed, np.linalg.norm(mixed, axis=1)
+        if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
+            raise ValueError(
+                "`coupling` must be invertible: joint positions do not follow from the motors' through a singular "
+                "matrix"
+            )
         torques = (gains * samples_array("motor_tau", motor_tau, positions.shape)) @ K
         velocities = None
         if motor_qd is not None:
@@ -385,18 +391,6 @@ def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) ->
     if array.ndim != 2 or 0 in array.shape or (shape is not None and array.shape != shape):
         raise ValueError(f"`{name}` must have shape {wanted}, got {array.shape}")
     return np.array(array, dtype=np.float64)
-
-
-def _gears(n: int, ratios: ArrayLike, coupling: ArrayLike | None) -> Array:
-    """Motor positions per joint positions of n motors, diag(ratios) coupling."""
-    mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
-    gears = _not_zero("ratios", ratios, n)
-    rows = np.linalg.norm(mixed, axis=1)
-    if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
-        raise ValueError(
-            "`coupling` must be invertible: joint positions do not follow from the motors' through a singular matrix"
-        )
-    return np.asarray(gears[:, None] * mixed)
 
 
 def _not_zero(name: str, value: ArrayLike, n: int) -> Array:

@@ -154,9 +154,20 @@ class TwoSets:
         return pi, pi + known + S @ x[self.base.count : self.base.count + S.shape[1]]
 
     def random_errors(self, states: Sequence[Array], *, with_factors: bool) -> list[list[Array]]:
-        """Torques of KINDS of either set's records, as large as each joint's torque; factors are zero if not asked."""
-        nb, sets = self.robot.model.nb, zip((self.without, self.loaded), states, strict=True)
-        X = [columns(data, nb, x, i) for i, (data, x) in enumerate(sets)]
+        """Torques of KINDS of either set's records, as large as each joint's torque, shape (rows, n, len(KINDS)).
+
+        Torques are those of standard parameters of either set; factors are zero if not asked.
+        """
+        X: list[list[Array]] = [[], []]
+        bodies = PARAMETERS * self.robot.model.nb
+        for i, (data, x) in enumerate(zip((self.without, self.loaded), states, strict=True)):
+            for record, row in zip(data.prepared, data.rows, strict=True):
+                v, sign, tau = record.reduce(record.qd), record.reduce(np.sign(record.qd)), row.Y @ x
+                speed, ramp = np.abs(v), np.linspace(-1, 1, len(v))[:, None] * np.ones_like(v)
+                load = np.abs(row.Y[..., :bodies] @ x[:bodies])  # not the friction itself
+                changed = [i * v, i * sign, i * np.ones_like(v)]
+                terms = [tau, load * sign, v * speed, np.sign(v) * np.sqrt(speed), speed, *changed, ramp]
+                X[i].append(np.stack(terms, axis=-1) * row.used[..., None])
         squares = np.sum([(x**2).sum(0) for part in X for x in part], axis=0)
         scale = np.sqrt(squares[:, :1] / np.maximum(squares, TINY))
         scale[:, 0] *= with_factors
@@ -202,19 +213,6 @@ class OfTwoSets(InNotebooks):
         first += f"; torques in motion are predicted to {percent(self.held_out)} on blocks of time that were not fitted"
         notes = [*self.notes, CONTAINED, *(cause.text for cause in self.causes)]
         return "\n".join([wrapped(first), *aligned(rows), *map(wrapped, notes)])
-
-
-def columns(data: RegressionData, nb: int, x: Array, loaded: int) -> list[Array]:
-    """Torques of KINDS of each record for predicted torques of standard parameters x, shape (rows, n, len(KINDS))."""
-    found, bodies = [], PARAMETERS * nb
-    for record, row in zip(data.prepared, data.rows, strict=True):
-        v, sign, tau = record.reduce(record.qd), record.reduce(np.sign(record.qd)), row.Y @ x
-        speed, ramp = np.abs(v), np.linspace(-1, 1, len(v))[:, None] * np.ones_like(v)
-        load = np.abs(row.Y[..., :bodies] @ x[:bodies])  # not the friction itself
-        changed = [loaded * v, loaded * sign, loaded * np.ones_like(v)]
-        terms = [tau, load * sign, v * speed, np.sign(v) * np.sqrt(speed), speed, *changed, ramp]
-        found.append(np.stack(terms, axis=-1) * row.used[..., None])
-    return found
 
 
 def in_blocks(data: RegressionData, X: Sequence[Array]) -> Equations:
