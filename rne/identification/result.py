@@ -302,21 +302,15 @@ class Identification(InNotebooks):
         qd, tau, predicted = (prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques))
         return Check(name, model.joint_names, units, prepared.times, qd, tau, predicted, prepared.valid)
 
-    def plot(self, record: Record | None = None) -> Figure:
-        """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
-
-        Parameters
-        ----------
-        record : Record, optional
-            By default the first of those that were fitted.
+    def plot(self) -> Figure:
+        """Measured and predicted torque of the first record, over time, and their difference, by joint.
 
         Returns
         -------
         matplotlib.figure.Figure
-            `figure.savefig("torques.png")` writes it to a file.
+            That of `check(record).plot()`; `figure.savefig("torques.png")` writes it to a file.
         """
-        check = self._compared(self.data.names[0], self.records[0]) if record is None else self.check(record)
-        return check.plot()
+        return self._compared(self.data.names[0], self.records[0]).plot()
 
     def consistency(self) -> Consistency:
         """Whether the measured torques can come from one rigid-body model at all.

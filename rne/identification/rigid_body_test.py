@@ -64,8 +64,7 @@ class Consistency(InNotebooks):
         True for joints that fit alone but not together: F is larger than chance makes it in one of a thousand tests of
         all joints, and the residual together is more than twice that alone.
     energy : EnergyBalance
-        `missing`, the share of the work that the fitted model neither stores nor loses, and by joint `lost` and
-        `power`, the mean and the root mean square of the residual torques' power, as parts of that of the torques.
+        Work that the fitted model neither stores nor loses, and the power of the residual torques.
     """
 
     joint_names: tuple[str, ...]
