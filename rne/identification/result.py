@@ -326,8 +326,7 @@ class Identification(InNotebooks):
         Notes
         -----
         The test is that of Draper and Smith 1998, section 6.1, with the number of equations divided by the correlation
-        time of the residuals of the joint's own fit. The noise is taken from the spectrum of the torques above twice
-        the filter's cut-off.
+        time of the residuals of the joint's own fit.
 
         Examples
         --------

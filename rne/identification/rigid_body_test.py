@@ -225,30 +225,23 @@ class EnergyBalance(NamedTuple):
 
 def energy_balance(standard: StandardParameters, data: RegressionData, x: Array) -> EnergyBalance:
     """The balance of measured motions, of standard parameters x."""
-    pieces = np.concatenate([_pieces(standard, record, x) for record in data.prepared])
-    sums = np.zeros((4, standard.model.n))
+    from scipy.integrate import cumulative_trapezoid
+
+    model, bodies = standard.model, PARAMETERS * standard.model.nb
+    sums, energies = np.zeros((4, model.n)), np.zeros(2)  # squares of energy that is missing and of work, of all pieces
     for record, residual in zip(data.prepared, data.residuals(x), strict=True):
         velocity, torque = record.reduce(record.qd), record.reduce(record.tau)
         power, total = residual * velocity * record.valid, torque * velocity * record.valid
         sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
-    missing, work = np.sqrt((pieces**2).sum(0))
+        for part in record.segments:
+            q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
+            ends = np.unique(np.linspace(0, len(q) - 1, PIECES + 1).astype(int))
+            stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
+            drives = (qd * standard.drive_torques(qd, qdd, x[bodies:])).sum(-1)  # rotors and losses
+            powers = np.stack([(tau * qd).sum(-1) - drives, np.abs(tau * qd).sum(-1)], axis=1)
+            work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
+            work[:, 0] -= stored @ x[:bodies]
+            energies += (np.diff(work, axis=0) ** 2).sum(0)
+    missing, work_done = np.sqrt(energies)
     lost, power = sums[0] / np.maximum(sums[1], TINY), np.sqrt(sums[2] / np.maximum(sums[3], TINY))
-    return EnergyBalance(float(missing / max(work, TINY)), lost, power)
-
-
-def _pieces(standard: StandardParameters, record: Prepared, x: Array) -> Array:
-    """Energy that is missing, and work done, in each piece; shape (pieces, 2) [J]."""
-    from scipy.integrate import cumulative_trapezoid
-
-    model, bodies = standard.model, PARAMETERS * standard.model.nb
-    found = []
-    for part in record.segments:
-        q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
-        ends = np.unique(np.linspace(0, len(q) - 1, PIECES + 1).astype(int))
-        stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
-        drives = (qd * standard.drive_torques(qd, qdd, x[bodies:])).sum(-1)  # rotors and losses
-        powers = np.stack([(tau * qd).sum(-1) - drives, np.abs(tau * qd).sum(-1)], axis=1)
-        work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
-        work[:, 0] -= stored @ x[:bodies]
-        found.append(np.diff(work, axis=0))
-    return np.concatenate(found)
+    return EnergyBalance(float(missing / max(work_done, TINY)), lost, power)
