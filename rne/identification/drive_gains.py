@@ -24,11 +24,11 @@ from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
-from .least_squares import least_squares, solve
+from .least_squares import BEYOND_DOUBT, least_squares, solve
 from .record import Record
 from .result import Identification
 from .rigid_body_test import own_fit, percent
-from .two_sets import BEYOND_DOUBT, Fitted, OfTwoSets, TwoSets, load_map, two_sets
+from .two_sets import DOUBTFUL, Fitted, OfTwoSets, TwoSets, load_map, two_sets
 
 ROUNDS = 30  # of steps
 SETTLED = 1e-7  # relative change of the gains at which they end
@@ -38,7 +38,6 @@ NEAR = 0.1  # standard errors of a gain that a step with random errors changes a
 REFINED = 6  # fits with random errors at most; the last change is in the standard errors
 FARTHEST = 10.0  # times that a gain grows in one step at most
 DIFFERENT = 0.1  # relative change of a gain by other parameters of the load, from which those given are refused
-DOUBTFUL = 0.05  # standard error of a gain, as a part of it, from which it is doubtful
 UNTOLD = (
     "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "
     "offset does; move the joint against the load, or mount the load further from its axis"

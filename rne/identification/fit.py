@@ -31,7 +31,7 @@ from .causes import (
 )
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
-from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
+from .least_squares import BEYOND_DOUBT, LeastSquares, Method, held_out, least_squares, with_correlation
 from .record import Record
 from .regression import FOLDS, RegressionData, build_regression, of_named_joints
 from .residuals import Residuals
@@ -40,7 +40,6 @@ from .rigid_body_test import EXPLAINED
 
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
-BEYOND_DOUBT = 4.0  # standard errors
 IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns
 SMALL_ROTOR = 0.1  # of a joint's inertia, below which a rotor that is not told from zero is none
 NO_ROTORS = (

@@ -28,6 +28,7 @@ FEWEST = 5  # degrees of freedom of a joint, from which its residual says what i
 ROUNDING = 1e-13  # of the torques: data without noise have this for it
 NOTHING = 1e-12  # length of a column, of the longest, that is rounding
 DEPENDENT = 1e-10  # singular values below this part of the largest, of columns of unit length, are rounding
+BEYOND_DOUBT = 4.0  # standard errors
 UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free
 
 

@@ -22,11 +22,11 @@ from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import Payload
 from .consistent import consistent_fit
+from .least_squares import BEYOND_DOUBT
 from .record import Record
 from .result import Identification
-from .two_sets import BEYOND_DOUBT, OfTwoSets, load_map, two_sets
+from .two_sets import DOUBTFUL, OfTwoSets, load_map, two_sets
 
-DOUBTFUL = 0.05  # standard error of the mass, as a part of it, from which it is doubtful
 DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
 PRIOR_STD = 3.0  # how far, relatively, a load may differ from it
 STEP = 1e-30  # of derivatives by complex numbers

@@ -32,7 +32,7 @@ from .residuals import TINY, Residuals
 from .result import NAMED, UNEXPLAINED, Identification
 from .rigid_body_test import percent
 
-BEYOND_DOUBT = 4.0  # standard errors
+DOUBTFUL = 0.05  # standard error of a mass or gain, as a part of it, from which it is doubtful
 KINDS = (
     "torque factors",
     "friction under load",
