@@ -450,7 +450,7 @@ def values_without(c: Case, found: Any, stribeck: bool) -> np.ndarray:
     bare = c._replace(size=0 * c.size, late=0.0)
     data = FAULTS["Stribeck"][0](bare) if stribeck else clean(bare)
     of_fit = found.records[0]
-    options = {"cutoff": of_fit.cutoff, "decimation": of_fit.decimation, "folds": 2, "minimum_velocity": None}
+    options = {"cutoff": of_fit.cutoff, "folds": 2, "minimum_velocity": None}
     record = Record(data.t, data.q, data.tau)
     equations = build_regression(found.initial, record, found.base, **options).fitted
     return weighted_fit(equations.mapped(found.base.back), found.estimate.sigma)[0]

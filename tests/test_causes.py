@@ -234,9 +234,9 @@ def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
     c = case("gantry", 3)
     data, robot = faults.clean(c), c.arm.robot
     base = robot.base_parameters(drives=FRICTION)
-    rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 5.0, None, 2)
+    rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 5.0, 2)
     unit = np.ones(robot.n)
-    res = Residuals(robot, base, rows.prepared, rows.rows, np.zeros(base.count), unit, 2 * unit)
+    res = Residuals(robot, base, rows, np.zeros(base.count), unit, 2 * unit)
     X = np.random.default_rng(0).normal(size=(*res.tau.shape, 2)) + 3 * (res.Y @ base.back)[..., :2]
     both = np.column_stack([res.A, res.weighted(X)])
     more = np.linalg.inv(both.T @ both)[: base.count, : base.count] - np.linalg.inv(res.A.T @ res.A)
@@ -289,8 +289,10 @@ def test_consistency_is_not_one_model_where_torques_are_left():
     """A clean log is one model; of the same torques backwards nothing is explained, which is no conflict of joints."""
     c = case("gantry", 5)
     data = faults.clean(c)
-    assert rne.consistency(c.arm.robot, Record(data.t, data.q, data.tau)).one_model
-    found = rne.consistency(c.arm.robot, Record(data.t, data.q, data.tau[::-1]))
+    assert rne.identify(c.arm.robot, Record(data.t, data.q, data.tau), consistent=False).consistency().one_model
+    with pytest.warns(rne.IdentificationWarning):
+        backwards = rne.identify(c.arm.robot, Record(data.t, data.q, data.tau[::-1]), consistent=False)
+    found = backwards.consistency()
     assert found.held_out.max() > 0.15
     assert not found.one_model
     assert "model explains" not in found.verdict

@@ -1,5 +1,7 @@
 """Whether measured torques can come from one rigid-body model: torques of a robot can, planted contradictions cannot."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.linalg import orth
@@ -33,11 +35,11 @@ def motion(scene):
     return truth(scene, seed=1)
 
 
-def judged(scene, motion, tau, seed, **options):
-    noisy = tau + NOISE[: scene.n] * np.random.default_rng(seed).normal(size=tau.shape)
-    return rne.consistency(
-        scene.robot, Record(motion.t, motion.q, noisy), drives=rne.DriveModel(friction="viscous+coulomb"), **options
-    )
+def judged(scene, motion, tau, seed, noise=1.0, friction="viscous+coulomb"):
+    noisy = tau + noise * NOISE[: scene.n] * np.random.default_rng(seed).normal(size=tau.shape)
+    record, drives = Record(motion.t, motion.q, noisy), rne.DriveModel(friction=friction)
+    with warnings.catch_warnings(action="ignore", category=rne.IdentificationWarning):
+        return rne.identify(scene.robot, record, drives=drives, consistent=False, delay=0.0, folds=2).consistency()
 
 
 @pytest.mark.parametrize("seed", range(1))
@@ -81,20 +83,21 @@ def test_f_is_that_of_nested_models_by_independent_equations(scene, motion):
     """Draper and Smith 1998, (6.1.8), of all rows: residuals of a joint's own fit and of one fit to all joints."""
     base = scene.robot.base_parameters(drives=rne.DriveModel(friction="viscous+coulomb"))
     tau = motion.tau + NOISE[: scene.n] * np.random.default_rng(0).normal(size=motion.tau.shape)
-    data = build_regression(scene.robot, Record(motion.t, motion.q, tau), base, None, 5.0, 20, 2)
-    times = np.linspace(1, 2, scene.n)
+    data = build_regression(scene.robot, Record(motion.t, motion.q, tau), base, None, 5.0, 2)
     (rows,) = data.rows
     joint, A, b = np.nonzero(rows.used)[1], (rows.Y @ base.back)[rows.used], rows.tau[rows.used]
     own, N = [A[joint == j] for j in range(scene.n)], np.bincount(joint)
     spaces = [orth(X / np.maximum(np.linalg.norm(X, axis=0), 1e-9), rcond=1e-6) for X in own]
     ranks = np.array([U.shape[1] for U in spaces])
     alone = np.array([((b[joint == j] - U @ (U.T @ b[joint == j])) ** 2).sum() for j, U in enumerate(spaces)])
+    fits = [np.linalg.lstsq(X, b[joint == j])[0] for j, X in enumerate(own)]
+    times = np.array([data.correlation_time(base.back @ x)[j] for j, x in enumerate(fits)])
     sigma = np.sqrt(alone / (N - ranks))[joint]
     Q = np.linalg.qr(A / sigma[:, None])[0]
     together = np.bincount(joint, (b - sigma * (Q @ (Q.T @ (b / sigma)))) ** 2)
     shared = ranks - np.bincount(joint, (Q**2).sum(1))
     F = (together - alone) / shared / (alone / (N - ranks)) / times
-    found = certified(base, data, times)
+    found = certified(base, data, np.zeros(scene.n))
     np.testing.assert_allclose(found.F, F, rtol=1e-6)
     np.testing.assert_allclose(found.probability, f.sf(F, shared, N / times - ranks), rtol=1e-4)
     np.testing.assert_allclose(found.independent, N / times - ranks)
@@ -115,11 +118,10 @@ def test_exchanged_torques_are_a_contradiction(scene, motion):
 
 def test_missing_friction_is_missing_energy(scene, motion):
     """Drives do work that a model without friction neither stores nor loses, in every joint."""
-    record = Record(motion.t, motion.q, motion.tau)
-    found = rne.consistency(scene.robot, record, drives=rne.DriveModel())
+    found = judged(scene, motion, motion.tau, 0, noise=0.0, friction=None)
     assert found.energy.missing > 0.1
     assert (found.energy.lost > 0).all()
-    complete = rne.consistency(scene.robot, record, drives=rne.DriveModel(friction="viscous+coulomb"))
+    complete = judged(scene, motion, motion.tau, 0, noise=0.0)
     assert complete.energy.missing < BALANCED
     assert (np.abs(complete.energy.lost) < BALANCED).all()
 

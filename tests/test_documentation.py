@@ -60,7 +60,7 @@ NOT_ASKED = {
 }
 REFERENCE = re.compile(r"those of `rne\.(Robot\.\w+)`(?: without `(\w+)`)?, with the model first")
 MADE_BY = re.compile(r"made by `(\w+)`.* attributes are (?:its|their|the) arguments")
-RESULT = re.compile(r"\bby `rne\.(\w+)`")
+RESULT = re.compile(r"\bby `rne\.([\w.]+)`")
 IN_THE_REFERENCE = {"PR01", "RT01", "EX01"}  # parameters, result, example
 
 
@@ -117,7 +117,7 @@ def examples(name):
         return ""
     text = inspect.getdoc(thing) or ""
     found = RESULT.search(text.partition("\n\n")[0])
-    texts = [text] + ([inspect.getdoc(getattr(rne, found[1])) or ""] if found else [])
+    texts = [text] + ([inspect.getdoc(PUBLIC.resolve(found[1])) or ""] if found else [])
     return "".join(text.partition("\nExamples\n--------\n")[2] for text in texts)
 
 

@@ -46,13 +46,13 @@ def limited(model, **changes):
     return rne.Robot(dataclasses.replace(model, **(limits | changes)))
 
 
-def search_of(robot, criterion, harmonics=HARMONICS, rest=True, scaled=False, **options):
+def search_of(robot, criterion, harmonics=HARMONICS, rest=True, **options):
     """The search that `excitation` makes, and a random series in it."""
     base = robot.base_parameters(drives=rne.DriveModel(**({"smoothing": 0.1} | options)))
     within = MotionLimits(robot, FourierBasis(DURATION, harmonics), rest, **motion_limits(robot, {}))
     observation = Observation(robot, base, np.linspace(1, 2, robot.n))
     x = 0.2 * np.random.default_rng(1).normal(size=within.size)
-    return Search(within, observation, 40, criterion, (criterion,), 5, None, scaled), x
+    return Search(within, observation, 40, criterion, (criterion,), 5, None), x
 
 
 def condition(p=np.inf):
@@ -60,9 +60,9 @@ def condition(p=np.inf):
     return partial(log_condition, p=p)
 
 
-def exactly(criterion, W, scaled=False):
+def exactly(criterion, W):
     """A criterion of W itself, not of W^T W."""
-    return criterion(Spectrum(W, scaled, exact=True).s)[0]
+    return criterion(Spectrum(W, exact=True).s)[0]
 
 
 def slope(function, x, h=1e-5):
@@ -173,13 +173,10 @@ def test_round_trip_without_noise(arm, motion):
     assert np.linalg.norm(found - expected) <= bound * np.linalg.norm(expected)
 
 
-def test_the_same_seed_gives_the_same_motion(arm):
-    def found(seed):
-        return rne.excitation(arm, DURATION, 2, limits=LIMITS, seed=seed, iterations=3, starts=1, random_motions=10)
-
-    first, again, other = found(0), found(0), found(1)
+def test_the_same_arguments_give_the_same_motion(arm):
+    options = {"limits": LIMITS, "iterations": 3, "starts": 1, "random_motions": 10}
+    first, again = (rne.excitation(arm, DURATION, 2, **options) for _ in range(2))
     np.testing.assert_array_equal([first.a, first.b], [again.a, again.b])
-    assert np.abs(first.a - other.a).max() > 0.01
 
 
 def test_early_stop_is_reported_and_keeps_the_limits(arm, caplog):
@@ -231,13 +228,10 @@ def test_the_condition_number_depends_on_the_extreme_singular_values_alone():
     np.testing.assert_array_equal(log_condition(np.array([1.0, 0.99, 0.11, 0.1]))[1], [1, 0, 0, -1])
 
 
-@pytest.mark.parametrize(
-    ("criterion", "scaled"),
-    [(condition(16.0), False), (condition(64.0), True), (condition(), False), (log_volume, False)],
-)
-def test_gradients_are_exact(arm, criterion, scaled):
-    search, x = search_of(arm, criterion, scaled=scaled)
-    expected = slope(lambda y: exactly(criterion, search.matrix(y), scaled), x)
+@pytest.mark.parametrize("criterion", [condition(16.0), condition(64.0), condition(), log_volume])
+def test_gradients_are_exact(arm, criterion):
+    search, x = search_of(arm, criterion)
+    expected = slope(lambda y: exactly(criterion, search.matrix(y)), x)
     close(search.gradient(criterion, x), expected, DIFFERENCES)
 
 
@@ -421,12 +415,6 @@ def test_irb140_with_all_joints():
         ((4.0, 0), {}, ValueError, "`harmonics` must be a whole number above zero, got 0"),
         ((4.0, 1), {}, ValueError, "`harmonics` must be at least 2 for a motion that starts at rest, got 1"),
         ((4.0, 3, "best"), {}, ValueError, "`criterion` must be one of ['condition', 'd-optimal'], got 'best'"),
-        (
-            (4.0, 3, "d-optimal"),
-            {"scaled": True},
-            ValueError,
-            "`scaled` must be False for criterion 'd-optimal', which does not depend on the columns' units",
-        ),
         ((4.0, 3), {"limits": [1]}, TypeError, "`limits` must be a mapping of names to arrays, got list"),
         (
             (4.0, 3),
@@ -471,12 +459,6 @@ def test_irb140_with_all_joints():
             {"limits": {"effort_limit": [1.0, 0.0, 1.0]}},
             ValueError,
             "`limits`: effort_limit of joint 'joint_2' must be positive, got 0",
-        ),
-        (
-            (4.0, 3),
-            {"samples": 4},
-            ValueError,
-            "`samples` must be at least 5 for 15 base parameters of 3 joints, got 4",
         ),
         (
             (4.0, 3),

@@ -350,7 +350,7 @@ def test_joints_that_are_not_in_the_log_are_locked_and_others_taken_by_name():
     )
     np.testing.assert_array_equal(found.estimate.values, expected.estimate.values)
     np.testing.assert_array_equal(found.check(log).relative, expected.check(plain).relative)
-    assert rne.consistency(SCARA, log).joint_names == ("a", "b", "c")
+    assert found.consistency().joint_names == ("a", "b", "c")
 
 
 def test_rotors_are_declined_where_no_joint_feels_one():

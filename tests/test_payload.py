@@ -184,7 +184,7 @@ def test_a_load_differs_from_the_ball_by_three_times_its_size(monkeypatch):
 
 def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, measured, found):
     """Variances are at least those of independent residuals, times the number of equations that count as one."""
-    sets = two_sets(robot, *measured, None, None, None, None)
+    sets = two_sets(robot, *measured, None, None)
     S = load_map(sets.base.standard, "tool0")
     alone = least_squares(sets.assembled(sets.plain, S))
     x = sets.states(alone.values, S, 0.0)
@@ -200,7 +200,7 @@ def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, mea
 
 def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(robot, measured):
     """Of a load of which nothing is unknown no parameter is left, and the base parameters are those of both sets."""
-    sets = two_sets(robot, *measured, None, None, None, None)
+    sets = two_sets(robot, *measured, None, None)
     K, S = sets.base.count, load_map(sets.base.standard, "tool0")
     none = sets.assembled(sets.plain, S[:, :0], known=np.zeros(len(S)))
     assert least_squares(none).values.shape == (K,)

@@ -12,7 +12,7 @@ from .payload import PayloadEstimate, identify_payload
 from .prepared import Prepared
 from .record import Record
 from .result import Identification
-from .rigid_body_test import Consistency, EnergyBalance, consistency
+from .rigid_body_test import Consistency, EnergyBalance
 from .screening import RecordFinding
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "RecordFinding",
     "Unexplained",
     "compare_models",
-    "consistency",
     "excitation",
     "identify",
     "identify_drive_gains",

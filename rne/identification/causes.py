@@ -22,7 +22,7 @@ from ..basics.spatial import Array
 from ..basics.text import listed
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .residuals import TINY, Grid, Residuals
+from .residuals import TINY, Grid, Residuals, by_joint
 from .screening import seconds
 
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
@@ -131,10 +131,9 @@ def delays_of(res: Residuals) -> list[Cause]:
     names, options, left = res.robot.joint_names, delay_columns(res), res
     chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
-        scores = []
-        for _, columns in options:
-            c, _, squares = left.with_columns(columns)
-            scores.append(left.gain(squares)[0] - left.penalty(len(c)) if np.abs(c).max() < LATEST else -np.inf)
+        fits = [left.with_columns(columns) for _, columns in options]
+        gains = [left.gain(squares)[0] - left.penalty(len(c)) for c, _, squares in fits]
+        scores = [gain if np.abs(c).max() < LATEST else -np.inf for gain, (c, *_) in zip(gains, fits, strict=True)]
         if max(scores) <= EVIDENT:
             break
         chosen.append(options.pop(int(np.argmax(scores))))
@@ -149,9 +148,8 @@ def delays_of(res: Residuals) -> list[Cause]:
 
 def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """One cause of each kind, with the joints of all."""
-    kinds = dict.fromkeys(cause.kind for cause in causes)
     found = []
-    for kind in kinds:
+    for kind in dict.fromkeys(cause.kind for cause in causes):
         first, *others = (cause for cause in causes if cause.kind == kind)
         if kind == LOAD:  # on one link; those beside it look alike
             others = []
@@ -206,16 +204,15 @@ class Log:
             given = model.gravity / size
             level = np.linalg.svd(given[None])[2][1:]  # two directions at right angles to gravity
             kept = np.vstack([bodies, np.eye(PARAMETERS * model.nb)[1:4]])
-            columns = [self.res.columns(partial(pulls, self.res.robot, size * e, kept)) for e in level]
-            columns = [columns[0][..., :1], columns[1][..., :1], columns[0][..., 1:], columns[1][..., 1:]]
-            tilted = np.concatenate(columns, axis=-1)
+            one, other = (self.res.columns(partial(pulls, self.res.robot, size * e, kept)) for e in level)
+            tilted = np.concatenate([one[..., :1], other[..., :1], one[..., 1:], other[..., 1:]], axis=-1)
             yield Change(DIRECTION, (), tilted, lambda c: direction_text(given + c[:2] @ level, given))
 
     def joints(self) -> Iterator[Change]:
         """Zeros, gear ratios and gains of torques."""
-        found = self.res.Y @ self.res.x
+        found = by_joint((self.res.Y @ self.res.x)[..., None])
         for j, name in enumerate(self.names):
-            of_joint, own = (name,), (found[:, [j]] * np.eye(len(self.names))[j])[..., None]
+            of_joint = (name,)
             ratio = signed("the gear ratio given for {} is {:.3g} % too {}", "large", "small", name, scale=100)
             zero = words("the zero of {} is off by {:.3g} {}", name, self.units(j)[0])
             yield Change("joint zero", of_joint, self.zeros[j], zero)
@@ -224,24 +221,22 @@ class Log:
             pull = words("something pulls {} as a spring of {:.3g} {} per {}", name, *self.units(j)[::-1])
             yield Change("spring", of_joint, spring, pull)
             factor = words("the torque of {} is measured {:.4g} times", name, start=1)
-            yield Change(GAIN, of_joint, own, factor)
+            yield Change(GAIN, of_joint, found[..., [j]], factor)
 
     @cached_property
     def zeros(self) -> list[Array]:
         """Torques per unit of each joint's zero."""
-        predicted = self.res.load
+        return [self.res.columns(partial(self._shifted, unit))[..., None] for unit in np.eye(len(self.names))]
 
-        def torques(unit: Array, g: Grid) -> Array:
-            return slope(lambda h: predicted(g.q + h * unit, g.qd, g.qdd))
-
-        return [self.res.columns(partial(torques, unit))[..., None] for unit in np.eye(len(self.names))]
+    def _shifted(self, unit: Array, g: Grid) -> Array:
+        return slope(lambda h: self.res.load(g.q + h * unit, g.qd, g.qdd))
 
     def ratio_column(self, j: int) -> Array:
         """Measured torques per unit of a joint's gear ratio, to which motions and its torque are proportional."""
-        unit, predicted = np.eye(len(self.names))[j], self.res.load  # drives of the joint stay what they are
+        unit = np.eye(len(self.names))[j]  # drives of the joint stay what they are
 
         def torques(g: Grid, k: Array) -> Array:
-            return np.asarray(k * predicted(k * g.q, k * g.qd, k * g.qdd))
+            return np.asarray(k * self.res.load(k * g.q, k * g.qd, k * g.qdd))
 
         return self.res.columns(lambda g: slope(lambda h: torques(g, 1 + h * unit)))[..., None]
 
@@ -262,23 +257,21 @@ class Log:
         ramp = self.place - self.place.mean()
         courses = (ramp, ramp**2 - (ramp**2).mean())
         for j, name in enumerate(self.names):
-            of_joint = (name,)
             terms = [self.res.column_of(j, DRIVES[symbol][2]) for symbol in ("Fv", "Fc")]
             columns = np.concatenate([term * course for term in terms for course in courses], axis=-1)
-            yield Change("friction changed", of_joint, columns, words("friction of {} changes during the log", name))
+            yield Change("friction changed", (name,), columns, words("friction of {} changes during the log", name))
             drift = np.eye(len(self.names))[j][:, None] * ramp
-            yield Change("offset drifts", of_joint, drift, words("the zero of the torque of {} drifts", name))
+            yield Change("offset drifts", (name,), drift, words("the zero of the torque of {} drifts", name))
 
     def friction(self) -> Iterator[Change]:
         """Friction that changes with speed or with the load."""
+        loads = by_joint(self.res.curves[..., :1])
         for j, name in enumerate(self.names):
-            of_joint = (name,)
             sides = self.res.column_of(j, lambda q, qd, qdd: np.abs(qd))
             text = words("viscous friction of {} differs by {:.3g} between both directions", name, scale=2)
-            yield Change("friction by direction", of_joint, sides, text)
-            load = (self.res.curves[..., 0] * np.eye(len(self.names))[j])[..., None]
+            yield Change("friction by direction", (name,), sides, text)
             text = words("friction of {} changes by {:.3g} % of its load", name, scale=100)
-            yield Change("friction under load", of_joint, load, text)
+            yield Change("friction under load", (name,), loads[..., [j]], text)
             for share in VELOCITIES if self.res.fastest[j] > 0 else ():
                 yield stribeck(self.res, j, share * self.res.fastest[j])
 
@@ -291,10 +284,8 @@ class Log:
         """Another last body from some time on; another of the others, if much is left."""
         joints, nb = self.res.robot.model.moving_joints, self.res.robot.model.nb
         for i in range(nb) if self.res.share > SEEN else (nb - 1,):
-            body, text = (
-                self.res.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)],
-                "the payload changes by {1:.3g} kg near {0}",
-            )
+            body = self.res.Y[..., PARAMETERS * i : PARAMETERS * (i + 1)]
+            text = "the payload changes by {1:.3g} kg near {0}"
             if i < nb - 1:  # whose mass alone need not be felt
                 text = f"the load on the link behind {joints[i]} changes near {{0}}"
             for start in self.starts:
@@ -349,11 +340,15 @@ def pulls(robot: Robot, gravity: Array, parameters: Array, g: Grid) -> Array:
     return np.stack([alone.gravity_torque(g.q, parameters=pi) for pi in parameters], axis=-1)
 
 
+def angle_between(a: Array, b: Array) -> float:
+    """Angle of two vectors in degrees."""
+    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
 def direction_text(gravity: Array, given: Array) -> str:
-    """Words for gravity along a vector instead of the unit vector given."""
-    g = gravity / np.linalg.norm(gravity)
-    angle = np.rad2deg(np.arctan2(np.linalg.norm(np.cross(g, given)), g @ given))
-    return f"gravity acts along ({g[0]:.2f}, {g[1]:.2f}, {g[2]:.2f}), {angle:.3g} degrees from the model's"
+    """Words for gravity along a vector instead of the vector given."""
+    (x, y, z), angle = gravity / np.linalg.norm(gravity), angle_between(gravity, given)
+    return f"gravity acts along ({x:.2f}, {y:.2f}, {z:.2f}), {angle:.3g} degrees from the model's"
 
 
 def slope(function: Callable[[float], Array]) -> Array:
@@ -386,11 +381,10 @@ def size_text(factor: float) -> str:
 
 def stribeck(res: Residuals, j: int, vs: float) -> Change:
     """The Stribeck effect of a joint, of one velocity vs."""
-    name, model = res.robot.joint_names[j], res.robot.model
-    torque, velocity = ("N m", "rad/s") if model.is_revolute[model.independent_joints[j]] else ("N", "m/s")
+    name, (unit, torque) = res.robot.joint_names[j], Log(res).units(j)
     column = res.column_of(j, lambda q, qd, qdd: np.sign(qd) * np.exp(-np.abs(qd) / vs))
-    size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}"
-    text = signed(size, "more", "less", name, torque, 2 * vs, velocity)
+    size = "friction of {0} is {1:.3g} {3} {2} at rest than above {4:.2g} {5}/s"
+    text = signed(size, "more", "less", name, torque, 2 * vs, unit)
     return Change(STRIBECK, (name,), column, text, vs, len(VELOCITIES))
 
 
@@ -419,11 +413,6 @@ def derivative_by(res: Residuals, cause: Cause) -> Array:
     return np.asarray(size / vs * slope(lambda h: stribeck(res, j, (1 + h) * vs).columns))
 
 
-def anew(res: Residuals, kind: str, joints: tuple[str, ...], text: str, squares: Array, before: Array | None) -> Cause:
-    """A cause that a fit without columns of its own judges, against the squares before it (by default those left)."""
-    return Cause(kind, joints, text, *res.gain(squares, before))
-
-
 def swapped(n: int, i: int, j: int) -> Array:
     """The order of joints in which two are interchanged."""
     order = np.arange(n)
@@ -447,11 +436,11 @@ def other_torques(res: Residuals) -> Iterator[Cause]:
     for j in np.flatnonzero(~dissipates(res)).tolist():
         signs = np.where(np.arange(n) == j, -1, 1)
         text = f"the torque of {names[j]} has the wrong sign"
-        yield anew(res, "torque sign", (names[j],), text, res.squares_of(res.Q, res.tau * signs), None)
+        yield Cause("torque sign", (names[j],), text, *res.gain(res.squares_of(res.Q, res.tau * signs)))
     for i, j in combinations(range(n), 2):
         text = f"the torques of {names[i]} and {names[j]} are interchanged"
         squares = res.squares_of(res.Q, res.tau[:, swapped(n, i, j)])
-        yield anew(res, "torque order", (names[i], names[j]), text, squares, None)
+        yield Cause("torque order", (names[i], names[j]), text, *res.gain(squares))
 
 
 def other_joints(res: Residuals) -> Iterator[Cause]:
@@ -472,10 +461,10 @@ def other_joints(res: Residuals) -> Iterator[Cause]:
         changes.append(("joint sign", (name,), f"{name} turns the other way", unit - 2 * np.diag(unit[j])))
     before = res.squares_moved(unit, res.tau)
     for kind, joints, text, J in changes:
-        yield anew(res, kind, joints, text, res.squares_moved(J, res.tau @ np.linalg.inv(J)), before)
+        yield Cause(kind, joints, text, *res.gain(res.squares_moved(J, res.tau @ np.linalg.inv(J)), before))
     turns = res.robot.model.is_revolute[list(res.robot.model.independent_joints)]
     squares = res.squares_moved(np.diag(np.where(turns, np.pi / 180, 1.0)), res.tau)
-    yield anew(res, "degrees", names, "positions are in degrees", squares, before)
+    yield Cause("degrees", names, "positions are in degrees", *res.gain(squares, before))
 
 
 def torque_scale(res: Residuals) -> Iterator[Cause]:
@@ -485,8 +474,10 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
     """
     bodies, names = PARAMETERS * res.standard.model.nb, res.robot.joint_names
     found, given = (res.weighted(res.Y[..., :bodies] @ x[:bodies]) for x in (res.x, res.standard.values))
-    factors, squared_cosines = scales(res, res.weighted(res.tau), given)
-    alike = squared_cosines > ALIKE
+    tau = res.weighted(res.tau)
+    both, squares, own = (res.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
+    factors = both / np.maximum(squares, TINY)
+    alike = factors * np.abs(both) / np.maximum(own, TINY) > ALIKE  # squared cosines
     usual = np.median(factors[alike]) if alike.any() else 1.0
     odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > UNIT)
     for j in np.flatnonzero(odd).tolist():
@@ -503,12 +494,6 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
         kind, text = "torque sign", "the torques of all joints have the wrong sign"
     score = float(res.counts.sum()) if res.share < POOR else 2 * EVIDENT  # a fit that fails tells of no factor
     yield Cause(kind, names, text, score, np.zeros(res.robot.n), factor)
-
-
-def scales(res: Residuals, tau: Array, given: Array) -> tuple[Array, Array]:
-    """How many times the given torques each joint's are, and the squared cosines between both, shapes (n,)."""
-    both, squares, own = (np.bincount(res.joint, x, res.robot.n) for x in (tau * given, given**2, tau**2))
-    return both / np.maximum(squares, TINY), both * np.abs(both) / np.maximum(squares * own, TINY)
 
 
 def gravity_directions(res: Residuals) -> Iterator[Cause]:
@@ -543,8 +528,7 @@ def gravity_directions(res: Residuals) -> Iterator[Cause]:
     simplex = start + np.vstack([np.zeros(3), TILT * np.eye(3)])
     options = {"maxfev": 100, "xatol": 3e-3, "fatol": 0.3, "initial_simplex": simplex}
     found = minimize(loss, start, method="Nelder-Mead", options=options).x
-    length = float(np.linalg.norm(found))
-    angle = float(np.rad2deg(np.arccos(np.clip(found @ given / max(length, TINY), -1, 1))))
+    length, angle = float(np.linalg.norm(found)), angle_between(found, given)
     gain, removed = res.gain(squares(found), before)
     if angle > TURNED:
         yield Cause(DIRECTION, (), direction_text(found, given), gain - res.penalty(3), removed, angle)

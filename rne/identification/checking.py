@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -92,41 +92,32 @@ class Check(InNotebooks):
             rows.append(Row(f"  {short(joint)}", (f"{rms:.4g}", f"{100 * relative:.1f}")))
         return "\n".join(aligned(rows))
 
-    def plot(self, axes: Any = None) -> Figure:
+    def plot(self) -> Figure:
         """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
-
-        Parameters
-        ----------
-        axes : sequence of matplotlib axes, optional
-            One for each joint, for the curves over time alone; by default a new figure.
 
         Returns
         -------
         matplotlib.figure.Figure
             `figure.savefig("torques.png")` writes it to a file.
         """
-        n = self.measured.shape[1]
-        grid = [] if axes is not None else panels(2 * n, f"Torques of {self.name}", 2, height=1.5)
-        where = list(axes) if axes is not None else grid[::2]
-        for j, ax in enumerate(grid[1::2]):
-            sound = self.valid[:, j]
-            residual = (self.measured - self.predicted)[sound, j]
-            ax.plot(self.qd[sound, j], residual, ".", color=LOOK[2][0], markersize=2)
-            dress(ax, "")
-            unit = "rad/s" if self.units[j] == "N m" else "m/s"
-            ax.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)
-            ax.set_xlabel("")
+        grid = panels(2 * self.measured.shape[1], f"Torques of {self.name}", 2, height=1.5)
         t, measured, predicted = without_gaps(self.t, self.measured, self.predicted)
         shown = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
-        for j, ax in enumerate(where):
+        for j, (ax, over_speed) in enumerate(zip(grid[::2], grid[1::2], strict=True)):
             for (label, values), (color, width) in zip(shown.items(), LOOK, strict=True):
-                names = [label if j == 0 else HIDDEN]
-                curves(ax, t, values[:, [j]], names, [color], linewidth=width)
+                curves(ax, t, values[:, [j]], [label if j == 0 else HIDDEN], [color], linewidth=width)
             dress(ax, f"[{self.units[j]}]")
             ax.set_title(literal(short(self.joint_names[j])), loc="left", fontsize="small", pad=2)
-        legend_beside(where[0])
-        figure = figure_of(where)
-        figure.align_ylabels(where)
+            sound = self.valid[:, j]
+            residual = (self.measured - self.predicted)[sound, j]
+            over_speed.plot(self.qd[sound, j], residual, ".", color=LOOK[2][0], markersize=2)
+            dress(over_speed, "")
+            unit = "rad/s" if self.units[j] == "N m" else "m/s"
+            over_speed.set_title(f"residual over velocity [{unit}]", loc="left", fontsize="small", pad=2)
+            over_speed.set_xlabel("")
+        legend_beside(grid[0])
+        figure = figure_of(grid)
+        figure.align_ylabels(grid[::2])
         return figure
 
 

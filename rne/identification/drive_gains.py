@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
@@ -25,11 +24,11 @@ from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
-from .least_squares import LeastSquares, least_squares, solve
+from .least_squares import BEYOND_DOUBT, least_squares, solve
 from .record import Record
 from .result import Identification
 from .rigid_body_test import own_fit, percent
-from .two_sets import BEYOND_DOUBT, Fitted, OfTwoSets, TwoSets, load_map, two_sets
+from .two_sets import DOUBTFUL, Fitted, OfTwoSets, TwoSets, load_map, two_sets
 
 ROUNDS = 30  # of steps
 SETTLED = 1e-7  # relative change of the gains at which they end
@@ -39,7 +38,6 @@ NEAR = 0.1  # standard errors of a gain that a step with random errors changes a
 REFINED = 6  # fits with random errors at most; the last change is in the standard errors
 FARTHEST = 10.0  # times that a gain grows in one step at most
 DIFFERENT = 0.1  # relative change of a gain by other parameters of the load, from which those given are refused
-DOUBTFUL = 0.05  # standard error of a gain, as a part of it, from which it is doubtful
 UNTOLD = (
     "the load does not tell the gain of {}: it does not act there in these motions, or acts as the joint's own body or "
     "offset does; move the joint against the load, or mount the load further from its axis"
@@ -79,11 +77,7 @@ class DriveGains(OfTwoSets):
     joint_names: tuple[str, ...]
     gains: Array
     errors: Array
-    held_out: Array
-    estimate: LeastSquares
     com: Array
-    notes: tuple[str, ...]
-    sets: TwoSets
 
     def _reasons(self) -> list[str]:
         share = self.errors / np.abs(self.gains)
@@ -104,9 +98,9 @@ class DriveGains(OfTwoSets):
         rows = [Row("drive gains [N m or N per unit]", ("gain", "standard error"), words=True)]
         for name, gain, error in zip(self.joint_names, self.gains, self.errors, strict=True):
             rows.append(Row(f"  {short(name)}", ("-", "-") if np.isnan(gain) else (f"{gain:.5g}", f"{error:.2g}")))
-        told = np.isfinite(self.gains)
-        known = percent((self.errors / np.abs(self.gains))[told])
-        return self._report(f"gains of {told.sum()} of {len(told)} joints, known to {known}", rows)
+        told = np.isfinite(self.gains).sum()
+        known = percent(self.errors / np.abs(self.gains))
+        return self._report(f"gains of {told} of {len(self.gains)} joints, known to {known}", rows)
 
 
 def identify_drive_gains(
@@ -116,9 +110,7 @@ def identify_drive_gains(
     payload: Payload | HasPayload | float,
     *,
     drives: DriveModel | None = None,
-    minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
-    decimation: int | None = None,
 ) -> DriveGains:
     """Torque per ampere of each drive, from currents without and with a known load.
 
@@ -138,8 +130,8 @@ def identify_drive_gains(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity, cutoff, decimation : optional
-        As of `rne.identify`.
+    cutoff : float, optional
+        As of `rne.identify` [Hz].
 
     Returns
     -------
@@ -181,31 +173,27 @@ def identify_drive_gains(
     >>> print(found.report().split(";")[0][:32])
     gains of 6 of 6 joints, known to
     """
-    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
+    sets = two_sets(robot, without, with_load, drives, cutoff)
     standard, names = sets.base.standard, sets.robot.joint_names
     load = payload_argument(payload)
     mass = positive_number("payload", load.mass)
     link = load.link or end_link(sets.robot.model, axes_count=True)
-    S = load_map(standard, link)
+    S, K = load_map(standard, link), sets.base.count
     bare = load.inertia is None and not np.any(load.com)
     if bare:
-        found, com = of_all_joints(sets, S[:, 1:], mass * S[:, 0]), np.zeros(3)
-    else:
-        known = np.zeros(standard.count)
-        known[: PARAMETERS * standard.model.nb] = sets.robot.with_payload(*load).parameters - sets.robot.parameters
-        found, com = of_all_joints(sets, S[:, :0], known), np.array(load.com, np.float64)
-    gains, errors, fit = found
-    K, untold = sets.base.count, [name for name, gain in zip(names, gains, strict=True) if np.isnan(gain)]
-    notes = [*sets.notes, *fit.notes]
-    if bare:
+        gains, errors, fit = of_all_joints(sets, S[:, 1:], mass * S[:, 0])
         com, com_error = fit.estimate.values[K : K + 3] / mass, fit.estimate.errors[K : K + 3] / mass
-        notes.append(f"the load's centre, not given, is found at {place(com)} m of {link}, +- {place(com_error)} m")
+        notes = [f"the load's centre, not given, is found at {place(com)} m of {link}, +- {place(com_error)} m"]
     else:
+        known, com, notes = np.zeros(standard.count), np.array(load.com, np.float64), []
+        known[: PARAMETERS * standard.model.nb] = sets.robot.with_payload(*load).parameters - sets.robot.parameters
+        gains, errors, fit = of_all_joints(sets, S[:, :0], known)
         errors = np.hypot(errors, change_by_another_load(sets, S, mass, com, gains))
     refuse_negative(names, gains, errors, bare)
-    if untold:
-        notes.append(UNTOLD.format(listed(untold)))
-    result = DriveGains(names, gains, errors, fit.held_out, fit.estimate, com, tuple(notes), sets.in_torques(gains))
+    notes = [*fit.notes, *notes]
+    if np.isnan(gains).any():
+        notes.append(UNTOLD.format(listed([names[j] for j in np.flatnonzero(np.isnan(gains))])))
+    result = DriveGains(fit.estimate, fit.held_out, tuple(notes), sets.in_torques(gains), names, gains, errors, com)
     if result.doubt:
         warnings.warn(result.doubt, IdentificationWarning, stacklevel=2)
     return result
@@ -237,19 +225,16 @@ def change_by_another_load(sets: TwoSets, S: Array, mass: float, com: Array, gai
         other, errors, fit = of_all_joints(sets, S[:, 1:], mass * S[:, 0])
     except IdentificationError:  # these motions cannot tell
         return np.zeros(len(gains))
-    change = np.nan_to_num(gains - other)
-    errors = np.nan_to_num(errors)
-    wrong = (np.abs(change) > BEYOND_DOUBT * errors) & (np.abs(change) > DIFFERENT * np.abs(np.nan_to_num(other)))
-    if wrong.any():
-        found = listed(
-            [f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in np.flatnonzero(wrong)]
-        )
+    change, errors = np.abs(np.nan_to_num(gains - other)), np.nan_to_num(errors)
+    wrong = np.flatnonzero((change > BEYOND_DOUBT * errors) & (change > DIFFERENT * np.abs(np.nan_to_num(other))))
+    if len(wrong):
+        found = listed([f"{names[j]} {gains[j]:.3g}, not {other[j]:.3g} (+- {errors[j]:.2g})" for j in wrong])
         centre = fit.estimate.values[K : K + 3] / mass
         raise IdentificationError(
             f"`payload`: the currents contradict the load as given: gains would be {found}, its centre {place(com)} m, "
             f"not {place(centre)} m. Give its mass alone, `payload={mass:g}`, to have the rest estimated"
         )
-    return np.where(np.abs(change) > CHANCE * errors, np.abs(change), 0.0)
+    return np.where(change > CHANCE * errors, change, 0.0)
 
 
 def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, Fitted]:

@@ -54,6 +54,12 @@ class Equations:
         factors = np.concatenate([self.factors[..., :-1] @ E, self.factors[..., -1:]], axis=-1)
         return Equations(triangular(factors), self.rows)
 
+    def scaled(self, gains: Array, known: Array) -> Equations:
+        """Those of torques times gains, for the joints that are known."""
+        factors = self.factors * known[:, None, None]
+        factors[..., -1] *= gains[:, None]
+        return Equations(factors, self.rows * known)
+
     def residuals(self, x: Array) -> Array:
         """|Y x - tau|^2 of each joint, shape (n,)."""
         return np.asarray(((self.factors @ np.append(x, -1.0)) ** 2).sum((0, 2)))
@@ -61,6 +67,10 @@ class Equations:
     def torques(self) -> Array:
         """|tau|^2 of each joint, shape (n,)."""
         return np.asarray((self.factors[..., -1] ** 2).sum((0, 2)))
+
+    def shares(self, x: Array) -> Array:
+        """|Y x - tau| / |tau| of each joint, shape (n,)."""
+        return np.asarray(np.sqrt(self.residuals(x) / np.maximum(self.torques(), np.finfo(float).tiny)))
 
     def rms_torques(self) -> Array:
         """Root mean square of each joint's torques, shape (n,)."""
@@ -108,11 +118,6 @@ class RecordEquations(NamedTuple):
     valid: Array  # shape (rows, n): the torque was measured
     used: Array  # shape (rows, n): valid, and the joint is not about to stop
     sure: Array  # shape (rows, n): used, and the joint did not rest for a while beside, where friction takes any value
-
-    def compressed(self, blocks: tuple[slice, ...]) -> tuple[Equations, Equations]:
-        """Equations to fit, and equations to check the fit on."""
-        fitted = equations(self.Y, self.tau, self.used, blocks)
-        return fitted, fitted if (self.used == self.valid).all() else equations(self.Y, self.tau, self.valid, blocks)
 
 
 def resting(record: Prepared, minimum_velocity: Array) -> Array:

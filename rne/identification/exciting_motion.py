@@ -39,7 +39,7 @@ class BaseRegressor(NamedTuple):
 
     @classmethod
     def of(cls, base: BaseParameters) -> BaseRegressor:
-        """That of a robot's base parameters."""
+        """The regressor of a robot's base parameters."""
         drives = base.standard.drives
         rows = tuple(map(tuple, base.standard.motors.tolist())) or None
         velocities = None if drives.stribeck is None else tuple(np.asarray(drives.stribeck, float).tolist())
@@ -47,7 +47,7 @@ class BaseRegressor(NamedTuple):
 
     @property
     def quantity(self) -> Quantity:
-        """That of the regressor, with another core."""
+        """The quantity of the regressor, with these columns as its core."""
         return replace(regressor.quantity, core=self.core)
 
     def core(self, model: Model, q: Array, qd: Array, qdd: Array) -> Array:
@@ -91,25 +91,28 @@ GRAM = 1e3  # condition number up to which W^T W leaves nine digits
 
 
 class Spectrum:
-    """Singular values of W, with columns of length one if `scaled`, and right singular vectors as columns of V.
+    """Singular values of W, and right singular vectors as columns of V.
 
     Where rounding allows they are those of W^T W, unless `exact`: an SVD of W takes many times as long.
     """
 
-    def __init__(self, W: Array, scaled: bool = False, *, exact: bool = False) -> None:
-        self.lengths = np.linalg.norm(W, axis=0) if scaled else np.ones(W.shape[1])
-        self.W, self.scaled = W / self.lengths, scaled
-        squares, self.V = np.linalg.eigh(self.W.T @ self.W)
+    def __init__(self, W: Array, *, exact: bool = False) -> None:
+        self.W = W
+        squares, self.V = np.linalg.eigh(W.T @ W)
         if not exact and squares[0] * GRAM**2 > squares[-1]:
             self.s = np.sqrt(squares)
         else:
-            _, self.s, Vt = np.linalg.svd(self.W, full_matrices=False)
+            _, self.s, Vt = np.linalg.svd(W, full_matrices=False)
             self.V = Vt.T
 
     def gradient(self, slopes: Array) -> Array:
         """Derivatives by the entries of W of a function, given those by the logarithms of the singular values."""
-        G: Array = self.W @ (self.V * (slopes / self.s**2) @ self.V.T)  # ds = u^T dW v with u = W v / s
-        return (G - self.W * (self.W * G).sum(0)) / self.lengths if self.scaled else G
+        return np.asarray(self.W @ (self.V * (slopes / self.s**2) @ self.V.T))  # ds = u^T dW v with u = W v / s
+
+    @property
+    def measures(self) -> tuple[float, float]:
+        """The condition number and log det(W^T W)."""
+        return float(self.s.max() / self.s.min()), float(np.log(self.s**2).sum())
 
 
 def log_condition(s: Array, p: float = np.inf) -> tuple[float, Array]:
@@ -153,7 +156,7 @@ def random_series(within: MotionLimits, count: int, rng: np.random.Generator) ->
 def rest_pose(within: MotionLimits, rng: np.random.Generator) -> Array:
     """The series that rests in mid-range, or in a random pose if the drives cannot hold that one."""
     robot = within.robot
-    poses = within.centre + within.half_range * rng.uniform(-0.9, 0.9, (POSES, robot.n))
+    poses = within.centre + (within.upper - within.centre) * rng.uniform(-0.9, 0.9, (POSES, robot.n))
     poses[0] = within.centre
     use = np.abs(within.torques((poses, np.zeros_like(poses), np.zeros_like(poses)))) + within.coulomb
     k = 0 if use[0].max() <= HELD else int(use.max(-1).argmin())
@@ -197,7 +200,6 @@ class Search:
     stages: tuple[Criterion, ...]  # smooth ones that are minimised one after the other
     iterations: int  # the most of each run
     progress: Progress | None
-    scaled: bool = False  # columns of W have length one
     _last: dict[bytes, tuple[States, Spectrum]] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -210,7 +212,7 @@ class Search:
         if key not in self._last:
             states = self.within.states(x, self._grid)
             self._last.clear()
-            self._last[key] = states, Spectrum(self.observation.matrix(states), self.scaled)
+            self._last[key] = states, Spectrum(self.observation.matrix(states))
         return self._last[key]
 
     def matrix(self, x: Array) -> Array:
@@ -231,10 +233,8 @@ class Search:
     def run(self, starts: Array) -> Found:
         """The best of several starts: each through the first stage, the best of them through the further ones."""
         first, *further = self.stages
-        total, runs = len(starts) + len(further), []
-        for k, x in enumerate(starts):
-            start = Found(x, self.value(self.exact, x), False, NOT_BETTER)
-            runs.append(self._minimise(first, start, k, (k, total)))
+        total, given = len(starts) + len(further), [(x, self.value(self.exact, x), False, NOT_BETTER) for x in starts]
+        runs = [self._minimise(first, Found(*start), k, (k, total)) for k, start in enumerate(given)]
         best = min(range(len(runs)), key=lambda k: runs[k].value)
         found = runs[best]
         for k, criterion in enumerate(further, start=len(runs)):
@@ -246,6 +246,11 @@ class Search:
         from scipy.optimize import minimize
 
         done, end, total = (self.iterations * k for k in (runs[0], runs[0] + 1, runs[1]))
+        A, within, grid = self.within.rows, self.within, self._grid
+        limits: list[dict[str, Any]] = [{"fun": lambda x: 1 - A @ x, "jac": lambda x: -A}]
+        if len(within.driven):
+            slack, slopes = within.torque_slack, within.torque_slack_slopes
+            limits.append({"fun": lambda x: slack(x, grid), "jac": lambda x: slopes(x, grid)})
 
         def tick(_: Any = None) -> None:
             nonlocal done
@@ -257,7 +262,7 @@ class Search:
             lambda x: self.value(criterion, x),
             start.x,
             jac=lambda x: self.gradient(criterion, x),
-            constraints=self._constraints(),
+            constraints=[{"type": "ineq"} | limit for limit in limits],
             method="SLSQP",
             callback=tick,
             options={"maxiter": self.iterations, "ftol": FTOL if criterion is self.stages[-1] else COARSE},
@@ -271,14 +276,6 @@ class Search:
         if x is start.x or not value <= start.value:
             return start
         return Found(x, value, bool(run.success), str(run.message))
-
-    def _constraints(self) -> list[dict[str, Any]]:
-        A, within = self.within.rows, self.within
-        found: list[dict[str, Any]] = [{"type": "ineq", "fun": lambda x: 1 - A @ x, "jac": lambda x: -A}]
-        if len(within.driven):
-            slack, slopes = (partial(f, matrices=self._grid) for f in (within.torque_slack, within.torque_slack_slopes))
-            found.append({"type": "ineq", "fun": slack, "jac": slopes})
-        return found
 
     def _held(self, start: Array, end: Array) -> Array:
         """The farthest series on the line from a start, which keeps its limits, to the optimiser's end that does."""
@@ -316,8 +313,7 @@ class Excitation(InNotebooks):
     criterion : {"condition", "d-optimal"}
         What was minimised.
     condition : float
-        Condition number of W, whose rows are the torques of the samples and whose columns are the base parameters, each
-        divided by its norm if that was asked for.
+        Condition number of W, whose rows are the torques of the samples and whose columns are the base parameters.
     log_det : float
         log det(W^T W), which grows as the confidence ellipsoid of the parameters shrinks.
     random : ndarray
@@ -439,16 +435,16 @@ class Excitation(InNotebooks):
         return write_columns(path, samples.t, columns)
 
     def __repr__(self) -> str:
-        kind, value, best = "log det", self.log_det, self.random.max()
-        if self.criterion == "condition":
-            kind, value, best = "condition number", self.condition, self.random.min()
+        kind, value, best = "condition number", self.condition, self.random.min()
+        if self.criterion != "condition":
+            kind, value, best = "log det", self.log_det, self.random.max()
         text = (
             f"Excitation of '{short(self.robot.model.name)}': {self.duration:g} s, "
             f"{counted(self.harmonics, 'harmonic')}, {kind} {value:.4g}; of {len(self.random)} random motions "
             f"{np.median(self.random):.4g} in the median, {best:.4g} at best"
         )
-        active = f"; active limits: {', '.join(self.active)}" if self.active else ""
-        text += active + ("" if self.converged else f"; not converged: {self.message}")
+        text += f"; active limits: {', '.join(self.active)}" if self.active else ""
+        text += "" if self.converged else f"; not converged: {self.message}"
         return wrapped("\n  ".join([text, *self.notes]))
 
 
@@ -469,13 +465,10 @@ def excitation(
     drives: DriveModel | None = None,
     locked: Locked | None = None,
     noise: ArrayLike | None = None,
-    scaled: bool = False,
     rest: bool = True,
-    samples: int | None = None,
     random_motions: int = 100,
     starts: int = 3,
     iterations: int = 150,
-    seed: int = 0,
     progress: Progress | None = None,
 ) -> Excitation:
     """A periodic motion from which the base parameters of a robot can be identified well.
@@ -503,22 +496,15 @@ def excitation(
         the middle of their ranges. Parameters that only they excite are not counted [rad or m].
     noise : array_like, shape (n,), optional
         Standard deviations of the torques, or their relative sizes, by which the rows of W are divided; by default the
-        same for all joints [N m or N].
-    scaled : bool
-        True for the condition number of W with each column divided by its norm, which does not depend on the units of
-        the parameters, but does not ask for large motions either.
+        same for all joints; `estimate.sigma` of a first identification weighs them as a fit does [N m or N].
     rest : bool
         True for a motion that starts and ends with velocities and accelerations zero.
-    samples : int, optional
-        Times of one period at which W is taken; by default 20 per harmonic.
     random_motions : int
         Number of random motions within the limits that the result is compared with.
     starts : int
         How many of these, the best, are starts of the optimiser.
     iterations : int
         The most of each run of the optimiser.
-    seed : int
-        Of the random motions; the same seed gives the same motion.
     progress : callable, optional
         A function progress(done, total), called with iterations of the optimiser, of which a run that ends early has
         done all. Each run's end is a line on the logger "rne".
@@ -533,20 +519,18 @@ def excitation(
     TypeError
         If `robot`, `limits` or `locked` is of another type.
     ValueError
-        If an argument is out of range, a joint has no range or no velocity limit, the harmonics or samples cannot
-        excite all base parameters, or no motion within the limits is found.
+        If an argument is out of range, a joint has no range or no velocity limit, the harmonics cannot excite all
+        base parameters, or no motion within the limits is found.
 
     Notes
     -----
     Only the limits of the joints are kept: collisions of the robot with itself, the table or anything else are not
     considered. Look at the motion with `rne.view` before it runs on the robot.
 
-    Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor. The
-    condition number has no derivative where singular values meet, as they do at the optimum; it is approximated by
-    Schatten norms of orders 8 and 64. Positions, velocities and accelerations keep their limits at all times, by the
-    inequality of Bernstein and Szego: a grid of 16 times per period of the highest harmonic misses at most 1.9 % of a
-    maximum. Torques are those of `robot`, with its damping and friction; they are limited at 64 times per period of the
-    highest harmonic, with the parabola through three of them in between.
+    Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor, of Schatten
+    norms of orders 8 and 64 in place of the condition number. Positions, velocities and accelerations keep their limits
+    at all times, by the inequality of Bernstein and Szego. Torques are those of `robot`, with its damping and friction;
+    they are limited at 64 times per period of the highest harmonic, with the parabola through three of them in between.
 
     Examples
     --------
@@ -566,7 +550,13 @@ def excitation(
     >>> panda = rne.load("panda")  # doctest: +SKIP
     >>> rne.excitation(panda, 10.0, locked=["panda_finger_joint1"], progress=progress)  # doctest: +SKIP
     """
-    basis, numeric = _basis(robot, duration, harmonics, rest), robot
+    if not robot_argument(robot).n:
+        raise ValueError("`robot` must have at least one joint, got none")
+    if whole_number("harmonics", harmonics) < (2 if rest else 1):
+        raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
+    basis, numeric = FourierBasis(positive_number("duration", duration), harmonics), robot
+    if criterion not in CRITERIA:
+        raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
     if robot.engine != "numpy":  # Numba takes minutes to compile the derivatives of a regressor
         numeric = Robot(robot.model, "numpy")
     values = motion_limits(numeric, limits)
@@ -577,25 +567,17 @@ def excitation(
     within = MotionLimits(numeric, basis, rest, **{name: limit[moving] for name, limit in values.items()})
     base = numeric.base_parameters(drives=_drives(robot, drives, moving, within.velocity_limit))
     sizes = np.ones(robot.n) if noise is None else vector("noise", noise, robot.n, sign="positive")
-    rng = np.random.default_rng(seed)
     observation = Observation(numeric, base, sizes[moving])
-    exact, stages = _criteria(criterion, scaled)
-    count = SAMPLES * harmonics if samples is None else whole_number("samples", samples)
-    search = Search(within, observation, count, exact, stages, whole_number("iterations", iterations), progress, scaled)
-    x = random_series(within, whole_number("random_motions", random_motions), rng)
+    exact: Criterion = log_condition if criterion == "condition" else log_volume
+    stages = tuple(partial(log_condition, p=p) for p in ORDERS) if criterion == "condition" else (log_volume,)
+    count, most = SAMPLES * harmonics, whole_number("iterations", iterations)
+    search = Search(within, observation, count, exact, stages, most, progress)
+    x = random_series(within, whole_number("random_motions", random_motions), np.random.default_rng(0))
     measures = _excited(search, x)
     values_of_random = measures[:, CRITERIA.index(criterion)]
     order = np.argsort(values_of_random if criterion == "condition" else -values_of_random)
     found = search.run(x[order[: whole_number("starts", starts)]])
     return _result(robot, search, found, criterion, values_of_random, positions)
-
-
-def _basis(robot: Robot, duration: float, harmonics: int, rest: bool) -> FourierBasis:
-    if not robot_argument(robot).n:
-        raise ValueError("`robot` must have at least one joint, got none")
-    if whole_number("harmonics", harmonics) < (2 if rest else 1):
-        raise ValueError("`harmonics` must be at least 2 for a motion that starts at rest, got 1")
-    return FourierBasis(positive_number("duration", duration), harmonics)
 
 
 def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_limit: Array) -> DriveModel:
@@ -607,76 +589,41 @@ def _drives(robot: Robot, given: DriveModel | None, moving: list[int], velocity_
     return replace(drives, coupled_motors=motors[motors.any(1)], stribeck=velocities, smoothing=slow)
 
 
-def _criteria(criterion: str, scaled: bool) -> tuple[Criterion, tuple[Criterion, ...]]:
-    if criterion not in CRITERIA:
-        raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
-    if criterion == "condition":
-        return log_condition, tuple(partial(log_condition, p=p) for p in ORDERS)
-    if scaled:
-        raise ValueError(
-            "`scaled` must be False for criterion 'd-optimal', which does not depend on the columns' units"
-        )
-    return log_volume, (log_volume,)
-
-
-def _measures(W: Array, scaled: bool, *, exact: bool = False) -> tuple[float, float]:
-    """The condition number and log det(W^T W)."""
-    s = Spectrum(W, scaled, exact=exact).s
-    plain = Spectrum(W, exact=exact).s if scaled else s
-    return float(s.max() / s.min()), float(np.log(plain**2).sum())
-
-
 def _excited(search: Search, x: Array) -> Array:
     """Both measures of random motions, or an error if they leave parameters unexcited."""
-    parameters, n = search.observation.count, search.within.robot.n
-    if search.samples * n < parameters:
-        raise ValueError(
-            f"`samples` must be at least {-(-parameters // n)} for {parameters} base parameters of {n} joints, "
-            f"got {search.samples}"
-        )
     matrices = [search.matrix(series) for series in x]
     with np.errstate(all="ignore"):
-        if not any(_measures(W, scaled=True)[0] < EXCITED for W in matrices):
-            rank = max(int(np.linalg.matrix_rank(W / np.linalg.norm(W, axis=0), 1 / EXCITED)) for W in matrices)
+        scaled = [W / np.linalg.norm(W, axis=0) for W in matrices]
+        if not any(Spectrum(W).measures[0] < EXCITED for W in scaled):
+            rank = max(int(np.linalg.matrix_rank(W, 1 / EXCITED)) for W in scaled)
             raise ValueError(
                 f"{len(x)} random motions of {search.within.basis.harmonics} harmonics within the limits excite at "
-                f"most {rank} of {parameters} base parameters; give more harmonics or wider limits"
+                f"most {rank} of {search.observation.count} base parameters; give more harmonics or wider limits"
             )
-    return np.array([_measures(W, search.scaled) for W in matrices])
+    return np.array([Spectrum(W).measures for W in matrices])
 
 
 def _result(
     robot: Robot, search: Search, found: Found, criterion: str, random: Array, positions: Mapping[int, float]
 ) -> Excitation:
-    within, H = search.within, search.within.basis.harmonics
-    moving = [k for k in range(robot.n) if k not in positions]
+    within, n = search.within, robot.n
+    moving = [k for k in range(n) if k not in positions]
 
     def placed(part: Array) -> Array:
         """Rows of the joints that move among those of all."""
-        rows = np.zeros((robot.n, *part.shape[1:]))
+        rows = np.zeros((n, *part.shape[1:]))
         rows[moving] = part
         return rows
 
     coefficients = placed(within.coefficients(found.x))
     coefficients[list(positions), 0] = list(positions.values())
-    condition, log_det = _measures(search.matrix(found.x), search.scaled, exact=True)
+    q0, a, b = np.split(coefficients, [1, 1 + within.basis.harmonics], axis=1)
+    condition, log_det = Spectrum(search.matrix(found.x), exact=True).measures
+    use = {kind: placed(share) for kind, share in within.use(found.x).items()}
     locked = {robot.joint_names[k]: position for k, position in positions.items()}
-    return Excitation(
-        robot=robot,
-        duration=within.basis.duration,
-        q0=coefficients[:, 0],
-        a=coefficients[:, 1 : H + 1],
-        b=coefficients[:, H + 1 :],
-        criterion=criterion,
-        condition=condition,
-        log_det=log_det,
-        random=random,
-        limit_use={kind: placed(use) for kind, use in within.use(found.x).items()},
-        converged=found.converged,
-        message=found.message,
-        locked=locked,
-        notes=_notes(within, locked),
-    )
+    ended = found.converged, found.message, locked, _notes(within, locked)
+    series = within.basis.duration, q0[:, 0], a, b
+    return Excitation(robot, *series, criterion, condition, log_det, random, use, *ended)
 
 
 def _notes(within: MotionLimits, locked: Mapping[str, float]) -> tuple[str, ...]:

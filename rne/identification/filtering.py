@@ -178,9 +178,7 @@ def choose_cutoff(
     """A cut-off [Hz] for the motion of these segments, shape (T, n) each, and the reason in words."""
     highest, warned = FASTEST * sample_rate, []
     cutoff, reason = _cutoff(spectrum)
-    if (
-        cutoff > highest
-    ):  # noise is likely to be taken for motion: only what torques and positions have in common counts
+    if cutoff > highest:  # noise may be taken for motion: only what torques and positions have in common counts
         common = spectrum.velocities * _coherence(q, tau, sample_rate)
         warned = [
             f"warning: the spectrum asks for a cut-off above {highest:.6g} Hz, a fifth of the sample rate: positions "

@@ -31,7 +31,7 @@ from .causes import (
 )
 from .consistent import geometric_prior, model_prior
 from .equations import Equations
-from .least_squares import LeastSquares, Method, held_out, least_squares, with_correlation
+from .least_squares import BEYOND_DOUBT, LeastSquares, Method, held_out, least_squares, with_correlation
 from .record import Record
 from .regression import FOLDS, RegressionData, build_regression, of_named_joints
 from .residuals import Residuals
@@ -40,7 +40,6 @@ from .rigid_body_test import EXPLAINED
 
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
-BEYOND_DOUBT = 4.0  # standard errors
 IMPOSSIBLY = 8.0  # standard errors below zero from which identify warns
 SMALL_ROTOR = 0.1  # of a joint's inertia, below which a rotor that is not told from zero is none
 NO_ROTORS = (
@@ -61,7 +60,6 @@ def identify(
     minimum_velocity: ArrayLike | None = None,
     delay: ArrayLike | None = None,
     cutoff: float | None = None,
-    decimation: int | None = None,
     folds: int = FOLDS,
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
@@ -97,8 +95,6 @@ def identify(
         it differs [s].
     cutoff : float, optional
         Of the low-pass filter, by default chosen from the measurements [Hz].
-    decimation : int, optional
-        Samples per equation after the filter; by default from the cut-off.
     folds : int
         Of the cross-validation, contiguous in time: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
@@ -150,7 +146,7 @@ def identify(
     known = prior_robot(robot, prior) if consistent else None
     stds = PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
-    options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "decimation": decimation, "folds": folds}
+    options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
     base, data, causes, modelled, declined = explained(robot, records, drives, delay, options)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
@@ -168,7 +164,12 @@ def identify(
         errors = held_out(method, data.fitted, data.measured)
     correlation_time = data.correlation_time(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
-    estimate = with_estimated(estimate, residuals_of(robot, base, data, estimate), modelled)
+    if modelled:  # standard errors with those of the delays and Stribeck velocities that were estimated too
+        rest = Residuals(robot, base, data, estimate.values, estimate.sigma, correlation_time)
+        columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
+        covariance = estimate.covariance + rest.covariance_of(columns)
+        deviations = np.where(np.isinf(estimate.errors), np.inf, np.sqrt(np.diag(covariance)))
+        estimate = replace(estimate, covariance=covariance, errors=deviations)
     lower, drift_error = data.at_lower_cutoff(base, estimate.sigma * np.sqrt(correlation_time))
     if std != stds[0]:
         notes += (
@@ -185,11 +186,7 @@ def identify(
 
 
 def explained(
-    robot: Robot,
-    records: Sequence[Record],
-    drives: DriveModel | None,
-    delay: ArrayLike | None,
-    options: dict[str, Any],
+    robot: Robot, records: Sequence[Record], drives: DriveModel | None, delay: ArrayLike | None, options: dict[str, Any]
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
     """The equations with delays, Stribeck effects and rotors as they show, what causes the rest, what is modelled."""
     delays = np.zeros((len(records), robot.n))
@@ -202,7 +199,8 @@ def explained(
     for k in range(ROUNDS + 1):
         base = robot.base_parameters(drives=drives)
         data = build_regression(robot, records, base, **options, delays=delays)
-        rest = residuals_of(robot, base, data, least_squares(data.fitted.mapped(base.back)))
+        estimate = least_squares(data.fitted.mapped(base.back))
+        rest = Residuals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == ROUNDS
         found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
         if not found:
@@ -210,13 +208,16 @@ def explained(
             if leading is not None and not is_last and delay is None:  # which may hide a delay
                 found = delays_of(rest.beyond_friction.with_known(leading))
         for cause in found:
-            delays = delays + delay_of(robot, cause, len(delays))
+            of_record = np.isnan(cause.at) | (np.arange(len(delays)) == cause.at)
+            delays = delays + cause.value * np.outer(of_record, np.isin(robot.joint_names, cause.joints))
             key = cause.joints, str(cause.at)
             late[key] = cause._replace(value=cause.value + (late[key].value if key in late else 0.0))
         slow = [] if found or is_last or not is_open else [cause for cause in causes if cause.kind == STRIBECK]
         if slow and slow[0].score >= max(cause.score for cause in causes) / 2:
-            more = [sharpened(rest, cause) for cause in slow]
-            drives, sharp = with_stribeck(robot, drives, more), sharp | {cause.joints: cause for cause in more}
+            velocities = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
+            for cause in (sharpened(rest, cause) for cause in slow):
+                sharp[cause.joints], velocities[robot.joint_names.index(cause.joints[0])] = cause, cause.at
+            drives = replace(drives, stribeck=velocities)
         elif not found:
             if is_last or not is_open or not drives.rotor or not has_no_rotors(robot, base, data, causes):
                 break
@@ -240,56 +241,21 @@ def has_no_rotors(robot: Robot, base: BaseParameters, data: RegressionData, caus
     return bool((found.values[own] < np.minimum(doubt, SMALL_ROTOR * size[joints] - doubt)).all())
 
 
-def with_estimated(estimate: LeastSquares, rest: Residuals, modelled: Sequence[Cause]) -> LeastSquares:
-    """Standard errors with those of the delays and Stribeck velocities that were estimated too."""
-    if not modelled:
-        return estimate
-    columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
-    covariance = estimate.covariance + rest.covariance_of(columns)
-    errors = np.where(np.isinf(estimate.errors), np.inf, np.sqrt(np.diag(covariance)))
-    return replace(estimate, covariance=covariance, errors=errors)
-
-
 def taken_text(cause: Cause) -> str:
     """What is taken into account, with its standard error."""
-    name, error = cause.kind, f"{cause.error:.2g}"
     if cause.kind == "delay":
         text = delay_text(cause.joints if np.isnan(cause.at) else ())(np.array([cause.value]))
         return f"delay of {1000 * cause.value:.3g} ms: {text} (+- {1000 * cause.error:.2g} ms); taken into account"
-    return f"{name}: {cause.text} (+- {error}); taken into account"
-
-
-def residuals_of(robot: Robot, base: BaseParameters, data: RegressionData, found: LeastSquares) -> Residuals:
-    """What least squares left."""
-    correlation_time = data.correlation_time(base.back @ found.values)
-    return Residuals(robot, base, data.prepared, data.rows, found.values, found.sigma, correlation_time)
-
-
-def delay_of(robot: Robot, cause: Cause, count: int) -> Array:
-    """The delay that a cause tells, shape (records, n)."""
-    joints = np.isin(robot.joint_names, cause.joints)
-    records = np.ones(count) if np.isnan(cause.at) else np.arange(count) == cause.at
-    return cause.value * np.outer(records, joints)
-
-
-def with_stribeck(robot: Robot, drives: DriveModel, causes: Sequence[Cause]) -> DriveModel:
-    """The drives with the Stribeck velocities of these causes."""
-    velocities = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
-    for cause in causes:
-        velocities[robot.joint_names.index(cause.joints[0])] = cause.at
-    return replace(drives, stribeck=velocities)
+    return f"{cause.kind}: {cause.text} (+- {cause.error:.2g}); taken into account"
 
 
 def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
     """Rotors and friction that the given model has and that were not asked for: the robot found is without them."""
     model = standard.model
     known = {"Ia": model.armature, "Fv": model.damping, "Fc": model.friction}
-    return tuple(
-        f"{DRIVES[symbol][0]} of the model was not fitted: what there is of it is in other parameters, and the robot "
-        "found has none"
-        for symbol, values in known.items()
-        if symbol not in standard.terms and values.any()
-    )
+    ignored = [DRIVES[symbol][0] for symbol, x in known.items() if symbol not in standard.terms and x.any()]
+    text = "{} of the model was not fitted: what there is of it is in other parameters, and the robot found has none"
+    return tuple(map(text.format, ignored))
 
 
 def negative_drives(robot: Robot, base: BaseParameters, estimate: LeastSquares) -> tuple[str, ...]:
@@ -324,8 +290,16 @@ def prior_robot(robot: Robot, prior: Robot | str | None) -> Robot | str:
 def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equations) -> tuple[Array, tuple[str, ...]]:
     """Pseudo-inertias to start from, and what to say of them."""
     if isinstance(known, str):
-        bodies = geometric_prior(standard.model)
-        density = found_density(bodies, standard, fitted)
+        bodies, drives = geometric_prior(standard.model), standard.count - PARAMETERS * standard.model.nb
+        E = np.zeros((standard.count, 1 + drives))
+        E[: -drives or None, 0] = parameters_of_pseudo_inertia(bodies)
+        E[standard.count - drives :, 1:] = np.eye(drives)
+        density = float(least_squares(fitted.mapped(E)).values[0])  # with which torques are fitted best
+        if density <= 0:
+            raise IdentificationError(
+                f"`prior` 'geometry': the torques ask for bodies of {density:.4g} kg in all; check the signs of "
+                "torques and of gravity"
+            )
         return density * bodies, (f"prior: rods between the joints, {density:.4g} kg in all",)
     bodies, thickened = model_prior(known.model)
     return bodies, tuple(f"prior: the body of {name} was too thin and was made thicker" for name in thickened)
@@ -333,21 +307,5 @@ def prior_bodies(known: Robot | str, standard: StandardParameters, fitted: Equat
 
 def plausible(parameters: Array, guess: Array, fitted: Equations) -> bool:
     """False if torques that are not explained make one body heavier than all together are guessed to be."""
-    explained = fitted.residuals(parameters) <= EXPLAINED**2 * fitted.torques()
     masses = parameters[: PARAMETERS * len(guess) : PARAMETERS]
-    return bool(explained.all() or masses.max(initial=0) <= guess[:, 3, 3].sum())
-
-
-def found_density(bodies: Array, standard: StandardParameters, fitted: Equations) -> float:
-    """The factor of guessed bodies with which torques are fitted best."""
-    drives = standard.count - PARAMETERS * standard.model.nb
-    E = np.zeros((standard.count, 1 + drives))
-    E[: -drives or None, 0] = parameters_of_pseudo_inertia(bodies)
-    E[standard.count - drives :, 1:] = np.eye(drives)
-    density = float(least_squares(fitted.mapped(E)).values[0])
-    if density <= 0:
-        raise IdentificationError(
-            f"`prior` 'geometry': the torques ask for bodies of {density:.4g} kg in all; check the signs of torques "
-            "and of gravity"
-        )
-    return density
+    return bool((fitted.shares(parameters) <= EXPLAINED).all() or masses.max(initial=0) <= guess[:, 3, 3].sum())

@@ -8,7 +8,7 @@ autocorrelation time, 1 + 2 sum rho_k, is the effective sample size (Sokal 1997,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ FEWEST = 5  # degrees of freedom of a joint, from which its residual says what i
 ROUNDING = 1e-13  # of the torques: data without noise have this for it
 NOTHING = 1e-12  # length of a column, of the longest, that is rounding
 DEPENDENT = 1e-10  # singular values below this part of the largest, of columns of unit length, are rounding
+BEYOND_DOUBT = 4.0  # standard errors
 UNDETERMINED = 1e-6  # share of an unknown in the directions that the equations leave free
 
 
@@ -182,19 +183,13 @@ class Unexplained(NamedTuple):
     at_rest: Array
 
 
-def held_out_squares(fit: Callable[[Equations], Array], fitted: Equations, *checked: Equations) -> Array:
-    """|residual|^2 of each joint's equations, each fold predicted by a fit to the others, shape (len(checked), n)."""
-    squares = np.zeros((len(checked), fitted.joints))
-    for k in range(len(fitted.factors)):
-        others = np.arange(len(fitted.factors)) != k
-        x = fit(fitted.of_blocks(others))
-        squares += [equations.of_blocks(~others).residuals(x) for equations in checked]
-    return squares
-
-
 def held_out(method: Method, fitted: Equations, measured: Equations) -> Unexplained:
     """The unexplained part of all measured torques, of those in motion, which are fitted, and of those at rest."""
-    squares = held_out_squares(lambda some: method.solved(some)[1], fitted, measured, fitted)
+    squares = np.zeros((2, fitted.joints))
+    for k in range(len(fitted.factors)):
+        others = np.arange(len(fitted.factors)) != k
+        _, x = method.solved(fitted.of_blocks(others))
+        squares += [equations.of_blocks(~others).residuals(x) for equations in (measured, fitted)]
     torques, rows = (np.array([f(measured), f(fitted)]) for f in (Equations.torques, lambda e: e.rows.sum(0)))
     squares, torques, rows = (np.concatenate([x, [x[0] - x[1]]]) for x in (squares, torques, rows))
     shares = np.sqrt(np.maximum(squares, 0) / np.maximum(torques, np.finfo(float).tiny))

@@ -134,11 +134,6 @@ class MotionLimits:
         """The middle of the ranges."""
         return (self.lower + self.upper) / 2
 
-    @property
-    def half_range(self) -> Array:
-        """Half the width of the ranges."""
-        return (self.upper - self.lower) / 2
-
     @cached_property
     def free(self) -> Array:
         """Orthonormal coefficient vectors of one joint that x combines, as columns: with `rest` qd(0) = qdd(0) = 0."""
@@ -173,9 +168,9 @@ class MotionLimits:
     def linear(self, count: int) -> dict[str, Array]:
         """A of shape (n, count, size of one joint): |A x| <= 1 on the grid keeps the limits at all times."""
         matrices = (m @ self.free / self.basis.grid_share(count) for m in self.basis.grid(count))
-        limits = {"position": self.half_range, "velocity": self.velocity_limit, "acceleration": self.acceleration_limit}
-        shares = (self.velocity_limit / limit for limit in limits.values())
-        return {kind: m * v[:, None, None] for kind, m, v in zip(limits, matrices, shares, strict=True)}
+        limits = self.upper - self.centre, self.velocity_limit, self.acceleration_limit
+        kinds = zip(("position", "velocity", "acceleration"), matrices, limits, strict=True)
+        return {kind: m * (self.velocity_limit / limit)[:, None, None] for kind, m, limit in kinds}
 
     @cached_property
     def rows(self) -> Array:

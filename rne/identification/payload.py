@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array, point_mass_inertia
 from ..basics.text import Row, short, wrapped
@@ -23,12 +22,11 @@ from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import Payload
 from .consistent import consistent_fit
-from .least_squares import LeastSquares
+from .least_squares import BEYOND_DOUBT
 from .record import Record
 from .result import Identification
-from .two_sets import BEYOND_DOUBT, OfTwoSets, TwoSets, load_map, two_sets
+from .two_sets import DOUBTFUL, OfTwoSets, load_map, two_sets
 
-DOUBTFUL = 0.05  # standard error of the mass, as a part of it, from which it is doubtful
 DENSITY = 3000.0  # of a ball that a load is like where the motions say nothing [kg/m^3]
 PRIOR_STD = 3.0  # how far, relatively, a load may differ from it
 STEP = 1e-30  # of derivatives by complex numbers
@@ -71,11 +69,7 @@ class PayloadEstimate(OfTwoSets):
     mass_error: float
     com_error: Array
     inertia_error: Array
-    estimate: LeastSquares
     consistent: bool
-    held_out: Array
-    notes: tuple[str, ...]
-    sets: TwoSets
 
     def _reasons(self) -> list[str]:
         share = self.mass_error / abs(self.mass)
@@ -113,13 +107,11 @@ class PayloadEstimate(OfTwoSets):
         """
         values = [self.mass, *self.com, *self.inertia[ROWS, COLUMNS]]
         errors = [self.mass_error, *self.com_error, *self.inertia_error[ROWS, COLUMNS]]
-        rows = [Row(f"load on {short(str(self.payload.link))}", ("estimate", "standard error"), words=True)]
-        rows += [
-            Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}"))
-            for name, value, error in zip(QUANTITIES, values, errors, strict=True)
-        ]
-        share = 100 * self.mass_error / abs(self.mass)
-        return self._report(f"{self.mass:.4g} kg on {short(str(self.payload.link))}, known to {share:.2g} %", rows)
+        link, share = short(str(self.payload.link)), 100 * self.mass_error / abs(self.mass)
+        rows = [Row(f"load on {link}", ("estimate", "standard error"), words=True)]
+        for name, value, error in zip(QUANTITIES, values, errors, strict=True):
+            rows.append(Row(f"  {name}", (f"{value:.5f}", f"{error:.5f}")))
+        return self._report(f"{self.mass:.4g} kg on {link}, known to {share:.2g} %", rows)
 
 
 def identify_payload(
@@ -130,9 +122,7 @@ def identify_payload(
     link: str | None = None,
     consistent: bool = True,
     drives: DriveModel | None = None,
-    minimum_velocity: ArrayLike | None = None,
     cutoff: float | None = None,
-    decimation: int | None = None,
 ) -> PayloadEstimate:
     """Mass, centre of mass and inertia of a load, from measured motions without and with it.
 
@@ -153,8 +143,8 @@ def identify_payload(
     drives : DriveModel, optional
         Torques of the drives, by default rotors, viscous and Coulomb friction and offsets; not with an Identification,
         which has its own.
-    minimum_velocity, cutoff, decimation : optional
-        As of `rne.identify`.
+    cutoff : float, optional
+        As of `rne.identify` [Hz].
 
     Returns
     -------
@@ -178,14 +168,13 @@ def identify_payload(
 
     Notes
     -----
-    Standard errors contain noise, with residuals that resemble their neighbours, and what errors of the drives make of
-    the load: torque factors that differ between joints, friction that rises with the load, saturates, differs between
-    the directions or changes between the records, offsets that change or drift. Each is a random coefficient of each
-    joint, whose variance is estimated. Where fits without one of the blocks of time scatter more, their scatter is the
-    error. A factor common to all torques is not seen: the mass is as wrong as it. A delay of the torques is not looked
-    for: that of an Identification is taken for the records with the load too. A load that least squares make impossible
-    is replaced by the physically consistent one that fits best; where the motions say nothing, it is like a ball of
-    3000 kg/m^3.
+    Standard errors contain noise and what errors of the drives make of the load: torque factors that differ between
+    joints, friction that rises with the load, saturates, differs between the directions or changes between the records,
+    offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated; where fits
+    without one of the blocks of time scatter more, their scatter is the error. A factor common to all torques is not
+    seen: the mass is as wrong as it. Torques are taken to be as late as an Identification found, otherwise not late. A
+    load that least squares make impossible is replaced by the physically consistent one that fits best; where the
+    motions say nothing, it is like a ball of 3000 kg/m^3.
 
     Examples
     --------
@@ -200,7 +189,7 @@ def identify_payload(
     >>> print(found.report()[:23])
     3 kg on tool0, known to
     """
-    sets = two_sets(robot, without, with_load, drives, minimum_velocity, cutoff, decimation)
+    sets = two_sets(robot, without, with_load, drives, cutoff)
     model, K = sets.robot.model, sets.base.count
     name = end_link(model, axes_count=True) if link is None else link
     fit = sets.fitted(load_map(sets.base.standard, name))
@@ -215,25 +204,15 @@ def identify_payload(
             f"`with_load`: the torques ask for a mass of {phi[0]:.3g} kg, with a standard error of {errors[0]:.2g} kg: "
             "are the records exchanged, or the signs of torques or of gravity wrong?"
         )
-    notes = [*sets.notes, *doubts(phi, errors), *fit.notes]
+    notes = [*doubts(phi, errors), *fit.notes]
     impossible = np.linalg.eigvalsh(pseudo_inertia(phi)[0])[0] <= 0 or not np.isfinite(errors).all()
     if impossible and consistent:
         phi = possible_load(fit.load, phi, errors)
-        notes.append(
-            "the load is the physically consistent one that fits best; `estimate` has least squares as they are"
-        )
+        notes.append("the load is the physically consistent one that fits best; `estimate` holds that of least squares")
     body, error = standard_errors(phi, estimate.covariance[K:, K:], np.isinf(errors))
-    found = PayloadEstimate(
-        Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name),
-        float(error[0]),
-        error[1:4],
-        error[4:][ENTRIES],
-        estimate,
-        impossible and consistent,
-        fit.held_out,
-        tuple(notes),
-        sets,
-    )
+    payload = Payload(float(body[0]), body[1:4], body[4:][ENTRIES], name)
+    common, stated = (estimate, fit.held_out, tuple(notes), sets), (float(error[0]), error[1:4], error[4:][ENTRIES])
+    found = PayloadEstimate(*common, payload, *stated, impossible and consistent)
     if found.doubt:
         warnings.warn(found.doubt, IdentificationWarning, stacklevel=2)
     return found
@@ -241,12 +220,9 @@ def identify_payload(
 
 def doubts(phi: Array, errors: Array) -> list[str]:
     """What looks wrong with a load by least squares."""
-    notes = []
+    notes, mass = [], f"a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg"
     if phi[0] <= 0:
-        notes.append(
-            f"least squares give a mass of {phi[0]:.3g} kg with a standard error of {errors[0]:.2g} kg: are the "
-            "records exchanged?"
-        )
+        notes.append(f"least squares give {mass}: are the records exchanged?")
     elif phi[0] < BEYOND_DOUBT * errors[0]:
         notes.append(f"the mass is hardly told from none: its standard error is {errors[0]:.2g} kg")
     unknown = [symbol for symbol, error in zip(BODY_SYMBOLS, errors, strict=True) if np.isinf(error)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 SINGULAR = 1e-10  # smallest singular value as a part of the largest, with each motor's row scaled to one
-SWEEP = (0.5, 1.0, 2.0)  # times the chosen cut-off
 
 
 class Record:
@@ -96,8 +94,6 @@ class Record:
     501
     >>> record.prepare().notes[0]
     "cut-off 6.25 Hz, chosen from the spectrum of the positions: 5 times the motion's bandwidth of 1.25 Hz"
-    >>> [prepared.cutoff for prepared in record.sweep([5, 10, 20])]
-    [5.0, 10.0, 20.0]
     """
 
     def __init__(
@@ -290,7 +286,13 @@ class Record:
         n = positions.shape[1]
         gains = np.ones(n) if drive_gains is None else _not_zero("drive_gains", drive_gains, n)
         zero = 0.0 if offsets is None else vector("offsets", offsets, n)
-        K = _gears(n, ratios, coupling)
+        mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
+        K, rows = _not_zero("ratios", ratios, n)[:, None] * mixed, np.linalg.norm(mixed, axis=1)
+        if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
+            raise ValueError(
+                "`coupling` must be invertible: joint positions do not follow from the motors' through a singular "
+                "matrix"
+            )
         torques = (gains * samples_array("motor_tau", motor_tau, positions.shape)) @ K
         velocities = None
         if motor_qd is not None:
@@ -371,39 +373,13 @@ class Record:
         They pass a filter of five times the cut-off, at most a quarter of the sample rate, before they are
         differentiated by central differences of eighth order. Both filters are Butterworth filters of fourth order that
         run forwards and backwards. What a filter takes from the accelerations it takes from the inertias, so that
-        parameters depend on the cut-off: `sweep` shows by how much.
+        parameters depend on the cut-off: `Identification.drift` shows by how much.
         """
         errors = [finding for finding in self.findings if finding.severity == "error"]
         if errors:
             more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""
             raise ValueError(errors[0].message + more)
         return prepare(self.name, self._screened, cutoff, decimation, float(self.t[0]))
-
-    def sweep(self, cutoffs: ArrayLike | None = None) -> tuple[Prepared, ...]:
-        """The record prepared with several cut-offs, to see how much the filter changes a fit.
-
-        Parameters
-        ----------
-        cutoffs : array_like, shape (k,), optional
-            Cut-offs [Hz]; half, once and twice the one that `prepare` chooses if not given, those that can be used.
-
-        Returns
-        -------
-        tuple of Prepared
-            One for each cut-off; `rne.identify` takes each `cutoff` of them.
-
-        Raises
-        ------
-        ValueError
-            As `prepare`.
-        """
-        if cutoffs is not None:
-            return tuple(self.prepare(float(cutoff)) for cutoff in np.asarray(cutoffs, dtype=np.float64))
-        chosen, sweep = self.prepare().cutoff, []
-        for factor in SWEEP:
-            with suppress(ValueError):  # above the cap, or no segment is long enough for the filter
-                sweep.append(self.prepare(factor * chosen))
-        return tuple(sweep)
 
 
 def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) -> Array:
@@ -415,18 +391,6 @@ def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) ->
     if array.ndim != 2 or 0 in array.shape or (shape is not None and array.shape != shape):
         raise ValueError(f"`{name}` must have shape {wanted}, got {array.shape}")
     return np.array(array, dtype=np.float64)
-
-
-def _gears(n: int, ratios: ArrayLike, coupling: ArrayLike | None) -> Array:
-    """Motor positions per joint positions of n motors, diag(ratios) coupling."""
-    mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
-    gears = _not_zero("ratios", ratios, n)
-    rows = np.linalg.norm(mixed, axis=1)
-    if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
-        raise ValueError(
-            "`coupling` must be invertible: joint positions do not follow from the motors' through a singular matrix"
-        )
-    return np.asarray(gears[:, None] * mixed)
 
 
 def _not_zero(name: str, value: ArrayLike, n: int) -> Array:

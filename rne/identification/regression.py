@@ -15,7 +15,7 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.motion_files import numbered_joints
-from .equations import Equations, RecordEquations, joined, record_equations, triangular
+from .equations import Equations, RecordEquations, equations, joined, record_equations, triangular
 from .filtering import low_pass, settling
 from .least_squares import correlation_time_of_filtered_noise, correlation_time_of_residuals, solve
 from .prepared import Prepared, undisturbed
@@ -68,8 +68,10 @@ class RegressionData(NamedTuple):
 
     def correlation_time(self, x: Array) -> Array:
         """Integrated autocorrelation time of the residuals of parameters x, in rows, shape (n,)."""
-        residuals = np.concatenate([r.Y @ x - r.tau for r in self.rows])
-        used = np.concatenate([r.used for r in self.rows])
+        return self.correlation_time_of(np.concatenate(self.residuals(x)), np.concatenate([r.used for r in self.rows]))
+
+    def correlation_time_of(self, residuals: Array, used: Array) -> Array:
+        """That of some residuals over the rows that are used, at least that of filtered noise."""
         parts = consecutive(length for record in self.prepared for length in record.segment_lengths)
         of_noise = [correlation_time_of_filtered_noise(p.cutoff, p.sample_rate, p.decimation) for p in self.prepared]
         return np.maximum(correlation_time_of_residuals(residuals, used, parts), max(of_noise))
@@ -81,7 +83,6 @@ def build_regression(
     base: BaseParameters,
     minimum_velocity: ArrayLike | None,
     cutoff: float | None,
-    decimation: int | None,
     folds: int,
     delays: Array | float = 0.0,
 ) -> RegressionData:
@@ -89,11 +90,24 @@ def build_regression(
     given, standard = checked_records(robot, records), base.standard
     whole_number("folds", folds, least=2)
     late = np.broadcast_to(delays, (len(given), robot.n))
-    prepared = tuple(delayed(r.prepare(cutoff, decimation), d) for r, d in zip(given, late, strict=True))
+    prepared = tuple(delayed(r.prepare(cutoff), d) for r, d in zip(given, late, strict=True))
     still, slowest = minimum_velocities(standard, given, prepared, minimum_velocity)
     rows = [record_equations(robot, standard, record, slowest, still) for record in prepared]
-    check_count(rows, base, still)
-    fitted, measured = equations_of(rows, prepared, folds)
+    if still.all() and len(still):
+        raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
+    count = sum(int(r.used.sum()) for r in rows)
+    if count <= base.count:
+        raise ValueError(
+            f"`records` give {count} equations for {base.count} base parameters: a longer motion is needed, or a "
+            "higher `cutoff`"
+        )
+    each, shortest = max(-(-folds // len(prepared)), 2), min(len(r.tau) for r in rows)
+    if each > shortest:
+        raise ValueError(f"`folds` must be at most {shortest * len(rows)}, got {folds}: there are no more equations")
+    parts = [(r, record.blocks(each)) for r, record in zip(rows, prepared, strict=True)]
+    measured = fitted = joined([equations(r.Y, r.tau, r.used, blocks) for r, blocks in parts])
+    if any((r.used != r.valid).any() for r in rows):
+        measured = joined([equations(r.Y, r.tau, r.valid, blocks) for r, blocks in parts])
     names = [robot.joint_names[j] for j in np.flatnonzero(still)]
     lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
     silent = [robot.joint_names[j] for j in np.flatnonzero(measured.rows.sum(0) == 0)]
@@ -182,27 +196,3 @@ def minimum_velocities(
     if "Fc" not in standard.terms or standard.smoothing:
         return still, np.zeros(standard.model.n)
     return still, np.where(still, np.inf, np.maximum(SLOWEST * largest, floor))
-
-
-def check_count(rows: Sequence[RecordEquations], base: BaseParameters, still: Array) -> None:
-    """Refuse records of which no joint moves, and fewer equations than unknowns."""
-    if still.all() and len(still):
-        raise ValueError("`records` show no joint that moves: one pose says nothing of inertias and friction")
-    count = sum(int(r.used.sum()) for r in rows)
-    if count <= base.count:
-        raise ValueError(
-            f"`records` give {count} equations for {base.count} base parameters: a longer motion is needed, or a "
-            "higher `cutoff`"
-        )
-
-
-def equations_of(
-    rows: Sequence[RecordEquations], prepared: Sequence[Prepared], folds: int
-) -> tuple[Equations, Equations]:
-    """Equations to fit, and those to check the fit on, in blocks of time."""
-    each = max(-(-folds // len(prepared)), 2)
-    shortest = min(len(r.tau) for r in rows)
-    if each > shortest:
-        raise ValueError(f"`folds` must be at most {shortest * len(rows)}, got {folds}: there are no more equations")
-    parts = [r.compressed(record.blocks(each)) for r, record in zip(rows, prepared, strict=True)]
-    return joined([fitted for fitted, _ in parts]), joined([measured for _, measured in parts])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,10 +12,9 @@ from ..basics.spatial import Array
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.parameters import PARAMETERS
 from ..robot import Robot
-from .equations import RecordEquations
 from .filtering import low_pass
-from .least_squares import correlation_time_of_filtered_noise, correlation_time_of_residuals
 from .prepared import Prepared
+from .regression import RegressionData
 from .screening import consecutive
 
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
@@ -72,24 +71,24 @@ class Grid(NamedTuple):
 class Residuals:
     """What least squares left of the equations Y x = tau of records, over each joint's noise sigma.
 
-    `beta` are base parameters, `rows` equations of standard parameters, `correlation_time` is that of the residuals;
-    `known` columns, shape (rows, n, k), are fitted too, and what they explain needs no cause.
+    `beta` are base parameters, `correlation_time` is that of the residuals; `known` columns, shape (rows, n, k), are
+    fitted too, and what they explain needs no cause.
     """
 
     def __init__(
         self,
         robot: Robot,
         base: BaseParameters,
-        records: Sequence[Prepared],
-        rows: Sequence[RecordEquations],
+        data: RegressionData,
         beta: Array,
         sigma: Array,
-        correlation_time: Array,
+        correlation_time: Array | None = None,
         known: Array | None = None,
     ) -> None:
-        self.rows, self.beta, self.known = rows, beta, known
-        self.robot, self.base, self.standard, self.records = robot, base, base.standard, records
-        self.x, self.sigma, self.correlation_time = base.back @ beta, sigma, correlation_time
+        rows, self.data, self.beta, self.known = data.rows, data, beta, known
+        self.robot, self.base, self.standard, self.records = robot, base, base.standard, data.prepared
+        self.x, self.sigma = base.back @ beta, sigma
+        self.correlation_time = data.correlation_time(self.x) if correlation_time is None else correlation_time
         self.tau, self.Y = np.concatenate([r.tau for r in rows]), np.concatenate([r.Y for r in rows])
         self.record = np.repeat(np.arange(len(rows)), [len(r.tau) for r in rows])  # number of each row's record
         sure = np.concatenate([r.sure for r in rows])
@@ -102,28 +101,24 @@ class Residuals:
         b = self.weighted(self.tau)
         self.left = b - self.Q @ (self.Q.T @ b)
         self.squares = self.by_joint(self.left)
-        self.counts = np.bincount(self.joint, minlength=robot.n) / correlation_time
+        self.counts = np.bincount(self.joint, minlength=robot.n) / self.correlation_time
         self.torques = np.maximum(self.by_joint(b), TINY)
 
     def beyond(self, known: Array) -> Residuals:
         """The same with these columns known, and the noise that they leave."""
-        given = self.robot, self.base, self.records, self.rows, self.beta
         if len(self.joint) < FEWEST * (self.base.count + known.shape[-1]):
             return self
-        first = Residuals(*given, self.sigma, self.correlation_time, known)
-        left, parts = np.zeros(self.tau.shape), (n for record in self.records for n in record.segment_lengths)
+        first, left = self.with_known(known), np.zeros(self.tau.shape)
         left[self.used] = first.left
-        times = correlation_time_of_residuals(left, self.used, consecutive(parts))
-        noise = max(correlation_time_of_filtered_noise(r.cutoff, r.sample_rate, r.decimation) for r in self.records)
         squares = np.maximum(first.squares, LEAST**2 * first.torques) / np.maximum(self.used.sum(0), 1)
         sigma = np.where(squares > 0, self.sigma * np.sqrt(squares), self.sigma)
-        return Residuals(*given, sigma, np.maximum(times, noise), known)
+        time = self.data.correlation_time_of(left, self.used)
+        return Residuals(self.robot, self.base, self.data, self.beta, sigma, time, known)
 
     def with_known(self, columns: Array) -> Residuals:
         """The same with more columns known."""
         known = columns if self.known is None else np.concatenate([self.known, columns], axis=-1)
-        given = self.robot, self.base, self.records, self.rows, self.beta, self.sigma, self.correlation_time
-        return Residuals(*given, known)
+        return Residuals(self.robot, self.base, self.data, self.beta, self.sigma, self.correlation_time, known)
 
     @cached_property
     def beyond_friction(self) -> Residuals:
@@ -154,9 +149,9 @@ class Residuals:
         found: Array = (columns / scale)[self.used]
         return found
 
-    def by_joint(self, r: Array) -> Array:
-        """Sums of squares of each joint's equations."""
-        return np.bincount(self.joint, r**2, minlength=self.robot.n)
+    def by_joint(self, r: Array, s: Array | None = None) -> Array:
+        """Sums of products, or of squares, over each joint's equations."""
+        return np.bincount(self.joint, r * (r if s is None else s), minlength=self.robot.n)
 
     @property
     def share(self) -> float:

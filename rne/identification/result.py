@@ -26,7 +26,7 @@ from .least_squares import LeastSquares, Unexplained, believed_noise
 from .prepared import Prepared
 from .record import Record
 from .regression import RegressionData, check_joints, delayed
-from .rigid_body_test import EXPLAINED, certified
+from .rigid_body_test import EXPLAINED, Consistency, certified
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,14 +125,13 @@ class Identification(InNotebooks):
     @cached_property
     def doubt(self) -> str:
         """Reasons not to believe the parameters, the likeliest causes first; empty if there is none."""
-        left = self.unexplained.in_motion
-        names = self.initial.joint_names
-        poor = [j for j in range(len(names)) if left[j] > UNEXPLAINED]
+        left, names = self.unexplained.in_motion, self.initial.joint_names
+        poor = np.flatnonzero(left > UNEXPLAINED)
         impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
         lines, causes = [], [cause for cause in self.causes if cause.kind not in GEARS][:NAMED]
         if self.unexcited:
             lines.append(self.unexcited)
-        elif poor:
+        elif len(poor):
             shares = listed([f"{names[j]} {100 * left[j]:.0f} %" for j in poor])
             lines.append(f"torques in motion that the model does not explain: {shares}")
         if causes:
@@ -147,9 +146,7 @@ class Identification(InNotebooks):
     @cached_property
     def unexcited(self) -> str:
         """That the motion says too little, if parts of the log are fitted but not predicted from the others."""
-        torques = np.maximum(self.equations.torques(), np.finfo(float).tiny)
-        fitted = np.sqrt(self.equations.residuals(self.parameters) / torques)
-        far = (self.unexplained.in_motion > TOO_FAR) & (fitted < UNEXPLAINED)
+        far = (self.unexplained.in_motion > TOO_FAR) & (self.equations.shares(self.parameters) < UNEXPLAINED)
         if not far.any():
             return ""
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
@@ -300,28 +297,51 @@ class Identification(InNotebooks):
         return self._compared(record.name, delayed(prepared, self.delay.mean(0)))
 
     def _compared(self, name: str, prepared: Prepared) -> Check:
-        predicted = prepared.reduce(self.predict(prepared.q, prepared.qd, prepared.qdd))
-        model = self.initial.model
+        model, torques = self.initial.model, self.predict(prepared.q, prepared.qd, prepared.qdd)
         units = tuple("N m" if model.is_revolute[i] else "N" for i in model.independent_joints)
-        velocities, measured = prepared.reduce(prepared.qd), prepared.reduce(prepared.tau)
-        joints = name, model.joint_names, units
-        return Check(*joints, prepared.times, velocities, measured, predicted, prepared.valid)
+        qd, tau, predicted = (prepared.reduce(x) for x in (prepared.qd, prepared.tau, torques))
+        return Check(name, model.joint_names, units, prepared.times, qd, tau, predicted, prepared.valid)
 
-    def plot(self, record: Record | None = None) -> Figure:
-        """Measured and predicted torque and their difference over time, and the difference over speed, by joint.
-
-        Parameters
-        ----------
-        record : Record, optional
-            By default the first of those that were fitted.
+    def plot(self) -> Figure:
+        """Measured and predicted torque of the first record, over time, and their difference, by joint.
 
         Returns
         -------
         matplotlib.figure.Figure
-            `figure.savefig("torques.png")` writes it to a file.
+            That of `check(record).plot()`; `figure.savefig("torques.png")` writes it to a file.
         """
-        check = self._compared(self.data.names[0], self.records[0]) if record is None else self.check(record)
-        return check.plot()
+        return self._compared(self.data.names[0], self.records[0]).plot()
+
+    def consistency(self) -> Consistency:
+        """Whether the measured torques can come from one rigid-body model at all.
+
+        One set of parameters is fitted to all joints, and a set of its own to each. Torques of a rigid body leave the
+        same in both fits, up to chance. The masses of `initial` do not matter, only its joints and their places.
+
+        Returns
+        -------
+        Consistency
+            The verdict, and the numbers of each joint that it rests on.
+
+        Notes
+        -----
+        The test is that of Draper and Smith 1998, section 6.1, with the number of equations divided by the correlation
+        time of the residuals of the joint's own fit.
+
+        Examples
+        --------
+        >>> import numpy as np, rne
+        >>> arm = rne.load("irb140").locked({"joint_4": 0, "joint_5": 0, "joint_6": 0})
+        >>> t, w = np.arange(0, 10, 0.004), 2 * np.pi * np.array([0.3, 0.4, 0.5])
+        >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+        >>> record = rne.identification.Record(t, q, arm.inverse_dynamics(q, qd, qdd))
+        >>> verdict = rne.identify(arm, record, consistent=False).consistency()
+        >>> verdict.one_model, bool(verdict.energy.missing < 0.01)
+        (True, True)
+        >>> verdict.report().startswith("one rigid-body model explains the torques")
+        True
+        """
+        return certified(self.base, self.data, self.unexplained.in_motion)
 
     def report(self) -> str:
         """What was fitted, what was found and how far to trust it, as text.
@@ -329,19 +349,11 @@ class Identification(InNotebooks):
         Returns
         -------
         str
-            Paragraphs on the measurements, the joints, the base parameters and the bodies, and whether one rigid-body
-            model can be behind the measurements, as `rne.consistency` says.
+            Paragraphs on the measurements, the joints, the base parameters and the bodies, and the report of
+            `consistency`.
         """
-        verdict = certified(self.base, self.data, self.correlation_time)
-        certificate = replace(verdict, held_out=self.unexplained.in_motion).report()
-        paragraphs = [
-            fitted_text,
-            joints_text,
-            causes_text,
-            parameters_text,
-            *([bodies_text] if self.consistent else []),
-        ]
-        return "\n\n".join([*(paragraph(self) for paragraph in paragraphs), certificate])
+        texts = [fitted_text, joints_text, causes_text, parameters_text, *[bodies_text] * self.consistent]
+        return "\n\n".join([*(text(self) for text in texts), self.consistency().report()])
 
 
 def fitted_text(found: Identification) -> str:
@@ -354,37 +366,26 @@ def fitted_text(found: Identification) -> str:
     ]
     for name, record in zip(found.data.names, found.records, strict=True):
         lines.append(f"motion {short(name)}: {len(record.t) / record.sample_rate:.3g} s at {record.sample_rate:.6g} Hz")
-        lines.append(
-            f"  {record.decimation} samples to an equation of each moving joint: the filter leaves nothing faster"
-        )
-        lines += [f"  {note}" for note in record.notes]
+        samples = f"{record.decimation} samples to an equation of each moving joint: the filter leaves nothing faster"
+        lines += [f"  {note}" for note in (samples, *record.notes)]
     return "\n".join([*lines, *found.notes])
 
 
 def joints_text(found: Identification) -> str:
     """Errors of each joint."""
-    fitted = found.equations.residuals(found.parameters)
-    torques = np.maximum(found.equations.torques(), np.finfo(float).tiny)
     columns = ("noise [N m or N]", "fitted [%]", "held out: in motion", "at rest", "equations", "independent")
-    rows = [Row("errors", columns, words=True)]
-    left = found.unexplained
+    rows, left = [Row("errors", columns, words=True)], found.unexplained
+    fitted = np.where(np.isnan(left.everywhere), np.nan, found.equations.shares(found.parameters))
     for j, name in enumerate(found.initial.joint_names):
-        shares = (np.sqrt(fitted[j] / torques[j]), left.in_motion[j], left.at_rest[j])
-        count = int(found.equations.rows[:, j].sum())
-        cells = (
-            f"{found.estimate.sigma[j]:.4g}",
-            *(
-                "-" if np.isnan(left.everywhere[j]) or np.isnan(x) else f"{100 * x:.1f}" if x < FARTHEST else "> 1000"
-                for x in shares
-            ),
-            str(count),
-            f"{count / found.correlation_time[j]:.0f}",
-        )
-        rows.append(Row(f"  {short(name)}", cells))
-    blocks = len(found.equations.factors)
+        count, noise = int(found.equations.rows[:, j].sum()), f"{found.estimate.sigma[j]:.4g}"
+        shares = [
+            "-" if np.isnan(x) else f"{100 * x:.1f}" if x < FARTHEST else "> 1000"
+            for x in (fitted[j], left.in_motion[j], left.at_rest[j])
+        ]
+        rows.append(Row(f"  {short(name)}", [noise, *shares, str(count), f"{count / found.correlation_time[j]:.0f}"]))
     close = (
-        f"Held out: each of {blocks} blocks of the measurements, predicted by a fit to the others. At rest: torques of "
-        "slow joints, which are not fitted because Coulomb friction then has no known direction."
+        f"Held out: each of {len(found.equations.factors)} blocks of the measurements, predicted by a fit to the rest. "
+        "At rest: torques of slow joints, which are not fitted because Coulomb friction then has no known direction."
     )
     return "\n".join([*aligned(rows), close, *motions_text(found)])
 
@@ -415,9 +416,8 @@ def motions_text(found: Identification) -> list[str]:
     rows = [Row("errors of each motion [%]", [short(name) for name in found.initial.joint_names], words=True)]
     each = len(found.equations.factors) // len(found.records)
     for k, name in enumerate(found.data.names):
-        part = found.equations.of_blocks(np.arange(each * k, each * (k + 1)))
-        share = np.sqrt(part.residuals(found.parameters) / np.maximum(part.torques(), np.finfo(float).tiny))
-        rows.append(Row(f"  {short(name)}", [f"{100 * x:.1f}" for x in share]))
+        shares = found.equations.of_blocks(np.arange(each * k, each * (k + 1))).shares(found.parameters)
+        rows.append(Row(f"  {short(name)}", [f"{100 * x:.1f}" for x in shares]))
     return aligned(rows)
 
 

@@ -9,26 +9,22 @@ come from their own regressors (Gautier and Khalil 1988 identify with them).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, listed, short, wrapped
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor
 from ..model.parameters import PARAMETERS
-from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
-from ..robot import Robot, robot_argument
+from ..model.standard_parameters import StandardParameters
 from .equations import Equations
 from .filtering import ORDER
-from .least_squares import NOTHING, held_out_squares, weighted_fit
+from .least_squares import NOTHING, weighted_fit
 from .prepared import Prepared
-from .record import Record
-from .regression import FOLDS, RegressionData, build_regression, of_named_joints
+from .regression import RegressionData
 
 CHANCE = 1e-3  # of all joints together, that F is called large by accident
 WORSE = 2.0  # times the joint's own residual: a conflict has to matter
@@ -47,7 +43,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Consistency(InNotebooks):
-    """Whether torques can come from one rigid-body model, by `rne.consistency`.
+    """Whether torques can come from one rigid-body model, by `rne.Identification.consistency`.
 
     Attributes
     ----------
@@ -55,8 +51,8 @@ class Consistency(InNotebooks):
     noise : ndarray, shape (n,)
         Noise of the filtered torques, from their spectrum above the filter's cut-off, as a part of |torque|.
     held_out : ndarray, shape (n,)
-        |predicted - measured| / |measured| of torques in motion on blocks of time that were not fitted, with one set of
-        parameters for all joints.
+        |predicted - measured| / |measured| of torques in motion on blocks of time that were not fitted:
+        `Identification.unexplained.in_motion`.
     together, alone : ndarray, shape (n,)
         Standard deviation of the fitted residual, in |measured|: with one set of parameters, and with one of its own
         for each joint. The parameters that a joint spends are taken into account.
@@ -68,8 +64,7 @@ class Consistency(InNotebooks):
         True for joints that fit alone but not together: F is larger than chance makes it in one of a thousand tests of
         all joints, and the residual together is more than twice that alone.
     energy : EnergyBalance
-        `missing`, the share of the work that the fitted model neither stores nor loses, and by joint `lost` and
-        `power`, the mean and the root mean square of the residual torques' power, as parts of that of the torques.
+        Work that the fitted model neither stores nor loses, and the power of the residual torques.
     """
 
     joint_names: tuple[str, ...]
@@ -102,15 +97,12 @@ class Consistency(InNotebooks):
                 f"are off by {percent(self.together)}, each joint's alone by {alone}; noise explains {noise}"
             )
             cause = f"alone, {above} are above the noise too: friction of another kind may set the joints at variance"
-            return f"{text}; {cause}" if above else text
-        poor = self.held_out > EXPLAINED
-        if poor.any():
+        elif (poor := self.held_out > EXPLAINED).any():
             left = percent(self.held_out[poor])
             return f"no rigid-body model with these drives predicts {self._named(poor)}: {left} of the torques is left"
-        text = f"one rigid-body model explains the torques to {percent(self.held_out)}, noise explains {noise}"
-        cause = (
-            f"what is above the noise in {above} no inertial parameters explain, not those of each joint alone either"
-        )
+        else:
+            text = f"one rigid-body model explains the torques to {percent(self.held_out)}, noise explains {noise}"
+            cause = f"what is above the noise in {above} no inertial parameters explain, not those of each joint alone"
         return f"{text}; {cause}" if above else text
 
     def _named(self, chosen: Array) -> str:
@@ -139,20 +131,19 @@ class Consistency(InNotebooks):
 
 
 def percent(x: Array) -> str:
-    """The range of some shares."""
-    low, high = 100 * float(x.min()), 100 * float(x.max())
-    return f"{low:.2g} to {high:.2g} %"
+    """The range of those of some shares that are known."""
+    return f"{100 * np.nanmin(x):.2g} to {100 * np.nanmax(x):.2g} %"
 
 
-def certified(base: BaseParameters, data: RegressionData, correlation_time: Array) -> Consistency:
-    """The verdict on the equations of records, whose residuals have this integrated autocorrelation time in rows."""
+def certified(base: BaseParameters, data: RegressionData, held_out: Array) -> Consistency:
+    """The verdict on the equations of records, with what is left of the torques in motion on held-out blocks."""
     from scipy.stats import f
 
     fitted = data.fitted.mapped(base.back)
     rows, size = fitted.rows.sum(0), fitted.torques()
     least = PRECISION**2 * np.maximum(size, PRECISION**2 * size.max(initial=0)) + TINY
-    own = [own_fit(fitted.of_joint(j)) for j in range(fitted.joints)]
-    squares, ranks = (np.array(x) for x in zip(*((s, r) for _, s, r in own), strict=True))
+    own, squares, ranks = zip(*(own_fit(fitted.of_joint(j)) for j in range(fitted.joints)), strict=True)
+    correlation_time = np.array([data.correlation_time(base.back @ x)[j] for j, x in enumerate(own)])
     squares, freedom = np.maximum(squares, least), np.maximum(rows - ranks, 1)
     sigma = np.sqrt(squares / freedom)
     x, spent = weighted_fit(fitted, sigma)
@@ -160,24 +151,16 @@ def certified(base: BaseParameters, data: RegressionData, correlation_time: Arra
     F = (total - squares) / free / (squares / freedom) / correlation_time
     independent = np.maximum(rows / correlation_time - ranks, 1)
     probability = np.asarray(f.sf(F, free, independent))
-    torques = np.maximum(size, TINY)
-    together, alone = (
-        np.sqrt(s / free_rows * rows / torques)
-        for s, free_rows in ((total, np.maximum(rows - spent, 1)), (squares, freedom))
-    )
-    parameters = base.back @ x
-    return Consistency(
-        joint_names=base.standard.model.joint_names,
-        noise=noise_shares(data.prepared),
-        held_out=np.sqrt(held_out_squares(lambda some: weighted_fit(some, sigma)[0], fitted, fitted)[0] / torques),
-        together=together,
-        alone=alone,
-        F=F,
-        probability=probability,
-        independent=independent,
-        conflict=(probability < CHANCE / fitted.joints) & (together > WORSE * alone),
-        energy=energy_balance(base.standard, data.prepared, parameters, data.residuals(parameters)),
-    )
+    scale = rows / np.maximum(size, TINY)
+    together, alone = np.sqrt(total / np.maximum(rows - spent, 1) * scale), np.sqrt(squares / freedom * scale)
+    conflict = (probability < CHANCE / fitted.joints) & (together > WORSE * alone)
+    names, energy = base.standard.model.joint_names, energy_balance(base.standard, data, base.back @ x)
+    noise = np.zeros((2, fitted.joints))
+    for record in data.prepared:
+        torque = record.reduce(record.tau) * record.valid
+        noise += [record.valid.sum(0) * torque_noise(record), (torque**2).sum(0)]
+    errors = np.sqrt(noise[0] / np.maximum(noise[1], TINY)), held_out, together, alone
+    return Consistency(names, *errors, F, probability, independent, conflict, energy)
 
 
 def own_fit(equations: Equations) -> tuple[Array, float, int]:
@@ -193,15 +176,6 @@ ABOVE = 2.0  # times the cut-off: no motion is left there
 LOWEST, HIGHEST = 0.25, 0.45  # of the sample rate, between which noise is looked for
 WINDOW = 8.0  # periods of the cut-off in one spectrum, at least
 POINTS = 64  # of a spectrum, at least
-
-
-def noise_shares(prepared: Sequence[Prepared]) -> Array:
-    """Noise as a part of |torque|."""
-    squares = np.zeros((2, prepared[0].q.shape[1]))
-    for record in prepared:
-        torque = record.reduce(record.tau) * record.valid
-        squares += [record.valid.sum(0) * torque_noise(record), (torque**2).sum(0)]
-    return np.asarray(np.sqrt(squares[0] / np.maximum(squares[1], TINY)))
 
 
 def torque_noise(record: Prepared) -> Array:
@@ -230,7 +204,7 @@ PIECES = 10  # of each segment, over which work and energy are compared
 
 
 class EnergyBalance(NamedTuple):
-    """Shares of the work that drives and brakes do, by `rne.consistency`.
+    """Shares of the work that drives and brakes do, by `rne.Identification.consistency`.
 
     Attributes
     ----------
@@ -249,99 +223,25 @@ class EnergyBalance(NamedTuple):
     power: Array
 
 
-def energy_balance(
-    standard: StandardParameters, records: Sequence[Prepared], x: Array, residuals: Sequence[Array]
-) -> EnergyBalance:
-    """The balance of measured motions, of standard parameters x that leave these torques of each record's rows."""
-    pieces = np.concatenate([_pieces(standard, record, x) for record in records])
-    sums = np.zeros((4, standard.model.n))
-    for record, residual in zip(records, residuals, strict=True):
-        velocity, torque = record.reduce(record.qd), record.reduce(record.tau)
-        power, total = residual * velocity * record.valid, torque * velocity * record.valid
-        sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
-    missing, work = np.sqrt((pieces**2).sum(0))
-    lost, power = sums[0] / np.maximum(sums[1], TINY), np.sqrt(sums[2] / np.maximum(sums[3], TINY))
-    return EnergyBalance(float(missing / max(work, TINY)), lost, power)
-
-
-def _pieces(standard: StandardParameters, record: Prepared, x: Array) -> Array:
-    """Energy that is missing, and work done, in each piece; shape (pieces, 2) [J]."""
+def energy_balance(standard: StandardParameters, data: RegressionData, x: Array) -> EnergyBalance:
+    """The balance of measured motions, of standard parameters x."""
     from scipy.integrate import cumulative_trapezoid
 
     model, bodies = standard.model, PARAMETERS * standard.model.nb
-    found = []
-    for part in record.segments:
-        q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
-        ends = np.unique(np.linspace(0, len(q) - 1, PIECES + 1).astype(int))
-        stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
-        drives = (qd * standard.drive_torques(qd, qdd, x[bodies:])).sum(-1)  # rotors and losses
-        powers = np.stack([(tau * qd).sum(-1) - drives, np.abs(tau * qd).sum(-1)], axis=1)
-        work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
-        work[:, 0] -= stored @ x[:bodies]
-        found.append(np.diff(work, axis=0))
-    return np.concatenate(found)
-
-
-def consistency(
-    robot: Robot,
-    records: Record | Sequence[Record],
-    *,
-    drives: DriveModel | None = None,
-    minimum_velocity: ArrayLike | None = None,
-    cutoff: float | None = None,
-    decimation: int | None = None,
-    folds: int = FOLDS,
-) -> Consistency:
-    """Say whether measured torques can come from one rigid-body model at all.
-
-    One set of parameters is fitted to all joints, and a set of its own to each. Torques of a rigid body leave the
-    same in both fits, up to chance. The masses of `robot` do not matter, only its joints and their places.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its joints and their places are known.
-    records : Record or sequence of Record
-        Measured motions.
-    drives : DriveModel, optional
-        Torques of the drives, by default rotors, viscous and Coulomb friction and offsets.
-    minimum_velocity, cutoff, decimation, folds : optional
-        As of `rne.identify`.
-
-    Returns
-    -------
-    Consistency
-        The verdict, and the numbers of each joint that it rests on.
-
-    Raises
-    ------
-    ValueError
-        If an argument does not fit the robot, or there are fewer equations than parameters.
-
-    Notes
-    -----
-    The test is that of Draper and Smith 1998, section 6.1, with the number of equations divided by the correlation time
-    of the residuals. The noise is taken from the spectrum of the torques above twice the filter's cut-off.
-
-    Examples
-    --------
-    >>> import numpy as np, rne
-    >>> robot, t = rne.load("irb140"), np.arange(0, 10, 0.002)
-    >>> w = 2 * np.pi * np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
-    >>> q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
-    >>> tau = robot.inverse_dynamics(q, qd, qdd)
-    >>> found = rne.consistency(robot, rne.identification.Record(t, q, tau))
-    >>> found.one_model, bool(found.energy.missing < 0.01)
-    (True, True)
-    >>> found.report().startswith("one rigid-body model explains the torques")
-    True
-    >>> tau[:, 2] *= 1.2  # a wrong gear ratio
-    >>> rne.consistency(robot, rne.identification.Record(t, q, tau)).one_model
-    False
-    """
-    robot, records, _ = of_named_joints(robot_argument(robot), records)
-    base = robot.base_parameters(drives=MEASURED if drives is None else drives)
-    data = build_regression(robot, records, base, minimum_velocity, cutoff, decimation, folds)
-    own = [base.back @ own_fit(data.fitted.of_joint(j).mapped(base.back))[0] for j in range(robot.n)]
-    correlation_time = np.array([data.correlation_time(x)[j] for j, x in enumerate(own)])
-    return certified(base, data, correlation_time)
+    sums, energies = np.zeros((4, model.n)), np.zeros(2)  # squares of energy that is missing and of work, of all pieces
+    for record, residual in zip(data.prepared, data.residuals(x), strict=True):
+        velocity, torque = record.reduce(record.qd), record.reduce(record.tau)
+        power, total = residual * velocity * record.valid, torque * velocity * record.valid
+        sums += [power.sum(0), np.abs(total).sum(0), (power**2).sum(0), (total**2).sum(0)]
+        for part in record.segments:
+            q, qd, qdd, tau = (y[part] for y in (record.q, record.qd, record.qdd, record.tau))
+            ends = np.unique(np.linspace(0, len(q) - 1, PIECES + 1).astype(int))
+            stored = kinetic_energy_regressor(model, q[ends], qd[ends]) + potential_energy_regressor(model, q[ends])
+            drives = (qd * standard.drive_torques(qd, qdd, x[bodies:])).sum(-1)  # rotors and losses
+            powers = np.stack([(tau * qd).sum(-1) - drives, np.abs(tau * qd).sum(-1)], axis=1)
+            work = cumulative_trapezoid(powers, dx=1 / record.sample_rate, axis=0, initial=0)[ends]
+            work[:, 0] -= stored @ x[:bodies]
+            energies += (np.diff(work, axis=0) ** 2).sum(0)
+    missing, work_done = np.sqrt(energies)
+    lost, power = sums[0] / np.maximum(sums[1], TINY), np.sqrt(sums[2] / np.maximum(sums[3], TINY))
+    return EnergyBalance(float(missing / max(work_done, TINY)), lost, power)

@@ -16,7 +16,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..basics.spatial import Array
 from ..basics.text import InNotebooks, Row, aligned, listed, wrapped
@@ -26,15 +25,14 @@ from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
 from .causes import Cause, likely_causes, merged_by_kind
 from .equations import Equations, equations, joined, triangular
-from .fit import residuals_of
 from .least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, solve
 from .record import Record
 from .regression import FOLDS, RegressionData, build_regression, checked_records
-from .residuals import TINY
+from .residuals import TINY, Residuals
 from .result import NAMED, UNEXPLAINED, Identification
 from .rigid_body_test import percent
 
-BEYOND_DOUBT = 4.0  # standard errors
+DOUBTFUL = 0.05  # standard error of a mass or gain, as a part of it, from which it is doubtful
 KINDS = (
     "torque factors",
     "friction under load",
@@ -61,18 +59,8 @@ class Fitted(NamedTuple):
 
     estimate: LeastSquares
     held_out: Array  # |predicted - measured| / |measured| of each joint in motion, on blocks that were not fitted
-    spread: Array  # of KINDS of each joint, as a part of its torques
     load: Array  # triangular equations of the load's parameters alone
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the errors contain."""
-        told = [
-            f"{name} ({100 * s:.2g} %)"
-            for name, s in zip(KINDS, self.spread[:: len(self.held_out)], strict=True)
-            if s > TOLD
-        ]
-        return (f"the torques show, and the standard errors contain: {', '.join(told)}",) if told else ()
+    notes: tuple[str, ...]  # on the records, and on what the errors contain
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,33 +77,25 @@ class TwoSets:
         """Of both, each in one block."""
         return [data.fitted.merged() for data in (self.without, self.loaded)]
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was said of the records, once."""
-        return tuple(dict.fromkeys((*self.without.notes, *self.loaded.notes)))
-
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What would explain either set of records better, as of `rne.identify`."""
         found: list[Cause] = []
         for data in (self.without, self.loaded):
             estimate = least_squares(data.fitted.mapped(self.base.back))
-            found += likely_causes(residuals_of(self.robot, self.base, data, estimate))
+            found += likely_causes(Residuals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
         return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
 
     def in_torques(self, gains: Array) -> TwoSets:
         """With measurements times gains; joints whose gain is NaN have no equations."""
         g, known = np.nan_to_num(gains), np.isfinite(gains)
 
-        def scaled(e: Equations) -> Equations:
-            factors = np.concatenate([e.factors[..., :-1], e.factors[..., -1:] * g[:, None, None]], axis=-1)
-            return Equations(factors * known[:, None, None], e.rows * known)
-
-        def data_of(data: RegressionData) -> RegressionData:
+        def scaled(data: RegressionData) -> RegressionData:
             rows = [r._replace(tau=r.tau * g, used=r.used & known, sure=r.sure & known) for r in data.rows]
-            return data._replace(rows=rows, fitted=scaled(data.fitted), measured=scaled(data.measured))
+            fitted, measured = (e.scaled(g, known) for e in (data.fitted, data.measured))
+            return data._replace(rows=rows, fitted=fitted, measured=measured)
 
-        return replace(self, without=data_of(self.without), loaded=data_of(self.loaded))
+        return replace(self, without=scaled(self.without), loaded=scaled(self.loaded))
 
     def assembled(
         self, parts: Sequence[Equations], S: Array, known: Array | float = 0.0, at: Sequence[Array] = ()
@@ -164,7 +144,9 @@ class TwoSets:
         errors = np.where(solution.free[kept], np.inf, np.sqrt(np.diag(covariance)))
         estimate = replace(plain, values=solution.x[kept], errors=errors, covariance=covariance, sigma=sigma)
         load = eliminated(with_prior(both.weighted(believed_noise(both, noise)), K, spread), K + m)
-        return Fitted(estimate, held_out, spread, load)
+        told = [f"{name} ({100 * s:.2g} %)" for name, s in zip(KINDS, spread[::n], strict=True) if s > TOLD]
+        notes = [f"the torques show, and the standard errors contain: {', '.join(told)}"] * bool(told)
+        return Fitted(estimate, held_out, load, tuple(dict.fromkeys((*self.without.notes, *self.loaded.notes, *notes))))
 
     def states(self, x: Array, S: Array, known: Array | float) -> tuple[Array, Array]:
         """Standard parameters without and with the load of unknowns found."""
@@ -172,9 +154,20 @@ class TwoSets:
         return pi, pi + known + S @ x[self.base.count : self.base.count + S.shape[1]]
 
     def random_errors(self, states: Sequence[Array], *, with_factors: bool) -> list[list[Array]]:
-        """Torques of KINDS of either set's records, as large as each joint's torque; factors are zero if not asked."""
-        data, nb = (self.without, self.loaded), self.robot.model.nb
-        X = [columns(one, nb, x, bool(i)) for i, (one, x) in enumerate(zip(data, states, strict=True))]
+        """Torques of KINDS of either set's records, as large as each joint's torque, shape (rows, n, len(KINDS)).
+
+        Torques are those of standard parameters of either set; factors are zero if not asked.
+        """
+        X: list[list[Array]] = [[], []]
+        bodies = PARAMETERS * self.robot.model.nb
+        for i, (data, x) in enumerate(zip((self.without, self.loaded), states, strict=True)):
+            for record, row in zip(data.prepared, data.rows, strict=True):
+                v, sign, tau = record.reduce(record.qd), record.reduce(np.sign(record.qd)), row.Y @ x
+                speed, ramp = np.abs(v), np.linspace(-1, 1, len(v))[:, None] * np.ones_like(v)
+                load = np.abs(row.Y[..., :bodies] @ x[:bodies])  # not the friction itself
+                changed = [i * v, i * sign, i * np.ones_like(v)]
+                terms = [tau, load * sign, v * speed, np.sign(v) * np.sqrt(speed), speed, *changed, ramp]
+                X[i].append(np.stack(terms, axis=-1) * row.used[..., None])
         squares = np.sum([(x**2).sum(0) for part in X for x in part], axis=0)
         scale = np.sqrt(squares[:, :1] / np.maximum(squares, TINY))
         scale[:, 0] *= with_factors
@@ -189,9 +182,11 @@ class TwoSets:
         return np.asarray(np.maximum((rows * times).sum(0) / np.maximum(rows.sum(0), 1), 1.0))
 
 
+@dataclass(frozen=True, eq=False)
 class OfTwoSets(InNotebooks):
-    """What is said of results from records without and with a load."""
+    """What results from records without and with a load have in common."""
 
+    estimate: LeastSquares
     held_out: Array
     notes: tuple[str, ...]
     sets: TwoSets
@@ -204,10 +199,9 @@ class OfTwoSets(InNotebooks):
     @cached_property
     def doubt(self) -> str:
         """Reasons not to believe the result, with the likely causes; empty if there is none."""
-        names = self.sets.robot.joint_names
-        poor = [f"{n} {100 * x:.0f} %" for n, x in zip(names, self.held_out, strict=True) if x > UNEXPLAINED]
-        lines = [f"torques in motion that the model does not explain: {listed(poor)}"] if poor else []
-        lines = [*self._reasons(), *lines]
+        left = zip(self.sets.robot.joint_names, self.held_out, strict=True)
+        poor = [f"{name} {100 * x:.0f} %" for name, x in left if x > UNEXPLAINED]
+        lines = self._reasons() + [f"torques in motion that the model does not explain: {listed(poor)}"] * bool(poor)
         if lines and self.causes:
             lines.append("likely causes: " + "; ".join(cause.text for cause in self.causes[:NAMED]))
         return ". ".join(lines)
@@ -216,25 +210,9 @@ class OfTwoSets(InNotebooks):
         raise NotImplementedError
 
     def _report(self, first: str, rows: Sequence[Row]) -> str:
-        held_out = percent(self.held_out[np.isfinite(self.held_out)])
-        first = f"{first}; torques in motion are predicted to {held_out} on blocks of time that were not fitted"
+        first += f"; torques in motion are predicted to {percent(self.held_out)} on blocks of time that were not fitted"
         notes = [*self.notes, CONTAINED, *(cause.text for cause in self.causes)]
         return "\n".join([wrapped(first), *aligned(rows), *map(wrapped, notes)])
-
-
-def columns(data: RegressionData, nb: int, x: Array, loaded: bool) -> list[Array]:
-    """Torques of KINDS of each record for predicted torques of standard parameters x, shape (rows, n, len(KINDS))."""
-    found, bodies = [], PARAMETERS * nb
-    for record, row in zip(data.prepared, data.rows, strict=True):
-        v, sign, tau = record.reduce(record.qd), record.reduce(np.sign(record.qd)), row.Y @ x
-        one, ramp = np.ones_like(v), np.linspace(-1, 1, len(v))[:, None] * np.ones_like(v)
-        changed = [loaded * column for column in (v, sign, one)]
-        load = np.abs(row.Y[..., :bodies] @ x[:bodies])  # not the friction itself
-        terms = np.stack(
-            [tau, load * sign, v * np.abs(v), np.sign(v) * np.sqrt(np.abs(v)), np.abs(v), *changed, ramp], axis=-1
-        )
-        found.append(terms * row.used[..., None])
-    return found
 
 
 def in_blocks(data: RegressionData, X: Sequence[Array]) -> Equations:
@@ -292,12 +270,10 @@ def two_sets(
     without: Record | Sequence[Record] | None,
     with_load: Record | Sequence[Record],
     drives: DriveModel | None,
-    minimum_velocity: ArrayLike | None,
     cutoff: float | None,
-    decimation: int | None,
 ) -> TwoSets:
     """Check and prepare the records of both sets."""
-    further = (minimum_velocity, cutoff, decimation, 2)  # two folds: none is held out
+    further = (None, cutoff, 2)  # two folds: none is held out
     if isinstance(robot, Identification):
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
