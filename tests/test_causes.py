@@ -348,6 +348,50 @@ def test_torques_of_one_joint_in_another_unit_are_told_without_a_residual():
     assert [(cause.kind, cause.joints) for cause in found.causes] == [("torque unit", ("c",))]
 
 
+@pytest.mark.parametrize("factor", [100.0, -1.0])
+def test_signs_and_units_are_told_by_what_drives_cannot_explain(factor):
+    """An offset hides the weight of a slider, so that torques of all joints of a wrong sign look like many faults."""
+    scale = np.array([factor, 1, 1, 1]) if factor > 0 else np.full(4, factor)
+    with pytest.warns(rne.IdentificationWarning):
+        found = identified(lambda c: (data := faults.clean(c))._replace(tau=data.tau * scale), seed=4)
+    assert found.causes[0].joints == ("a",) if factor > 0 else found.causes[0].text.endswith("have the wrong sign")
+    if factor > 0:
+        assert re.match(r"the torque of a is (8|9|1\d)\d(\.\d)? times that of the robot", found.causes[0].text)
+
+
+def test_a_motion_of_few_degrees_is_blamed_on_no_sign_and_no_degrees():
+    """Its weight cannot be told from offsets, and its positions are in no degrees."""
+    c = case("IRB 140", 5)
+    q, qd, qdd = (0.05 * x for x in c.states)
+    tau = c.arm.robot.inverse_dynamics(q, qd, qdd) + c.arm.offset + 0.3 * c.arm.viscous * qd
+    known = faults.given_robot(c.arm.robot, c.rng)
+    record = Record(c.t, q, tau + 0.01 * np.abs(tau).max(0) * c.rng.normal(size=q.shape))
+    found = rne.identify(known, record, consistent=False)
+    assert not {"torque sign", "degrees"} & {cause.kind for cause in found.causes}
+
+
+@pytest.mark.parametrize("missing", [0.0, np.nan])
+def test_a_joint_without_torque_is_not_blamed_on_the_order_of_joints(missing):
+    def without(c):
+        data = faults.clean(c)
+        return data._replace(tau=data.tau * np.array([1, 1, 1, missing]))
+
+    found = identified(without)
+    assert "d has no torque that can be used" in found.notes
+    assert not {"torque order", "joint order"} & {cause.kind for cause in found.causes}
+
+
+def test_a_motion_of_one_joint_has_one_sentence():
+    c = case("IRB 140", 5)
+    q, qd, qdd = (x * (np.arange(6) == 1) for x in c.states)
+    tau = c.arm.robot.inverse_dynamics(q, qd, qdd) + 3 * qd + 0.01 * c.size * c.rng.normal(size=q.shape)
+    only = "no joint but joint_2 moves. Move all joints farther and faster: `rne.excitation` finds a motion"
+    with pytest.warns(rne.IdentificationWarning, match=f"^{only}$"):
+        found = rne.identify(c.arm.robot, Record(c.t, q, tau), consistent=False)
+    still = "joint_1, joint_3, joint_4, joint_5, joint_6 do not move: their rotor and friction cannot be found"
+    assert still in found.notes
+
+
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
 def test_a_load_on_an_inner_link_is_told_with_its_link():
     c = case("SCARA", 3)  # for its times and its seed

@@ -427,6 +427,29 @@ def test_segments_too_short_for_a_spectrum_are_refused():
         Record(t, np.sin(t)[:, None], np.cos(t)[:, None]).prepare()
 
 
+@pytest.mark.parametrize("t", [np.zeros(4000), np.float32(1.7e9 + np.arange(4000) / 500)])
+def test_stamps_that_hardly_change_are_refused(true, t):
+    """Times of a 32-bit float since 1970 change each 128 s."""
+    with pytest.raises(
+        ValueError, match=r"^record: one time for different samples .*; give times with more digits, or "
+    ):
+        Record(t, true.q[:4000], true.tau[:4000]).prepare()
+
+
+def test_joints_of_one_name_are_refused(true):
+    with exactly("`joint_names` must be different, got 'a' 2 times"):
+        Record(true.t, true.q, true.tau, joint_names=[*"abcde", "a"])
+
+
+def test_a_joint_whose_position_is_missing_is_named(true):
+    q = true.q * np.where(np.arange(6) == 1, np.nan, 1)
+    with pytest.raises(
+        ValueError,
+        match=r"too few samples: 0 are usable: joint_2 has no finite position at 4000 samples: 0 \(t = 0 s\)",
+    ):
+        Record(true.t, q, true.tau).prepare()
+
+
 def test_few_samples_are_refused(true):
     with exactly("record: too few samples: 19 are usable; at least 20 are needed"):
         Record(true.t[:19], true.q[:19], true.tau[:19]).prepare()

@@ -491,6 +491,26 @@ def short():
         ),
         (
             ValueError,
+            lambda r, rec: rne.identify(r, rec, delay=[0, 0, -5, 0, 0, 2]),
+            "`delay` must be at most 1 s, got 5: give seconds, 0.005 for 5 ms",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.identify(r, Record(rec.t, rec.q, rec.tau, joint_names=["joint1", *r.joint_names[1:]])),
+            "`joint_names` 'joint1' of the records is not a joint of the robot: 'joint_1'?",
+        ),
+        (
+            TypeError,
+            lambda r, rec: rne.identify(r, None),
+            "`records` must be an rne.identification.Record or several, got NoneType",
+        ),
+        (
+            ValueError,
+            lambda r, rec: rne.DriveModel("viscous"),
+            "`rotor` and `offset` must be True or False, got 'viscous' and False",
+        ),
+        (
+            ValueError,
             lambda r, rec: rne.identify(r, rec, drives=rne.DriveModel(), minimum_velocity=[0.1]),
             "`minimum_velocity` must have shape (6,), got (1,)",
         ),

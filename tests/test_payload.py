@@ -297,7 +297,7 @@ def test_a_load_that_least_squares_make_impossible_is_replaced(robot):
     assert moments[0] > 0
     assert moments[2] < moments[0] + moments[1]
     assert abs(found.mass - LOAD.mass) < min(3 * found.mass_error, 0.02 * LOAD.mass)
-    assert "joint_4 does not move: its rotor and friction cannot be found" in found.notes
+    assert "joint_4, joint_5, joint_6 do not move: their rotor and friction cannot be found" in found.notes
     rne.Scene(robot, payload=found)
 
 
@@ -336,12 +336,48 @@ def test_exchanged_records_are_named(robot, measured):
     assert free.notes[0].startswith("least squares give a mass of -")
 
 
+def test_records_of_named_joints_may_have_others_and_another_order(robot, measured, found):
+    """As for `rne.identify`; joints that they lack are locked."""
+    order, names = [3, 1, 0, 5, 2, 4], np.array(robot.joint_names)
+    turned = [Record(r.t, r.q[:, order], r.tau[:, order], joint_names=names[order].tolist()) for r in measured]
+    assert rne.identify_payload(robot, *turned).mass == pytest.approx(found.mass, rel=1e-9)
+    alone = rne.identify(robot, turned[0], drives=rne.DriveModel(friction="viscous+coulomb"))
+    assert rne.identify_payload(alone, None, turned[1]).mass == pytest.approx(LOAD.mass, rel=0.02)
+    panda, load = rne.load("panda"), rne.Payload(2.0, (0, 0, 0.1), link="panda_hand")
+    arm = robot_of("panda")
+    more = rne.identify_payload(panda, *logs(arm, load, rate=100.0, friction=(1.0, 1.0)), link="panda_hand")
+    assert more.mass == pytest.approx(2.0, rel=0.02)
+    assert more.notes[0] == "panda_finger_joint1 is not in every record: locked at 0"
+
+
+def test_a_joint_without_torque_under_load_is_left_out(robot, measured):
+    without, with_load = measured
+    tau = with_load.tau * np.where(np.arange(6) == 0, np.nan, 1)
+    found = rne.identify_payload(robot, without, Record(with_load.t, with_load.q, tau))
+    assert abs(found.mass - LOAD.mass) < 3 * found.mass_error
+
+
+def test_doubt_names_no_friction_of_sound_gears():
+    """A mass that is not told may be on another link; friction that rises with the load is no cause of it."""
+    arm, load = robot_of("ur5"), rne.Payload(2.0, (0.2, 0, 0.05), link="forearm_link")
+    without, with_load = logs(arm, load, rate=100.0, friction=(2.0, 2.0))
+    tau = [
+        r.tau + 0.08 * np.abs(arm.gravity_torque(r.q)) * np.sign(np.gradient(r.q, axis=0)) for r in (without, with_load)
+    ]
+    with pytest.warns(rne.IdentificationWarning, match="^the mass is known to .* % only") as warned:
+        found = rne.identify_payload(
+            arm, *(Record(r.t, r.q, x) for r, x in zip((without, with_load), tau, strict=True)), link="tool0"
+        )
+    assert "friction under load" in [cause.kind for cause in found.causes]
+    assert "% of its load" not in str(warned[0].message)
+    assert any(note.endswith(": is it on another `link`?") for note in found.notes)
+
+
 def test_wrong_arguments_are_refused(robot, measured):
     without, with_load = measured
     planar = logs(rne.load("irb140").locked({"joint_6": 0.0}), None, friction=(1.0, 1.0), duration=4.0)[0]
-    tau = with_load.tau.copy()
-    tau[:, 2] = np.nan
-    broken = Record(with_load.t, with_load.q, tau)
+    q = with_load.q * np.where(np.arange(6) == 2, np.nan, 1)
+    broken = Record(with_load.t, q, with_load.tau)
     cases = [
         (TypeError, "`robot` must be an rne.Robot, got str", lambda: rne.identify_payload("arm", without, with_load)),
         (
@@ -521,6 +557,20 @@ def test_a_record_of_both_sets_is_refused(robot, measured, call):
     copied = Record(measured[0].t, measured[0].q, measured[0].tau)
     with pytest.raises(ValueError, match=text):
         call(robot, measured[0], [measured[1], copied], *more)
+
+
+def test_gains_of_a_mass_alone_need_no_frame():
+    """The last link of a UR5 ends in frames of one point and different axes."""
+    found = rne.identify_drive_gains(robot_of("ur5"), *logs(robot_of("ur5"), LOAD, rate=100.0, units=GAINS), 3.0)
+    assert (np.abs(found.gains - GAINS) < 3 * found.errors).all()
+
+
+def test_a_load_far_from_its_place_is_refused_with_a_cure(robot):
+    records = logs(robot, LOAD, units=GAINS, rate=100.0)
+    with pytest.raises(
+        rne.IdentificationError, match=r"does not settle: are its centre, inertia and link right\? Give"
+    ):
+        rne.identify_drive_gains(robot, *records, LOAD._replace(com=[-0.04, 0.03, -0.08]))
 
 
 @pytest.mark.parametrize("mass", [0.0, -3.0])

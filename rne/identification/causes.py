@@ -45,7 +45,7 @@ POOR = 0.05  # unexplained part of the torques from which joints are tried in an
 TURNED, SCALED = 3.0, 0.03  # degrees, and part, by which gravity differs
 TILT = 0.2  # of gravity, first steps of the search for its direction
 KEPT = 10.0  # gain of log likelihood that a change of gravity by its own size has to bring
-UNIT = np.log(100.0)  # of the torque of one joint in another unit, against those of most joints
+UNIT = np.log(30.0)  # of the torque of one joint in another unit, against those of most joints
 FACTOR, ALIKE = 2.5, 0.5  # of torques in another unit, and how alike those of the robot given must be
 
 
@@ -437,7 +437,7 @@ def other_torques(res: Residuals) -> Iterator[Cause]:
         signs = np.where(np.arange(n) == j, -1, 1)
         text = f"the torque of {names[j]} has the wrong sign"
         yield Cause("torque sign", (names[j],), text, *res.gain(res.squares_of(res.Q, res.tau * signs)))
-    for i, j in combinations(range(n), 2):
+    for i, j in combinations(np.flatnonzero(res.counts).tolist(), 2):
         text = f"the torques of {names[i]} and {names[j]} are interchanged"
         squares = res.squares_of(res.Q, res.tau[:, swapped(n, i, j)])
         yield Cause("torque order", (names[i], names[j]), text, *res.gain(squares))
@@ -447,7 +447,7 @@ def other_joints(res: Residuals) -> Iterator[Cause]:
     """Joints in another order, coupled, of other directions, in degrees: joints J q, whose torques are J^-T tau."""
     names, n, unit = res.robot.joint_names, res.robot.n, np.eye(res.robot.n)
     changes: list[tuple[str, tuple[str, ...], str, Array]] = []
-    for i, j in combinations(range(n), 2):
+    for i, j in combinations(np.flatnonzero(res.counts).tolist(), 2):
         text = f"{names[i]} and {names[j]} are interchanged"
         changes.append(("joint order", (names[i], names[j]), text, unit[swapped(n, i, j)]))
     coupled = (res.standard.motors != 0).astype(int)
@@ -463,21 +463,27 @@ def other_joints(res: Residuals) -> Iterator[Cause]:
     for kind, joints, text, J in changes:
         yield Cause(kind, joints, text, *res.gain(res.squares_moved(J, res.tau @ np.linalg.inv(J)), before))
     turns = res.robot.model.is_revolute[list(res.robot.model.independent_joints)]
-    squares = res.squares_moved(np.diag(np.where(turns, np.pi / 180, 1.0)), res.tau)
-    yield Cause("degrees", names, "positions are in degrees", *res.gain(squares, before))
+    if max(np.ptp(record.q[:, turns], axis=0).max(initial=0) for record in res.records) > 1:
+        squares = res.squares_moved(np.diag(np.where(turns, np.pi / 180, 1.0)), res.tau)
+        yield Cause("degrees", names, "positions are in degrees", *res.gain(squares, before))
 
 
 def torque_scale(res: Residuals) -> Iterator[Cause]:
     """Torques many times larger or smaller than the bodies of the robot given ask for, or of the opposite sign.
 
-    The torques of single joints are compared as measured, those of all joints as fitted: without the drives.
+    Without what drives can explain, as an offset the weight of an arm that hardly moves; the torques of single joints
+    also as measured, those of all joints as fitted.
     """
     bodies, names = PARAMETERS * res.standard.model.nb, res.robot.joint_names
-    found, given = (res.weighted(res.Y[..., :bodies] @ x[:bodies]) for x in (res.x, res.standard.values))
-    tau = res.weighted(res.tau)
-    both, squares, own = (res.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
-    factors = both / np.maximum(squares, TINY)
-    alike = factors * np.abs(both) / np.maximum(own, TINY) > ALIKE  # squared cosines
+    Q, ways = np.linalg.qr(res.weighted(res.Y[..., bodies:]))[0], []
+    own = (res.Y[..., :bodies] @ x[:bodies] for x in (res.x, res.standard.values))
+    torques = [res.weighted(x) for x in (res.tau, *own)]
+    for tau, found, given in (torques, [x - Q @ (Q.T @ x) for x in torques]):
+        both, squares, measured = (res.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
+        each = both / np.maximum(squares, TINY)
+        ways.append((each, each * np.abs(both) / np.maximum(measured, TINY)))  # factors, squared cosines
+    factors, alike = np.where(ways[0][1] > ways[1][1], *ways)
+    alike = alike > ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
     odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > UNIT)
     for j in np.flatnonzero(odd).tolist():

@@ -177,9 +177,9 @@ def identify_drive_gains(
     standard, names = sets.base.standard, sets.robot.joint_names
     load = payload_argument(payload)
     mass = positive_number("payload", load.mass)
-    link = load.link or end_link(sets.robot.model, axes_count=True)
-    S, K = load_map(standard, link), sets.base.count
     bare = load.inertia is None and not np.any(load.com)
+    link = load.link or end_link(sets.robot.model, axes_count=not bare)
+    S, K = load_map(standard, link), sets.base.count
     if bare:
         gains, errors, fit = of_all_joints(sets, S[:, 1:], mass * S[:, 0])
         com, com_error = fit.estimate.values[K : K + 3] / mass, fit.estimate.errors[K : K + 3] / mass
@@ -262,7 +262,8 @@ def of_all_joints(sets: TwoSets, S: Array, known: Array) -> tuple[Array, Array, 
         if (told == np.isfinite(gains)).all():
             return with_random_errors(sets, S, known, gains, fit)
         gains = np.where(told, gains, np.nan)
-    raise IdentificationError("`payload`: the fit of gains and parameters together does not settle")
+    why = "are its centre, inertia and link right? Give its mass and link alone, `rne.Payload(mass, link=...)`"
+    raise IdentificationError(f"`payload`: the fit of gains and parameters together does not settle: {why}")
 
 
 def with_random_errors(sets: TwoSets, S: Array, known: Array, gains: Array, fit: Fitted) -> tuple[Array, Array, Fitted]:

@@ -192,6 +192,8 @@ def explained(
     delays = np.zeros((len(records), robot.n))
     if delay is not None:
         delays = delays + per_joint_array("delay", delay, robot.n)
+        if (far := np.abs(delays).max(initial=0)) > 1:
+            raise ValueError(f"`delay` must be at most 1 s, got {far:g}: give seconds, 0.005 for 5 ms")
     is_open = drives is None  # to Stribeck effects and fewer rotors
     drives = MEASURED if drives is None else drive_argument(drives)
     late: dict[tuple[Any, ...], Cause] = {}

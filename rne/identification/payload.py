@@ -224,7 +224,7 @@ def doubts(phi: Array, errors: Array) -> list[str]:
     if phi[0] <= 0:
         notes.append(f"least squares give {mass}: are the records exchanged?")
     elif phi[0] < BEYOND_DOUBT * errors[0]:
-        notes.append(f"the mass is hardly told from none: its standard error is {errors[0]:.2g} kg")
+        notes.append(f"the mass is hardly told from none, +- {errors[0]:.2g} kg: is it on another `link`?")
     unknown = [symbol for symbol, error in zip(BODY_SYMBOLS, errors, strict=True) if np.isinf(error)]
     if unknown:
         notes.append(f"not told by the motions: {', '.join(unknown)} of the load")

@@ -120,6 +120,8 @@ class Record:
         self.joint_names = numbered_joints(n) if joint_names is None else tuple(joint_names)
         if len(self.joint_names) != n:
             raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
+        if twice := [name for name in self.joint_names if self.joint_names.count(name) > 1]:
+            raise ValueError(f"`joint_names` must be different, got {twice[0]!r} {len(twice)} times")
         units = [unit] * n if isinstance(unit, str) else list(unit)
         if len(units) != n or any(u not in UNITS for u in units):
             raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')

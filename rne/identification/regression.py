@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import vector, whole_number
 from ..basics.spatial import Array
+from ..basics.text import listed
 from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
@@ -108,10 +110,13 @@ def build_regression(
     measured = fitted = joined([equations(r.Y, r.tau, r.used, blocks) for r, blocks in parts])
     if any((r.used != r.valid).any() for r in rows):
         measured = joined([equations(r.Y, r.tau, r.valid, blocks) for r, blocks in parts])
-    names = [robot.joint_names[j] for j in np.flatnonzero(still)]
+    names = listed([robot.joint_names[j] for j in np.flatnonzero(still)])
     lost = " and ".join(name for name, term in (("rotor", "Ia"), ("friction", "Fv")) if term in standard.terms)
     silent = [robot.joint_names[j] for j in np.flatnonzero(measured.rows.sum(0) == 0)]
-    notes = tuple(f"{name} does not move" + (f": its {lost} cannot be found" if lost else "") for name in names)
+    does, its = ("does", "its") if still.sum() == 1 else ("do", "their")
+    notes: tuple[str, ...] = (
+        (f"{names} {does} not move" + (f": {its} {lost} cannot be found" if lost else ""),) if names else ()
+    )
     notes += tuple(f"{name} has no torque that can be used" for name in silent)
     names_of_records = tuple(record.name for record in given)
     return RegressionData(names_of_records, prepared, slowest, rows, fitted, measured, late, notes)
@@ -147,19 +152,21 @@ def of_named_joints(
     robot: Robot, records: Record | Sequence[Record]
 ) -> tuple[Robot, tuple[Record, ...], tuple[str, ...]]:
     """The robot with joints locked that a record of named joints lacks, records of its joints in order, and notes."""
-    given = (records,) if isinstance(records, Record) else tuple(records)
+    given = tuple(records) if isinstance(records, Sequence) else (records,)
     named = [r for r in given if isinstance(r, Record) and r.joint_names != numbered_joints(r.n)]
     known = set(robot.joint_names).intersection(*(record.joint_names for record in named))
     if not named or len(named) < len(given) or not known:
         return robot, given, ()
     model, notes = robot.model, []
     missing = {name: 0.0 for name in robot.joint_names if name not in known}
+    others = sorted({name for record in named for name in record.joint_names} - set(robot.joint_names))
     for j, name in zip(model.independent_joints, robot.joint_names, strict=True):
         if name in missing:
+            if alike := get_close_matches(name, others, cutoff=0.8):
+                raise ValueError(f"`joint_names` {alike[0]!r} of the records is not a joint of the robot: {name!r}?")
             missing[name] = float(np.clip(0.0, model.lower[j], model.upper[j]))
             notes.append(f"{name} is not in every record: locked at {missing[name]:.4g}")
     robot = robot.locked(missing) if missing else robot
-    others = sorted({name for record in named for name in record.joint_names} - set(robot.joint_names))
     notes += [f"{name} of the records is not a joint of the robot, or locked: left out" for name in others]
     if any(record.joint_names != robot.joint_names for record in named):
         given = tuple(record._part(slice(None), robot.joint_names) for record in named)

@@ -46,6 +46,7 @@ BASE_UNITS = (
     "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv in N m s/rad, Fc, Fs and tau0 in N m; of sliding "
     "joints Ia in kg, Fv in N s/m, the others in N."
 )
+MOVE_ALL = "Move all joints farther and faster: `rne.excitation` finds a motion"
 UNKNOWN = (
     "no single change explains all of it: look at the joints' residuals over time and speed (`plot`), and check "
     "friction, the placement of the axes, couplings and the torques' source"
@@ -129,6 +130,9 @@ class Identification(InNotebooks):
         poor = np.flatnonzero(left > UNEXPLAINED)
         impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
         lines, causes = [], [cause for cause in self.causes if cause.kind not in GEARS][:NAMED]
+        moving = [names[j] for j in np.flatnonzero(np.isfinite(self.minimum_velocity))]
+        if 2 * len(moving) < len(names) and not self.unexcited:
+            lines.append(f"no joint but {listed(moving)} moves. {MOVE_ALL}")
         if self.unexcited:
             lines.append(self.unexcited)
         elif len(poor):
@@ -152,8 +156,8 @@ class Identification(InNotebooks):
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
         return (
             f"the motion excites too little: {int((~self.excited).sum())} of {self.base.count} base parameters are not "
-            f"told from zero, and what is found in parts of the log predicts nothing of the others ({names}). Move all "
-            "joints farther and faster: `rne.excitation` finds a motion"
+            f"told from zero, and what is found in parts of the log predicts nothing of the others ({names}). "
+            f"{MOVE_ALL}"
         )
 
     @property

@@ -154,7 +154,7 @@ def check_order(found: Findings, t: Array, rows: Array, stamps: Stamps) -> Array
     if twice.all() and len(same):
         found.warning(None, "sample twice", found.at(same), "the second is left out", same)
         kept[same] = False
-    elif stamps == "sampled" and len(same):
+    elif len(same) and (stamps == "sampled" or _pauses(t, 0)[0] == 0):
         _refuse_same(found, same[~twice])
     return kept
 
@@ -420,6 +420,7 @@ def screen(
     """Find what is wrong, take out or cut what can be, and put the rest on a grid of equal steps."""
     found = Findings(name, joint_names, t)
     n = q.shape[1]
+    tau = np.where(np.isfinite(tau).any(0), tau, 0.0)  # a torque that was never read is constant
     columns = {"position": q, "torque": tau} | ({} if qd is None else {"velocity": qd})
     measured = np.hstack(list(columns.values()))
     kept = check_order(found, t, measured, stamps) & _numbers(found, columns)
@@ -428,7 +429,8 @@ def screen(
     if not np.nan_to_num(tau).any():
         found.error("no torque", "in any sample, all are zero or missing", "did the driver publish efforts?")
     if not found.has_errors and kept.sum() < FEWEST:
-        found.error("too few samples:", f"{int(kept.sum())} are usable", f"at least {FEWEST} are needed")
+        why = "".join(f": {x.joint} has {x.kind} {x.text}" for x in found.found[:1] if x.joint)
+        found.error("too few samples:", f"{int(kept.sum())} are usable{why}", f"at least {FEWEST} are needed")
     if found.has_errors:
         return Screened(t, q, tau, qd, usable, believed, (), float("nan"), steps[:n], tuple(found.found))
     found.rows = np.flatnonzero(kept)

@@ -23,11 +23,11 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
-from .causes import Cause, likely_causes, merged_by_kind
+from .causes import GEARS, Cause, likely_causes, merged_by_kind
 from .equations import Equations, equations, joined, triangular
 from .least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, solve
 from .record import Record
-from .regression import FOLDS, RegressionData, build_regression, checked_records
+from .regression import FOLDS, RegressionData, build_regression, checked_records, of_named_joints
 from .residuals import TINY, Residuals
 from .result import NAMED, UNEXPLAINED, Identification
 from .rigid_body_test import percent
@@ -169,7 +169,7 @@ class TwoSets:
                 terms = [tau, load * sign, v * speed, np.sign(v) * np.sqrt(speed), speed, *changed, ramp]
                 X[i].append(np.stack(terms, axis=-1) * row.used[..., None])
         squares = np.sum([(x**2).sum(0) for part in X for x in part], axis=0)
-        scale = np.sqrt(squares[:, :1] / np.maximum(squares, TINY))
+        scale = np.sqrt(np.divide(squares[:, :1], squares, out=np.zeros_like(squares), where=squares > 0))
         scale[:, 0] *= with_factors
         return [[x * scale for x in part] for part in X]
 
@@ -202,8 +202,9 @@ class OfTwoSets(InNotebooks):
         left = zip(self.sets.robot.joint_names, self.held_out, strict=True)
         poor = [f"{name} {100 * x:.0f} %" for name, x in left if x > UNEXPLAINED]
         lines = self._reasons() + [f"torques in motion that the model does not explain: {listed(poor)}"] * bool(poor)
-        if lines and self.causes:
-            lines.append("likely causes: " + "; ".join(cause.text for cause in self.causes[:NAMED]))
+        causes = [cause.text for cause in self.causes if cause.kind not in GEARS][:NAMED]
+        if lines and causes:
+            lines.append(f"likely causes: {'; '.join(causes)}")
         return ". ".join(lines)
 
     def _reasons(self) -> list[str]:
@@ -277,17 +278,21 @@ def two_sets(
     if isinstance(robot, Identification):
         if without is not None or drives is not None:
             raise ValueError("an Identification has its records and drives: `without` and `drives` must be None")
-        checked_records(robot.initial, with_load, "with_load")
+        with_load = checked_records(*of_named_joints(robot.initial, with_load)[:2], "with_load")
         data = build_regression(robot.initial, with_load, robot.base, *further, robot.delay.mean(0))
         return TwoSets(robot.initial, robot.base, robot.data, data)
-    base = robot_argument(robot).base_parameters(drives=MEASURED if drives is None else drives)
     if without is None:
         raise ValueError("`without` must have a record without the load, unless an Identification is given")
-    given = {name: checked_records(robot, x, name) for name, x in (("without", without), ("with_load", with_load))}
+    without, with_load = (x if isinstance(x, Sequence) else (x,) for x in (without, with_load))
+    robot, named, matched = of_named_joints(robot_argument(robot), [*without, *with_load])
+    base = robot.base_parameters(drives=MEASURED if drives is None else drives)
+    sets = {"without": named[: len(without)], "with_load": named[len(without) :]}
+    given = {name: checked_records(robot, x, name) for name, x in sets.items()}
     for one, other in product(*given.values()):
         if all(np.array_equal(getattr(one, x), getattr(other, x), equal_nan=True) for x in ("t", "q", "tau")):
             raise ValueError(f"`with_load` has a record that `without` has too, {one.name!r}: one is the wrong file")
-    return TwoSets(robot, base, *(build_regression(robot, records, base, *further) for records in given.values()))
+    first, second = (build_regression(robot, records, base, *further) for records in given.values())
+    return TwoSets(robot, base, first._replace(notes=(*matched, *first.notes)), second)
 
 
 def load_map(standard: StandardParameters, link: str) -> Array:

@@ -69,6 +69,8 @@ class DriveModel:
     def __post_init__(self) -> None:
         if self.friction not in FRICTION:
             raise ValueError(f"`friction` must be one of {list(FRICTION)}, got {self.friction!r}")
+        if not all(isinstance(x, bool | np.bool_) for x in (self.rotor, self.offset)):
+            raise ValueError(f"`rotor` and `offset` must be True or False, got {self.rotor!r} and {self.offset!r}")
         if self.smoothing is not None:
             positive_number("smoothing", self.smoothing, zero_allowed=True)
 
