@@ -478,12 +478,13 @@ def torque_scale(res: Residuals) -> Iterator[Cause]:
     Q, ways = np.linalg.qr(res.weighted(res.Y[..., bodies:]))[0], []
     own = (res.Y[..., :bodies] @ x[:bodies] for x in (res.x, res.standard.values))
     torques = [res.weighted(x) for x in (res.tau, *own)]
-    for tau, found, given in (torques, [x - Q @ (Q.T @ x) for x in torques]):
+    rest = [x - Q @ (Q.T @ x) for x in torques]
+    for tau, _, given in (torques, rest):
         both, squares, measured = (res.by_joint(*x) for x in ((tau, given), (given, given), (tau, tau)))
         each = both / np.maximum(squares, TINY)
         ways.append((each, each * np.abs(both) / np.maximum(measured, TINY)))  # factors, squared cosines
-    factors, alike = np.where(ways[0][1] > ways[1][1], *ways)
-    alike = alike > ALIKE
+    (_, found, given), (factors, cosines) = rest, np.where(ways[0][1] > ways[1][1], *ways)
+    alike = cosines > ALIKE
     usual = np.median(factors[alike]) if alike.any() else 1.0
     odd = alike & (np.abs(np.log(np.where(alike, factors, usual) / usual)) > UNIT)
     for j in np.flatnonzero(odd).tolist():
