@@ -79,8 +79,6 @@ def test_what_contradicts_itself_is_refused(name, k, value, text):
         ({"effort_limit": np.array([1, -1.0, 0, 2])}, "`effort_limit` must not be negative, got -1.0 at index (1,)"),
         ({"deceleration_limit": -np.ones(4)}, "`deceleration_limit` must not be negative, got -1.0 at index (0,)"),
         ({"armature": np.array([0, 1, -1.0, 0])}, "`armature` must not be negative, got -1.0 at index (2,)"),
-        ({"damping": np.array([0, 1, -2.0, 0])}, "`damping` must not be negative, got -2.0 at index (2,)"),
-        ({"friction": np.array([-0.1, 1, 0, 0])}, "`friction` must not be negative, got -0.1 at index (0,)"),
     ],
 )
 def test_fields_of_a_wrong_shape_are_refused(changes, text):

@@ -155,7 +155,7 @@ def _check_finite(model: SimpleNamespace) -> None:
     may_be_infinite = {"lower", "upper", *LIMITS}
     for name, value in vars(model).items():
         if isinstance(value, np.ndarray) and value.dtype == np.float64:
-            least = LEAST.get(name, -np.inf)
+            least = LEAST[name] if name in {*LIMITS, "armature"} else -np.inf  # files warn of negative friction
             bad = (np.isnan(value) if name in may_be_infinite else ~np.isfinite(value)) | (value < least)
             if bad.any():
                 index = tuple(int(k) for k in np.argwhere(bad)[0])
