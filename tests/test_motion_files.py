@@ -354,6 +354,16 @@ class TestLimits:
         said = torques(self.t, q, options=["--effort", str(CAPACITY)])[1]
         assert self.limits(said) == "limits exceeded: none"
 
+    def test_times_of_stamps_since_1970_count_from_the_first_row(self, torques):
+        """Ten digits of a date would hide the time; what it is told from is told once."""
+        q, start, options = moved(self.t)[0], 1681917731.0, ["--effort", f"100,10 {CAPACITY} 100 100 100"]
+        near, far = (torques(t, q, options=options)[1] for t in (self.t, start + self.t))
+        assert "times of limits count from the first row, t = 1681917731 s" in far
+        joint = [
+            [re.sub(r"[\d.]+ N m", "", line) for line in said if line.startswith("  joint_2")] for said in (near, far)
+        ]
+        assert joint[0] == joint[1] != []
+
     def test_efforts_can_be_given(self, torques):
         q, *_ = moved(self.t)
         said = torques(self.t, q, options=["--effort", f"100,10 {CAPACITY} 100 100 100"])[1]

@@ -169,7 +169,10 @@ def run_torques(arguments: argparse.Namespace) -> int:
         files.warn_of_uneven_steps(given.t)
         warn_of_noise(robot, given, arguments, tau)
     tell(f"tau in {units_of(robot, *UNITS['tau'])}: rigid bodies alone, without friction and inertia of the drives")
-    say_limits(tell, robot, limit_violations(robot.model, motion.t, q, qd, tau))
+    exceeded = limit_violations(robot.model, motion.t - motion.t[0], q, qd, tau)
+    if exceeded and motion.t[0]:
+        tell(f"times of limits count from the first row, t = {motion.t[0]:.13g} s")
+    say_limits(tell, robot, exceeded)
     text = _csv(robot, motion.t, tau)
     if arguments.out is None:
         print(text, end="")

@@ -287,4 +287,4 @@ def say_limits(tell: Callable[[str], None], robot: rne.Robot, exceeded: Sequence
 
 def say_samples(file: Path, t: Array) -> None:
     """Say how many samples a file holds, and from when to when."""
-    say(f"{file}: {len(t)} samples from {t[0]:g} to {t[-1]:g} s")
+    say(f"{file}: {len(t)} samples from {t[0]:.13g} to {t[-1]:.13g} s")
