@@ -281,6 +281,15 @@ def test_two_samples_between_gaps_are_a_segment_too_short(true):
     assert any(note.startswith("1 segment, 2 samples in all, left out: ") for note in measured.prepare(5.0).notes)
 
 
+@pytest.mark.parametrize("lost", [(1000, 1500), (3, 503)], ids=str)
+def test_samples_beside_a_gap_are_no_spikes(lost):
+    """The motion goes on elsewhere; the cubic through both sides of the gap is not the motion."""
+    t, w = np.arange(0, 20, 0.01), 2 * np.pi * np.array([0.21, 0.34])
+    q, kept = 0.5 * np.sin(np.outer(t, w)), np.setdiff1d(np.arange(2000), np.arange(*lost))
+    tau = q + 0.01 * np.random.default_rng(0).normal(size=q.shape)
+    assert [f.kind for f in Record(t[kept], q[kept], tau[kept]).findings] == ["gap"]
+
+
 def test_a_gap_cuts_and_single_missing_samples_are_interpolated(true):
     measured = record(true, lost=[500, *range(1500, 1540), 3000, 3001], torque_noise=0.2)
     assert [str(finding) for finding in measured.findings] == [
