@@ -133,9 +133,9 @@ def identify(
     >>> record = rne.identification.Record(t, q, robot.inverse_dynamics(q, qd, qdd))
     >>> found = rne.identify(robot, record, consistent=False)
     >>> print(found.report().splitlines()[0][:28])
-    58 base parameters of irb140
+    54 base parameters of irb140
     >>> found.estimate.values.shape, found.predict(q, qd, qdd).shape, found.held_out.shape
-    ((58,), (5000, 6), (6,))
+    ((54,), (5000, 6), (6,))
     >>> found.check(record).measured.shape[1], len(found.plot().axes)
     (6, 12)
     """

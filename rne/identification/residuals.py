@@ -20,7 +20,7 @@ from .screening import consecutive
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
 FEWEST = 3  # equations per parameter, from which those beside a rest are left out
 LEAST = 1e-3  # residuals below this part of the torques are none
-APART = 5e-3  # of a column's length, which its values on a grid may be off by
+APART = 5e-3  # of a joint's part of a column, which its values on a grid may be off by
 INDEPENDENT = 1e-6  # of a column's length, below which nothing of it is independent of the others
 SLOW = 0.1  # of a joint's largest speed, up to which friction may rise or fall towards rest
 TINY = float(np.finfo(np.float64).tiny)
@@ -172,8 +172,12 @@ class Residuals:
         """Coefficients of additional columns, shape (rows, n, k), their standard errors, and the squares left."""
         X = self.weighted(columns)
         left = X - self.Q @ (self.Q.T @ X)
+        for column, given in zip(left.T, X.T, strict=True):  # of each joint what is more than errors of the grid
+            doubt = np.maximum(APART**2 * self.by_joint(given), INDEPENDENT**2 * (given @ given))
+            apart = self.by_joint(column) > np.maximum(doubt, TINY)
+            column *= apart[self.joint]
         lengths = np.linalg.norm(left, axis=0)
-        known = lengths > APART * np.maximum(np.linalg.norm(X, axis=0), TINY)
+        known = lengths > 0
         c, errors = np.zeros(X.shape[1]), np.full(X.shape[1], np.inf)
         if known.any():
             inverse = np.linalg.pinv(left[:, known] / lengths[known], rcond=1e-8)
