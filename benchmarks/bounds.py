@@ -32,12 +32,12 @@ ARMS = ("irb140", "ur5", "ur10", "kinova", "z1", "talos_left_arm", "so101", "xar
 LOCKED = ("finger", "gripper", "Gripper")
 RATE, ACCELERATION = 3.0, 10.0  # of every joint [rad/s, rad/s^2]
 BUDGETS = {  # of at most six joints and of seven, in units of work
-    "gravity_torque": (5, 5),
-    "gravity_stiffness": (20, 20),
-    "mass_matrix": (30, 60),
-    "mass_eigenvalues": (30, 60),
-    "coriolis": (30, 60),
-    "torque": (30, 60),
+    "gravity_torque": (8, 8),
+    "gravity_stiffness": (30, 30),
+    "mass_matrix": (45, 90),
+    "mass_eigenvalues": (45, 90),
+    "coriolis": (45, 90),
+    "torque": (45, 90),
 }
 PARTS = ("proofs", "samples", "searches", "page")
 POSITIONS = ("circle", "limits")

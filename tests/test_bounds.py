@@ -567,7 +567,7 @@ def test_bounds_do_not_depend_on_the_speed_of_the_machine(monkeypatch):
     assert stopped.mass_eigenvalues.is_tight.tolist() == [False, False]
     assert (stopped.mass_eigenvalues.lower <= before.mass_eigenvalues.attained).all()
     assert (before.mass_eigenvalues.attained <= stopped.mass_eigenvalues.upper).all()
-    stop = r"`seconds` stopped mass_eigenvalues after \S+ of 60 of the budget; another run may differ$"
+    stop = r"`seconds` stopped mass_eigenvalues after \S+ of 90 of the budget; another run may differ$"
     assert re.match(stop, stopped.stopped)
     assert str(stopped).endswith(f"\n{stopped.stopped}")
 

@@ -1067,7 +1067,7 @@ class Robot(InNotebooks):
         payload: tuple[float, float] | None = None,
         masses: Mapping[str, tuple[float, float]] | None = None,
         tolerance: float = 0.05,
-        budget: float = 60.0,
+        budget: float = 90.0,
         seconds: float | None = None,
         quantities: Sequence[str] | None = None,
     ) -> Bounds:
@@ -1092,7 +1092,7 @@ class Robot(InNotebooks):
             Gap to prove, relative to the value attained.
         budget : float
             Work for each quantity, after which the bounds proven so far are returned. It is counted, so that every
-            machine proves the same; a unit is 2e9 operations, about 1 s of one core.
+            machine proves the same; a unit is 2e9 operations, 0.4 to 1 s of one core.
         seconds : float, optional
             Time for each quantity, after which the bounds proven so far are returned as well [s]. Where it ends a proof
             `Bounds.stopped` says so: what was proven then depends on the machine and its load.
