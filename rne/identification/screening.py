@@ -444,8 +444,8 @@ def screen(
         tell("sample rate", f"of {1 / period:.4g} samples per second", cure)
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
-    for k in np.flatnonzero(np.diff(times) > (bridge + 1.5) * period):  # samples beside a gap are no neighbours
-        flags[max(k + 1 - LONGEST, 0) : k + 1 + LONGEST] = False
+    for after in 1 + np.flatnonzero(np.diff(times) > (bridge + 1.5) * period):  # samples beside a gap: no neighbours
+        flags[max(after - LONGEST, 0) : after + LONGEST] = False
     usable &= _usable_torques(found, q, tau, steps[n:], flags[:, n : 2 * n])
     flags[:, n : 2 * n] &= usable
     cuts = _check_jumps(found, t, q, usual, flags)
