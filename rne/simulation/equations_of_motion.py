@@ -77,7 +77,7 @@ class AppliedTorques:
     with_impulses: bool = False  # of the torques without limits, per inertia, behind the other states
 
     name = "applied_torques"
-    title = "the torques"
+    title = "the sum of torques"
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: value for k, value in self.__dict__.items() if not isinstance(value, Kernel | AppliedTorques)}
