@@ -8,7 +8,7 @@ from rne.identification import Record
 from rne.identification.drive_gains import UNTOLD
 from rne.identification.least_squares import least_squares
 from rne.identification.payload import DENSITY, body_of, doubts, possible_load
-from rne.identification.two_sets import load_map, two_sets
+from rne.identification.two_sets import KINDS, load_map, two_sets
 from rne.model.standard_parameters import StandardParameters
 
 from .helpers import kept, loaded
@@ -182,7 +182,7 @@ def test_a_load_differs_from_the_ball_by_three_times_its_size(monkeypatch):
     assert possible_load(np.zeros((11, 11)), np.ones(10), np.ones(10)) == pytest.approx(1 / 9)
 
 
-def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, measured, found):
+def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, measured, found, monkeypatch):
     """Variances are at least those of independent residuals, times the number of equations that count as one."""
     sets = two_sets(robot, *measured, None, None)
     S = load_map(sets.base.standard, "tool0")
@@ -196,6 +196,14 @@ def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, mea
     assert correlation_time.min() > 1.1
     ratio = (found.estimate.errors / alone.errors)[-10:] ** 2
     assert (ratio >= 0.7 * correlation_time.min()).all()  # the random errors take some of the noise
+    # Without random errors and the scatter between blocks only the equations that count as one are left.
+    monkeypatch.setattr("rne.identification.two_sets.spreads", lambda factor, K, n: np.full(len(KINDS) * n, 1e-12))
+    monkeypatch.setattr(
+        "rne.identification.two_sets.jackknife", lambda both, noise, K, spread: (np.zeros(10**4), noise)
+    )
+    ratio = (sets.fitted(S).estimate.errors / alone.errors) ** 2
+    assert (ratio >= 0.999 * correlation_time.min()).all()
+    assert (ratio <= 1.001 * correlation_time.max()).all()
 
 
 def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(robot, measured):
