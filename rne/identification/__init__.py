@@ -4,16 +4,16 @@ from ..validation.comparison import ModelComparison, compare_models
 from ..validation.torque_difference import Candidate
 from .diagnosis.causes import Cause
 from .diagnosis.checking import Check
+from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
 from .exciting_motions.motion import Excitation, excitation
-from .model_fit import identify
 from .fit.least_squares import LeastSquares, Unexplained
-from .payload import PayloadEstimate, identify_payload
 from .log.prepared import Prepared
 from .log.record import Record
-from .result import Identification
-from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .log.screening import RecordFinding
+from .model_fit import identify
+from .payload import PayloadEstimate, identify_payload
+from .result import Identification
 
 __all__ = [
     "Candidate",

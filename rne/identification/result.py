@@ -20,13 +20,13 @@ from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
 from .diagnosis.causes import GEARS, Cause
 from .diagnosis.checking import Check
+from .diagnosis.rigid_body_test import EXPLAINED, Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
 from .fit.equations import Equations
 from .fit.least_squares import LeastSquares, Unexplained, believed_noise
+from .fit.regression import RegressionData, check_joints, delayed
 from .log.prepared import Prepared
 from .log.record import Record
-from .fit.regression import RegressionData, check_joints, delayed
-from .diagnosis.rigid_body_test import EXPLAINED, Consistency, certified
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

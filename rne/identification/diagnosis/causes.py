@@ -22,8 +22,8 @@ from ...basics.spatial import Array
 from ...basics.text import listed
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
-from .residuals import TINY, Grid, Residuals, by_joint
 from ..log.screening import seconds
+from .residuals import TINY, Grid, Residuals, by_joint
 
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
 LOAD = "payload changed"

@@ -12,9 +12,9 @@ from ...basics.spatial import Array
 from ...dynamics.base_inertial_parameters import BaseParameters
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
+from ..fit.regression import RegressionData
 from ..log.filtering import low_pass
 from ..log.prepared import Prepared
-from ..fit.regression import RegressionData
 from ..log.screening import consecutive
 
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated

@@ -21,10 +21,10 @@ from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_re
 from ...model.parameters import PARAMETERS
 from ...model.standard_parameters import StandardParameters
 from ..fit.equations import Equations
-from ..log.filtering import ORDER
 from ..fit.least_squares import NOTHING, weighted_fit
-from ..log.prepared import Prepared
 from ..fit.regression import RegressionData
+from ..log.filtering import ORDER
+from ..log.prepared import Prepared
 
 CHANCE = 1e-3  # of all joints together, that F is called large by accident
 WORSE = 2.0  # times the joint's own residual: a conflict has to matter
