@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rne.simulation.watch import choose_method
 
 import rne
 from benchmarks.random_robots import straight_chain
@@ -16,7 +17,6 @@ from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
 from rne.simulation import loop
 from rne.simulation.plant import Plant, ZeroOrderHold
-from rne.simulation.watch import choose_method
 
 from .helpers import kept
 

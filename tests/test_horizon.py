@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rne.simulation.loop import Run, Task
 
 import rne
 from benchmarks.random_robots import straight_chain
 from benchmarks.swing import extrapolated
-from rne.simulation.loop import Run, Task
 from rne.simulation.simulator import repeated_error
 
 from .helpers import kept

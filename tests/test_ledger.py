@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from rne.simulation.ledger import DEGREE, MOST_AT_ONCE, Ledger
 from scipy.integrate import simpson
 
 import rne
 from benchmarks.random_robots import random_tree
 from rne.integrators.base import Steps
 from rne.model.builder import Part, assemble
-from rne.simulation.ledger import DEGREE, MOST_AT_ONCE, Ledger
 
 from .helpers import kept
 

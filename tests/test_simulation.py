@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from rne.simulation.loop import Record
 
 import rne
 from benchmarks.random_robots import random_tree, straight_chain
@@ -12,7 +13,6 @@ from rne.control.laws import pd_gravity
 from rne.integrators.base import Steps
 from rne.integrators.scipy_methods import AdaptiveSolver
 from rne.model.builder import Part, assemble
-from rne.simulation.loop import Record
 from rne.simulation.plant import Plant, System
 
 from .helpers import kept

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rne.simulation.watch import CHECKED, Watch, work_per_step
 
 import rne
 from benchmarks.random_robots import straight_chain
@@ -14,7 +15,6 @@ from rne.integrators.base import Steps
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.simulation import loop
 from rne.simulation.plant import Plant
-from rne.simulation.watch import CHECKED, Watch, work_per_step
 
 from .helpers import kept
 from .test_compiled_motions import interpreted

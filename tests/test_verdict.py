@@ -5,11 +5,11 @@ import warnings
 
 import numpy as np
 import pytest
+from rne.simulation.equations_of_motion import RightHandSide
 
 import rne
 from rne.dynamics.precision import NEARLY_SINGULAR, SINGULAR, pivots_below
 from rne.model.builder import Part, assemble
-from rne.simulation.equations_of_motion import RightHandSide
 
 from .helpers import EPS, kept, states
 from .stability.motions import Top

@@ -29,6 +29,7 @@ DAMAGED = (
 )
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
+NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
 SHAPES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "kinetic", "potential", "energy", "work"), ("T",)),
     **dict.fromkeys(("q", "qd", "qdd", "tau"), ("T", "n")),
@@ -88,7 +89,7 @@ class MotionFiles:
         >>> file = swing.save("swing.npz")  # doctest: +SKIP
         """
         file = output_file(path, ".npz")
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "error_estimate"}  # type: ignore[arg-type]
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_KEPT}  # type: ignore[arg-type]
         arrays, texts = _parted(values)
         entries: dict[str, Any] = {**arrays, TEXTS: np.array(json.dumps(texts, default=float))}
         np.savez_compressed(file, **entries)
@@ -237,7 +238,7 @@ def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
 def _check_entries(arrays: dict[str, Array], texts: dict[str, Any], types: dict[str, str]) -> None:
     """A ValueError that names the first entry that is missing, of another kind than its field, or unknown."""
     types = {"has_model": "bool"} | types | {"dissipated": "tuple[str, ...]"}
-    del types["model"], types["error_estimate"]
+    types = {name: kind for name, kind in types.items() if name not in ("model", *NOT_KEPT)}
     _check_kinds(arrays, texts, types)
     further = {f"dissipated.{name}": "Array" for name in texts["dissipated"]}
     further |= {f"model.{f.name}": str(f.type) for f in fields(Model)} if texts["has_model"] else {}
