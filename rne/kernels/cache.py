@@ -85,7 +85,7 @@ class KernelCache:
         key = function, wrt, *fixed.items()
         return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, fixed, wrt, self.engine))
 
-    def evaluate_scene(self, function: Declared, *arrays: Array, wrt: Sequence[str]) -> Array:
+    def evaluate_scene(self, function: Declared, wrt: Sequence[str], *arrays: Array) -> Array:
         """Derivatives of a function of a scene in one state; the first time by the recursion, which traces nothing."""
         key = function, tuple(wrt)
         is_first = not self._seen.get_or_make(key, lambda: False)

@@ -50,6 +50,8 @@ class DryPlant(Plant):
     state. The modes follow the torques in the inputs of the equations.
     """
 
+    jacobian = None  # type: ignore[assignment]  # the modes change between two steps
+
     def __init__(
         self, dynamics: SceneDynamics, robot: Robot, law: Callable[..., Any] | None = None, law_name: str = "controller"
     ) -> None:
@@ -72,10 +74,6 @@ class DryPlant(Plant):
     @property
     def _function(self) -> Any:
         return self.dynamics.right_hand_side_under_modes
-
-    @property
-    def jacobian(self) -> None:
-        """None: the modes change between two steps."""
 
     def linearised(self, t: float, x: Array) -> Array:
         """df/dx with all joints slipping, for the choice of a method."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from math import isfinite
 from typing import Any
 
@@ -184,16 +184,15 @@ class Plant:
         if not isfinite(sum(x.tolist())) and not np.isfinite(x[: 2 * self.robot.n]).all():
             raise NotFiniteError(f"state is not finite at t = {t:.6g} s", t)
 
-    @property
-    def jacobian(self) -> Callable[[float, Array], Array] | None:
+    def jacobian(self, t: float, x: Array) -> Array:
         """df/dx for an implicit solver: exact, but for called laws."""
-        return lambda t, x: self._slopes_of_rates(self.dynamics, t, x)
+        return self._slopes_of_rates(self.dynamics, t, x, is_traced=True)
 
     def linearised(self, t: float, x: Array) -> Array:
-        """df/dx with laws by forward differences, which needs no kernel of the law."""
-        return self._slopes_of_rates(self.dynamics.without_law(), t, x)
+        """df/dx with laws by forward differences: needs no kernel of the law, and the first time none at all."""
+        return self._slopes_of_rates(self.dynamics.without_law(), t, x, is_traced=False)
 
-    def _slopes_of_rates(self, dynamics: SceneDynamics, t: float, x: Array) -> Array:
+    def _slopes_of_rates(self, dynamics: SceneDynamics, t: float, x: Array, *, is_traced: bool) -> Array:
         """df/dx: dynamics, friction and the law of `dynamics` exactly, torques that it is given by forward differences.
 
         From M qdd + h - torques = 0: M dqdd = -d(M qdd + h - torques) at constant qdd. Counted as one evaluation per
@@ -201,12 +200,12 @@ class Plant:
         """
         self._check_state(t, x)
         self.evaluations += self.counted
-        t, n, size = self.within(t), self.robot.n, len(x)
+        t, n, size, kernels = self.within(t), self.robot.n, len(x), self.robot._kernels
         qdd = self.rates(t, x, self.torque(t, x))[n : 2 * n]
         u = (self.law_outputs(t, x),) if dynamics.torque_given else ()
-        slopes = self.robot._kernels.evaluate_scene(
-            dynamics.residual, np.array([t]), x, qdd, *u, wrt=("x", "a", "u")[: 2 + len(u)]
-        )
+        residual, wrt = dynamics.residual, ("x", "a", "u")[: 2 + len(u)]
+        evaluate = kernels.scene_kernel(residual, *wrt) if is_traced else partial(kernels.evaluate_scene, residual, wrt)
+        slopes = evaluate(np.array([t]), x, qdd, *u)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
         if u and self.sampled is None:
             by_x = by_x + slopes[:, size + n :] @ self._law_slopes(t, x, *u)

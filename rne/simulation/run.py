@@ -211,6 +211,11 @@ def _torques_and_accelerations(
     except (NotFiniteError, SingularMassMatrixError) as error:
         k = error.state[0] if error.state else int(np.searchsorted(t, getattr(error, "time", None) or 0.0))
         tau, qdd, _ = _torques_and_accelerations(plant, instants.first(k), None if u is None else u[:k])
+        try:
+            time = float(t[k])
+            plant.rates(time, x[k], plant.torque(time, x[k]) if u is None else u[k])
+        except (NotFiniteError, SingularMassMatrixError) as same:  # told with its time
+            error = same
         return tau, qdd, Failure(float(t[k]), str(error))
 
 

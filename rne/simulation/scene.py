@@ -260,8 +260,9 @@ class Scene:
 
     @property
     def kernel(self) -> Kernel:
-        """The right-hand side in one kernel, the controller included if it is traceable, and the rates of energies."""
-        return self.resolved.robot._kernels.scene_kernel(self.dynamics.right_hand_side)
+        """The whole right-hand side in one kernel, the controller included if it is traceable."""
+        dynamics = replace(self.dynamics, has_energies=False)
+        return self.resolved.robot._kernels.scene_kernel(dynamics.right_hand_side)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Torques of the drives for given accelerations, friction included.

@@ -56,6 +56,8 @@ class SceneDynamics:
         Number of the controller's states; if the controller is called, their rates follow the torques in u.
     inertia : tuple of float, length n, or None
         Constant inertia that makes rates of impulses; None if the state has no impulses [kg m^2 or kg].
+    has_energies : bool
+        False without the energies as states.
     """
 
     n: int
@@ -66,6 +68,7 @@ class SceneDynamics:
     inputs: str = "none"
     states: int = 0
     inertia: tuple[float, ...] | None = None
+    has_energies: bool = True
 
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}
@@ -80,7 +83,8 @@ class SceneDynamics:
     @cached_property
     def energies(self) -> tuple[str, ...]:
         """Names of the energies that are states."""
-        return tuple(name for name in self.ledger if name != "drives" or self.inputs != "held")
+        without = self.ledger if not self.has_energies else ("drives",) if self.inputs == "held" else ()
+        return tuple(name for name in self.ledger if name not in without)
 
     @cached_property
     def counted(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -173,6 +173,9 @@ class Trajectory(MotionFiles, InNotebooks):
     def __getstate__(self) -> dict[str, Any]:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return values | {"error_estimate": None, "run": None}  # they may hold laws that do not pickle
+
+    def __copy__(self) -> Trajectory:
+        return replace(self)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations between the samples, so that the motion can serve as a reference.

@@ -79,7 +79,8 @@ class ZeroOrderHold:
 
     def note(self, samples: tuple[Array, ...], states: Array, evaluations: int) -> None:
         """Samples were taken in machine code: with the controller's states at the last and the next one."""
-        self._append(Samples(*samples))
+        t, x, u, z = samples
+        self._append(Samples(t, x[:, : 2 * self.scene.n], u, z))
         self.state, self.next_state = states
         self.plant.sampled, self.evaluations_before = samples[2][-1], evaluations
 
