@@ -138,6 +138,9 @@ class Robot(InNotebooks):
     def __reduce__(self) -> tuple[Any, ...]:
         return Robot, (self._model, self.engine)
 
+    def __copy__(self) -> Robot:
+        return self  # neither model nor kernels ever change
+
     def with_model(self, model: Model) -> Robot:
         """The robot of a model derived from this one's; of equal models it has the same kernels."""
         if model is self._model:
