@@ -55,7 +55,7 @@ class Ensemble(InNotebooks):
     tau : ndarray, shape (S, N, n)
         Torques of the drives at these times, zero without a controller [N m or N].
     energies : ndarray, shape (S, N, k)
-        Energies of the ledger [J].
+        Work of the drives and losses by friction since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
         Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction dissipate, those that
         the scene has.
@@ -231,7 +231,7 @@ def ensemble(
 
     Notes
     -----
-    Side by side the energies of the ledger are integrated along with the states, outside of the control of the error.
+    The energies are integrated along with the states, and do not count in the control of the error.
 
     Examples
     --------
