@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from . import dynamics, model
-from .basics.first_use import on_first_use
+from .basics import on_first_use
 from .basics.text import InNotebooks
 from .errors import (
     IdentificationError,

@@ -16,9 +16,8 @@ import numpy as np
 from ..basics.spatial import Array
 from ..dynamics.quantity import Declared, PrecisionStatus, Quantity, check_arguments
 from ..errors import NotFiniteError
-from ..model.fewest_terms import with_fewest_terms
 from ..model.model import Model, model_argument
-from ..model.parameters import PARAMETERS, at_parameters
+from ..model.parameters import PARAMETERS, at_parameters, with_fewest_terms
 from .differentiation import differentiate
 from .graph import Graph, TooLarge
 from .program import Trace, lower

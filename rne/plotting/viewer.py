@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_numbers
-from ..basics.paths import output_file
+from ..basics.arrays import output_file, positive_number, real_numbers
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..basics.paths import output_file
+from ..basics.arrays import output_file
 from ..basics.spatial import Array
 from ..errors import ModelError
 from ..model.model import Model
