@@ -15,7 +15,7 @@ import numpy as np
 from ..basics.spatial import Array, cross_matrix
 from ..dynamics.kinematics import joint_transforms
 from .criteria import ROUNDING, LargestOfInverse
-from .polynomials import Box
+from .polynomials import PositionBox
 
 I, J = np.triu_indices(6)
 UNITS = np.zeros((21, 6, 6))  # of symmetric matrices
@@ -66,7 +66,7 @@ class ArticulatedSearch:
 
     first, step, exponent, patience = 0.25, 0.2, 0.25, 0.9  # the work hardly depends on the target
 
-    def __init__(self, criterion: LargestOfInverse, box: Box, q: Array, target: float, clock: Any) -> None:
+    def __init__(self, criterion: LargestOfInverse, box: PositionBox, q: Array, target: float, clock: Any) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
         self.higher: Array | None = None
         self.began = clock.now()
@@ -196,7 +196,7 @@ class ArticulatedSearch:
         return halves.reshape(-1, n, 2)
 
 
-def applies(criterion: Any, box: Box) -> bool:
+def applies(criterion: Any, box: PositionBox) -> bool:
     """Whether it is the least eigenvalue of a chain: each joint is mounted on the one before and mimics none."""
     least = isinstance(criterion, LargestOfInverse) and np.diag(criterion.projection).all()
     return bool(least and not box.model.has_mimics and box.model.parent == tuple(range(-1, box.model.nb - 1)))

@@ -17,10 +17,10 @@ from ..dynamics.lagrange import christoffel
 from ..kernels.cache import KernelCache
 from ..model.model import Model
 from ..model.modify import with_payload
-from .branch_and_bound import Clock, Extreme, largest
+from .branch_and_bound import Clock, ProvenMaximum, largest
 from .criteria import ROUNDING, Coriolis, LargestOfInverse, Modulus, Norm, Torque
 from .gravity import gravity_torques_of_full_turns
-from .polynomials import Box, Polynomial, box_argument, independent, polynomial
+from .polynomials import Polynomial, PositionBox, box_argument, independent, polynomial
 
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
 SAMPLES = 500
@@ -196,7 +196,7 @@ def robot_bounds(
     for name in chosen:
         per_model = []
         for c in caches:
-            clock, terms = Clock(seconds / len(caches)), Terms(c, replace(box, model=c.model))
+            clock, terms = Clock(seconds / len(caches)), RobotPolynomials(c, replace(box, model=c.model))
             per_model.append(bound_of(terms, name, speeds, changes, tolerance, budget / len(caches), clock))
             if clock.stopped:
                 stopped.append(f"{name} after {clock.work:.2g} of {budget / len(caches):.4g} of the budget")
@@ -264,10 +264,10 @@ def extremes(bounds: Sequence[Bound], least: bool) -> Bound:
     return Bound(lower, upper, attained, q, bounds[0].tolerance)
 
 
-class Terms:
+class RobotPolynomials:
     """The polynomials of one model on a box."""
 
-    def __init__(self, cache: KernelCache, box: Box) -> None:
+    def __init__(self, cache: KernelCache, box: PositionBox) -> None:
         model = cache.model
         self.box = box
         self.free = KernelCache(independent(model), cache.engine) if model.has_mimics else cache
@@ -285,7 +285,13 @@ class Terms:
 
 
 def bound_of(
-    terms: Terms, name: str, rates: Array, accelerations: Array, tolerance: float, budget: float, clock: Clock
+    terms: RobotPolynomials,
+    name: str,
+    rates: Array,
+    accelerations: Array,
+    tolerance: float,
+    budget: float,
+    clock: Clock,
 ) -> Bound:
     """The bound of one quantity of one model; the budget is shared by its entries."""
     box, n = terms.box, terms.box.model.n
@@ -320,7 +326,7 @@ def bound_of(
     return as_bound([least_eigenvalue(M, low), high], (2,), tolerance)
 
 
-def least_eigenvalue(M: Polynomial, inverse: Extreme) -> Extreme:
+def least_eigenvalue(M: Polynomial, inverse: ProvenMaximum) -> ProvenMaximum:
     """From the largest of M^-1: at its position x^T M x is at least the least eigenvalue for every unit vector x.
 
     The rounding of entries bounds that of x^T M x, far below that of the largest eigenvalue where masses differ widely.
@@ -330,7 +336,7 @@ def least_eigenvalue(M: Polynomial, inverse: Extreme) -> Extreme:
     value, error = (np.einsum("ik,ij,jk->k", y, B, y) for y, B in ((x, A), (abs(x), ROUNDING * M.terms)))
     k, lower = (value + error).argmin(), 1 / inverse.upper
     attained = max(value[k] if value[k] > error[k] else 0.0, lower)
-    return Extreme(lower, max(value[k] + error[k], attained), attained, inverse.q)
+    return ProvenMaximum(lower, max(value[k] + error[k], attained), attained, inverse.q)
 
 
 def entry(polynomial: Polynomial, *place: int) -> Polynomial:
@@ -338,7 +344,7 @@ def entry(polynomial: Polynomial, *place: int) -> Polynomial:
     return polynomial.mapped(lambda x: x[(slice(None), *place, None)])
 
 
-def torque_criteria(terms: Terms, rates: Array, accelerations: Array) -> list[Torque]:
+def torque_criteria(terms: RobotPolynomials, rates: Array, accelerations: Array) -> list[Torque]:
     """Of each joint k, from g_k, M_k and c_ij = (dM_kj/dq_i + dM_ki/dq_j - dM_ij/dq_k) / 2."""
     i, j = np.triu_indices(len(rates))
     g, M = terms.of(dynamics.gravity_torque, 1), terms.of(dynamics.mass_matrix, 2)
@@ -379,8 +385,8 @@ def about_first_angle(g: Polynomial) -> Polynomial:
 
 
 def inertia_extremes(
-    models: Sequence[Model], box: Box, engine: str, scale: Array, tolerance: float, budget: float
-) -> list[Extreme]:
+    models: Sequence[Model], box: PositionBox, engine: str, scale: Array, tolerance: float, budget: float
+) -> list[ProvenMaximum]:
     """The largest eigenvalue of D M D, D = diag(scale), and each diagonal entry of M^-1, of models and mixtures.
 
     All are convex in M, so that the models suffice. They share the budget.
@@ -388,7 +394,7 @@ def inertia_extremes(
     found, clock = [], Clock()
     for model in models:
         own, n = replace(box, model=model), len(scale)
-        terms = Terms(KernelCache(model, engine), own)
+        terms = RobotPolynomials(KernelCache(model, engine), own)
         M = terms.of(dynamics.mass_matrix, 2)
         inverses = [LargestOfInverse(M, terms.samples, np.outer(e, e)) for e in np.eye(n)]
         scaled = M.mapped(lambda x: x * np.outer(scale, scale), scale.max() ** 2)
@@ -399,7 +405,7 @@ def inertia_extremes(
     return [extreme._replace(upper=upper) for extreme, upper in zip(most, uppers, strict=True)]
 
 
-def as_bound(found: Sequence[Extreme], shape: tuple[int, ...], tolerance: float) -> Bound:
+def as_bound(found: Sequence[ProvenMaximum], shape: tuple[int, ...], tolerance: float) -> Bound:
     """Arrays of the entries."""
     lower, upper, attained = (np.array(x).reshape(shape) for x in list(zip(*found, strict=True))[:3])
     return Bound(lower, upper, attained, np.array([e.q for e in found]).reshape(*shape, -1), tolerance)

@@ -20,7 +20,7 @@ from ..basics.spatial import Array
 from .articulated import ArticulatedSearch, applies
 from .criteria import ROUNDING, Criterion
 from .grids import groups, ratio_on_grid
-from .polynomials import Box
+from .polynomials import PositionBox
 
 BLOCK = 8192  # positions that are tested at once
 DENSE = 2**27  # corners of a whole grid that are held as a table of bytes
@@ -56,7 +56,7 @@ class Clock:
         self.work += operations / OPERATIONS
 
 
-class Extreme(NamedTuple):
+class ProvenMaximum(NamedTuple):
     """A constant proven to be between `lower` and `upper`, the value attained, and where."""
 
     lower: float
@@ -71,11 +71,13 @@ class Proof:
     Where what is attained is within the rounding of 0, it is called 0.
     """
 
-    def __init__(self, criterion: Criterion, box: Box, tolerance: float, clock: Clock, upper: float = np.inf) -> None:
+    def __init__(
+        self, criterion: Criterion, box: PositionBox, tolerance: float, clock: Clock, upper: float = np.inf
+    ) -> None:
         self.criterion, self.box, self.tolerance, self.clock = criterion, box, tolerance, clock
-        self.kind: Any = ArticulatedSearch if applies(criterion, box) else Search
+        self.kind: Any = ArticulatedSearch if applies(criterion, box) else CellSearch
         self.values = functools.partial(criterion.counted, clock=clock)
-        self.q, self.best = climbed(self.values, box.lower, box.upper)
+        self.q, self.best = local_maximum(self.values, box.lower, box.upper)
         self.fraction, self.cost, self.fails = self.kind.first, 0.0, not np.isfinite(self.best)
         self.floor = 0.0 if self.fails else criterion.rounding(0.0)
         self.upper = upper if self.fails else min(upper, criterion.size + criterion.rounding(self.best))
@@ -98,12 +100,12 @@ class Proof:
         )
 
     @property
-    def extreme(self) -> Extreme:
+    def extreme(self) -> ProvenMaximum:
         """What is proven by now; of a value that may vanish but is not proven to, nothing."""
         if self.vanishes:
-            return Extreme(0.0, self.upper if self.upper <= VANISHES * self.floor else np.inf, 0.0, self.q)
+            return ProvenMaximum(0.0, self.upper if self.upper <= VANISHES * self.floor else np.inf, 0.0, self.q)
         lower = 0.0 if self.fails else max(self.best - self.criterion.rounding(self.best), 0.0)
-        return Extreme(lower, self.upper, self.best, self.q)
+        return ProvenMaximum(lower, self.upper, self.best, self.q)
 
     def step(self, work: float) -> None:
         """One search of so much work; what it took says which fraction comes next."""
@@ -115,7 +117,7 @@ class Proof:
         proven = search.run(end)
         left = max(end - self.clock.now(), 0.0)
         if search.higher is not None:
-            self.q, self.best = climbed(self.values, self.box.lower, self.box.upper, search.higher)
+            self.q, self.best = local_maximum(self.values, self.box.lower, self.box.upper, search.higher)
         elif proven:
             last = max(self.clock.now() - search.began, SHORTEST)
             factor = max(search.patience * left / last, 1) ** (-1 / search.exponent)
@@ -129,12 +131,12 @@ class Proof:
 
 def largest(
     criteria: Sequence[Criterion],
-    box: Box,
+    box: PositionBox,
     tolerance: float,
     end: float,
     clock: Clock,
     uppers: Sequence[float] | None = None,
-) -> list[Extreme]:
+) -> list[ProvenMaximum]:
     """The largest values of criteria, until the clock shows `end`; known `uppers` are where to begin.
 
     The least tight comes first, of those whose next search fits a share of the work, then of those that fit at all.
@@ -151,7 +153,7 @@ def largest(
     return [proof.extreme for proof in proofs]
 
 
-def climbed(
+def local_maximum(
     values_of: Callable[[Array], Array],
     lower: Array,
     upper: Array,
@@ -197,13 +199,13 @@ def short_basis(gram: Array, circle: Array) -> Array:
     return basis
 
 
-class Search:
+class CellSearch:
     """Cells of a grid that are not proven yet."""
 
     first = 1.0  # fraction at which searches begin
     patience = 0.7  # part of the work left that the next search shall take
 
-    def __init__(self, criterion: Criterion, box: Box, q: Array, target: float, clock: Clock) -> None:
+    def __init__(self, criterion: Criterion, box: PositionBox, q: Array, target: float, clock: Clock) -> None:
         self.criterion, self.box, self.target, self.clock = criterion, box, target, clock
         self.step, self.exponent = criterion.time_model
         self.best = float(criterion.values(q[None])[0])
@@ -315,7 +317,7 @@ class Search:
 class Corners:
     """The corners of cells, each once."""
 
-    def __init__(self, cells: Array, counts: Array, free: Array, box: Box) -> None:
+    def __init__(self, cells: Array, counts: Array, free: Array, box: PositionBox) -> None:
         self.cells, self.counts, self.free, self.box = cells, counts, free, box
         self.points = np.where(
             free, counts + np.where(box.circle, 0, 1), 1

@@ -25,7 +25,7 @@ NARROW = 1e-150  # half width of a sliding joint's range below which its inverse
 
 
 @dataclass(frozen=True)
-class Box:
+class PositionBox:
     """Ranges of the coordinates of a model; `circle` where a range is a full turn."""
 
     model: Model
@@ -40,7 +40,7 @@ class Box:
         return G @ (self.lower + self.upper) / 2 + self.model.offset, abs(G) @ (self.upper - self.lower) / 2
 
 
-def box_argument(model: Model, positions: Any) -> Box:
+def box_argument(model: Model, positions: Any) -> PositionBox:
     """The box of `positions`: "circle", "limits" or (lower, upper). Unknown ranges of angles are full turns."""
     lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
     if isinstance(positions, str):
@@ -61,7 +61,7 @@ def box_argument(model: Model, positions: Any) -> Box:
         raise ValueError(
             f"bounds need a range of {model.joint_names[k]!r}, which {why}; give `positions`=(lower, upper)"
         )
-    return Box(model, np.where(circle, -np.pi, lower), np.where(circle, np.pi, upper), circle)
+    return PositionBox(model, np.where(circle, -np.pi, lower), np.where(circle, np.pi, upper), circle)
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Ar
     return np.linalg.norm(model.gravity) * lever @ model.mass, np.outer(inertia, inertia)
 
 
-def polynomial(kernel: Kernel, box: Box, degree: int, reduced: Callable[[Array, Array], Array]) -> Polynomial:
+def polynomial(kernel: Kernel, box: PositionBox, degree: int, reduced: Callable[[Array, Array], Array]) -> Polynomial:
     """The polynomial of a kernel of the `independent` model; `reduced` by G goes from joints to coordinates."""
     model, G = box.model, box.model.coordinate_map
     modes, coefficients = _modes(kernel, box, degree)
@@ -161,7 +161,7 @@ def polynomial(kernel: Kernel, box: Box, degree: int, reduced: Callable[[Array, 
     return Polynomial(evaluate, coefficients[kept], frequency[kept], power, power_squares, terms, operations)
 
 
-def _modes(kernel: Kernel, box: Box, degree: int) -> tuple[Array, Array]:
+def _modes(kernel: Kernel, box: PositionBox, degree: int) -> tuple[Array, Array]:
     """Frequency or power of each joint, shape (modes, nb), and the coefficients, shape (modes, ...)."""
     model, points = box.model, 2 * degree + 1
     middle, half = box.joint_ranges

@@ -24,7 +24,7 @@ from ..robot import Robot
 from ..simulation.simulator import simulate
 from ..simulation.trajectory import Trajectory, trajectory_lines
 from ..urdf.loading import load
-from ..validation.agreement import Row, validate
+from ..validation.agreement import Match, validate
 from .shared import units_of
 from .speed import measure, plot_speed, speed_tables
 
@@ -216,7 +216,7 @@ def _comparison(robot: Robot, page: Report) -> bool:
     return _compared(source, rows, True, page)
 
 
-def _compared(source: str, rows: Sequence[Row], by_terms: bool, page: Report) -> bool:
+def _compared(source: str, rows: Sequence[Match], by_terms: bool, page: Report) -> bool:
     """Say how far the results are apart; True if all are within their bounds."""
     entry = "term" if by_terms else "entry"
     page.text(

@@ -287,7 +287,7 @@ class MomentumObserver:
         masses, left = nnls(np.stack(columns, axis=1), target)
         return float(masses.sum()), max(1 - left**2 / float(target @ target), 0.0)
 
-    def watching(self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float) -> Watched:
+    def watching(self, law: Callable[..., Any], reaction: Callable[..., Any], sample_time: float) -> GuardedLaw:
         """A control law that is watched in a sampled scene, and replaced by another from the first contact on.
 
         Parameters
@@ -299,7 +299,7 @@ class MomentumObserver:
 
         Returns
         -------
-        Watched
+        GuardedLaw
             A controller for ``rne.Scene(..., sample_time=sample_time)``; its `contact` is the time of the first contact
             of the last run, or None. The scene calls its `delivered` with the torques that `effort_limit` and
             `torque_rate` let through; a law of your own that calls a watched one does so too.
@@ -313,11 +313,11 @@ class MomentumObserver:
         """
         for name, given in (("law", law), ("reaction", reaction)):
             check_function(name, given, "(t, q, qd)")
-        return Watched(self, law, reaction, positive_number("sample_time", sample_time))
+        return GuardedLaw(self, law, reaction, positive_number("sample_time", sample_time))
 
 
 @dataclass(eq=False)
-class Watched:
+class GuardedLaw:
     """A law that is watched for contacts, made by `MomentumObserver.watching`.
 
     Attributes

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
-from .plots import WIDTH, blank_figure, curves, has_matplotlib, small_plots
+from .plots import WIDTH, blank_figure, has_matplotlib, plot_columns, small_plots
 from .robot_picture import animate
 from .viewer import view
 
@@ -96,7 +96,7 @@ LINE = 46  # characters of a title that fit
 LEGEND, TITLE_ROW = 0.44, 0.25  # heights [inch]
 
 
-class Block(NamedTuple):
+class PageBlock(NamedTuple):
     """A piece of a page: its HTML tag, and its text, the rows of a table, or the name and caption of a picture."""
 
     tag: str
@@ -109,17 +109,17 @@ class Report:
     def __init__(self, title: str, say: Callable[[str], None], folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.title, self.say, self.folder = title, say, folder
-        self.blocks: list[Block] = []
+        self.blocks: list[PageBlock] = []
 
     def heading(self, text: str, level: int = 2) -> None:
         """Add a section's heading, or with level 3 that of its part."""
         self.say(f"\n{text}")
-        self.blocks.append(Block(f"h{level}", text))
+        self.blocks.append(PageBlock(f"h{level}", text))
 
     def text(self, text: str, tag: str = "p") -> None:
         """Add a paragraph, or with the tag `pre` lines in a fixed-width font."""
         self.say(text)
-        self.blocks.append(Block(tag, text))
+        self.blocks.append(PageBlock(tag, text))
 
     def lines(self, text: str) -> None:
         """Add a printed report: its sentences as paragraphs, the rows of its tables in a fixed-width font."""
@@ -133,7 +133,7 @@ class Report:
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         for line in lines:
             self.say("  " + "  ".join(map(str.ljust, line, widths)).rstrip())
-        self.blocks.append(Block("table", lines))
+        self.blocks.append(PageBlock("table", lines))
 
     def figure(self, name: str, draw: Callable[[], Figure], caption: str) -> None:
         """Add a picture, drawn once for light pages and once for dark ones; without matplotlib none."""
@@ -147,7 +147,7 @@ class Report:
         dark = DARK | {"axes.prop_cycle": cycler(color=DARK_COLORS)} | STYLE
         with matplotlib.style.context(["dark_background", dark]):
             draw().savefig(self.folder / f"{name}-dark.png", dpi=DPI)
-        self.blocks.append(Block("picture", (name, caption)))
+        self.blocks.append(PageBlock("picture", (name, caption)))
 
     def motion(self, name: str, motion: Trajectory, caption: str) -> None:
         """Add small pictures of a motion: positions, velocities, torques, energies."""
@@ -176,7 +176,7 @@ class Report:
             with matplotlib.style.context([{f"{part}.facecolor": SKY for part in ("figure", "axes")}]):
                 animate(robot, motion, self.folder / f"{name}.gif", fps=FILM_FPS)
         if in_3d or has_matplotlib():
-            self.blocks.append(Block("film", (name, caption, in_3d)))
+            self.blocks.append(PageBlock("film", (name, caption, in_3d)))
 
     @contextmanager
     def kept_if_interrupted(self) -> Iterator[None]:
@@ -209,12 +209,12 @@ class Report:
         return path
 
 
-def is_heading(block: Block) -> bool:
+def is_heading(block: PageBlock) -> bool:
     """True if the contents of a page list the block."""
     return block.tag in ("h2", "h3")
 
 
-def _html(block: Block, number: int) -> str:
+def _html(block: PageBlock, number: int) -> str:
     tag, content = block
     if tag == "picture":
         name, caption = content
@@ -271,7 +271,7 @@ def column(title: str, heights: Sequence[float], *, share: bool = True) -> tuple
 
 def lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 0, **style: Any) -> list[Line2D]:
     """Plot the columns of `values` over time; `first` is the number of the first one's colour."""
-    drawn = curves(ax, t, values, names, [f"C{k}" for k in range(first, first + len(names))], **style)
+    drawn = plot_columns(ax, t, values, names, [f"C{k}" for k in range(first, first + len(names))], **style)
     if ax.get_yscale() == "linear":
         ax.ticklabel_format(axis="y", scilimits=(-3, 4))
     return drawn

@@ -166,7 +166,7 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit:
     sides = np.vstack([ones[np.tile(kind != 2, 2)], -ones[np.tile(kind != 1, 2)]])
     h2 = 2 * np.diff(grid)
 
-    class Rows(LinearConstraint):  # type: ignore[misc]
+    class GridConstraint(LinearConstraint):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__()
             self.identical = True
@@ -178,7 +178,7 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit:
             bounds = np.stack([np.zeros_like(most), most], axis=1)
             return (*parts, sides, np.ones(len(sides)), None, bounds)
 
-    program = seidelWrapper([Rows()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
+    program = seidelWrapper([GridConstraint()], SimpleNamespace(duration=grid[-1]), grid, True).solve_stagewise_optim
     slowest, quickest, held = np.array([-1e-9, 1.0]), np.array([1e-9, -1.0]), np.abs(c).max((0, 2), initial=0) <= 1
     low, high, x = np.zeros((3, len(grid))).tolist()
     for i in reversed(range(len(h2))):  # the x from which the motion can come to rest at the end

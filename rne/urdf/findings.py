@@ -70,7 +70,7 @@ class Finding:
         return self.message.removesuffix(f": {self.detail}") if self.detail else self.message
 
 
-class Report:
+class FindingsReport:
     """Collects the findings on one file."""
 
     def __init__(self, file: str) -> None:

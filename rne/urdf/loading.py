@@ -21,7 +21,7 @@ from ..model.model import STANDARD_GRAVITY, Model
 from ..model.modify import LimitValues, with_limits
 from ..robot import Robot
 from .document import read_bytes
-from .findings import Finding, Report, written
+from .findings import Finding, FindingsReport, written
 from .plausibility import check_bodies, check_elements
 from .read import model_of, read_urdf, validated
 from .write import to_urdf
@@ -206,7 +206,7 @@ def check(source: str | os.PathLike[str], *, out: TextIO | None = None, grouped:
     []
     """
     found = resolve(source)
-    report = Report(os.fspath(source if isinstance(found, Model) else found))
+    report = FindingsReport(os.fspath(source if isinstance(found, Model) else found))
     data = to_urdf(found).encode() if isinstance(found, Model) else read_bytes(found, report)
     root = validated(data, report)
     if root is not None:
