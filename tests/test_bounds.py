@@ -235,7 +235,7 @@ def least_eigenvalue(robot, positions):
     """Its criterion and box."""
     box = box_argument(robot.model, positions)
     terms = RobotPolynomials(KernelCache(robot.model), box)
-    return LargestOfInverse(terms.of(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), box
+    return LargestOfInverse(terms.polynomial(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), box
 
 
 @pytest.mark.parametrize("turns", [True, False])
@@ -325,8 +325,8 @@ def test_modes_bound_values_and_derivatives(make):
     terms, h = RobotPolynomials(cache, box), 1e-4
     q = np.random.default_rng(2).uniform(box.lower, box.upper, (2000, robot.n))
     for A, function in (
-        (terms.of(rne.dynamics.gravity_torque, 1), robot.gravity_torque),
-        (terms.of(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
+        (terms.polynomial(rne.dynamics.gravity_torque, 1), robot.gravity_torque),
+        (terms.polynomial(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
     ):
         np.testing.assert_allclose(A.evaluate(q), function(q), atol=1e-12)
         if not A.power.any():
@@ -346,7 +346,7 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
     rng = np.random.default_rng(3)
     robot = two_link()
     terms = RobotPolynomials(KernelCache(robot.model), box_argument(robot.model, "circle"))
-    M = terms.of(rne.dynamics.mass_matrix, 2)
+    M = terms.polynomial(rne.dynamics.mass_matrix, 2)
     c = rng.normal(size=(5, 2, 2)) + 1j * rng.normal(size=(5, 2, 2))
     M = replace(M, coefficients=c + c.swapaxes(1, 2))
     for criterion in (Norm(M), LargestOfInverse(M, rng.uniform(-3, 3, (9, 2)), np.eye(2))):
@@ -360,7 +360,7 @@ def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):
     """Of random symbols c_ijk: no unit vectors v, w give more than the root of its largest eigenvalue."""
     rng = np.random.default_rng(4)
     terms = RobotPolynomials(KernelCache(irb140.model), box_argument(irb140.model, "circle"))
-    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    dM = terms.polynomial(rne.dynamics.mass_matrix, 2, "q")
     A = dM.mapped(christoffel, 1.5 * dM.terms)
     criterion = Coriolis(A)
     q = rng.uniform(-np.pi, np.pi, (50, 6))
@@ -499,11 +499,11 @@ def test_second_derivatives_are_within_what_grids_prove(make):
     robot = make().mounted([0.3, 0.4, 0])
     n, box = robot.n, box_argument(robot.model, "limits")
     terms, rng = RobotPolynomials(KernelCache(robot.model), box), np.random.default_rng(5)
-    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    dM = terms.polynomial(rne.dynamics.mass_matrix, 2, "q")
     torques = torque_criteria(terms, np.full(n, RATES), np.full(n, ACCELERATIONS))
     k_C = Coriolis(dM.mapped(christoffel, 1.5 * dM.terms))
     less = []
-    for criterion in (*torques, k_C, Modulus(entry(terms.of(rne.dynamics.mass_matrix, 2), 0, 0))):
+    for criterion in (*torques, k_C, Modulus(entry(terms.polynomial(rne.dynamics.mass_matrix, 2), 0, 0))):
         search, A = CellSearch(criterion, box, box.lower, np.inf, Clock()), criterion.polynomial
         sums, q = search.curvatures.copy(), rng.uniform(-np.pi, np.pi, (200, n))
         search.use_grids(np.inf)
@@ -523,7 +523,7 @@ def test_gravity_and_the_rest_are_largest_together():
     robot = rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)}).mounted([0.5, 0, 0])
     box = box_argument(robot.model, "circle")
     q = np.random.default_rng(6).uniform(box.lower, box.upper, (100_000, 3))
-    g = entry(RobotPolynomials(KernelCache(robot.model), box).of(rne.dynamics.gravity_torque, 1), 1)
+    g = entry(RobotPolynomials(KernelCache(robot.model), box).polynomial(rne.dynamics.gravity_torque, 1), 1)
     parts = about_first_angle(g)
     torque, mean, cosine, sine = parts.evaluate(q[:50]).T
     angle = q[:50, 0]

@@ -1,4 +1,4 @@
-"""Torques and inertias as polynomials in the joints' sines and cosines: coefficients, and what they say everywhere.
+"""Torques and inertias as trigonometric polynomials of the joint angles, with coefficients from values on a grid.
 
 M and its derivatives have degree 2 in the angle of each joint, gravity torques degree 1; in the position of a sliding
 joint they are polynomials of the same degrees. Values on a grid of 2 degree + 1 points per joint give all coefficients.
@@ -20,7 +20,7 @@ from ..kernels.program import Operand, Program
 from ..model.model import Model
 
 Map = Callable[[Array], Array]
-MOST_SAMPLES = 2_000_000
+MOST_SAMPLES = 2_000_000  # of a grid for the coefficients
 NARROW = 1e-150  # half width of a sliding joint's range below which its inverse square is not a number
 
 
@@ -41,7 +41,7 @@ class PositionBox:
 
 
 def box_argument(model: Model, positions: Any) -> PositionBox:
-    """The box of `positions`: "circle", "limits" or (lower, upper). Unknown ranges of angles are full turns."""
+    """Box of the argument `positions`: "circle", "limits" or (lower, upper). Without a range, angles make full turns."""
     lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
     if isinstance(positions, str):
         if positions not in ("circle", "limits"):
@@ -74,7 +74,7 @@ class Polynomial:
         (N, n) -> (N, ...).
     coefficients : ndarray, shape (modes, ...)
     frequency : ndarray, shape (modes, n)
-        Of a mode in the angle of each coordinate.
+        Frequency of each mode in the angle of each coordinate.
     power, power_squares : ndarray, shape (modes, n)
         Sums of p / h and p / h^2 of the powers p of sliding joints that a coordinate drives, h their half widths.
     terms : ndarray, shape (...)
@@ -97,14 +97,14 @@ class Polynomial:
         return slope, slope**2 - self.power_squares  # x^p has p (p - 1)
 
     def mapped(self, linear: Map, terms: Array | None = None) -> Polynomial:
-        """The polynomial of a linear map of A; `terms` are needed where the map has negative coefficients."""
+        """Polynomial of a linear map of A; `terms` are needed if the map has negative coefficients."""
         terms = linear(self.terms[None])[0] if terms is None else terms
         return replace(
             self, evaluate=lambda q: linear(self.evaluate(q)), coefficients=linear(self.coefficients), terms=terms
         )
 
     def beside(self, *others: Polynomial) -> Polynomial:
-        """Several arrays of one row each, side by side."""
+        """Polynomial of several arrays of one row each, side by side."""
         from scipy.linalg import block_diag
 
         parts = (self, *others)
@@ -123,7 +123,7 @@ def independent(model: Model) -> Model:
 
 
 def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Array]:
-    """Of gravity torques and of M, shapes (nb,), (nb, nb): bodies at the ends of stretched chains, slid so far."""
+    """Bounds of the terms of gravity torques (nb,) and of M (nb, nb), with bodies at the ends of stretched chains."""
     turns, nb = model.is_revolute, model.nb
     reach, behind = np.linalg.norm(model.translation, axis=1) + np.where(turns, 0.0, slides), np.eye(nb, dtype=bool)
     for i, p in enumerate(model.parent):
@@ -138,7 +138,7 @@ def sizes_of_terms(model: Model, slides: Array | float = 0.0) -> tuple[Array, Ar
 
 
 def polynomial(kernel: Kernel, box: PositionBox, degree: int, reduced: Callable[[Array, Array], Array]) -> Polynomial:
-    """The polynomial of a kernel of the `independent` model; `reduced` by G goes from joints to coordinates."""
+    """Polynomial of a kernel of the `independent` model; `reduced` maps indices of joints to coordinates by G."""
     model, G = box.model, box.model.coordinate_map
     modes, coefficients = _modes(kernel, box, degree)
     half = np.where(model.is_revolute, 1.0, np.maximum(box.joint_ranges[1], NARROW))
@@ -191,7 +191,7 @@ def _modes(kernel: Kernel, box: PositionBox, degree: int) -> tuple[Array, Array]
 
 
 def inputs_read(program: Program) -> Array:
-    """Which inputs the outputs depend on, as the traced operations show, shape (inputs,)."""
+    """True for each input that an output depends on, by the traced operations, shape (inputs,)."""
     read: list[Array] = []
 
     def of(operand: Operand) -> Array:

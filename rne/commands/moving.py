@@ -348,7 +348,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
 
 
 def _cure(error: Exception, robot: Any) -> str:
-    """What to do about an error on the command line, in words."""
+    """The cure of an error on the command line, in words."""
     from ..trajectories.csv_file import MissingColumn
     from ..trajectories.time_optimal import MissingLimit, OutOfRange
 

@@ -76,9 +76,9 @@ def plot(
     other : Trajectory or tuple of array_like, optional
         A second motion of as many joints, drawn dashed on the same panels where it has the quantity.
     quantities : sequence of str, optional
-        What to draw, from "q", "qd", "qdd", "tau", "energy" and "energy error"; by default all but "qdd" that `motion`
-        has, torques only if they are not all zero. Of a robot with rotating and sliding joints each of the first four
-        takes two panels, one for each unit.
+        Quantities to draw, from "q", "qd", "qdd", "tau", "energy" and "energy error"; by default all but "qdd" that
+        `motion` has, torques only if they are not all zero. Of a robot with rotating and sliding joints each of the
+        first four takes two panels, one for each unit.
     axes : matplotlib axes or sequence of them, optional
         Where to draw, one for each panel; by default a new figure with the panels below each other.
 
@@ -146,8 +146,8 @@ def quantile_plot(
     joints : sequence of str, optional
         Names of the joints to show; by default all.
     probabilities : array_like, shape (P,)
-        Of the quantiles, rising, from 0 to 1. Each one and its opposite number bound a band: the first and the last,
-        the second and the last but one, and so on; of an odd number the one in the middle is a line.
+        Probabilities of the quantiles, rising, from 0 to 1. Each one and its opposite number bound a band: the first
+        and the last, the second and the last but one, and so on; of an odd number the one in the middle is a line.
     of : {"q", "qd", "tau"}
         Positions, velocities or torques.
     axes : matplotlib axes or sequence of them, optional

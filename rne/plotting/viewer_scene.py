@@ -167,7 +167,7 @@ def simplified(mesh: Trimesh, keep: float) -> Trimesh:
 def link_lines(robot: PosedRobot, k: int) -> list[Array]:
     """Lines from a link's origin to its children or, at an end, to its centre of mass, each of shape (2, 3) [m].
 
-    Those to a sliding child go to the nearest point of its way, which is a line too.
+    Lines to a sliding child go to the nearest point of its way, which is a line too.
     """
     lines = []
     for child in [child for child, parent in enumerate(robot.model.link_parent) if parent == k]:

@@ -79,17 +79,17 @@ class DriveReport:
     Attributes
     ----------
     robot : Robot
-        What moves, with the payload of its scene.
+        Robot that moves, with the payload of its scene.
     t : ndarray, shape (T,)
         Times of the samples; that of a jump stands twice, first with the values before it [s].
     q, qd, qdd, tau : ndarray, shape (T, n)
         Positions, velocities, accelerations and torques of the joints, behind the gears
         [rad or m; rad/s or m/s; rad/s^2 or m/s^2; N m or N].
     gear, rotor, efficiency : ndarray, shape (n,)
-        Of each drive, as given.
+        Arguments of `drives`, for each drive.
     work_error : float or None
-        Of a simulated motion: how much the work of all drives by these samples differs from the simulation's `work`,
-        summed over the steps from one of its samples to the next [J].
+        Differences of the work of all drives by these samples from the `work` of a simulated motion, summed over the
+        steps from one of its samples to the next [J].
 
     Examples
     --------
@@ -286,8 +286,8 @@ def drives(
     Parameters
     ----------
     robot : Robot or Scene
-        What moves; a Scene with its payload and friction, which count for planned motions, in place of those that were
-        planned for, and where a motion brings no torques of its own.
+        Robot that moves; a Scene with its payload and friction, which count for planned motions, in place of those that
+        were planned for, and where a motion brings no torques of its own.
     motion : FastestMotion, Trajectory, Record or function of time
         Planned, simulated or measured: a function of time with a `duration`, such as a `Quintic`, taken every
         millisecond, at its `t` and `instants` and on both sides of its `breaks`, where it has them; or anything with
@@ -300,7 +300,7 @@ def drives(
         Inertia of motor and gear on the motor's side, in addition to the robot's `armature`; 0 for measured torques
         that contain it [kg m^2].
     efficiency : float or array_like, shape (n,), optional
-        Of the gear, above 0 up to 1: the load's torque over the motor's while it drives, the inverse while it brakes.
+        Efficiency of the gear, from above 0 to 1: load torque over motor torque in driving, the inverse in braking.
 
     Returns
     -------
@@ -348,7 +348,7 @@ def bearing_peaks(robot: Robot | Scene, motion: Any) -> BearingPeaks:
     Parameters
     ----------
     robot : Robot or Scene
-        What moved; of a Scene, its robot with mounting, payload and locked joints.
+        Robot that moved; of a Scene, its robot with mounting, payload and locked joints.
     motion : Trajectory, FastestMotion, Record or function of time
         Any motion that `rne.drives` takes, and of one sample at least.
 

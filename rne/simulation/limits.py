@@ -1,4 +1,4 @@
-"""Where a motion exceeds the limits of its robot: ranges, speeds and efforts of the joints.
+"""Limits of a robot that a motion uses or exceeds: ranges, speeds, accelerations and efforts of the joints.
 
 A simulation applies no limits but those its scene models (stops, torque limits); this says afterwards what a real robot
 could not have done.

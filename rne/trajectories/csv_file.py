@@ -132,7 +132,7 @@ def read_samples(
 ) -> Samples:
     """The samples of a file that must have the quantities `needed`; with `gaps`, NaN for entries left out but times.
 
-    Of points that are not `timed`, the times are their numbers, and a column for them is ignored.
+    Points that are not `timed` have their numbers for times, and a column of times is ignored.
     """
     if isinstance(joint_names, str) or not isinstance(joint_names, Iterable):
         given = type(joint_names).__name__
@@ -261,7 +261,7 @@ class TimeUnit(NamedTuple):
 
     @property
     def divisor(self) -> str:
-        """What times in this unit are divided by."""
+        """Divisor of times in this unit, as text."""
         return f"{UNITS[self.symbol]:g}".replace("e+0", "e")
 
     @property

@@ -276,7 +276,7 @@ class _Profile:
 def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | None = None) -> Array | None:
     """x at grid points, with viscous friction by tangents until they agree; None if the path cannot be driven.
 
-    Of the limits a part may be `allowed` at each grid point, shape (2, N + 1): of rows and of velocities.
+    Only a part of the limits may be `allowed` at each grid point, shape (2, N + 1): of rows and of velocities.
     """
     a, b, c, v, largest = piece.coefficients(grid)
     if allowed is not None:
@@ -312,7 +312,7 @@ def _solve(piece: _Piece, grid: Array, guess: Array | None, allowed: Array | Non
 
 
 def _infeasible(piece: _Piece, grid: Array) -> str:
-    """Where a joint needs most of its torque to stand still, in words."""
+    """The place where a joint needs most of its torque to stand still, in words."""
     at_rest = np.abs(piece.coefficients(grid)[2]).max(0)
     k, row = np.unravel_index(int(at_rest.argmax()), at_rest.shape)  # a torque's: nothing accelerates
     j = int(row) % piece.limits.robot.n
@@ -425,7 +425,7 @@ class FastestMotion(_ReferenceMotion):
     smoothing : float
         The time over which the place on the path is averaged [s].
     unsmoothed_duration : float
-        That of the motion without smoothing [s].
+        Duration of the motion without smoothing [s].
 
     Examples
     --------
@@ -573,7 +573,7 @@ def fastest(
     path : Path or array_like, shape (K, n)
         From `rne.trajectories.through`, or via points for it [rad or m].
     friction : Friction or "urdf", optional
-        What the drives must supply in addition. Coulomb friction counts with its full size from rest.
+        Friction that the drives must overcome. Coulomb friction counts with its full size from rest.
     payload : Payload, PayloadEstimate or float, optional
         A body on the last link, or its mass [kg], as in a `Scene`.
     smoothing : float, optional

@@ -103,7 +103,7 @@ def parse(data: bytes, report: FindingsReport) -> Any | None:
 
 
 def _error_by_expat(data: bytes) -> Any | None:
-    """What expat has against the bytes; it knows no namespaces, after an error of which libxml2 stops at </robot>."""
+    """Error that expat finds; it knows no namespaces, after an error of which libxml2 stops at </robot>."""
     from xml.parsers import expat
 
     try:
@@ -272,7 +272,7 @@ def check_grammar(root: Any, report: FindingsReport) -> None:
 
 
 def _is_foreign(name: str, rule: Rule) -> bool:
-    """Whether a name is one of another program, by its namespace; not if what is read is called the same."""
+    """True for a name of another program, by its namespace; False if what is read has the same name."""
     space, brace, local = name.rpartition("}")
     is_known = local in (*rule.children, *rule.attributes.split()) or "XInclude" in space
     return bool(FOREIGN.match(name) or (brace and not is_known))
@@ -284,7 +284,7 @@ def _cure(tag: str, known: Iterable[str]) -> str:
 
 
 def checked_numbers(parent: Any, tag: str, owner: str, report: FindingsReport) -> dict[str, Any]:
-    """By attribute the numbers of a child, finite ones alone; a finding for each of the others."""
+    """Numbers of a child by attribute, finite ones alone; a finding for each of the others."""
     child = parent.find(tag)
     found: dict[str, Any] = {}
     for attribute, (count, default) in NUMBERS[tag].items():

@@ -195,7 +195,7 @@ def bodies(root: Any, parts: list[Part]) -> list[LinkBody]:
 
 
 def robot_size(parts: list[Part], found: list[LinkBody], *, with_coms: bool = False) -> float:
-    """How far the robot reaches from its root: joint origins, strokes of sliding joints and primitive shapes [m]."""
+    """Reach of the robot from its root: joint origins, strokes of sliding joints and primitive shapes [m]."""
     depths = [0.0]
     for part in parts[1:]:
         strokes = [abs(x) for x in (part.lower, part.upper) if part.kind == "prismatic" and math.isfinite(x)]
@@ -219,7 +219,7 @@ def _density(mass: float, moments: Array, flattest: float) -> float:
 
 
 def _shapes(link: Any) -> tuple[float, Shapes | None]:
-    """How far the primitive shapes reach, and what is known of their volume."""
+    """Reach of the primitive shapes, and their volumes if all are known."""
     groups = [[_extent(shape) for shape in link.findall(kind)] for kind in ("visual", "collision")]
     known = [[extent for extent in group if extent is not None] for group in groups]
     reach = max((float(np.linalg.norm(np.abs(c) + h)) for group in known for c, h, _ in group), default=0.0)

@@ -20,7 +20,7 @@ TRIANGLE_TOLERANCE = 1e-6  # of the trace: files give about six decimals
 def validate(root: Any, report: FindingsReport) -> bool:
     """Report everything wrong with the robot; False if it is none, or one that xacro has still to make.
 
-    What is neither an error nor said to be ignored is safe to read.
+    Elements that are neither an error nor said to be ignored are safe to read.
     """
     if not (_is_robot(root, report) and check_expanded(root, report)):
         return False
@@ -93,7 +93,7 @@ def _check_link(link: Any, report: FindingsReport, *, is_moved: bool) -> None:
 
 
 def shape_errors(visual: Any) -> list[Finding]:
-    """What keeps a visual's cylinder or box from being drawn: nothing else of a visual is read."""
+    """Errors that keep a visual's cylinder or box from being drawn: nothing else of a visual is read."""
     trial = FindingsReport("")
     for kind in ("cylinder", "box"):
         if visual.find(f"geometry/{kind}") is not None:
