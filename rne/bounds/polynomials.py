@@ -41,7 +41,7 @@ class PositionBox:
 
 
 def box_argument(model: Model, positions: Any) -> PositionBox:
-    """Box of the argument `positions`: "circle", "limits" or (lower, upper). Without a range, angles make full turns."""
+    """Box of the argument `positions`: "circle", "limits" or (lower, upper). Angles without a range make full turns."""
     lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
     if isinstance(positions, str):
         if positions not in ("circle", "limits"):
