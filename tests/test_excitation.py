@@ -10,8 +10,8 @@ from scipy.optimize import OptimizeResult
 
 import rne
 from benchmarks.random_robots import random_tree
-from rne.identification.exciting_motion import Observation, Search, Spectrum, log_condition, log_volume
-from rne.identification.motion_limits import FourierBasis, MotionLimits, motion_limits
+from rne.identification.exciting_motions.limits import FourierBasis, MotionLimits, motion_limits
+from rne.identification.exciting_motions.motion import Observation, Search, Spectrum, log_condition, log_volume
 
 from .helpers import loaded
 

@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from benchmarks.random_robots import straight_chain
-from rne.kernels import loops
+from rne.integrators import loops
 
 from .helpers import EPS, relative, states
 

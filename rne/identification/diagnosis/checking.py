@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..basics.text import InNotebooks, Row, aligned, short, wrapped
-from ..plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
+from ...basics.spatial import Array
+from ...basics.text import InNotebooks, Row, aligned, short, wrapped
+from ...plotting.plots import HIDDEN, figure_of, legend_beside, literal, panels, plot_columns, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
