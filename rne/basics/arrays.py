@@ -19,6 +19,7 @@ from .spatial import Array
 FULL_TURN = 6.3  # rad
 Sign = Literal["any", "not negative", "positive"]
 UNBOUNDED = 1e300  # in place of infinity, which a kernel does not hold
+TIME_ROUNDING = 1e-12  # of the last time: by rounding, a solver's last step and its stages lie so far beyond it
 
 
 def real_array(name: str, value: ArrayLike, shape: str) -> Array:

@@ -24,7 +24,7 @@ from ..robot import Robot
 from ..simulation.simulator import simulate
 from ..simulation.trajectory import Trajectory, trajectory_lines
 from ..urdf.loading import load
-from ..validation.agreement import Match, validate
+from ..validation.agreement import ROUNDING, Match, validate
 from .shared import units_of
 from .speed import measure, plot_speed, speed_tables
 
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SAMPLES = 1000  # random states
-ROUNDING = 1e-13  # of the largest torque: what is left of zero
 SWING, MAIN_SWING = 2.0, 10.0  # durations of free swings [s]
 HANGING = np.array([0, 3, 0, 0.3, 0.5, 0])  # [rad], nearly: where every joint swings and none spins
 STRETCHED_OUT = np.array([0, np.pi / 2, -np.pi / 2, 0, 0, 0])  # [rad], horizontally: (6.19)

@@ -30,7 +30,7 @@ EXPLAINED = 0.98  # share of the residuals' squares that a payload explains, if 
 FITTED = 0.2  # [s] after the first contact, over which a payload is fitted
 REACH = 0.3  # [m] from the origin of the last link to where point masses stand for a payload
 SMOOTH = 1 / 6  # of a second difference of torques: twice the error of the trapezoidal rule
-ROUNDING = 1e-10  # of momenta and impulses: above what rounding, and steps of a solver, leave of them
+IMPULSE_ERROR = 1e-10  # of momenta and impulses: above what rounding, and steps of a solver, leave of them
 SAME_STEP = 1e-6  # of the sample time: calls of a guarded law that far apart are as far apart as they should be
 
 
@@ -428,4 +428,4 @@ def _unexplained(robot: Robot, q: Array, qd: Array, middle: tuple[Array, Array],
     forces = turning - robot.gravity_torque(positions)
     impulse, error = _simpson(forces[: len(q)], forces[len(q) :], step)
     sizes = np.abs(momentum).max(-1, keepdims=True) + step * np.abs(forces[: len(q)]).max(-1, keepdims=True)
-    return np.diff(momentum, axis=0) - impulse, error + ROUNDING * (sizes[:-1] + sizes[1:])
+    return np.diff(momentum, axis=0) - impulse, error + IMPULSE_ERROR * (sizes[:-1] + sizes[1:])

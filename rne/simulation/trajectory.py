@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_numbers
+from ..basics.arrays import TIME_ROUNDING, positive_number, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
@@ -22,7 +22,6 @@ LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
 PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer between them
 MOST_LOADS = 20_000  # where a recursion is computed at each
-OUTSIDE = 1e-12  # of the last time: by rounding, a solver's last step ends so far beyond it
 
 
 def trajectory_later(known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
@@ -223,7 +222,7 @@ class Trajectory(MotionFiles, InNotebooks):
             raise ValueError("this motion has no samples")
         times = real_numbers("t", t, "(T,)").astype(np.float64)
         first, last = float(self.t[0]), float(self.t[-1])
-        margin = OUTSIDE * abs(last)
+        margin = TIME_ROUNDING * abs(last)
         outside = (times < first - margin) | (times > last + margin)
         if outside.any():
             raise ValueError(

@@ -37,7 +37,7 @@ UNUSED = 0.007  # of a limit: a gap to every limit above which grid points are s
 CLOSER, ROUNDS = 16, 8  # parts of an interval at most, times that the grid is refined
 NEAR = 0.02  # of an interval, on either side of where arcs are expected to meet
 WAY = 0.1  # length of each piece in the linear programs whose intervals have units of their own
-ROUNDING = 1e-9  # by so much x is kept below the largest, relative
+BELOW = 1e-9  # relative: x is kept so far below the largest, so that the next program has a solution
 SHORTEST = 1e-5  # of the duration: intervals that are divided are longer
 AGREE = 3e-4  # of a limit: between viscous friction and its tangent
 TANGENT = 1e-4  # of a limit: viscous friction below which its tangent stays the same
@@ -48,6 +48,7 @@ BESIDE = 1e-9  # of the duration, on either side of such a time: there a joint m
 SMOOTHING = 0.01  # [s]: what the current controllers of drives follow
 AT_LIMIT = 0.99  # share of a limit from which it counts as used
 CREEP = 1e-12  # [1/s], s' at a stop: Coulomb friction has the sign of the motion that begins or ends there
+OUT_OF_RANGE = 1e-9  # [rad or m] beyond the range of a joint: splines of points at its end round so
 MILLISECOND = 1e-3  # over which steps of torques and accelerations are told
 
 
@@ -192,10 +193,10 @@ def _two_passes(grid: Array, a: Array, b: Array, c: Array, largest: Array, unit:
     for i in reversed(range(len(h2))):  # the x from which the motion can come to rest at the end
         size = float(unit[i])
         following = low[i + 1] / size, high[i + 1] / size
-        high[i] = program(i, None, quickest, np.nan, np.nan, *following)[1] * (1 - ROUNDING) * size
+        high[i] = program(i, None, quickest, np.nan, np.nan, *following)[1] * (1 - BELOW) * size
         if low[i + 1] or not held[i]:  # elsewhere it can stand still
             low[i] = max(program(i, None, slowest, np.nan, np.nan, *following)[1] * size, 0.0)
-    if np.isnan(high).any() or low[0] > ROUNDING * unit[0]:
+    if np.isnan(high).any() or low[0] > BELOW * unit[0]:
         return None
     for i, by in enumerate(np.stack([-h2, -np.ones(len(h2))], axis=1)):  # from the start, each x as large as can be
         size = float(unit[i])
@@ -656,7 +657,7 @@ def _check_range(piece: _Piece) -> None:
     low, high, q = piece.limits.known["lower"], piece.limits.known["upper"], piece.derivatives(piece.first_grid)[0]
     beyond = np.maximum(q - high, low - q)
     k, j = np.unravel_index(int(beyond.argmax()), q.shape)
-    if beyond[k, j] > 1e-9:
+    if beyond[k, j] > OUT_OF_RANGE:
         joint, place = piece.limits.robot.joint_names[j], piece.path._via(piece.index, float(piece.first_grid[k]))
         raise OutOfRange(
             f"`path` leaves the range of joint {joint!r}, {low[j]:.4g} to {high[j]:.4g}: {q[k, j]:.4g} {place}"

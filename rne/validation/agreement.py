@@ -15,7 +15,7 @@ from ..robot import Robot, robot_argument
 from ..urdf import to_urdf
 from .oracle import Oracle, each
 
-ROUNDING = 1e-13  # relative to the largest entry: some hundred rounding errors
+ROUNDING = 1e-13  # of the largest entry: some hundred rounding errors, and what they leave of zero
 STEP = 1e-30  # of the complex-step derivative
 
 
