@@ -16,9 +16,9 @@ from ..control.laws import pd_gravity
 from ..errors import SimulationError, SingularMassMatrixError
 from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from ..model.model import Model
-from ..plotting.html_page import Report, column, lines
+from ..plotting.html_page import Report
 from ..plotting.notebook import BODIES, body_table, joint_table
-from ..plotting.plots import BELOW
+from ..plotting.plots import small_plots
 from ..plotting.robot_picture import small_picture
 from ..robot import Robot
 from ..simulation.simulator import simulate
@@ -114,12 +114,9 @@ def _main_job(robot: Robot, page: Report) -> bool:
 
 def _start(motion: Trajectory) -> Figure:
     """The torques from the first step on, so that what takes a millisecond can be seen."""
-    figure, (ax,) = column("torque [N m]", [2.1])
-    lines(ax, motion.t[1:], motion.tau[1:], motion.model.joint_names if motion.model else ())
-    ax.set_xscale("log")
-    ax.set(xlim=(1e-6, None), xticks=[1e-6, 1e-4, 1e-2, 1])
-    ax.xaxis.set_major_formatter("{x:g}")
-    figure.legend(**BELOW)
+    figure = dict(small_plots(motion))["torque [N m]"]()
+    figure.axes[0].set(xscale="log", xlim=(1e-6, None), xticks=[1e-6, 1e-4, 1e-2, 1])
+    figure.axes[0].xaxis.set_major_formatter("{x:g}")
     return figure
 
 

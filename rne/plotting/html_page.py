@@ -1,4 +1,4 @@
-"""Pages: text, tables and pictures that are printed while they grow and written as HTML, and panels one column wide.
+"""Pages: text, tables and pictures that are printed while they grow and written as HTML.
 
 The HTML is written out here because no template engine is among the dependencies. Pictures have no small print and log
 axes plain numbers, so that they can be read on a phone.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
@@ -19,14 +18,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..basics.spatial import Array
 from ..robot import Robot
 from ..simulation.trajectory import Trajectory
-from .plots import WIDTH, blank_figure, has_matplotlib, plot_columns, small_plots
+from .plots import has_matplotlib, small_plots
 from .robot_picture import animate
 from .viewer import view
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 CSS = """
 :root { color-scheme: light dark; --page: #fff; }
@@ -92,8 +90,6 @@ THREE_D = (  # where a browser can draw it; the picture stays otherwise
     "<script>if(document.createElement('canvas').getContext('webgl2'))document.currentScript.previousElementSibling"
     '.outerHTML=\'<iframe src="%s.html" title="3-D view"></iframe>\'</script>'
 )
-LINE = 46  # characters of a title that fit
-LEGEND, TITLE_ROW = 0.44, 0.25  # heights [inch]
 
 
 class PageBlock(NamedTuple):
@@ -252,29 +248,6 @@ def _is_wide(lines: Sequence[Sequence[str]]) -> bool:
             words[k] += [cell] if len(cell) <= SHORT else cell.split()
     longest = max((len(cell) for row in rows for cell in row), default=0)
     return longest > LONGEST or sum(2 + max(map(len, column), default=0) for column in words) > NARROW
-
-
-def column(title: str, heights: Sequence[float], *, share: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of panels of given heights [inch] below each other, with room for a legend of two rows below all.
-
-    They share one time axis at the bottom, or have one each.
-    """
-    text = textwrap.fill(title, LINE)
-    axis = 0.55 if share else 0.45 * len(heights)
-    figure = blank_figure(WIDTH, sum(heights) + axis + LEGEND + TITLE_ROW * (1 + text.count("\n")))
-    axes = list(figure.subplots(len(heights), 1, sharex=share, height_ratios=list(heights), squeeze=False)[:, 0])
-    figure.suptitle(text)
-    for ax in axes if not share else axes[-1:]:
-        ax.set_xlabel("time [s]")
-    return figure, axes
-
-
-def lines(ax: Axes, t: Array, values: Array, names: Sequence[str], first: int = 0, **style: Any) -> list[Line2D]:
-    """Plot the columns of `values` over time; `first` is the number of the first one's colour."""
-    drawn = plot_columns(ax, t, values, names, [f"C{k}" for k in range(first, first + len(names))], **style)
-    if ax.get_yscale() == "linear":
-        ax.ticklabel_format(axis="y", scilimits=(-3, 4))
-    return drawn
 
 
 def log_axis(ax: Axes) -> None:
