@@ -15,7 +15,7 @@ from benchmarks.random_robots import random_tree
 from rne.basics.spatial import rotation_about
 from rne.dynamics.base_inertial_parameters import independent_columns
 from rne.model.builder import Part, assemble
-from rne.model.fewest_terms import with_fewest_terms
+from rne.model.parameters import with_fewest_terms
 from rne.model.standard_parameters import StandardParameters
 from rne.model.topology import joint_groups
 

@@ -93,7 +93,7 @@ class Quantity:
     core(model, *arrays, **options) gives the result, or (result, pivots of M, diagonal of M) if there is a `check`,
     which turns the pivots into a PrecisionStatus. `moments`: the result depends on the inertial parameters, and through
     `model.moments` alone, so that they may be inputs of a kernel (`rne.kernels.trace`). `base_parameters`: only through
-    the base parameters, so that masses may be redistributed between bodies (``rne/model/fewest_terms.py``).
+    the base parameters, so that masses may be redistributed between bodies (``rne/model/parameters.py``).
     """
 
     name: str

@@ -194,7 +194,7 @@ class KernelCache:
     def forward_kernel(self, **fixed: Any) -> Kernel:
         """The kernel of forward dynamics by the method with fewer operations; `external`, `parameters` as in `compile`.
 
-        That is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
+        It is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
         about the same digits on few joints, and on long chains articulated bodies lose fewer.
         """
         inputs = tuple(fixed.items())

@@ -113,7 +113,7 @@ class Ensemble(InNotebooks):
         Returns
         -------
         ndarray, shape (P, S, n), or (S, n) for one probability
-            In the units of the quantity; `rne.plotting.fan` draws them.
+            In the units of the quantity; `rne.plotting.quantile_plot` draws them.
 
         Raises
         ------

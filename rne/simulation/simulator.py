@@ -95,9 +95,10 @@ def simulate(
     Notes
     -----
     A Robot is simulated without friction, stops or limits: those are parts of a Scene. The work of the drives and the
-    losses by friction are states of the motion, whose errors do not count in the control of steps. Runs of "auto" that begin with DOP853 or RK45 go on
-    with LSODA from where stability, not accuracy, limits the steps; in machine code they go on with Rodas5P, back where
-    that ends, and with the method before where that covered more time per operation. The message says so.
+    losses by friction are states of the motion, whose errors do not count in the control of steps. Runs of "auto" that
+    begin with DOP853 or RK45 go on with LSODA from where stability, not accuracy, limits the steps; in machine code
+    they go on with Rodas5P, back where that ends, and with the method before where that covered more time per
+    operation. The message says so.
 
     Examples
     --------

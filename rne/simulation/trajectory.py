@@ -6,23 +6,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, real_numbers
+from ..basics.arrays import TIME_ROUNDING, output_file, positive_number, real_numbers
 from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
 from .limits import Violation, limit_violations
-from .motion_files import MotionFiles
+from .motion_files import NOT_KEPT, numbered_joints, read_archive, write_archive, write_columns
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
 PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer between them
 MOST_LOADS = 20_000  # where a recursion is computed at each
-OUTSIDE = 1e-12  # of the last time: by rounding, a solver's last step ends so far beyond it
 
 
 class Derived:
@@ -79,7 +80,7 @@ def trajectory_lines(motion: Trajectory) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(MotionFiles, InNotebooks):
+class Trajectory(InNotebooks):
     """A simulated motion.
 
     Attributes
@@ -250,7 +251,7 @@ class Trajectory(MotionFiles, InNotebooks):
             raise ValueError("this motion has no samples")
         times = real_numbers("t", t, "(T,)").astype(np.float64)
         first, last = float(self.t[0]), float(self.t[-1])
-        margin = OUTSIDE * abs(last)
+        margin = TIME_ROUNDING * abs(last)
         outside = (times < first - margin) | (times > last + margin)
         if outside.any():
             raise ValueError(
@@ -352,6 +353,123 @@ class Trajectory(MotionFiles, InNotebooks):
         """Energy error over time, energy - initial energy - work + dissipated: the solver's error, shape (T,) [J]."""
         taken = sum(self.dissipated.values(), np.zeros(len(self.t)))
         return self.energy - self.energy_start - self.work + taken
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the motion, its model and its scene's description to a NumPy archive.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Ending in .npz, in an existing folder.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written; `Trajectory.load` reads it. It names the path of the robot's URDF file, as `model.source`.
+
+        Raises
+        ------
+        ValueError
+            If `path` does not end in .npz.
+        FileNotFoundError
+            If its folder does not exist.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> file = swing.save("swing.npz")  # doctest: +SKIP
+        """
+        file = output_file(path, ".npz")
+        return write_archive(file, {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_KEPT})
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Trajectory:
+        """Read a motion that `save` has written; every number is the same.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file.
+
+        Returns
+        -------
+        Trajectory
+            It has forgotten its scene's controller, so that `trusted_horizon` is not to be had.
+
+        Raises
+        ------
+        ValueError
+            If the file is no such archive, or a damaged one, or an entry of it is missing, unknown, of the wrong shape
+            or type or not finite, or the times do not ascend.
+        FileNotFoundError
+            If there is no such file.
+
+        Examples
+        --------
+        >>> import rne
+        >>> rne.Trajectory.load("swing.npz").message  # doctest: +SKIP
+        """
+        if not isinstance(path, str | PathLike):
+            raise TypeError(f"`path` must be a str or path-like, got {type(path).__name__}")
+        return Trajectory(**read_archive(Path(path), {f.name: str(f.type) for f in fields(cls)}))
+
+    def to_csv(self, path: str | PathLike[str]) -> Path:
+        """Write times, positions, velocities, accelerations and torques as comma-separated values.
+
+        Parameters
+        ----------
+        path : str or path-like
+            In an existing folder.
+
+        Returns
+        -------
+        pathlib.Path
+            The file written: a heading `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`, then one row per
+            sample in SI units, with all digits. `rne.trajectories.read_csv` reads it.
+
+        Raises
+        ------
+        FileNotFoundError
+            If its folder does not exist.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> file = swing.to_csv("swing.csv")  # doctest: +SKIP
+        """
+        return write_columns(path, self.t, self._columns())
+
+    def to_dataframe(self) -> Any:
+        """Times, positions, velocities, accelerations and torques as a table of pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by the time `t` [s], with columns `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> import rne
+        >>> swing = rne.simulate(rne.load("irb140"), [0] * 6, [0] * 6, 0.5)
+        >>> swing.to_dataframe()["q.joint_2"].max()  # doctest: +SKIP
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError:
+            raise ImportError("`to_dataframe` needs pandas, which is not installed: pip install pandas") from None
+        return pandas.DataFrame(self._columns(), index=pandas.Index(self.t, name="t"))
+
+    def _columns(self) -> dict[str, Array]:
+        names = numbered_joints(self.q.shape[1]) if self.model is None else self.model.joint_names
+        parts = ("q", "qd", "qdd", "tau")
+        return {f"{part}.{name}": getattr(self, part)[:, k] for part in parts for k, name in enumerate(names)}
 
 
 def _horizon(bound: float, t: Array, error: Array) -> float:
