@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import mutually_broadcastable_shapes
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.basics.arrays import convert_numbers, per_joint_array, real_array, vector
+
+from .random_robots import random_tree
 
 TREE = random_tree(3, seed=9)
 

@@ -11,7 +11,6 @@ import rne
 from benchmarks.bounds import ACCELERATION as ACCELERATIONS
 from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
-from benchmarks.random_robots import random_tree
 from rne.bounds.articulated import ArticulatedSearch, control_points, functions
 from rne.bounds.bounds import QUANTITIES, Terms, about_first_angle, entry, torque_criteria
 from rne.bounds.branch_and_bound import Clock, Search, climbed, largest, short_basis
@@ -24,6 +23,7 @@ from rne.kernels.cache import KernelCache
 from rne.model.builder import Part, assemble, pose
 
 from .helpers import kept
+from .random_robots import random_tree
 
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
 ROUNDING = 1e-10  # relative: a proof allows 2000 eps of the sum of some 100 terms

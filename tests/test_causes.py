@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks import identification_faults as faults
 from rne.identification import Record
 from rne.identification.regression import build_regression
 from rne.identification.residuals import Residuals
 
+from . import faulty_logs as faults
 from .helpers import kept
 
 QUICK = {

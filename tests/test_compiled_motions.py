@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.kernels import runge_kutta
 from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
@@ -19,6 +18,7 @@ from rne.simulation.plant import Plant, ZeroOrderHold
 from rne.simulation.watch import choose_method
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 TEXTS = "take_steps", "take_samples", "add_stages", "add_sampled_stages"
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}

@@ -9,11 +9,11 @@ import pytest
 from scipy.optimize import OptimizeResult
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.identification.exciting_motion import Observation, Search, Spectrum, log_condition, log_volume
 from rne.identification.motion_limits import FourierBasis, MotionLimits, motion_limits
 
 from .helpers import loaded
+from .random_robots import random_tree
 
 DURATION, HARMONICS = 4.0, 3
 LIMITS = {"acceleration_limit": [10.0] * 3, "effort_limit": [60.0, 150.0, 40.0]}

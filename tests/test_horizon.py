@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from benchmarks.swing import extrapolated
 from rne.simulation.loop import Run, Task
 from rne.simulation.simulator import repeated_error
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 Q0 = np.linspace(0.3, 0.8, 6)
 END = 6.0

@@ -10,10 +10,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.simulation.plant import DryPlant, Plant, Samples
 
 from .helpers import kept, relative, states
+from .random_robots import random_tree, straight_chain
 
 EVERYTHING = {
     "payload": rne.Payload(5.0, [0.05, 0.02, 0.1]),

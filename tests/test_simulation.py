@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.control.laws import pd_gravity
 from rne.model.builder import Part, assemble
 from rne.simulation.loop import Record
@@ -15,6 +14,7 @@ from rne.simulation.plant import Plant, System
 from rne.simulation.solver import AdaptiveSolver, Steps
 
 from .helpers import kept
+from .random_robots import random_tree, straight_chain
 
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
 from rne.simulation import compiled, loop
 from rne.simulation.plant import Plant
@@ -16,6 +15,7 @@ from rne.simulation.solver import Steps
 from rne.simulation.watch import CHECKED, Watch, work_per_step
 
 from .helpers import kept
+from .random_robots import straight_chain
 from .test_compiled_motions import interpreted
 
 pytest.importorskip("numba", reason="Numba is not installed")
