@@ -138,14 +138,14 @@ def test_coriolis_of_a_polar_arm_is_not_at_a_saddle():
 
 def test_samples_and_searches_of_an_arm_are_inside(arm, of_arm):
     rng = np.random.default_rng(1)
-    q = rng.uniform(-np.pi, np.pi, (100_000, arm.n))
+    q = rng.uniform(-np.pi, np.pi, (20_000, arm.n))
     # and around each place where a bound is attained
     places = np.concatenate([getattr(of_arm, name).q.reshape(-1, arm.n) for name in QUANTITIES])
     q = np.concatenate([q, (places[:, None] + 0.1 * rng.normal(size=(len(places), 200, arm.n))).reshape(-1, arm.n)])
     qd, qdd = (rng.choice([-1, 1], q.shape) * x for x in (RATES, ACCELERATIONS))
     assert (abs(arm.gravity_torque(q)) <= of_arm.gravity_torque.upper).all()
     assert (abs(arm.inverse_dynamics(q, qd, qdd)) <= of_arm.torque.upper).all()
-    few = q[::10]
+    few = q[::4]
     M, stiffness = arm.mass_matrix(few), arm.kernel(rne.dynamics.gravity_torque, "q")(few)
     eigenvalues = np.linalg.eigvalsh(M)
     assert (abs(M) <= of_arm.mass_matrix.upper).all()
@@ -158,10 +158,10 @@ def test_samples_and_searches_of_an_arm_are_inside(arm, of_arm):
 
 
 def test_states_and_searches_of_the_benchmark_are_inside(arm, of_arm):
-    """10^5 random states and 20 local searches of each entry, by the robot's own methods."""
+    """10^4 random states and 10 local searches of each entry, by the robot's own methods."""
     proven = {q: {x: getattr(getattr(of_arm, q), x) for x in ("lower", "upper")} for q in QUANTITIES}
-    *_, states = sampled(arm, "circle", 100_000)
-    found = searched(arm, "circle", 20)
+    *_, states = sampled(arm, "circle", 10_000)
+    found = searched(arm, "circle", 10)
     assert outside(states["largest"], proven) == []
     assert outside({q: found[q] for q in QUANTITIES}, proven) == []
     found["torque"][2] *= 1.16  # beyond the bound, which is within 15 %
@@ -206,7 +206,7 @@ def test_entries_that_vanish_are_proven_0(arm, of_arm):
     assert first == ["rounding", "<=", left, "0", "gravity", "torque", "of", "joint_1"]
 
 
-@pytest.mark.parametrize(("n", "seed"), kept([(3, 3), (4, 22), *((6, seed) for seed in range(4))], [(3, 3), (4, 22)]))
+@pytest.mark.parametrize(("n", "seed"), kept([(3, 3), (4, 22), *((6, seed) for seed in range(4))], [(3, 3)]))
 def test_gravity_of_full_turns_is_attained_from_below(n, seed):
     """The product of gravity's largest sine and the largest first moment, by search within the steps of its angles."""
     robot = rne.Robot(random_tree(n, seed, prismatic=0.0))
@@ -255,7 +255,7 @@ def test_control_points_enclose_functions_of_a_range(turns):
     assert (values <= points.max(axis=1)[:, None] + 1e-12).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", kept(range(4), [1]))
 def test_articulated_pivots_at_a_position_are_those_of_the_matrix(seed):
     """On boxes without width they are positive exactly if M - 1 / t is positive definite."""
     robot = random_chain(seed)
@@ -269,7 +269,7 @@ def test_articulated_pivots_at_a_position_are_those_of_the_matrix(seed):
     np.testing.assert_array_equal(holds.all(axis=1), holds.any(axis=1))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", kept(range(4), [3]))
 def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
     """None of 10^5 states is outside, and what a state exceeds is refused."""
     robot = random_chain(seed)
@@ -366,7 +366,7 @@ def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):
     q = rng.uniform(-np.pi, np.pi, (50, 6))
     bound = np.sqrt(np.linalg.eigvalsh(criterion._form(A.evaluate(q)))[:, -1])
     attained = criterion.values(q)
-    v, w = rng.normal(size=(2, 20000, 6))
+    v, w = rng.normal(size=(2, 4000, 6))
     v, w = (x / np.linalg.norm(x, axis=1)[:, None] for x in (v, w))
     sampled = np.linalg.norm(np.einsum("nijk,si,sj->nsk", A.evaluate(q[:5]), v, w), axis=2).max(axis=1)
     assert (sampled <= attained[:5]).all()
@@ -492,7 +492,12 @@ def test_grids_bound_what_lies_between_their_points(degree, steps):
 
 
 @pytest.mark.parametrize(
-    "make", [lambda: rne.load("irb140").locked({"joint_6": 0}), lambda: mimicking(2.0), lambda: random_chain(3)]
+    "make",
+    [
+        pytest.param(lambda: rne.load("irb140").locked({"joint_6": 0}), marks=pytest.mark.long),
+        lambda: mimicking(2.0),
+        lambda: random_chain(3),
+    ],
 )
 def test_second_derivatives_are_within_what_grids_prove(make):
     """Of torques, k_C and an entry of M, in each direction of the search, and less than sums of modes say."""
