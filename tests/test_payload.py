@@ -19,7 +19,11 @@ VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4
 LOAD = rne.Payload(3.0, (0.04, -0.03, 0.08), np.array([[12, 1, 0], [1, 9, -2], [0, -2, 7]]) * 1e-3, "tool0")
 BETWEEN_SAMPLES = 1e-3  # relative, what filters and differences change in a motion up to 0.5 Hz
 GAINS = np.array([12.0, 9.0, 8.0, 3.0, 4.0, 2.5])  # [N m/A]
-THREE = [1, 3, 4]  # joints of the arm of three: a shoulder and two of the wrist, which tell a load in a quarter of the time
+THREE = [
+    1,
+    3,
+    4,
+]  # joints of the arm of three: a shoulder and two of the wrist, which tell a load in a quarter of the time
 
 
 def robot_of(name):
@@ -502,7 +506,9 @@ def test_an_identification_of_currents_gives_the_same_gains(robot):
 
 
 def test_several_records_give_better_gains(arm, currents, gains):
-    more = [[first, second] for first, second in zip(currents, logs(arm, LOAD, 1, units=GAINS, noise=QUIET), strict=True)]
+    more = [
+        [first, second] for first, second in zip(currents, logs(arm, LOAD, 1, units=GAINS, noise=QUIET), strict=True)
+    ]
     both = rne.identify_drive_gains(arm, *more, LOAD)
     assert (both.errors < gains.errors).all()
     assert (np.abs(both.gains - GAINS[THREE]) < 3 * both.errors).all()
