@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import rne
-from rne.kernels import runge_kutta
+from rne.integrators import compiled_methods, runge_kutta
 from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
-from rne.simulation import compiled, loop
+from rne.simulation import loop
 from rne.simulation.plant import Plant, ZeroOrderHold
 from rne.simulation.watch import choose_method
 
@@ -40,8 +40,8 @@ def interpreted(monkeypatch):
         return call
 
     for name in TEXTS:
-        monkeypatch.setattr(compiled, name, getattr(runge_kutta, name))
-    monkeypatch.setattr(compiled, "take_stiff_steps", compiled.rosenbrock.take_steps)
+        monkeypatch.setattr(compiled_methods, name, getattr(runge_kutta, name))
+    monkeypatch.setattr(compiled_methods, "take_stiff_steps", compiled_methods.rosenbrock.take_steps)
     monkeypatch.setattr(Kernel, "address", address)
     is_meant = property(lambda plant: plant.law is None and plant.robot.model.name == "interpreted")
     monkeypatch.setattr(Plant, "is_compiled", is_meant)
@@ -153,7 +153,9 @@ def test_joints_that_stick_and_slip(free, static, monkeypatch):
     run = ([0.3, 0.2], [0.0, 1.0], 1.5)
     how = {"method": "DOP853", "t_eval": np.linspace(0, 1.5, 40), "atol": 1e-11}
     expected = rne.simulate(scenes[0], *run, **how, rtol=1e-10)
-    monkeypatch.setattr("rne.simulation.solver.AdaptiveSolver.steps", lambda self, most: pytest.fail("a step by SciPy"))
+    monkeypatch.setattr(
+        "rne.integrators.scipy_methods.AdaptiveSolver.steps", lambda self, most: pytest.fail("a step by SciPy")
+    )
     got = rne.simulate(scenes[1], *run, **how, rtol=1e-8)
     assert got.message.replace("; in machine code", "") == expected.message
     assert "changes" in got.message
@@ -277,7 +279,7 @@ def test_stages_of_interpolants_that_must_be_examined_are_left_to_the_recursion(
 
     expected = run()
     for name in ("add_stages", "add_sampled_stages"):
-        monkeypatch.setattr(compiled, name, lambda *_: False)
+        monkeypatch.setattr(compiled_methods, name, lambda *_: False)
     got = run()
     np.testing.assert_allclose(got.dissipated["viscous"], expected.dissipated["viscous"], rtol=1e-12)
     assert got.evaluations == expected.evaluations

@@ -205,8 +205,8 @@ def test_a_second_process_needs_no_compiler_and_no_numba(place, tmp_path):
         "def total(x, factor):\n    s = 0.0\n    for i in range(len(x)):\n        s += factor * x[i]\n    return s\n"
     )
     code = (
-        "import sys, numpy as np, rne, text; from .random_robots import straight_chain;"
-        "from rne.kernels import loops, object_code;"
+        "import sys, numpy as np, rne, text; from tests.random_robots import straight_chain;"
+        "from rne.integrators import loops; from rne.kernels import object_code;"
         "compiled = object_code.compiled; texts = [];"
         "object_code.compiled = lambda text, loops: texts.append(text) or compiled(text, loops=loops);"
         "kernel = rne.compile(rne.dynamics.gravity_torque, straight_chain(2), engine='numba');"

@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import OptimizeResult
 
 import rne
-from rne.identification.exciting_motion import Observation, Search, Spectrum, log_condition, log_volume
-from rne.identification.motion_limits import FourierBasis, MotionLimits, motion_limits
+from rne.identification.exciting_motions.limits import FourierBasis, MotionLimits, motion_limits
+from rne.identification.exciting_motions.motion import Observation, Search, Spectrum, log_condition, log_volume
 
 from .helpers import loaded
 from .random_robots import random_tree

@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 
 import rne
 from rne.identification import Record
-from rne.identification.filtering import MARGIN, choose_cutoff, derivatives, low_pass, motion_spectrum, settling
-from rne.identification.screening import clipped, encoder_step
+from rne.identification.log.filtering import MARGIN, choose_cutoff, derivatives, low_pass, motion_spectrum, settling
+from rne.identification.log.screening import clipped, encoder_step
 
 from .helpers import loaded
 from .measurements import measure, record, truth
@@ -132,7 +132,7 @@ def test_decimation_keeps_the_band(true):
 def test_columns_are_reduced_block_by_block_as_one(monkeypatch, true):
     prepared = Record(true.t, true.q, true.tau).prepare(cutoff=5.0)
     whole = prepared.reduce(prepared.tau)
-    monkeypatch.setattr("rne.identification.filtering.BLOCK", 1)
+    monkeypatch.setattr("rne.identification.log.filtering.BLOCK", 1)
     assert np.array_equal(prepared.reduce(prepared.tau), whole)
 
 

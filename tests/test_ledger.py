@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import simpson
 
 import rne
+from rne.integrators.base import Steps
 from rne.model.builder import Part, assemble
 from rne.simulation.ledger import DEGREE, MOST_AT_ONCE, Ledger
-from rne.simulation.solver import Steps
 
 from .helpers import kept
 from .random_robots import random_tree

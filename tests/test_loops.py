@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.kernels import loops
+from rne.integrators import loops
 
 from .helpers import EPS, relative, states
 from .random_robots import straight_chain

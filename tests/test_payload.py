@@ -5,7 +5,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.least_squares import least_squares
+from rne.identification.fit.least_squares import least_squares
 from rne.identification.payload import DENSITY, body_of, doubts, possible_load
 from rne.identification.two_sets import KINDS, load_map, two_sets
 from rne.model.standard_parameters import StandardParameters

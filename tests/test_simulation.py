@@ -8,10 +8,11 @@ import pytest
 
 import rne
 from rne.control.laws import pd_gravity
+from rne.integrators.base import Steps
+from rne.integrators.scipy_methods import AdaptiveSolver
 from rne.model.builder import Part, assemble
 from rne.simulation.loop import Record
 from rne.simulation.plant import Plant, System
-from rne.simulation.solver import AdaptiveSolver, Steps
 
 from .helpers import kept
 from .random_robots import random_tree, straight_chain

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import rne
+from rne.integrators import compiled_methods
+from rne.integrators.base import Steps
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
-from rne.simulation import compiled, loop
+from rne.simulation import loop
 from rne.simulation.plant import Plant
-from rne.simulation.solver import Steps
 from rne.simulation.watch import CHECKED, Watch, work_per_step
 
 from .helpers import kept
@@ -204,7 +205,7 @@ def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
     solvers, times = [], []
     for most in (1, 100):
         plant = Plant(rne.Scene(pair[1], controller=of_time).right_hand_side, None)
-        solvers.append(compiled.RosenbrockSolver(1e-6, 1e-9, plant))
+        solvers.append(compiled_methods.RosenbrockSolver(1e-6, 1e-9, plant, plant.rhs.residual.slopes_in_time, 2))
         solvers[-1].start(plant, 0.0, np.array([0.5, 0.2, 0, 1.0]), 0.1)
         times.append([0.0])
         while solvers[-1].is_running:
@@ -217,22 +218,22 @@ def test_the_first_step_is_a_part_of_the_time_that_is_left(pair):
     """However much has passed before."""
     plant, lengths = Plant(rne.Scene(pair[1]).right_hand_side, None), []
     for begin in (0.0, 1e3):
-        solver = compiled.RosenbrockSolver(1e-6, 1e-9, plant)
+        solver = compiled_methods.RosenbrockSolver(1e-6, 1e-9, plant, plant.rhs.residual.slopes_in_time, 2)
         solver.start(plant, begin, np.array([0.5, 0.2, 0, 1.0]), begin + 0.1)
         lengths.append(np.diff(solver.steps(1).T)[0])
-    assert lengths[0] == pytest.approx(0.1 * compiled.FIRST)
+    assert lengths[0] == pytest.approx(0.1 * compiled_methods.FIRST)
     assert lengths[1] == pytest.approx(lengths[0], rel=1e-5)  # rounding of the time
 
 
 def test_evaluations_are_calls_and_one_per_component_of_the_state_for_each_jacobian(pair, monkeypatch):
-    counts, run = [], compiled.take_stiff_steps
+    counts, run = [], compiled_methods.take_stiff_steps
 
     def noted(*arguments):
         taken = run(*arguments)
         counts.append(arguments[-2])
         return taken
 
-    monkeypatch.setattr(compiled, "take_stiff_steps", noted)
+    monkeypatch.setattr(compiled_methods, "take_stiff_steps", noted)
     scene = rne.Scene(pair[1], controller=of_time)
     motion = rne.simulate(scene, [0.5, 0.2], [0, 1], 0.1, method="Rodas5P")
     calls, jacobians = np.sum(counts, axis=0)

@@ -164,7 +164,7 @@ class Kernel:
         Parameters
         ----------
         lanes : int
-            States side by side that a call computes, 1 or ``rne.kernels.loops.LANES``.
+            States side by side that a call computes, 1 or ``rne.integrators.loops.LANES``.
 
         Returns
         -------

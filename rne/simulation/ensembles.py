@@ -22,9 +22,9 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, counted, short
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted
+from ..integrators.rows import Course, Tick, by_rows
+from ..integrators.runge_kutta import CONTROLLED, FIXED, power, tableau
 from ..kernels.kernel import Kernel
-from ..kernels.row_steps import Course, Tick, by_rows
-from ..kernels.runge_kutta import CONTROLLED, FIXED, power, tableau
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, at_parameters
 from ..robot import Robot
@@ -455,7 +455,7 @@ class SideBySide:
             told = partial(_told, tick, self.work if course is self.courses[-1] else 0)
             X, left = np.full((len(course.times), *x.shape), np.nan, x.dtype), np.arange(len(x))
             if in_machine_code:
-                from ..kernels.many_motions import EXAMINE, LEAVE, in_lanes
+                from ..integrators.lanes import EXAMINE, LEAVE, in_lanes
 
                 code, evaluated, goes_on = in_lanes(course, kernel, chunk.parameters, x, X, told)
                 left, evaluations = np.flatnonzero(code == EXAMINE), evaluations + evaluated

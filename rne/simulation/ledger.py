@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from .solver import Steps, states_at
+from ..integrators.base import Steps
+from ..integrators.scipy_methods import states_at
 
 Powers = Callable[[Array, Array], Array]  # times (N,), states (N, size) -> (N, k)
 

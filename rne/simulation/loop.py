@@ -14,11 +14,12 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
-from .compiled import CompiledSolver, RosenbrockSolver, SampledSolver
+from ..integrators.base import FAILURES, RODAS, SAME, Steps
+from ..integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
+from ..integrators.scipy_methods import AdaptiveSolver, Keeps
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
 from .plant import MAX_EVALUATIONS, DryPlant, Plant, System, ZeroOrderHold
-from .solver import FAILURES, RODAS, SAME, AdaptiveSolver, Keeps, Steps
 from .watch import Watch, fastest_joint
 
 FEWEST = 8  # steps taken at first, where an event may throw them away or someone wants to know how far the run is
@@ -342,7 +343,7 @@ def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> 
 def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
     """A method's loop in machine code where there is one, or SciPy's solver."""
     if method == RODAS:
-        return RosenbrockSolver(task.rtol, task.atol, system)
+        return RosenbrockSolver(task.rtol, task.atol, system, plant.rhs.residual.slopes_in_time, plant.robot.n)
     if method not in COMPILED or not system.is_compiled:
         keeps: Keeps = True if plant.integrated else () if task.t_eval is None else task.t_eval.tolist()
         if system is not plant or task.stops or plant.law is not None:  # that looks inside each step

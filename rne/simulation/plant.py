@@ -318,11 +318,11 @@ class ZeroOrderHold:
         limit, rate = (np.inf if bound is None else bound for bound in (parts.effort_limit, parts.torque_rate))
         return np.array([np.broadcast_to(bound, self.scene.n) for bound in (limit, rate * self.period)])
 
-    def note(self, samples: Samples, states: Array, evaluations: int) -> None:
+    def note(self, samples: tuple[Array, ...], states: Array, evaluations: int) -> None:
         """Samples were taken in machine code: with the controller's states at the last and the next one."""
-        self._append(samples)
+        self._append(Samples(*samples))
         self.state, self.next_state = states
-        self.plant.held, self.evaluations_before = samples.u[-1], evaluations
+        self.plant.held, self.evaluations_before = samples[2][-1], evaluations
 
     def _append(self, samples: Samples) -> None:
         self.table.append(samples)

@@ -14,18 +14,17 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted, SingularMassMatrixError
+from ..integrators.base import EXPLICIT, IMPLICIT, RODAS, SAME
 from ..model.model import joint_array
 from ..robot import Robot
-from .compiled import has_rodas5p
 from .equations_of_motion import RightHandSide, check_law
 from .events import check_within_stops, stops
 from .friction import creep
 from .loop import Failure, Loop, Run, Task
 from .plant import Plant, ZeroOrderHold
 from .scene import Scene, scene_of_robot
-from .solver import EXPLICIT, IMPLICIT, RODAS, SAME
 from .trajectory import Trajectory, between, trajectory_later
-from .watch import choose_method
+from .watch import choose_method, has_rodas5p
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 

@@ -9,12 +9,11 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, RneError
-from ..kernels.rosenbrock import STAGES
-from ..kernels.row_steps import MOST_STEPS
+from ..integrators.base import EXPLICIT, RODAS, Steps
+from ..integrators.rosenbrock import STAGES
+from ..integrators.rows import MOST_STEPS
 from ..robot import Robot
-from .compiled import has_rodas5p
 from .plant import Plant, ZeroOrderHold
-from .solver import EXPLICIT, RODAS, Steps
 
 # Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
 # DOP853 reaches about 6 time constants a step, so this is some 200 steps that accuracy does not ask for.
@@ -272,6 +271,13 @@ def explicit_method(hold: ZeroOrderHold | None) -> str:
 def stiff_method(plant: Plant) -> str:
     """The implicit method for a plant."""
     return RODAS if has_rodas5p(plant) else "LSODA"
+
+
+def has_rodas5p(plant: Plant) -> bool:
+    """True if the equations of motion and their slopes are machine code and no joint sticks."""
+    friction = plant.rhs.friction
+    sticks = friction is not None and friction.sticks
+    return plant.is_compiled and not sticks and plant.rhs.residual.slopes_in_time.is_unrolled
 
 
 def work_per_step(plant: Plant, method: str) -> float:

@@ -100,7 +100,7 @@ class Run:
 def equivalents(mutants):
     """Mutants declared equivalent, with the reason; at most 12 % of those drawn."""
     declared = tomllib.loads(DECLARED.read_text()).get("equivalent", [])
-    reasons = {(d["file"], d["source"], d["old"], d["new"]): d["reason"] for d in declared}
+    reasons = {(d["source"], d["old"], d["new"]): d["reason"] for d in declared}
     found = {m: reasons[m.key()] for m in mutants if m.key() in reasons}
     if len(found) > MOST_EQUIVALENT * len(mutants):
         raise SystemExit(f"{len(found)} of {len(mutants)} mutants declared equivalent, more than {MOST_EQUIVALENT:.0%}")
@@ -109,15 +109,21 @@ def equivalents(mutants):
 
 def listed(root, file):
     """Survivors listed in a file of results, where they are in the present tree."""
-    keys = [
-        (r["file"], r["source"], r["old"], r["new"]) for r in json.loads(file.read_text()) if r["kind"] == "survived"
-    ]
-    there = {f: candidates(root, f) for f in {k[0] for k in keys} if (root / f).exists()}
-    found = {m.key(): m for by_line in there.values() for ms in by_line.values() for m in ms}
-    for key in keys:
-        if key not in found:
-            print(f"no longer there: {key[0]}: {key[2]} -> {key[3]}")
+    rows = [r for r in json.loads(file.read_text()) if r["kind"] == "survived"]
+    found = mutants_of_lines(root, {r["source"] for r in rows})
+    for r in rows:
+        if (r["source"], r["old"], r["new"]) not in found:
+            print(f"no longer there: {r['file']}: {r['old']} -> {r['new']}")
+    keys = dict.fromkeys((r["source"], r["old"], r["new"]) for r in rows)
     return [found[key] for key in keys if key in found]
+
+
+def mutants_of_lines(root, sources):
+    """Mutants on lines of some text, wherever they are, by their keys."""
+    texts = {str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in (root / "rne").rglob("*.py")}
+    files = [file for file, text in texts.items() if any(source in text for source in sources)]
+    every = (m for file in files for ms in candidates(root, file).values() for m in ms)
+    return {m.key(): m for m in every if m.source in sources}
 
 
 KILLED = ("killed", "timeout", "import")

@@ -44,7 +44,7 @@ class Mutant:
         return self.file.split("/")[1] if self.file.count("/") > 1 else ROOT_FILES
 
     def key(self):
-        return self.file, self.source, self.old, self.new
+        return self.source, self.old, self.new
 
     def __str__(self):
         return f"{self.file}:{self.line}: {self.old} -> {self.new}"

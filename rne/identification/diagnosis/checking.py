@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..basics.text import InNotebooks, Row, aligned, short, wrapped
-from ..plotting.plots import HIDDEN, curves, dress, figure_of, legend_beside, literal, panels
+from ...basics.spatial import Array
+from ...basics.text import InNotebooks, Row, aligned, short, wrapped
+from ...plotting.plots import HIDDEN, curves, dress, figure_of, legend_beside, literal, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
