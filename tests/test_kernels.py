@@ -407,7 +407,7 @@ TRACED = {
 
 
 class TestRandomGraphs:
-    @settings(max_examples=50, deadline=None, derandomize=True)
+    @settings(max_examples=25, deadline=None, derandomize=True)
     @given(st.data())
     def test_folded_and_unfolded_agree(self, data):
         self.check(data)
