@@ -3,6 +3,7 @@
 import itertools
 import re
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -127,6 +128,17 @@ def test_coriolis_of_a_two_link_arm():
     assert bound.lower <= exact * (1 + 1e-8)
     assert exact <= bound.upper
     assert bound.is_tight
+
+
+def test_bounds_of_a_two_link_arm_hold_in_exact_numbers():
+    """Of the model's numbers as they are, without any rounding: stretched out, where gravity and M_11 are largest."""
+    m1, m2, l1, c1, c2, i1, i2, g = map(Fraction, (M1, M2, L1, C1, C2, I1, I2, G))
+    found = two_link().bounds(tolerance=1e-9, quantities=["gravity_torque", "mass_matrix"])
+    torques = [g * (m1 * c1 + m2 * (l1 + c2)), g * m2 * c2]
+    assert all(exact <= Fraction(x) for exact, x in zip(torques, found.gravity_torque.upper.tolist(), strict=True))
+    inertia = m1 * c1**2 + i1 + m2 * (l1 + c2) ** 2 + i2
+    assert inertia <= Fraction(float(found.mass_matrix.upper[0, 0]))
+    assert max(found.gravity_torque.upper / found.gravity_torque.attained) <= 1 + 1e-9
 
 
 def test_coriolis_of_a_polar_arm_is_not_at_a_saddle():
@@ -284,6 +296,24 @@ def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
     assert criterion.values(search.higher[None]) > search.target
 
 
+def test_rounding_of_a_pendulum_proves_nothing():
+    """M - 1 / t of one joint, positive by a part in 1e14: that much is rounding."""
+    criterion, box = least_eigenvalue(rne.Robot(planar([2.0], [1.0], [0.5], [0.1])), "circle")
+    attained = criterion.values(box.lower[None])[0]
+    for share, is_proven in ((1e-14, False), (1e-11, True)):
+        search = ArticulatedSearch(criterion, box, box.lower, attained * (1 + share), Clock())
+        x = np.zeros((1, 1, 2))
+        assert search.holds(x)[0].all() == is_proven
+
+
+def test_gravity_that_is_nothing_but_rounding_is_within_its_bound_of_full_turns(irb140):
+    """Joint 1 is upright: its torque is a sum of terms that cancel."""
+    robot = irb140.locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
+    rounding = abs(robot.gravity_torque(np.random.default_rng(1).uniform(-np.pi, np.pi, (1000, 3))))[:, 0].max()
+    upper = gravity_torques_of_full_turns(robot.model)[0]
+    assert max(rounding, 1e-14) <= upper <= 1e-9
+
+
 def test_sliding_joints_have_no_gravity_bound_of_full_turns():
     parts = [
         Part(link="base"),
@@ -354,6 +384,14 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
             real = (np.exp(1j * phase) * M.coefficients).real
             assert np.linalg.eigvalsh(criterion.modes - real).min() > -1e-12
             assert np.linalg.eigvalsh(criterion.modes + real).min() > -1e-12
+
+
+def test_rounding_is_at_least_that_of_the_sum_of_modes():
+    """Of 2000 operations, on a number as large as the quantity can be anywhere."""
+    terms = Terms(KernelCache(two_link().model), box_argument(two_link().model, "circle"))
+    for criterion in (Norm(terms.of(rne.dynamics.mass_matrix, 2)), Modulus(terms.of(rne.dynamics.gravity_torque, 1))):
+        assert criterion.size > 0
+        assert criterion.rounding(0.0) >= 2000 * np.finfo(float).eps * criterion.size
 
 
 def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):

@@ -101,6 +101,7 @@ def test_torques_keep_their_limits_and_one_is_active(arm, motion):
     tau = np.abs(arm.inverse_dynamics(*fine(motion))).max(0)
     assert (tau <= np.array(LIMITS["effort_limit"]) * (1 + TORQUES_BETWEEN)).all()
     assert any(limit.startswith("torque of ") for limit in motion.active)
+    assert f"active limits: {', '.join(motion.active)}" in " ".join(repr(motion).split())
     assert (tau <= motion.limit_use["torque"] * LIMITS["effort_limit"] * (1 + TORQUES_BETWEEN)).all()
 
 
