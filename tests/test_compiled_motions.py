@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.integrators import compiled_methods, runge_kutta
 from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
@@ -22,6 +21,7 @@ from rne.simulation.plant import Plant
 from rne.simulation.zero_order_hold import ZeroOrderHold
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 TEXTS = "take_steps", "take_samples", "add_stages", "add_sampled_stages"
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.integrators import lanes
 from rne.integrators.rows import Course, by_rows
 from rne.integrators.runge_kutta import FIXED, power, tableau
@@ -20,6 +19,7 @@ from rne.simulation import ensembles
 from rne.simulation.simulator import METHODS
 
 from .helpers import kept, loaded, states
+from .random_robots import straight_chain
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from benchmarks.swing import extrapolated
 from rne.simulation.run import Instants, RunResult, Task
 
 from .helpers import kept
+from .random_robots import straight_chain
 
 Q0 = np.linspace(0.3, 0.8, 6)
 END = 6.0

@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import simpson
 
 import rne
-from benchmarks.random_robots import random_tree
 from rne.model.builder import Part, assemble
 
 from .helpers import kept
+from .random_robots import random_tree
 
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
 EXCHANGED = 1e-6  # of the energy exchanged

@@ -313,13 +313,13 @@ class TestFiles:
 
     def test_no_array_of_another_kind_or_shape_is_taken(self, entries):
         file, arrays, texts = entries
-        for name, value in arrays.items():
+        for k, (name, value) in enumerate(arrays.items()):  # of each kind some
             field = name.removeprefix("model.")
-            for wrong in (value.astype(str), value > 0, value.astype(complex), np.array(None).astype("S")):
+            for wrong in (value.astype(str), value > 0, value.astype(complex), np.array(None).astype("S"))[k % 4 :: 4]:
                 text = f"`{name}` must be an array of real numbers, got dtype {wrong.dtype}"
                 with pytest.raises(ValueError, match=f"^{re.escape(f'{str(file)!r}: {text}')}$"):
                     self.load(file, arrays | {name: wrong}, texts)
-            for wrong in (np.zeros((2, *value.shape)), np.array(1.0), np.full(value.shape, np.nan)):
+            for wrong in (np.zeros((2, *value.shape)), np.array(1.0), np.full(value.shape, np.nan))[k % 3 :: 3]:
                 if wrong.size or name.startswith("model."):  # of an array without entries all are finite
                     with pytest.raises(ValueError, match=rf"`{field}` must (have shape|be finite)|{field} [01]"):
                         self.load(file, arrays | {name: wrong}, texts)

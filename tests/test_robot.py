@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 
 from .helpers import EPS, kept, states
+from .random_robots import random_tree, straight_chain
 
 
 @pytest.mark.parametrize("n", kept([2, 9, 10, 14, 20, 21, 30], [2, 9, 10, 21]))

@@ -10,12 +10,12 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.simulation.dry_friction import DryPlant
 from rne.simulation.plant import Plant
 from rne.simulation.zero_order_hold import Samples
 
 from .helpers import kept, relative, states
+from .random_robots import random_tree, straight_chain
 
 EVERYTHING = {
     "payload": rne.Payload(5.0, [0.05, 0.02, 0.1]),

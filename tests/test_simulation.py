@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import random_tree, straight_chain
 from rne.control.laws import pd_gravity
 from rne.integrators.base import Steps
 from rne.integrators.scipy_methods import AdaptiveSolver
@@ -17,6 +16,7 @@ from rne.simulation.plant import Plant
 from rne.simulation.run import Recorder
 
 from .helpers import kept
+from .random_robots import random_tree, straight_chain
 
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.integrators import compiled_methods
 from rne.integrators.base import Steps
 from rne.model.abb_irb140 import CLOSED_LOOPS, KD, KP
@@ -17,6 +16,7 @@ from rne.simulation.method_choice import CHECKED, MethodMonitor, work_per_step
 from rne.simulation.plant import Plant
 
 from .helpers import kept
+from .random_robots import straight_chain
 from .test_compiled_motions import interpreted
 
 pytest.importorskip("numba", reason="Numba is not installed")
