@@ -14,18 +14,17 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
-from ..integrators.base import FAILURES, RODAS, SAME, Steps
+from ..integrators.base import FAILURES, RODAS, SAME, IntegrationOptions, Solver, Steps
 from ..integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
-from ..integrators.scipy_methods import AdaptiveSolver, Keeps
+from ..integrators.scipy_methods import Keeps, SciPySolver
+from ..integrators.tableaus import EXPLICIT
 from .events import Event, Stop, first_crossing
 from .ledger import Ledger
-from .plant import MAX_EVALUATIONS, DryPlant, Plant, System, ZeroOrderHold
+from .plant import MAX_EVALUATIONS, DryPlant, Plant, ZeroOrderHold
 from .watch import Watch, fastest_joint
 
 FEWEST = 8  # steps taken at first, where an event may throw them away or someone wants to know how far the run is
 LONGEST = 1000  # steps taken at once
-Solver = AdaptiveSolver | CompiledSolver
-COMPILED = ("RK45", "DOP853")  # the methods with a loop in machine code
 
 
 class Task(NamedTuple):
@@ -136,11 +135,6 @@ class Loop:
     def _failure(self, error: Exception) -> Failure:
         return Failure(float(getattr(error, "time", None) or self.t), str(error))
 
-    @property
-    def _solver_samples(self) -> bool:
-        """True if the solver samples the controller between its steps."""
-        return isinstance(self.solver, SampledSolver)
-
     def _segment(self) -> None:
         """To the next sample, break, event or the end."""
         end, resumes = self._begin_segment()
@@ -149,12 +143,12 @@ class Loop:
         else:
             self.solver.start(self.system, self.t, self.x, end, self.system.longest_step(self.task.duration))
         events: list[Event] = [*self.system.events, *self.task.stops]
-        modes_may_change = self._solver_samples and self.system is not self.plant  # at any sample
+        modes_may_change = self.solver.takes_samples and self.system is not self.plant  # at any sample
         if not resumes:
             self.most = FEWEST if events or self.task.progress else LONGEST
         solver = self.solver  # of this segment: another one may take over at its end
         while solver.is_running:
-            steps = solver.steps(min(self.most, LONGEST if self._solver_samples else self.watch.steps_to_look))
+            steps = solver.steps(min(self.most, LONGEST if self.solver.takes_samples else self.watch.steps_to_look))
             self.most = 2 * self.most
             crossing = first_crossing(events, steps)
             count = len(steps.T) - 1 if crossing is None else crossing.step + 1
@@ -191,7 +185,9 @@ class Loop:
     def _begin_segment(self) -> tuple[float, bool]:
         """Sample the controller if it is due, settle what sticks; the segment's end, and whether the solver goes on."""
         t, hold = self.t, self.hold
-        is_sample = hold is not None and t >= hold.next and not (self._solver_samples and self.system is self.plant)
+        is_sample = (
+            hold is not None and t >= hold.next and not (self.solver.takes_samples and self.system is self.plant)
+        )
         if hold is not None and is_sample:
             hold.sample(t, self.x)
         if self.ledger is not None:
@@ -205,7 +201,7 @@ class Loop:
     def _next_switch(self) -> float:
         """The next sample, the next break or the end."""
         duration, hold = self.task.duration, self.hold
-        if hold is not None and not self._solver_samples:
+        if hold is not None and not self.solver.takes_samples:
             return hold.next if hold.next < duration * (1 - 1e-12) else duration
         return next((b for b in self.breaks if b > self.t), duration)
 
@@ -250,7 +246,7 @@ class Loop:
             count = self.hold.count
             parts.append(f"the controller was sampled {count} times, every {self.hold.period:g} s")
         went = "; ".join(part for part in parts if part) or "the end was reached"
-        words = [getattr(self.solver, "note", ""), went if self.stop is None else self.stop.message(self.t)]
+        words = [self.solver.note, went if self.stop is None else self.stop.message(self.t)]
         return "; ".join(word for word in words if word)
 
 
@@ -330,7 +326,7 @@ class Record:
         self.parts.append((t, x, system.accelerations_at(t, x, self.same)))
 
 
-def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> tuple[System, Solver]:
+def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> tuple[Any, Solver]:
     """What is integrated, and by what."""
     friction = plant.rhs.friction
     if friction is not None and friction.sticks:
@@ -342,20 +338,20 @@ def _system_and_solver(plant: Plant, task: Task, hold: ZeroOrderHold | None) -> 
 
 def _solver(system: Any, plant: Plant, task: Task, method: str, hold: ZeroOrderHold | None) -> Solver:
     """A method's loop in machine code where there is one, or SciPy's solver."""
+    options = IntegrationOptions(method, task.rtol, task.atol, task.t_eval)
     if method == RODAS:
-        return RosenbrockSolver(task.rtol, task.atol, system, plant.rhs.residual.slopes_in_time, plant.robot.n)
-    if method not in COMPILED or not system.is_compiled:
+        return RosenbrockSolver(options, system, plant.rhs.residual.slopes_in_time, plant.robot.n)
+    if method not in EXPLICIT or not system.is_compiled:
         keeps: Keeps = True if plant.integrated else () if task.t_eval is None else task.t_eval.tolist()
         if system is not plant or task.stops or plant.law is not None:  # that looks inside each step
             keeps = None
-        solver = AdaptiveSolver(method, task.rtol, task.atol, keeps)
-        if method in COMPILED and plant.robot.engine == "numba":
+        solver = SciPySolver(options, keeps)
+        if method in EXPLICIT and plant.robot.engine == "numba":
             why = "the law is called" if plant.law is not None else "the equations are too large to be written out"
             solver.note = f"by SciPy, as {why}"
         return solver
-    how = method, task.rtol, task.atol, system.kernel
     if hold is None or hold.traced is None:
-        return CompiledSolver(*how)
+        return CompiledSolver(options, system.kernel)
     if isinstance(system, DryPlant):
         system.samples = hold.samples
-    return SampledSolver(*how, hold)
+    return SampledSolver(options, system.kernel, hold)

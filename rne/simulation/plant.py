@@ -100,6 +100,11 @@ class Plant(System):
         self._state_function = self.kernel.state_function_unguarded if self.kernel.is_unrolled else None
 
     @property
+    def counted(self) -> int:
+        """Number of the states whose errors count: all."""
+        return self.rhs.size
+
+    @property
     def is_compiled(self) -> bool:
         """True if no law is called and the kernel is machine code."""
         return self.law is None and self.kernel.is_unrolled and self.robot.engine == "numba"
@@ -411,6 +416,11 @@ class DryPlant(System):
     @evaluations.setter
     def evaluations(self, count: int) -> None:
         self.plant.evaluations = count
+
+    @property
+    def counted(self) -> int:
+        """Number of the states whose errors count."""
+        return self.smooth.counted
 
     @property
     def held(self) -> Array:

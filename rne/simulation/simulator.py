@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import check_function, positive_number, real_array
 from ..basics.spatial import Array
 from ..errors import NotFiniteError, SimulationError, SimulationInterrupted, SingularMassMatrixError
-from ..integrators.base import EXPLICIT, IMPLICIT, RODAS, SAME
+from ..integrators.base import IMPLICIT, RODAS, SAME
+from ..integrators.tableaus import EXPLICIT
 from ..model.model import joint_array
 from ..robot import Robot
 from .equations_of_motion import RightHandSide, check_law
