@@ -11,7 +11,7 @@ import pytest
 import rne
 from benchmarks.random_robots import straight_chain
 from rne.integrators import compiled_methods, runge_kutta
-from rne.integrators.step_control import Interval
+from rne.integrators.step_control import Interval, Problem, Storage
 from rne.integrators.tableaus import tableau
 from rne.kernels.kernel import Kernel
 from rne.kernels.program import NeedsRecursion
@@ -291,15 +291,15 @@ def test_a_step_that_is_cut_ends_exactly_at_the_end():
     t, end = next((a, b) for a, b in np.random.default_rng(0).uniform(0, [0.1, 1.0], (10**4, 2)) if a + (b - a) < b)
     T, X, H = np.full(9, t), np.ones((9, 1)), np.full(9, 10.0)
     K, count, work = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), np.zeros(1)
-    interval = Interval(t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
+    interval = Interval(tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
     arguments = np.zeros(1), np.zeros(1)
 
     def at_rest(t, x, rates):
         rates[:] = 0.0
         return True
 
-    given = at_rest, arguments, interval, tableau("RK45"), end, runge_kutta.GO_ON
-    assert runge_kutta.take_steps(*given, T, X, K, H, count, work) == 1
+    problem, steps = Problem(at_rest, arguments, interval), Storage(T, X, K, H, count, work)
+    assert runge_kutta.take_steps(problem, end, runge_kutta.GO_ON, steps) == 1
     assert T[1] == end
 
 

@@ -331,7 +331,7 @@ class TestLanes:
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         t_eval, positions = grid[[5, 7, 20]] if fixed else times, 2 * (method == FIXED[1])
         options = {"t_eval": t_eval, "grid": grid, "positions": positions}
-        how = Interval(0.0, 0.2, -np.inf, np.inf, 1e-4, 1e-7, 4, **options), tableau(method), rhs.kernel
+        how = Interval(tableau(method), 0.0, 0.2, -np.inf, np.inf, 1e-4, 1e-7, 4, **options), rhs.kernel
         x = np.concatenate(starts, axis=1)[:count]
         X, expected = np.full((2, 3, count, 4), np.nan)
         told = []
@@ -345,11 +345,11 @@ class TestLanes:
 
     def test_motions_to_be_examined_are_left(self, plain, chain, starts):
         rhs, x = rne.Scene(chain).right_hand_side, np.concatenate(starts, axis=1)[:12]
-        interval = Interval(0.0, 1e-9, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.array([1e-9]))
+        interval = Interval(tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.array([1e-9]))
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X, told = np.full((1, 12, 4), np.nan), []
-        code = lanes.run_lanes(interval, tableau("RK45"), rhs.kernel, np.zeros((12, 0)), x, X, told.append).code
+        code = lanes.run_lanes(interval, rhs.kernel, np.zeros((12, 0)), x, X, told.append).code
         assert sum(told) == 9
         left = np.flatnonzero(code)
         assert left.tolist() == [0, 7, 11]
@@ -490,7 +490,7 @@ def test_a_first_step_that_is_no_number_is_named():
 @pytest.mark.parametrize("engine", ["numpy", "lanes"])
 def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
     """Of 1e20 rad/s steps would be 1e-21 s long."""
-    how = Interval(0.0, 1.0, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.ones(1)), tableau("RK45")
+    how = Interval(tableau("RK45"), 0.0, 1.0, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.ones(1))
     x, X = np.array([[0, 0, 1.0, 1.0], [0, 0, 1e20, 0]]), np.full((1, 2, 4), np.nan)
     kernel = SimpleNamespace(names=("t", "x"), widths=(1, 4), operations={}, is_unrolled=True, engine="numpy")
     turning = lambda t, x: np.stack([x[:, 2], x[:, 3], -x[:, 2] * np.sin(x[:, 0]) * x[:, 2], 0 * x[:, 3]], axis=1)  # noqa: E731
@@ -505,7 +505,7 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
             rne.NotFiniteError,
             match=r"^start 1 at t = \d\.\d+e-\d+ s: 100 steps came no further, and the motion would take more than 1e\+10$",
         ):
-            run_rows(*how, kernel, np.zeros((2, 0)), np.arange(2), x, X, lambda count: None)
+            run_rows(how, kernel, np.zeros((2, 0)), np.arange(2), x, X, lambda count: None)
         return
     monkeypatch.setattr(lanes, "compiled", lambda text: text)
 
@@ -513,7 +513,7 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
         return sound([t.reshape(1, -1).T, x.reshape(4, -1).T], out.reshape(4, -1).T).all()
 
     kernel.address = lambda lanes: function
-    code = lanes.run_lanes(*how, kernel, np.zeros((2, 0)), x, X, lambda count: None).code
+    code = lanes.run_lanes(how, kernel, np.zeros((2, 0)), x, X, lambda count: None).code
     assert code.tolist() == [0, NEEDS_RECURSION]
 
 

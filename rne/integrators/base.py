@@ -166,6 +166,7 @@ class Solver(ABC):
     """
 
     note = ""  # for the message of a run
+    tableau: Any = ()
     takes_samples = False  # True if a law is sampled between the steps of one call
 
     def __init__(self, options: IntegrationOptions) -> None:
@@ -189,7 +190,7 @@ class Solver(ABC):
         """The time to go, as loops take it."""
         (first, last), options, system = map(float, self.system.span), self.options, self.system
         tolerances = options.rtol, options.atol, system.counted
-        return Interval(float(self.t), float(self.end), first, last, *tolerances, float(self.max_step))
+        return Interval(self.tableau, float(self.t), float(self.end), first, last, *tolerances, float(self.max_step))
 
     @abstractmethod
     def steps(self, max_steps: int) -> Steps:

@@ -22,6 +22,7 @@ from .base import RODAS, IntegrationOptions, Interpolant, Sampler, Solver, Steps
 from .loops import compiled
 from .runge_kutta import AFTER_A_JUMP, ANEW, GO_ON
 from .scipy_methods import SciPySolver
+from .step_control import Problem, Storage
 from .tableaus import tableau
 
 take_steps, take_samples = compiled(runge_kutta.take_steps), compiled(runge_kutta.take_samples)
@@ -116,21 +117,20 @@ class CompiledSolver(Solver):
 
     def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many."""
-        work, u = self._arrays(max_steps), None if self.system.held is None else np.array(self.system.held)
-        interval = self.interval()
-        given = self.rates, _arguments(len(self.x), u), interval, self.tableau, interval.end, self.how, *work
-        taken = take_steps(*given)
+        work, u = self._storage(max_steps), None if self.system.held is None else np.array(self.system.held)
+        problem = Problem(self.rates, _arguments(len(self.x), u), self.interval())
+        taken = take_steps(problem, problem.interval.end, self.how, work)
         return self._taken(taken, work, u) if taken else self._step_by_scipy(self.end)
 
-    def _arrays(self, max_steps: int) -> tuple[Array, ...]:
-        """T, X, K, H and the counts of evaluations, with what is known; room for an estimate of errors."""
+    def _storage(self, max_steps: int) -> Storage:
+        """Room for steps, with what is known of the first."""
         n, stages = len(self.x), self.tableau.D.shape[1]
         T, X, K = np.empty(max_steps + 1), np.empty((max_steps + 1, n)), np.empty((max_steps, stages, n))
         H, count = np.empty(max_steps + 1), np.zeros(max_steps, dtype=np.int64)
         T[0], X[0], K[0, 0], H[0] = self.t, self.x, self.f, self.h
-        return T, X, K, H, count, np.empty(n)
+        return Storage(T, X, K, H, count, np.empty(n))
 
-    def _taken(self, taken: int, work: tuple[Array, ...], u: Array | None, U: Array | None = None) -> Block:
+    def _taken(self, taken: int, work: Storage, u: Array | None, U: Array | None = None) -> Block:
         """The block, behind which the next one begins."""
         T, X, K, H, count, _ = work
         self.system.evaluations += int(count.sum())
@@ -149,11 +149,13 @@ class CompiledSolver(Solver):
     def extend(self, block: Block) -> None:
         """Add the stages that only interpolants need, by the recursion where a state needs it."""
         A, C, system, interval = self.tableau.A2, self.tableau.C2, self.system, block.interval
+        if not len(C):
+            return
         u = None if block.u is None else block.u.copy()
         U = np.zeros((len(block.K), 0)) if block.U is None else block.U
         system.evaluations += len(C) * len(block.K)
-        given = _arguments(block.X.shape[1], u), interval, A, C, block.T, block.X, block.K, U
-        if not len(C) or add_stages(self.rates, *given):
+        problem = Problem(self.rates, _arguments(block.X.shape[1], u), interval)
+        if add_stages(problem, block.T, block.X, block.K, U):
             return
         for t, h, x, K, held in zip(block.T, np.diff(block.T), block.X, block.K, U, strict=False):
             if u is not None:
@@ -183,17 +185,16 @@ class SampledSolver(CompiledSolver):
     def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many."""
         sampler, n, m = self.sampler, self.bounds.shape[1], len(self.sampler.state)
-        work, u = self._arrays(max_steps), np.array(self.system.held)
+        work, u = self._storage(max_steps), np.array(self.system.held)
         law = self.law.address(), _arguments(2 * n + m, None), np.empty(self.law.traced.entries)
         number, z = np.array([sampler.count, 0]), np.stack([sampler.state, sampler.next_state])
         begun, U, Z = np.empty(max_steps + 1, np.int64), np.empty((max_steps + 1, n)), np.empty((max_steps + 1, m))
-        given = self.rates, _arguments(len(self.x), u), self.interval(), self.tableau, sampler.period, self.how
-        taken = take_samples(*law, *given, *work, (number, self.bounds, z, begun, U, Z))
+        problem = Problem(self.rates, _arguments(len(self.x), u), self.interval())
+        taken = take_samples(law, problem, sampler.period, self.how, work, (number, self.bounds, z, begun, U, Z))
         begun = begun[: number[1]]
         if len(begun):
-            T, X, _, _, count, _ = work
-            samples = T[begun], X[begun, : 2 * n], U[begun], Z[: len(begun)]
-            sampler.note(samples, z, self.system.evaluations + int(count[: begun[-1]].sum()))
+            samples = work.T[begun], work.X[begun, : 2 * n], U[begun], Z[: len(begun)]
+            sampler.note(samples, z, self.system.evaluations + int(work.evaluations[: begun[-1]].sum()))
         if taken:
             return self._taken(taken, work, u, U[:taken])
         if self.t >= sampler.next:
@@ -230,7 +231,7 @@ class RosenbrockSolver(Solver):
 
     def __init__(self, options: IntegrationOptions, system: System, slopes: Kernel, n: int) -> None:
         super().__init__(options)
-        self.system, self.slopes, self.n = system, slopes, n
+        self.system, self.slopes, self.n, self.tableau = system, slopes, n, rosenbrock.TABLEAU
         self.functions: tuple[Any, Any] = (system.kernel.address(), slopes.address())
 
     def steps(self, max_steps: int) -> Steps:
@@ -249,8 +250,8 @@ class RosenbrockSolver(Solver):
         H, work = np.empty(max_steps + 1), rosenbrock.workspace(n, system.counted, size)
         T[0], X[0], H[0] = self.t, self.x, self.h or FIRST * (self.end - self.t)
         time, x, *held = arguments = _arguments(size, None if system.held is None else np.array(system.held))
-        given = arguments, (time, x, np.empty(n), *held), self.interval(), rosenbrock.TABLEAU
-        taken = loop(*functions, *given, T, X, P, H, count, work)
+        slopes = functions[1], (time, x, np.empty(n), *held)
+        taken = loop(Problem(functions[0], arguments, self.interval()), slopes, Storage(T, X, P, H, count, work))
         system.evaluations += int(count[0]) + system.counted * int(count[1])
         self.t, self.x, self.h = float(T[taken]), X[taken], float(H[taken])
         return RosenbrockSteps(T[: taken + 1], X[: taken + 1], P[:taken])

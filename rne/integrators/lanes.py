@@ -37,14 +37,13 @@ MOTION, TIME, STEPS, TAKEN, WANTS, LANE_ROWS = 0, 1, 2, 3, 4, 5
 NOW, LENGTH, END, FIFTH, THIRD, NEXT, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6
 
 
-def workspace(widths: tuple[int, ...], table: Tableau) -> tuple[Any, ...]:
+def workspace(widths: tuple[int, ...], tableau: Tableau) -> tuple[Any, ...]:
     """Arrays for `run_all`, of a kernel's arguments of these widths, the second of which is the state."""
     inputs, saved = (tuple(np.zeros(width * LANES) for width in widths) for _ in range(2))
-    entries, rows = widths[1] * LANES, max(len(table.B) + 1, table.D.shape[1])
-    y, new, total, h, before = np.zeros((5, entries))
-    slopes = np.zeros((rows, entries)), np.zeros((max(1, len(table.D)), entries))
+    entries, rows = widths[1] * LANES, max(len(tableau.B) + 1, tableau.D.shape[1])
+    slopes = np.zeros((rows, entries)), np.zeros((max(1, len(tableau.D)), entries))
     numbers = np.zeros((LANE_ROWS, LANES), np.int64), np.zeros((STEP_ROWS, LANES))
-    return inputs, saved, (y, new, total, h, before), slopes, *numbers
+    return inputs, saved, tuple(np.zeros((5, entries))), slopes, *numbers
 
 
 @inline
@@ -162,9 +161,9 @@ def put_stage(interval: Any, y: Any, total: Any, h: Any, c: Any, inputs: Any, st
 
 
 @inline
-def estimate_errors(interval: Any, E: Any, y: Any, new: Any, total: Any, K: Any, step: Any) -> None:
+def estimate_errors(interval: Any, y: Any, new: Any, total: Any, K: Any, step: Any) -> None:
     """The error of each lane's step."""
-    count, rtol, atol = interval.counted, interval.rtol, interval.atol
+    E, count, rtol, atol = interval.tableau.E, interval.counted, interval.rtol, interval.atol
     for k in range(LANES):
         step[THIRD, k] = 0.0
     for estimate in range(E.shape[0]):
@@ -183,9 +182,9 @@ def estimate_errors(interval: Any, E: Any, y: Any, new: Any, total: Any, K: Any,
 
 
 @inline
-def accept(interval: Any, exponent: Any, lane: Any, step: Any) -> bool:
+def accept(interval: Any, lane: Any, step: Any) -> bool:
     """Which steps are taken, and the lengths to try next; True if a time to report is inside of one."""
-    wants, times = False, interval.t_eval
+    wants, times, exponent = False, interval.t_eval, interval.tableau.exponent
     for k in range(LANES):
         error, was_taken = step[FIFTH, k], lane[TAKEN, k]
         if len(interval.grid):
@@ -258,17 +257,7 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
 
 
 def run_all(
-    function: Any,
-    interval: Any,
-    tableau: Any,
-    sources: Any,
-    F: Any,
-    H: Any,
-    code: Any,
-    count: Any,
-    X: Any,
-    work: Any,
-    go_on: Any,
+    function: Any, interval: Any, sources: Any, F: Any, H: Any, code: Any, count: Any, X: Any, work: Any, go_on: Any
 ) -> int:
     """Every motion from its row of `sources` to the end; states at the times to report into X[time, motion].
 
@@ -276,7 +265,7 @@ def run_all(
     motion that waits for a lane and the evaluations after which to return; the result is the next such motion, or
     EMPTY at the end.
     """
-    A, B, C, E, A2, C2, D, exponent = tableau
+    A, B, C, _, A2, C2, D, _ = interval.tableau
     inputs, saved, (y, new, total, h, before), (K, Q), lane, step = work
     stages, is_fixed, positions, (waiting, left) = len(B), len(interval.grid) > 0, interval.positions, go_on
     if waiting == 0:
@@ -310,8 +299,8 @@ def run_all(
         if not is_valid:
             continue
         if not is_fixed:
-            estimate_errors(interval, E, y, new, total, K, step)
-        if accept(interval, exponent, lane, step):
+            estimate_errors(interval, y, new, total, K, step)
+        if accept(interval, lane, step):
             for s in range(len(C2)):
                 combine(A2[s], stages + 1 + s, K, total)
                 put_stage(interval, y, total, h, C2[s], inputs, step)
@@ -329,14 +318,14 @@ def run_all(
 
 
 def run_lanes(
-    interval: Interval, tableau: Tableau, kernel: Kernel, parameters: Array, x: Array, X: Array, progress: Progress
+    interval: Interval, kernel: Kernel, parameters: Array, x: Array, X: Array, progress: Progress
 ) -> BatchResult:
     """Motions from states x, shape (N, size), into X[time, motion], which is NaN where nothing is reported.
 
     Machine code returns to Python after some OPERATIONS, so that Ctrl-C is heard.
     """
     x, N, units = np.ascontiguousarray(x), len(x), max(len(interval.grid) - 1, 1)
-    work, address = workspace(kernel.widths, tableau), kernel.address(LANES)
+    work, address = workspace(kernel.widths, interval.tableau), kernel.address(LANES)
     more = (np.ascontiguousarray(parameters),)[: len(kernel.names) - 2]
     code, count, H, F = np.zeros(N, np.int64), np.zeros(N, np.int64), np.zeros(N), np.zeros_like(x)
 
@@ -348,12 +337,10 @@ def run_lanes(
     begin = np.full(N, interval.begin)
     if not len(interval.grid):
         rates(begin, x, F)
-        H = first_lengths(
-            lambda t, states: rates(t, states.T, np.zeros_like(x)).T, interval, tableau.exponent, x.T, F.T
-        )
+        H = first_lengths(lambda t, states: rates(t, states.T, np.zeros_like(x)).T, interval, x.T, F.T)
         count += 2
     most, waiting, done = max(1, OPERATIONS // max(1, sum(kernel.operations.values()))), 0, 0
-    given = address, interval, tableau, (begin[:, None], x, *more), F, H, code, count, X, work
+    given = address, interval, (begin[:, None], x, *more), F, H, code, count, X, work
     try:
         while waiting != EMPTY:
             waiting, before = compiled(run_all)(*given, (waiting, most)), done
@@ -366,23 +353,16 @@ def run_lanes(
 
 
 def run_batch(
-    interval: Interval,
-    tableau: Tableau,
-    kernel: Kernel,
-    parameters: Array,
-    numbers: Array,
-    x: Array,
-    X: Array,
-    progress: Progress,
+    interval: Interval, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, progress: Progress
 ) -> BatchResult:
     """The same by machine code where the kernel is that, and by NumPy otherwise and for what needs the recursion."""
     part, left = BatchResult(np.full(len(x), NEEDS_RECURSION), 0, OK, is_done=True), np.arange(len(x))
     if kernel.engine == "numba" and kernel.is_unrolled and x.dtype == np.float64:
-        part = run_lanes(interval, tableau, kernel, parameters, x, X, progress)
+        part = run_lanes(interval, kernel, parameters, x, X, progress)
         left = np.flatnonzero(part.code == NEEDS_RECURSION)
     if not len(left) or not part.is_done:
         return part
     some = np.full((len(X), len(left), x.shape[1]), np.nan, x.dtype)
-    rest = run_rows(interval, tableau, kernel, parameters[left], numbers[left], x[left], some, progress)
+    rest = run_rows(interval, kernel, parameters[left], numbers[left], x[left], some, progress)
     X[:, left], part.code[left] = some, rest.code
     return rest._replace(code=part.code, evaluations=part.evaluations + rest.evaluations)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.spatial import Array
-from .loops import copy, evaluate, inline
+from .loops import combine, copy, evaluate, inline
 from .step_control import shortest_step, step_factor
 
 STAGES = 8
@@ -162,30 +162,18 @@ def solve_stage(S: Any, G: Any, n: Any, c: Any, by_time: Any, f: Any, b: Any, u:
         u[i] = total / c
 
 
-def take_steps(
-    rates: Any,
-    slopes: Any,
-    state: Any,
-    point: Any,
-    interval: Any,
-    tableau: Any,
-    T: Any,
-    X: Any,
-    P: Any,
-    H: Any,
-    count: Any,
-    work: Any,
-) -> int:
-    """Steps into T and X from T[0] and X[0], and their interpolants' vectors into P, (steps, 3, size); how many.
+def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
+    """Steps into the storage from T[0] and X[0] on; how many.
 
-    `rates` is a function of `state` (t, x, and inputs where they are held), `slopes` of `point` (t, x, qdd, inputs);
-    both share t and x, which are overwritten. H[k] is the length with which step k is tried first; count[0] and [1]
-    gain the evaluations of both. `work` is what `workspace` makes.
+    `slopes` is a function and its arguments t, x, qdd and inputs; it shares t and x with the right-hand side. In place
+    of slopes the storage has the interpolants' vectors P, (steps, 3, size), and count[0] and [1] gain the evaluations
+    of right-hand side and slopes. `work` is what `workspace` makes.
     """
+    rates, state, interval = problem
     end, first, last, rtol, atol = interval.end, interval.first, interval.last, interval.rtol, interval.atol
-    A, C, alpha, gamma, interpolant = tableau
-    S, W, G, b, U, start, f = work
-    time, x, qdd = state[0], state[1], point[2]
+    A, C, alpha, gamma, interpolant = interval.tableau
+    T, X, P, H, count, (S, W, G, b, U, start, f) = steps
+    time, x, qdd = state[0], state[1], slopes[1][2]
     size, n, counted = len(x), len(qdd), interval.counted
     for step in range(len(T) - 1):
         t, y = T[step], X[step]
@@ -196,10 +184,9 @@ def take_steps(
         count[0] += 1
         if not evaluate(rates, state, start):
             return step
-        for i in range(n):
-            qdd[i] = start[n + i]
+        copy(start[n:], qdd)
         count[1] += 1
-        if not evaluate(slopes, point, S):
+        if not evaluate(slopes[0], slopes[1], S):
             return step
         rejected = False
         while True:
@@ -237,9 +224,7 @@ def take_steps(
         T[step + 1] = reached
         copy(x, X[step + 1])
         for k in range(len(interpolant)):
-            for i in range(size):
-                P[step, k, i] = 0.0
-            add(interpolant[k], STAGES, 1.0, U, P[step, k])
+            combine(interpolant[k], STAGES, U, P[step, k])
         if reached >= end:
             return step + 1
     return len(T) - 1

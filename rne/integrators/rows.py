@@ -102,8 +102,9 @@ def combine(weights: Array, K: Array) -> Array:
 class RowSteps:
     """Steps of each motion's own lengths, or those of the grid; states at the times to report into X[time, motion]."""
 
-    def __init__(self, rates: Rates, tableau: Tableau, X: Array) -> None:
-        self.rates, self.tableau, self.interval, self.X = rates, tableau, rates.interval, X
+    def __init__(self, rates: Rates, X: Array) -> None:
+        self.rates, self.interval, self.X = rates, rates.interval, X
+        self.tableau: Tableau = self.interval.tableau
         self.is_fixed, self.code = len(self.interval.grid) > 0, np.zeros(X.shape[1], dtype=np.int64)
 
     def run(self, x: Array, progress: Progress) -> None:
@@ -113,9 +114,7 @@ class RowSteps:
         self.row, self.reported, self.steps = np.arange(N), np.zeros(N, dtype=int), np.zeros(N, dtype=int)
         self.K = np.empty((self.tableau.D.shape[1], *self.x.shape), x.dtype)
         self.rates(self.t, self.x, self.K[0])
-        self.h = np.zeros(N)
-        if not self.is_fixed:
-            self.h = first_lengths(self.rates, interval, self.tableau.exponent, self.x, self.K[0])
+        self.h = np.zeros(N) if self.is_fixed else first_lengths(self.rates, interval, self.x, self.K[0])
         self.taken = np.ones(N, dtype=bool)  # the step before
         while self.rates.moving:
             self._step()
@@ -234,18 +233,11 @@ class RowSteps:
 
 
 def run_rows(
-    interval: Interval,
-    tableau: Tableau,
-    kernel: Kernel,
-    parameters: Array,
-    numbers: Array,
-    x: Array,
-    X: Array,
-    progress: Progress,
+    interval: Interval, kernel: Kernel, parameters: Array, numbers: Array, x: Array, X: Array, progress: Progress
 ) -> BatchResult:
     """Motions from states x, shape (N, size), into X[time, motion]."""
     rates, is_done = Rates(kernel, parameters, numbers, interval), True
-    rows = RowSteps(rates, tableau, X)
+    rows = RowSteps(rates, X)
     try:
         rows.run(x, progress)
     except KeyboardInterrupt:

@@ -1,7 +1,7 @@
 """Explicit Runge-Kutta methods as loops in machine code, which take many steps per call.
 
-Of a state x at time t the right-hand side takes `arguments`: arrays for t and x, and what else it depends on. What a
-loop cannot decide, an evaluation that needs the recursion or a step that becomes too small, is left to the caller.
+What a loop cannot decide, an evaluation that needs the recursion or a step that becomes too small, is left to the
+caller. Slopes K[k] are those of the stages of step k, K[0, 0] that at T[0].
 """
 
 from __future__ import annotations
@@ -9,14 +9,15 @@ from __future__ import annotations
 from typing import Any
 
 from .loops import combine, copy, evaluate, inline
-from .step_control import error_norm, first_length, shortest_step, step_factor
+from .step_control import Storage, error_norm, first_length, shortest_step, step_factor
 
 GO_ON, AFTER_A_JUMP, ANEW = 0, 1, 2  # how the first step begins: with slope and length, with its length, with neither
 
 
 @inline
-def stage(rates: Any, arguments: Any, interval: Any, t: Any, x: Any, h: Any, row: Any, K: Any, s: Any, c: Any) -> bool:
+def stage(problem: Any, t: Any, x: Any, h: Any, row: Any, K: Any, s: Any, c: Any) -> bool:
     """The slope K[s] at t + c and x + h row K; True if it is valid."""
+    rates, arguments, interval = problem
     y = arguments[1]
     arguments[0][0] = min(max(t + c, interval.first), interval.last)
     combine(row, s, K, y)
@@ -26,44 +27,28 @@ def stage(rates: Any, arguments: Any, interval: Any, t: Any, x: Any, h: Any, row
 
 
 @inline
-def begin(
-    rates: Any, arguments: Any, interval: Any, tableau: Any, how: Any, T: Any, X: Any, K: Any, H: Any, count: Any
-) -> bool:
-    """The slope at T[0], X[0] and the first step's length, as far as `how` asks for them; True if they are valid."""
+def begin(problem: Any, how: Any, steps: Any) -> bool:
+    """The first slope and the first step's length, as far as `how` asks for them; True if they are valid."""
     if how == GO_ON:
         return True
-    count[0] += 1
-    if not stage(rates, arguments, interval, T[0], X[0], 0.0, tableau.B, K[0], 0, 0.0):
+    t, x, K = steps.T[0], steps.X[0], steps.K[0]
+    steps.evaluations[0] += 1
+    if not stage(problem, t, x, 0.0, problem.interval.tableau.B, K, 0, 0.0):
         return False
     if how == ANEW:
-        count[0] += 1
-        H[0] = first_length(rates, arguments, interval, tableau.exponent, T[0], X[0], K[0])
-    return bool(H[0] > 0)
+        steps.evaluations[0] += 1
+        steps.H[0] = first_length(problem, t, x, K)
+    return bool(steps.H[0] > 0)
 
 
 @inline
-def take_steps(
-    rates: Any,
-    arguments: Any,
-    interval: Any,
-    tableau: Any,
-    end: Any,
-    how: Any,
-    T: Any,
-    X: Any,
-    K: Any,
-    H: Any,
-    count: Any,
-    work: Any,
-) -> int:
-    """Steps into T, X and K from T[0] and X[0] on, as far as `end` or the arrays allow; how many.
-
-    K has the slopes of each step's stages, K[0, 0] that at T[0] unless `how` asks for it; H[k] is the length with which
-    step k is tried first, `count` has the evaluations of each step, `work` is overwritten.
-    """
-    A, B, C, E, _, _, _, exponent = tableau
-    stages, y = len(B), arguments[1]
-    if not begin(rates, arguments, interval, tableau, how, T, X, K, H, count):
+def take_steps(problem: Any, end: Any, how: Any, steps: Any) -> int:
+    """Steps into the storage from T[0] and X[0] on, as far as `end` or the arrays allow; how many."""
+    interval = problem.interval
+    A, B, C, E, _, _, _, exponent = interval.tableau
+    T, X, K, H, count, work = steps
+    stages, y = len(B), problem.arguments[1]
+    if not begin(problem, how, steps):
         return 0
     for step in range(len(T) - 1):
         t, x, k = T[step], X[step], K[step]
@@ -78,7 +63,7 @@ def take_steps(
             for s in range(1, stages + 1):
                 row, c = (A[s], C[s] * h) if s < stages else (B, h)
                 count[step] += 1
-                if not stage(rates, arguments, interval, t, x, h, row, k, s, c):
+                if not stage(problem, t, x, h, row, k, s, c):
                     return step
             error = error_norm(E, k[: stages + 1], h, x, y, interval, work)
             factor = step_factor(error, exponent)
@@ -96,61 +81,46 @@ def take_steps(
     return len(T) - 1
 
 
-def add_stages(rates: Any, arguments: Any, interval: Any, A: Any, C: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
+def add_stages(problem: Any, T: Any, X: Any, K: Any, U: Any) -> bool:
     """The stages that only interpolants need, in the last rows of K; False if one of them is not valid.
 
     The first entries of the last argument are the row of U that was held in each step.
     """
-    valid = True
+    A, C, valid = problem.interval.tableau.A2, problem.interval.tableau.C2, True
     for step in range(len(K)):
         h, k = T[step + 1] - T[step], K[step]
         for i in range(U.shape[1]):
-            arguments[-1][i] = U[step, i]
+            problem.arguments[-1][i] = U[step, i]
         for extra in range(len(C)):
             s = len(k) - len(C) + extra
-            valid &= stage(rates, arguments, interval, T[step], X[step], h, A[extra], k, s, C[extra] * h)
+            valid &= stage(problem, T[step], X[step], h, A[extra], k, s, C[extra] * h)
     return valid
 
 
-def take_samples(
-    law: Any,
-    law_arguments: Any,
-    found: Any,
-    rates: Any,
-    arguments: Any,
-    interval: Any,
-    tableau: Any,
-    period: Any,
-    how: Any,
-    T: Any,
-    X: Any,
-    K: Any,
-    H: Any,
-    count: Any,
-    work: Any,
-    samples: Any,
-) -> int:
+def take_samples(law: Any, problem: Any, period: Any, how: Any, steps: Any, samples: Any) -> int:
     """`take_steps` with a law that is sampled, and whose outputs, the first of arguments[2], are held in between.
 
-    The law gives outputs and the rates of its states in `found`; the states go on by Euler's rule. `samples` has the
-    number of samples so far, how often the law was sampled here, the bounds of outputs and of their change, (2, n), the
-    states z at the last sample and the next, (2, m), the steps that began with a sample, the outputs in each step,
-    and z at each sample.
+    `law` has its function, its arguments t and (x, z), and room for its outputs and the rates of its states z, which go
+    on by Euler's rule. `samples` has the number of samples so far, how often the law was sampled here, the bounds of
+    outputs and of their change, (2, n), the states z at the last sample and the next, (2, m), the steps that began with
+    a sample, the outputs in each step, and z at each sample.
     """
+    function, (time, states), found = law
     number, bounds, z, begun, U, Z = samples
-    u, n, step, end = arguments[2], len(bounds[0]), 0, interval.end
+    T, X, K, H, count, work = steps
+    u, n, step, end = problem.arguments[2], len(bounds[0]), 0, problem.interval.end
     number[1] = 0
     while step < len(T) - 1 and T[step] < end:
         if T[step] >= number[0] * period:
             for j in range(len(z[0])):
                 z[0, j] = z[1, j]
-                law_arguments[1][2 * n + j] = z[0, j]
+                states[2 * n + j] = z[0, j]
             for i in range(len(u) - 2 * n):  # behind the outputs, 0 for a rate that is held at zero
                 X[step, n + i] *= u[n + i]
-            law_arguments[0][0] = T[step]
+            time[0] = T[step]
             for i in range(2 * n):
-                law_arguments[1][i] = X[step, i]
-            if not evaluate(law, law_arguments, found):
+                states[i] = X[step, i]
+            if not evaluate(function, (time, states), found):
                 return step
             for i in range(n):
                 output = min(max(found[i], -bounds[0, i]), bounds[0, i])
@@ -168,9 +138,8 @@ def take_samples(
             number[1] += 1
         next_sample = number[0] * period
         until = next_sample if next_sample < end * (1 - 1e-12) else end
-        taken = take_steps(
-            rates, arguments, interval, tableau, until, how, T[step:], X[step:], K[step:], H[step:], count[step:], work
-        )
+        rest = Storage(T[step:], X[step:], K[step:], H[step:], count[step:], work)
+        taken = take_steps(problem, until, how, rest)
         for k in range(step, step + taken):
             for i in range(n):
                 U[k, i] = u[i]

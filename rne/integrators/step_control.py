@@ -25,10 +25,12 @@ UNKNOWN, GUESS, CHANGE, FLAT, GROWTH = 1e-5, 1e-6, 0.01, 1e-15, 100
 
 
 class Interval(NamedTuple):
-    """A stretch of time without a switch, and how its steps are controlled; the last four are of batches.
+    """A stretch of time without a switch, and how its steps are taken; the last four are of batches.
 
     Attributes
     ----------
+    tableau : tuple
+        Of the method.
     begin, end : float
     first, last : float
         Times within which the right-hand side is evaluated.
@@ -46,6 +48,7 @@ class Interval(NamedTuple):
         True to leave motions in which a fast decay, not the error, holds the steps to short ones.
     """
 
+    tableau: Any
     begin: float
     end: float
     first: float
@@ -58,6 +61,25 @@ class Interval(NamedTuple):
     grid: Array = np.zeros(0)
     positions: int = 0
     watched: bool = False
+
+
+class Problem(NamedTuple):
+    """dx/dt for loops: its address, arrays for t, x and what else it takes, which are overwritten, and the interval."""
+
+    rates: Any
+    arguments: Any
+    interval: Any
+
+
+class Storage(NamedTuple):
+    """Room for steps: ends, states, slopes, the lengths to try first, numbers of evaluations, and workspace."""
+
+    T: Array
+    X: Array
+    K: Array
+    H: Array
+    evaluations: Array
+    work: Any
 
 
 @inline
@@ -92,8 +114,9 @@ def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, interval: Any, work: Any)
 
 
 @inline
-def first_length(rates: Any, arguments: Any, interval: Any, exponent: Any, t: Any, x: Any, K: Any) -> float:
+def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
     """Length of the first step from the slope K[0]; 0 if that after a guess is not valid."""
+    rates, arguments, interval = problem
     count, rtol, atol, longest = interval.counted, interval.rtol, interval.atol, interval.end - t
     d0, d1, d2, y = 0.0, 0.0, 0.0, arguments[1]
     for i in range(count):
@@ -111,7 +134,7 @@ def first_length(rates: Any, arguments: Any, interval: Any, exponent: Any, t: An
         d2 += ((K[1, i] - K[0, i]) / (atol + rtol * abs(x[i]))) ** 2
     d2 = (d2 / count) ** 0.5 / h
     steepest = max(d1, d2)
-    step = max(GUESS, h * 1e-3) if steepest <= FLAT else (CHANGE / steepest) ** -exponent
+    step = max(GUESS, h * 1e-3) if steepest <= FLAT else (CHANGE / steepest) ** -interval.tableau.exponent
     return float(min(GROWTH * h, step, longest, interval.max_step))
 
 
@@ -123,11 +146,9 @@ def squares(values: Array) -> Array:
     return total
 
 
-def first_lengths(
-    rates: Callable[[Array, Array], Array], interval: Interval, exponent: float, x: Array, f: Array
-) -> Array:
+def first_lengths(rates: Callable[[Array, Array], Array], interval: Interval, x: Array, f: Array) -> Array:
     """`first_length` of many motions, whose states and slopes are the columns of x and f."""
-    count, longest = interval.counted, interval.end - interval.begin
+    count, longest, exponent = interval.counted, interval.end - interval.begin, interval.tableau.exponent
     scale = interval.atol + interval.rtol * np.abs(x[:count])
 
     def size(v: Array) -> Array:

@@ -335,7 +335,8 @@ def _plan(
         if not scene.n or not end:  # nothing moves
             return replace(fallback, options=fallback.options | {"method": "auto"})
     rhs = scene.right_hand_side_with_energies
-    whole = Interval(0.0, end, -np.inf, np.inf, rtol, atol, rhs.size - len(rhs.ledger), watched=method == "auto")
+    counted, watched = rhs.size - len(rhs.ledger), method == "auto"
+    whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, counted, watched=watched)
     if max_step is None:
         intervals = _between_breaks(whole, times, law_breaks(scene.controller))
     else:
@@ -452,7 +453,7 @@ class BatchRun:
         for interval in self.intervals:
             is_last = interval is self.intervals[-1]
             X = np.full((len(interval.t_eval), *x.shape), np.nan, x.dtype)
-            how = interval, tableau(self.method), self.kernel, chunk.parameters, numbers
+            how = interval, self.kernel, chunk.parameters, numbers
             part = run_batch(*how, x, X, advance if is_last else lambda _: advance(0))
             stiff |= part.code == STIFF
             evaluations, verdict, is_done = evaluations + part.evaluations, verdict.worse(part.verdict), part.is_done
