@@ -64,7 +64,7 @@ class SciPySolver(Solver):
     ) -> None:
         """Begin at time t; steps are at most `max_step` long."""
         options: dict[str, Any] = {"max_step": max_step, "first_step": first}
-        options |= tolerances(self.options, system.counted, len(x))
+        options |= _tolerances(self.options, system.counted, len(x))
         if self.method in IMPLICIT and (system.jacobian is not None or system.counted < len(x)):
             options["jac"] = system.jacobian or partial(differences, system)
         self.scipy = scipy_class(self.method)(system, t, x, end, **options)
@@ -115,14 +115,15 @@ class SciPySolver(Solver):
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
 
 
-def tolerances(options: IntegrationOptions, counted: int, size: int) -> dict[str, Any]:
-    """The tolerances of SciPy's solvers, in whose root mean square only the first `counted` components count.
+def _tolerances(options: IntegrationOptions, counted: int, size: int) -> dict[str, Any]:
+    """The tolerances of SciPy's solvers, in whose norm only the first `counted` components count.
 
-    Others have a huge absolute one, not infinity, which lets LSODA take two to four times the steps.
+    Others have a huge absolute one, not infinity, which lets LSODA take two to four times the steps. The norm is a root
+    mean square over all, and LSODA's a maximum.
     """
     if counted == size:
         return {"rtol": options.rtol, "atol": options.atol}
-    share = (counted / size) ** 0.5
+    share = 1.0 if options.method == "LSODA" else (counted / size) ** 0.5
     return {
         "rtol": max(share * options.rtol, SMALLEST_RTOL),
         "atol": np.append(np.full(counted, share * options.atol), np.full(size - counted, UNCOUNTED)),
