@@ -10,7 +10,7 @@ import pytest
 import rne
 from rne.control.laws import pd_gravity
 from rne.integrators.base import Steps
-from rne.integrators.scipy_methods import AdaptiveSolver
+from rne.integrators.scipy_methods import SciPySolver
 from rne.model.builder import Part, assemble
 from rne.simulation.plant import Plant
 from rne.simulation.run import Recorder
@@ -80,7 +80,7 @@ AT_ONCE = {
 def test_steps_of_scipy_taken_at_once_are_those_taken_one_by_one(double, parts, method, t_eval, monkeypatch):
     """To the last bit, with fewer calls where nothing is asked between them; a failure keeps the steps before it."""
     scene = rne.Scene(double, **AT_ONCE[parts])
-    calls, steps = [], AdaptiveSolver.steps
+    calls, steps = [], SciPySolver.steps
 
     def run():
         calls.clear()
@@ -100,7 +100,7 @@ def test_steps_of_scipy_taken_at_once_are_those_taken_one_by_one(double, parts, 
 
     found = []
     for taken in (counted, alone):
-        monkeypatch.setattr(AdaptiveSolver, "steps", taken)
+        monkeypatch.setattr(SciPySolver, "steps", taken)
         found.append((run(), len(calls)))
     (one, few), (other, many) = found
     for name in ("t", "q", "qd", "qdd", "tau", "work", "energy"):
