@@ -389,7 +389,7 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
 def test_rounding_is_at_least_that_of_the_sum_of_modes():
     """Of 2000 operations, on a number as large as the quantity can be anywhere."""
     terms = RobotPolynomials(KernelCache(two_link().model), box_argument(two_link().model, "circle"))
-    for criterion in (Norm(terms.of(rne.dynamics.mass_matrix, 2)), Modulus(terms.of(rne.dynamics.gravity_torque, 1))):
+    for criterion in (Norm(terms.polynomial(rne.dynamics.mass_matrix, 2)), Modulus(terms.polynomial(rne.dynamics.gravity_torque, 1))):
         assert criterion.size > 0
         assert criterion.rounding(0.0) >= 2000 * np.finfo(float).eps * criterion.size
 

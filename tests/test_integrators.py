@@ -28,6 +28,7 @@ class Oscillator:
     """q'' = u - q - 0.3 q', with u = 0 or held, and behind (q, q') what is dissipated so far, if that is asked for."""
 
     jacobian, span, held = None, (-np.inf, np.inf), None
+    integral_scale = 1e300  # any error of the energy is small
 
     def __init__(self, with_energy):
         self.counted, self.size, self.evaluations = 2, 2 + with_energy, 0

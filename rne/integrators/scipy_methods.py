@@ -19,7 +19,6 @@ from .tableaus import scipy_class
 
 Keeps = Sequence[float] | Literal[True] | None
 SMALLEST_RTOL = 100 * EPS  # that SciPy's solvers take
-UNCOUNTED = 1e300  # absolute tolerance of what does not count
 
 
 class SolverSteps(Steps):
@@ -64,7 +63,7 @@ class SciPySolver(Solver):
     ) -> None:
         """Begin at time t; steps are at most `max_step` long."""
         options: dict[str, Any] = {"max_step": max_step, "first_step": first}
-        options |= _tolerances(self.options, system.counted, len(x))
+        options |= _tolerances(self.options, system, len(x))
         if self.method in IMPLICIT and (system.jacobian is not None or system.counted < len(x)):
             options["jac"] = system.jacobian or partial(differences, system)
         self.scipy = scipy_class(self.method)(system, t, x, end, **options)
@@ -115,18 +114,18 @@ class SciPySolver(Solver):
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
 
 
-def _tolerances(options: IntegrationOptions, counted: int, size: int) -> dict[str, Any]:
-    """The tolerances of SciPy's solvers, in whose norm only the first `counted` components count.
+def _tolerances(options: IntegrationOptions, system: System, size: int) -> dict[str, Any]:
+    """The tolerances of SciPy's solvers: those of integrals allow for `integral_scale`.
 
-    Others have a huge absolute one, not infinity, which lets LSODA take two to four times the steps. The norm is a root
-    mean square over all, and LSODA's a maximum.
+    The norm is a root mean square over all components, which is made one over those that count, and LSODA's a maximum.
     """
+    counted, allowed = system.counted, options.rtol * system.integral_scale
     if counted == size:
         return {"rtol": options.rtol, "atol": options.atol}
     share = 1.0 if options.method == "LSODA" else (counted / size) ** 0.5
     return {
         "rtol": max(share * options.rtol, SMALLEST_RTOL),
-        "atol": np.append(np.full(counted, share * options.atol), np.full(size - counted, UNCOUNTED)),
+        "atol": np.append(np.full(counted, share * options.atol), np.full(size - counted, share * allowed)),
     }
 
 

@@ -1,7 +1,9 @@
 """Control of steps by the estimate of their error, as texts of loops in machine code and for rows in NumPy.
 
 Norms, factors and first lengths are those of Hairer, Norsett and Wanner 1993, II.4 and II.5, as in `scipy.integrate`.
-Only the first `counted` components of a state count: those behind, such as energies, follow from the others.
+The first `counted` components of a state are held to the tolerances. Those behind are integrals, such as energies: the
+tolerance of their error is the relative one of `integral_scale` and their size. So they hold back hardly a step but one
+on which the others are exact.
 """
 
 from __future__ import annotations
@@ -42,6 +44,9 @@ class Interval(NamedTuple):
         Times to report, ascending, the end as the last.
     grid : ndarray
         The begin, and the ends of steps that are not controlled; empty for those that are.
+    integral_scale : float
+        Size that is added to that of the components behind `counted`, to which their error is relative; infinite where
+        it does not count.
     positions : int
         The number of components that move with the rates at the end of the step.
     watched : bool
@@ -57,6 +62,7 @@ class Interval(NamedTuple):
     atol: float
     counted: int
     max_step: float = float("inf")
+    integral_scale: float = float("inf")
     t_eval: Array = np.zeros(0)
     grid: Array = np.zeros(0)
     positions: int = 0
@@ -98,12 +104,23 @@ def step_factor(error: Any, exponent: Any) -> Any:
 
 
 @inline
+def integral_errors(errors: Any, x: Any, y: Any, interval: Any) -> float:
+    """The sum of squares of the integrals' errors on a step from x to y, in units of their tolerance."""
+    total, scale = 0.0, interval.integral_scale
+    if scale == float("inf"):
+        return total
+    for i in range(interval.counted, len(x)):
+        total += (errors[i] / (interval.rtol * (scale + max(abs(x[i]), abs(y[i]))))) ** 2
+    return total
+
+
+@inline
 def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, interval: Any, work: Any) -> float:
     """The estimated error of a step from x to y, in units of the tolerance: of two estimates, or of one, as E has."""
     count, rtol, atol, sums = interval.counted, interval.rtol, interval.atol, (0.0, 0.0)
     for e in range(len(E)):
         combine(E[e], len(K), K, work)
-        total = 0.0
+        total = integral_errors(work, x, y, interval)
         for i in range(count):
             total += (work[i] / (atol + rtol * max(abs(x[i]), abs(y[i])))) ** 2
         sums = (total, sums[0])
@@ -118,7 +135,7 @@ def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
     """Length of the first step from the slope K[0]; 0 if that after a guess is not valid."""
     rates, arguments, interval = problem
     count, rtol, atol, longest = interval.counted, interval.rtol, interval.atol, interval.end - t
-    d0, d1, d2, y = 0.0, 0.0, 0.0, arguments[1]
+    d0, d1, y = integral_errors(x, x, x, interval), integral_errors(K[0], x, x, interval), arguments[1]
     for i in range(count):
         scale = atol + rtol * abs(x[i])
         d0 += (x[i] / scale) ** 2
@@ -130,8 +147,11 @@ def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
         y[i] = x[i] + h * K[0, i]
     if not evaluate(rates, arguments, K[1]):
         return 0.0
+    for i in range(len(x)):
+        K[1, i] -= K[0, i]
+    d2 = integral_errors(K[1], x, x, interval)
     for i in range(count):
-        d2 += ((K[1, i] - K[0, i]) / (atol + rtol * abs(x[i]))) ** 2
+        d2 += (K[1, i] / (atol + rtol * abs(x[i]))) ** 2
     d2 = (d2 / count) ** 0.5 / h
     steepest = max(d1, d2)
     step = max(GUESS, h * 1e-3) if steepest <= FLAT else (CHANGE / steepest) ** -interval.tableau.exponent
