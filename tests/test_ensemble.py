@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.integrators import lanes
 from rne.integrators.rows import NEEDS_RECURSION, run_rows
 from rne.integrators.step_control import Interval
@@ -21,6 +20,7 @@ from rne.simulation import ensembles
 from rne.simulation.simulator import METHODS
 
 from .helpers import kept, loaded, states
+from .random_robots import straight_chain
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +215,7 @@ def test_a_state_that_must_be_examined_changes_no_other(chain, starts):
 
 
 def test_soundness_is_told_state_by_state(chain):
-    program, x = BlockProgram(rne.Scene(chain).right_hand_side.kernel.traced), np.full((5, 4), 0.1)
+    program, x = BlockProgram(rne.Scene(chain).kernel.traced), np.full((5, 4), 0.1)
     x[1, 2], x[3, 0] = 1e9, np.nan
     found = np.zeros((5, 4))
     assert program.sound([np.zeros((5, 1)), x], found).tolist() == [True, False, True, False, True]
@@ -327,11 +327,11 @@ class TestLanes:
     @pytest.mark.parametrize("count", [3, lanes.LANES + 3])
     @pytest.mark.parametrize("method", ["DOP853", "RK45", "rk4", "semi-implicit-euler"])
     def test_are_the_rows(self, plain, chain, starts, count, method):
-        rhs, fixed = rne.Scene(chain).right_hand_side, method in FIXED
+        kernel, fixed = rne.Scene(chain).kernel, method in FIXED
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         t_eval, positions = grid[[5, 7, 20]] if fixed else times, 2 * (method == FIXED[1])
         options = {"t_eval": t_eval, "grid": grid, "positions": positions}
-        how = Interval(tableau(method), 0.0, 0.2, -np.inf, np.inf, 1e-4, 1e-7, 4, **options), rhs.kernel
+        how = Interval(tableau(method), 0.0, 0.2, -np.inf, np.inf, 1e-4, 1e-7, 4, **options), kernel
         x = np.concatenate(starts, axis=1)[:count]
         X, expected = np.full((2, 3, count, 4), np.nan)
         told = []
@@ -344,12 +344,12 @@ class TestLanes:
         assert 0.9 * by_rows.evaluations <= found.evaluations <= 1.1 * by_rows.evaluations
 
     def test_motions_to_be_examined_are_left(self, plain, chain, starts):
-        rhs, x = rne.Scene(chain).right_hand_side, np.concatenate(starts, axis=1)[:12]
+        kernel, x = rne.Scene(chain).kernel, np.concatenate(starts, axis=1)[:12]
         interval = Interval(tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.array([1e-9]))
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X, told = np.full((1, 12, 4), np.nan), []
-        code = lanes.run_lanes(interval, rhs.kernel, np.zeros((12, 0)), x, X, told.append).code
+        code = lanes.run_lanes(interval, kernel, np.zeros((12, 0)), x, X, told.append).code
         assert sum(told) == 9
         left = np.flatnonzero(code)
         assert left.tolist() == [0, 7, 11]

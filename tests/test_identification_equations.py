@@ -8,15 +8,15 @@ import pytest
 from scipy.signal import lfilter
 
 import rne
-from rne.identification.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
-from rne.identification.equations import equations, joined
-from rne.identification.filtering import low_pass
-from rne.identification.least_squares import (
+from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
+from rne.identification.fit.equations import equations, joined
+from rne.identification.fit.least_squares import (
     correlation_time_of_filtered_noise,
     correlation_time_of_residuals,
     least_squares,
     with_correlation,
 )
+from rne.identification.log.filtering import low_pass
 from rne.model.parameters import dual_of_gradient, pseudo_inertia
 
 from .helpers import loaded
@@ -268,7 +268,7 @@ def test_a_joint_with_hardly_more_equations_than_unknowns_gets_no_weight_from_th
 
 def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(monkeypatch):
     """A point far from the minimum, as after "insufficient progress": Newton's method begins at the prior instead."""
-    from rne.identification import consistent
+    from rne.identification.fit import consistent
 
     rng = np.random.default_rng(3)
     prior = geometric_prior(loaded("irb140").model)[:2] * 10

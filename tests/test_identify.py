@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks import identification_faults as faults
 from rne.identification import Record
-from rne.identification.checking import without_gaps
-from rne.identification.least_squares import least_squares
+from rne.identification.diagnosis.checking import without_gaps
+from rne.identification.fit.least_squares import least_squares
 from rne.model.parameters import pseudo_inertia
 from rne.model.standard_parameters import MEASURED
 
+from . import faulty_logs as faults
 from .conftest import TREES
 from .helpers import kept, loaded
 from .measurements import measure, record, truth
@@ -75,7 +75,7 @@ def test_the_weight_of_the_prior_is_that_of_a_standard_deviation(scene, motions,
         weights.append(weight)
         return np.concatenate([scene.robot.parameters, VISCOUS[: scene.n], COULOMB[: scene.n]])
 
-    monkeypatch.setattr("rne.identification.least_squares.consistent_fit", spy)
+    monkeypatch.setattr("rne.identification.fit.least_squares.consistent_fit", spy)
     identified(scene, motions[0], 0, prior_std=0.5, folds=2)
     assert weights == [4.0] * 3
 

@@ -2,18 +2,18 @@
 
 from ..validation.comparison import ModelComparison, compare_models
 from ..validation.torque_difference import Candidate
-from .causes import Cause
-from .checking import Check
+from .diagnosis.causes import Cause
+from .diagnosis.checking import Check
+from .diagnosis.rigid_body_test import Consistency, EnergyBalance
 from .drive_gains import DriveGains, identify_drive_gains
-from .exciting_motion import Excitation, excitation
-from .fit import identify
-from .least_squares import LeastSquares, Unexplained
+from .exciting_motions.motion import Excitation, excitation
+from .fit.least_squares import LeastSquares, Unexplained
+from .log.prepared import Prepared
+from .log.record import Record
+from .log.screening import RecordFinding
+from .model_fit import identify
 from .payload import PayloadEstimate, identify_payload
-from .prepared import Prepared
-from .record import Record
 from .result import Identification
-from .rigid_body_test import Consistency, EnergyBalance
-from .screening import RecordFinding
 
 __all__ = [
     "Candidate",

@@ -24,10 +24,10 @@ from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
-from .least_squares import BEYOND_DOUBT, least_squares, solve
-from .record import Record
+from .diagnosis.rigid_body_test import own_fit, percent
+from .fit.least_squares import BEYOND_DOUBT, least_squares, solve
+from .log.record import Record
 from .result import Identification
-from .rigid_body_test import own_fit, percent
 from .two_sets import DOUBTFUL, Fitted, OfTwoSets, TwoSets, load_map, two_sets
 
 ROUNDS = 30  # of steps

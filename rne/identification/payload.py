@@ -21,9 +21,9 @@ from ..model.standard_parameters import BODY_SYMBOLS, DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import Payload
-from .consistent import consistent_fit
-from .least_squares import BEYOND_DOUBT
-from .record import Record
+from .fit.consistent import consistent_fit
+from .fit.least_squares import BEYOND_DOUBT
+from .log.record import Record
 from .result import Identification
 from .two_sets import DOUBTFUL, OfTwoSets, load_map, two_sets
 

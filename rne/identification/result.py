@@ -18,15 +18,15 @@ from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
-from .causes import GEARS, Cause
-from .checking import Check
-from .consistent import expected_sizes, model_prior
-from .equations import Equations
-from .least_squares import LeastSquares, Unexplained, believed_noise
-from .prepared import Prepared
-from .record import Record
-from .regression import RegressionData, check_joints, delayed
-from .rigid_body_test import EXPLAINED, Consistency, certified
+from .diagnosis.causes import GEARS, Cause
+from .diagnosis.checking import Check
+from .diagnosis.rigid_body_test import EXPLAINED, Consistency, certified
+from .fit.consistent import expected_sizes, model_prior
+from .fit.equations import Equations
+from .fit.least_squares import LeastSquares, Unexplained, believed_noise
+from .fit.regression import RegressionData, check_joints, delayed
+from .log.prepared import Prepared
+from .log.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -23,14 +23,14 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
-from .causes import GEARS, Cause, likely_causes, merged_by_kind
-from .equations import Equations, equations, joined, triangular
-from .least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, solve
-from .record import Record
-from .regression import FOLDS, RegressionData, build_regression, checked_records, of_named_joints
-from .residuals import TINY, Residuals
+from .diagnosis.causes import GEARS, Cause, likely_causes, merged_by_kind
+from .diagnosis.residuals import TINY, Residuals
+from .diagnosis.rigid_body_test import percent
+from .fit.equations import Equations, equations, joined, triangular
+from .fit.least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, solve
+from .fit.regression import FOLDS, RegressionData, build_regression, checked_records, of_named_joints
+from .log.record import Record
 from .result import NAMED, UNEXPLAINED, Identification
-from .rigid_body_test import percent
 
 DOUBTFUL = 0.05  # standard error of a mass or gain, as a part of it, from which it is doubtful
 KINDS = (

@@ -180,7 +180,7 @@ class SampledSolver(CompiledSolver):
 
     def __init__(self, options: IntegrationOptions, kernel: Kernel, sampler: Sampler) -> None:
         super().__init__(options, kernel)
-        self.sampler, self.law, self.bounds = sampler, sampler.traced.kernel, sampler.bounds()
+        self.sampler, self.law, self.bounds = sampler, sampler.traced, sampler.bounds()
 
     def steps(self, max_steps: int) -> Steps:
         """The next steps, at most so many."""

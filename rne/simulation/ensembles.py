@@ -30,9 +30,9 @@ from ..kernels.kernel import Kernel
 from ..model.model import Model, joint_array
 from ..model.parameters import PARAMETERS, at_parameters
 from ..robot import Robot
-from .equations_of_motion import RightHandSide
 from .plant import Plant
-from .scene import Scene, scene_of_robot
+from .scene import Scene
+from .scene_dynamics import SceneDynamics
 from .simulator import METHODS, check_times, law_breaks, simulate, tolerances
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 QUANTITIES = ("q", "qd", "tau")  # of each motion
 CHUNK, SHARE = 8192, 250  # most motions side by side, and fewest of a share in NumPy, where few cost as much as many
+UserProgress = Callable[[int, int], Any]
 PATIENCE = 0.5  # s that Ctrl-C waits for what other threads and processes have begun
 
 
@@ -56,7 +57,7 @@ class Ensemble(InNotebooks):
     tau : ndarray, shape (S, N, n)
         Torques of the drives at these times, zero without a controller [N m or N].
     energies : ndarray, shape (S, N, k)
-        Energies of the ledger [J].
+        Work of the drives and losses by friction since the start, in the order of `ledger` [J].
     ledger : tuple of str, length k
         Names of the energies: work of the "drives", and what "viscous" and "coulomb" friction dissipate, those that
         the scene has.
@@ -114,7 +115,7 @@ class Ensemble(InNotebooks):
         Returns
         -------
         ndarray, shape (P, S, n), or (S, n) for one probability
-            In the units of the quantity; `rne.plotting.fan` draws them.
+            In the units of the quantity; `rne.plotting.quantile_plot` draws them.
 
         Raises
         ------
@@ -169,7 +170,7 @@ def ensemble(
     method: str = "auto",
     step: float | None = None,
     keep: int | None = None,
-    progress: Callable[[int, int], Any] | None = None,
+    progress: UserProgress | None = None,
     executor: Executor | Any = None,
 ) -> Ensemble:
     """Simulate many initial states of one scene at once, each with its own steps.
@@ -232,7 +233,7 @@ def ensemble(
 
     Notes
     -----
-    Side by side the energies of the ledger are integrated along with the states, outside of the control of the error.
+    The energies are integrated along with the states, and do not count in the control of the error.
 
     Examples
     --------
@@ -242,7 +243,7 @@ def ensemble(
     >>> motions.q.shape, motions.q[-1, :, 1].mean().round(2).item()  # joint 2 at the end [rad]
     ((2, 100, 6), 0.09)
     """
-    scene = scene_of_robot(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
+    scene = Scene(scene_or_robot) if isinstance(scene_or_robot, Robot) else scene_or_robot
     if not isinstance(scene, Scene):
         raise TypeError(f"`scene_or_robot` must be an rne.Scene or rne.Robot, got {type(scene).__name__}")
     if progress is not None:
@@ -252,7 +253,7 @@ def ensemble(
     times = _times(t_eval, keep, end)
     pi = None if parameters is None else _parameters(parameters, scene, len(q))
     plan = _plan(scene, method, step, times, end, tolerances(rtol, atol), with_parameters=pi is not None)
-    further = plan.rhs.size - 2 * scene.n if isinstance(plan, BatchRun) else 0
+    further = plan.dynamics.size - 2 * scene.n if isinstance(plan, BatchRun) else 0
     x0 = np.concatenate([q, qd, np.zeros((len(q), further), q.dtype)], axis=1)
     starts = Chunk(x0, np.zeros((len(q), 0), q.dtype) if pi is None else pi.astype(q.dtype))
     part = run_all(plan, starts, progress, executor)
@@ -264,7 +265,7 @@ def ensemble(
         part.qd,
         part.tau,
         part.energies,
-        scene.right_hand_side.ledger,
+        scene.dynamics.ledger,
         ", ".join(part.methods),
         float(plan.steps.max()) if isinstance(plan, BatchRun) and len(plan.steps) else None,
         part.evaluations,
@@ -314,7 +315,8 @@ def _plan(
     """How the motions of a scene are run."""
     friction = scene.resolved.friction
     has_events = scene.sample_time is not None or scene.stops or (friction is not None and friction.sticks)
-    is_called = scene.current_right_hand_side().torque_given
+    dynamics = scene.dynamics
+    is_called = dynamics.inputs == "called"
     rtol, atol = tolerated
     fallback = SequentialRun(scene, end, times, {"method": method, "rtol": rtol, "atol": atol})
     if step is None:
@@ -334,15 +336,14 @@ def _plan(
         chosen, max_step = "rk4" if method == "auto" else method, positive_number("step", step)
         if not scene.n or not end:  # nothing moves
             return replace(fallback, options=fallback.options | {"method": "auto"})
-    rhs = scene.right_hand_side_with_energies
-    counted, watched = rhs.size - len(rhs.ledger), method == "auto"
-    whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, counted, watched=watched)
+    watched = method == "auto"
+    whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, dynamics.counted, watched=watched)
     if max_step is None:
         intervals = _between_breaks(whole, times, law_breaks(scene.controller))
     else:
         positions = scene.n if chosen == "semi-implicit-euler" else 0
         intervals = (_in_equal_steps(whole, times, max_step)._replace(positions=positions),)
-    return BatchRun(chosen, rhs, times, intervals, with_parameters, fallback)
+    return BatchRun(chosen, dynamics, times, intervals, with_parameters, fallback)
 
 
 def _parameters(parameters: ArrayLike, scene: Scene, count: int) -> Array:
@@ -405,8 +406,7 @@ class BatchRun:
     Attributes
     ----------
     method : str
-    rhs : RightHandSide
-        With the energies of the ledger as its last states.
+    dynamics : SceneDynamics
     times : ndarray, shape (S,)
         To report.
     intervals : tuple of Interval
@@ -418,7 +418,7 @@ class BatchRun:
     """
 
     method: str
-    rhs: RightHandSide
+    dynamics: SceneDynamics
     times: Array
     intervals: tuple[Interval, ...]
     with_parameters: bool
@@ -427,7 +427,8 @@ class BatchRun:
     @property
     def kernel(self) -> Kernel:
         """dx/dt, of the chunk's inertial parameters where it has some."""
-        return self.rhs.kernel_at_parameters if self.with_parameters else self.rhs.kernel
+        fixed = {"parameters": True} if self.with_parameters else {}
+        return self.fallback.scene.resolved.robot._kernels.scene_kernel(self.dynamics.right_hand_side, **fixed)
 
     @property
     def steps(self) -> Array:
@@ -470,14 +471,14 @@ class BatchRun:
 
     def _part(self, x: Array, done: Array, evaluations: int, verdict: PrecisionStatus) -> Motions:
         """States as positions, velocities, torques and energies, with NaN where there are none."""
-        n, N, size = self.rhs.robot.n, x.shape[1], self.rhs.size - len(self.rhs.ledger)
+        n, N, size = self.dynamics.n, x.shape[1], self.dynamics.counted
         t, states = np.repeat(self.times, N).astype(x.dtype), x[..., :size].reshape(len(self.times) * N, size)
         known = np.asarray(np.isfinite(states).all(axis=1))
-        drives = Plant(self.rhs, None).drives_under(t[known], states[known], None)
+        plant = Plant(self.dynamics, self.fallback.scene.resolved.robot)
         q, qd, energies = x[..., :n], x[..., n : 2 * n], x[..., size:]
         tau = np.where(known[:, None], 0.0, np.nan).repeat(n, axis=1).astype(x.dtype)
-        if drives is not None:
-            tau[known] = drives
+        if "drives" in self.dynamics.ledger:
+            tau[known] = plant.drive_torques(t[known], x.reshape(len(t), -1)[known])
         last = known.reshape(len(self.times), N).sum(axis=0)
         end = np.where(done, self.intervals[-1].end, np.append(0.0, self.times)[last])
         status = np.where(done, 0, -1)
@@ -526,7 +527,7 @@ class SequentialRun:
 
     def nothing(self, count: int, dtype: Any = np.float64) -> Motions:
         """Motions that were not begun."""
-        S, n, energies = len(self.times), self.scene.n, len(self.scene.right_hand_side.ledger)
+        S, n, energies = len(self.times), self.scene.n, len(self.scene.dynamics.ledger)
         q, qd, tau, ledger = (np.full((S, count, k), np.nan, dtype) for k in (n, n, n, energies))
         return Motions(q, qd, tau, ledger, np.zeros(count), np.full(count, -1), (), 0, OK)
 
@@ -555,7 +556,7 @@ class SequentialRun:
             raise ValueError(f"start {number}: {error}") from None
         status, count, T = motion.status, len(self.times), len(motion.t)  # -1 if it was interrupted
         rows = np.minimum(np.arange(count if status >= 0 else T), T - 1)  # after a stop the state in which it ended
-        ledger, entries = self.scene.right_hand_side.ledger, {"drives": motion.work, **motion.dissipated}
+        ledger, entries = self.scene.dynamics.ledger, {"drives": motion.work, **motion.dissipated}
         columns = np.array([entries[name][rows] for name in ledger]).reshape(len(ledger), len(rows)).T
         part = self.nothing(1)
         for array, values in zip(part[:4], (motion.q[rows], motion.qd[rows], motion.tau[rows], columns), strict=True):
@@ -585,9 +586,7 @@ def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
 Plan = BatchRun | SequentialRun
 
 
-def run_all(
-    plan: Plan, starts: Chunk, progress: Callable[[int, int], Any] | None, executor: Executor | None
-) -> Motions:
+def run_all(plan: Plan, starts: Chunk, progress: UserProgress | None, executor: Executor | None) -> Motions:
     """All motions, in chunks."""
     size = len(starts.x)
     edges = [*range(0, max(size, 1), CHUNK), size]

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number
-from ..basics.spatial import Array
-from ..basics.text import counted, summary
+from ...basics.arrays import positive_number
+from ...basics.spatial import Array
+from ...basics.text import counted, summary
 from .filtering import (
     FASTEST,
     MARGIN,

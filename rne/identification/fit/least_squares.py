@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..model.parameters import PARAMETERS
-from ..model.standard_parameters import StandardParameters
+from ...basics.spatial import Array
+from ...dynamics.base_inertial_parameters import BaseParameters
+from ...model.parameters import PARAMETERS
+from ...model.standard_parameters import StandardParameters
+from ..log.filtering import low_pass
 from .consistent import consistent_fit
 from .equations import Equations, triangular
-from .filtering import low_pass
 
 ROUNDS = 30  # of weighting; it settles in a few
 SETTLED = 1e-6  # relative change of the noise at which weighting ends

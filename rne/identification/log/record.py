@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import convert_numbers, positive_number, real_array, vector, whole_number
-from ..basics.spatial import Array
-from ..basics.text import counted
-from ..simulation.motion_files import numbered_joints
-from ..trajectories.csv_file import in_seconds, read_samples
+from ...basics.arrays import convert_numbers, positive_number, real_array, vector, whole_number
+from ...basics.spatial import Array
+from ...basics.text import counted
+from ...simulation.motion_files import numbered_joints
+from ...trajectories.csv_file import in_seconds, read_samples
 from .prepared import Prepared, prepare
 from .screening import RecordFinding, Stamps, screen
 
 if TYPE_CHECKING:
-    from ..simulation.trajectory import Trajectory
+    from ...simulation.trajectory import Trajectory
 
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
 SINGULAR = 1e-10  # smallest singular value as a part of the largest, with each motor's row scaled to one

@@ -14,17 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..basics.text import InNotebooks, Row, aligned, listed, short, wrapped
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor
-from ..model.parameters import PARAMETERS
-from ..model.standard_parameters import StandardParameters
-from .equations import Equations
-from .filtering import ORDER
-from .least_squares import NOTHING, weighted_fit
-from .prepared import Prepared
-from .regression import RegressionData
+from ...basics.spatial import Array
+from ...basics.text import InNotebooks, Row, aligned, listed, short, wrapped
+from ...dynamics.base_inertial_parameters import BaseParameters
+from ...dynamics.regressors import kinetic_energy_regressor, potential_energy_regressor
+from ...model.parameters import PARAMETERS
+from ...model.standard_parameters import StandardParameters
+from ..fit.equations import Equations
+from ..fit.least_squares import NOTHING, weighted_fit
+from ..fit.regression import RegressionData
+from ..log.filtering import ORDER
+from ..log.prepared import Prepared
 
 CHANCE = 1e-3  # of all joints together, that F is called large by accident
 WORSE = 2.0  # times the joint's own residual: a conflict has to matter

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..errors import IdentificationError
-from ..model.model import Model
-from ..model.parameters import PARAMETERS, parameters_of, parameters_of_pseudo_inertia, pseudo_inertia
+from ...basics.spatial import Array
+from ...dynamics.base_inertial_parameters import BaseParameters
+from ...errors import IdentificationError
+from ...model.model import Model
+from ...model.parameters import PARAMETERS, parameters_of, parameters_of_pseudo_inertia, pseudo_inertia
 from .equations import Equations
 
 LOWER = [(i, j) for i in range(4) for j in range(i + 1)]  # entries of X and of Z, in the order of their variables

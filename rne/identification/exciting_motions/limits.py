@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import real_array
-from ..basics.spatial import Array
-from ..model.modify import limit_array
-from ..model.standard_parameters import DriveModel, StandardParameters
-from ..robot import Robot
+from ...basics.arrays import real_array
+from ...basics.spatial import Array
+from ...model.modify import limit_array
+from ...model.standard_parameters import DriveModel, StandardParameters
+from ...robot import Robot
 
 GRID, FINE = 16, 64  # times per period of the highest harmonic: of the optimiser, of the final check
 TORQUE_MARGIN = 0.01  # of the limits, which the optimiser leaves for torques between its samples

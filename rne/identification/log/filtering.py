@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
+from ...basics.spatial import Array
 
 ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
 SETTLING = 1.25  # periods of the cut-off from a step to where less than 1 % of it is left

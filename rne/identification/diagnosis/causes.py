@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..basics.text import listed
-from ..model.parameters import PARAMETERS
-from ..robot import Robot
+from ...basics.spatial import Array
+from ...basics.text import listed
+from ...model.parameters import PARAMETERS
+from ...robot import Robot
+from ..log.screening import seconds
 from .residuals import TINY, Grid, Residuals, by_joint
-from .screening import seconds
 
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
 LOAD = "payload changed"

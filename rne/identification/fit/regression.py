@@ -10,19 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import vector, whole_number
-from ..basics.spatial import Array
-from ..basics.text import listed
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..model.standard_parameters import StandardParameters
-from ..robot import Robot
-from ..simulation.motion_files import numbered_joints
+from ...basics.arrays import vector, whole_number
+from ...basics.spatial import Array
+from ...basics.text import listed
+from ...dynamics.base_inertial_parameters import BaseParameters
+from ...model.standard_parameters import StandardParameters
+from ...robot import Robot
+from ...simulation.motion_files import numbered_joints
+from ..log.filtering import low_pass, settling
+from ..log.prepared import Prepared, undisturbed
+from ..log.record import Record
+from ..log.screening import consecutive
 from .equations import Equations, RecordEquations, equations, joined, record_equations, triangular
-from .filtering import low_pass, settling
 from .least_squares import correlation_time_of_filtered_noise, correlation_time_of_residuals, solve
-from .prepared import Prepared, undisturbed
-from .record import Record
-from .screening import consecutive
 
 FOLDS = 10  # of the cross-validation, contiguous in time
 SLOWEST = 0.02  # of a joint's largest velocity: below it, Coulomb friction has no known direction

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..model.parameters import PARAMETERS
-from ..robot import Robot
-from .filtering import low_pass
-from .prepared import Prepared
-from .regression import RegressionData
-from .screening import consecutive
+from ...basics.spatial import Array
+from ...dynamics.base_inertial_parameters import BaseParameters
+from ...model.parameters import PARAMETERS
+from ...robot import Robot
+from ..fit.regression import RegressionData
+from ..log.filtering import low_pass
+from ..log.prepared import Prepared
+from ..log.screening import consecutive
 
 THINNED = 10.0  # samples per period of the cut-off, at which columns of causes are evaluated
 FEWEST = 3  # equations per parameter, from which those beside a rest are left out

@@ -17,7 +17,7 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
-from .causes import (
+from .diagnosis.causes import (
     DRIVES,
     GEARS,
     STRIBECK,
@@ -29,14 +29,14 @@ from .causes import (
     merged_by_kind,
     sharpened,
 )
-from .consistent import geometric_prior, model_prior
-from .equations import Equations
-from .least_squares import BEYOND_DOUBT, LeastSquares, Method, held_out, least_squares, with_correlation
-from .record import Record
-from .regression import FOLDS, RegressionData, build_regression, of_named_joints
-from .residuals import Residuals
+from .diagnosis.residuals import Residuals
+from .diagnosis.rigid_body_test import EXPLAINED
+from .fit.consistent import geometric_prior, model_prior
+from .fit.equations import Equations
+from .fit.least_squares import BEYOND_DOUBT, LeastSquares, Method, held_out, least_squares, with_correlation
+from .fit.regression import FOLDS, RegressionData, build_regression, of_named_joints
+from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
-from .rigid_body_test import EXPLAINED
 
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..basics.spatial import Array
-from ..errors import NotFiniteError
-from ..model.standard_parameters import StandardParameters
-from ..robot import Robot
-from .prepared import Prepared, rows_without
-from .screening import runs
+from ...basics.spatial import Array
+from ...errors import NotFiniteError
+from ...model.standard_parameters import StandardParameters
+from ...robot import Robot
+from ..log.prepared import Prepared, rows_without
+from ..log.screening import runs
 
 REST = 0.5  # periods of the cut-off, below which a joint turns back without resting
 LARGEST = 1e150  # number whose square is still one

@@ -16,19 +16,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import positive_number, vector, whole_number
-from ..basics.spatial import Array
-from ..basics.text import InNotebooks, counted, listed, short, wrapped
-from ..dynamics.base_inertial_parameters import BaseParameters
-from ..dynamics.quantity import PrecisionStatus, Quantity
-from ..dynamics.regressors import regressor
-from ..model.model import Model
-from ..model.standard_parameters import DriveModel, StandardParameters, drive_argument
-from ..robot import Robot, robot_argument
-from ..simulation.motion_files import write_columns
-from ..trajectories import Samples
-from ..trajectories.profiles import broadcast_times
-from .motion_limits import FourierBasis, Locked, MotionLimits, States, locked_positions, motion_limits
+from ...basics.arrays import positive_number, vector, whole_number
+from ...basics.spatial import Array
+from ...basics.text import InNotebooks, counted, listed, short, wrapped
+from ...dynamics.base_inertial_parameters import BaseParameters
+from ...dynamics.quantity import PrecisionStatus, Quantity
+from ...dynamics.regressors import regressor
+from ...model.model import Model
+from ...model.standard_parameters import DriveModel, StandardParameters, drive_argument
+from ...robot import Robot, robot_argument
+from ...simulation.motion_files import write_columns
+from ...trajectories import Samples
+from ...trajectories.profiles import broadcast_times
+from .limits import FourierBasis, Locked, MotionLimits, States, locked_positions, motion_limits
 
 
 class BaseRegressor(NamedTuple):

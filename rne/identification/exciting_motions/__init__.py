@@ -1,0 +1,1 @@
+"""Motions within limits that determine the parameters well."""

@@ -1,0 +1,1 @@
+"""Least squares on the equations of a motion, with physically consistent parameters."""
