@@ -102,15 +102,15 @@ class Sampler(Protocol):
         Samples so far.
     state, next_state : ndarray, shape (m,)
         Of the law, at the last sample and the next.
-    traced : Any
-        The law as a kernel, `traced.kernel`, where it is traced; otherwise None.
+    traced : Kernel or None
+        The law, where it is traced.
     """
 
     period: float
     count: int
     state: Array
     next_state: Array
-    traced: Any
+    traced: Any  # a kernel or None
 
     @property
     def next(self) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Sequence
 from functools import cached_property, partial
-from itertools import chain, pairwise
 from math import isfinite
 from typing import Any, Literal
 
@@ -137,16 +136,6 @@ def differences(system: System, t: float, x: Array) -> Array:
         moved[j] += EPS**0.5 * max(abs(x[j]), 1.0)
         slopes[:, j] = (system(t, moved) - f) / (moved[j] - x[j])
     return slopes
-
-
-def states_at(times: Array, steps: Sequence[Steps], which: Array, k: Array) -> Array:
-    """States at ascending times, each within step k of one of some steps, shape (T, size)."""
-    if all(isinstance(one, SolverSteps) for one in steps):
-        polynomials = [one.interpolants for one in steps]  # type: ignore[attr-defined]
-        first = np.cumsum([0, *map(len, polynomials)])
-        return _on_polynomials(times, first[which] + k, [*chain(*polynomials)])
-    cuts = [0, *(1 + np.flatnonzero(which[1:] != which[:-1])).tolist(), len(times)]
-    return np.concatenate([steps[which[a]].states(times[a:b], k[a:b]) for a, b in pairwise(cuts)])
 
 
 def _on_polynomials(times: Array, which: Array, given: Sequence[Any]) -> Array:

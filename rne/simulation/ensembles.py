@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 QUANTITIES = ("q", "qd", "tau")  # of each motion
 CHUNK, SHARE = 8192, 250  # most motions side by side, and fewest of a share in NumPy, where few cost as much as many
+UserProgress = Callable[[int, int], Any]
 PATIENCE = 0.5  # s that Ctrl-C waits for what other threads and processes have begun
 
 
@@ -169,7 +170,7 @@ def ensemble(
     method: str = "auto",
     step: float | None = None,
     keep: int | None = None,
-    progress: Callable[[int, int], Any] | None = None,
+    progress: UserProgress | None = None,
     executor: Executor | Any = None,
 ) -> Ensemble:
     """Simulate many initial states of one scene at once, each with its own steps.
@@ -585,9 +586,7 @@ def at_parameters_of(scene: Scene, parameters: Array) -> Scene:
 Plan = BatchRun | SequentialRun
 
 
-def run_all(
-    plan: Plan, starts: Chunk, progress: Callable[[int, int], Any] | None, executor: Executor | None
-) -> Motions:
+def run_all(plan: Plan, starts: Chunk, progress: UserProgress | None, executor: Executor | None) -> Motions:
     """All motions, in chunks."""
     size = len(starts.x)
     edges = [*range(0, max(size, 1), CHUNK), size]
