@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import check_function, per_joint_array, positive_number, real_array
 from ..basics.spatial import Array
 from ..basics.text import short, summary
-from ..robot import Robot
-from ..robot.robot import robot_argument
+from ..robot import Robot, robot_argument
 from .uncertainty import check_shared
 
 EXPLAINED = 0.98  # share of the residuals' squares that a payload explains, if it is one

@@ -23,8 +23,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import positive_number
 from ..basics.spatial import Array
 from ..basics.text import column, listed, table
-from ..robot import Robot
-from ..robot.robot import robot_argument
+from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
 from ..simulation.limits import limit_shares, share_texts
 from ..simulation.scene import Payload, Scene

@@ -9,25 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from .. import dynamics
-from .. import model as models
-from ..basics.arrays import real_array
-from ..basics.spatial import Array
-from ..basics.text import InNotebooks, counted, short
-from ..dynamics.kinematics import ORIGIN
-from ..dynamics.precision import Diagnosis
-from ..dynamics.quantity import Declared
-from ..dynamics.rnea import External
-from ..model.model import Model
-from ..model.parameters import parameters_of, with_parameters
-from ..model.standard_parameters import DriveModel
+from . import dynamics
+from . import model as models
+from .basics.arrays import real_array
+from .basics.spatial import Array
+from .basics.text import InNotebooks, counted, short
+from .dynamics.kinematics import ORIGIN
+from .dynamics.precision import Diagnosis
+from .dynamics.quantity import Declared
+from .dynamics.rnea import External
+from .model.model import Model
+from .model.parameters import parameters_of, with_parameters
+from .model.standard_parameters import DriveModel
 
 if TYPE_CHECKING:
-    from ..bounds import Bounds
-    from ..dynamics.base_inertial_parameters import BaseParameters
-    from ..dynamics.recursion_record import Recursion
-    from ..kernels.kernel import Kernel
-    from ..model.modify import LimitValues
+    from .bounds import Bounds
+    from .dynamics.base_inertial_parameters import BaseParameters
+    from .dynamics.recursion_record import Recursion
+    from .kernels.kernel import Kernel
+    from .model.modify import LimitValues
 
 # compiled by Robot.compile without arguments, beside forward dynamics
 COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
@@ -70,7 +70,7 @@ class Robot(InNotebooks):
     def __init__(self, model: Model, engine: str = "numpy") -> None:
         if not isinstance(model, Model):
             raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}")
-        from ..kernels.cache import KernelCache  # loaded with the first robot
+        from .kernels.cache import KernelCache  # loaded with the first robot
 
         self._model = model
         self._kernels = KernelCache(model, engine)
@@ -184,7 +184,7 @@ class Robot(InNotebooks):
         """
         if library != "pinocchio":
             raise ValueError(f"`library` must be 'pinocchio', got {library!r}")
-        from ..model.topology import pinocchio_order
+        from .model.topology import pinocchio_order
 
         return pinocchio_order(self._model)
 
@@ -1122,7 +1122,7 @@ class Robot(InNotebooks):
         >>> bool(162.8 < found.attained <= found.upper < 171)
         True
         """
-        from ..bounds.bounds import robot_bounds
+        from .bounds.bounds import robot_bounds
 
         return robot_bounds(
             self._kernels, positions, rates, accelerations, payload, masses, tolerance, budget, seconds, quantities
