@@ -27,8 +27,7 @@ from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
 from ..simulation.limits import limit_shares, share_texts
 from ..simulation.scene import Payload, Scene
-from .paths import Path, made_by, through
-from .profiles import _ReferenceMotion, is_traced
+from .profiles import Path, _ReferenceMotion, is_traced, made_by, through
 
 GRID = 100  # intervals of a piece at first
 ACCURACY = 5e-4  # of a limit: by so much it may be exceeded between grid points before they are set closer
