@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import rne
-from benchmarks.random_robots import straight_chain
 from rne.basics.text import six_digits
 from rne.model.builder import Part, assemble
+
+from .random_robots import straight_chain
 
 G = 9.81
 

@@ -131,6 +131,14 @@ def test_a_joint_that_dry_friction_holds_has_no_contact(two):
         assert observer.observe(T, q, qd, tau + 0.2, held=held).kind is not None
 
 
+def test_errors_of_friction_count_though_friction_changes_its_sign_between_samples(two):
+    """The joint swings to and fro with the samples: friction's impulse cancels, its error does not."""
+    q, qd = np.zeros((len(T), 2)), np.where(np.arange(len(T)) % 2, 0.1, -0.1)[:, None] * np.ones(2)
+    observer = MomentumObserver(two, friction=rne.Friction(viscous=10.0), friction_error=0.5)
+    threshold = observer.observe(T, q, qd, two.gravity_torque(q)).threshold
+    assert (threshold[-1] >= 0.999 * 0.5 * 10.0 * 0.1).all()
+
+
 def test_a_corner_of_the_cases_reaches_the_threshold(arm, cases, states):
     """It is no larger than it must be: one of the cases is on it at every instant."""
     tau = [case.inverse_dynamics(*states) for case in cases]

@@ -30,6 +30,7 @@ DAMAGED = (
 )
 TEXTS = "texts"  # entry of the archive: what is not an array, as JSON
 FORM = "rne motion 1"
+NOT_KEPT = ("error_estimate", "run")  # fields that may hold laws
 SHAPES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "kinetic", "potential", "energy", "work"), ("T",)),
     **dict.fromkeys(("q", "qd", "qdd", "tau"), ("T", "n")),
@@ -128,7 +129,7 @@ def _contents(file: Path) -> tuple[dict[str, Array], dict[str, Any]]:
 def _check_entries(arrays: dict[str, Array], texts: dict[str, Any], types: dict[str, str]) -> None:
     """A ValueError that names the first entry that is missing, of another kind than its field, or unknown."""
     types = {"has_model": "bool"} | types | {"dissipated": "tuple[str, ...]"}
-    del types["model"], types["error_estimate"]
+    types = {name: kind for name, kind in types.items() if name not in ("model", *NOT_KEPT)}
     _check_kinds(arrays, texts, types)
     further = {f"dissipated.{name}": "Array" for name in texts["dissipated"]}
     further |= {f"model.{f.name}": str(f.type) for f in fields(Model)} if texts["has_model"] else {}

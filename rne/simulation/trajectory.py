@@ -18,7 +18,7 @@ from ..basics.spatial import Array
 from ..basics.text import UNBROKEN, InNotebooks, counted, listed, short, wrapped
 from ..model.model import Model
 from .limits import Violation, limit_violations
-from .motion_files import numbered_joints, read_archive, write_archive, write_columns
+from .motion_files import NOT_KEPT, numbered_joints, read_archive, write_archive, write_columns
 
 LONGEST = 240  # characters of the solver's message
 SUDDEN = 10.0  # times between two instants: within them an error may grow at once
@@ -26,11 +26,36 @@ PARTS, MOST = 16, 100_000  # of a step, and of a motion: of many samples, fewer 
 MOST_LOADS = 20_000  # where a recursion is computed at each
 
 
-def trajectory_later(known: Mapping[str, Any], derive: Callable[[], Mapping[str, Any]]) -> Trajectory:
-    """A motion whose other attributes are computed when one of them is asked for."""
-    motion = object.__new__(Trajectory)
-    motion.__dict__.update(dict(known), _derive=derive)
-    return motion
+class Derived:
+    """A field of a motion that its run computes, together with the others, when one of them is first asked for.
+
+    Parameters
+    ----------
+    empty : callable, optional
+        Makes the value of a motion without a run that does not give it; without this it must be given.
+    """
+
+    def __init__(self, empty: Callable[[], Any] | None = None) -> None:
+        self.empty = empty
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, motion: Any, owner: type) -> Any:
+        if motion is None:
+            return self  # as the default of the field: not given
+        if self.name not in motion.__dict__:
+            motion.__dict__.update({**motion.run.derived(), **motion.__dict__, "run": None})
+        return motion.__dict__[self.name]
+
+    def __set__(self, motion: Any, value: Any) -> None:
+        if value is not self:
+            motion.__dict__[self.name] = value
+
+
+def derived(empty: Callable[[], Any] | None = None) -> Any:
+    """The default of a field that a run computes."""
+    return Derived(empty)
 
 
 def trajectory_lines(motion: Trajectory) -> list[str]:
@@ -95,6 +120,8 @@ class Trajectory(InNotebooks):
     at_steps : bool
         True if the samples are the solver's steps, or a controller's. Between times that `t_eval` asked for the motion
         is known only as far as their distance allows.
+    run : object or None
+        The run that the other attributes are computed of when one of them is first asked for.
     error_estimate : callable or None
         Times and the estimated error of the positions until then, both of shape (K,); see `trusted_horizon`.
 
@@ -111,42 +138,42 @@ class Trajectory(InNotebooks):
     t: Array
     q: Array
     qd: Array
-    qdd: Array
-    tau: Array
-    kinetic: Array
-    potential: Array
-    energy: Array
-    work: Array
-    energy_drift: float
     evaluations: int
     method: str
     status: int
-    message: str
-    dissipated: Mapping[str, Array] = field(default_factory=dict)
-    controller_state: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    energy_start: float = field(default_factory=float)  # no attribute of the class, as it may be computed later
+    qdd: Array = derived()
+    tau: Array = derived()
+    kinetic: Array = derived()
+    potential: Array = derived()
+    energy: Array = derived()
+    work: Array = derived()
+    energy_drift: float = derived()
+    message: str = derived()
+    dissipated: Mapping[str, Array] = derived(dict)
+    controller_state: Array = derived(lambda: np.zeros((0, 0)))
+    energy_start: float = derived(float)
+    jumps: Array = derived(lambda: np.zeros(0))
+    qdd_before: Array = derived(lambda: np.zeros((0, 0)))
+    tau_before: Array = derived(lambda: np.zeros((0, 0)))
+    scene: str = derived(str)
     error_estimate: Callable[[], tuple[Array, Array]] | None = field(default=None, repr=False)
     model: Model | None = field(default=None, repr=False)
-    jumps: Array = field(default_factory=lambda: np.zeros(0), repr=False)
-    qdd_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    tau_before: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    scene: str = field(default_factory=str, repr=False)
     at_steps: bool = field(default=True, repr=False)
+    run: Any = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for name, kind in vars(type(self)).items() if self.run is None else ():
+            if isinstance(kind, Derived) and name not in self.__dict__:
+                if kind.empty is None:
+                    raise TypeError(f"Trajectory needs `{name}`")
+                self.__dict__[name] = kind.empty()
 
     def __repr__(self) -> str:
         return wrapped("\n  ".join(trajectory_lines(self))).replace(UNBROKEN, " ")
 
-    def __getattr__(self, name: str) -> Any:
-        derive = self.__dict__.get("_derive")
-        if derive is None or name.startswith("_") or name not in {f.name for f in fields(self)}:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        self.__dict__.update(derive())
-        self.__dict__.pop("_derive", None)
-        return self.__dict__[name]
-
     def __getstate__(self) -> dict[str, Any]:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return values | {"error_estimate": None}  # they may hold laws that do not pickle
+        return values | {"error_estimate": None, "run": None}  # they may hold laws that do not pickle
 
     def __copy__(self) -> Trajectory:
         return replace(self)
@@ -354,7 +381,7 @@ class Trajectory(InNotebooks):
         >>> file = swing.save("swing.npz")  # doctest: +SKIP
         """
         file = output_file(path, ".npz")
-        return write_archive(file, {f.name: getattr(self, f.name) for f in fields(self) if f.name != "error_estimate"})
+        return write_archive(file, {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_KEPT})
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Trajectory:
