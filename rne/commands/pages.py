@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from .. import dynamics
 from ..basics.arrays import UNBOUNDED
 from ..basics.spatial import Array
+from ..control.gains import workspace
 from ..control.laws import pd_gravity
 from ..errors import SimulationError, SingularMassMatrixError
 from ..model.abb_irb140 import CLOSED_LOOPS, KD, KP
@@ -268,9 +269,8 @@ def _gravity(robot: Robot, q: Array, place: str, page: Report) -> None:
 
 
 def _positions(robot: Robot) -> Array:
-    """Random positions within the ranges of the joints; where one has no end, it is at least 2 pi long."""
-    low = np.where(np.isfinite(robot.lower), robot.lower, np.minimum(-np.pi, robot.upper - 2 * np.pi))
-    high = np.where(np.isfinite(robot.upper), robot.upper, np.maximum(np.pi, low + 2 * np.pi))
+    """Random positions within the ranges of the joints."""
+    low, high = workspace(robot)
     return np.random.default_rng(0).uniform(np.minimum(low, high), np.maximum(low, high), (SAMPLES, robot.n))
 
 
