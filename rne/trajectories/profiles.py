@@ -40,7 +40,7 @@ def made_by(maker: str) -> Callable[[type[T]], type[T]]:
     return decorate
 
 
-class _ReferenceMotion:
+class ReferenceMotion:
     """Base of the motions: a function of time."""
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
@@ -65,7 +65,10 @@ class _ReferenceMotion:
         TypeError
             If `t` is traced and the motion is a spline: a law that follows it is called.
         """
-        return self._at(broadcast_times(t))
+        times = plain_array("t", t)
+        if not is_traced(times):
+            times = real_numbers("t", times, "(T,)")
+        return self._at(times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None])
 
     def _at(self, t: Array) -> tuple[Array, Array, Array]:
         raise NotImplementedError
@@ -73,7 +76,7 @@ class _ReferenceMotion:
 
 @made_by("quintic")
 @dataclass(frozen=True, eq=False)
-class Quintic(_ReferenceMotion):
+class Quintic(ReferenceMotion):
     """A motion along a polynomial of fifth degree, made by `quintic`; attributes are its arguments."""
 
     start: Array
@@ -132,7 +135,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
 
 @made_by("trapezoidal")
 @dataclass(frozen=True, eq=False)
-class Trapezoidal(_ReferenceMotion):
+class Trapezoidal(ReferenceMotion):
     """Constant acceleration, velocity and deceleration, made by `trapezoidal`; attributes are its arguments."""
 
     start: Array
@@ -211,7 +214,7 @@ def _ends(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     return a, b
 
 
-def _overflows(motion: _ReferenceMotion, t: ArrayLike) -> bool:
+def _overflows(motion: ReferenceMotion, t: ArrayLike) -> bool:
     with np.errstate(all="ignore"):
         return not all(np.isfinite(x).all() for x in motion(t))
 
@@ -227,7 +230,7 @@ def _refuse_overflow(motion: Quintic | Trapezoidal, t: float) -> None:
 
 @made_by("spline")
 @dataclass(frozen=True, eq=False)
-class Spline(_ReferenceMotion):
+class Spline(ReferenceMotion):
     """A motion through samples, made by `spline`.
 
     Its attributes are the arguments, and `degree`, of the polynomials: 5, or K - 1 if there are fewer than six samples.
@@ -339,14 +342,6 @@ def _uneven(t: Array) -> str:
 def is_traced(times: Array) -> bool:
     """True for an array of traced numbers, which stand for times that are not known yet."""
     return times.dtype == object and all(hasattr(x, "__truediv__") for x in times.flat)
-
-
-def broadcast_times(t: ArrayLike) -> Array:
-    """Times in a shape that broadcasts against (n,); traced numbers are passed on unchecked."""
-    times = plain_array("t", t)
-    if not is_traced(times):
-        times = real_numbers("t", times, "(T,)")
-    return times if times.ndim == 0 or times.shape[-1] == 1 else times[..., None]
 
 
 @made_by("through")

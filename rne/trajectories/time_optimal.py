@@ -27,7 +27,7 @@ from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
 from ..simulation.limits import limit_shares, share_texts
 from ..simulation.scene import Payload, Scene
-from .profiles import Path, _ReferenceMotion, is_traced, made_by, through
+from .profiles import Path, ReferenceMotion, is_traced, made_by, through
 
 GRID = 100  # intervals of a piece at first
 ACCURACY = 5e-4  # of a limit: by so much it may be exceeded between grid points before they are set closer
@@ -415,7 +415,7 @@ def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
 
 @made_by("fastest")
 @dataclass(frozen=True, eq=False)
-class FastestMotion(_ReferenceMotion):
+class FastestMotion(ReferenceMotion):
     """The fastest motion along a path, made by `fastest`; `print` shows which limits it uses and how smooth it is.
 
     Attributes
