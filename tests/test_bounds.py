@@ -13,11 +13,25 @@ from benchmarks.bounds import ACCELERATION as ACCELERATIONS
 from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
 from rne.bounds.articulated import ArticulatedSearch, control_points, functions
-from rne.bounds.bounds import QUANTITIES, RobotPolynomials, about_first_angle, entry, torque_criteria
-from rne.bounds.branch_and_bound import CellSearch, Clock, largest, local_maximum, short_basis
+from rne.bounds.bounds import (
+    QUANTITIES,
+    UNKNOWN,
+    RobotPolynomials,
+    about_first_angle,
+    entry,
+    gravity_torques_of_full_turns,
+    torque_criteria,
+)
+from rne.bounds.branch_and_bound import (
+    CellSearch,
+    Clock,
+    largest,
+    local_maximum,
+    ratio_on_grid,
+    short_basis,
+    values_on_grid,
+)
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, positive_definite
-from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
-from rne.bounds.grids import ratio_on_grid, values_on_grid
 from rne.bounds.polynomials import Polynomial, box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
