@@ -20,6 +20,7 @@ __all__ = [
     "Oracle",
     "data_robots",
     "each",
+    "first_joints",
     "gimbal",
     "kept",
     "loaded",
@@ -97,3 +98,9 @@ def loaded(name):
 @functools.cache
 def _load(source):
     return rne.load(source)
+
+
+@functools.cache
+def first_joints(n=3):
+    """The IRB 140 with its first joints, the others locked: one for all tests."""
+    return loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})

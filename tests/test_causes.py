@@ -14,7 +14,7 @@ from rne.identification.diagnosis.residuals import Residuals
 from rne.identification.fit.regression import build_regression
 
 from . import faulty_logs as faults
-from .helpers import kept
+from .helpers import first_joints, kept
 
 QUICK = {
     "gear +10 %": "SCARA",
@@ -182,12 +182,6 @@ def test_drives_that_were_declined_are_proposed():
         assert words in dataclasses.replace(bare, causes=bare.causes[:count]).doubt
     with pytest.warns(rne.IdentificationWarning, match="a rotor.* which was not asked for"):
         assert identified(faults.clean, drives=FRICTION).causes[0].kind == "rotor"
-
-
-@functools.cache
-def shoulder_of_irb140():
-    """Its first three joints."""
-    return rne.load("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
 
 
 def scaled_times(c):
@@ -448,7 +442,7 @@ def test_parameters_that_noise_of_positions_biases_drift(monkeypatch):
 def test_friction_at_stops_does_not_look_like_a_bias_of_the_filter():
     """tanh(qd / 0.01) for the fit's sign(qd) differs only where joints stop, and no equation with half the cut-off has
     these."""
-    robot, rng = shoulder_of_irb140(), np.random.default_rng(0)
+    robot, rng = first_joints(), np.random.default_rng(0)
     stops, t = rng.uniform(-1, 1, (7, 3)), np.arange(0, 4, 0.002)
     parts = [rne.trajectories.quintic(a, b, 4.0)(t) for a, b in itertools.pairwise(stops)]
     q, qd, qdd = map(np.concatenate, zip(*parts, strict=True))
@@ -460,7 +454,7 @@ def test_friction_at_stops_does_not_look_like_a_bias_of_the_filter():
 
 
 def test_a_joint_at_rest_takes_the_drift_of_its_own_parameters_alone():
-    robot, rng = shoulder_of_irb140(), np.random.default_rng(0)
+    robot, rng = first_joints(), np.random.default_rng(0)
     t, w, size = np.arange(0, 20, 0.002), 2 * np.pi * np.array([0.13, 0.27, 0]), np.array([1.0, 1.0, 0])
     q, qd, qdd = size * np.sin(np.outer(t, w)), size * w * np.cos(np.outer(t, w)), -size * w**2 * np.sin(np.outer(t, w))
     tau = robot.inverse_dynamics(q, qd, qdd) + 0.5 * np.sign(qd) + 0.1 * rng.normal(size=q.shape)

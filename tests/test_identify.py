@@ -15,7 +15,7 @@ from rne.model.standard_parameters import MEASURED
 
 from . import faulty_logs as faults
 from .conftest import TREES
-from .helpers import kept, loaded
+from .helpers import first_joints, kept, loaded
 from .measurements import measure, record, truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
@@ -30,7 +30,7 @@ BETWEEN_SAMPLES = 1e-3  # of the torques: what filters and differences change in
 def scene(request):
     """The first joints of the IRB 140, or all; Coulomb friction is nearly a step, as the fit takes it."""
     n = request.param
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})
+    robot = first_joints(n)
     friction = rne.Friction(viscous=VISCOUS[:n], coulomb=COULOMB[:n], smoothing=1e-4)
     return rne.Scene(robot, friction=friction)
 
@@ -308,7 +308,7 @@ def test_a_torque_of_the_wrong_sign_is_told_from_negative_friction(scene, motion
 
 def test_torques_of_the_other_sign_are_told_though_no_bodies_have_them():
     """Reaction torques: the default call names the cause and gives what least squares find."""
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (4, 5, 6)})
+    robot = first_joints()
     t, w = np.arange(0, 20, 0.01), 2 * np.pi * np.array([0.21, 0.34, 0.55])
     q, qd, qdd = 0.8 * np.sin(np.outer(t, w)), 0.8 * w * np.cos(np.outer(t, w)), -0.8 * w**2 * np.sin(np.outer(t, w))
     tau = robot.inverse_dynamics(q, qd, qdd) + 3 * qd + 2 * np.sign(qd)
