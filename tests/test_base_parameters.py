@@ -14,7 +14,7 @@ import rne
 from rne.basics.spatial import rotation_about
 from rne.dynamics.base_inertial_parameters import independent_columns
 from rne.model.builder import Part, assemble
-from rne.model.fewest_terms import with_fewest_terms
+from rne.model.parameters import with_fewest_terms
 from rne.model.standard_parameters import StandardParameters
 from rne.model.topology import joint_groups
 

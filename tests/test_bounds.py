@@ -13,8 +13,8 @@ from benchmarks.bounds import ACCELERATION as ACCELERATIONS
 from benchmarks.bounds import RATE as RATES
 from benchmarks.bounds import outside, sampled, searched
 from rne.bounds.articulated import ArticulatedSearch, control_points, functions
-from rne.bounds.bounds import QUANTITIES, Terms, about_first_angle, entry, torque_criteria
-from rne.bounds.branch_and_bound import Clock, Search, climbed, largest, short_basis
+from rne.bounds.bounds import QUANTITIES, RobotPolynomials, about_first_angle, entry, torque_criteria
+from rne.bounds.branch_and_bound import CellSearch, Clock, largest, local_maximum, short_basis
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, positive_definite
 from rne.bounds.gravity import UNKNOWN, gravity_torques_of_full_turns
 from rne.bounds.grids import ratio_on_grid, values_on_grid
@@ -220,7 +220,7 @@ def test_gravity_of_full_turns_is_attained_from_below(n, seed):
     upper = gravity_torques_of_full_turns(robot.model)
     turn = np.full(n, np.pi)
     for i in range(n):
-        attained = climbed(lambda q, i=i: abs(robot.gravity_torque(q))[:, i], -turn, turn, starts=30)[1]
+        attained = local_maximum(lambda q, i=i: abs(robot.gravity_torque(q))[:, i], -turn, turn, starts=30)[1]
         assert attained <= upper[i] <= attained * (1 + GRID), i
 
 
@@ -241,8 +241,8 @@ def random_chain(seed, n=4):
 def least_eigenvalue(robot, positions):
     """Its criterion and box."""
     box = box_argument(robot.model, positions)
-    terms = Terms(KernelCache(robot.model), box)
-    return LargestOfInverse(terms.of(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), box
+    terms = RobotPolynomials(KernelCache(robot.model), box)
+    return LargestOfInverse(terms.polynomial(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), box
 
 
 @pytest.mark.parametrize("turns", [True, False])
@@ -347,11 +347,11 @@ def test_modes_bound_values_and_derivatives(make):
     robot = make()
     cache = KernelCache(robot.model)
     box = box_argument(robot.model, "limits")
-    terms, h = Terms(cache, box), 1e-4
+    terms, h = RobotPolynomials(cache, box), 1e-4
     q = np.random.default_rng(2).uniform(box.lower, box.upper, (2000, robot.n))
     for A, function in (
-        (terms.of(rne.dynamics.gravity_torque, 1), robot.gravity_torque),
-        (terms.of(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
+        (terms.polynomial(rne.dynamics.gravity_torque, 1), robot.gravity_torque),
+        (terms.polynomial(rne.dynamics.mass_matrix, 2), robot.mass_matrix),
     ):
         np.testing.assert_allclose(A.evaluate(q), function(q), atol=1e-12)
         if not A.power.any():
@@ -370,8 +370,8 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
     """-B <= Re(exp(i phase) c) <= B for a complex symmetric c, relative to any scale."""
     rng = np.random.default_rng(3)
     robot = two_link()
-    terms = Terms(KernelCache(robot.model), box_argument(robot.model, "circle"))
-    M = terms.of(rne.dynamics.mass_matrix, 2)
+    terms = RobotPolynomials(KernelCache(robot.model), box_argument(robot.model, "circle"))
+    M = terms.polynomial(rne.dynamics.mass_matrix, 2)
     c = rng.normal(size=(5, 2, 2)) + 1j * rng.normal(size=(5, 2, 2))
     M = replace(M, coefficients=c + c.swapaxes(1, 2))
     for criterion in (Norm(M), LargestOfInverse(M, rng.uniform(-3, 3, (9, 2)), np.eye(2))):
@@ -383,7 +383,7 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
 
 def test_rounding_is_at_least_that_of_the_sum_of_modes():
     """Of 2000 operations, on a number as large as the quantity can be anywhere."""
-    terms = Terms(KernelCache(two_link().model), box_argument(two_link().model, "circle"))
+    terms = RobotPolynomials(KernelCache(two_link().model), box_argument(two_link().model, "circle"))
     for criterion in (Norm(terms.of(rne.dynamics.mass_matrix, 2)), Modulus(terms.of(rne.dynamics.gravity_torque, 1))):
         assert criterion.size > 0
         assert criterion.rounding(0.0) >= 2000 * np.finfo(float).eps * criterion.size
@@ -392,8 +392,8 @@ def test_rounding_is_at_least_that_of_the_sum_of_modes():
 def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):
     """Of random symbols c_ijk: no unit vectors v, w give more than the root of its largest eigenvalue."""
     rng = np.random.default_rng(4)
-    terms = Terms(KernelCache(irb140.model), box_argument(irb140.model, "circle"))
-    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    terms = RobotPolynomials(KernelCache(irb140.model), box_argument(irb140.model, "circle"))
+    dM = terms.polynomial(rne.dynamics.mass_matrix, 2, "q")
     A = dM.mapped(christoffel, 1.5 * dM.terms)
     criterion = Coriolis(A)
     q = rng.uniform(-np.pi, np.pi, (50, 6))
@@ -536,13 +536,13 @@ def test_second_derivatives_are_within_what_grids_prove(make):
     """Of torques, k_C and an entry of M, in each direction of the search, and less than sums of modes say."""
     robot = make().mounted([0.3, 0.4, 0])
     n, box = robot.n, box_argument(robot.model, "limits")
-    terms, rng = Terms(KernelCache(robot.model), box), np.random.default_rng(5)
-    dM = terms.of(rne.dynamics.mass_matrix, 2, "q")
+    terms, rng = RobotPolynomials(KernelCache(robot.model), box), np.random.default_rng(5)
+    dM = terms.polynomial(rne.dynamics.mass_matrix, 2, "q")
     torques = torque_criteria(terms, np.full(n, RATES), np.full(n, ACCELERATIONS))
     k_C = Coriolis(dM.mapped(christoffel, 1.5 * dM.terms))
     less = []
-    for criterion in (*torques, k_C, Modulus(entry(terms.of(rne.dynamics.mass_matrix, 2), 0, 0))):
-        search, A = Search(criterion, box, box.lower, np.inf, Clock()), criterion.polynomial
+    for criterion in (*torques, k_C, Modulus(entry(terms.polynomial(rne.dynamics.mass_matrix, 2), 0, 0))):
+        search, A = CellSearch(criterion, box, box.lower, np.inf, Clock()), criterion.polynomial
         sums, q = search.curvatures.copy(), rng.uniform(-np.pi, np.pi, (200, n))
         search.use_grids(np.inf)
         turn = np.exp(1j * q @ A.frequency.T) * (A.power == 0).all(axis=1)
@@ -561,7 +561,7 @@ def test_gravity_and_the_rest_are_largest_together():
     robot = first_joints().mounted([0.5, 0, 0])
     box = box_argument(robot.model, "circle")
     q = np.random.default_rng(6).uniform(box.lower, box.upper, (100_000, 3))
-    g = entry(Terms(KernelCache(robot.model), box).of(rne.dynamics.gravity_torque, 1), 1)
+    g = entry(RobotPolynomials(KernelCache(robot.model), box).polynomial(rne.dynamics.gravity_torque, 1), 1)
     parts = about_first_angle(g)
     torque, mean, cosine, sine = parts.evaluate(q[:50]).T
     angle = q[:50, 0]
@@ -656,7 +656,7 @@ def test_torques_inside_of_the_range_of_a_rate_are_attained():
     a = M2 * L1 * C2 * np.sin(1.5)
     np.testing.assert_allclose(found.torque.attained, [a * (2 * 3.0 + 9.0), a], rtol=1e-9)  # at corners
     criterion = torque_criteria(
-        Terms(KernelCache(model), box_argument(model, "circle")), np.array([2.0, 1.0]), np.zeros(2)
+        RobotPolynomials(KernelCache(model), box_argument(model, "circle")), np.array([2.0, 1.0]), np.zeros(2)
     )[0]
     forms = np.array([[0.0, 2.0, -1.0], [3.0, 1.0, -2.0], [-1.0, 0.5, -1.0]])  # of v1^2, v1 v2, v2^2
     grid = np.linspace([-2.0, -1.0], [2.0, 1.0], 401).T

@@ -169,7 +169,7 @@ def test_a_watched_law_is_replaced_at_the_contact(arm, path, push):
     observer = MomentumObserver(arm, floor=3.0)
 
     class World:
-        """The drives give what the watched law says, and from 20 ms on something pushes."""
+        """The drives give what the guarded law says, and from 20 ms on something pushes."""
 
         def __init__(self, reaction):
             self.watched = observer.watching(law, reaction, 1e-3)
@@ -211,7 +211,7 @@ def test_a_watched_law_is_told_what_the_drives_deliver(arm, path, parts):
 def test_a_watched_law_needs_its_own_sample_time(two, sample_time):
     law = rne.control.pd_gravity(two, 10, 1, [0, 0])
     scene = rne.Scene(two, controller=MomentumObserver(two).watching(law, law, 1e-3), sample_time=sample_time)
-    with pytest.raises(ValueError, match=r"^a watched law must be called every 0.001 s from t = 0 on, got t = "):
+    with pytest.raises(ValueError, match=r"^a guarded law must be called every 0.001 s from t = 0 on, got t = "):
         rne.simulate(scene, [0, 0], [0, 0], 0.01)
 
 

@@ -214,7 +214,7 @@ def test_a_state_that_must_be_examined_changes_no_other(chain, starts):
 
 
 def test_soundness_is_told_state_by_state(chain):
-    program, x = BlockProgram(rne.Scene(chain).right_hand_side.kernel.traced), np.full((5, 4), 0.1)
+    program, x = BlockProgram(rne.Scene(chain).kernel.traced), np.full((5, 4), 0.1)
     x[1, 2], x[3, 0] = 1e9, np.nan
     found = np.zeros((5, 4))
     assert program.sound([np.zeros((5, 1)), x], found).tolist() == [True, False, True, False, True]
@@ -326,7 +326,7 @@ class TestLanes:
     @pytest.mark.parametrize("count", [3, lanes.LANES + 3])
     @pytest.mark.parametrize("method", ["DOP853", "RK45", "rk4", "semi-implicit-euler"])
     def test_are_the_rows(self, plain, chain, starts, count, method):
-        rhs, fixed = rne.Scene(chain).right_hand_side, method in FIXED
+        kernel, fixed = rne.Scene(chain).kernel, method in FIXED
         norm = (4, 1e-4, 1e-7, 0.0 if fixed else power(method))
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         course = Course(
@@ -343,23 +343,23 @@ class TestLanes:
         x = np.concatenate(starts, axis=1)[:count]
         X, expected = np.full((2, 3, count, 4), np.nan)
         told = []
-        code, evaluations, all_run = lanes.in_lanes(course, rhs.kernel, np.zeros((count, 0)), x, X, told.append)
+        code, evaluations, all_run = lanes.in_lanes(course, kernel, np.zeros((count, 0)), x, X, told.append)
         assert all_run
         assert sum(told) == count
-        rates = by_rows(course, rhs.kernel, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
+        rates = by_rows(course, kernel, np.zeros((count, 0)), np.arange(count), x, expected, lambda done: None)
         assert not code.any()
         np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)  # rounding moves the estimates of errors
         assert 0.9 * rates.evaluations <= evaluations <= 1.1 * rates.evaluations
 
     def test_motions_to_be_examined_are_left(self, plain, chain, starts):
-        rhs, x = rne.Scene(chain).right_hand_side, np.concatenate(starts, axis=1)[:12]
+        kernel, x = rne.Scene(chain).kernel, np.concatenate(starts, axis=1)[:12]
         course = Course(
             tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, np.array([1e-9]), np.zeros(0), (4, 1e-3, 1e-6, -0.2)
         )
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X, told = np.full((1, 12, 4), np.nan), []
-        code, _, _ = lanes.in_lanes(course, rhs.kernel, np.zeros((12, 0)), x, X, told.append)
+        code, _, _ = lanes.in_lanes(course, kernel, np.zeros((12, 0)), x, X, told.append)
         assert sum(told) == 9
         left = np.flatnonzero(code)
         assert left.tolist() == [0, 7, 11]

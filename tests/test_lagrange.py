@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import rne
+from examples.thesis.formulations import irb140_mirrored
 from rne.dynamics.lagrange import bodies, gravity_terms, inertia_derivatives, inertia_matrix
 from rne.kernels.trace import by_recursion
-from rne.model.abb_irb140 import irb140_mirrored
 from rne.model.builder import Part, assemble
 
 from .conftest import TREES

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import rne
-from rne.model.abb_irb140 import DATA_SHEET, irb140_mirrored
+from examples.thesis.formulations import irb140_mirrored
+from rne.model.abb_irb140 import DATA_SHEET
 from rne.model.builder import at_links, disassemble
 from rne.model.checks import symmetric_up_to_rounding, triangle_excess
 from rne.model.parameters import at_parameters, of_states, parameters_of

@@ -5,7 +5,7 @@ import dataclasses
 import json
 import pickle
 import re
-from dataclasses import MISSING, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -152,7 +152,8 @@ class TestJumps:
 
 
 def test_a_motion_of_which_no_jumps_are_told_is_a_curve(swing):
-    told = [f.name for f in fields(rne.Trajectory) if f.default is MISSING and f.default_factory is MISSING]
+    untold = {"jumps", "qdd_before", "tau_before", "run"}
+    told = [f.name for f in fields(rne.Trajectory) if f.name not in untold]
     motion = rne.Trajectory(**{name: getattr(swing, name) for name in told})
     np.testing.assert_array_equal(motion(0.51)[1], swing(0.51)[1])
     np.testing.assert_array_equal(motion.torques(0.51), swing.torques(0.51))

@@ -65,7 +65,7 @@ def test_copies_share_their_kernels_and_simulated_robots_are_freed():
     assert twin.kernel(rne.dynamics.mass_matrix) is robot.kernel(rne.dynamics.mass_matrix)
     rne.simulate(robot, [0.1], [0], 0.01, torque=[1.0])
     alive = weakref.ref(robot)
-    del robot
+    del robot, twin
     gc.collect()
     assert alive() is None
 

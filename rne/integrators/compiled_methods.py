@@ -203,7 +203,7 @@ class SampledSolver(CompiledSolver):
     def __init__(self, method: str, rtol: float, atol: float, kernel: Kernel, hold: Sampler) -> None:
         super().__init__(method, rtol, atol, kernel)
         assert hold.traced is not None
-        self.hold, self.law = hold, hold.traced.kernel
+        self.hold, self.law = hold, hold.traced
         self.bounds = hold.bounds()
 
     def steps(self, most: int) -> Steps:
