@@ -100,6 +100,33 @@ def test_no_module_imports_itself_through_others():
     tuple(graphlib.TopologicalSorter(graph).static_order())  # a CycleError names the circle
 
 
+def imports_of_folder(folder):
+    """Modules of benchmarks that each file of a folder imports."""
+    found = {}
+    for path in (ROOT / folder).rglob("*.py"):
+        nodes = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.ImportFrom)]
+        names = [f"{n.module}.{alias.name}" for n in nodes if not n.level for alias in n.names]
+        files = [name for name in names if name.startswith("benchmarks.")]
+        of_module = (
+            n if (ROOT / n.replace(".", "/")).with_suffix(".py").exists() else n.rpartition(".")[0] for n in files
+        )
+        found[module_of(path)] = set(of_module)
+    return found
+
+
+def test_no_benchmark_imports_itself_through_others():
+    tuple(graphlib.TopologicalSorter(imports_of_folder("benchmarks")).static_order())
+
+
+def test_what_several_tests_need_is_not_of_a_benchmark():
+    """Robots, logs and faults that tests are made of live in tests, and benchmarks import them from there."""
+    users = {}
+    for file, modules in imports_of_folder("tests").items():
+        for module in modules - {"benchmarks.engines", "benchmarks.pages", "benchmarks.peers"}:  # of benchmarks' tests
+            users.setdefault(module, []).append(file)
+    assert {module: files for module, files in users.items() if len(files) > 2} == {}
+
+
 def test_every_entry_has_a_floor_and_there_are_few():
     assert {entry(path) for path in SOURCES} == set(FLOOR)
     listed = subprocess.run(["git", "ls-files", "rne"], capture_output=True, text=True, cwd=ROOT, check=True).stdout

@@ -127,16 +127,15 @@ def test_each_record_has_its_own_delay():
 
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
 def test_delays_are_found_whatever_else_is_found():
-    """Three logs with a payload taken up in the second: each has the delay that it has alone."""
+    """Three logs with a payload taken up in the second: each has its own delay."""
     cases, late = [faults.case("mimic", 3) for _ in range(3)], (0.0106, 0.0123, 0.004)
     cases = [c._replace(late=x) for c, x in zip(cases, late, strict=True)]
     known = known_robot("mimic", 3)
     logs = [make(c) for make, c in zip((faults.clean, faults.payload, faults.clean), cases, strict=True)]
     records = [Record(data.t, data.q, data.tau) for data in logs]
-    alone = [rne.identify(known, record, consistent=False).delay[0] for record in records]
-    together = rne.identify(known, records, consistent=False).delay
-    np.testing.assert_allclose(together, alone, atol=1.5e-3)  # three standard errors of the payload log
-    np.testing.assert_allclose(together[[0, 2]], np.outer([0.0106, 0.004], np.ones(2)), atol=1e-3)
+    found = rne.identify(known, records, consistent=False).delay
+    np.testing.assert_allclose(found[1], late[1], atol=3e-3)  # three standard errors of the payload log
+    np.testing.assert_allclose(found[[0, 2]], np.outer([0.0106, 0.004], np.ones(2)), atol=1e-3)
 
 
 @pytest.mark.parametrize("fault", kept(["swapped joints", "sign", "contact"], ["sign"]))
@@ -335,7 +334,7 @@ def test_a_joint_at_rest_is_judged_apart():
 
 @pytest.mark.filterwarnings("ignore::rne.IdentificationWarning")
 @pytest.mark.parametrize(
-    ("robot", "degrees"), kept([("SCARA", 2), ("SCARA", 8), ("mimic", 5), ("gantry", 15)], [("SCARA", 8), ("mimic", 5)])
+    ("robot", "degrees"), kept([("SCARA", 2), ("SCARA", 8), ("mimic", 5), ("gantry", 15)], [("mimic", 5)])
 )
 def test_a_base_that_is_tilted_by_some_degrees_is_told(whole_log, robot, degrees):
     c, angle = case(robot, 3), np.deg2rad(degrees)
