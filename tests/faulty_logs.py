@@ -21,7 +21,8 @@ import rne
 from rne.identification import Record
 from rne.identification.fit.least_squares import weighted_fit
 from rne.identification.fit.regression import build_regression
-from rne.model.parameters import parameters_of, with_parameters
+from rne.model import with_parameters
+from rne.model.parameters import parameters_of
 
 from .helpers import first_joints, loaded
 

@@ -21,9 +21,8 @@ from rne.bounds.grids import ratio_on_grid, values_on_grid
 from rne.bounds.polynomials import Polynomial, box_argument
 from rne.dynamics.lagrange import christoffel
 from rne.kernels.cache import KernelCache
-from rne.model.builder import Part, assemble, pose
 
-from .helpers import first_joints, kept
+from .helpers import Part, assemble, first_joints, kept, pose
 from .random_robots import random_tree
 
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81

@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.integrators import compiled_methods, runge_kutta
-from rne.kernels.kernel import Kernel
+from rne.kernels import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
 from rne.simulation import run

@@ -13,7 +13,7 @@ import rne
 from rne.integrators import lanes
 from rne.integrators.rows import Course, by_rows
 from rne.integrators.runge_kutta import FIXED, power, tableau
-from rne.kernels.kernel import Kernel
+from rne.kernels import Kernel
 from rne.kernels.numpy_backend import BlockProgram
 from rne.simulation import ensembles
 from rne.simulation.simulator import METHODS
