@@ -57,6 +57,11 @@ NAMES = {module_of(path) for path in SOURCES}
 NODES = {path: list(ast.walk(ast.parse(path.read_text(encoding="utf-8")))) for path in SOURCES}
 
 
+def called(node):
+    """The last name of what a call calls."""
+    return getattr(node.func, "attr", getattr(node.func, "id", ""))
+
+
 def imported(path, nodes):
     """Modules that a file imports in some nodes, as dotted names from the package's root."""
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]
@@ -69,7 +74,7 @@ def imported(path, nodes):
                 yield name if name in NAMES or module == "rne" else module
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
+        elif isinstance(node, ast.Call) and called(node) in ("import_module", "__import__"):
             (name, *_) = node.args  # by a text: relative to the folder, or made when it runs, which names no file
             if isinstance(name, ast.Constant):
                 yield importlib.util.resolve_name(name.value, ".".join(package))

@@ -177,6 +177,7 @@ def test_drives_that_were_declined_are_proposed():
     with pytest.warns(rne.IdentificationWarning, match="friction.* which was not asked for"):
         bare = identified(faults.clean, drives=rne.DriveModel())
     assert "friction" in bare.causes[0].kind
+    assert "friction changed" not in [cause.kind for cause in bare.causes]
     for count, words in ((1, "the likely cause: "), (2, "likely causes: ")):
         assert words in dataclasses.replace(bare, causes=bare.causes[:count]).doubt
     with pytest.warns(rne.IdentificationWarning, match="a rotor.* which was not asked for"):
