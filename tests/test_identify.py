@@ -11,7 +11,6 @@ from rne.identification import Record
 from rne.identification.diagnosis.checking import without_gaps
 from rne.identification.fit.least_squares import least_squares
 from rne.model.parameters import pseudo_inertia
-from rne.model.standard_parameters import MEASURED
 
 from . import faulty_logs as faults
 from .conftest import TREES
@@ -23,6 +22,7 @@ NOISE = np.array([1.5, 1.5, 0.9, 0.3, 0.3, 0.3])  # standard deviation of each t
 ENCODER = 2 * np.pi / 2**17  # step of the joint positions [rad]
 CLOCK = 4e-5  # largest error of a stamp [s], 1 % of the sampling period
 WITHIN_THREE = 0.9973
+MEASURED = rne.DriveModel(rotor=True, friction="viscous+coulomb", offset=True)  # without what the log asks for besides
 BETWEEN_SAMPLES = 1e-3  # of the torques: what filters and differences change in a motion up to 0.5 Hz
 
 
