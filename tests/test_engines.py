@@ -70,6 +70,7 @@ TREES = {kind: random_tree(n, seed=seed, **more) for kind, n, seed, more in [
     ("sliders", 4, 3, {"prismatic": 1}),
     ("bushy", 8, 5, {"branching": 0.8}),
     ("mimics", 4, 6, {"mimics": 2}),
+    ("two mimics", 2, 6, {"mimics": 2}),
 ]}  # fmt: skip
 
 
@@ -332,6 +333,15 @@ for n in (1, 2, 3):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a page of memory is made unreadable")
 def test_nothing_is_read_behind_an_array():
     subprocess.run([sys.executable, "-c", GUARDED], check=True, cwd=ROOT)
+
+
+def test_of_joints_that_mimic():
+    """Angles that are computed have their sines before the rest of the program."""
+    q, results = states(2, 9)[0], []
+    for engine in kernel_module.ENGINES:
+        kernel = rne.compile(rne.dynamics.gravity_torque, TREES["two mimics"], engine=engine)
+        results += [kernel(q), np.array([kernel(one) for one in q])]
+    assert all(relative(found, results[0]) <= 64 * EPS for found in results[1:])
 
 
 class TestErrors:

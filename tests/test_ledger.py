@@ -5,9 +5,8 @@ import pytest
 from scipy.integrate import simpson
 
 import rne
-from rne.model.builder import Part, assemble
 
-from .helpers import kept
+from .helpers import Part, assemble, kept
 from .random_robots import random_tree
 
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]

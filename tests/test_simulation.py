@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import rne
-from rne.control.laws import pd_gravity
+from rne.control import pd_gravity
 from rne.integrators.base import Steps
 from rne.integrators.scipy_methods import SciPySolver
 from rne.model.builder import Part, assemble
 from rne.simulation.plant import Plant
 from rne.simulation.run import Recorder
 
-from .helpers import kept
+from .helpers import Part, assemble, kept
 from .random_robots import random_tree, straight_chain
 
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
