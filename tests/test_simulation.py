@@ -11,7 +11,6 @@ import rne
 from rne.control import pd_gravity
 from rne.integrators.base import Steps
 from rne.integrators.scipy_methods import SciPySolver
-from rne.model.builder import Part, assemble
 from rne.simulation.plant import Plant
 from rne.simulation.run import Recorder
 
@@ -348,8 +347,7 @@ class TestFailures:
         assert caught.value.time < 10.0
 
     def test_singular_mass_matrix_is_named(self):
-        from rne.model.builder import Part, assemble
-
+        
         ghost = rne.Robot(assemble("ghost", [Part(link="b"), Part(link="a", joint="j", kind="revolute", parent=0)]))
         with pytest.raises(rne.SimulationError, match="M is singular: nothing with inertia moves with 'j'"):
             rne.simulate(ghost, [0.0], [0.0], 1.0)
