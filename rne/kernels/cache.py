@@ -42,12 +42,11 @@ class Recent(OrderedDict[K, V]):
     def get_or_make(self, key: K, make: Callable[[], V]) -> V:
         """The value of a key, which is made where there is none."""
         with self.lock:
-            if key not in self:
-                self[key] = make()
-                while len(self) > self.most:
-                    self.popitem(last=False)
-            self.move_to_end(key)
-            return self[key]
+            value = self.pop(key, None)
+            value = self[key] = make() if value is None else value
+            while len(self) > self.most:
+                self.popitem(last=False)
+            return value
 
 
 class KernelCache:
@@ -92,9 +91,9 @@ class KernelCache:
             return by_recursion(function, self.model, arrays, wrt, {})[0]
         return self.scene_kernel(function, *wrt).evaluate(*arrays)[0]
 
-    def has_scene(self, function: Declared) -> bool:
-        """True if the kernel of a function of a scene is kept."""
-        return (function, ()) in self._scenes
+    def has_scene(self, function: Declared, *wrt: str) -> bool:
+        """True if the kernel of a function of a scene, or of its derivatives, is kept."""
+        return (function, wrt) in self._scenes
 
     def forget_scenes(self, changed: Callable[[Any], bool]) -> None:
         """Forget the kernels of functions that have changed since they were traced."""

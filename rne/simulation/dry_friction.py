@@ -17,7 +17,7 @@ from ..basics.spatial import Array
 from ..errors import NotFiniteError
 from ..robot import Robot
 from .events import Event
-from .plant import Plant
+from .plant import Plant, state_function
 from .scene_dynamics import SceneDynamics
 from .zero_order_hold import Samples
 
@@ -60,6 +60,7 @@ class DryPlant(Plant):
         self.friction = friction = dynamics.friction
         self.n = n = robot.n
         self.loads_kernel = robot._kernels.scene_kernel(dynamics.loads_under_modes)
+        self._loads_function = state_function(self.loads_kernel)
         self.coulomb = np.full(n, friction.coulomb, dtype=float), np.full(n, friction.coulomb_back, dtype=float)
         self.statics = self.coulomb if friction.static is None else (np.full(n, friction.static, dtype=float),) * 2
         self.mode, self.has_changed = np.full(n, -2), True  # no modes yet
@@ -155,8 +156,7 @@ class DryPlant(Plant):
         """
         t = self.within(t)
         inputs = self.inputs(t, x) if u is None else self._with_modes(u)
-        found, status = self.loads_kernel.evaluate(np.array([t]), x, inputs)
-        self.note_loss(status)
+        found = self._evaluate(self.dynamics.loads_under_modes, self._loads_function, t, x, inputs)
         return np.reshape(found, (3, self.n))
 
     def loads_at(self, t: Array, X: Array, u: Array | None = None) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
 from ..dynamics.crba import mass_matrix
-from ..dynamics.quantity import OK, PrecisionStatus
+from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
 from ..kernels.program import NeedsRecursion
@@ -51,7 +51,7 @@ class Plant:
         self.evaluations, self.status = 0, OK  # the status of the worst state so far
         self.span = (-np.inf, np.inf)  # times at which torques are evaluated: inside the segment, between its breaks
         self._time = np.zeros(1)  # t as an argument of the kernel
-        self._state_function = self.kernel.state_function_unguarded if self.kernel.is_unrolled else None
+        self._state_function = state_function(self.kernel)
 
     @property
     def _function(self) -> Any:
@@ -147,18 +147,22 @@ class Plant:
 
     def rates(self, t: float, x: Array, u: Array | None) -> Array:
         """dx/dt under given inputs."""
-        if self._state_function is not None:
+        return self._evaluate(self._function, self._state_function, t, x, u)
+
+    def _evaluate(
+        self, function: MethodQuantity, call: Callable[..., Array] | None, t: float, x: Array, u: Any
+    ) -> Array:
+        """A function in one state, by its kernel's `call` or else by the recursion, which names what is wrong."""
+        if call is not None:
             try:
                 self._time[0] = t
-                if u is None:
-                    return self._state_function(self._time, x)
-                return self._state_function(self._time, x, u)
+                return call(self._time, x) if u is None else call(self._time, x, u)
             except NeedsRecursion:
-                pass  # by the recursion, which names what is wrong
+                pass
         self._check_state(t, x)
         try:
             rates: Array
-            rates, status = self._function.evaluate(self.robot.model, np.array([t]), x, u)
+            rates, status = function.evaluate(self.robot.model, np.array([t]), x, u)
         except NotFiniteError as error:
             drives = None if self.dynamics.law is None else self.dynamics.drives(np.array([t]), x, None)[0]
             of_law = None if drives is None else _not_finite(np.asarray(drives, dtype=float), self.robot, t)
@@ -196,8 +200,13 @@ class Plant:
         return self._slopes_of_rates(self.dynamics, t, x, is_traced=True)
 
     def linearised(self, t: float, x: Array) -> Array:
-        """df/dx with laws by forward differences: needs no kernel of the law, and the first time none at all."""
-        return self._slopes_of_rates(self.dynamics.without_law(), t, x, is_traced=False)
+        """df/dx for judging its modes: laws by forward differences, unless a kernel with the law is there.
+
+        This needs no kernel of the law, and the first time none at all.
+        """
+        dynamics = self.dynamics
+        is_traced = self.robot._kernels.has_scene(dynamics.residual, *_wrt(dynamics))
+        return self._slopes_of_rates(dynamics if is_traced else dynamics.without_law(), t, x, is_traced=is_traced)
 
     def _slopes_of_rates(self, dynamics: SceneDynamics, t: float, x: Array, *, is_traced: bool) -> Array:
         """df/dx: dynamics, friction and the law of `dynamics` exactly, torques that it is given by forward differences.
@@ -210,7 +219,7 @@ class Plant:
         t, n, size, kernels = self.within(t), self.robot.n, len(x), self.robot._kernels
         qdd = self.rates(t, x, self.torque(t, x))[n : 2 * n]
         u = (self.law_outputs(t, x),) if dynamics.torque_given else ()
-        residual, wrt = dynamics.residual, ("x", "a", "u")[: 2 + len(u)]
+        residual, wrt = dynamics.residual, _wrt(dynamics)
         evaluate = kernels.scene_kernel(residual, *wrt) if is_traced else partial(kernels.evaluate_scene, residual, wrt)
         slopes = evaluate(np.array([t]), x, qdd, *u)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
@@ -235,6 +244,16 @@ class Plant:
             moved[j] += np.sqrt(np.finfo(float).eps) * max(abs(x[j]), 1.0)
             slopes[:, j] = (self.law_outputs(t, moved) - u) / (moved[j] - x[j])
         return slopes
+
+
+def _wrt(dynamics: SceneDynamics) -> tuple[str, ...]:
+    """The arguments by which the equations of motion are differentiated."""
+    return ("x", "a", "u") if dynamics.torque_given else ("x", "a")
+
+
+def state_function(kernel: Kernel) -> Callable[..., Array] | None:
+    """A kernel's function of one state without the check of joint velocities; None if the recursion itself runs."""
+    return kernel.state_function_unguarded if kernel.is_unrolled else None
 
 
 def checked_torques(name: str, returned: Any, robot: Robot, t: float) -> Array:

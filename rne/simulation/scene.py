@@ -210,20 +210,29 @@ class Scene:
     @property
     def dynamics(self) -> SceneDynamics:
         """The equations of motion of the scene, with the controller as it is now; equal scenes share their kernels."""
-        parts, law = self.resolved, self.controller
-        is_held = self.sample_time is not None
-        traced = None if is_held else self._traced_law()
-        states = 0 if is_held else int(getattr(law, "states", 0))
-        limit, n = parts.effort_limit, parts.robot.n
+        is_traced = self.sample_time is None and self._traced_law() is not None
+        return self._dynamics_with_law if is_traced else self._dynamics_without_law
+
+    @cached_property
+    def _dynamics_with_law(self) -> SceneDynamics:
+        return self._dynamics("none", self._law)
+
+    @cached_property
+    def _dynamics_without_law(self) -> SceneDynamics:
+        return self._dynamics("none" if self.controller is None else "called" if self.sample_time is None else "held")
+
+    def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
+        parts, is_held = self.resolved, self.sample_time is not None
+        limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
         return SceneDynamics(
-            n,
+            parts.robot.n,
             parts.robot._kernels.forward_method(),
             parts.friction,
             None if limit is None else tuple(limit.tolist()),
-            traced,
-            "held" if is_held else "called" if law is not None and traced is None else "none",
+            law,
+            inputs,
             states,
-            None if limit is None or law is None or is_held else self._typical_inertia,
+            None if limit is None or self.controller is None or is_held else self._typical_inertia,
         )
 
     @cached_property
@@ -232,14 +241,17 @@ class Scene:
         diagonal = np.diagonal(mass_matrix(self.resolved.robot.model, np.zeros(self.n)))
         return tuple(np.where(diagonal > 0, diagonal, 1.0).tolist())
 
+    @cached_property
+    def _law(self) -> TracedLaw:
+        return TracedLaw(self.controller, self.n)
+
     def _traced_law(self) -> TracedLaw | None:
         """The controller, if it is traced; a line on the logger if it is marked as traceable but cannot be."""
         if not getattr(self.controller, "traceable", False):
             return None
-        law = TracedLaw(self.controller, self.n)
-        reason = law.why_not_traced(self.resolved.robot)
+        reason = self._law.why_not_traced(self.resolved.robot)
         if reason is None:
-            return law
+            return self._law
         if self.sample_time is None and _announced.get(id(self.controller)) is not self.controller:
             LOGGER.warning("`controller` is called, not traced: %s", reason)
             with suppress(TypeError):  # an object without weak references
