@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -65,6 +66,12 @@ class KernelCache:
         self._links: dict[tuple[str, ...], tuple[str, ...]] = {}  # of wrenches as given: in the model's order
         self._scenes: Recent[Any, Kernel] = Recent(SCENES)
         self._variants: Recent[Model, KernelCache] = Recent(VARIANTS)
+
+    @cached_property
+    def typical_inertia(self) -> Array:
+        """The diagonal of M in one configuration, 1 in place of 0, to compare energies and impulses with."""
+        diagonal = np.diagonal(mass_matrix(self.model, np.zeros(self.model.n)))
+        return np.where(diagonal > 0, diagonal, 1.0)
 
     def kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
         """The kernel of a function, or of its derivatives by some arguments, traced on first use; see `compile`."""

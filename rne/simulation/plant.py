@@ -11,7 +11,6 @@ import numpy as np
 
 from ..basics.arrays import real_array
 from ..basics.spatial import Array
-from ..dynamics.crba import mass_matrix
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
@@ -57,11 +56,10 @@ class Plant:
     def _function(self) -> Any:
         return self.dynamics.right_hand_side
 
-    @cached_property
+    @property
     def integral_scale(self) -> float:
         """Kinetic energy of the robot whose joints move at 1 rad/s or m/s: smaller energies need not be exact [J]."""
-        inertia = np.diagonal(mass_matrix(self.robot.model, np.zeros(self.robot.n)))
-        return float(inertia.sum()) / 2 or 1.0
+        return float(self.robot._kernels.typical_inertia.sum()) / 2 or 1.0
 
     @property
     def held(self) -> Array | None:
@@ -205,7 +203,7 @@ class Plant:
         This needs no kernel of the law, and the first time none at all.
         """
         dynamics = self.dynamics
-        is_traced = self.robot._kernels.has_scene(dynamics.residual, *_wrt(dynamics))
+        is_traced = self.robot._kernels.has_scene(dynamics.residual, *self._wrt(dynamics))
         return self._slopes_of_rates(dynamics if is_traced else dynamics.without_law(), t, x, is_traced=is_traced)
 
     def _slopes_of_rates(self, dynamics: SceneDynamics, t: float, x: Array, *, is_traced: bool) -> Array:
@@ -219,7 +217,7 @@ class Plant:
         t, n, size, kernels = self.within(t), self.robot.n, len(x), self.robot._kernels
         qdd = self.rates(t, x, self.torque(t, x))[n : 2 * n]
         u = (self.law_outputs(t, x),) if dynamics.torque_given else ()
-        residual, wrt = dynamics.residual, _wrt(dynamics)
+        residual, wrt = dynamics.residual, self._wrt(dynamics)
         evaluate = kernels.scene_kernel(residual, *wrt) if is_traced else partial(kernels.evaluate_scene, residual, wrt)
         slopes = evaluate(np.array([t]), x, qdd, *u)
         by_x, M = slopes[:, :size], slopes[:n, size : size + n]
@@ -227,6 +225,10 @@ class Plant:
             by_x = by_x + slopes[:, size + n :] @ self._law_slopes(t, x, *u)
         accelerations = np.linalg.solve(M, -by_x[:n])
         return np.concatenate([np.eye(n, size, n), accelerations, by_x[n:]])
+
+    def _wrt(self, dynamics: SceneDynamics) -> tuple[str, ...]:
+        """The arguments by which the equations of motion are differentiated; Rodas5P needs the time."""
+        return ("x", "a", "u") if dynamics.torque_given else ("x", "a", "t") if self.is_compiled else ("x", "a")
 
     def law_outputs(self, t: float, x: Array) -> Array:
         """Torques of the law, traced, called or sampled, without limits, and the rates of its states."""
@@ -244,11 +246,6 @@ class Plant:
             moved[j] += np.sqrt(np.finfo(float).eps) * max(abs(x[j]), 1.0)
             slopes[:, j] = (self.law_outputs(t, moved) - u) / (moved[j] - x[j])
         return slopes
-
-
-def _wrt(dynamics: SceneDynamics) -> tuple[str, ...]:
-    """The arguments by which the equations of motion are differentiated."""
-    return ("x", "a", "u") if dynamics.torque_given else ("x", "a")
 
 
 def state_function(kernel: Kernel) -> Callable[..., Array] | None:

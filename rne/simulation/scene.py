@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import UNBOUNDED, per_joint_array, positive_number, vector
 from ..basics.spatial import Array
 from ..basics.text import listed, summary
-from ..dynamics.crba import mass_matrix
 from ..kernels.kernel import Kernel
 from ..model.model import joint_array
 from ..model.modify import limit_array
@@ -223,6 +222,7 @@ class Scene:
 
     def _dynamics(self, inputs: str, law: TracedLaw | None = None) -> SceneDynamics:
         parts, is_held = self.resolved, self.sample_time is not None
+        inertia = tuple(parts.robot._kernels.typical_inertia.tolist())
         limit, states = parts.effort_limit, 0 if is_held else int(getattr(self.controller, "states", 0))
         return SceneDynamics(
             parts.robot.n,
@@ -232,14 +232,8 @@ class Scene:
             law,
             inputs,
             states,
-            None if limit is None or self.controller is None or is_held else self._typical_inertia,
+            None if limit is None or self.controller is None or is_held else inertia,
         )
-
-    @cached_property
-    def _typical_inertia(self) -> tuple[float, ...]:
-        """Diagonal of M in one configuration: it makes impulses rates."""
-        diagonal = np.diagonal(mass_matrix(self.resolved.robot.model, np.zeros(self.n)))
-        return tuple(np.where(diagonal > 0, diagonal, 1.0).tolist())
 
     @cached_property
     def _law(self) -> TracedLaw:
