@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.model.builder import Part, pose
-from rne.urdf.far_origins import far_origins
+from rne.urdf.read import far_origins
 
 from ..helpers import data_robots, kept, states
 from ..random_robots import random_tree
