@@ -6,8 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rne
-from rne.kernels.differentiation import differentiate
-from rne.kernels.graph import Graph
+from rne.kernels.graph import Graph, differentiate
 from rne.kernels.program import Trace, lower
 from rne.kernels.python_backend import state_function
 from rne.kernels.scalar import inputs

@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.__main__ import main
-from rne.commands.motion_files import SampledMotion, filtered, noise, suggested_cutoff
+from rne.commands.moving import SampledMotion, filtered, noise, suggested_cutoff
 from rne.trajectories.csv_file import NAMES, UNITS
 
 from .helpers import kept, loaded

@@ -378,7 +378,7 @@ class TestFailures:
         ({"atol": 1e-30}, "`atol` must be at least 1e-20, as rounding errors exceed less, got 1e-30"),
         (
             {"method": "gauss-4"},
-            "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Radau', 'BDF', 'LSODA', 'Rodas5P'], got "
+            "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Tsit5', 'Radau', 'BDF', 'LSODA', 'Rodas5P'], got "
             "'gauss-4'",
         ),
         ({"torque": [1.0]}, "`torque` must have shape (2,), got (1,)"),

@@ -1,4 +1,8 @@
-"""rne simulate, torques, view and cycle: motions simulated, of a file, as 3-D pages, and planned for least time."""
+"""rne simulate, torques, view and cycle: motions simulated, of a file, as 3-D pages, and planned for least time.
+
+A CSV file can be read without an error and still be wrong: times in milliseconds, angles in degrees or wrapped, noise
+that differentiation amplifies. Warnings tell of each; the numbers change only if an option asks for it.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,11 @@ import argparse
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..basics.text import UNITS
-from . import motion_files as files
 from .shared import (
     CommandError,
     add_parser,
@@ -48,6 +51,15 @@ CYCLE = "rne cycle irb140 via.csv --effort 250 250 150 50 50 20 --gear 100 --rot
 FILM = 0.02  # [s] between the positions of the film of a cycle
 PAGES = (".html", ".htm")
 NOISY = 0.05  # torque made by noise, relative to the torque of the joint (rms), above which a warning is given
+TURN = 2 * np.pi
+UNEVEN = 100  # ratio of the longest to the shortest step, above which a warning is given
+EVEN = 1e-2  # largest difference of steps that a filter takes as even, relative to their mean
+FEW = 30  # samples that an estimate of noise needs
+WINDOWS = 20_000  # of a long file, from which noise is estimated
+ORDERS = (6, 9)  # of the differences that show noise
+STEADY = 0.7  # smallest ratio of the two estimates for noise: those of a smooth motion fall with the order
+MEDIAN = 0.6745  # of the size of a standard normal number
+RESIDUAL = 1.2  # ratio of what a filter removes to the noise
 
 
 def add_simulate(commands: Any) -> None:
@@ -132,7 +144,7 @@ def add_torques(commands: Any) -> None:
     add_robot(parser)
     columns = "CSV with columns t and q.<joint>, if known qd.<joint> and qdd.<joint>, in any order [s, rad or m]"
     parser.add_argument("motion", metavar="MOTION.csv", type=Path, help=columns)
-    files.add_units(parser)
+    add_units(parser)
     cutoff = "filter the columns without delay before they are differentiated: Butterworth, cut off at HZ"
     parser.add_argument("--cutoff", metavar="HZ", type=number, help=cutoff)
     out = "CSV file to write, columns t and tau.<joint> (default: standard output)"
@@ -149,13 +161,13 @@ def run_torques(arguments: argparse.Namespace) -> int:
         raise CommandError(f"--out: {str(arguments.out)!r} is the motion that is read; name another file")
     robot = robot_of(arguments)
     try:
-        given = files.read_motion(arguments.motion, robot, arguments)
+        given = read_motion(arguments.motion, robot, arguments)
         if given.qd is None:
-            files.refuse_wrapped_angles(given, robot, arguments.motion)
+            refuse_wrapped_angles(given, robot, arguments.motion)
         motion, change = given, ""
         if arguments.cutoff is not None:
-            motion, change = files.filtered(given, arguments.cutoff)
-        q, qd, qdd, source = files.differentiated(motion, arguments.motion)
+            motion, change = filtered(given, arguments.cutoff)
+        q, qd, qdd, source = differentiated(motion, arguments.motion)
         with warnings_in_one_line():
             tau = robot.inverse_dynamics(q, qd, qdd)
     except ValueError as error:
@@ -166,7 +178,7 @@ def run_torques(arguments: argparse.Namespace) -> int:
     if change:
         tell(change)
     if given.qd is None or given.qdd is None:
-        files.warn_of_uneven_steps(given.t)
+        warn_of_uneven_steps(given.t)
         warn_of_noise(robot, given, arguments, tau)
     tell(f"tau in {units_of(robot, *UNITS['tau'])}: rigid bodies alone, without friction and inertia of the drives")
     exceeded = limit_violations(robot.model, motion.t - motion.t[0], q, qd, tau)
@@ -182,25 +194,25 @@ def run_torques(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def warn_of_noise(robot: rne.Robot, given: files.SampledMotion, arguments: argparse.Namespace, tau: Array) -> None:
+def warn_of_noise(robot: rne.Robot, given: SampledMotion, arguments: argparse.Namespace, tau: Array) -> None:
     """Warn if noise makes more than 5 % of a joint's torque; computed by adding noise of the same size once more."""
     name = "q" if given.qd is None else "qd"  # the column that is differentiated
     x: Array = getattr(given, name)
-    sigma = files.noise(given.t, x)
+    sigma = noise(given.t, x)
     if not sigma.any():
         return
     shaken = given._replace(**{name: x + sigma * np.random.default_rng(0).normal(size=x.shape)})
     if arguments.cutoff is not None:
-        shaken, _ = files.filtered(shaken, arguments.cutoff)
-    q, qd, qdd, _ = files.differentiated(shaken, arguments.motion)
+        shaken, _ = filtered(shaken, arguments.cutoff)
+    q, qd, qdd, _ = differentiated(shaken, arguments.motion)
     made, own = _rms(robot.inverse_dynamics(q, qd, qdd) - tau), _rms(tau) + _rms(robot.gravity_torque(q))
     share = made / np.maximum(own, 1e-3 * own.max())  # a joint that carries nothing is compared with the others
     if share.max() <= NOISY:
         return
     k, worst = int(np.where(share > NOISY, made, 0.0).argmax()), int(sigma.argmax())
-    cutoff = files.suggested_cutoff(given.t, x, sigma)
+    cutoff = suggested_cutoff(given.t, x, sigma)
     cure = "give samples at even steps and --cutoff" if cutoff is None else f"give --cutoff {cutoff:.2g}"
-    unit = UNITS["tau"][not files.rotating(robot)[k]]
+    unit = UNITS["tau"][not rotating(robot)[k]]
     note(
         f"warning: {name}.{robot.joint_names[worst]} scatters by about {sigma[worst]:.1g} from sample to sample, and "
         f"derivatives turn such noise into about {made[k]:.3g} {unit} (rms) on {robot.joint_names[k]}, more than "
@@ -219,7 +231,7 @@ def add_view(commands: Any) -> None:
     add_robot(parser)
     parser.add_argument("--motion", metavar="FILE", type=Path, help=f"{COLUMNS}; else the zero position")
     parser.add_argument("--other", metavar="FILE", type=Path, help="a second motion, shown half transparent")
-    files.add_units(parser)
+    add_units(parser)
     parser.add_argument("--out", metavar="FILE.html", type=Path, help="page to write (default: <name of ROBOT>.html)")
     parser.add_argument("--speed", type=number, default=1.0, help="seconds of the motion per second (default: 1)")
     parser.add_argument("--frames", action="store_true", help="show the links' frames at first")
@@ -266,7 +278,7 @@ def _motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> rne.
         return replace(motion, model=robot.model)
     if file.suffix.lower() != ".csv":
         raise ValueError(f"{file}: a motion must be a file ending in .npz or .csv")
-    samples = files.read_motion(file, robot, arguments)
+    samples = read_motion(file, robot, arguments)
     return samples.t, samples.q
 
 
@@ -311,7 +323,7 @@ def run_cycle(arguments: argparse.Namespace) -> int:
         assert q is not None
         if len(q) < 2:
             raise CommandError(f"{arguments.via}: a path needs two via points at least, there is one row")
-        points = q * np.where(files.rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
+        points = q * np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
         path = rne.trajectories.through(points, stops=arguments.stops)
         work.begin("planning the motion")
         motion = rne.trajectories.fastest(robot, path, friction=arguments.friction, smoothing=arguments.smoothing)
@@ -349,3 +361,183 @@ def _cure(error: Exception, robot: Any) -> str:
 
 def _one_or_each(values: list[float]) -> float | list[float]:
     return values[0] if len(values) == 1 else values
+
+
+class SampledMotion(NamedTuple):
+    """Samples at times t (K,) of positions and, if they are known, velocities and accelerations (K, n), in SI units."""
+
+    t: Array
+    q: Array
+    qd: Array | None
+    qdd: Array | None
+
+
+def add_units(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the units of a CSV file."""
+    parser.add_argument("--degrees", action="store_true", help="q, qd and qdd of rotating joints are in degrees")
+    unit = "unit of the column t (default: seconds; times that look like another unit are refused)"
+    parser.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help=unit)
+
+
+def read_motion(file: Path, robot: rne.Robot, arguments: argparse.Namespace) -> SampledMotion:
+    """Read the motion in a CSV file, whose columns the robot's joints name, in the units of `add_units`.
+
+    Times that look like another unit are refused; if the angles do so, a warning is given.
+    """
+    from ..trajectories.csv_file import FACTOR, SPIKED, MissingColumn, Samples, in_seconds, read_samples, velocity_ratio
+
+    heading = ",".join(["t", *(f"q.{joint}" for joint in robot.joint_names)])
+    needed = f"; the first row must be {heading}, with qd. and qdd. of the joints if they are known"
+    try:
+        samples = read_samples(file, robot.joint_names)
+    except ValueError as error:
+        raise CommandError(in_one_line(error) + needed * isinstance(error, MissingColumn)) from None
+    if samples.q is None:
+        raise CommandError(f"{file}: there are no positions{needed}")
+    unit = np.where(rotating(robot) & arguments.degrees, np.pi / 180, 1.0)
+    q = samples.q * unit
+    qd, qdd = (None if x is None else x * unit for x in (samples.qd, samples.qdd))
+    try:
+        cure = "give --time-unit {}, or s if they are seconds"
+        t = in_seconds(file, Samples(samples.t, q, qd), arguments.time_unit, cure, robot.velocity_limit).t
+    except ValueError as error:
+        raise CommandError(in_one_line(error)) from None
+    if qd is not None and len(t) >= SPIKED and not 1 / FACTOR < (ratio := velocity_ratio(t, q, qd) or 1.0) < FACTOR:
+        note(f"warning: qd is {ratio:.3g} times the differences of q over those of t; check their units and signs")
+    _warn_of_degrees(q, robot)
+    return SampledMotion(t, q, qd, qdd)
+
+
+def rotating(robot: rne.Robot) -> Array:
+    """True for each joint that rotates, shape (n,)."""
+    return np.asarray(robot.model.is_revolute)[list(robot.model.independent_joints)]
+
+
+def _warn_of_degrees(q: Array, robot: rne.Robot) -> None:
+    """Warn if a joint is more than a turn beyond its range, and all joints are within theirs with q in degrees."""
+    beyond = np.where(rotating(robot), np.maximum(robot.lower - q, q - robot.upper).max(axis=0), 0.0)
+    radians = np.where(rotating(robot), np.radians(q), 0.0)
+    inside = ((robot.lower <= radians) & (radians <= robot.upper)) | ~rotating(robot)
+    if (beyond > TURN).any() and inside.all():
+        k = int(beyond.argmax())
+        note(
+            f"warning: q.{robot.joint_names[k]} is up to {np.abs(q[:, k]).max():.4g} rad, more than a turn beyond the "
+            "joint's range; if q is in degrees, give --degrees"
+        )
+
+
+def refuse_wrapped_angles(motion: SampledMotion, robot: rne.Robot, file: Path) -> None:
+    """Refuse a jump by about a turn between small steps: its derivative would be a huge velocity."""
+    if len(motion.t) < 3:
+        return
+    for k in np.flatnonzero(rotating(robot)):
+        step = np.diff(motion.q[:, k])
+        beside = np.pad(np.abs(step), 1)
+        beside = np.maximum(beside[:-2], beside[2:])
+        wrapped = np.flatnonzero((np.abs(np.abs(step) - TURN) < TURN / 4) & (beside < TURN / 4))
+        if len(wrapped):
+            i = wrapped[0]
+            raise CommandError(
+                f"{file}: q.{robot.joint_names[k]} jumps by {step[i]:.4g} rad between t = {motion.t[i]:.6g} s and "
+                f"{motion.t[i + 1]:.6g} s, as wrapped angles do; unwrap them, for example by numpy.unwrap"
+            )
+
+
+def differentiated(motion: SampledMotion, file: Path) -> tuple[Array, Array, Array, str]:
+    """Positions, velocities and accelerations, by splines where the file has none, and a line on their source."""
+    import rne
+
+    t, q, qd, qdd = motion
+    if qd is not None and qdd is not None:
+        return q, qd, qdd, f"q, qd and qdd from {file}"
+    try:
+        path = rne.trajectories.spline(t, q if qd is None else qd)
+    except ValueError as error:
+        what = "velocities and accelerations" if qd is None else "accelerations"
+        raise CommandError(f"{file}: {what} are missing, and no spline gives them: {in_one_line(error)}") from None
+    _, first, second = path(t)
+    kind = f"spline of degree {path.degree}"
+    if qd is not None:
+        return q, qd, first, f"q and qd from {file}; qdd: derivative of a {kind} through qd"
+    if qdd is not None:
+        return q, first, qdd, f"q and qdd from {file}; qd: derivative of a {kind} through q"
+    return q, first, second, f"q from {file}; qd and qdd: derivatives of a {kind} through q"
+
+
+def noise(t: Array, x: Array) -> Array:
+    """Standard deviation of white noise in samples of smooth motions; zero where there is none, or too few samples.
+
+    A divided difference of high order, normalised by the norm of its weights, has the standard deviation of the noise,
+    while a smooth motion nearly vanishes in it. The median ignores the corners of a motion.
+    """
+    if len(t) < FEW:
+        return np.zeros(x.shape[1])
+    low, high = (_scatter(t, x, order) for order in ORDERS)
+    return np.where(high > STEADY * low, np.minimum(low, high), 0.0)
+
+
+def _scatter(t: Array, x: Array, order: int) -> Array:
+    """Standard deviation of normalised divided differences by the median of those that are not zero, as at rest."""
+    every = slice(None, None, 1 + len(t) // WINDOWS)
+    times = np.lib.stride_tricks.sliding_window_view(t, order + 1)[every]
+    times = (times - times[:, :1]) / (times[:, -1:] - times[:, :1])
+    weights = 1 / (times[:, :, None] - times[:, None, :] + np.eye(order + 1)).prod(-1)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    windows = np.lib.stride_tricks.sliding_window_view(x, order + 1, axis=0)[every]
+    size = np.abs(np.einsum("kp,kjp->kj", weights, windows))
+    return np.array([np.median(column[column > 0]) if column.any() else 0.0 for column in size.T]) / MEDIAN
+
+
+def filtered(motion: SampledMotion, cutoff: float) -> tuple[SampledMotion, str]:
+    """The motion after a Butterworth filter of second order, forwards and backwards, and a line on the change of q."""
+    t, q, qd, qdd = motion
+    step = _even_step(t)
+    if step is None:
+        raise CommandError("--cutoff: needs times at even steps")
+    if not 0 < cutoff < 0.5 / step:
+        raise CommandError(f"--cutoff: must be between 0 and {0.5 / step:g} Hz, half the sampling rate; got {cutoff:g}")
+    smooth = _low_pass(q, cutoff * step)
+    change = np.abs(smooth - q).max(initial=0.0)
+    text = f"zero-phase Butterworth filter of {cutoff:g} Hz; it changes q by at most {change:.2g} rad or m"
+    qd, qdd = (None if x is None else _low_pass(x, cutoff * step) for x in (qd, qdd))
+    return SampledMotion(t, smooth, qd, qdd), text
+
+
+def _even_step(t: Array) -> float | None:
+    """The time between samples, None if it varies."""
+    steps = np.diff(t)
+    return float(steps.mean()) if len(steps) and np.ptp(steps) <= EVEN * steps.mean() else None
+
+
+def _low_pass(x: Array, cutoff: float) -> Array:
+    """Filter each column, with a cut-off in cycles per sample; beyond the ends it is continued by point symmetry."""
+    from scipy.signal import butter, sosfiltfilt
+
+    pad = min(len(x) - 1, max(9, round(1 / cutoff)))
+    y: Array = sosfiltfilt(butter(2, cutoff, fs=1.0, output="sos"), x, axis=0, padlen=pad)
+    return y
+
+
+def suggested_cutoff(t: Array, x: Array, sigma: Array) -> float | None:
+    """The lowest cut-off at which a filter removes no more than the noise [Hz]; None if steps vary.
+
+    Residual analysis: D. A. Winter, Biomechanics and Motor Control of Human Movement, 4th ed., 2009, chapter 3.
+    """
+    step = _even_step(t)
+    if step is None:
+        return None
+    for cutoff in np.geomspace(1 / len(t), 0.45, 40):
+        residual = np.sqrt(((x - _low_pass(x, cutoff)) ** 2).mean(axis=0))
+        if (residual <= RESIDUAL * sigma)[sigma > 0].all():
+            return float(cutoff / step)
+    return None
+
+
+def warn_of_uneven_steps(t: Array) -> None:
+    """Warn if some samples are much closer than others: derivatives amplify their rounding."""
+    shortest, longest = np.diff(t).min(initial=np.inf), np.diff(t).max(initial=0.0)
+    if longest > UNEVEN * shortest:
+        note(
+            f"warning: the times are {shortest:.2g} to {longest:.2g} s apart; where they are close, derivatives "
+            "amplify the rounding of the samples: give samples at even times, or velocities and accelerations"
+        )

@@ -1,7 +1,7 @@
 """From a recursion to a kernel: a function traced once on one robot, run as straight-line arithmetic.
 
 1. trace runs the core of a function on traced numbers (scalar), whose operations build a graph, once each;
-   differentiation adds derivatives to the graph.
+   derivatives are further operations of the graph.
 2. program puts the operations in order, and states when a result is sound.
 3. An engine runs the program, or source prints it. The engine "numpy" is python_backend (one state as Python floats)
    and numpy_backend (blocks of states in registers); "numba" is llvm_backend (both as machine code: machine_code writes

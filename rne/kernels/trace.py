@@ -18,8 +18,7 @@ from ..dynamics.quantity import Declared, PrecisionStatus, Quantity, check_argum
 from ..errors import NotFiniteError
 from ..model.model import Model, model_argument
 from ..model.parameters import PARAMETERS, at_parameters, with_fewest_terms
-from .differentiation import differentiate
-from .graph import Graph, TooLarge
+from .graph import Graph, TooLarge, differentiate
 from .program import Trace, lower
 from .scalar import inputs, references
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.urdf.far_origins import far_origins
+from rne.urdf.read import far_origins
 
 from ..helpers import Part, data_robots, kept, pose, states
 from ..random_robots import random_tree
