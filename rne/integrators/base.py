@@ -56,8 +56,8 @@ class System(Protocol):
     evaluations : int
         Calls of f so far.
     counted : int
-        Number of components of the state, the first ones, whose errors count. Those behind, such as energies, are
-        integrals: their rates depend on the others alone.
+        Number of components of the state, the first ones, whose errors count in full. Those behind, such as energies,
+        are integrals: their rates depend on the others alone.
     jacobian : callable or None
         df/dx at (t, x), where a solver may use it.
     kernel : Kernel

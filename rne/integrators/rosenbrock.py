@@ -26,7 +26,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from .loops import combine, copy, evaluate, inline
-from .step_control import shortest_step, step_factor
+from .step_control import shortest_step, step_factor, weight
 
 STAGES = 8
 EXPONENT = -0.2  # of the error in the factor between two steps: the estimate is of order 4
@@ -212,8 +212,8 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
                 error = 0.0
                 for i in range(size):
                     x[i] += U[STAGES - 1, i]
-                for i in range(counted):
-                    error += (U[STAGES - 1, i] / (atol + rtol * max(abs(y[i]), abs(x[i])))) ** 2
+                    scale = weight(i, counted) * (atol + rtol * max(abs(y[i]), abs(x[i])))
+                    error += (U[STAGES - 1, i] / scale) ** 2
                 error = math.sqrt(error / counted)
             if error < 1:
                 break

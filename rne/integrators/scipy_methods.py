@@ -13,12 +13,11 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
 from .base import FAILURES, IMPLICIT, SAME, IntegrationOptions, Interpolant, Solver, Steps, System
-from .step_control import EPS
+from .step_control import EPS, LOOSE
 from .tableaus import scipy_class
 
 Keeps = Sequence[float] | Literal[True] | None
 SMALLEST_RTOL = 100 * EPS  # that SciPy's solvers take
-UNCOUNTED = 1e300  # absolute tolerance of what does not count
 
 
 class SolverSteps(Steps):
@@ -62,11 +61,14 @@ class SciPySolver(Solver):
         self, system: System, t: float, x: Array, end: float, max_step: float = np.inf, first: float | None = None
     ) -> None:
         """Begin at time t; steps are at most `max_step` long."""
-        options: dict[str, Any] = {"max_step": max_step, "first_step": first}
-        options |= _tolerances(self.options, system.counted, len(x))
+        rtol, atol = _tolerances(self.options, system.counted, len(x))
+        options: dict[str, Any] = {"max_step": max_step, "first_step": first, "rtol": rtol, "atol": atol}
         if self.method in IMPLICIT and (system.jacobian is not None or system.counted < len(x)):
             options["jac"] = system.jacobian or partial(differences, system)
+        if self.method in ("Radau", "BDF"):  # whose Newton iterations take one tolerance
+            options["rtol"] = np.min(rtol)
         self.scipy = scipy_class(self.method)(system, t, x, end, **options)
+        self.scipy.rtol = rtol
 
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
         """Go on after a jump of the inputs: an explicit solver with the length of its last step."""
@@ -114,19 +116,13 @@ class SciPySolver(Solver):
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
 
 
-def _tolerances(options: IntegrationOptions, counted: int, size: int) -> dict[str, Any]:
-    """The tolerances of SciPy's solvers, in whose norm only the first `counted` components count.
-
-    Others have a huge absolute one, not infinity, which lets LSODA take two to four times the steps. The norm is a root
-    mean square over all, and LSODA's a maximum.
-    """
+def _tolerances(options: IntegrationOptions, counted: int, size: int) -> tuple[Any, Any]:
+    """Relative and absolute tolerance for SciPy's norm over all components: a root mean square, LSODA's a maximum."""
     if counted == size:
-        return {"rtol": options.rtol, "atol": options.atol}
+        return options.rtol, options.atol
     share = 1.0 if options.method == "LSODA" else (counted / size) ** 0.5
-    return {
-        "rtol": max(share * options.rtol, SMALLEST_RTOL),
-        "atol": np.append(np.full(counted, share * options.atol), np.full(size - counted, UNCOUNTED)),
-    }
+    scale = np.append(np.full(counted, share), np.full(size - counted, share * LOOSE))
+    return np.maximum(scale * options.rtol, SMALLEST_RTOL), scale * options.atol
 
 
 def differences(system: System, t: float, x: Array) -> Array:

@@ -201,7 +201,7 @@ def ensemble(
         `method` is given, since "auto" linearises each.
     method : str
         "auto" is DOP853, or what `rne.simulate` chooses for motions that run one after another and for those that turn
-        out to be stiff. RK45 runs side by side as well, another method of `rne.simulate` one after another. With
+        out to be stiff. Other explicit methods run side by side as well, implicit ones one after another. With
         `step`: "rk4", of order 4 where torques do not jump, which "auto" takes, or "semi-implicit-euler", of order 1.
     step : float, optional
         The longest step, for equal steps whose error is not controlled: halve it and compare. Friction that changes
