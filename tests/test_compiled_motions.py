@@ -12,7 +12,7 @@ import rne
 from rne.integrators import compiled_methods, runge_kutta
 from rne.integrators.step_control import Interval, Problem, Storage
 from rne.integrators.tableaus import tableau
-from rne.kernels.kernel import Kernel
+from rne.kernels import Kernel
 from rne.kernels.program import NeedsRecursion
 from rne.kernels.python_backend import state_function
 from rne.simulation import run

@@ -14,7 +14,7 @@ from rne.integrators import lanes
 from rne.integrators.rows import NEEDS_RECURSION, run_rows
 from rne.integrators.step_control import Interval
 from rne.integrators.tableaus import FIXED, tableau
-from rne.kernels.kernel import Kernel
+from rne.kernels import Kernel
 from rne.kernels.numpy_backend import BlockProgram
 from rne.simulation import ensembles
 from rne.simulation.simulator import METHODS

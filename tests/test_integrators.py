@@ -28,6 +28,7 @@ class Oscillator:
     """q'' = u - q - 0.3 q', with u = 0 or held, and behind (q, q') what is dissipated so far, if that is asked for."""
 
     jacobian, span, held = None, (-np.inf, np.inf), None
+    integral_scale = 1e300  # any error of the energy is small
 
     def __init__(self, with_energy):
         self.counted, self.size, self.evaluations = 2, 2 + with_energy, 0
@@ -96,20 +97,29 @@ def exact(t):
 
 
 @pytest.mark.parametrize(("way", "method"), [*(("scipy", m) for m in SCIPY), *(("loop", m) for m in LOOPS)])
-def test_energies_behind_the_state_hardly_change_steps(interpreted, way, method):
+def test_energies_behind_the_state_change_no_step(interpreted, way, method):
     """And their error is that of the tolerance, at the steps and inside them."""
     plain, with_energy = Oscillator(with_energy=False), Oscillator(with_energy=True)
     T, X, _ = motion(plain, way, method)
     t, x, middles = motion(with_energy, way, method)
-    assert X.shape[1] == 2
-    assert len(t) <= 1.06 * len(T) + 2
-    assert with_energy.evaluations <= 1.06 * plain.evaluations + 30  # two steps of DOP853
+    if way == "loop":  # Rodas5P multiplies by 1 / h where it solves, and by h where it need not
+        np.testing.assert_array_equal(t, T)
+        np.testing.assert_array_equal(x[:, :2], X)
+        assert with_energy.evaluations == plain.evaluations
+    elif method in EXPLICIT:
+        np.testing.assert_allclose(t, T, rtol=1e-9)  # tolerances are scaled, and round
+        assert with_energy.evaluations == plain.evaluations
+    else:  # without energies the Jacobian is the solver's
+        assert abs(len(t) - len(T)) <= 1
+        assert abs(with_energy.evaluations - plain.evaluations) <= 4
     assert np.abs(x - exact(t)).max() < 2e-5
     assert np.abs(middles - exact((t[1:] + t[:-1]) / 2)).max() < 2e-5
 
 
 class Pushed(Oscillator):
     """q'' = 3 t^2, which methods follow exactly, and the work t^6 / 2 of this force."""
+
+    integral_scale = 1.0
 
     def rates(self, t, x, u):
         return np.array([x[1], 3 * t**2, 3 * t**2 * x[1]])
@@ -121,12 +131,12 @@ class Pushed(Oscillator):
         return True
 
 
-@pytest.mark.parametrize(("way", "method"), [*(("scipy", m) for m in SCIPY), *(("loop", m) for m in LOOPS)])
-def test_integrals_hold_the_steps_where_nothing_else_does(interpreted, way, method, monkeypatch):
-    """Of 32 J LSODA once said 38 and BDF 34."""
+@pytest.mark.parametrize("method", LOOPS)
+def test_integrals_hold_the_steps_of_loops_where_nothing_else_does(interpreted, method, monkeypatch):
+    """As those of SciPy's methods, see tests/test_ledger.py."""
     monkeypatch.setitem(globals(), "START", np.zeros(2))
-    _, X, _ = motion(Pushed(with_energy=True), way, method, end=2.0, rtol=1e-9)
-    assert X[-1, 2] == pytest.approx(32.0, rel=1e-6)
+    _, X, _ = motion(Pushed(with_energy=True), "loop", method, end=2.0, rtol=1e-9)
+    assert X[-1, 2] == pytest.approx(32.0, rel=1e-7)
 
 
 def test_energies_keep_the_order_of_rodas5p(interpreted):
@@ -140,10 +150,10 @@ def test_energies_keep_the_order_of_rodas5p(interpreted):
 
 
 def test_errors_are_compared_with_the_tolerance_of_what_counts():
-    """A step of Euler's that errs by (3, 4) times the tolerance, and by 120 times behind, has the norm 13 / sqrt(2)."""
+    """A step of Euler's that errs by (3, 4) times the tolerance, and by anything behind, has the norm 5 / sqrt(2)."""
     interval = Interval((), 0.0, 1.0, -np.inf, np.inf, 0.0, 1e-3, 2)
-    E, K, x = np.array([[-1.0, 1.0]]), np.array([[0.0, 0, 0], [3e-3, 4e-3, 0.12]]), np.zeros(3)
-    assert step_control.error_norm(E, K, 1.0, x, x, interval, np.zeros(3)) == pytest.approx(13 / 2**0.5, rel=4 * EPS)
+    E, K, x = np.array([[-1.0, 1.0]]), np.array([[0.0, 0, 0], [3e-3, 4e-3, 1e9]]), np.zeros(3)
+    assert step_control.error_norm(E, K, 1.0, x, x, interval, np.zeros(3)) == pytest.approx(5 / 2**0.5, rel=4 * EPS)
 
 
 def test_an_error_that_is_no_number_shortens_the_step_most():
@@ -278,9 +288,7 @@ def test_a_method_is_its_tableau(interpreted, monkeypatch):
     starts, results = np.tile(np.append(START, 0.0), (3, 1)), np.full((2, 2, 3, 3), np.nan)
     run_rows(interval, kernel, np.zeros((3, 0)), np.arange(3), starts, results[0], lambda count: None)
     lanes.run_lanes(interval, kernel, np.zeros((3, 0)), starts, results[1], lambda count: None)
-    np.testing.assert_allclose(
-        results, np.broadcast_to(X[[3, -1], None], results.shape), rtol=1e-5
-    )  # no integrals count
+    np.testing.assert_allclose(results, np.broadcast_to(X[[3, -1], None], results.shape), rtol=1e-9, atol=1e-12)
 
     sampled = Oscillator(with_energy=True)
     sampled.held, sampler = np.zeros(1), Sampler(sampled)

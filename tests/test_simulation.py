@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 import rne
-from rne.control.laws import pd_gravity
+from rne.control import pd_gravity
 from rne.integrators.base import Steps
 from rne.integrators.scipy_methods import SciPySolver
-from rne.model.builder import Part, assemble
 from rne.simulation.plant import Plant
 from rne.simulation.run import Recorder
 
-from .helpers import kept
+from .helpers import Part, assemble, kept
 from .random_robots import random_tree, straight_chain
 
 METHODS = ["RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA"]
@@ -348,7 +347,6 @@ class TestFailures:
         assert caught.value.time < 10.0
 
     def test_singular_mass_matrix_is_named(self):
-        from rne.model.builder import Part, assemble
 
         ghost = rne.Robot(assemble("ghost", [Part(link="b"), Part(link="a", joint="j", kind="revolute", parent=0)]))
         with pytest.raises(rne.SimulationError, match="M is singular: nothing with inertia moves with 'j'"):

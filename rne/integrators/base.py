@@ -56,8 +56,10 @@ class System(Protocol):
     evaluations : int
         Calls of f so far.
     counted : int
-        Number of components of the state, the first ones, whose errors count in full. Those behind, such as energies,
-        are integrals: their rates depend on the others alone.
+        Number of components of the state, the first ones, that are held to the tolerances. Those behind, such as
+        energies, are integrals: their rates depend on the others alone.
+    integral_scale : float
+        Size that is added to that of an integral, to which its error is relative.
     jacobian : callable or None
         df/dx at (t, x), where a solver may use it.
     kernel : Kernel
@@ -69,6 +71,9 @@ class System(Protocol):
 
     @property
     def counted(self) -> int: ...
+
+    @property
+    def integral_scale(self) -> float: ...
 
     @property
     def held(self) -> Array | None: ...
@@ -189,8 +194,8 @@ class Solver(ABC):
     def interval(self) -> Interval:
         """The time to go, as loops take it."""
         (first, last), options, system = map(float, self.system.span), self.options, self.system
-        tolerances = options.rtol, options.atol, system.counted
-        return Interval(self.tableau, float(self.t), float(self.end), first, last, *tolerances, float(self.max_step))
+        tolerances = options.rtol, options.atol, system.counted, float(self.max_step), float(system.integral_scale)
+        return Interval(self.tableau, float(self.t), float(self.end), first, last, *tolerances)
 
     @abstractmethod
     def steps(self, max_steps: int) -> Steps:

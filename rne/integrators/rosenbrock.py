@@ -26,7 +26,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from .loops import combine, copy, evaluate, inline
-from .step_control import shortest_step, step_factor, weight
+from .step_control import integral_errors, shortest_step, step_factor
 
 STAGES = 8
 EXPONENT = -0.2  # of the error in the factor between two steps: the estimate is of order 4
@@ -209,11 +209,11 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
                             return step
                         add(C[s], s, 1.0 / h, U, f)
                     solve_stage(S, G, n, c, gamma[s] * h, f, b, U[s])
-                error = 0.0
                 for i in range(size):
                     x[i] += U[STAGES - 1, i]
-                    scale = weight(i, counted) * (atol + rtol * max(abs(y[i]), abs(x[i])))
-                    error += (U[STAGES - 1, i] / scale) ** 2
+                error = integral_errors(U[STAGES - 1], y, x, interval)
+                for i in range(counted):
+                    error += (U[STAGES - 1, i] / (atol + rtol * max(abs(y[i]), abs(x[i])))) ** 2
                 error = math.sqrt(error / counted)
             if error < 1:
                 break

@@ -13,7 +13,7 @@ import numpy as np
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
 from .base import FAILURES, IMPLICIT, SAME, IntegrationOptions, Interpolant, Solver, Steps, System
-from .step_control import EPS, LOOSE
+from .step_control import EPS
 from .tableaus import scipy_class
 
 Keeps = Sequence[float] | Literal[True] | None
@@ -61,14 +61,11 @@ class SciPySolver(Solver):
         self, system: System, t: float, x: Array, end: float, max_step: float = np.inf, first: float | None = None
     ) -> None:
         """Begin at time t; steps are at most `max_step` long."""
-        rtol, atol = _tolerances(self.options, system.counted, len(x))
-        options: dict[str, Any] = {"max_step": max_step, "first_step": first, "rtol": rtol, "atol": atol}
+        options: dict[str, Any] = {"max_step": max_step, "first_step": first}
+        options |= _tolerances(self.options, system, len(x))
         if self.method in IMPLICIT and (system.jacobian is not None or system.counted < len(x)):
             options["jac"] = system.jacobian or partial(differences, system)
-        if self.method in ("Radau", "BDF"):  # whose Newton iterations take one tolerance
-            options["rtol"] = np.min(rtol)
         self.scipy = scipy_class(self.method)(system, t, x, end, **options)
-        self.scipy.rtol = rtol
 
     def resume(self, system: System, t: float, x: Array, end: float) -> None:
         """Go on after a jump of the inputs: an explicit solver with the length of its last step."""
@@ -116,13 +113,19 @@ class SciPySolver(Solver):
             raise NotFiniteError(f"state is not finite at t = {solver.t:.6g} s", float(solver.t))
 
 
-def _tolerances(options: IntegrationOptions, counted: int, size: int) -> tuple[Any, Any]:
-    """Relative and absolute tolerance for SciPy's norm over all components: a root mean square, LSODA's a maximum."""
+def _tolerances(options: IntegrationOptions, system: System, size: int) -> dict[str, Any]:
+    """The tolerances of SciPy's solvers: those of integrals allow for `integral_scale`.
+
+    The norm is a root mean square over all components, which is made one over those that count, and LSODA's a maximum.
+    """
+    counted, allowed = system.counted, options.rtol * system.integral_scale
     if counted == size:
-        return options.rtol, options.atol
+        return {"rtol": options.rtol, "atol": options.atol}
     share = 1.0 if options.method == "LSODA" else (counted / size) ** 0.5
-    scale = np.append(np.full(counted, share), np.full(size - counted, share * LOOSE))
-    return np.maximum(scale * options.rtol, SMALLEST_RTOL), scale * options.atol
+    return {
+        "rtol": max(share * options.rtol, SMALLEST_RTOL),
+        "atol": np.append(np.full(counted, share * options.atol), np.full(size - counted, share * allowed)),
+    }
 
 
 def differences(system: System, t: float, x: Array) -> Array:

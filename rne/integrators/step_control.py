@@ -1,10 +1,9 @@
 """Control of steps by the estimate of their error, as texts of loops in machine code and for rows in NumPy.
 
 Norms, factors and first lengths are those of Hairer, Norsett and Wanner 1993, II.4 and II.5, as in `scipy.integrate`.
-The first `counted` components of a state count: those behind, such as energies, are integrals along the others. Their
-tolerances are LOOSE times as large, which few steps feel, but where a method follows the motion exactly and not its
-integrals: under a force that grows with the square of time LSODA's work would else be 19 % wrong. In batches they do
-not count.
+The first `counted` components of a state are held to the tolerances. Those behind are integrals, such as energies: the
+tolerance of their error is the relative one of `integral_scale` and their size. So they hold back hardly a step but one
+on which the others are exact.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # factors between steps, as SciPy's
 EPS = float(np.finfo(np.float64).eps)
 ROUNDINGS, TINY = 10 * EPS, 1e-300  # of the time, and at time 0: shorter steps are given up
 MOST_STEPS = 1e10  # a motion is given up that at its pace would take so many
-LOOSE = 10.0  # times the tolerance of the states, that of integrals: they hold a step where nothing else does
 THIRD = 0.01  # of the second estimate of an error in the norm of both, DOP853's
 # Of the first length: sizes that say nothing, the length then; the part of the state or of its slope that a step may
 # change; slopes that are none; how far the length may exceed the guess.
@@ -40,16 +38,19 @@ class Interval(NamedTuple):
         Times within which the right-hand side is evaluated.
     rtol, atol : float
     counted : int
-        Number of components of the state, the first ones, whose errors count in full.
+        Number of components of the state, the first ones, whose errors count.
     max_step : float
     t_eval : ndarray, shape (S,)
         Times to report, ascending, the end as the last.
     grid : ndarray
         The begin, and the ends of steps that are not controlled; empty for those that are.
+    integral_scale : float
+        Size that is added to that of the components behind `counted`, to which their error is relative; infinite where
+        it does not count.
     positions : int
         The number of components that move with the rates at the end of the step.
-    watched : bool
-        True to leave motions in which a fast decay, not the error, holds the steps to short ones.
+    watched : int
+        1 to leave motions in which a fast decay, not the error, holds the steps to short ones.
     """
 
     tableau: Any
@@ -61,10 +62,11 @@ class Interval(NamedTuple):
     atol: float
     counted: int
     max_step: float = float("inf")
+    integral_scale: float = float("inf")
     t_eval: Array = np.zeros(0)
     grid: Array = np.zeros(0)
     positions: int = 0
-    watched: bool = False
+    watched: int = 0  # not a bool, which machine code takes by a detour
 
 
 class Problem(NamedTuple):
@@ -102,9 +104,14 @@ def step_factor(error: Any, exponent: Any) -> Any:
 
 
 @inline
-def weight(i: Any, counted: Any) -> Any:
-    """What the tolerance of component i is multiplied by."""
-    return 1.0 if i < counted else LOOSE
+def integral_errors(errors: Any, x: Any, y: Any, interval: Any) -> float:
+    """The sum of squares of the integrals' errors on a step from x to y, in units of their tolerance."""
+    total, scale = 0.0, interval.integral_scale
+    if scale == float("inf"):
+        return total
+    for i in range(interval.counted, len(x)):
+        total += (errors[i] / (interval.rtol * (scale + max(abs(x[i]), abs(y[i]))))) ** 2
+    return total
 
 
 @inline
@@ -113,9 +120,9 @@ def error_norm(E: Any, K: Any, h: Any, x: Any, y: Any, interval: Any, work: Any)
     count, rtol, atol, sums = interval.counted, interval.rtol, interval.atol, (0.0, 0.0)
     for e in range(len(E)):
         combine(E[e], len(K), K, work)
-        total = 0.0
-        for i in range(len(x)):
-            total += (work[i] / (weight(i, count) * (atol + rtol * max(abs(x[i]), abs(y[i]))))) ** 2
+        total = integral_errors(work, x, y, interval)
+        for i in range(count):
+            total += (work[i] / (atol + rtol * max(abs(x[i]), abs(y[i])))) ** 2
         sums = (total, sums[0])
     if len(E) == 1:
         return float(h * (sums[0] / count) ** 0.5)
@@ -128,9 +135,9 @@ def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
     """Length of the first step from the slope K[0]; 0 if that after a guess is not valid."""
     rates, arguments, interval = problem
     count, rtol, atol, longest = interval.counted, interval.rtol, interval.atol, interval.end - t
-    d0, d1, d2, y = 0.0, 0.0, 0.0, arguments[1]
-    for i in range(len(x)):
-        scale = weight(i, count) * (atol + rtol * abs(x[i]))
+    d0, d1, y = integral_errors(x, x, x, interval), integral_errors(K[0], x, x, interval), arguments[1]
+    for i in range(count):
+        scale = atol + rtol * abs(x[i])
         d0 += (x[i] / scale) ** 2
         d1 += (K[0, i] / scale) ** 2
     d0, d1 = (d0 / count) ** 0.5, (d1 / count) ** 0.5
@@ -141,7 +148,10 @@ def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
     if not evaluate(rates, arguments, K[1]):
         return 0.0
     for i in range(len(x)):
-        d2 += ((K[1, i] - K[0, i]) / (weight(i, count) * (atol + rtol * abs(x[i])))) ** 2
+        K[1, i] -= K[0, i]
+    d2 = integral_errors(K[1], x, x, interval)
+    for i in range(count):
+        d2 += (K[1, i] / (atol + rtol * abs(x[i]))) ** 2
     d2 = (d2 / count) ** 0.5 / h
     steepest = max(d1, d2)
     step = max(GUESS, h * 1e-3) if steepest <= FLAT else (CHANGE / steepest) ** -interval.tableau.exponent

@@ -336,7 +336,7 @@ def _plan(
         chosen, max_step = "rk4" if method == "auto" else method, positive_number("step", step)
         if not scene.n or not end:  # nothing moves
             return replace(fallback, options=fallback.options | {"method": "auto"})
-    watched = method == "auto"
+    watched = int(method == "auto")
     whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, dynamics.counted, watched=watched)
     if max_step is None:
         intervals = _between_breaks(whole, times, law_breaks(scene.controller))
@@ -386,7 +386,7 @@ def _in_equal_steps(whole: Interval, times: Array, step: float) -> Interval:
     edges = np.unique([whole.begin, *times, whole.end]).tolist()
     counts = [max(1, ceil((b - a) / step * (1 - 1e-12))) for a, b in itertools.pairwise(edges)]
     parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
-    return whole._replace(t_eval=np.array(edges[1:]), grid=np.concatenate([[whole.begin], *parts]), watched=False)
+    return whole._replace(t_eval=np.array(edges[1:]), grid=np.concatenate([[whole.begin], *parts]), watched=0)
 
 
 def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> tuple[Interval, ...]:

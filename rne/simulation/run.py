@@ -372,7 +372,7 @@ class Run:
             count = self.hold.count
             parts.append(f"the controller was sampled {count} times, every {self.hold.period:g} s")
         went = "; ".join(part for part in parts if part) or "the end was reached"
-        words = [getattr(self.solver, "note", ""), went if self.stop is None else self.stop.message(self.t)]
+        words = [self.solver.note, went if self.stop is None else self.stop.message(self.t)]
         return "; ".join(word for word in words if word)
 
 
