@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from math import isfinite
 from typing import Any
 
@@ -16,6 +16,7 @@ from ..dynamics.quantity import OK, PrecisionStatus
 from ..errors import NotFiniteError
 from ..kernels.kernel import Kernel
 from ..kernels.program import NeedsRecursion
+from ..model.model import Model
 from ..robot import Robot
 from .control_law import call_law
 from .events import Event
@@ -57,11 +58,10 @@ class Plant:
     def _function(self) -> Any:
         return self.dynamics.right_hand_side
 
-    @cached_property
+    @property
     def integral_scale(self) -> float:
-        """Kinetic energy of the robot whose joints move at 1 rad/s or m/s: smaller energies need not be exact [J]."""
-        inertia = np.diagonal(mass_matrix(self.robot.model, np.zeros(self.robot.n)))
-        return float(inertia.sum()) / 2 or 1.0
+        """Size below which energies need not be exact [J]."""
+        return _typical_energy(self.robot.model)
 
     @property
     def held(self) -> Array | None:
@@ -235,6 +235,12 @@ class Plant:
             moved[j] += np.sqrt(np.finfo(float).eps) * max(abs(x[j]), 1.0)
             slopes[:, j] = (self.law_outputs(t, moved) - u) / (moved[j] - x[j])
         return slopes
+
+
+@lru_cache(maxsize=64)
+def _typical_energy(model: Model) -> float:
+    """Kinetic energy of the robot whose joints move at 1 rad/s or m/s [J]."""
+    return float(np.diagonal(mass_matrix(model, np.zeros(model.n))).sum()) / 2 or 1.0
 
 
 def checked_torques(name: str, returned: Any, robot: Robot, t: float) -> Array:

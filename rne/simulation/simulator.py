@@ -97,9 +97,10 @@ def simulate(
     Notes
     -----
     A Robot is simulated without friction, stops or limits: those are parts of a Scene. The work of the drives and the
-    losses by friction are states of the motion, whose errors hardly hold back a step. Runs of "auto" that begin with DOP853 or Tsit5 go on with LSODA from where stability, not accuracy, limits the steps; in machine code
-    they go on with Rodas5P, back where that ends, and with the method before where that covered more time per
-    operation. The message says so.
+    losses by friction are states of the motion, whose errors hardly hold back a step. Runs of "auto" that begin with
+    DOP853 or Tsit5 go on with LSODA from where stability, not accuracy, limits the steps; in machine code they go on
+    with Rodas5P, back where that ends, and with the method before where that covered more time per operation. The
+    message says so.
 
     Examples
     --------
