@@ -15,6 +15,7 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..errors import NotFiniteError
+from ..kernels.program import NeedsRecursion
 from ..robot import Robot
 from .events import Event
 from .plant import Plant
@@ -155,12 +156,19 @@ class DryPlant(Plant):
         """
         t = self.within(t)
         inputs = self.inputs(t, x) if u is None else self._with_modes(u)
+        if self.loads_kernel.is_unrolled:
+            try:
+                return np.reshape(self.loads_kernel.state_function_unguarded(np.array([t]), x, inputs), (3, self.n))
+            except NeedsRecursion:
+                pass
         found, status = self.loads_kernel.evaluate(np.array([t]), x, inputs)
         self.note_loss(status)
         return np.reshape(found, (3, self.n))
 
     def loads_at(self, t: Array, X: Array, u: Array | None = None) -> Array:
         """The same in many states, shape (3, T, n)."""
+        if len(t) == 1:
+            return self.loads(float(t[0]), X[0], None if u is None else u[0])[:, None]
         t = np.clip(t, *self.span)
         if u is None:
             u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled
