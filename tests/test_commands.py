@@ -250,7 +250,8 @@ WRONG = {
     ),
     "solver that there is not": (
         ["simulate", "{lift}", "--duration", "1", "--method", "Euler", "--out", "{dir}/m.csv"],
-        "--method must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Tsit5', 'Radau', 'BDF', 'LSODA', 'Rodas5P'], got 'Euler'",
+        "--method must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Tsit5', 'Radau', 'BDF', 'LSODA', 'Rodas5P'], "
+        "got 'Euler'",
     ),
     "gravity in two axes": (
         ["simulate", "{lift}", "--duration", "1", "--gravity", "0 -9.81", "--out", "{dir}/m.csv"],

@@ -265,7 +265,7 @@ def test_stiff_motions_are_run_as_alone(chain):
     assert runs.energies[-1, 1, 0] == one.dissipated["viscous"][-1]
 
 
-class TestOneByOne:
+class TestSequentialRun:
     """Scenes with events, samples and called laws: as rne.simulate runs them."""
 
     def test_of_stops(self, chain):

@@ -116,6 +116,29 @@ def test_energies_behind_the_state_change_no_step(interpreted, way, method):
     assert np.abs(middles - exact((t[1:] + t[:-1]) / 2)).max() < 2e-5
 
 
+class Pushed(Oscillator):
+    """q'' = 3 t^2, which methods follow exactly, and the work t^6 / 2 of this force."""
+
+    integral_scale = 1.0
+
+    def rates(self, t, x, u):
+        return np.array([x[1], 3 * t**2, 3 * t**2 * x[1]])
+
+    def slopes(self, t, x, a, out):
+        out[:] = 0.0
+        out[0, self.size], out[0, self.size + 1] = 1.0, -6 * t[0]
+        out[1, 1], out[1, self.size + 1] = 3 * t[0] ** 2, 6 * t[0] * x[1]
+        return True
+
+
+@pytest.mark.parametrize("method", LOOPS)
+def test_integrals_hold_the_steps_of_loops_where_nothing_else_does(interpreted, method, monkeypatch):
+    """As those of SciPy's methods, see tests/test_ledger.py."""
+    monkeypatch.setitem(globals(), "START", np.zeros(2))
+    _, X, _ = motion(Pushed(with_energy=True), "loop", method, end=2.0, rtol=1e-9)
+    assert X[-1, 2] == pytest.approx(32.0, rel=1e-7)
+
+
 def test_energies_keep_the_order_of_rodas5p(interpreted):
     """5, with the slopes of their rates; without these a step errs by the square of its length."""
     errors = {}

@@ -10,7 +10,7 @@ import rne
 from rne.integrators import loops
 
 from .helpers import EPS, relative, states
-from .random_robots import straight_chain
+from .random_robots import random_tree, straight_chain
 
 pytest.importorskip("numba", reason="Numba is not installed")
 
@@ -24,6 +24,14 @@ def called(address, arguments, out):
     """A C function of the interface, called by ctypes."""
     function = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * (len(arguments) + 1))(address)
     return function(*(a.ctypes.data for a in (*arguments, out)))
+
+
+def test_a_robot_that_mimics_in_machine_code():
+    """Sines that others do not wait for come first, those of joints that mimic among them."""
+    model = random_tree(n=3, seed=3, branching=0.4, mimics=2)
+    kernel = rne.compile(rne.dynamics.inverse_dynamics, model, engine="numba")
+    s = states(model.n, 3)
+    assert relative(kernel(*s), rne.dynamics.inverse_dynamics(model, *s)) <= 1e3 * EPS
 
 
 class TestAddress:
@@ -116,8 +124,8 @@ def test_functions_of_math_and_a_line_on_the_logger(kernel, caplog):
     assert caplog.messages == ["Numba translates the loops of simulations, some 10 s in all, once on this machine"]
 
 
-@pytest.mark.long
-def test_other_kinds_of_arguments_are_compiled_for_or_refused():
+def test_a_compiled_text_returns_what_the_text_returns_and_takes_other_kinds_of_arguments():
+    """Compiled once by Numba in the short run: a loop returns a float, an int, a bool or nothing, and no array."""
     total = loops.compiled(size)
     x = np.arange(4.0)
     assert total(x) == total(np.arange(4)) == total(x) == 14.0

@@ -169,6 +169,34 @@ def test_an_accepted_step_is_within_the_tolerance_and_the_next_at_most_ten_times
     assert t == 3.0
 
 
+class Dissipating(Wanted):
+    """With the integral of qd^2 behind."""
+
+    size, counted = 4, 3
+
+    def rates(self, t, x, out):
+        out[3] = x[1] ** 2
+        return super().rates(t, x[:3], out[:3])
+
+    def slopes(self, t, x, a, out):
+        inner = np.zeros((2, 5))
+        super().slopes(t, x[:3], a, inner)
+        out[:] = 0.0
+        out[:2, :3], out[:2, 4:], out[2, 1] = inner[:, :3], inner[:, 3:], 2 * x[1]
+        return True
+
+
+@pytest.mark.parametrize("problem", [Wanted(), Dissipating()])
+def test_the_next_length_follows_from_the_mean_square_of_the_error(problem):
+    """Over the states that count: not over an integral, whose scale is infinite here."""
+    x0 = np.append(Wanted.solution(0.0), np.zeros(problem.size - 3))
+    run = steps(problem, x0, 3.0, most=1, first=0.3, rtol=1e-4, atol=1e-4)
+    assert run.count.tolist() == [8, 1]
+    scale = 1e-4 + 1e-4 * np.maximum(np.abs(run.X[0]), np.abs(run.X[1]))
+    error = np.sqrt(((run.stages[-1] / scale)[:3] ** 2).mean())
+    assert run.H[1] == pytest.approx(0.3 * 0.9 * error**-0.2, rel=1e-12)
+
+
 def test_after_a_rejected_step_the_next_is_not_longer():
     problem = Wanted()
     for first in (1.5, 2.0, 3.0):

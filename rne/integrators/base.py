@@ -194,7 +194,8 @@ class Solver(ABC):
     def interval(self) -> Interval:
         """The time to go, as loops take it."""
         (first, last), options, system = map(float, self.system.span), self.options, self.system
-        tolerances = options.rtol, options.atol, system.counted, float(self.max_step), float(system.integral_scale)
+        scale = float(system.integral_scale) if len(self.x) > system.counted else np.inf
+        tolerances = options.rtol, options.atol, system.counted, float(self.max_step), scale
         return Interval(self.tableau, float(self.t), float(self.end), first, last, *tolerances)
 
     @abstractmethod

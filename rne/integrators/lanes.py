@@ -15,17 +15,7 @@ from ..basics.spatial import Array
 from ..dynamics.quantity import OK
 from ..kernels.kernel import Kernel
 from .loops import LANES, combine, compiled, evaluate, inline
-from .rows import (
-    EARLY,
-    FAST_DECAY,
-    LOOK,
-    NEEDS_RECURSION,
-    SLOW,
-    STIFF,
-    BatchResult,
-    Progress,
-    run_rows,
-)
+from .rows import EARLY, FAST_DECAY, LOOK, NEEDS_RECURSION, SLOW, STIFF, BatchResult, Progress, run_rows
 from .step_control import MOST_STEPS, Interval, first_lengths, shortest_step, step_factor
 from .tableaus import Tableau
 

@@ -118,9 +118,10 @@ def _tolerances(options: IntegrationOptions, system: System, size: int) -> dict[
 
     The norm is a root mean square over all components, which is made one over those that count, and LSODA's a maximum.
     """
-    counted, allowed = system.counted, options.rtol * system.integral_scale
+    counted = system.counted
     if counted == size:
         return {"rtol": options.rtol, "atol": options.atol}
+    allowed = options.rtol * system.integral_scale
     share = 1.0 if options.method == "LSODA" else (counted / size) ** 0.5
     return {
         "rtol": max(share * options.rtol, SMALLEST_RTOL),

@@ -49,8 +49,8 @@ class Interval(NamedTuple):
         it does not count.
     positions : int
         The number of components that move with the rates at the end of the step.
-    watched : bool
-        True to leave motions in which a fast decay, not the error, holds the steps to short ones.
+    watched : int
+        1 to leave motions in which a fast decay, not the error, holds the steps to short ones.
     """
 
     tableau: Any
@@ -66,7 +66,7 @@ class Interval(NamedTuple):
     t_eval: Array = np.zeros(0)
     grid: Array = np.zeros(0)
     positions: int = 0
-    watched: bool = False
+    watched: int = 0  # not a bool, which machine code takes by a detour
 
 
 class Problem(NamedTuple):

@@ -161,6 +161,8 @@ class DryPlant(Plant):
 
     def loads_at(self, t: Array, X: Array, u: Array | None = None) -> Array:
         """The same in many states, shape (3, T, n)."""
+        if len(t) == 1:
+            return self.loads(float(t[0]), X[0], None if u is None else u[0])[:, None]
         t = np.clip(t, *self.span)
         if u is None:
             u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled

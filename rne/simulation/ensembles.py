@@ -201,7 +201,7 @@ def ensemble(
         `method` is given, since "auto" linearises each.
     method : str
         "auto" is DOP853, or what `rne.simulate` chooses for motions that run one after another and for those that turn
-        out to be stiff. RK45 runs side by side as well, another method of `rne.simulate` one after another. With
+        out to be stiff. Other explicit methods run side by side as well, implicit ones one after another. With
         `step`: "rk4", of order 4 where torques do not jump, which "auto" takes, or "semi-implicit-euler", of order 1.
     step : float, optional
         The longest step, for equal steps whose error is not controlled: halve it and compare. Friction that changes
@@ -336,7 +336,7 @@ def _plan(
         chosen, max_step = "rk4" if method == "auto" else method, positive_number("step", step)
         if not scene.n or not end:  # nothing moves
             return replace(fallback, options=fallback.options | {"method": "auto"})
-    watched = method == "auto"
+    watched = int(method == "auto")
     whole = Interval(tableau(chosen), 0.0, end, -np.inf, np.inf, rtol, atol, dynamics.counted, watched=watched)
     if max_step is None:
         intervals = _between_breaks(whole, times, law_breaks(scene.controller))
@@ -386,7 +386,7 @@ def _in_equal_steps(whole: Interval, times: Array, step: float) -> Interval:
     edges = np.unique([whole.begin, *times, whole.end]).tolist()
     counts = [max(1, ceil((b - a) / step * (1 - 1e-12))) for a, b in itertools.pairwise(edges)]
     parts = [np.linspace(a, b, k + 1)[1:] for (a, b), k in zip(itertools.pairwise(edges), counts, strict=True)]
-    return whole._replace(t_eval=np.array(edges[1:]), grid=np.concatenate([[whole.begin], *parts]), watched=False)
+    return whole._replace(t_eval=np.array(edges[1:]), grid=np.concatenate([[whole.begin], *parts]), watched=0)
 
 
 def _between_breaks(whole: Interval, times: Array, breaks: list[float]) -> tuple[Interval, ...]:
