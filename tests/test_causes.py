@@ -10,7 +10,7 @@ import pytest
 
 import rne
 from rne.identification import Record
-from rne.identification.diagnosis.residuals import Residuals
+from rne.identification.diagnosis.residuals import FitResiduals
 from rne.identification.fit.regression import build_regression
 
 from . import faulty_logs as faults
@@ -257,7 +257,7 @@ def test_columns_add_to_the_covariance_what_a_fit_with_them_has_more():
     base = robot.base_parameters(drives=FRICTION)
     rows = build_regression(robot, Record(data.t, data.q, data.tau), base, None, 5.0, 2)
     unit = np.ones(robot.n)
-    res = Residuals(robot, base, rows, np.zeros(base.count), unit, 2 * unit)
+    res = FitResiduals(robot, base, rows, np.zeros(base.count), unit, 2 * unit)
     X = np.random.default_rng(0).normal(size=(*res.tau.shape, 2)) + 3 * (res.Y @ base.back)[..., :2]
     both = np.column_stack([res.A, res.weighted(X)])
     more = np.linalg.inv(both.T @ both)[: base.count, : base.count] - np.linalg.inv(res.A.T @ res.A)

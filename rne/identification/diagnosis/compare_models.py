@@ -195,8 +195,7 @@ def chosen_numbers(h: Hypothesis, c: Array, sizes: Array) -> Array:
         return np.ones(len(c), bool)
     if h.numbers == "few":
         return np.asarray(np.abs(c) * sizes > 1)  # above rounding
-    near, unseen = np.abs(c - 1) < thresholds.NEAR, sizes == 0
-    return near | unseen if near.any() and (near | unseen).all() else near
+    return np.asarray(np.abs(c - 1) < thresholds.NEAR)
 
 
 # Hypotheses that are linear in their numbers
@@ -211,24 +210,19 @@ def linear_hypotheses(data: TorqueDifference) -> Iterator[Hypothesis]:
         chosen = [h for h in singles if h.kind in symbols]
         columns = np.concatenate([h.at_rows(data) for h in chosen], axis=-1)
         labels = [h.joints[0] + symbols[h.kind] for h in chosen]
-        yield Hypothesis(kind, columns, numbered(f"it has more {noun}: ", labels), numbers="few")
+
+        def text(c: Array, noun: str = noun, labels: list[str] = labels) -> str:
+            parts = [f"{label} {six_digits(x)}" for label, x in zip(labels, c, strict=True) if x]
+            return f"it has more {noun}: {listed(parts)}"
+
+        yield Hypothesis(kind, columns, text, numbers="few")
     yield from other_inertias(data)
     yield from other_bodies(data)
 
 
-def numbered(start: str, labels: Sequence[str]) -> Callable[[Array], str]:
-    """Words for those of several numbers that are not zero."""
-    return lambda c: start + listed([f"{label} {six_digits(x)}" for label, x in zip(labels, c, strict=True) if x])
-
-
-def constant(text: str) -> Callable[[Array], str]:
-    """A text without numbers."""
-    return lambda c: text
-
-
 def switch(kind: str, torques: Array, text: str, alternatives: float = 1.0) -> Hypothesis:
     """A change that is there or not."""
-    return Hypothesis(kind, torques[..., None], constant(text), alternatives=alternatives, numbers="switches")
+    return Hypothesis(kind, torques[..., None], text, alternatives=alternatives, numbers="switches")
 
 
 def vector_text(x: Array) -> str:
@@ -306,10 +300,10 @@ def other_bodies(data: TorqueDifference) -> Iterator[Hypothesis]:
         if i in last:
             yield Hypothesis("payload", columns, partial(tip_text, name), alternatives=len(last))
         else:
-            text = f"the body of {name} has other inertial parameters"
-            yield Hypothesis("one body", columns, constant(text), alternatives=len(names))
+            text = partial("the body of {} has other inertial parameters".format, name)
+            yield Hypothesis("one body", columns, text, alternatives=len(names))
     text = "several bodies have other inertial parameters; joints and their places are the same"
-    yield Hypothesis(SEVERAL_BODIES, data.body_columns.reshape(*data.tau.shape, -1), constant(text))
+    yield Hypothesis(SEVERAL_BODIES, data.body_columns.reshape(*data.tau.shape, -1), text)
 
 
 def tips(robot: Robot) -> list[int]:
@@ -319,9 +313,8 @@ def tips(robot: Robot) -> list[int]:
 
 def tip_text(name: str, c: Array) -> str:
     """Parameters that a last body has more, as a payload."""
-    if not c[0]:
-        return f"the last body, of {name}, has other inertial parameters"
-    return f"the last body, of {name}, {payload_text(c[0], c[1:4] / c[0])} m of the joint's frame"
+    what = f"{payload_text(c[0], c[1:4] / c[0])} m of the joint's frame" if c[0] else "has other inertial parameters"
+    return f"the last body, of {name}, {what}"
 
 
 def payload_text(mass: float, centre: Array) -> str:
@@ -337,23 +330,11 @@ class Convention(NamedTuple):
 
     kind: str
     alternatives: float  # among how many it was chosen
+    text: Callable[[], str]
     order: Sequence[int]
     sign: Sequence[float] | Array
     zero: Sequence[float] | Array  # [rad or m]
     unit: tuple[float, float] = (1.0, 1.0)  # of positions; of rates and accelerations
-
-    def text(self, names: Sequence[str]) -> str:
-        """What it says of the other model, in words."""
-        if self.kind == "joint order":
-            return f"its joints are in the order {listed([names[k] for k in self.order])}"
-        if self.kind == "axis flipped":
-            return (
-                f"the axis of {listed([names[j] for j in np.flatnonzero(np.less(self.sign, 0))])} points the other way"
-            )
-        if self.kind == "joint zero":
-            return zeros_text(names, self.zero)
-        what = "positions" if self.unit[1] == 1 else "positions, rates and accelerations"
-        return f"it takes {what} as {'degrees that are radians' if self.unit[0] < 1 else 'radians that are degrees'}"
 
 
 def zeros_text(names: Sequence[str], zero: Sequence[float] | Array) -> str:
@@ -364,15 +345,28 @@ def zeros_text(names: Sequence[str], zero: Sequence[float] | Array) -> str:
 
 def conventions(robot: Robot) -> Iterator[Convention]:
     """Conventions that are tried, the fewest changes of a kind first."""
-    n, model = robot.n, robot.model
-    own = Convention("angle unit", 4, range(n), np.ones(n), np.zeros(n))
+    n, model, names = robot.n, robot.model, robot.joint_names
+
+    own = Convention("", 1.0, str, range(n), np.ones(n), np.zeros(n))
+
+    def order_text(order: Sequence[int]) -> str:
+        return f"its joints are in the order {listed([names[k] for k in order])}"
+
+    def sign_text(sign: Sequence[float]) -> str:
+        return f"the axis of {listed([x for x, s in zip(names, sign, strict=True) if s < 0])} points the other way"
+
+    for x, k in orders(n):
+        yield own._replace(kind="joint order", alternatives=k, text=partial(order_text, x), order=x)
+    for x, k in variants(n, 1.0, (-1.0,)):
+        yield own._replace(kind="axis flipped", alternatives=k, text=partial(sign_text, x), sign=x)
     sliding = [j for j, i in enumerate(model.independent_joints) if model.joint_types[i] == "prismatic"]
-    yield from (own._replace(kind="joint order", order=x, alternatives=alike) for x, alike in orders(n))
-    yield from (own._replace(kind="axis flipped", sign=x, alternatives=k) for x, k in variants(n, 1.0, (-1.0,)))
-    for zero, alike in variants(n, 0.0, QUARTERS):
-        if not any(zero[j] for j in sliding):
-            yield own._replace(kind="joint zero", zero=zero, alternatives=alike)
-    yield from (own._replace(unit=(a, b)) for a in (DEGREE, 1 / DEGREE) for b in (1.0, a))
+    for x, k in variants(n, 0.0, QUARTERS):
+        if not any(x[j] for j in sliding):
+            yield own._replace(kind="joint zero", alternatives=k, text=partial(zeros_text, names, x), zero=x)
+    for a, mistaken in ((DEGREE, "degrees that are radians"), (1 / DEGREE, "radians that are degrees")):
+        for b, what in ((1.0, "positions"), (a, "positions, rates and accelerations")):
+            text = partial("it takes {} as {}".format, what, mistaken)
+            yield own._replace(kind="angle unit", alternatives=4, text=text, unit=(a, b))
 
 
 def orders(n: int) -> Iterator[tuple[tuple[int, ...], int]]:
@@ -399,7 +393,7 @@ def variants(n: int, own: float, others: tuple[float, ...]) -> Iterator[tuple[tu
 
 def left_by(data: TorqueDifference, conventions: Sequence[Convention]) -> Array:
     """Torques that each convention leaves, shape (A, N, n)."""
-    order, sign, zero, unit = (np.array(x)[:, None] for x in list(zip(*conventions, strict=True))[2:])
+    order, sign, zero, unit = (np.array(x)[:, None] for x in list(zip(*conventions, strict=True))[3:])
     order, (a, b) = np.broadcast_to(order, (len(order), *data.tau.shape)), np.moveaxis(unit, -1, 0)[..., None]
     q, qd, qdd = (np.take_along_axis(sign * x, order, -1) for x in data.states)
     found = data.load(a * q + zero, b * qd, b * qdd)
@@ -467,28 +461,25 @@ def changes_of_one_body(data: TorqueDifference) -> Iterator[Candidate]:
     """Inertia of a body in other axes, and a point mass that the last body of a branch has or lacks."""
     from scipy.spatial.transform import Rotation
 
-    model, last = data.robot.model, tips(data.robot)
+    model, last, axes = data.robot.model, tips(data.robot), Rotation.create_group("O").as_rotvec()
     for i, name in enumerate(model.moving_joints):
         columns, I = data.body_columns[:, :, i], model.inertia[i]
+        A = data.weighted(columns)
         c, _, left, _ = data.with_columns(columns)
-        if not data.explains(left.reshape(data.tau.shape) * data.sigma):
-            continue  # then no change of this body explains the difference
-
-        def fitted(change: Callable[[Array], Array], starts: Any, columns: Array = columns) -> tuple[Array, Array]:
-            A = data.weighted(columns)
+        changes: list[tuple[str, Callable[[Array], Array], Any, int]] = []
+        if (data.by_joint(left) <= data.floor).all():  # otherwise no change of this body explains the difference
+            if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
+                changes.append(("inertia axes", partial(turned, I), axes, model.nb))
+            if i in last:
+                starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
+                changes.append(("payload", point_mass, starts, len(last)))
+        for kind, change, starts, alternatives in changes:
             likely = sorted(starts, key=lambda x: np.linalg.norm(A @ change(np.array(x)) - data.left))
             x = minimum(lambda x: A @ change(x) - data.left, likely[: thresholds.STARTS])
-            return x, data.difference - columns @ change(x)
-
-        if np.ptp(np.linalg.eigvalsh(I)) > thresholds.NONE * np.trace(I):
-            _, rest = fitted(partial(turned, I), Rotation.create_group("O").as_rotvec())
             text = f"the inertia of the body of {name} is in other axes, turned by a rotation"
-            yield data.candidate(["inertia axes"], [text], 3, model.nb, rest)
-        if i in last:
-            starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
-            x, rest = fitted(point_mass, starts)
-            text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
-            yield data.candidate(["payload"], [text], 4, len(last), rest)
+            if kind == "payload":
+                text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
+            yield data.candidate([kind], [text], len(x), alternatives, data.difference - columns @ change(x))
 
 
 # The search
@@ -497,27 +488,46 @@ def changes_of_one_body(data: TorqueDifference) -> Iterator[Candidate]:
 def candidates(data: TorqueDifference, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
     """All hypotheses, the best first; two at a time only where none alone explains the difference."""
     linear = [replace(h, columns=h.at_rows(data)) for h in (*linear_hypotheses(data), *hypotheses)]
-    tried, few = list(conventions(data.robot)), data.few
-    left = (left_by(few, tried) / few.sigma).reshape(len(tried), -1)
+    linear.sort(key=lambda h: h.numbers != "switches")
+    changes, left = without_numbers(data, [h for h in linear if h.numbers == "switches"])
 
     def nearest(number: int, known: Hypothesis | None = None) -> Iterator[Candidate]:
         rest = left
         if known is not None:
-            A = few.weighted(np.asarray(known.columns)[data.chosen])
+            A = data.few.weighted(np.asarray(known.columns)[data.chosen])
             Q = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), TINY))[0]
             rest = left - (left @ Q) @ Q.T
         above_rounding = np.maximum((rest**2).mean(1), 1.0)
-        for k in np.lexsort(([c.alternatives for c in tried], above_rounding))[:number]:
-            text = tried[k].text(data.names)
-            yield data.candidate([tried[k].kind], [text], 0, tried[k].alternatives, left_by(data, [tried[k]])[0])
+        for k in np.lexsort(([alternatives for alternatives, _ in changes], above_rounding))[:number]:
+            yield changes[k][1]()
 
     found = [*map(data.fit, linear), *nearest(thresholds.FINALISTS), *shifted_zeros(data), *changes_of_one_body(data)]
     if not any(c and c.explains and c.causes != (SEVERAL_BODIES,) for c in found):
-        alone = sorted((h for h in linear if h.kind != SEVERAL_BODIES), key=lambda h: h.numbers != "switches")
+        alone = [h for h in linear if h.kind != SEVERAL_BODIES]
         for h in (h for h in alone if h.numbers != "switches"):
             found += [data.fit(h, before=c) for c in nearest(1, h) if c.causes != (h.kind,)]
         found += pairs(data, alone)
     return sorted(filter(None, found), key=lambda c: (not c.explains, c.score))
+
+
+def without_numbers(
+    data: TorqueDifference, switches: Sequence[Hypothesis]
+) -> tuple[list[tuple[float, Callable[[], Candidate]]], Array]:
+    """Conventions, and switches alone or all of a kind: alternatives, candidates, and what few states leave."""
+
+    def judged(x: Convention) -> Candidate:
+        return data.candidate([x.kind], [x.text()], 0, x.alternatives, left_by(data, [x])[0])
+
+    tried = list(conventions(data.robot))
+    left = [*left_by(data.few, tried)]
+    changes: list[tuple[float, Callable[[], Candidate]]] = [(x.alternatives, partial(judged, x)) for x in tried]
+    for h in switches:
+        width = np.shape(h.columns)[-1]
+        for mask in np.unique([np.ones(width), *np.eye(width)], axis=0):
+            rest, alike = data.difference - h.columns @ mask, h.alternatives * comb(width, int(mask.sum()))
+            changes.append((alike, partial(data.candidate, [h.kind], [h.words(mask)], 0, alike, rest)))
+            left.append(rest[data.chosen])
+    return changes, (np.array(left) / data.sigma).reshape(len(left), -1)
 
 
 def pairs(data: TorqueDifference, linear: Sequence[Hypothesis]) -> Iterator[Candidate | None]:

@@ -76,6 +76,11 @@ class Discrepancy:
         return np.asarray((found[:, None] * np.eye(self.robot.n)[j])[..., None])
 
     @cached_property
+    def of_joint(self) -> Array:
+        """1 for the values of each joint, shape (n, R)."""
+        return np.equal.outer(np.arange(self.robot.n), self.joint).astype(float)
+
+    @cached_property
     def squares(self) -> Array:
         """Sum of squares that each joint leaves, shape (n,)."""
         return self.by_joint(self.left)
@@ -107,10 +112,9 @@ class Discrepancy:
         """
         X, b = self.weighted(columns), self.left if target is None else target
         left, (of_joint, of_all) = X - self.Q @ (self.Q.T @ X), self.resolution
-        for column, given in zip(left.T, X.T, strict=True):
-            doubt = np.maximum(of_joint**2 * self.by_joint(given), of_all**2 * (given @ given))
-            apart = self.by_joint(column) > np.maximum(doubt, TINY)
-            column *= apart[self.joint]
+        parts, given = (self.of_joint @ x**2 for x in (left, X))  # shape (n, k)
+        doubt = np.maximum(of_joint**2 * given, of_all**2 * given.sum(0))
+        left = left * (parts > np.maximum(doubt, TINY))[self.joint]
         lengths = np.linalg.norm(left, axis=0)
         known = lengths > 0
         c, errors, rank = np.zeros(X.shape[1]), np.full(X.shape[1], np.inf), 0
