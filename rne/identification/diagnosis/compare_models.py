@@ -1,8 +1,7 @@
 """The likely cause of a difference between two models: each hypothesis alone, then two at a time.
 
 Hypotheses that are linear in their numbers are columns, as causes of residuals are, and some of these numbers may be 0
-or 1 alone. A convention is q' = a (s q)[order] + b, with rates and accelerations scaled by a': the other model has the
-torques of the robot at q', in its own order and with its signs, tau[order] = s tau'(q', a' qd', a' qdd').
+or 1 alone.
 """
 
 from __future__ import annotations
@@ -10,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations, permutations, product
-from math import comb, factorial, log, prod
-from typing import Any, NamedTuple
+from itertools import combinations
+from math import comb, log, prod
+from typing import Any
 
 import numpy as np
 
@@ -24,24 +23,24 @@ from ...model.parameters import COLUMNS, PARAMETERS, ROWS
 from ...model.standard_parameters import MEASURED, StandardParameters
 from ...robot import Robot, robot_argument
 from .. import thresholds
+from .conventions import Convention, conventions, torques_of, zeros_text
 from .hypotheses import (
+    OF_JOINTS,
     SIZE,
     Hypothesis,
-    by_direction,
-    drives,
+    columns_of,
     factors,
     gravity_columns,
     hypotheses_argument,
-    springs,
+    of_joints,
+    text_of,
     zero_columns,
 )
 from .residuals import TINY, Discrepancy, Torques
 
 SEVERAL_BODIES = "several bodies"  # explains whatever other bodies do
 OTHER_BODIES = {"one body", "payload"}  # two of them are several bodies
-DEGREE = np.pi / 180
-QUARTERS = (np.pi / 2, np.pi, -np.pi / 2)
-OF_JOINTS = {  # kinds of joints, of which few may be there: a noun, and the kinds of single joints with a symbol
+OF_FEW_JOINTS = {  # kind: a noun, and the kinds of single joints with a symbol
     "armature": ("inertia of rotors (armature)", {"rotor": ""}),
     "viscous friction": ("viscous friction", {"viscous friction": ""}),
     "Coulomb friction": ("Coulomb friction", {"Coulomb friction": ""}),
@@ -170,7 +169,7 @@ class TorqueDifference(Discrepancy):
     def fit(self, *parts: Hypothesis, before: Candidate | None = None) -> Candidate | None:
         """Hypotheses that act together, on top of another; None where one of them has no part in it."""
         torques = self.difference if before is None else before.residual
-        columns = [h.at_rows(self) for h in parts]
+        columns = [columns_of(self, h) for h in parts]
         X, ends = np.concatenate(columns, axis=-1), np.cumsum([x.shape[-1] for x in columns])[:-1]
         c, *_ = self.with_columns(X, self.weighted(torques))
         sizes = np.linalg.norm(self.weighted(X), axis=0) / np.sqrt(len(self.tau))
@@ -185,7 +184,7 @@ class TorqueDifference(Discrepancy):
             c[free], _, left, numbers = self.with_columns(X[..., free], self.weighted(torques))
             torques = left.reshape(torques.shape) * self.sigma
         alternatives = prod(h.alternatives * comb(len(x), int(x.sum())) for h, x in zip(parts, chosen, strict=True))
-        texts = [h.words(x) for h, x in zip(parts, np.split(c, ends), strict=True)]
+        texts = [text_of(h, x) for h, x in zip(parts, np.split(c, ends), strict=True)]
         return self.candidate([h.kind for h in parts], texts, numbers, alternatives, torques, before)
 
 
@@ -205,10 +204,10 @@ def linear_hypotheses(data: TorqueDifference) -> Iterator[Hypothesis]:
     """All of them, the plainest first."""
     yield from other_gravity(data)
     yield from other_torques(data)
-    singles = [*drives(data), *springs(data), *by_direction(data)]
-    for kind, (noun, symbols) in OF_JOINTS.items():
+    singles = list(of_joints(data, OF_JOINTS))
+    for kind, (noun, symbols) in OF_FEW_JOINTS.items():
         chosen = [h for h in singles if h.kind in symbols]
-        columns = np.concatenate([h.at_rows(data) for h in chosen], axis=-1)
+        columns = np.concatenate([columns_of(data, h) for h in chosen], axis=-1)
         labels = [h.joints[0] + symbols[h.kind] for h in chosen]
 
         def text(c: Array, noun: str = noun, labels: list[str] = labels) -> str:
@@ -246,7 +245,7 @@ def other_gravity(data: TorqueDifference) -> Iterator[Hypothesis]:
 def other_torques(data: TorqueDifference) -> Iterator[Hypothesis]:
     """Torques in another unit or of the opposite sign, of all joints and of single ones."""
     names, own = data.names, data.expected
-    single = np.concatenate([h.at_rows(data) for h in factors(data, own)], axis=-1)
+    single = np.concatenate([columns_of(data, h) for h in factors(data, own)], axis=-1)
 
     def sign_text(c: Array) -> str:
         if c.all():
@@ -300,8 +299,8 @@ def other_bodies(data: TorqueDifference) -> Iterator[Hypothesis]:
         if i in last:
             yield Hypothesis("payload", columns, partial(tip_text, name), alternatives=len(last))
         else:
-            text = partial("the body of {} has other inertial parameters".format, name)
-            yield Hypothesis("one body", columns, text, alternatives=len(names))
+            one = partial("the body of {} has other inertial parameters".format, name)
+            yield Hypothesis("one body", columns, one, alternatives=len(names))
     text = "several bodies have other inertial parameters; joints and their places are the same"
     yield Hypothesis(SEVERAL_BODIES, data.body_columns.reshape(*data.tau.shape, -1), text)
 
@@ -322,97 +321,17 @@ def payload_text(mass: float, centre: Array) -> str:
     return f"{'carries' if mass > 0 else 'lacks'} a payload of {abs(mass):.4g} kg at {vector_text(centre)}"
 
 
-# Conventions of the joints
-
-
-class Convention(NamedTuple):
-    """Order, signs, zeros and units of the joints, where they are not the robot's own."""
-
-    kind: str
-    alternatives: float  # among how many it was chosen
-    text: Callable[[], str]
-    order: Sequence[int]
-    sign: Sequence[float] | Array
-    zero: Sequence[float] | Array  # [rad or m]
-    unit: tuple[float, float] = (1.0, 1.0)  # of positions; of rates and accelerations
-
-
-def zeros_text(names: Sequence[str], zero: Sequence[float] | Array) -> str:
-    """Where joints are zero, in words."""
-    places = [f"{name} at {x:.6g}" for name, x in zip(names, zero, strict=True) if x]
-    return f"zero positions differ: its zero is {listed(places)} [rad or m] of this robot"
-
-
-def conventions(robot: Robot) -> Iterator[Convention]:
-    """Conventions that are tried, the fewest changes of a kind first."""
-    n, model, names = robot.n, robot.model, robot.joint_names
-
-    own = Convention("", 1.0, str, range(n), np.ones(n), np.zeros(n))
-
-    def order_text(order: Sequence[int]) -> str:
-        return f"its joints are in the order {listed([names[k] for k in order])}"
-
-    def sign_text(sign: Sequence[float]) -> str:
-        return f"the axis of {listed([x for x, s in zip(names, sign, strict=True) if s < 0])} points the other way"
-
-    for x, k in orders(n):
-        yield own._replace(kind="joint order", alternatives=k, text=partial(order_text, x), order=x)
-    for x, k in variants(n, 1.0, (-1.0,)):
-        yield own._replace(kind="axis flipped", alternatives=k, text=partial(sign_text, x), sign=x)
-    sliding = [j for j, i in enumerate(model.independent_joints) if model.joint_types[i] == "prismatic"]
-    for x, k in variants(n, 0.0, QUARTERS):
-        if not any(x[j] for j in sliding):
-            yield own._replace(kind="joint zero", alternatives=k, text=partial(zeros_text, names, x), zero=x)
-    for a, mistaken in ((DEGREE, "degrees that are radians"), (1 / DEGREE, "radians that are degrees")):
-        for b, what in ((1.0, "positions"), (a, "positions, rates and accelerations")):
-            text = partial("it takes {} as {}".format, what, mistaken)
-            yield own._replace(kind="angle unit", alternatives=4, text=text, unit=(a, b))
-
-
-def orders(n: int) -> Iterator[tuple[tuple[int, ...], int]]:
-    """Orders of the joints, of more than eight only exchanges of two; each with how many are like it."""
-    swaps = (tuple({i: j, j: i}.get(k, k) for k in range(n)) for i, j in combinations(range(n), 2))
-    for p in permutations(range(n)) if factorial(n) <= thresholds.CONVENTIONS else swaps:
-        moved = sum(k != i for i, k in enumerate(p))
-        if moved:
-            yield p, comb(n, moved) * factorial(moved)
-
-
-def variants(n: int, own: float, others: tuple[float, ...]) -> Iterator[tuple[tuple[float, ...], int]]:
-    """Values of n joints of which some differ, the fewest first, unless too many; each with how many are like it."""
-    total = 0
-    for k in range(1, n + 1):
-        alike = comb(n, k) * len(others) ** k
-        total += alike
-        if total > thresholds.CONVENTIONS:
-            return
-        for chosen, values in product(combinations(range(n), k), product(others, repeat=k)):
-            changed = dict(zip(chosen, values, strict=True))
-            yield tuple(changed.get(j, own) for j in range(n)), alike
-
-
-def left_by(data: TorqueDifference, conventions: Sequence[Convention]) -> Array:
-    """Torques that each convention leaves, shape (A, N, n)."""
-    order, sign, zero, unit = (np.array(x)[:, None] for x in list(zip(*conventions, strict=True))[3:])
-    order, (a, b) = np.broadcast_to(order, (len(order), *data.tau.shape)), np.moveaxis(unit, -1, 0)[..., None]
-    q, qd, qdd = (np.take_along_axis(sign * x, order, -1) for x in data.states)
-    found = data.load(a * q + zero, b * qd, b * qdd)
-    torques = np.empty_like(found)
-    np.put_along_axis(torques, order, found, -1)
-    left: Array = data.tau - torques * sign
-    return left
-
-
 # Hypotheses that are not linear
 
 
 def minimum(residual: Callable[[Array], Array], starts: Sequence[Any], jacobian: Any = "3-point") -> Array:
-    """The least squares, to rounding, of those that several starts lead to (Levenberg-Marquardt)."""
+    """The least squares, to rounding, that the likeliest of several starts lead to (Levenberg-Marquardt)."""
     from scipy.optimize import least_squares
 
     options: dict[str, Any] = {"method": "lm", "jac": jacobian, "max_nfev": thresholds.EVALUATIONS}
     precise = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
-    fits = [least_squares(residual, x, **options, **precise) for x in starts]
+    likely = sorted(map(np.array, starts), key=lambda x: float(np.linalg.norm(residual(x))))
+    fits = [least_squares(residual, x, **options, **precise) for x in likely[: thresholds.STARTS]]
     best: Array = min(fits, key=lambda fit: fit.cost).x
     return best
 
@@ -457,6 +376,12 @@ def point_mass(x: Array) -> Array:
     return np.concatenate([[x[0]], x[0] * x[1:], inertia_change(point_mass_inertia(x[0], x[1:]))[4:]])
 
 
+def left_by_change(data: TorqueDifference, A: Array, change: Callable[[Array], Array], x: Array) -> Array:
+    """Values that a change of one body's parameters leaves."""
+    left: Array = data.left - A @ change(x)
+    return left
+
+
 def changes_of_one_body(data: TorqueDifference) -> Iterator[Candidate]:
     """Inertia of a body in other axes, and a point mass that the last body of a branch has or lacks."""
     from scipy.spatial.transform import Rotation
@@ -474,8 +399,7 @@ def changes_of_one_body(data: TorqueDifference) -> Iterator[Candidate]:
                 starts = [[c[0], *c[1:4] / (c[0] or 1.0)], [1.0, 0, 0, 0], [-1.0, 0, 0, 0]]
                 changes.append(("payload", point_mass, starts, len(last)))
         for kind, change, starts, alternatives in changes:
-            likely = sorted(starts, key=lambda x: np.linalg.norm(A @ change(np.array(x)) - data.left))
-            x = minimum(lambda x: A @ change(x) - data.left, likely[: thresholds.STARTS])
+            x = minimum(partial(left_by_change, data, A, change), starts)
             text = f"the inertia of the body of {name} is in other axes, turned by a rotation"
             if kind == "payload":
                 text = f"it {payload_text(x[0], x[1:])} m of the frame of {name}"
@@ -487,7 +411,7 @@ def changes_of_one_body(data: TorqueDifference) -> Iterator[Candidate]:
 
 def candidates(data: TorqueDifference, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
     """All hypotheses, the best first; two at a time only where none alone explains the difference."""
-    linear = [replace(h, columns=h.at_rows(data)) for h in (*linear_hypotheses(data), *hypotheses)]
+    linear = [replace(h, columns=columns_of(data, h)) for h in (*linear_hypotheses(data), *hypotheses)]
     linear.sort(key=lambda h: h.numbers != "switches")
     changes, left = without_numbers(data, [h for h in linear if h.numbers == "switches"])
 
@@ -516,16 +440,18 @@ def without_numbers(
     """Conventions, and switches alone or all of a kind: alternatives, candidates, and what few states leave."""
 
     def judged(x: Convention) -> Candidate:
-        return data.candidate([x.kind], [x.text()], 0, x.alternatives, left_by(data, [x])[0])
+        return data.candidate(
+            [x.kind], [x.text()], 0, x.alternatives, data.tau - torques_of(data.robot, [x], data.states)[0]
+        )
 
     tried = list(conventions(data.robot))
-    left = [*left_by(data.few, tried)]
+    left = [*(data.few.tau - torques_of(data.robot, tried, data.few.states))]
     changes: list[tuple[float, Callable[[], Candidate]]] = [(x.alternatives, partial(judged, x)) for x in tried]
     for h in switches:
-        width = np.shape(h.columns)[-1]
+        width = np.asarray(h.columns).shape[-1]
         for mask in np.unique([np.ones(width), *np.eye(width)], axis=0):
             rest, alike = data.difference - h.columns @ mask, h.alternatives * comb(width, int(mask.sum()))
-            changes.append((alike, partial(data.candidate, [h.kind], [h.words(mask)], 0, alike, rest)))
+            changes.append((alike, partial(data.candidate, [h.kind], [text_of(h, mask)], 0, alike, rest)))
             left.append(rest[data.chosen])
     return changes, (np.array(left) / data.sigma).reshape(len(left), -1)
 

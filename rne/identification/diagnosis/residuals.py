@@ -28,29 +28,14 @@ Torques = Callable[[Array, Array, Array], Array]  # a function of q, qd, qdd, ea
 
 
 class Discrepancy:
-    """Torques that a model leaves, each over the noise `sigma` of its joint, at the rows and joints that are `used`.
+    """Torques that a model leaves, each over the noise `sigma` of its joint, at the rows and joints that are `used`."""
 
-    Attributes
-    ----------
-    left : ndarray, shape (R,)
-        The torques over their noise, of all used rows, without their part along Q.
-    Q : ndarray, shape (R, k)
-        Orthonormal columns that are fitted with any others.
-    joint : ndarray of int, shape (R,)
-        Joint of each value.
-    counts, floor : ndarray, shape (n,)
-        Independent equations of each joint, and the sum of squares that needs no explanation.
-    resolution : tuple of two floats
-        Parts of a joint's values, and of all values, of a column, below which what is independent of Q is numerical.
-    """
-
-    left: Array
-    Q: Array
-    counts: Array
-    floor: Array
-    resolution: tuple[float, float]
+    left: Array  # the torques over their noise, shape (R,), without their part along Q
+    Q: Array  # orthonormal columns that are fitted with any others, shape (R, k)
+    counts: Array  # independent equations of each joint, shape (n,)
+    floor: Array  # sum of squares of each joint that needs no explanation, shape (n,)
+    resolution: tuple[float, float]  # parts of a joint's values and of all of a column that are numerical
     correlation = 1.0  # factor of variances of estimates: residuals resemble their neighbours
-    terms: Sequence[str] = ()  # symbols of the drives' torques that the model has
     bodies: Array  # inertial parameters, shape (10 nb,)
 
     def __init__(self, robot: Robot, sigma: Array, used: Array) -> None:
@@ -151,7 +136,7 @@ class FitResiduals(Discrepancy):
         enough = sure.sum() > thresholds.FEWEST_ROWS * base.count
         super().__init__(robot, sigma, sure if enough else np.concatenate([r.used for r in rows]))
         self.base, self.standard, self.records, self.x = base, base.standard, data.prepared, base.back @ beta
-        self.bodies, self.terms = self.x[: PARAMETERS * robot.model.nb], base.standard.terms
+        self.bodies = self.x[: PARAMETERS * robot.model.nb]
         self.correlation_time = data.correlation_time(self.x) if correlation_time is None else correlation_time
         self.correlation = float(self.correlation_time.max(initial=1))
         self.tau, self.Y = np.concatenate([r.tau for r in rows]), np.concatenate([r.Y for r in rows])
