@@ -18,6 +18,7 @@ import numpy as np
 
 from ...basics.spatial import Array
 from ...basics.text import listed
+from ...dynamics.regressors import regressor
 from ...model.parameters import PARAMETERS
 from ...robot import Robot
 from .. import thresholds
@@ -286,9 +287,9 @@ def factors(rest: Discrepancy, torques: Array) -> Iterator[Hypothesis]:
 
 
 def gravity_columns(rest: Discrepancy, gravity: Array, *bodies: Array) -> Array:
-    """Torques of several sets of bodies in a given gravity, one in each column."""
-    alone = Robot(replace(rest.robot.model, gravity=gravity, notes={}), "numpy")
-    return rest.smooth(lambda q, qd, qdd: np.stack([alone.gravity_torque(q, parameters=pi) for pi in bodies], axis=-1))
+    """Torques of several sets of bodies at rest in a given gravity, one in each column."""
+    model, sets = replace(rest.robot.model, gravity=gravity, notes={}), np.stack(bodies, axis=-1)
+    return rest.smooth(lambda q, qd, qdd: regressor(model, q, 0 * q, 0 * q) @ sets)
 
 
 def zero_columns(rest: Discrepancy, zero: Array | float = 0.0) -> Array:
@@ -588,11 +589,10 @@ def gravity_directions(rest: FitResiduals) -> Iterator[Cause]:
     model, size = rest.robot.model, float(np.linalg.norm(rest.robot.model.gravity))
     if size == 0:
         return
-    given = model.gravity / size
-    alone = [Robot(replace(model, gravity=size * e), "numpy") for e in (np.zeros(3), *np.eye(3))]
-    still, *pulled = (rest.smooth(robot.regressor) for robot in alone)
-    pulls = np.array([rest.weighted(y - still) for y in pulled])
-    still, friction = rest.weighted(still), rest.weighted(rest.Y[..., len(rest.bodies) :])
+    given, units = model.gravity / size, np.eye(len(rest.bodies))
+    pulls = np.array([rest.weighted(gravity_columns(rest, size * e, *units)) for e in np.eye(3)])
+    still = rest.weighted(rest.smooth(rest.robot.regressor)) - np.tensordot(given, pulls, 1)
+    friction = rest.weighted(rest.Y[..., len(rest.bodies) :])
 
     def squares(gravity: Array) -> Array:
         Q = np.linalg.qr(np.concatenate([still + np.tensordot(gravity, pulls, 1), friction], axis=1))[0]
