@@ -13,7 +13,7 @@ from rne.identification.diagnosis.rigid_body_test import certified, torque_noise
 from rne.identification.fit.regression import build_regression
 from rne.identification.log.filtering import low_pass
 
-from .helpers import kept, loaded
+from .helpers import first_joints, kept
 from .measurements import truth
 
 VISCOUS, COULOMB = np.array([8, 6, 2, 1.2, 1.4, 0.6]), np.array([6, 8, 6, 2, 2.4, 0.5])
@@ -26,7 +26,7 @@ BALANCED = 0.01  # of the work: noise of 1 % of the torques, averaged
 def scene(request):
     """The first joints of the IRB 140, or all."""
     n = request.param
-    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})
+    robot = first_joints(n)
     return rne.Scene(robot, friction=rne.Friction(viscous=VISCOUS[:n], coulomb=COULOMB[:n], smoothing=1e-4))
 
 

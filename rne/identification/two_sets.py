@@ -202,8 +202,9 @@ class OfTwoSets(InNotebooks):
         left = zip(self.sets.robot.joint_names, self.held_out, strict=True)
         poor = [f"{name} {100 * x:.0f} %" for name, x in left if x > UNEXPLAINED]
         lines = self._reasons() + [f"torques in motion that the model does not explain: {listed(poor)}"] * bool(poor)
-        causes = [cause.text for cause in self.causes if cause.kind not in GEARS][:NAMED]
-        if lines and causes:
+        if not lines:  # causes take longer than all the rest
+            return ""
+        if causes := [cause.text for cause in self.causes if cause.kind not in GEARS][:NAMED]:
             lines.append(f"likely causes: {'; '.join(causes)}")
         return ". ".join(lines)
 
