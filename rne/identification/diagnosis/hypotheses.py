@@ -585,10 +585,11 @@ def gravity_directions(rest: FitResiduals) -> Iterator[Cause]:
     model, size = rest.robot.model, float(np.linalg.norm(rest.robot.model.gravity))
     if size == 0:
         return
-    given, units = model.gravity / size, np.eye(len(rest.bodies))
-    pulls = np.array([rest.weighted(gravity_columns(rest, size * e, *units)) for e in np.eye(3)])
-    still = rest.weighted(rest.smooth(rest.robot.regressor)) - np.tensordot(given, pulls, 1)
-    friction = rest.weighted(rest.Y[..., len(rest.bodies) :])
+    given = model.gravity / size
+    alone = [Robot(replace(model, gravity=size * e), "numpy") for e in (np.zeros(3), *np.eye(3))]
+    still, *pulled = (rest.smooth(robot.regressor) for robot in alone)
+    pulls = np.array([rest.weighted(y - still) for y in pulled])
+    still, friction = rest.weighted(still), rest.weighted(rest.Y[..., len(rest.bodies) :])
 
     def squares(gravity: Array) -> Array:
         Q = np.linalg.qr(np.concatenate([still + np.tensordot(gravity, pulls, 1), friction], axis=1))[0]
