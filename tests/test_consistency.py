@@ -50,6 +50,13 @@ def test_torques_of_a_robot_are_of_one_model(scene, seed):
     assert found.energy.missing < BALANCED
 
 
+def test_without_noise_a_torque_that_is_off_by_three_in_ten_thousand_is_a_conflict(scene, motion):
+    tau = scene.robot.inverse_dynamics(motion.q, motion.qd, motion.qdd)
+    assert judged(scene, motion, tau, 1, noise=0.0).one_model
+    tau[:, 2] *= 1.0003
+    assert judged(scene, motion, tau, 1, noise=0.0).conflict.any()
+
+
 def test_noise_is_found(scene, motion):
     found = judged(scene, motion, motion.tau, 5)
     prepared = Record(motion.t, motion.q, motion.tau).prepare()

@@ -24,7 +24,7 @@ from ..model.standard_parameters import DriveModel
 from ..model.topology import end_link
 from ..robot import Robot
 from ..simulation.scene import HasPayload, Payload, payload_argument
-from .diagnosis.rigid_body_test import own_fit, percent
+from .diagnosis.rigid_body_test import percent, single_joint_fit
 from .fit.least_squares import BEYOND_DOUBT, least_squares, solve
 from .log.record import Record
 from .result import Identification
@@ -283,7 +283,7 @@ def first_gains(sets: TwoSets, S: Array, known: Array) -> tuple[Array, tuple[Arr
     K, n = sets.base.count, sets.robot.n
     load = np.concatenate([S, known[:, None]], axis=1)
     both = sets.assembled(sets.plain, load)
-    own = np.array([own_fit(both.of_joint(j))[0] for j in range(n)])
+    own = np.array([single_joint_fit(both.of_joint(j))[0] for j in range(n)])
     without = own[:, :K] @ sets.base.back.T
     currents = -without, -without - own[:, K:] @ load.T
     silent = sets.in_torques(np.zeros(n))

@@ -17,26 +17,28 @@ from ..errors import IdentificationError, IdentificationWarning
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters, drive_argument
 from ..robot import Robot, robot_argument
-from .diagnosis.causes import (
+from .diagnosis.hypotheses import (
     DRIVES,
     GEARS,
     STRIBECK,
     Cause,
+    Hypothesis,
     delay_text,
     delays_of,
     derivative_by,
+    hypotheses_argument,
     likely_causes,
     merged_by_kind,
-    sharpened,
+    refine,
 )
-from .diagnosis.residuals import Residuals
-from .diagnosis.rigid_body_test import EXPLAINED
+from .diagnosis.residuals import FitResiduals
 from .fit.consistent import geometric_prior, model_prior
 from .fit.equations import Equations
 from .fit.least_squares import BEYOND_DOUBT, LeastSquares, Method, held_out, least_squares, with_correlation
 from .fit.regression import FOLDS, RegressionData, build_regression, of_named_joints
 from .log.record import Record
 from .result import IMPOSSIBLE, NOT_CONSISTENT, WRONG_SIGN, Identification
+from .thresholds import EXPLAINED
 
 PRIOR_STD = 0.3  # of the prior: that bodies differ from it by 30 % is as likely as one standard deviation of noise
 PRIOR_STDS_OF_GUESS = (3.0, 1.0, 0.3, 0.1)  # of bodies guessed from the geometry: the first with plausible masses
@@ -61,6 +63,7 @@ def identify(
     delay: ArrayLike | None = None,
     cutoff: float | None = None,
     folds: int = FOLDS,
+    hypotheses: Sequence[Hypothesis] = (),
 ) -> Identification:
     """Parameters of a robot's bodies, rotors and friction from measured motions.
 
@@ -98,6 +101,8 @@ def identify(
     folds : int
         Of the cross-validation, contiguous in time: each record is cut into `folds` / number of records, rounded up and
         at least 2, each to be predicted from the others.
+    hypotheses : sequence of Hypothesis
+        Causes of residuals that are tried beside those that are known.
 
     Returns
     -------
@@ -147,7 +152,8 @@ def identify(
     stds = PRIOR_STDS_OF_GUESS if isinstance(prior, str) else (PRIOR_STD,)
     stds = stds if prior_std is None else (positive_number("prior_std", prior_std),)
     options = {"minimum_velocity": minimum_velocity, "cutoff": cutoff, "folds": folds}
-    base, data, causes, modelled, declined = explained(robot, records, drives, delay, options)
+    hypotheses = hypotheses_argument(hypotheses)
+    base, data, causes, modelled, declined = explained(robot, records, drives, delay, options, hypotheses)
     standard = base.standard
     guess, notes = (None, ()) if known is None else prior_bodies(known, standard, data.fitted)
     try:
@@ -165,7 +171,7 @@ def identify(
     correlation_time = data.correlation_time(base.back @ estimate.values)
     estimate = with_correlation(estimate, data.fitted.mapped(base.back), correlation_time)
     if modelled:  # standard errors with those of the delays and Stribeck velocities that were estimated too
-        rest = Residuals(robot, base, data, estimate.values, estimate.sigma, correlation_time)
+        rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma, correlation_time)
         columns = np.concatenate([derivative_by(rest, cause) for cause in modelled], axis=-1)
         covariance = estimate.covariance + rest.covariance_of(columns)
         deviations = np.where(np.isinf(estimate.errors), np.inf, np.sqrt(np.diag(covariance)))
@@ -186,7 +192,12 @@ def identify(
 
 
 def explained(
-    robot: Robot, records: Sequence[Record], drives: DriveModel | None, delay: ArrayLike | None, options: dict[str, Any]
+    robot: Robot,
+    records: Sequence[Record],
+    drives: DriveModel | None,
+    delay: ArrayLike | None,
+    options: dict[str, Any],
+    hypotheses: Sequence[Hypothesis],
 ) -> tuple[BaseParameters, RegressionData, tuple[Cause, ...], list[Cause], tuple[str, ...]]:
     """The equations with delays, Stribeck effects and rotors as they show, what causes the rest, what is modelled."""
     delays = np.zeros((len(records), robot.n))
@@ -202,11 +213,11 @@ def explained(
         base = robot.base_parameters(drives=drives)
         data = build_regression(robot, records, base, **options, delays=delays)
         estimate = least_squares(data.fitted.mapped(base.back))
-        rest = Residuals(robot, base, data, estimate.values, estimate.sigma)
+        rest = FitResiduals(robot, base, data, estimate.values, estimate.sigma)
         is_last = k == ROUNDS
         found = [] if is_last or delay is not None else delays_of(rest.beyond_friction)
         if not found:
-            causes, leading = likely_causes(rest)
+            causes, leading = likely_causes(rest, hypotheses)
             if leading is not None and not is_last and delay is None:  # which may hide a delay
                 found = delays_of(rest.beyond_friction.with_known(leading))
         for cause in found:
@@ -217,7 +228,7 @@ def explained(
         slow = [] if found or is_last or not is_open else [cause for cause in causes if cause.kind == STRIBECK]
         if slow and slow[0].score >= max(cause.score for cause in causes) / 2:
             velocities = np.zeros(robot.n) if drives.stribeck is None else np.array(drives.stribeck, np.float64)
-            for cause in (sharpened(rest, cause) for cause in slow):
+            for cause in (refine(rest, cause) for cause in slow):
                 sharp[cause.joints], velocities[robot.joint_names.index(cause.joints[0])] = cause, cause.at
             drives = replace(drives, stribeck=velocities)
         elif not found:
@@ -255,7 +266,7 @@ def ignored_drives(standard: StandardParameters) -> tuple[str, ...]:
     """Rotors and friction that the given model has and that were not asked for: the robot found is without them."""
     model = standard.model
     known = {"Ia": model.armature, "Fv": model.damping, "Fc": model.friction}
-    ignored = [DRIVES[symbol][0] for symbol, x in known.items() if symbol not in standard.terms and x.any()]
+    ignored = [DRIVES[symbol] for symbol, x in known.items() if symbol not in standard.terms and x.any()]
     text = "{} of the model was not fitted: what there is of it is in other parameters, and the robot found has none"
     return tuple(map(text.format, ignored))
 

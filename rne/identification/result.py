@@ -18,15 +18,16 @@ from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
-from .diagnosis.causes import GEARS, Cause
 from .diagnosis.checking import Check
-from .diagnosis.rigid_body_test import EXPLAINED, Consistency, certified
+from .diagnosis.hypotheses import GEARS, Cause
+from .diagnosis.rigid_body_test import Consistency, certified
 from .fit.consistent import expected_sizes, model_prior
 from .fit.equations import Equations
 from .fit.least_squares import LeastSquares, Unexplained, believed_noise
 from .fit.regression import RegressionData, check_joints, delayed
 from .log.prepared import Prepared
 from .log.record import Record
+from .thresholds import EXPLAINED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -23,8 +23,8 @@ from ..dynamics.base_inertial_parameters import BaseParameters
 from ..model.parameters import PARAMETERS, parameters_of_pseudo_inertia, pseudo_inertia
 from ..model.standard_parameters import MEASURED, DriveModel, StandardParameters
 from ..robot import Robot, robot_argument
-from .diagnosis.causes import GEARS, Cause, likely_causes, merged_by_kind
-from .diagnosis.residuals import TINY, Residuals
+from .diagnosis.hypotheses import GEARS, Cause, likely_causes, merged_by_kind
+from .diagnosis.residuals import TINY, FitResiduals
 from .diagnosis.rigid_body_test import percent
 from .fit.equations import Equations, equations, joined, triangular
 from .fit.least_squares import DEPENDENT, LeastSquares, believed_noise, least_squares, solve
@@ -83,7 +83,7 @@ class TwoSets:
         found: list[Cause] = []
         for data in (self.without, self.loaded):
             estimate = least_squares(data.fitted.mapped(self.base.back))
-            found += likely_causes(Residuals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
+            found += likely_causes(FitResiduals(self.robot, self.base, data, estimate.values, estimate.sigma))[0]
         return merged_by_kind(sorted(found, key=lambda cause: -cause.score))
 
     def in_torques(self, gains: Array) -> TwoSets:
