@@ -161,13 +161,11 @@ class DryPlant(Plant):
 
     def loads_at(self, t: Array, X: Array, u: Array | None = None) -> Array:
         """The same in many states, shape (3, T, n)."""
-        if len(t) == 1:
+        if len(t) == 1:  # as where an event is searched for
             return self.loads(float(t[0]), X[0], None if u is None else u[0])[:, None]
         t = np.clip(t, *self.span)
         if u is None:
             u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled
-        if len(t) == 1:  # as where an event is searched for
-            return self.loads(float(t[0]), X[0], u if u is None or u.ndim == 1 else u[0])[:, None]
         found, status = self.loads_kernel.evaluate(t[:, None], X, self._with_modes(u))
         self.note_loss(status)
         return np.stack(np.split(found, 3, axis=1))
