@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.spatial import Array
+from .. import thresholds
 
 ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
 SETTLING = 1.25  # periods of the cut-off from a step to where less than 1 % of it is left
@@ -71,20 +72,7 @@ def derivatives(x: Array, sample_rate: float) -> tuple[Array, Array]:
     return first * sample_rate, second * sample_rate**2
 
 
-WINDOW = 4.0  # seconds of one spectrum; several are averaged
-USED = 0.7  # share of the samples in segments that are long enough for one
-POWER = 0.99  # share of the velocities' power that makes up the motion's bandwidth
-FACTOR = 5.0  # times the motion's bandwidth, for the cut-off
-FEWEST = 8  # samples of a spectrum
-LEAST = 2.0  # times the motion's bandwidth, where noise asks for a lower cut-off
-NOISE = 1e-3  # power of the accelerations' noise below the cut-off, as a part of that of the accelerations
-SIGNIFICANT = 10.0  # times the noise, above which a part of a spectrum is motion
-MOVING = 0.05  # velocity as a part of the fastest joint's, above which a joint has a say
-FASTEST = 0.2  # largest cut-off, as a part of the sample rate
-CHANCE = 0.01  # that spectra which have nothing to do with each other look coherent
 AVERAGES = 1.6  # independent spectra per window, where windows overlap by half
-PERIODS = 2.0  # of the crossover in a segment, at least: positions measure what is slower
-HIGHEST = 0.25  # crossover as a part of the sample rate, from which the positions alone are used
 
 
 class Spectrum(NamedTuple):
@@ -117,15 +105,15 @@ def motion_spectrum(
         return plain
     off = [x - y for x, y in zip(q, integrals, strict=True)]
     measured, difference = (_power(x, x, sample_rate)[1].real for x in (integrals, off))
-    is_bounded = FACTOR * _bandwidths(plain)[1].max() < FASTEST * sample_rate
+    is_bounded = thresholds.ABOVE_MOTION * _bandwidths(plain)[1].max() < thresholds.HIGHEST_CUTOFF * sample_rate
     if not is_bounded:  # repeated positions have noise at single frequencies
         level = np.mean(velocities[upper] / shape[upper], axis=0)
-    unexplained = (difference > SIGNIFICANT * noise) & is_bounded
+    unexplained = (difference > thresholds.SIGNIFICANT * noise) & is_bounded
     late = np.where(unexplained, difference, 0.0).sum(0) / np.maximum(unexplained.sum(0), 1)
     measured_noise = np.maximum(np.median(measured[upper], axis=0), late)
     equal = sample_rate / (2 * np.pi) * np.sqrt(measured_noise / np.maximum(level, np.finfo(float).tiny))
-    better = used & (equal < HIGHEST * sample_rate)
-    crossover[better] = np.maximum(equal[better], PERIODS * sample_rate / max(len(x) for x in q))
+    better = used & (equal < thresholds.HIGHEST_CROSSOVER * sample_rate)
+    crossover[better] = np.maximum(equal[better], thresholds.CROSSOVER_PERIODS * sample_rate / max(len(x) for x in q))
     above = f[:, None] > crossover
     return Spectrum(f, np.where(above, measured, velocities), np.where(above, measured_noise, noise), crossover)
 
@@ -148,9 +136,9 @@ def _power(x: Sequence[Array], y: Sequence[Array], sample_rate: float) -> tuple[
 def _window(x: Sequence[Array], sample_rate: float) -> int:
     """Samples of one spectrum, fewer than of the segments that have most of the samples."""
     lengths = np.sort([len(part) for part in x] or [0])
-    shortest = int(lengths[np.searchsorted(np.cumsum(lengths), (1 - USED) * lengths.sum())])
-    length = min(int(WINDOW * sample_rate), shortest - 1)
-    if length < FEWEST:
+    shortest = int(lengths[np.searchsorted(np.cumsum(lengths), (1 - thresholds.LONG_ENOUGH) * lengths.sum())])
+    length = min(int(thresholds.SPECTRUM_SECONDS * sample_rate), shortest - 1)
+    if length < thresholds.SPECTRUM_SAMPLES:
         raise ValueError("the segments are too short for a spectrum of the positions")
     return length
 
@@ -176,7 +164,7 @@ def choose_cutoff(
     spectrum: Spectrum, sample_rate: float, q: Sequence[Array], tau: Sequence[Array]
 ) -> tuple[float, tuple[str, ...]]:
     """A cut-off [Hz] for the motion of these segments, shape (T, n) each, and the reason in words."""
-    highest, warned = FASTEST * sample_rate, []
+    highest, warned = thresholds.HIGHEST_CUTOFF * sample_rate, []
     cutoff, reason = _cutoff(spectrum)
     if cutoff > highest:  # noise may be taken for motion: only what torques and positions have in common counts
         common = spectrum.velocities * _coherence(q, tau, sample_rate)
@@ -184,11 +172,11 @@ def choose_cutoff(
             f"warning: the spectrum asks for a cut-off above {highest:.6g} Hz, a fifth of the sample rate: positions "
             "that repeat or jump, noise up to half the sample rate, or a sample rate that is too low"
         ]
-        if (common > SIGNIFICANT * spectrum.noise).any():
+        if (common > thresholds.SIGNIFICANT * spectrum.noise).any():
             cutoff, reason = _cutoff(spectrum._replace(velocities=common))
             reason = f"of what torques and positions have in common, {reason}"
     if cutoff > highest:
-        cutoff, reason = highest, f"{FASTEST:g} times the sample rate of {sample_rate:.6g} Hz"
+        cutoff, reason = highest, f"{thresholds.HIGHEST_CUTOFF:g} times the sample rate of {sample_rate:.6g} Hz"
     source = "positions" if np.isinf(spectrum.crossover).all() else "positions and measured velocities"
     return cutoff, (f"cut-off {cutoff:.3g} Hz, chosen from the spectrum of the {source}: {reason}", *warned)
 
@@ -198,12 +186,12 @@ def _cutoff(spectrum: Spectrum) -> tuple[float, str]:
     speed, motions, noises = _bandwidths(spectrum)
     if not speed.any():
         raise ValueError("the positions show no motion above their noise")
-    moving = speed >= MOVING * speed.max()
-    motion, noise = motions[moving].max(), noises[moving].min()
-    if noise < FACTOR * motion:
+    moving = speed >= thresholds.SLOW_JOINT * speed.max()
+    motion, noise, factor = motions[moving].max(), noises[moving].min(), thresholds.ABOVE_MOTION
+    if noise < factor * motion:
         reason = f"the motion's bandwidth is {motion:.3g} Hz, noise disturbs the accelerations from {noise:.3g} Hz on"
-        return float(max(noise, LEAST * motion)), reason
-    return float(FACTOR * motion), f"{FACTOR:g} times the motion's bandwidth of {motion:.3g} Hz"
+        return float(max(noise, thresholds.LEAST_ABOVE * motion)), reason
+    return float(factor * motion), f"{factor:g} times the motion's bandwidth of {motion:.3g} Hz"
 
 
 def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> Array:
@@ -213,7 +201,7 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
     squared: Array = np.abs(both) ** 2 / np.maximum(moved * torque, np.finfo(float).tiny)
     window = _window(q, sample_rate)
     averages = max(2.0, AVERAGES * sum(len(x) for x in q if len(x) > window) / window)
-    chance = squared < 1 - CHANCE ** (1 / (averages - 1))
+    chance = squared < 1 - thresholds.COHERENT_BY_CHANCE ** (1 / (averages - 1))
     chance[:-1] &= chance[1:]  # two neighbouring frequencies
     start = np.argmax(squared * moved / f[:, None] ** 2, axis=0)
     ended = np.cumsum(chance & (np.arange(len(f))[:, None] > start), axis=0) > 0
@@ -221,12 +209,12 @@ def _coherence(q: Sequence[Array], tau: Sequence[Array], sample_rate: float) -> 
 
 
 def _bandwidths(spectrum: Spectrum) -> tuple[Array, Array, Array]:
-    """RMS velocities, the bandwidths below which `POWER` lies, and where accelerations are `NOISE`, shape (n,) each."""
+    """RMS velocities, bandwidths of the motion, and frequencies from which noise disturbs accelerations, (n,) each."""
     f, velocities, noise = spectrum.f, spectrum.velocities, spectrum.noise
-    power = np.cumsum(np.where(velocities > SIGNIFICANT * noise, velocities - noise, 0.0), axis=0)
-    motion = (power < POWER * power[-1]).sum(axis=0)
+    power = np.cumsum(np.where(velocities > thresholds.SIGNIFICANT * noise, velocities - noise, 0.0), axis=0)
+    motion = (power < thresholds.MOTION_POWER * power[-1]).sum(axis=0)
     omega2 = (2 * np.pi * f[:, None]) ** 2
     moved = (omega2 * velocities * (np.arange(len(f))[:, None] <= motion)).sum(axis=0)
-    disturbed = np.cumsum(omega2 * noise, axis=0) > NOISE * moved
+    disturbed = np.cumsum(omega2 * noise, axis=0) > thresholds.NOISE_OF_ACCELERATIONS * moved
     beyond = np.where(disturbed.any(axis=0), np.argmax(disturbed, axis=0), -1)
     return np.sqrt(power[-1] * f[0]), f[motion], f[beyond]

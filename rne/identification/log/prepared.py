@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from ...basics.arrays import positive_number
 from ...basics.spatial import Array
 from ...basics.text import counted, summary
+from .. import thresholds
 from .filtering import (
-    FASTEST,
     MARGIN,
     Spectrum,
     choose_cutoff,
@@ -174,11 +174,7 @@ def undisturbed(flags: Array, rows: Array, reach: int) -> Array:
     return np.asarray(count[rows + reach] == count[rows - reach])
 
 
-POSITIONS = 5.0  # cut-off of the positions' filter, as a multiple of the parallel filter's
-HIGHEST = 0.25  # of that, as a part of the sample rate
 ROUNDING = 1e-6  # of a ratio of rates
-ROUNDED = 1.01  # of a cut-off that was printed and is given back
-PASS_BAND = 0.8  # cut-off as a part of half the reduced rows' rate (Gautier, Janot and Vandanjon 2013)
 
 
 def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int | None, start: float) -> Prepared:
@@ -195,12 +191,12 @@ def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int
             raise ValueError(f"{name}: {error}; give `cutoff` [Hz]") from None
     else:
         cutoff = positive_number("cutoff", cutoff)
-        if cutoff > ROUNDED * FASTEST * rate:
-            most = f"{FASTEST * rate:.6g} Hz, a fifth of the sample rate"
+        if cutoff > thresholds.PRINTED * thresholds.HIGHEST_CUTOFF * rate:
+            most = f"{thresholds.HIGHEST_CUTOFF * rate:.6g} Hz, a fifth of the sample rate"
             raise ValueError(f"`cutoff` must be at most {most}, got {cutoff:.6g}")
         reasons = (f"cut-off {cutoff:.3g} Hz, as given",)
     decimation = _decimation(decimation, cutoff, rate)
-    position_cutoff = min(POSITIONS * cutoff, HIGHEST * rate)
+    position_cutoff = min(thresholds.POSITION_CUTOFF * cutoff, thresholds.HIGHEST_POSITION_CUTOFF * rate)
     drop = max(2 * settling(position_cutoff, rate), MARGIN)  # twice, for the accelerations
     needed = 2 * (drop + settling(cutoff, rate)) + decimation
     lengths = [len(q) for q in positions]
@@ -251,7 +247,7 @@ def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[lis
 def _decimation(given: int | None, cutoff: float, rate: float) -> int:
     most = int(rate / (2 * cutoff) + ROUNDING)
     if given is None:
-        return max(1, int(PASS_BAND * rate / (2 * cutoff) + ROUNDING))
+        return max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + ROUNDING))
     if isinstance(given, bool) or not isinstance(given, int | np.integer) or not 1 <= given <= most:
         raise ValueError(
             f"`decimation` must be an integer from 1 to {most}, to keep twice the cut-off or more, got {given!r}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,14 +15,14 @@ from ...basics.spatial import Array
 from ...basics.text import counted
 from ...simulation.motion_files import numbered_joints
 from ...trajectories.csv_file import in_seconds, read_samples
+from .. import thresholds
 from .prepared import Prepared, prepare
-from .screening import RecordFinding, Stamps, screen
+from .screening import STAMPS, RecordFinding, screen
 
 if TYPE_CHECKING:
     from ...simulation.trajectory import Trajectory
 
 UNITS = {"rad": 1.0, "m": 1.0, "deg": np.pi / 180}
-SINGULAR = 1e-10  # smallest singular value as a part of the largest, with each motor's row scaled to one
 
 
 class Record:
@@ -106,10 +106,10 @@ class Record:
         name: str = "record",
         joint_names: Sequence[str] | None = None,
         unit: str | Sequence[str] = "rad",
-        stamps: Stamps = "auto",
+        stamps: str = "auto",
         bridge: int = 3,
     ) -> None:
-        if stamps not in get_args(Stamps):
+        if stamps not in STAMPS:
             raise ValueError(f'`stamps` must be "auto", "sampled" or "regular", got {stamps!r}')
         self.name, self._stamps, self._bridge = name, stamps, whole_number("bridge", bridge, least=0)
         self.q = samples_array("q", q, None)
@@ -132,7 +132,7 @@ class Record:
             if array is not None:
                 array.flags.writeable = False
         self._screened = screen(name, self.joint_names, self.t, self.q, self.tau, self.qd, self._bridge, stamps)
-        self.findings: tuple[RecordFinding, ...] = self._screened.findings
+        self.findings: tuple[RecordFinding, ...] = tuple(self._screened.findings)
         self.encoder_step: Array = self._screened.encoder_step
         self.sample_rate = 1 / self._screened.period
 
@@ -290,7 +290,7 @@ class Record:
         zero = 0.0 if offsets is None else vector("offsets", offsets, n)
         mixed = np.eye(n) if coupling is None else np.array(real_array("coupling", coupling, f"({n}, {n})"), np.float64)
         K, rows = _not_zero("ratios", ratios, n)[:, None] * mixed, np.linalg.norm(mixed, axis=1)
-        if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / SINGULAR:
+        if (rows == 0).any() or np.linalg.cond(mixed / rows[:, None]) > 1 / thresholds.SINGULAR_COUPLING:
             raise ValueError(
                 "`coupling` must be invertible: joint positions do not follow from the motors' through a singular "
                 "matrix"
