@@ -277,6 +277,6 @@ def test_the_consistent_fit_does_not_depend_on_how_the_cone_solver_ends(monkeypa
     factor = np.linalg.qr(np.column_stack([rows, rows @ truth + 0.01 * rng.normal(size=60)]), mode="r")
     given = (factor, prior, 1e-3, np.array([True, True]), np.ones(2))
     expected = consistent_fit(*given)
-    solve = consistent.solve_cones
-    monkeypatch.setattr(consistent, "solve_cones", lambda *a: (-np.ones_like(solve(*a)[0]), "InsufficientProgress"))
+    solve = consistent.cone_solution
+    monkeypatch.setattr(consistent, "cone_solution", lambda *a: (-np.ones_like(solve(*a)[0]), "InsufficientProgress"))
     np.testing.assert_allclose(consistent_fit(*given), expected, rtol=1e-6, atol=1e-9)

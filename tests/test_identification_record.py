@@ -72,8 +72,8 @@ def test_a_step_has_settled_where_samples_are_kept(cutoff, rate):
 
 def test_ends_dropped_are_enough(true):
     """A part of a record gives the rows that the whole gives: what lies outside has no influence left."""
-    whole = Record(true.t, true.q, true.tau).prepare(cutoff=5.0, decimation=1)
-    part = Record(true.t[1000:3000], true.q[1000:3000], true.tau[1000:3000]).prepare(cutoff=5.0, decimation=1)
+    whole = Record(true.t, true.q, true.tau).prepare(cutoff=5.0)
+    part = Record(true.t[1000:3000], true.q[1000:3000], true.tau[1000:3000]).prepare(cutoff=5.0)
     same = np.flatnonzero(np.isin(np.rint(whole.times * RATE), np.rint(part.times * RATE)))
     for x, y in ((whole.tau, part.tau), (whole.qdd, part.qdd)):
         difference = np.abs(whole.reduce(x)[same] - part.reduce(y))
@@ -830,10 +830,6 @@ def test_what_cannot_be_prepared_says_why(true):
     for options, text in (
         ({"cutoff": 200.0}, "`cutoff` must be at most 100 Hz, a fifth of the sample rate, got 200"),
         ({"cutoff": -1.0}, "`cutoff` must be positive, got -1.0"),
-        (
-            {"cutoff": 5.0, "decimation": 51},
-            "`decimation` must be an integer from 1 to 50, to keep twice the cut-off or more, got 51",
-        ),
     ):
         with exactly(text):
             measured.prepare(**options)

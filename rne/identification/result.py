@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from ..model.parameters import PARAMETERS, pseudo_inertia, with_parameters
 from ..model.standard_parameters import StandardParameters
 from ..robot import Robot
 from ..simulation.friction import SMOOTHING, Friction
+from . import thresholds
 from .diagnosis.causes import GEARS, Cause
 from .diagnosis.checking import Check
 from .diagnosis.rigid_body_test import EXPLAINED, Consistency, certified
@@ -32,16 +34,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NOT_CONSISTENT = "parameters are those of least squares, as with `consistent=False`"  # start of a note
-FARTHEST = 10.0  # part of a torque above which its size says nothing
-TOO_FAR = 1.0  # part of a joint's torque, held out: zero predicts it better
-UNEXPLAINED = 0.30  # part of a joint's torque in motion above which an identification warns
 NAMED = 3  # causes that a warning names
 WRONG_SIGN = "is the sign of the joint's torque right?"  # end of a note on negative friction
 IMPOSSIBLE = "which no drive has"  # end of a note on numbers that are not possible
-EXPLAINS = 0.5  # part of a joint's squares that a cause takes away if it explains them
-LITTLE = 0.05  # part of a joint's torque in motion: more of it, unexplained, is pointed at
-UNKNOWN_VALUE = 100.0  # per cent: a standard error as large as the value, from which it is not known
-WORSE = 1.2  # residuals of possible bodies, of those of least squares
 BASE_UNITS = (
     "Units: m in kg, mcx ... in kg m, Ixx ... and Ia in kg m^2, Fv in N m s/rad, Fc, Fs and tau0 in N m; of sliding "
     "joints Ia in kg, Fv in N s/m, the others in N."
@@ -127,21 +122,20 @@ class Identification(InNotebooks):
     def doubt(self) -> str:
         """Reasons not to believe the parameters, the likeliest causes first; empty if there is none."""
         left, names = self.unexplained.in_motion, self.initial.joint_names
-        poor = np.flatnonzero(left > UNEXPLAINED)
+        poor = np.flatnonzero(left > thresholds.UNEXPLAINED)
         impossible = [note for note in self.notes if note.endswith(IMPOSSIBLE)]
-        lines, causes = [], [cause for cause in self.causes if cause.kind not in GEARS][:NAMED]
+        lines = []
         moving = [names[j] for j in np.flatnonzero(np.isfinite(self.minimum_velocity))]
         if 2 * len(moving) < len(names) and not self.unexcited:
             lines.append(f"no joint but {listed(moving)} moves. {MOVE_ALL}")
         if self.unexcited:
             lines.append(self.unexcited)
-        elif len(poor):
-            shares = listed([f"{names[j]} {100 * left[j]:.0f} %" for j in poor])
-            lines.append(f"torques in motion that the model does not explain: {shares}")
-        if causes:
-            first = "likely causes" if len(causes) > 1 else "the likely cause"
-            lines.append(f"{first}: " + "; ".join(cause.text for cause in causes))
-        if not self.unexcited and any(all(cause.removed[j] < EXPLAINS for cause in self.causes) for j in poor):
+        else:
+            lines += unexplained_text(names, left)
+        lines += likely_text(self.causes)
+        if not self.unexcited and any(
+            all(cause.removed[j] < thresholds.EXPLAINS for cause in self.causes) for j in poor
+        ):
             lines.append(UNKNOWN)
         lines += [note for note in self.notes if note.startswith(NOT_CONSISTENT)]
         hint = [note for note in self.notes if impossible and note.endswith(WRONG_SIGN)]
@@ -150,7 +144,9 @@ class Identification(InNotebooks):
     @cached_property
     def unexcited(self) -> str:
         """That the motion says too little, if parts of the log are fitted but not predicted from the others."""
-        far = (self.unexplained.in_motion > TOO_FAR) & (self.equations.shares(self.parameters) < UNEXPLAINED)
+        far = (self.unexplained.in_motion > thresholds.TOO_FAR) & (
+            self.equations.shares(self.parameters) < thresholds.UNEXPLAINED
+        )
         if not far.any():
             return ""
         names = listed([name for name, is_far in zip(self.initial.joint_names, far, strict=True) if is_far])
@@ -360,6 +356,20 @@ class Identification(InNotebooks):
         return "\n\n".join([*(text(self) for text in texts), self.consistency().report()])
 
 
+def unexplained_text(names: Sequence[str], in_motion: Array) -> list[str]:
+    """Joints of whose torques in motion too much is not explained, if there are any."""
+    shares = zip(names, in_motion, strict=True)
+    poor = [f"{name} {100 * x:.0f} %" for name, x in shares if x > thresholds.UNEXPLAINED]
+    return [f"torques in motion that the model does not explain: {listed(poor)}"] * bool(poor)
+
+
+def likely_text(causes: Sequence[Cause]) -> list[str]:
+    """The likeliest causes but those that gears without a fault have, if there are any."""
+    texts = [cause.text for cause in causes if cause.kind not in GEARS][:NAMED]
+    first = "likely causes" if len(texts) > 1 else "the likely cause"
+    return [f"{first}: {'; '.join(texts)}"] * bool(texts)
+
+
 def fitted_text(found: Identification) -> str:
     """What was fitted: the motions, their filter, the prior."""
     e = found.estimate
@@ -383,7 +393,7 @@ def joints_text(found: Identification) -> str:
     for j, name in enumerate(found.initial.joint_names):
         count, noise = int(found.equations.rows[:, j].sum()), f"{found.estimate.sigma[j]:.4g}"
         shares = [
-            "-" if np.isnan(x) else f"{100 * x:.1f}" if x < FARTHEST else "> 1000"
+            "-" if np.isnan(x) else f"{100 * x:.1f}" if x < thresholds.FARTHEST_TOLD else "> 1000"
             for x in (fitted[j], left.in_motion[j], left.at_rest[j])
         ]
         rows.append(Row(f"  {short(name)}", [noise, *shares, str(count), f"{count / found.correlation_time[j]:.0f}"]))
@@ -401,14 +411,14 @@ def causes_text(found: Identification) -> str:
         return found.unexcited
     for j, (name, left) in enumerate(zip(found.initial.joint_names, found.unexplained.in_motion, strict=True)):
         if left > EXPLAINED:
-            own = [cause.text for cause in found.causes if cause.removed[j] > EXPLAINS]
+            own = [cause.text for cause in found.causes if cause.removed[j] > thresholds.EXPLAINS]
             why = f": {own[0]}" if own else ": no single change of the log, the robot or the drives explains it"
             lines.append(f"  {short(name)} {100 * left:.0f} % in motion{why}")
     lines = ["not explained", *lines] if lines else []
     if found.causes:
         lines.append("likely causes of what is left, and how much of a joint's residual each takes away")
         lines += [f"  {100 * (1 - np.sqrt(max(1 - c.removed.max(), 0))):.0f} %: {c.text}" for c in found.causes]
-    if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > LITTLE:
+    if not lines and np.nanmax(found.unexplained.in_motion, initial=0) > thresholds.LITTLE:
         lines = ["no single change of the log, the robot or the drives that was looked for explains what is left"]
     return "\n".join(lines or ["little is left: no change of the log, the robot or the drives is needed"])
 
@@ -436,7 +446,7 @@ def parameters_text(found: Identification) -> str:
         relative = 100 * e.errors[k] / max(abs(e.values[k]), np.finfo(float).tiny)
         numbers = [found.drift[k], found.drift_error[k], *[found.values[k]] * found.consistent]
         cells = ["-" if np.isnan(x) else f"{x:.5f}" for x in numbers]
-        share = f"{relative:.2g}" if relative < UNKNOWN_VALUE else "-"
+        share = f"{relative:.2g}" if relative < thresholds.UNKNOWN_VALUE else "-"
         rows.append(Row(f"  {name}", [f"{e.values[k]:.5f}", f"{e.errors[k]:.5f}", share, *cells]))
     lines = [
         *aligned(rows),
@@ -446,7 +456,7 @@ def parameters_text(found: Identification) -> str:
     combined = [text for name, text in zip(found.base.names, found.base.formulas, strict=True) if text != name]
     if combined:
         lines += ["Base parameters that stand for a combination of several:", *(f"  {text}" for text in combined)]
-    moved = [found.base.names[k] for k in np.flatnonzero(np.abs(found.drift) > 3 * found.drift_error)]
+    moved = [found.base.names[k] for k in np.flatnonzero(np.abs(found.drift) > thresholds.MOVED * found.drift_error)]
     if moved:
         lines.append(
             f"drift, the change with half the cut-off, beyond three standard errors: {', '.join(moved)}; one of the "
@@ -475,7 +485,7 @@ def bodies_text(found: Identification) -> str:
         f"nearest to the prior. It moves base parameters by up to {shift[k]:.1f} of their standard errors "
         f"({found.base.names[k]})."
     )
-    if growth > WORSE:
+    if growth > thresholds.GROWTH:
         worth = (
             f"No possible bodies fit as least squares do: residuals are {growth:.3g} times larger. Signs, units and "
             "zeros of the measurements may be wrong, friction or rotors missing, or the prior too narrow (`prior_std`)."

@@ -85,14 +85,14 @@ class Residuals:
         correlation_time: Array | None = None,
         known: Array | None = None,
     ) -> None:
-        rows, self.data, self.beta, self.known = data.rows, data, beta, known
+        self.data, self.beta, self.known = data, beta, known
         self.robot, self.base, self.standard, self.records = robot, base, base.standard, data.prepared
         self.x, self.sigma = base.back @ beta, sigma
-        self.correlation_time = data.correlation_time(self.x) if correlation_time is None else correlation_time
-        self.tau, self.Y = np.concatenate([r.tau for r in rows]), np.concatenate([r.Y for r in rows])
-        self.record = np.repeat(np.arange(len(rows)), [len(r.tau) for r in rows])  # number of each row's record
-        sure = np.concatenate([r.sure for r in rows])
-        self.used = sure if sure.sum() > FEWEST * base.count else np.concatenate([r.used for r in rows])
+        time = data.correlation_time(data.residuals(self.x)) if correlation_time is None else correlation_time
+        self.correlation_time, self.tau, self.Y = time, data.tau, data.Y
+        lengths = [len(record.times) for record in data.prepared]
+        self.record = np.repeat(np.arange(len(lengths)), lengths)  # number of each row's record
+        self.used = data.sure if data.sure.sum() > FEWEST * base.count else data.used
         self.joint = np.nonzero(self.used)[1]
         self.A = self.weighted(self.Y @ base.back)
         self.Q = np.linalg.qr(self.A)[0]
@@ -112,7 +112,7 @@ class Residuals:
         left[self.used] = first.left
         squares = np.maximum(first.squares, LEAST**2 * first.torques) / np.maximum(self.used.sum(0), 1)
         sigma = np.where(squares > 0, self.sigma * np.sqrt(squares), self.sigma)
-        time = self.data.correlation_time_of(left, self.used)
+        time = self.data.correlation_time(left, self.used)
         return Residuals(self.robot, self.base, self.data, self.beta, sigma, time, known)
 
     def with_known(self, columns: Array) -> Residuals:

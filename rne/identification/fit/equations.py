@@ -8,27 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ...basics.spatial import Array
 from ...errors import NotFiniteError
-from ...model.standard_parameters import StandardParameters
-from ...robot import Robot
-from ..log.prepared import Prepared, rows_without
-from ..log.screening import runs
 
-REST = 0.5  # periods of the cut-off, below which a joint turns back without resting
 LARGEST = 1e150  # number whose square is still one
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Triangular factors of the equations of each block and joint."""
+    """The equations of blocks of time, by joint, each kept as the triangular factor of [Y tau]."""
 
-    factors: Array  # of [Y tau], shape (blocks, n, P + 1, P + 1); the last column belongs to tau
-    rows: Array  # how many equations each has, shape (blocks, n)
+    factors: Array  # shape (blocks, n, P + 1, P + 1); the last column belongs to tau
+    rows: Array  # number of equations that each stands for, shape (blocks, n)
 
     @property
     def joints(self) -> int:
@@ -36,26 +30,26 @@ class Equations:
         return int(self.factors.shape[1])
 
     def of_blocks(self, chosen: Array) -> Equations:
-        """Those of some blocks, by a mask or by indices."""
+        """The equations of some blocks, by a mask or by indices."""
         return Equations(self.factors[chosen], self.rows[chosen])
 
     def merged(self) -> Equations:
-        """All blocks as one."""
+        """The equations of all blocks in one."""
         by_joint = np.moveaxis(self.factors, 1, 0)
         factors = triangular(by_joint.reshape(self.joints, -1, by_joint.shape[-1]))
         return Equations(factors[None], self.rows.sum(0, keepdims=True))
 
     def of_joint(self, j: int) -> Equations:
-        """Those of one joint."""
+        """The equations of one joint."""
         return Equations(self.factors[:, [j]], self.rows[:, [j]])
 
     def mapped(self, E: Array) -> Equations:
-        """Those of other unknowns z, of which the present ones are x = E z."""
+        """The equations Y E z = tau of other unknowns z, where x = E z."""
         factors = np.concatenate([self.factors[..., :-1] @ E, self.factors[..., -1:]], axis=-1)
         return Equations(triangular(factors), self.rows)
 
     def scaled(self, gains: Array, known: Array) -> Equations:
-        """Those of torques times gains, for the joints that are known."""
+        """The equations of torques times gains, of the joints whose gain is known."""
         factors = self.factors * known[:, None, None]
         factors[..., -1] *= gains[:, None]
         return Equations(factors, self.rows * known)
@@ -110,39 +104,8 @@ def joined(parts: Sequence[Equations]) -> Equations:
     return Equations(np.concatenate([p.factors for p in parts]), np.concatenate([p.rows for p in parts]))
 
 
-class RecordEquations(NamedTuple):
-    """The equations Y x = tau of one record, of its reduced rows."""
-
-    Y: Array  # shape (rows, n, P)
-    tau: Array  # shape (rows, n)
-    valid: Array  # shape (rows, n): the torque was measured
-    used: Array  # shape (rows, n): valid, and the joint is not about to stop
-    sure: Array  # shape (rows, n): used, and the joint did not rest for a while beside, where friction takes any value
-
-
-def resting(record: Prepared, minimum_velocity: Array) -> Array:
-    """True at samples where a joint rests for a while, and its friction takes any value, shape (T, n)."""
-    slow = np.abs(record.qd) < minimum_velocity
-    shortest = REST * record.sample_rate / record.cutoff
-    for flags in slow.T:
-        for begin, end in runs(flags):
-            if end - begin < shortest:
-                flags[begin:end] = False
-    return slow
-
-
-def record_equations(
-    robot: Robot, standard: StandardParameters, record: Prepared, minimum_velocity: Array, still: Array
-) -> RecordEquations:
-    """The equations of a record; those of joints slower than their minimum velocity are not used, `still` ones rest."""
-    qd, qdd = record.qd * ~still, record.qdd * ~still
-    bodies, first = robot.regressor(record.q, qd, qdd), standard.groups["bodies"].stop
-    rows = np.zeros((len(record.times), robot.n, standard.count))
-    for j in range(robot.n):  # one by one, to need less memory; most bodies and drives are not felt by a joint
-        felt = np.flatnonzero(bodies[:, j].any(axis=0))
-        places, drives = standard.drive_columns_of(j, qd, qdd)
-        columns = np.concatenate([bodies[:, j, felt], drives], axis=1)
-        rows[:, j, np.append(felt, first + places)] = record.reduce(columns)
-    used = record.valid & ((record.reduce(np.abs(qd)) > minimum_velocity) | (minimum_velocity == 0))
-    sure = used & rows_without(record, resting(record, minimum_velocity))
-    return RecordEquations(rows, record.reduce(record.tau), record.valid, used, sure)
+def with_prior(factor: Array, first: int, weights: Array, values: Array | float = 0.0) -> Array:
+    """Triangular equations, and w x = w v of the unknowns from the first one on, of weights w and values v."""
+    known = np.zeros((len(weights), factor.shape[1]))
+    known[:, first : first + len(weights)], known[:, -1] = np.diag(weights), weights * values
+    return triangular(np.concatenate([factor, known]))

@@ -47,7 +47,7 @@ class Prepared:
     position_cutoff : float
         Of the filter that the positions have passed [Hz].
     decimation : int
-        Samples of the grid per reduced row.
+        Samples of the grid per reduced row: the cut-off is at most 0.8 times half the rate of the rows.
     usable : ndarray, shape (T, n)
         False where a torque is measured but not to be used: a constant channel, a saturated drive.
     notes : tuple of str
@@ -177,7 +177,7 @@ def undisturbed(flags: Array, rows: Array, reach: int) -> Array:
 ROUNDING = 1e-6  # of a ratio of rates
 
 
-def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int | None, start: float) -> Prepared:
+def prepare(name: str, screened: Screened, cutoff: float | None, start: float) -> Prepared:
     """Filter and differentiate the positions of every segment that is long enough."""
     rate, parts = 1 / screened.period, screened.segments
     positions, torques = [screened.q[part] for part in parts], [screened.tau[part] for part in parts]
@@ -195,7 +195,7 @@ def prepare(name: str, screened: Screened, cutoff: float | None, decimation: int
             most = f"{thresholds.HIGHEST_CUTOFF * rate:.6g} Hz, a fifth of the sample rate"
             raise ValueError(f"`cutoff` must be at most {most}, got {cutoff:.6g}")
         reasons = (f"cut-off {cutoff:.3g} Hz, as given",)
-    decimation = _decimation(decimation, cutoff, rate)
+    decimation = max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + ROUNDING))
     position_cutoff = min(thresholds.POSITION_CUTOFF * cutoff, thresholds.HIGHEST_POSITION_CUTOFF * rate)
     drop = max(2 * settling(position_cutoff, rate), MARGIN)  # twice, for the accelerations
     needed = 2 * (drop + settling(cutoff, rate)) + decimation
@@ -242,17 +242,6 @@ def _fused(screened: Screened, positions: list[Array], rate: float) -> tuple[lis
     named = ", ".join(f"{f:.3g}" if np.isfinite(f) else "none" for f in crossover)
     note = f"velocities as measured above a crossover, from the positions below it: {named} Hz by joint"
     return fused, spectrum, [note]
-
-
-def _decimation(given: int | None, cutoff: float, rate: float) -> int:
-    most = int(rate / (2 * cutoff) + ROUNDING)
-    if given is None:
-        return max(1, int(thresholds.PASS_BAND * rate / (2 * cutoff) + ROUNDING))
-    if isinstance(given, bool) or not isinstance(given, int | np.integer) or not 1 <= given <= most:
-        raise ValueError(
-            f"`decimation` must be an integer from 1 to {most}, to keep twice the cut-off or more, got {given!r}"
-        )
-    return int(given)
 
 
 def _differentiated(q: Array, cutoff: float, rate: float, drop: int) -> tuple[Array, Array, Array]:

@@ -122,6 +122,7 @@ class Record:
             raise ValueError(f"`joint_names` must have {n} names, got {len(self.joint_names)}")
         if twice := [name for name in self.joint_names if self.joint_names.count(name) > 1]:
             raise ValueError(f"`joint_names` must be different, got {twice[0]!r} {len(twice)} times")
+        self._has_names = self.joint_names != numbered_joints(n)
         units = [unit] * n if isinstance(unit, str) else list(unit)
         if len(units) != n or any(u not in UNITS for u in units):
             raise ValueError(f'`unit` must be "rad", "m" or "deg", or {n} of them, got {unit!r}')
@@ -345,7 +346,7 @@ class Record:
         q, tau = self.q[rows][:, joints], self.tau[rows][:, joints]
         return Record(self.t[rows], q, tau, qd, name=self.name, **options)
 
-    def prepare(self, cutoff: float | None = None, decimation: int | None = None) -> Prepared:
+    def prepare(self, cutoff: float | None = None) -> Prepared:
         """Positions, velocities, accelerations and torques on an equally spaced grid, and the filter for a fit.
 
         Parameters
@@ -354,8 +355,6 @@ class Record:
             Of the parallel filter [Hz], at most a fifth of the sample rate. If it is not given, five times the
             frequency below which 99 % of the power of the velocities lies, less where noise disturbs the accelerations.
             Were that more than a fifth of the sample rate, only what positions and torques have in common counts.
-        decimation : int, optional
-            Samples per reduced row; by default the cut-off is 0.8 times half the rate of the rows.
 
         Returns
         -------
@@ -381,7 +380,7 @@ class Record:
         if errors:
             more = f" ({len(errors) - 1} more errors in `findings`)" if len(errors) > 1 else ""
             raise ValueError(errors[0].message + more)
-        return prepare(self.name, self._screened, cutoff, decimation, float(self.t[0]))
+        return prepare(self.name, self._screened, cutoff, float(self.t[0]))
 
 
 def samples_array(name: str, value: ArrayLike, shape: tuple[int, ...] | None) -> Array:
