@@ -110,6 +110,13 @@ def test_torques_keep_their_limits_and_one_is_active(arm, motion):
     assert (tau <= motion.limit_use["torque"] * LIMITS["effort_limit"] * (1 + TORQUES_BETWEEN)).all()
 
 
+def test_the_limits_that_a_motion_uses_are_named(motion):
+    told = " ".join(repr(motion).split())
+    assert f"; active limits: {', '.join(motion.active)} collisions of the arm" in told
+    idle = dataclasses.replace(motion, limit_use={kind: 0 * use for kind, use in motion.limit_use.items()})
+    assert "active" not in repr(idle)
+
+
 def test_shares_of_limits_are_bounds_that_are_nearly_reached(arm, motion):
     q, qd, qdd = fine(motion)
     found = {

@@ -367,6 +367,32 @@ def test_stamps_made_by_the_reader_are_told_and_samples_are_counted(true, kind, 
     assert len(measured.prepare(cutoff=5.0).segments) == 1 + bool(lost)
 
 
+def test_stamps_are_judged_beyond_doubt():
+    """Noise of positions hides who made the stamps: those of a reader are told later, believed ones are always right."""
+    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(2, 7)})
+    true = truth(robot, duration=8.0, rate=100.0)
+
+    def are_counted(seed, noise, sampled):
+        rng = np.random.default_rng(seed)
+        late = rng.uniform(-3e-3, 3e-3, len(true.t))
+        q = taken_at(true, late * sampled) + noise * rng.normal(size=true.q.shape)
+        return bool(Record(true.t + late, q, true.tau).findings)
+
+    assert sum(are_counted(seed, 3e-3, False) for seed in range(20)) >= 18
+    assert not any(are_counted(seed, 8e-3, True) for seed in range(20))
+
+
+def test_a_clock_that_wanders_is_followed():
+    """By 20 ms in half a minute: lines of 10 s each leave 9 ms of it, of 15 s 22 ms."""
+    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(3, 7)})
+    true = truth(robot, duration=60.0, rate=100.0)
+    clock = true.t + 0.02 * np.sin(2 * np.pi * true.t / 30)
+    stamps = clock + np.random.default_rng(0).uniform(-4e-3, 4e-3, len(clock))
+    prepared = Record(stamps, true.q, true.tau).prepare(cutoff=5.0)
+    expected = np.column_stack([np.interp(prepared.t, clock, q) for q in true.q.T])
+    assert (np.abs(prepared.q - expected).max(0) < 0.012 * np.abs(true.qd).max(0)).all()
+
+
 def test_stamps_are_what_they_are_said_to_be(true):
     t, q, tau = measure(true, clock=4e-4)
     measured = Record(t, q, tau, stamps="regular")

@@ -411,6 +411,15 @@ def calls(*args, **more):
     return rne.identify_payload(*args, **more)
 
 
+def test_a_mass_beyond_four_standard_errors_is_told():
+    robot = loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(4, 7)})
+    light, friction = rne.Payload(0.1, (0.04, -0.03, 0.08)), (VISCOUS[:3], COULOMB[:3])
+    with pytest.warns(rne.IdentificationWarning, match="the mass is known to"):
+        found = rne.identify_payload(robot, *logs(robot, light, rate=100.0, friction=friction))
+    assert 4 < found.mass / found.mass_error < 5
+    assert not any("hardly told from none" in note for note in found.notes)
+
+
 def test_report_and_repr_of_a_load(found):
     lines = found.report().splitlines()
     assert lines[0].startswith(f"{found.mass:.4g} kg on tool0, known to 0.")
